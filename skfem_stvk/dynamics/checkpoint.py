@@ -9,16 +9,15 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, Field, ValidationError
+from pydantic import AllowInfNan, Field
 
 from ..arguments import Array
 from ..errors import StvkError, name_ids, warn
 from ..nonlinear.problem import Tangent
-from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
-from ..results.files import output_path
+from ..results.files import NotOurs, output_path
 from ..results.state_files import MOTION, MOTION_FILE
+from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
-from ..system.records import Record, in_words
 from ..system.signature import Fingerprint
 from .books import REMOVED, LedgerPlaces, column_names, columns_without_value, known_strain, known_total
 from .integrators import Integrator
@@ -122,7 +121,7 @@ class MethodRecord(Record):
     remove: str | None = None
 
 
-class MotionHeader(CheckpointHeader):
+class MotionHeader(Header):
     """The header of the file: where the run is, its last good state, the places that it follows, and what it saved."""
 
     now: MomentRecord
@@ -137,7 +136,7 @@ class MotionHeader(CheckpointHeader):
     hierarchy: OriginRecord | None = None  # that multigrid keeps
 
 
-class MotionCheckpoint(Checkpoint[MotionHeader]):
+class MotionCheckpoint(FolderStore[MotionHeader]):
     """The file `motion.npz` in a folder, which is replaced as a motion goes on: a run that is killed finds the last one whole.
 
     Until 1.0 `place` may be a .npz file in a folder that exists, and the argument that gave it, `named`, "resume".
@@ -177,7 +176,7 @@ class MotionCheckpoint(Checkpoint[MotionHeader]):
     def write(self, about: Mapping[str, Any], arrays: Mapping[str, Array], ledger: Ledger) -> None:
         """Replace the file; `about` is what `MotionHeader` has beside the format, the problem and the columns."""
         begin = time.perf_counter()
-        self.write_file(self.file, {"columns": ledger.names, **about}, {**arrays, "ledger": ledger.rows()})
+        self.write_file(self.file, self.problem, {"columns": ledger.names, **about}, {**arrays, "ledger": ledger.rows()})
         end = time.perf_counter()
         self._next = end + max(EVERY, (end - begin) / SHARE)
 
@@ -246,14 +245,13 @@ def load(file: Path) -> Saved:
     if not file.exists():
         raise StvkError(f"There is no checkpoint {file}. Is the path relative to another folder? To begin anew, leave out resume.")
     header, arrays = MotionCheckpoint.read_file(file)
-    try:
+    with refusing_damage(file, ANEW):
         method = MethodRecord.model_validate(header.problem.method)
+    try:
         rows = arrays.pop("ledger")
         if rows.dtype != np.float64:
             raise ValueError(f"numbers of the type {rows.dtype}")
         return Saved(header, method, arrays, Ledger(header.columns, rows))
-    except ValidationError as error:
-        raise NotOurs(f"{file} is damaged: {in_words(error)}. {ANEW}") from None
     except (StvkError, KeyError, ValueError, TypeError) as error:
         raise NotOurs(f"{file} is damaged: its ledger is missing, or none ({error}). {ANEW}") from None
 
@@ -276,7 +274,7 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     _check_moment(saved, header.now, "", motion, integrator)
     if header.hierarchy is not None:
         for name in HIERARCHY:
-            finite(saved.arrays, name, (motion.n,))
+            expect(saved.arrays, name, (motion.n,))
     if header.good is not None:
         if integrator.dt is not None or not header.good.steps < header.now.steps:
             raise ValueError(f"its last good state is that of step {header.good.steps} of {header.now.steps}")
@@ -321,7 +319,7 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
         raise ValueError(f"its steps are of {clock.dt:g} s, and were {looks.largest:g} s at first")
     if looks.next > moment.steps + looks.interval:
         raise ValueError(f"after {moment.steps} steps it would look at the critical step after {looks.next} at first")
-    state = {name: finite(saved.arrays, prefix + name, (motion.n,)) for name in ARRAYS}
+    state = {name: expect(saved.arrays, prefix + name, (motion.n,)) for name in ARRAYS}
     last = moment.rows - 1
     row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}
     kinetic = float(state["v"] @ motion.mass.multiply(state["v"])) / 2

@@ -14,6 +14,7 @@ from ..arguments import Array
 from ..errors import StvkError, StvkWarning, name_ids
 from ..linear.choose import SOLVERS
 from ..results.files import NotOurs, Outlets
+from ..results.store import refusing_damage
 from ..system import System
 from ..system.protocol import ReducedLike
 from ..system.signature import Fingerprint
@@ -59,10 +60,8 @@ def resumed(body: System | ReducedLike, options: Options, stack: ExitStack, file
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
         system.remove(removed)
-    try:
+    with refusing_damage(file, ANEW):
         places = refuse_inconsistent(saved, motion, integrator)
-    except (ValueError, KeyError) as error:
-        raise NotOurs(f"{file} is damaged: {error.args[0]}. {ANEW}") from None
     options.refuse_other_places(file, system, places)
     record = saved.record()
     if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):

@@ -29,7 +29,7 @@ from ..system.signature import Fingerprint, sums
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
 
 if TYPE_CHECKING:
-    from .response_files import PointsCheckpoint
+    from .stores import PointsCheckpoint
 
 #: Points of an axis that an answer takes into account, on both sides as many where there are.
 STENCIL = 4
@@ -177,7 +177,7 @@ class PrecomputedResponse:
         with ExitStack() as stack:
             kept: PointsCheckpoint | None = None
             if folder is not None:
-                from .response_files import PointsCheckpoint  # and pydantic, only where files are
+                from .stores import PointsCheckpoint  # and pydantic, only where files are
 
                 sizes, last = (body.ndofs, body.mesh.d), len(grid) + len(grid.cells) - 1
                 kept = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
@@ -206,7 +206,7 @@ class PrecomputedResponse:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the table to an .npz file, for `PrecomputedResponse.load`; the path, or what `write_vtu` raises."""
-        from .response_files import write_table
+        from .stores import TableFile
 
         path = output_path(path, ".npz")
         arrays = {f"axis {c}": axis for c, axis in enumerate(self.axes)}
@@ -214,7 +214,7 @@ class PrecomputedResponse:
         arrays |= {"error points": self.error.points, "error force": self.error.force, "error u": self.error.u}
         holes = {str(k): why for k, why in enumerate(self._why) if why}
         about = {"holes": holes, "compression": self.compression, "unsolved": list(self.error.unsolved)}
-        write_table(path, self._problem, about, arrays)
+        TableFile.write_file(path, self._problem, about, arrays)
         return path
 
     @classmethod
@@ -227,14 +227,14 @@ class PrecomputedResponse:
             if the file is of another body, which it is known by its mesh, terms, supports and loads, or cannot be read, or if its
             arrays are not those of a table.
         """
-        from .response_files import check_table, read_table
+        from .stores import TableFile, check_table, nodes_of
 
         path = arguments.path("path", path, "the path of an .npz file that save() wrote")
         if not isinstance(body, System):
             raise StvkError(f"body = {shown(body)}; expected the System that the response is of.")
-        header, arrays = read_table(path)
+        header, arrays = TableFile.read_file(path)
         self = cls.__new__(cls)
-        self._body, self.nodes = body, arrays["nodes"]
+        self._body, self.nodes = body, nodes_of(path, arrays)
         self._problem = _fingerprint(body, header.problem.method, self.nodes)
         self._problem.refuse_other(header.problem, path, "Load it with the body that it was made of, or compute it anew.")
         check_table(path, header, arrays, body.mesh.nv, body.mesh.d)

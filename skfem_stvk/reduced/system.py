@@ -35,7 +35,6 @@ MOST_MEMORY = 1e9
 #: Modes by default.
 MODES = 20
 #: Files of reduced bodies, and what to do with one that cannot be used.
-FORMAT, REMEDY = ("reduced body of skfem-stvk", 1), "Reduce the body anew: ReducedSystem(body, ...)."
 #: More modes, or sampled elements, than that nobody means; unknowns are limited by memory.
 MOST = 10_000
 
@@ -166,15 +165,13 @@ class ReducedSystem:
 
         StvkError if the path cannot be written to.
         """
-        from ..results.archive import write_archive  # pydantic is imported only where there are files
+        from .stores import ReducedFile  # pydantic is imported only where there are files
 
         file = npz("path", path)
         if self.sampling:
             raise StvkError("Sampled elements are not kept in files; expected a body without them. Leave sampled out.")
-        header = {"format": FORMAT[0], "version": FORMAT[1]}
-        problem = _fingerprint(self.body, self.masses).signature.model_dump()
         arrays = {"basis": self.basis, "lifts": self.lifts, "T": self._quartic.T}
-        write_archive(file, header | {"problem": problem}, arrays)
+        ReducedFile.write_file(file, _fingerprint(self.body, self.masses), {}, arrays)
         return file
 
     @classmethod
@@ -192,20 +189,19 @@ class ReducedSystem:
         >>> bool(again.energy(np.ones(4)) == reduced.energy(np.ones(4)))
         True
         """
-        from ..results.archive import CheckpointHeader, finite, read_archive
+        from ..results.store import expect, refusing_damage
+        from .stores import ReducedFile
 
         _refuse_no_system(body)
-        file, masses = npz("path", path), masses_of(body)
-        header, arrays = read_archive(file, CheckpointHeader, FORMAT, REMEDY)
-        _fingerprint(body, masses).refuse_other(header.problem, file, REMEDY)
-        try:
-            V, Phi = (finite(arrays, name, (body.ndofs, arrays[name].shape[-1])) for name in ("basis", "lifts"))
+        file, masses, remedy = npz("path", path), masses_of(body), ReducedFile.remedy
+        header, arrays = ReducedFile.read_file(file)
+        _fingerprint(body, masses).refuse_other(header.problem, file, remedy)
+        with refusing_damage(file, remedy):
+            V, Phi = (expect(arrays, name, (body.ndofs, None)) for name in ("basis", "lifts"))
             n = V.shape[1] + Phi.shape[1] + 1
-            quartic = ReducedQuartic(n, finite(arrays, "T", (coefficients(n),)))
-        except (KeyError, ValueError, IndexError) as error:
-            raise StvkError(f"{file} is damaged: {error.args[0]}. {REMEDY}") from None
+            quartic = ReducedQuartic(n, expect(arrays, "T", (coefficients(n),)))
         if not departure(masses, V) < 1e-11:
-            raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {REMEDY}")
+            raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {remedy}")
         made: ReducedSystem = cls.__new__(cls)
         made._take(body, np.ascontiguousarray(np.concatenate([V, Phi], axis=1)), V.shape[1], quartic)
         return made

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict
+from pydantic import AliasChoices, ConfigDict, Field
 
 from ..arguments import Array, number
 from ..arguments import path as checked_path
@@ -18,8 +18,9 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.groups import from_cells
 from ..mesh.places import SAME_PLACE
 from ..system.signature import SAME, sums
-from .archive import CheckpointHeader, NotOurs, finite, read_archive
+from .files import NotOurs
 from .series import read_list
+from .store import Header, Record, expect, read_archive, refusing_damage
 from .vtu import read_vtu
 
 if TYPE_CHECKING:
@@ -34,18 +35,20 @@ MOTION_FILE, PATH_FILES = "motion.npz", "state_*.npz"
 OTHER = "Take another file of the run, such as its .pvd."
 
 
-class StateInCheckpoint(CheckpointHeader):
-    """What the header of a checkpoint says of the time of its state."""
+class Moment(Record):
+    """Time or load factor of a state."""
 
     model_config = ConfigDict(extra="ignore")
 
-    now: dict[str, Any] | None = None
-    step: dict[str, Any] | None = None
+    t: float
 
-    @property
-    def t(self) -> float:
-        """Time or load factor."""
-        return float((self.now or self.step or {})["t"])
+
+class StateInCheckpoint(Header):
+    """Entries of the header of a checkpoint that tell the time of its state."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    moment: Moment = Field(validation_alias=AliasChoices("now", "step"))
 
 
 def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:
@@ -150,21 +153,19 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
         files = files[:1]
     known = [PATH if file.match(PATH_FILES) else MOTION for file in files]
     headers = [read_archive(file, StateInCheckpoint, one, OTHER, True)[0] for file, one in zip(files, known, strict=True)]
-    try:
-        chosen = _chosen(path, [header.t for header in headers], time)
-        header, arrays = read_archive(files[chosen], StateInCheckpoint, known[chosen], OTHER)
-        then, now = header.problem.numbers["the mesh"], [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)]
-        if then[:2] != now[:2]:
-            was = f"it has {then[0]:.0f} {mesh.words} and {then[1]:.0f} elements, this one {mesh.nv} and {mesh.nt}"
-            raise StvkError(f"{files[chosen]} is of another mesh: {was}.")
-        if not np.allclose(then, now, rtol=SAME, atol=0.0):
-            raise StvkError(f"{files[chosen]} is of another mesh: its {mesh.words} are elsewhere, or its elements have others.")
-        u = finite(arrays, "u", (mesh.p.size,))
-        v = finite(arrays, "v", (mesh.p.size,)) if known[chosen] == MOTION else None
-    except StvkError:
-        raise
-    except (KeyError, ValueError, TypeError) as error:
-        raise NotOurs(f"{path} is damaged: {error.args[0]}. {OTHER}") from None
+    chosen = _chosen(path, [header.moment.t for header in headers], time)
+    header, arrays = read_archive(files[chosen], StateInCheckpoint, known[chosen], OTHER)
+    then, now = header.problem.numbers.get("the mesh", []), [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)]
+    if len(then) != len(now):
+        raise NotOurs(f"{files[chosen]} is damaged: it does not say of which mesh it is. {OTHER}")
+    if then[:2] != now[:2]:
+        was = f"it has {then[0]:.0f} {mesh.words} and {then[1]:.0f} elements, this one {mesh.nv} and {mesh.nt}"
+        raise StvkError(f"{files[chosen]} is of another mesh: {was}.")
+    if not np.allclose(then, now, rtol=SAME, atol=0.0):
+        raise StvkError(f"{files[chosen]} is of another mesh: its {mesh.words} are elsewhere, or its elements have others.")
+    with refusing_damage(path, OTHER):
+        u = expect(arrays, "u", (mesh.p.size,))
+        v = expect(arrays, "v", (mesh.p.size,)) if known[chosen] == MOTION else None
     if lost := arrays.get("removed", np.empty(0)).size:
         warn(
             f"{path} is of a body that had lost {lost} of its {mesh.nt} elements; the one that begins with its state has them all."

@@ -13,12 +13,11 @@ from ..arguments import Array
 from ..errors import StvkError
 from ..nonlinear.newton import End, Iterations
 from ..nonlinear.outcome import Status
-from ..results.archive import Checkpoint, CheckpointHeader, NotOurs, finite
 from ..results.files import Outlets
 from ..results.monitors import Finding
 from ..results.state_files import PATH, PATH_FILES
+from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
-from ..system.records import Record
 from ..system.signature import Fingerprint
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
 from .equilibrium import NOTHING
@@ -96,7 +95,7 @@ class StepRecord(Record):
     seconds: Annotated[float, Field(ge=0)]
 
 
-class StateHeader(CheckpointHeader):
+class StateHeader(Header):
     """The header of a file of one state: its number on the path, the state, and what the walk was about to do."""
 
     number: Count
@@ -104,14 +103,14 @@ class StateHeader(CheckpointHeader):
     walk: WalkRecord
 
 
-class PathCheckpoint(Checkpoint[StateHeader]):
+class PathCheckpoint(FolderStore[StateHeader]):
     """A folder with a file for each state of a path: a run that is killed keeps all that it found.
 
     A run that goes on finds its states in `steps`, and in `saved` what the walk was about to do after the last one. Otherwise the
     first state replaces what is there, states of another problem only if they are to be overwritten.
     """
 
-    known = PATH
+    known, name = PATH, "state_{:05d}.npz"
     schema = StateHeader
     remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
 
@@ -139,31 +138,24 @@ class PathCheckpoint(Checkpoint[StateHeader]):
             self._former[-1].unlink(missing_ok=True)
             self._former.pop()
         about, arrays = _packed(step, saved)
-        self.write_file(self.folder / _name(self._count), {"number": self._count, **about}, arrays)
+        self.write_file(self.numbered(self._count), self.problem, {"number": self._count, **about}, arrays)
         self._count += 1
 
     def _load(self, files: list[Path]) -> None:
         """The states, and what the walk was about to do after the last one; none and nothing if there are none."""
         for number, file in enumerate(files):
-            if file.name != _name(number):
+            if file != self.numbered(number):
                 raise StvkError(
-                    f"{self.folder} has {file.name}, but no {_name(number)} before it. Remove {file.name} and those after it, and "
-                    "resume from the one before."
+                    f"{self.folder} has {file.name}, but no {self.numbered(number).name} before it. Remove {file.name} and those after "
+                    "it, and resume from the one before."
                 )
-            header, arrays = self.read_file(file)
-            self.problem.refuse_other(header.problem, file, AGAIN)
-            try:
+            header, arrays = self.read_ours(file, AGAIN)
+            with refusing_damage(file, self.remedy):
                 self.steps.append(_unpacked(header.step, arrays, self._system))
                 _check_order(self.steps, header, number)
                 _check_equilibrium(self._system, self.steps[-1], header)
-            except (ValueError, KeyError) as error:
-                raise NotOurs(f"{file} is damaged: {error.args[0]}. {self.remedy}") from None
             self.saved = header.walk.model_dump(exclude_unset=True)
         self._count = len(files)
-
-
-def _name(number: int) -> str:
-    return f"state_{number:05d}.npz"
 
 
 def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -187,9 +179,9 @@ def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> S
     )
     critical = []
     for i, one in enumerate(record.critical):
-        u, mode = finite(arrays, f"critical {i}", (2, n))
+        u, mode = expect(arrays, f"critical {i}", (2, n))
         critical.append(CriticalPoint(one.kind, one.t, u, mode, one.resolved))
-    u = finite(arrays, "u", (n,))
+    u = expect(arrays, "u", (n,))
     energy = sum(system.elastic_energies(u))
     if not np.isclose(record.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny, equal_nan=True):
         raise ValueError(f"its strain energy is {record.strain_energy:g}, that of its displacements {energy:g}")

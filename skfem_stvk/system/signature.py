@@ -1,11 +1,12 @@
-"""What is written to disk for a problem, and by what the problem is known again: its mesh, terms, supports and method."""
+"""Numbers by which files know their problem again: of its mesh, terms, supports and method."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,15 +15,35 @@ from ..errors import StvkError
 from ..terms.load import Moment, Time
 from .system import System
 
-if TYPE_CHECKING:
-    from .records import Kind, Signature
-
 #: Two systems are the same if their numbers are, but for rounding.
 SAME = 1e-9
 #: The shear and the compression at which elastic terms are looked at.
 SHEAR, COMPRESSED = 0.01, 0.6
+#: Most moments at which loads are evaluated, and most numbers of one kind.
+MOST = 9
+Kind: TypeAlias = Literal["path of equilibria", "motion"]
 #: What is solved, and how its loads are asked for at a moment.
 KINDS: dict[str, Callable[[float], Time]] = {"path of equilibria": float, "motion": lambda t: Moment(t, 1.0)}
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The signature of a problem, as it stands in each file of a run.
+
+    The `method` has all options on which the states depend. `numbers` are of the system and of its first state, by name, with loads
+    and prescribed displacements at the `moments`: load factors or times [s].
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
+
+    kind: Kind
+    method: dict[str, Any]
+    moments: list[float]
+    numbers: dict[str, list[float]]
+
+    def __post_init__(self) -> None:
+        if any(len(some) > MOST for some in (self.moments, *self.numbers.values())):
+            raise ValueError(f"expected at most {MOST} moments, and {MOST} numbers of each name")
 
 
 class Fingerprint:
@@ -47,8 +68,6 @@ class Fingerprint:
     @cached_property
     def signature(self) -> Signature:
         """What its files say of the problem."""
-        from .records import Signature  # pydantic is imported only where there are files
-
         return Signature(kind=self._kind, method=self._method, moments=self._moments, numbers=self._numbers(self._moments))
 
     def differences(self, then: Signature) -> str:

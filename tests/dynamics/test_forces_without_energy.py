@@ -9,7 +9,7 @@ from skfem_stvk import Corotated, Gravity, InvertibleStVK, StVK, StvkError, Stvk
 from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet
 from skfem_stvk.dynamics.books import known_total
 from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
-from skfem_stvk.results.archive import read_archive, write_archive
+from skfem_stvk.results.store import read_archive, write_archive
 
 matplotlib.use("Agg")
 MESH = MESHES[3]

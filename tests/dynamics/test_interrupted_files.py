@@ -22,7 +22,7 @@ WRITERS = (
     "files.py",
     "ledger.py",
     "checkpoint.py",
-    "archive.py",
+    "store.py",
     "vtu.py",
     "one_writer.py",
 )

@@ -32,8 +32,8 @@ from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, load
 from skfem_stvk.dynamics.ledger import LedgerFile
 from skfem_stvk.linear import SuperLU, amg
 from skfem_stvk.results import Series
-from skfem_stvk.results.archive import write_archive
 from skfem_stvk.results.series import read_list
+from skfem_stvk.results.store import write_archive
 
 HERE = Path(__file__).parent
 

@@ -10,7 +10,7 @@ from motions import driven, kicked
 from skfem_stvk import StvkError, simulate
 from skfem_stvk.dynamics import EnergyMomentum, VelocityVerlet
 from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
-from skfem_stvk.results.archive import read_archive, write_archive
+from skfem_stvk.results.store import read_archive, write_archive
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 #: What stands in the place of each entry of the header.

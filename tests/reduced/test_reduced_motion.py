@@ -24,7 +24,7 @@ from skfem_stvk import (
     simulate,
 )
 from skfem_stvk.dynamics.integrators import ENERGY, INTEGRATORS
-from skfem_stvk.results.archive import NotOurs
+from skfem_stvk.results.files import NotOurs
 
 
 def tip(x):

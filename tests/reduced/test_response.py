@@ -29,8 +29,8 @@ from skfem_stvk.mesh import box
 from skfem_stvk.nonlinear.processes import Crashed
 from skfem_stvk.reduced import handle_solves, response
 from skfem_stvk.reduced.response import _compressed, _weights
-from skfem_stvk.reduced.response_files import read_table
-from skfem_stvk.results.archive import write_archive
+from skfem_stvk.reduced.stores import TableFile
+from skfem_stvk.results.store import write_archive
 from skfem_stvk.system.signature import sums
 
 BODY, BEAM = box((2.0, 1.0, 0.8), (3, 2, 2)), box((3.0, 1.0), (6, 2))
@@ -431,7 +431,7 @@ ALTERED = {
 @pytest.mark.parametrize("how", ALTERED)
 def test_a_file_with_other_arrays_is_refused_though_its_digest_fits(holed, tmp_path, how):
     file = holed.save(tmp_path / "grip.npz")
-    header, arrays = read_table(file)
+    header, arrays = TableFile.read_file(file)
     for name in [name for name in arrays if how != "reversed" or name.startswith("axis")]:  # errors may be in any order
         altered = ALTERED[how](arrays[name])
         others = arrays | {name: altered} if altered is not None else {one: arrays[one] for one in arrays if one != name}
@@ -443,7 +443,7 @@ def test_a_file_with_other_arrays_is_refused_though_its_digest_fits(holed, tmp_p
 @pytest.mark.parametrize("holes", [{}, {"0": ""}, {"no number": "why"}])
 def test_a_file_with_other_holes_is_refused_though_its_digest_fits(holed, tmp_path, holes):
     file = holed.save(tmp_path / "grip.npz")
-    header, arrays = read_table(file)
+    header, arrays = TableFile.read_file(file)
     write_archive(file, header.model_dump() | {"holes": holes}, arrays)
     with pytest.raises(StvkError, match="holes in its header"):
         PrecomputedResponse.load(file, holed.body)
@@ -452,7 +452,7 @@ def test_a_file_with_other_holes_is_refused_though_its_digest_fits(holed, tmp_pa
 @pytest.mark.parametrize("node", [-1, 10**6])
 def test_a_file_with_nodes_that_are_not_in_the_mesh_is_refused(holed, tmp_path, node):
     file = holed.save(tmp_path / "grip.npz")
-    header, arrays = read_table(file)
+    header, arrays = TableFile.read_file(file)
     nodes = np.append(arrays["nodes"], node)
     problem = header.problem.model_dump()
     problem["numbers"]["the handle"] = [len(nodes), *sums(nodes)]

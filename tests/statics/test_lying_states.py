@@ -8,7 +8,7 @@ from scenes import bent
 from test_arc_length import bar
 
 from skfem_stvk import Stop, StvkError, solve_static
-from skfem_stvk.results.archive import read_archive, write_archive
+from skfem_stvk.results.store import read_archive, write_archive
 from skfem_stvk.statics.checkpoint import PathCheckpoint, StateHeader
 
 WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]

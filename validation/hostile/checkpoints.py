@@ -18,7 +18,7 @@ import numpy as np
 
 from skfem_stvk.arguments import Array
 from skfem_stvk.dynamics import SimulationError
-from skfem_stvk.results.archive import write_archive
+from skfem_stvk.results.store import write_archive
 from skfem_stvk.statics import SolveError
 
 from .case import Case, Verdict, Wrong, in_words
