@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -454,7 +455,7 @@ def test_a_file_with_nodes_that_are_not_in_the_mesh_is_refused(holed, tmp_path, 
     file = holed.save(tmp_path / "grip.npz")
     header, arrays = TableFile.read_file(file)
     nodes = np.append(arrays["nodes"], node)
-    problem = header.problem.model_dump()
+    problem = asdict(header.problem)
     problem["numbers"]["the handle"] = [len(nodes), *sums(nodes)]
     write_archive(file, header.model_dump() | {"problem": problem}, arrays | {"nodes": nodes})
     with pytest.raises(StvkError, match="numbers of nodes from 0 to"):
