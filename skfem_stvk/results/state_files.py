@@ -35,7 +35,7 @@ MOTION_FILE, PATH_FILES = "motion.npz", "state_*.npz"
 OTHER = "Take another file of the run, such as its .pvd."
 
 
-class Moment(Record):
+class StateTime(Record):
     """Time or load factor of a state."""
 
     model_config = ConfigDict(extra="ignore")
@@ -48,7 +48,7 @@ class StateInCheckpoint(Header):
 
     model_config = ConfigDict(extra="ignore")
 
-    moment: Moment = Field(validation_alias=AliasChoices("now", "step"))
+    moment: StateTime = Field(validation_alias=AliasChoices("now", "step"))
 
 
 def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:

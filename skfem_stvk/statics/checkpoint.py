@@ -146,8 +146,8 @@ class PathCheckpoint(FolderStore[StateHeader]):
         for number, file in enumerate(files):
             if file != self.numbered(number):
                 raise StvkError(
-                    f"{self.folder} has {file.name}, but no {self.numbered(number).name} before it. Remove {file.name} and those after "
-                    "it, and resume from the one before."
+                    f"{self.folder} has {file.name}, but no {self.numbered(number).name} before it. Remove {file.name} and those "
+                    "after it, and resume from the one before."
                 )
             header, arrays = self.read_ours(file, AGAIN)
             with refusing_damage(file, self.remedy):
