@@ -5,8 +5,10 @@ import pytest
 from bodies import MESHES, boxes, curved, state
 
 from skfem_stvk import ElementMesh, EnergyMomentum, StVK, StvkError, StvkWarning, System, read_state, simulate, solve_static
+from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
 from skfem_stvk.mesh import box
 from skfem_stvk.results import Fields, Series, write_vtu
+from skfem_stvk.results.store import read_archive, write_archive
 
 EVERY = {
     **MESHES,
@@ -161,3 +163,16 @@ def test_checkpoints_of_another_mesh_and_folders_that_are_none_are_refused(tmp_p
     file.write_bytes(file.read_bytes()[:-200])
     with pytest.raises(StvkError, match=r"motion\.npz cannot be read as a motion of skfem-stvk: it is incomplete"):
         read_state(tmp_path / "kept", MESH)
+
+
+def test_a_checkpoint_without_its_mesh_or_its_time_is_refused(tmp_path):
+    kicked(0.1, checkpoint=tmp_path / "kept")
+    file = tmp_path / "kept" / "motion.npz"
+    header, arrays = read_archive(file, MotionHeader, MotionCheckpoint.known, "")
+    changes = [("the mesh", "it does not say of which mesh it is"), ("t", r"now\.t: Field required")]
+    for name, why in changes:
+        other = header.model_dump()
+        del (other["now"] if name == "t" else other["problem"]["numbers"])[name]
+        write_archive(file, other, arrays)
+        with pytest.raises(StvkError, match=rf"motion\.npz is damaged: {why}\. Take another file of the run"):
+            read_state(tmp_path / "kept", MESH)

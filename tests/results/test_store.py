@@ -1,14 +1,15 @@
-"""Archives that promise more than they hold."""
+"""Stores: files that promise more than they hold, and headers that say what cannot be."""
 
 import io
 import tracemalloc
 import zipfile
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from skfem_stvk.results.files import NotOurs, content_of
-from skfem_stvk.results.store import Record, read_archive, write_archive
+from skfem_stvk.results.store import Header, Record, read_archive, write_archive
 
 
 class Plain(Record):
@@ -61,3 +62,27 @@ def test_a_small_file_takes_little_memory_whatever_is_allowed(tmp_path):
         tracemalloc.stop()
     with pytest.raises(OSError, match="more than 1 bytes"):
         content_of(path, 1)
+
+
+SIGNATURE = {"kind": "motion", "method": {}, "moments": [0.0], "numbers": {"the mesh": [1.0]}}
+
+
+@pytest.mark.parametrize(
+    "change, why",
+    [
+        ({"moments": 10 * [0.0]}, "expected at most 9 moments"),
+        ({"numbers": {"the mesh": 10 * [1.0]}}, "9 numbers of each name"),
+        ({"numbers": {"the mesh": [True]}}, "valid number"),
+        ({"moments": [float("nan")]}, "finite number"),
+        ({"kind": "picture"}, "'path of equilibria' or 'motion'"),
+        ({"more": 1}, "Unexpected keyword"),
+        ({"method": None}, "an object"),
+    ],
+)
+def test_a_header_with_an_impossible_signature_is_refused_in_words(tmp_path, change, why):
+    path, header = tmp_path / "a.npz", {"format": "test", "version": 1}
+    write_archive(path, header | {"problem": SIGNATURE}, {})
+    assert asdict(read_archive(path, Header, ("test", 1), "")[0].problem) == SIGNATURE
+    write_archive(path, header | {"problem": SIGNATURE | change}, {})
+    with pytest.raises(NotOurs, match=rf"a\.npz is damaged: problem.*{why}"):
+        read_archive(path, Header, ("test", 1), "")
