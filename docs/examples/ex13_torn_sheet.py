@@ -30,14 +30,15 @@ system = System(
     sheet, [rubber, VolumePenalty(kind="compression")], fixed={"bottom": "xy"}, prescribed={"top": {"x": 0.0, "y": pull}}
 )
 x, y = sheet.p[:, sheet.t].mean(axis=1)
-system.remove((x < 0.3) & (np.abs(y - 0.525) < 0.02))  # the notch
+system = system.without((x < 0.3) & (np.abs(y - 0.525) < 0.02))  # the notch
 limit = PrincipalStressLimit(np.where((y < 0.1) | (y > 0.9), np.inf, 1.8e4), every=5)  # nothing tears at the grips
 
 runs, states, u, v = [], [], None, None
 for begin, end in ((0.0, 0.5), (0.5, 0.62), (0.62, 1.2)):  # a state of the picture at each end
     options = {"u0": u, "v0": v, "t0": begin, "damping": Rayleigh(5.0, 2e-4), "reactions": {"grip": "top"}}
     run = simulate(system, VelocityVerlet(6e-4), until=end, remove=limit, quiet=__name__ != "__main__", **options)
-    runs, states, u, v = [*runs, run], [*states, run.state], run.u, run.v
+    runs, states = [*runs, run], [*states, run.state]
+    system, u, v = run.system, run.u, run.v
 
 time, force = (np.concatenate([one.ledger[name] for one in runs]) for name in ("time", "reaction grip y"))
 torn = np.count_nonzero(run.removed_at > 0) + sum(np.count_nonzero(one.removed_at > 0) for one in runs[:-1])

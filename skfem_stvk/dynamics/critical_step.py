@@ -74,13 +74,7 @@ class LargestFrequency:
         checked_system(system)
         self._system, self._mass, self._damping = system, system.mass(), damping_factors(damping)
         self._operator: TangentOperator | None = None
-        self._products = 0
-        self._follow()
-
-    def _follow(self) -> None:
-        """Take over which elements there are."""
-        system, d = self._system, self._system.mesh.d
-        self._removals = system.removals
+        self._products, d = 0, system.mesh.d
         self._is_free = np.ones(system.ndofs, dtype=bool)
         self._is_free[system.supports.held] = False
         self._is_free.reshape(-1, d)[system.bare] = False
@@ -111,8 +105,6 @@ class LargestFrequency:
         It is where `T^2 lam + 2 T alpha = 4`, with the largest eigenvalue `lam` of `K + 2/T (beta K0 + tau K_GN)`, a convex
         function of 1/T: found by chords from 1/T = 0 on, and in the end shortened by what those have left.
         """
-        if self._removals != self._system.removals:
-            self._follow()
         alpha, beta, tau = self._damping
         loads = self._of_loads(u, t)
 

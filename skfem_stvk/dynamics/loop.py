@@ -49,10 +49,9 @@ class Loop:
             self._stepper.rebuild(record.origin)
         self._inversions = Inversions(motion, self._looks())
         self._books.count_inside_out(self._inversions.at_first(record))
-        self._monitors = Monitors(motion.system, ellipticity=False)
         self._cutting = Cutting(self._stepper, self._arrived, motion.restore)
         self._jumps = Jumps(motion, record.state)
-        self._removal = None if setup.rule is None else Removal(motion.system, setup.rule)
+        self._removal = None if setup.rule is None else Removal(motion, setup.rule)
         self._stepping = False
 
     def _looks(self) -> int:
@@ -152,15 +151,20 @@ class Loop:
         """Take elements out in the state that was entered last, which is entered anew; whether there were any."""
         if not len(elements):
             return False
-        record, system = self.record, self.setup.motion.system
-        state, d = record.state, system.mesh.d
-        self._books.take_out(state, lambda: system.remove(elements))
+        record, motion = self.record, self.setup.motion
+        state, d = record.state, motion.system.mesh.d
+        self._books.take_out(state, lambda: motion.take_out(elements))
         record.take_out(elements, state.t)
-        state.v.reshape(-1, d)[system.bare] = 0
+        state.v.reshape(-1, d)[motion.system.bare] = 0
         state.a[:] = 0
         self._stepper.start(state)
         self._books.enter(state, self._stepper.energy)
         return True
+
+    @property
+    def _monitors(self) -> Monitors:
+        """The search for elements where the model is at its end, in the body as it is now."""
+        return Monitors(self.setup.motion.system, ellipticity=False)
 
     def _arrived(self, state: MotionState) -> None:
         self._books.work(state)

@@ -45,8 +45,8 @@ class Motion:
         self.moving = system.supports.prescribed.size > 0
         self._several = len(system.elastic_terms) > 1
         self._force, self._Mv = np.zeros(system.ndofs), np.zeros(system.ndofs)
-        self._at_rest: tuple[int, TangentOperator] | None = None
-        self._constant: tuple[int, Array | None] | None = None
+        self._at_rest: TangentOperator | None = None
+        self._constant: tuple[Array | None] | None = None
 
     @property
     def n(self) -> int:
@@ -74,6 +74,12 @@ class Motion:
     def step_problem(self, integrator: Any, watch: Stopwatch) -> Any:
         """The equation of an implicit step if the motion has its own; None if it is that of `StepProblem`."""
         return None
+
+    def take_out(self, elements: Any) -> None:
+        """Go on with the body without these elements."""
+        self.system = self.system.without(elements)
+        self.mass, self.free = self.system.mass(self.mass.kind), self.free.of(self.system)
+        self._at_rest = self._constant = None
 
     def displacements(self, x: Array) -> Array:
         """(ndofs,) displacements of a state, or velocities of its rate."""
@@ -146,10 +152,10 @@ class Motion:
 
     @property
     def at_rest(self) -> TangentOperator:
-        """Tangent stiffness K(0) of the body at rest, as an operator; made anew when elements were taken out."""
-        if self._at_rest is None or self._at_rest[0] != self.system.removals:
-            self._at_rest = self.system.removals, self.system.linear_operator(np.zeros(self.system.ndofs))
-        return self._at_rest[1]
+        """Tangent stiffness K(0) of the body at rest, as an operator."""
+        if self._at_rest is None:
+            self._at_rest = self.system.linear_operator(np.zeros(self.system.ndofs))
+        return self._at_rest
 
     @property
     def damped(self) -> bool:
@@ -175,13 +181,13 @@ class Motion:
     @property
     def constant_loads(self) -> Array | None:
         """(ndofs,) the loads, if they are the same at any time and place [N]."""
-        if self._constant is None or self._constant[0] != self.system.removals:
+        if self._constant is None:
             loads = None
             if constant_loads(self.system):
                 loads = self.system.external_force(np.zeros(self.system.ndofs), self.moment(0.0))
                 loads.flags.writeable = False
-            self._constant = self.system.removals, loads
-        return self._constant[1]
+            self._constant = (loads,)
+        return self._constant[0]
 
     def loads(self, u: Array, t: float) -> Array:
         """(ndofs,) external forces [N]; the same array every time if they are constant."""

@@ -44,8 +44,7 @@ class Outputs:
         self._series, self._every, self._checkpoint = series, every, checkpoint
         self.written = -1  # steps at the last checkpoint; below zero if there is none yet
         if series is not None:
-            system = setup.motion.system
-            self._fields, self._removals = Fields.of(system), system.removals
+            self._fields = Fields.of(setup.motion.system)
             self._table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
 
     @classmethod
@@ -103,9 +102,7 @@ class Outputs:
         if series is None:
             return
         with self._record.watch("write"):
-            system = self._setup.motion.system
-            if self._removals != system.removals:
-                self._fields, self._removals = Fields.of(system), system.removals
+            self._fields.leave_out(self._setup.motion.system.removed)
             if not series.steps or series.steps[-1][0] < state.t:
                 u, v = (self._setup.motion.displacements(x) for x in (state.u, state.v))
                 series.add(self._fields.at(u, v), state.t)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array, own, real_array, shown, whole
 from ..errors import StvkError, name_ids
 from ..results import Fields, State
-from ..system import System
+from .motion import Motion
 from .record import RunRecord
 
 
@@ -77,7 +77,7 @@ def checked_rule(rule: Any) -> Rule | None:
         return rule
     raise StvkError(
         f"remove = {shown(rule)}; expected PrincipalStressLimit(limit), or a function of t and u that returns ids or a mask of the "
-        "elements to take out. Before a run there is system.remove(...)."
+        "elements to take out. Before a run there is system.without(...)."
     )
 
 
@@ -94,8 +94,8 @@ def in_words(rule: Rule) -> str:
 class Removal:
     """Looks at states for elements that are to be taken out by a rule."""
 
-    def __init__(self, system: System, rule: Rule) -> None:
-        self._system, self._rule = system, rule
+    def __init__(self, motion: Motion, rule: Rule) -> None:
+        self._motion, self._rule = motion, rule
         self._fields: Fields | None = None
 
     def chosen(self, record: RunRecord) -> NDArray[np.int64]:
@@ -106,16 +106,16 @@ class Removal:
         StvkError
             if the function of a rule fails, or what it returns is none of what it may.
         """
-        state, rule = record.state, self._rule
+        state, rule, system = record.state, self._rule, self._motion.system
         if not isinstance(rule, PrincipalStressLimit):
             found = rule(state.t, state.u.copy())
-            return self._system.elements_to_remove([] if found is None else found)
+            return system.elements_to_remove([] if found is None else found)
         if record.steps % rule.every:
             return np.empty(0, dtype=np.int64)
         if self._fields is None:
-            self._fields = Fields.of(self._system)
-        self._fields.leave_out(self._system.removed)
-        return self._system.elements_to_remove(rule.above(self._fields.at(state.u, state.v)))
+            self._fields = Fields.of(system)
+        self._fields.leave_out(system.removed)
+        return system.elements_to_remove(rule.above(self._fields.at(state.u, state.v)))
 
 
 def removed_on_the_way(removed: NDArray[np.int64], removed_at: Array) -> str:

@@ -59,7 +59,7 @@ def resumed(body: System | ReducedLike, options: Options, stack: ExitStack, file
     problem.refuse_other(header.problem, file, again)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
-        system.remove(removed)
+        motion.take_out(removed)
     with refusing_damage(file, ANEW):
         places = refuse_inconsistent(saved, motion, integrator)
     options.refuse_other_places(file, system, places)
@@ -81,13 +81,11 @@ def system_at_first(system: System, removed: NDArray[np.int64], removed_at: Arra
     if not np.isin(now, removed).all() or not np.isin(before, now).all():
         raise StvkError(
             f"The system has lost {name_ids(now, 'element')}, that of {file} {name_ids(np.sort(removed), 'element')} so far, "
-            f"{len(before)} of them before it began. Build the system anew (system.anew()), as it was when the motion began."
+            f"{len(before)} of them before it began. Give the system with which the motion began, or that of its run."
         )
-    first = system.anew()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
-        first.remove(before)
-    return first
+        return System(system.made_from, **system.made_of).without(before)
 
 
 def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:

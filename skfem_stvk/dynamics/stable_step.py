@@ -27,11 +27,17 @@ class StableStep:
     def __init__(self, motion: Motion, integrator: Integrator) -> None:
         self._given, self._integrator, self._warned = integrator.dt, integrator, False
         self._last: CriticalStep | None = None
-        self._largest: LargestFrequency | None = None
-        if isinstance(integrator, Explicit):
-            weight = integrator.damping_weight  # damping as it counts for stability
-            damping: Damping = [Rayleigh(weight * motion.alpha, weight * motion.beta), EdgeDamping(weight * motion.tau)]
-            self._largest = LargestFrequency(motion.system, damping)
+        self._motion = motion
+        self._largest = self._frequencies()
+
+    def _frequencies(self) -> LargestFrequency | None:
+        """The largest frequency of the body as it is now, if it limits the step."""
+        motion, integrator = self._motion, self._integrator
+        if not isinstance(integrator, Explicit):
+            return None
+        weight = integrator.damping_weight  # damping as it counts for stability
+        damping: Damping = [Rayleigh(weight * motion.alpha, weight * motion.beta), EdgeDamping(weight * motion.tau)]
+        return LargestFrequency(motion.system, damping)
 
     def first(self, state: MotionState) -> tuple[float, Reviews]:
         """The step with which a motion begins [s], and when it is reviewed; refuses one that is lost in the rounding of time."""
@@ -50,6 +56,8 @@ class StableStep:
         `anew`: elements were taken out, so that nothing is known of the step.
         """
         state, clock, reviews = record.state, record.clock, record.reviews
+        if anew:
+            self._largest = self._frequencies()
         if self._largest is None or self._warned or (record.steps < reviews.next and not anew):
             return clock.dt, reviews
         share, given = 0.5**reviews.halvings, self._given is not None

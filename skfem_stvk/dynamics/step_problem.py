@@ -108,7 +108,6 @@ class StepProblem:
         self._lasting_factors: tuple[Any, Factors] | None = None
         self._free_operator: FreeOperator | None = None
         self._origin: HierarchyOrigin | None = None
-        self._removals = motion.system.removals
         with watch("factor"):
             self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen), lambda: self._u0 + self._w)
         self.free = self.tangent.free
@@ -126,9 +125,6 @@ class StepProblem:
     def begin(self, state: MotionState, coefficients: Coefficients) -> None:
         """Begin a step from this state."""
         with self._watch("assemble"):
-            if self._removals != self.system.removals:  # what is kept is of a body with more elements
-                self._removals = self.system.removals
-                self._rest = self._rest_factors = self._free_operator = None
             c, m, g, d, rest = coefficients
             np.copyto(self._u0, state.u)
             if self._tensions is not None:
@@ -192,7 +188,7 @@ class StepProblem:
         linear = self.system.constant_tangent and tangent is Tangent.EXACT
         if not linear and self._chosen is not StepTangent.REST:
             return self._factorise(w, t, tangent)
-        key = self._c, self._g, self.tangent.version
+        key = self._c, self._g, self.system.pattern_version
         if self._lasting_factors is None or self._lasting_factors[0] != key:
             self._lasting_factors = key, self._factorise(w, t, Tangent.EXACT)
         return self._lasting_factors[1]
@@ -229,8 +225,20 @@ class StepProblem:
         return self._origin._replace(pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
 
     def forget(self) -> None:
-        """Drop the hierarchy of multigrid, so that the next matrix gets a new one."""
+        """Drop the hierarchy of multigrid, so that the next matrix gets a new one; and all of a body with more elements."""
         self.tangent.forget()
+        if self.system is not self.motion.system:
+            self._follow(self.motion.system)
+
+    def _follow(self, system: System) -> None:
+        """Go on with what is left of the body."""
+        self.system = system
+        self.tangent.follow(system)
+        self.free = self.tangent.free
+        if self._tensions is not None:
+            self._tensions = StartTensions(system)
+        self._rest = self._lasting_factors = self._free_operator = None
+        self.__dict__.pop("_largest_error", None)
 
     def rebuild(self, origin: HierarchyOrigin) -> None:
         """Build the hierarchy of multigrid again that another run kept."""

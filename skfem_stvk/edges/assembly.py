@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -71,27 +72,36 @@ class ElementTerm(PairTerm):
         self._t_of_volumes = self.elements.t
 
     @in_turn
-    def remove(self, gone: NDArray[np.bool_]) -> None:
-        """Take elements out: `gone` (nt,) says which are, in the order in which they were given; what is out stays out.
+    def without(self, gone: NDArray[np.bool_]) -> ElementTerm:
+        """The term without the elements that are `gone` (nt,), in the order in which they were given.
 
-        Nothing is stored of them any more, as of the lanes that only fill the last block: they have neither energy nor stiffness,
-        and the pattern stays as it is. They have no volume that could be lost, and no stretch: both count as infinite.
+        Their numbers are zero, as those of the lanes that only fill the last block: they have neither energy nor stiffness, and the
+        pattern stays as it is. They have no volume that could be lost, and no stretch: both count as infinite.
         """
+        left = copy(self)
+        left._D = self._D.copy()
+        left._take_out(gone)
+        return left
+
+    def _take_out(self, gone: NDArray[np.bool_]) -> None:
+        """Write zeros for elements to arrays that belong to this term alone."""
         elements = self.elements
-        self.gone = gone.copy() if self.gone is None else self.gone | gone
-        block, lane = np.divmod(np.flatnonzero(self.gone[elements.elements]), LANES)
+        self.gone = gone
+        self.__dict__.pop("nodes_joined", None)
+        block, lane = np.divmod(np.flatnonzero(gone[elements.elements]), LANES)
         blocks = len(elements.t)
         starts = np.arange(blocks + 1) * (len(self._D) // blocks) if self.points is None else self.points.starts
         first, count = starts[block] // LANES, np.diff(starts)[block] // LANES
         rows = np.repeat(first - (np.cumsum(count) - count), count) + np.arange(count.sum())
         self._D.reshape(-1, LANES)[rows, np.repeat(lane, count)] = 0
         if isinstance(self.points, MeanPoints):
+            self.points = self.points._replace(resistance=self.points.resistance.copy())
             self.points.resistance[block, lane] = 0
         self._t_of_volumes = elements.t.copy()
         nodes = self._t_of_volumes.reshape(blocks, -1, LANES)
         nodes[block, :, lane] = nodes[block, 0, lane][:, None]  # all in one place: no volume, now or later
 
-    @property
+    @cached_property
     def nodes_joined(self) -> NDArray[np.int32]:
         """(2, n) the pairs of nodes that elements hold together: `nodes_paired`, but for those of elements that were taken out."""
         if self.gone is None:
@@ -261,9 +271,14 @@ class LawAssembly(ElementTerm):
             return np.stack(at, axis=1)
 
         super().__init__(p, t, quadrature, stored, dtype, resistance)
-        self.law, self._barrier = law.law(self._D), law.barrier
+        self._law_of, self._barrier = law.law, law.barrier
+        self.law = self._law_of(self._D)
         if law.barrier:  # which needs them for its messages
             self._ids = np.arange(t.shape[1]) if elements is None else elements
+
+    def _take_out(self, gone: NDArray[np.bool_]) -> None:
+        super()._take_out(gone)
+        self.law = self._law_of(self._D)
 
     def _energy(self, shares: Shares, f: Array) -> float:
         return self._checked(sum(run(element_kernels.energy_and_force, shares.parts, *self._arrays(shares), f)))
@@ -436,8 +451,8 @@ class Assembly(LawAssembly):
         kept = ~self.gone[:, None, None]
         return EdgeForm(p, t, GeneralStiffness(lambda: kept * stiffness.coefficients(p, t)))
 
-    def remove(self, gone: NDArray[np.bool_]) -> None:
-        super().remove(gone)
+    def _take_out(self, gone: NDArray[np.bool_]) -> None:
+        super()._take_out(gone)
         self.__dict__.pop("form", None)
 
     @in_turn

@@ -5,7 +5,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from copy import copy
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -23,6 +24,9 @@ from .topology import Ids, OwnEdges, Shares, shares_of, vertex_order
 
 #: An edge, and a pair of edges, are as much work as so many linear simplices.
 EDGE, PAIR = 0.25, 0.1
+
+
+Own = TypeVar("Own", bound="Network")
 
 
 class Network(PairTerm):
@@ -63,12 +67,17 @@ class Network(PairTerm):
         sorting = lexicographic_order(coupled, max(len(order), 1)) if coupled.shape[1] else np.empty(0, dtype=np.int64)
         self.coupled = np.ascontiguousarray(coupled[:, sorting].T)
         self._sorting = sorting
-        self.take(own, between)
+        self._take(own, between)
         self._joined, self._to = self._find_blocks()
         self._blocks = PairBlocks(self.own, self._joined, self.d)
 
-    def take(self, own: Array, between: Array) -> None:
-        """Have these coefficients (ne,) and (n,) from here on, in the order in which edges and pairs were given."""
+    def with_coefficients(self: Own, own: Array, between: Array) -> Own:
+        """The network with other coefficients (ne,) and (n,), in the order in which edges and pairs were given."""
+        other = copy(self)
+        other._take(own, between)
+        return other
+
+    def _take(self, own: Array, between: Array) -> None:
         filling = len(self.edges) - len(self.order)
         self._own = np.pad(own[self.order], (0, filling)).astype(self.own.dtype)
         self._between = between[self._sorting].astype(self.own.dtype)

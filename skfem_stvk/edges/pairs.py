@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -363,6 +364,9 @@ class PairTerm(ABC):
         out += np.abs(force) + sizes[:, None]
 
 
+Own = TypeVar("Own", bound="Coupled")
+
+
 class Coupled:
     """A term or load, and blocks of the pairs that it names: others when it says that it couples others."""
 
@@ -379,10 +383,11 @@ class Coupled:
             self._known = version, pairs
         return pairs
 
-    def takes(self, term: Any) -> Coupled:
-        """This, with another term or load in the place of its own, which couples the same pairs."""
-        self.term = term
-        return self
+    def of(self: Own, term: Any) -> Own:
+        """The same pairs, with another term or load that couples them."""
+        other = copy(self)
+        other.term = term
+        return other
 
     def own_memory(self) -> int:
         """Bytes of its arrays, without those of the term."""

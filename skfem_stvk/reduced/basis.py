@@ -60,8 +60,7 @@ def masses_of(system: System) -> Array:
 def _of_unit_density(body: Body) -> Body:
     terms = [_UnitDensity(term) for term in body.terms if isinstance(term, HasSection)]
     dense = Body(body.mesh, terms, body.quadrature, [_of_unit_density(one) for one in body.beside])
-    dense.remove(body.gone, body.bare)
-    return dense
+    return dense.without(body.gone, body.bare)
 
 
 class AtRest:

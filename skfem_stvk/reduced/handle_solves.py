@@ -79,47 +79,61 @@ class DisplacementGrid:
         return np.asarray(self.points[self.cells[number - len(self)]].mean(axis=0))
 
 
-class DrivenSystem(System):
-    """A body whose handle moves from displacement `start` to `end` as t goes from 0 to 1, under all of its loads.
+@dataclass
+class HandlePath:
+    """The way of a handle: a straight line from displacement `start` to `end` (d,) [m] as t goes from 0 to 1.
 
     Loads and the body's own prescribed displacements stay as they are at t = 1, or, with `from_rest`, grow as the handle moves.
     """
 
-    def __init__(self, body: System, handle: NDArray[np.int64]) -> None:
-        d, own = body.mesh.d, body.supports
-        self.start, self.end, self.from_rest = np.zeros(d), np.zeros(d), True
-        self._own = own
-        nodes, components = np.divmod(own.prescribed, d)
-        places = np.searchsorted(own.held, own.prescribed)
-        moved: list[tuple[Any, Any]] = [
-            (nodes[components == c], {"xyz"[c]: self._kept(places[components == c])}) for c in np.unique(components)
-        ]
-        super().__init__(body.made_from, **{**body.made_of, "prescribed": [*moved, (handle, self._moved)]})
-        if len(body.removed):
-            self.remove(body.removed)
+    start: Array
+    end: Array
+    from_rest: bool = True
 
-    def _kept(self, places: NDArray[np.int64]) -> Callable[[Array, float], Array]:
-        return lambda x, t: self._own.values(self._loads_at(t))[places]
-
-    def _moved(self, x: Array, t: float) -> Array:
+    def displacements(self, x: Array, t: float) -> Array:
+        """(d, n) displacements of nodes `x` (d, n) of the handle."""
         return np.repeat(((1 - t) * self.start + t * self.end)[:, None], x.shape[1], axis=1)
 
-    def _loads_at(self, t: Time) -> Time:
+    def loads_at(self, t: Time) -> Time:
+        """The load factor of the loads."""
         return t if self.from_rest else 1.0
 
+
+class DrivenSystem(System):
+    """A body whose handle moves along its `path`, under all of its loads."""
+
+    def __init__(self, body: System, handle: NDArray[np.int64]) -> None:
+        d, own = body.mesh.d, body.supports
+        self.path = path = HandlePath(np.zeros(d), np.zeros(d))
+        nodes, components = np.divmod(own.prescribed, d)
+        places = np.searchsorted(own.held, own.prescribed)
+
+        def kept(places: NDArray[np.int64]) -> Callable[[Array, float], Array]:
+            return lambda x, t: own.values(path.loads_at(t))[places]
+
+        moved: list[tuple[Any, Any]] = [
+            (nodes[components == c], {"xyz"[c]: kept(places[components == c])}) for c in np.unique(components)
+        ]
+        super().__init__(body.made_from, **{**body.made_of, "prescribed": [*moved, (handle, path.displacements)]})
+
+    @classmethod
+    def of(cls, body: System, handle: NDArray[np.int64]) -> DrivenSystem:
+        """The body, without the elements that were taken out of it, with the `handle` among its supports."""
+        return cls(body, handle).without(body.removed)
+
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        return super().external_force(u, self._loads_at(t))
+        return super().external_force(u, self.path.loads_at(t))
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
-        return super().potential(u, self._loads_at(t))
+        return super().potential(u, self.path.loads_at(t))
 
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
-        return super().jacobian(u, self._loads_at(t), out, kept=kept, free=free)
+        return super().jacobian(u, self.path.loads_at(t), out, kept=kept, free=free)
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
-        return super().load_stiffness(u, self._loads_at(t))
+        return super().load_stiffness(u, self.path.loads_at(t))
 
 
 class HandleTask(NamedTuple):
@@ -158,10 +172,8 @@ class HandleSolver:
     @cached_property
     def driven(self) -> DrivenSystem:
         """The body with the handle among its supports."""
-        body = System(self.made_from, **self.made_of)
-        if len(self.removed):
-            body.remove(self.removed)
-        return DrivenSystem(body, self.handle)
+        body = System(self.made_from, **self.made_of).without(self.removed)
+        return DrivenSystem.of(body, self.handle)
 
     def __call__(self, task: HandleTask) -> HandleState | None:
         """The state, or None if Ctrl-C came before it was found."""
@@ -169,7 +181,8 @@ class HandleSolver:
             warnings.simplefilter("always")
             try:
                 driven = self.driven
-                driven.start, driven.end, driven.from_rest = task.start, task.end, task.u0 is None
+                path = driven.path
+                path.start, path.end, path.from_rest = task.start, task.end, task.u0 is None
                 result = solve_static(
                     driven,
                     self.steps,

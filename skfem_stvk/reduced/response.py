@@ -417,7 +417,7 @@ def _driven(body: System, nodes: NDArray[np.int64], where: str) -> DrivenSystem:
             f"handle: of {where}, {name_ids(both, body.mesh.word)} are fixed or prescribed in the body. Leave them out of the "
             "handle, or of the supports."
         )
-    driven = DrivenSystem(body, nodes)
+    driven = DrivenSystem.of(body, nodes)
     driven.check_held()
     return driven
 

@@ -158,7 +158,6 @@ class ReducedSystem:
         self._steady_forces: dict[str, Array] = {}
         self._turn = Turn()
         self._at: tuple[Array, tuple[float, Array, Array]] | None = None
-        self._removals = body.removals
 
     def save(self, path: str | Path) -> Path:
         """Write the fields and the coefficients to a file (.npz), from which `load` makes this again within a second.
@@ -352,8 +351,6 @@ class ReducedSystem:
     @in_turn
     def _response(self, z: Array) -> tuple[float, Array, Array]:
         """Return `response`, and remember it for the last `z`. Python threads take turns, since the parts work in shared arrays."""
-        if self.body.removals != self._removals:
-            raise StvkError("The body has lost elements since it was reduced; expected the same body. Reduce it anew.")
         if self._at is not None and np.array_equal(self._at[0], z):
             return self._at[1]
         W, G, H = self._quartic.linearize(np.concatenate([[1.0], z]))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
-from ..edges.pairs import joined, with_blocks
+from ..edges.pairs import Narrow, joined, with_blocks
 from ..errors import RegionError, StvkError, name_ids, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
@@ -49,7 +49,7 @@ class BoundTerms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
         self._of = tuple(number for number, term in zip(of, self.terms, strict=True) if not is_load(term))
         others = [Body(one, self._terms_on(number)) for number, one in enumerate(beside, start=1)]
-        self.body, self._removals = Body(mesh, self._terms_on(0), quadrature, others), 0
+        self.body = Body(mesh, self._terms_on(0), quadrature, others)
         bodies = (self.body, *others)
         self.bound_terms: tuple[BoundTerm, ...] = tuple(
             term.bind(bodies[number], self.dtype) for number, term in zip(self._of, self.elastic_terms, strict=True)
@@ -75,21 +75,16 @@ class BoundTerms:
 
     @property
     def removed(self) -> NDArray[np.int64]:
-        """Ids of the elements that were taken out, ascending: see `System.remove`."""
+        """Ids of the elements that were taken out, ascending: see `System.without`."""
         return np.flatnonzero(self.body.gone)
 
     @property
-    def removals(self) -> int:
-        """How many elements were taken out: what is worked out for a body is good for one number."""
-        return self._removals
-
-    @property
     def bare(self) -> NDArray[np.int64]:
-        """Nodes that nothing holds any more since their elements were taken out, ascending."""
+        """Nodes without elements, because those were taken out, ascending."""
         return np.flatnonzero(self.body.bare)
 
     def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
-        """Ids of the elements that are meant and are not taken out yet, ascending; errors as in `System.remove`."""
+        """Ids of the elements that are meant and are not taken out yet, ascending; errors as in `System.without`."""
         given = whole_array(elements)
         none = given is not None and (given.shape == (0,) or (given.dtype == bool and given.shape == (self.mesh.nt,)))
         none = none and not np.any(given)
@@ -113,30 +108,38 @@ class BoundTerms:
         ]
         if keeping:
             raise StvkError(
-                f"{', '.join(keeping)}: no elements can be taken out of it. Expected a method remove(gone), as in "
+                f"{', '.join(keeping)}: no elements can be taken out of it. Expected a method without(gone), as in "
                 "skfem_stvk.terms.CanRemove; or build a System of the mesh without these elements."
             )
 
-    def _remove(self, elements: NDArray[np.int64]) -> None:
-        """Take elements out of all terms and loads."""
-        body, gone = self.body, self.body.gone.copy()
+    def _take_out(self, elements: NDArray[np.int64]) -> None:
+        """Replace the body, the terms and the loads of a copy by those without these elements."""
+        gone = self.body.gone.copy()
         gone[elements] = True
-        self._removals = int(np.count_nonzero(gone))
-        for specification, term in self._on_mesh:
-            body.remove(gone, body.bare)
-            cast(CanRemove, term).remove(gone[self.mesh.elements(getattr(specification, "region", None))])
+
+        def left(specification: Any, bound: CanRemove) -> Any:
+            return bound.without(gone[self.mesh.elements(getattr(specification, "region", None))])
+
+        every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        self.bound_terms = tuple(
+            term if number else left(specification, cast(CanRemove, term)) for number, specification, term in every
+        )
+        self.pair_terms = tuple(
+            pairs.of(term) if isinstance(pairs, Narrow) else cast(Any, term)
+            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
+        )
         held = np.zeros(self.mesh.nv, dtype=bool)
         for term in self.bound_terms:
             held[joined(term).ravel()] = True
             if isinstance(term, Grounded):
                 held[term.grounded // self.mesh.d] = True
-        body.remove(gone, self._used & ~held)
-        bound = []
-        for load, before in zip(self.loads, self.bound_loads, strict=True):
-            if isinstance(before, CanRemove):
-                before.remove(gone[self.mesh.elements(getattr(load, "region", None))])
-            bound.append(before if isinstance(before, CanRemove) else load.bind(body))
-        self.bound_loads = tuple(bound)
+        self.body = self.body.without(gone, self._used & ~held)
+        self.bound_loads = tuple(
+            left(load, bound) if isinstance(bound, CanRemove) else load.bind(self.body)
+            for load, bound in zip(self.loads, self.bound_loads, strict=True)
+        )
+        for name in ("_remembering", "_with_volume"):
+            self.__dict__.pop(name, None)
 
     @property
     def elastic_names(self) -> list[str]:

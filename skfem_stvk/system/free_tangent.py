@@ -47,13 +47,18 @@ class FreeTangent:
         """Solve with this solver from here on."""
         self.solver = solver
         self.exact: Factors | None = None
-        self._made_for: tuple[int, int] | None = None
+        self._made_for: int | None = None
         self._turned: NDArray[np.int64] | None = None
         self._K: csr_matrix | None = None
         self._made_at: Array | None = None
         self._lacking: tuple[Time | None, Tensions] | None = None  # of a K that was made without that of what is held
         self._Kff: csr_matrix | None = None
         self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
+
+    def follow(self, system: System) -> None:
+        """Go on with a system that is left of this one: what the solver knows of the pattern of K stays."""
+        self.system, self.free = system, self.free.of(system)
+        self._operator = self._made_for = None
 
     def unknowns(self) -> Unknowns:
         """The unknowns; with the structure of K unless it is never formed."""
@@ -130,7 +135,7 @@ class FreeTangent:
     def factorise(self, K: Any, exact: bool = True) -> Factors:
         """Factors of `K` over the free degrees of freedom, a matrix or an operator; `exact`: nothing stands in for it."""
         factors = self._analysis.factorise(K, self._kind_of(K, exact))
-        self._made_for = self.version if exact else None
+        self._made_for = self.system.pattern_version if exact else None
         if exact:
             self.exact = factors
         return factors
@@ -148,12 +153,7 @@ class FreeTangent:
     @property
     def lasting(self) -> Factors | None:
         """The factors of the last Jacobian, where it is the same everywhere and still what it was then; None elsewhere."""
-        return self.exact if self.system.constant_tangent and self._made_for == self.version else None
-
-    @property
-    def version(self) -> tuple[int, int]:
-        """What the Jacobian of a linear body is good for: pairs that terms couple, and elements that are left."""
-        return self.system.pattern_version, getattr(self.system, "removals", 0)
+        return self.exact if self.system.constant_tangent and self._made_for == self.system.pattern_version else None
 
     def force_of(self, w: Array) -> Array:
         """(n,) `K w` for displacements `w` (ndofs,) of held degrees of freedom, by the K that was made last."""

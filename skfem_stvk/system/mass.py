@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from copy import copy
 from functools import reduce
 from math import ceil, log, sqrt
 from operator import add
@@ -63,10 +64,18 @@ class Mass(ABC):
         mesh = body.mesh
         self._d, self._system, self._word = mesh.d, system, mesh.word
         self._body, self._held = body, held
-        self.follow()
+        self._weigh()
 
-    def follow(self) -> None:
-        """Take the masses that the elements of the body have now; nodes that have lost all of theirs count as held."""
+    def of(self, system: Patterned, body: Body) -> Mass:
+        """The mass of this body without some of its elements, as `body` has it: nodes that have lost all of theirs count as
+        held."""
+        left = copy(self)
+        left._system, left._body = system, body
+        left._weigh()
+        return left
+
+    def _weigh(self) -> None:
+        """Take the masses of the elements of the body."""
         self.vertex: Array = self._body.lumped_mass
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
         is_free[self._held] = False
@@ -161,8 +170,8 @@ class LumpedMass(Mass):
 
     kind = "lumped"
 
-    def follow(self) -> None:
-        super().follow()
+    def _weigh(self) -> None:
+        super()._weigh()
         self._dofs = np.repeat(self.vertex, self._d)
         self._inverse = _inverse(self.vertex, self._free).ravel()
 
@@ -200,8 +209,8 @@ class ConsistentMass(Mass):
         self._bounds = min(low for low, _ in bounds), max(high for _, high in bounds)
         super().__init__(system, body, held)
 
-    def follow(self) -> None:
-        super().follow()
+    def _weigh(self) -> None:
+        super()._weigh()
         parts = []
         for body, heavy in zip((self._body, *self._body.beside), self._heavy, strict=True):
             mesh, t = body.mesh, body.mesh.t[:, heavy]

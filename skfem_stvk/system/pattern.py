@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
+from copy import copy
 from typing import Any, Protocol
 
 import numpy as np
@@ -189,6 +190,12 @@ class FreeDofs:
         self._system = system
         self._known: tuple[int, Structure, NDArray[np.int32]] | None = None
 
+    def of(self, system: Patterned) -> FreeDofs:
+        """The same degrees of freedom of a system that shares the pattern of K."""
+        other = copy(self)
+        other._system = system
+        return other
+
     @property
     def structure(self) -> Structure:
         """Structure of K over the free degrees of freedom."""
@@ -262,16 +269,19 @@ class FreeDofs:
 
 
 class BareDiagonal:
-    """The diagonal of K for `nodes` that nothing holds any more: the mean of that of the whole body at rest, whose `blocks` (nv, d,
-    d) [N/m] are given.
+    """The diagonal of K for `nodes` without elements: a `stiffness` [N/m], the mean of the diagonal of the whole body at rest.
 
     With it K stays positive definite, and as well conditioned as it was. There is no force to it.
     """
 
-    def __init__(self, blocks: Array) -> None:
+    def __init__(self, stiffness: float, nodes: NDArray[np.int64]) -> None:
+        self.stiffness, self.nodes = stiffness, nodes
+
+    @staticmethod
+    def of(blocks: Array) -> float:
+        """The stiffness of a body with diagonal blocks (nv, d, d) [N/m] at rest."""
         mean = float(np.einsum("vcc->", blocks.astype(np.float64))) / blocks[..., 0].size
-        self.stiffness = mean if np.isfinite(mean) and mean > 0 else 1.0
-        self.nodes: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        return mean if np.isfinite(mean) and mean > 0 else 1.0
 
     def write(self, pattern: Pattern, data: Array, free: FreeDofs | None) -> None:
         """Write it to the values of K, or of K over the `free` degrees of freedom."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from functools import cached_property
 from math import nan
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -45,6 +46,9 @@ from .operator import TangentOperator, refuse_overflow
 from .pattern import BareDiagonal, FreeDofs, Pattern, Structure
 from .rigid import Pieces, parts_of
 from .supports import Displacements, Supports, dofs_at
+
+
+Torn = TypeVar("Torn", bound="System")
 
 
 class System(BoundTerms):
@@ -132,19 +136,20 @@ class System(BoundTerms):
         self._operator: TangentOperator | None = None
         self._whole: csr_matrix | None = None  # K of which only a part was asked for
         self._bare: BareDiagonal | None = None
+        self._pieces: Pieces | None = None
         self._turn = Turn()
 
-    def remove(self, elements: str | ArrayLike) -> None:
-        """Take elements out of the body, in place: what is left is the body that was built without them.
+    def without(self: Torn, elements: str | ArrayLike) -> Torn:
+        """The body without these elements, as a new system; this one stays as it is.
 
-        They leave all terms, the mass and the loads: facets of none but them carry no traction, pressure or foundation any more,
-        and the faces that they leave open carry none either. The pattern of K stays, and what linear solvers know of it; there are
-        zeros where they stood. Nodes that are left without elements stay where they are, without mass and force, with a diagonal in
-        K. Elements that are taken out already may be named again. There is no way back, but for the whole body: `anew()`.
+        The elements leave all terms, the mass and the loads: facets of none but them carry no traction, pressure or foundation, and
+        the faces that they leave open carry none either. Both systems share the mesh, the pattern of K and where terms stand in it;
+        coefficients are copied, with zeros for the elements. Nodes that are left without elements stay where they are, without mass
+        and force, with a diagonal in K. What terms remember goes along.
 
         Parameters
         ----------
-        elements : ids, a mask (nt,), or the name of a subdomain; none at all is no error.
+        elements : ids, a mask (nt,), or the name of a subdomain. Elements that are out already may be named again.
 
         Raises
         ------
@@ -161,35 +166,41 @@ class System(BoundTerms):
         >>> import skfem
         >>> from skfem_stvk import StVK
         >>> bar = System(skfem.MeshLine(np.linspace(0, 1, 5)), StVK(young=2.0, poisson=0.3, density=1.0), fixed={(0, 4): "x"})
-        >>> stretched = 0.1 * bar.mesh.p.ravel("F")
-        >>> whole = bar.energy(stretched)
-        >>> bar.remove([1])
-        >>> bar.removed, round(bar.energy(stretched) / whole, 12), bar.mass().total
+        >>> torn, stretched = bar.without([1]), 0.1 * bar.mesh.p.ravel("F")
+        >>> torn.removed, round(torn.energy(stretched) / bar.energy(stretched), 12), torn.mass().total
         (array([1]), 0.75, 0.75)
         """
         ids = self.elements_to_remove(elements)
         if not len(ids):
-            return
+            return self
         self._refuse_terms_that_keep_elements()
-        before = Pieces.of(self)
-        if self._bare is None:
-            self._bare = BareDiagonal(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
-        self._remove(ids)
-        self._turning = [(load, of.takes(load)) for load, (_, of) in zip(self._turning_loads(), self._turning, strict=True)]
-        self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
-        self.__dict__.pop("_remembering", None)
-        self.__dict__.pop("grounded", None)
-        self._bare.nodes = self.bare
-        self._operator = None
-        for mass in self._masses.values():
-            mass.follow()
-        loose = Pieces.of(self).come_loose(before)
+        left = copy(self)
+        left._take_out(ids)
+        before = Pieces.of(self) if self._pieces is None or self._changing else self._pieces
+        left._pieces = Pieces.of(left)
+        loose = left._pieces.come_loose(before)
         if loose:
             warn(f"{loose} In statics fix it or take it out, too; in motion it flies.")
+        return left
 
-    def anew(self) -> System:
-        """The same body as it was built, with all of its elements."""
-        return System(self.made_from, **self.made_of)
+    def _take_out(self, elements: NDArray[np.int64]) -> None:
+        at_rest = None if self._bare is None else self._bare.stiffness
+        if at_rest is None:
+            at_rest = BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
+        super()._take_out(elements)
+        self.__dict__.pop("grounded", None)
+        self._bare = BareDiagonal(at_rest, self.bare)
+        self._turning = [(load, of.of(load)) for load, (_, of) in zip(self._turning_loads(), self._turning, strict=True)]
+        self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
+        self._operator = None
+        self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
+
+    def remove(self, elements: str | ArrayLike) -> NoReturn:
+        """Refused: systems do not change any more. `without` returns a new one."""
+        raise StvkError(
+            "System.remove(elements) took elements out in place; systems do not change any more. Expected "
+            "torn = system.without(elements), which returns the torn body and leaves this one whole."
+        )
 
     @property
     def made_from(self) -> MeshLike:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
@@ -67,12 +68,14 @@ class Body:
         self._materials = [term for term in terms if isinstance(term, HasSection)]
         self.gone, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
 
-    def remove(self, gone: NDArray[np.bool_], bare: NDArray[np.bool_]) -> None:
-        """Do without the elements that are `gone` (nt,): they have no size, volume and mass, facets of theirs alone no area. The
-        nodes `bare` (nv,) are in nothing any more."""
-        self.gone, self.bare = gone.copy(), bare.copy()
+    def without(self, gone: NDArray[np.bool_], bare: NDArray[np.bool_]) -> Body:
+        """The body without the elements that are `gone` (nt,): they have no size, volume and mass, facets of theirs alone no area.
+        The nodes `bare` (nv,) are in no element any more."""
+        left = copy(self)
+        left.gone, left.bare = gone, bare
         for name in ("sizes", "mass", "lumped_mass"):
-            self.__dict__.pop(name, None)
+            left.__dict__.pop(name, None)
+        return left
 
     @cached_property
     def sizes(self) -> Array:

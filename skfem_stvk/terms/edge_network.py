@@ -277,9 +277,9 @@ class LawNetwork(QuarticNetwork):
         self._left = left
         super().__init__(*network, **options)
 
-    def remove(self, gone: NDArray[np.bool_]) -> None:
-        """Do without the elements that are `gone` (n,), of the region in their order."""
-        self.take(*self._left(gone))
+    def without(self, gone: NDArray[np.bool_]) -> LawNetwork:
+        """The network without the elements that are `gone` (n,), of the region in their order."""
+        return self.with_coefficients(*self._left(gone))
 
     @property
     def nodes_joined(self) -> NDArray[np.int32]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,22 +72,32 @@ class ElasticFoundation:
                 f"{what}: stiffness has shape {k.shape}; expected a number, or {d} components ({', '.join('xyz'[:d])})."
             )
         facets = facets_at(body.mesh, self.where, what)
-        return Bedding(lambda: Spread(body.mesh, body.facet, facets, body.facet_areas(facets)), np.broadcast_to(k, d), dtype)
+
+        def spread(gone: NDArray[np.bool_]) -> Spread:
+            return Spread(body.mesh, body.facet, facets, body.without(gone, body.bare).facet_areas(facets))
+
+        return Bedding(spread, body.gone, np.broadcast_to(k, d), dtype)
 
 
 class Bedding:
     """A foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
     It pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground. `spread` gives
-    the facets as they are in the body now.
+    the facets of the body without the elements that are `gone` (nt,).
     """
 
     symmetric = has_energy = constant_tangent = True
     balanced = False
 
-    def __init__(self, spread: Callable[[], Spread], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
+    def __init__(
+        self,
+        spread: Callable[[NDArray[np.bool_]], Spread],
+        gone: NDArray[np.bool_],
+        stiffness: NDArray[np.float64],
+        dtype: DTypeLike,
+    ) -> None:
         self._k, self._spread, self._dtype = stiffness, spread, dtype
-        facets = spread()
+        facets = spread(gone)
         self.nodes = facets.vertices
         self._take(facets)
 
@@ -99,9 +110,11 @@ class Bedding:
         tied = self.nodes[self._own > 0]
         self.grounded = (len(self._k) * tied[:, None] + np.flatnonzero(self._k)).ravel()
 
-    def remove(self, gone: NDArray[np.bool_]) -> None:
-        """Do without the facets whose elements the body has lost; the pairs stay, with zeros."""
-        self._take(self._spread())
+    def without(self, gone: NDArray[np.bool_]) -> Bedding:
+        """The foundation without the facets whose elements are all `gone` (nt,); the pairs stay, with zeros."""
+        left = copy(self)
+        left._take(self._spread(gone))
+        return left
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Energy [J] at `u` (nv, d); adds the force on the springs [N] to `force` (nv, d)."""

@@ -216,13 +216,14 @@ class HasStretch(Protocol):
 
 @runtime_checkable
 class CanRemove(Protocol):
-    """A term that elements can be taken out of. Loads need none of it: they are bound anew, to what is left of the body."""
+    """A term that elements can be taken out of. Loads need no such method: they are bound again, to the body that is left."""
 
-    def remove(self, gone: NDArray[np.bool_]) -> None:
-        """Do without the elements that are `gone` (n,), of the region's in their order; of all, if its specification has no region.
+    def without(self, gone: NDArray[np.bool_]) -> Any:
+        """The term without the elements that are `gone` (n,), of its region in their order; of the mesh, if it has no region.
 
-        Each time all that are gone are said. The pairs of nodes that it couples stay, with blocks of zeros; those that it still
-        holds together are its `nodes_joined` (2, m), if it says them.
+        This term stays as it is. `gone` names all elements that are out, those of earlier calls too. The new term couples the same
+        pairs of nodes, with blocks of zeros; the pairs that it still holds together are its `nodes_joined` (2, m), if it has that
+        attribute. What a term remembers goes along.
         """
 
 

@@ -201,12 +201,12 @@ class SpringAssembly(HookeanNetwork):
             raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
         super().__init__(p, whole.edges[:, self._used], whole.pairs, whole.own[self._used], whole.between, dtype=dtype)
 
-    def remove(self, gone: NDArray[np.bool_]) -> None:
-        """Do without the springs of the elements that are `gone` (n,); of given stiffness with those that have no element left."""
+    def without(self, gone: NDArray[np.bool_]) -> SpringAssembly:
+        """The springs without those of elements that are `gone` (n,); of given stiffness without those that have no element left."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
             left = self._springs(~gone)
-        self.take(left.own[self._used], left.between)
+        return self.with_coefficients(left.own[self._used], left.between)
 
     @property
     def nodes_joined(self) -> NDArray[np.int32]:

@@ -152,15 +152,6 @@ def test_amounts_can_be_overwritten():
     np.testing.assert_array_equal(reduced.amounts(0.5), kept)
 
 
-def test_a_body_that_has_lost_elements_is_refused_at_the_last_unknowns_too():
-    reduced = reduced_of(cube())
-    q = some_q(reduced)
-    reduced.energy(q)
-    reduced.body.remove([5])
-    with pytest.raises(StvkError, match="has lost elements since it was reduced"):
-        reduced.energy(q)
-
-
 def test_a_body_that_can_move_without_strain_is_refused():
     with pytest.raises(SupportError, match="rigid"):
         reduced_of(System(upright(), LAW))

@@ -319,7 +319,7 @@ def test_what_has_no_name_is_left_out_and_told(said, tmp_path):
 def test_supports_and_precision_that_have_no_name_are_told():
     prescribed = [("right", {"x": 0.1, "y": lambda t: t}), ([0, 1], lambda x, t: 0 * x), ([6], {"z": np.array([0.1])})]
     system = System(replace(SOLID, node_sets={"a\x1b": [2]}), StVK(STEEL), {"a\x1b": "x"}, prescribed, dtype=np.float32)
-    system.remove([1])
+    system = system.without([1])
     with pytest.warns(StvkWarning, match="left out"):
         scene = Scene.of(system, STATIC)
     reasons = [
