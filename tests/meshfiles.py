@@ -15,7 +15,7 @@ FIVE_TETS = [[0, 1, 3, 4], [1, 2, 3, 6], [1, 4, 5, 6], [3, 4, 6, 7], [1, 3, 4, 6
 
 
 def write(path, points, cells, **more):
-    meshio.Mesh(np.array(points, dtype=float), cells, **more).write(path)
+    meshio.Mesh(np.array(points, dtype=float), cells, **more).write(path, "gmsh" if path.suffix == ".msh" else None)
     return path
 
 

@@ -34,7 +34,7 @@ EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, po
 
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk verify`."""
-    parser.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default an embedded bracket of two materials")
+    parser.add_argument("mesh", nargs="?", help="mesh file; by default an embedded bracket of two materials")
     parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, help="Poisson's ratio")
     parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")
@@ -161,7 +161,7 @@ def check_law(options: argparse.Namespace) -> int:
 
 def export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk export`."""
-    parser.add_argument("mesh", nargs="?", help="mesh file that meshio reads; by default the five published sets are written")
+    parser.add_argument("mesh", nargs="?", help="mesh file; by default the five published sets are written")
     parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, help="Poisson's ratio")
     parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")

@@ -14,7 +14,6 @@ from ..elements import Element, linear_simplex, named, second_order
 from ..errors import MeshError, name_ids, warn
 from .facets import edges_of, with_middles
 from .formats import Damaged
-from .formats.source import NODES
 from .groups import (
     DIMENSION,
     cell_groups,
@@ -25,6 +24,7 @@ from .groups import (
     is_of,
     line_groups,
     linear_kind,
+    node_count,
     node_groups,
     nodes,
     pick,
@@ -100,7 +100,7 @@ def check_cells(mesh: meshio.Mesh) -> None:
             continue
         if block.data.dtype.kind not in "iu" or block.data.ndim != 2:
             raise Damaged(f"its {block.type} cells are not rows of vertex ids")
-        if block.type in NODES and block.data.shape[1:] != (NODES[block.type],):
+        if block.data.shape[1] != (node_count(block.type) or block.data.shape[1]):
             raise Damaged(f"its {block.type} cells have {block.data.shape[1]} nodes")
         if len(bad := np.flatnonzero(((block.data < 0) | (block.data >= len(mesh.points))).any(axis=1))):
             raise Damaged(f"it has {name_ids(bad, f'{block.type} cell')} with vertex ids outside 0 ... {len(mesh.points) - 1}")

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import gzip
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shlex import quote
 
 import meshio
 import numpy as np
 
 from ..errors import MeshError
 from .content import check_cells
-from .formats import CHECKS, PARTS, READERS, Counts, Damaged
-
-#: A packed file is unpacked to at most as many times its size; text of meshes packs to a third or a tenth.
-MOST_UNPACKED = 50
+from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, Damaged, refused
 
 
 def load(path: Path) -> meshio.Mesh:
     """Points, cells, groups and data of the file."""
     check_file(path)
     try:
-        return (unpacked if path.suffix.lower() == ".gz" else checked)(path)
+        return checked(path)
     except Damaged as error:
         raise damaged(path, str(error)) from error
     except PermissionError as error:
@@ -72,19 +68,6 @@ def quietly(path: Path) -> meshio.Mesh:
         raise Damaged(f"it names {error.args[0]!r}, which is not defined in it") from error
 
 
-def unpacked(path: Path) -> meshio.Mesh:
-    """The content of a file that gzip has packed."""
-    most = MOST_UNPACKED * path.stat().st_size + 1_000_000
-    with gzip.open(path) as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise Damaged(f"it unpacks to more than {MOST_UNPACKED} times its size; unpack it yourself if that is right")
-    with TemporaryDirectory() as folder:
-        plain = Path(folder) / path.stem
-        plain.write_bytes(content)
-        return checked(plain)
-
-
 def check_counts(mesh: meshio.Mesh, counts: Counts) -> None:
     """Refuse a mesh that is not what was declared."""
     for what, declared, read in zip(("nodes", "cells"), counts, (len(mesh.points), sum(map(len, mesh.cells))), strict=True):
@@ -93,18 +76,25 @@ def check_counts(mesh: meshio.Mesh, counts: Counts) -> None:
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no regular file, of an unknown format, or empty."""
+    """Refuse what is no regular file, empty, or of a format that is refused or unknown."""
     try:
         if not path.is_file():
             what = "is no regular file" if path.exists() else "is no file"
             raise MeshError(f"{path} {what}; expected the path of a mesh file. Is the path relative to another folder?")
+        name = refused(path)
     except OSError as error:
-        raise MeshError(f"{path} may not be read: {error.strerror}. Change the permissions of its folder, or copy it.") from error
-    endings = {ending.lower() for ending in (path.suffix, "".join(path.suffixes[-2:]))}
-    if not endings & set(meshio.extension_to_filetypes):
+        raise MeshError(f"{path} may not be read: {error.strerror}. Change its permissions or its folder's, or copy it.") from error
+    if name:
+        writer = " (as meshio writes .msh without file_format='gmsh')" if name == "Fluent" else ""
         raise MeshError(
-            f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(sorted(meshio.extension_to_filetypes))}. Rename "
-            "the file if it is of one of these formats, or convert it."
+            f"{path} is a {name} file{writer}; expected a format in which damage is noticed. If the file is whole, convert it: "
+            f"meshio convert {quote(str(path))} {quote(f'{path.stem}.vtu')}"
+        )
+    known = sorted(set(meshio.extension_to_filetypes) - set(REFUSED))
+    if path.suffix.lower() not in known:
+        raise MeshError(
+            f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(known)}. Rename the file if it is of one of "
+            "these formats, or convert it."
         )
     if path.stat().st_size == 0:
         raise MeshError(f"{path} is empty. Did the program that writes it fail, or is it still writing?")

@@ -146,6 +146,7 @@ FAMILIES = {"vertex": "points", "line": "segments", "triangle": "triangles", "te
 FAMILIES |= {"hexahedron": "hexahedra", "VTK_LAGRANGE_CURVE": "segments", "VTK_LAGRANGE_TRIANGLE": "triangles"}
 FAMILIES |= {"VTK_LAGRANGE_TETRAHEDRON": "tetrahedra", "VTK_LAGRANGE_QUADRILATERAL": "quadrilaterals"}
 FAMILIES |= {"VTK_LAGRANGE_HEXAHEDRON": "hexahedra"}
+CORNERS = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 #: Where scikit-fem's local nodes stand in cells of meshio's, whose order is VTK's; the others are in the same order.
 IN_CELLS = {"hexahedra": [0, 4, 3, 1, 7, 5, 2, 6]}
 
@@ -183,6 +184,16 @@ def linear_kind(cell_type: str) -> str:
     ('tetrahedra', 'hexahedra', '')
     """
     return FAMILIES.get(cell_type.rstrip("0123456789"), "")
+
+
+def node_count(cell_type: str) -> int | None:
+    """Return the number of nodes of a type of cell in meshio's words; None if it is not known, or cells have several.
+
+    >>> node_count("wedge"), node_count("tetra10"), node_count("polygon")
+    (6, 10, None)
+    """
+    shape = cell_type.rstrip("0123456789")
+    return int(cell_type[len(shape) :] or CORNERS[shape]) if shape in CORNERS else None
 
 
 def is_of(block: Any, base: Element) -> bool:

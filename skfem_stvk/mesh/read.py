@@ -1,4 +1,4 @@
-"""Mesh files of all formats that meshio reads, each a regular file that holds what it declares; nothing is printed."""
+"""Mesh files, each a regular file that holds what it declares; nothing is printed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .mesh import ElementMesh, checked_degree
 def read_mesh(
     path: str | Path, degree: int | None = None, *, dimension: int | None = None, keep: Collection[str] = ()
 ) -> ElementMesh:
-    """The elements of a mesh file: Gmsh, VTK, VTU, Abaqus and whatever else meshio reads.
+    """The elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/meshes.md`.
 
     Taken are the elements of the highest dimension in the file: tetrahedra, triangles and segments, of second order too, with their
     curved edges, or hexahedra or quadrilaterals. Vertices are in the order of the file; the middles of edges follow in scikit-fem's
@@ -38,9 +38,9 @@ def read_mesh(
     Raises
     ------
     MeshError
-        if the file is missing, empty, of an unknown format or damaged, needs a package that is not installed, has no such
-        elements of the dimension of its cells, or both simplices and hexahedra or quadrilaterals; if `dimension` is too small;
-        if elements to `keep` are on no edge of quadratic ones.
+        if the file is missing, empty, damaged, or of a format that is unknown or refused; if it needs a package that is not
+        installed, has no such elements of the dimension of its cells, or both simplices and hexahedra or quadrilaterals; if
+        `dimension` is too small; if elements to `keep` are on no edge of quadratic ones.
 
     Warns
     -----

@@ -1,8 +1,10 @@
 """Files that cannot be read are refused with what is wrong and what to do, and nothing is printed."""
 
+import shlex
 import sys
 
 import meshio
+import numpy as np
 import pytest
 from meshfiles import CUBE, FIVE_TETS, TETS, write
 
@@ -20,6 +22,33 @@ def test_an_unknown_extension_is_refused_with_the_known_ones(tmp_path):
     file.touch()
     with pytest.raises(MeshError, match=r"unknown extension '\.step'; known: .*\.inp.*\.msh.*\.vtu.*convert it"):
         read_mesh(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "format_"),
+    [
+        ("a b.avs", "AVS-UCD"), ("m.dat", "Tecplot"), ("m.dato.gz", "Permas"), ("m.f3grid", "FLAC3D"), ("m.mdpa", "Kratos"),
+        ("m.OBJ", "Wavefront OBJ"), ("m.lb8.ugrid", "UGRID"), ("m.vol.gz", "Netgen"), ("m.wkt", "WKT"), ("m.xml", "DOLFIN XML"),
+    ],
+)  # fmt: skip
+def test_a_format_in_which_damage_is_not_noticed_is_refused_with_the_line_that_converts_it(name, format_, tmp_path):
+    file = tmp_path / name
+    file.write_text("data")
+    with pytest.raises(MeshError) as told:
+        read_mesh(file)
+    words = shlex.split(str(told.value).partition("convert it: ")[2])
+    assert f"{name} is a {format_} file; expected" in str(told.value)
+    assert words == ["meshio", "convert", str(file), f"{file.stem}.vtu"]
+
+
+def test_a_mesh_of_fluents_is_converted_by_that_line_and_told_from_one_of_gmshs(tmp_path, monkeypatch):
+    file = tmp_path / "mesh.msh"
+    meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]).write(file)  # meshio's own choice for .msh
+    with pytest.raises(MeshError, match=r"mesh\.msh is a Fluent file .*file_format='gmsh'") as told:
+        read_mesh(file)
+    monkeypatch.chdir(tmp_path)
+    meshio._cli.main(shlex.split(str(told.value).partition("convert it: ")[2])[1:])
+    assert np.array_equal(read_mesh("mesh.vtu").t, TETS.t)
 
 
 @pytest.mark.parametrize("ending", ["msh", "vtu", "vtk", "inp"])

@@ -31,7 +31,7 @@ def test_segments_that_scikit_fem_saves_come_back_with_their_groups(tmp_path):
     assert mesh.p[:, mesh.boundaries["wall"]].tolist() == [[[0]]]
 
 
-@pytest.mark.parametrize("ending", ["avs", "bdf", "f3grid", "inp", "mesh", "meshb", "msh", "su2", "vol", "vtk", "vtu"])
+@pytest.mark.parametrize("ending", ["bdf", "ele", "inp", "mesh", "meshb", "msh", "su2", "vtk", "vtu"])
 def test_tetrahedra_come_back_from_every_format(ending, tmp_path):
     mesh = read_mesh(write(tmp_path / f"mesh.{ending}", TETS.p.T, [("tetra", TETS.t.T)]))
     assert np.allclose(mesh.p, TETS.p, atol=1e-9)

@@ -455,7 +455,6 @@ LISTED = "<VTKFile><Collection>{}</Collection></VTKFile>".format(
         ("mesh={{ file = '{}' }}", "a.inp", "*INCLUDE, INPUT=between.inp\n", "b.inp", "c.inp"),
         ("mesh={{ file = '{}' }}", "a.ele", "", "a.node", "b.node"),
         ("mesh={{ file = '{}' }}", "a.node", "", "a.ele", "b.ele"),
-        ("mesh={{ file = '{}' }}", "a.xml", "<dolfin/>", "a_region.xml", "b_region.xml"),
         ("mesh={{ file = '{}' }}", "a.xdmf", '<Xdmf><DataItem Format="HDF">a.h5:/x</DataItem></Xdmf>', "a.h5", "b.h5"),
         ("initial.file='{}'", "a.pvd", LISTED, "last_1.vtu", "last_0.vtu"),
         ("initial={{ file = '{}', at = 0.0 }}", "a.pvd", LISTED, "last_0.vtu", "last_1.vtu"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-from collections.abc import Callable
 from contextlib import redirect_stderr
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -38,7 +36,6 @@ class Format:
     references : expressions whose group is the id of a node that an element names.
     element : expression of a whole row of an element.
     counted : whether its header says how many elements there are.
-    edit : makes the file right, where meshio writes it wrongly.
     """
 
     suffix: str
@@ -49,15 +46,7 @@ class Format:
     references: tuple[str, ...] = ()
     element: str = ""
     counted: bool = True
-    edit: Callable[[bytes], bytes] = bytes
     second: bool = False
-
-
-def without_types(content: bytes) -> bytes:
-    """Without the types of NumPy, which meshio writes to .ugrid files."""
-    for name in (b"np.int64(", b"np.int32(", b"np.float64("):
-        content = content.replace(name, b"")
-    return content.replace(b")", b"")
 
 
 FORMATS: dict[str, Format] = {
@@ -86,16 +75,6 @@ FORMATS: dict[str, Format] = {
         element=r"\n(?=3 \d+ \d+ \d+ \d+)[^\n]+",
     ),
     "msh 4.1 binary": Format(".msh", {"file_format": "gmsh", "binary": True}),
-    "msh of Fluent": Format(
-        ".msh",
-        {"file_format": "ansys", "binary": False},
-        counts=(r"\(10 \(0 1 (\w+)", r"\(12 \(0 1 (\w+)", r"\(10 \(1 1 (\w+)", r"\(12 \(1 0 (\w+)", r"\(12 \(1 0 \w+ 1 (2)"),
-        references=(r"\(12 \(1 0 [^\n]+\n(\w+) ",),
-        element=r"(?<=\n)\w+ \w+ \w+ \w+\n",
-    ),
-    "msh of Fluent, binary": Format(
-        ".msh", {"file_format": "ansys", "binary": True}, counts=(r"\(12 \(0 1 (\w+)", r"\(2012 \(1 0 (\w+)")
-    ),
     "vtk": Format(
         ".vtk",
         {"file_format": "vtk42", "binary": False},
@@ -193,13 +172,6 @@ FORMATS: dict[str, Format] = {
         references=(r"\n10 (\d+) ",),
         element=r"\n10 [^\n]+",
     ),
-    "avs": Format(
-        ".avs",
-        counts=(r"\n(\d+) \d+ 0 0 0", r"\n\d+ (\d+) 0 0 0", r"\n\d+ \d+ (0) 0 0", r"\n\d+ \d+ 0 (0) 0"),
-        ids=(rf"\n(3) {REAL} ", r"\n(3) \d+ tet", r"\n3 \d+ (tet)"),
-        references=(r"\n3 \d+ tet (\d+)",),
-        element=r"\n(?=3 \d+ tet)[^\n]+",
-    ),
     "tetgen": Format(
         ".ele",
         counts=(r"\n(\d+) 4 1\n", r"\n\d+ (4) 1\n", r"\n\d+ 4 (1)\n"),
@@ -209,57 +181,6 @@ FORMATS: dict[str, Format] = {
     ),
     "tetgen nodes": Format(
         ".node", counts=(r"\n(\d+) 3 0 0", r"\n\d+ (3) 0 0", r"\n\d+ 3 (0) 0", r"\n\d+ 3 0 (0)"), ids=(rf"\n(3) {REAL}",)
-    ),
-    "netgen": Format(
-        ".vol",
-        counts=(r"volumeelements\n(\d+)", r"\npoints\n(\d+)", r"volumeelements\n\d+\n\d+ (4) ", r"dimension\n(\d)"),
-        references=(r"volumeelements\n\d+\n\d+ 4 (\d+) ",),
-        element=r"(?<=\n)\d+ 4 \d+ \d+ \d+ \d+\n",
-    ),
-    "netgen, packed": Format(".vol.gz", edit=lambda content: content if content[:2] == b"\x1f\x8b" else gzip.compress(content)),
-    "flac3d": Format(
-        ".f3grid",
-        {"binary": False},
-        ids=(r"\nG\s+(3)\s", r"\nZ T4 (3) ", r"\nZ (T4) 3 "),
-        references=(r"\nZ T4 3 (\d+)",),
-        element=r"\nZ T4 3 [^\n]+",
-        counted=False,
-    ),
-    "flac3d binary": Format(".f3grid", {"binary": True}),
-    "permas": Format(
-        ".dato",
-        ids=(rf"\n(3) {REAL}", r"TYPE=(TET4)"),
-        references=(r"\n3 (\d+) \d+ \d+ \d+\n",),
-        element=r"\n(?=3 \d+ \d+ \d+ \d+\n)[^\n]+",
-        counted=False,
-    ),
-    "mdpa": Format(
-        ".mdpa",
-        ids=(rf"\n (3) {REAL}", r"\n (3) \d+  \d+", r"Elements (Tetrahedra3D4)"),
-        references=(r"\n 3 \d+  (\d+) ",),
-        element=r"\n(?= 3 \d+  \d+)[^\n]+",
-        counted=False,
-    ),
-    "ugrid": Format(
-        ".ugrid",
-        counts=(r"^(\d+) ", r"^\d+ (\d+) ", r"^\d+ \d+ \d+ (\d+)", r"^\d+ \d+ \d+ \d+ (\d+)"),
-        references=(r"\n(\d+) \d+ \d+ \d+\n",),
-        element=r"(?<=\n)\d+ \d+ \d+ \d+\n",
-        edit=without_types,
-    ),
-    "ugrid binary": Format(".lb8.ugrid"),
-    "tecplot": Format(
-        ".dat",
-        counts=(r"NODES = (\d+)", r"ELEMENTS = (\d+)"),
-        references=(r"\n(\d+) \d+ \d+ \d+\n",),
-        element=r"(?<=\n)\d+ \d+ \d+ \d+\n",
-    ),
-    "dolfin": Format(
-        ".xml",
-        counts=(r'vertices size="(\d+)"', r'cells size="(\d+)"'),
-        ids=(r'<vertex index="(3)"', r'<tetrahedron index="(3)"'),
-        references=(r'<tetrahedron index="3" v0="(\d+)"',),
-        element=r'\s*<tetrahedron index="3"[^\n]+',
     ),
     "off": Format(
         ".off",
@@ -278,10 +199,8 @@ FORMATS: dict[str, Format] = {
         element=r"\n3 \d+ \d+ \d+",
     ),
     "ply binary": Format(".ply", {"binary": True}, True, counts=(r"element vertex (\d+)", r"element face (\d+)")),
-    "obj": Format(".obj", {}, True, references=(r"\nf (\d+) ",), element=r"\nf [^\n]+", counted=False),
     "stl": Format(".stl", {"binary": False}, True),
     "stl binary": Format(".stl", {"binary": True}, True),
-    "wkt": Format(".wkt", {}, True),
 }
 
 
@@ -302,7 +221,6 @@ def written(name: str) -> Written:
         path = Path(folder) / f"body{form.suffix}"
         with redirect_stderr(StringIO()):
             meshio.write(path, _body(form), **form.options)
-        path.write_bytes(form.edit(path.read_bytes()))
         beside = {file.suffix: file.read_bytes() for file in Path(folder).iterdir() if file != path}
         return Written(form.suffix, path.read_bytes(), beside, read_mesh(path))
 
@@ -316,8 +234,8 @@ def _body(form: Format) -> meshio.Mesh:
     points = np.vstack([mesh.p, 0 * mesh.p[:1]]).T if form.flat else mesh.p.T
     number = np.arange(mesh.nelements) % 2
     data = {"material": [number]}
-    if form.suffix == ".msh" and form.options["file_format"] != "ansys":
+    if form.suffix == ".msh":
         data = {"gmsh:physical": [number + 1], "gmsh:geometrical": [number + 1]}
-    if form.flat or form.suffix in (".dato", ".mdpa", ".xml", ".avs", ".inp"):
+    if form.flat or form.suffix == ".inp":
         data = {}
     return meshio.Mesh(points.copy(), [("triangle" if form.flat else "tetra", mesh.t.T)], cell_data=data)

@@ -62,7 +62,7 @@ def numbers() -> Iterator[Case]:
         for kind, (places, values) in kinds.items():
             for number, place in enumerate(places):
                 for value in values:
-                    change = partial(replaced, place=place, value=value, base=16 if "Fluent" in name else 10)
+                    change = partial(replaced, place=place, value=value)
                     yield mutated(f"{name}: {kind} {number} is {value or 'nothing'}", name, change, quick=value == "-1")
 
 
@@ -96,14 +96,14 @@ def shorter(content: bytes, few: int) -> bytes:
     return content[:-few]
 
 
-def replaced(content: bytes, place: str, value: str, base: int = 10) -> bytes:
-    """A number replaced, or changed by one; Fluent counts in hexadecimals."""
+def replaced(content: bytes, place: str, value: str) -> bytes:
+    """A number replaced, or changed by one."""
     found = re.search(place.encode(), content)
     if found is None:
         raise LookupError(f"The file holds nothing like {place!r}.")
     new = value
     if value in ("+1", "-1") and found[1].isalnum():
-        new = f"{int(found[1], base) + int(value):{'x' if base == 16 else 'd'}}"
+        new = str(int(found[1]) + int(value))
     return content[: found.start(1)] + new.encode() + content[found.end(1) :]
 
 

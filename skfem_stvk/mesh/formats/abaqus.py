@@ -11,11 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import name_ids
-from .source import ABAQUS, NODES, Damaged, Source, check_known, check_last_line, check_unique, regular
+from ..groups import node_count
+from .source import Damaged, Source, check_known, check_last_line, check_unique, regular
 
 Ids = NDArray[np.int64]
 #: Keyword, options and data lines in words.
 Section = tuple[str, dict[str, str], list[list[str]]]
+#: Types of elements by the type of their cells in meshio's words.
+TYPES = {
+    "line": "T2D2 T2D2H T3D2 T3D2H B21 B21H B31 B31H",
+    "line3": "T2D3 T2D3H T3D3 T3D3H B22 B22H B32 B32H B33 B33H",
+    "triangle": "CPS3 CPE3 CPE3H M3D3 STRI3 S3 S3R S3RS R3D3",
+    "triangle6": "CPS6 CPS6M CPE6 CPE6H CPE6M CPE6MH M3D6 S6 STRI65",
+    "quad": "CPS4 CPS4R CPS4I CPE4 CPE4H CPE4I CPE4IH CPE4R CPE4RH M3D4 M3D4R CAX4P S4 S4R S4RS S4RSW S4R5",
+    "quad8": "CPS8 CPS8R CPE8 CPE8H CPE8R CPE8RH M3D8 M3D8R S8R S8R5",
+    "quad9": "S9R5",
+    "tetra": "C3D4 C3D4H",
+    "tetra10": "C3D10 C3D10H C3D10HS C3D10I C3D10M C3D10MH C3D10MT C3D10T",
+    "hexahedron": "C3D8 C3D8H C3D8I C3D8IH C3D8R C3D8RH",
+    "hexahedron20": "C3D20 C3D20H C3D20R C3D20RH",
+    "wedge": "C3D6",
+    "wedge15": "C3D15",
+}
+KINDS = {name: kind for kind, names in TYPES.items() for name in names.split()}
 #: What a file may include: so deep, and so many files in all.
 DEEPEST, MOST_FILES = 8, 100
 INCLUDE = re.compile(rb"^[ \t]*\*[ \t]*INCLUDE\b.*$", re.IGNORECASE | re.MULTILINE)
@@ -70,13 +88,13 @@ def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]]
     for keyword, options, lines in parts:
         if keyword != "ELEMENT":
             continue
-        kind = ABAQUS.get(options.get("TYPE", "").upper())
-        if kind is None or kind not in NODES:
+        kind = KINDS.get(options.get("TYPE", "").upper())
+        if kind is None:
             raise Damaged(f"Element type not available: {options.get('TYPE', 'none')[:40]}")
-        rows = [whole(record) for record in records(lines)]
-        if bad := [row[0] for row in rows if len(row) != 1 + NODES[kind]]:
-            raise Damaged(f"{name_ids(bad, 'element')}: not the {NODES[kind]} nodes of the type {options['TYPE'][:40]}")
-        table = np.array(rows, dtype=np.int64).reshape(-1, 1 + NODES[kind])
+        rows, n = [whole(record) for record in records(lines)], node_count(kind) or 0
+        if bad := [row[0] for row in rows if len(row) != 1 + n]:
+            raise Damaged(f"{name_ids(bad, 'element')}: not the {n} nodes of the type {options['TYPE'][:40]}")
+        table = np.array(rows, dtype=np.int64).reshape(-1, 1 + n)
         check_known(table[:, 1:], nodes, "node", "its elements")
         cells.append((kind, table[:, 1:]))
         ids.append(table[:, 0])

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from meshio.gmsh import gmsh_to_meshio_type
 from numpy.typing import NDArray
 
-from .source import GMSH, NODES, Damaged, Source, check_known, check_unique, count_of
+from ..groups import node_count
+from .source import Damaged, Source, check_known, check_unique, count_of
 
 Ids = NDArray[np.int64]
 #: meshio makes arrays as long as the largest tag of a node. Larger tags than these and the size of the file are refused.
@@ -187,9 +189,9 @@ class Sections:
 
 def nodes_of(kind: int) -> int:
     """Number of nodes of an element of the type."""
-    if kind not in GMSH:
+    if not (count := node_count(gmsh_to_meshio_type.get(kind, ""))):
         raise Damaged(f"it has elements of Gmsh's type {kind}, which is not known here")
-    return NODES[GMSH[kind]]
+    return count
 
 
 def by_type(rows: list[list[str]]) -> list[tuple[Ids, Ids]]:

@@ -1,4 +1,4 @@
-"""The content of a mesh file in order, where nothing is taken for granted that the file declares; types of cells."""
+"""The content of a mesh file in order, where nothing is taken for granted that the file declares."""
 
 from __future__ import annotations
 
@@ -8,33 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from meshio._common import num_nodes_per_cell
-from meshio._mesh import topological_dimension
-from meshio._vtk_common import vtk_to_meshio_type
-from meshio.abaqus._abaqus import abaqus_to_meshio_type
-from meshio.gmsh.common import _gmsh_to_meshio_type
 from numpy.typing import NDArray
 
 from ...errors import name_ids
 
 #: Numbers of nodes and of elements that a file declares; None for what it does not.
 Counts = tuple[int | None, int | None]
-#: Number of nodes of a cell by meshio's name of its type; types that are not in it have cells of several sizes.
-NODES: dict[str, int] = num_nodes_per_cell
-#: meshio's names by the numbers or names of the formats.
-VTK: dict[int, str] = {
-    kind: name for kind, name in vtk_to_meshio_type.items() if name in topological_dimension and name != "polyhedron"
-}
-ABAQUS: dict[str, str] = {
-    **abaqus_to_meshio_type,
-    **dict.fromkeys(("C3D4H",), "tetra"),
-    **dict.fromkeys(("C3D10HS", "C3D10MT", "C3D10T"), "tetra10"),
-    **dict.fromkeys(("CPE3", "CPE3H", "CPS3", "M3D3"), "triangle"),
-    **dict.fromkeys(("CPS6", "CPS6M", "CPE6H", "CPE6M", "CPE6MH", "M3D6", "S6"), "triangle6"),
-    **dict.fromkeys(("CPE4", "CPE4H", "CPE4I", "CPE4IH", "CPE4R", "CPE4RH", "CPS4I", "M3D4", "M3D4R"), "quad"),
-    **dict.fromkeys(("CPE8", "CPE8H", "CPE8R", "CPE8RH", "CPS8", "CPS8R", "M3D8", "M3D8R"), "quad8"),
-}
-GMSH: dict[int, str] = _gmsh_to_meshio_type
 
 
 class Damaged(Exception):
@@ -104,16 +83,18 @@ class Source:
             raise Damaged(f"{count} {what} are declared, {len(rows)} are there")
         return rows
 
+    def columns(self) -> int:
+        """Return the number of words of the next line, which is not read; at least 1."""
+        start = self.file.tell()
+        words = self.line().split()
+        self.file.seek(start)
+        return max(len(words), 1)
+
     def expect(self, word: str, after: str) -> None:
         """Refuse anything but `word` as the next line."""
         found = self.line()
         if found != word:
             raise Damaged(f"{found[:60] + ' stands' if found else 'nothing stands'} after {after}; expected {word or 'nothing'}")
-
-    def expect_end(self, after: str) -> None:
-        """Refuse content that is more than declared, and a last line that is not complete."""
-        self.expect("", after)
-        check_last_line(self.file)
 
 
 def regular(path: Path) -> None:
@@ -154,10 +135,3 @@ def check_known(ids: NDArray[Any], known: NDArray[Any], what: str, of: str) -> N
 def _plain(ids: NDArray[Any]) -> NDArray[Any]:
     """Whole numbers without the point of real ones, among which they stood."""
     return ids.astype(np.int64) if np.all(np.abs(ids) < 2.0**53) and np.all(ids == np.floor(ids)) else ids
-
-
-def check_consecutive(ids: NDArray[Any], first: int, what: str) -> None:
-    """Refuse ids other than `first`, `first` + 1, ..."""
-    ids = ids.ravel()
-    if len(bad := np.flatnonzero(ids != first + np.arange(len(ids)))):
-        raise Damaged(f"the ids of its {what} are not {first}, {first + 1}, ...: {ids[bad[0]]:g} stands for {first + bad[0]}")

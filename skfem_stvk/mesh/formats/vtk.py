@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import name_ids
-from .source import NODES, VTK, Damaged, Source, check_last_line, count_of
+from ..groups import node_count
+from .source import Damaged, Source, check_last_line, count_of
 
+#: Types of cells in meshio's words, by VTK's numbers.
+VTK = {1: "vertex", 3: "line", 5: "triangle", 7: "polygon", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
+VTK |= {21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20", 28: "quad9", 29: "hexahedron27"}
+VTK |= {32: "wedge18", 35: "line4", 68: "VTK_LAGRANGE_CURVE", 69: "VTK_LAGRANGE_TRIANGLE", 70: "VTK_LAGRANGE_QUADRILATERAL"}
+VTK |= {71: "VTK_LAGRANGE_TETRAHEDRON", 72: "VTK_LAGRANGE_HEXAHEDRON", 73: "VTK_LAGRANGE_WEDGE", 74: "VTK_LAGRANGE_PYRAMID"}
 #: NumPy's types of VTK's. vtkIdType is written with 32 bits.
 TYPES = {"bit": "u1", "vtkidtype": "i4", "float": "f4", "double": "f8"}
 for word, size in (("char", 1), ("short", 2), ("int", 4), ("long", 8)):
@@ -205,7 +211,7 @@ def sizes_of(connectivity: Array, ends: Array, types: Array) -> NDArray[np.int64
     if unknown.any():
         kinds = ", ".join(map(str, np.unique(types[unknown])[:5]))
         raise Damaged(f"{unknown.sum()} cells are of VTK's types {kinds}, which are not known here: convert them first")
-    expected = np.array([NODES.get(VTK.get(kind, ""), -1) for kind in range(max(VTK) + 1)])[types]
+    expected = np.array([node_count(VTK.get(kind, "")) or -1 for kind in range(max(VTK) + 1)])[types]
     if len(bad := np.flatnonzero((expected >= 0) & (expected != sizes))):
         raise Damaged(f"{name_ids(bad, 'cell')}: not as many nodes as the type has")
     return sizes

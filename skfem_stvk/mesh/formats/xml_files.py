@@ -1,4 +1,4 @@
-"""Formats in XML: VTK's unstructured grids (.vtu), read here, and DOLFIN's (.xml) and XDMF's (.xdmf), which meshio reads.
+"""Formats in XML: VTK's unstructured grids (.vtu), read here, and XDMF's (.xdmf), which meshio reads.
 
 Arrays of VTK's stand as text, in base64 or raw, compressed or not, in one piece or several; those of XDMF in files that it names.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import binascii
 import lzma
-import re
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Callable
@@ -23,7 +22,7 @@ import numpy as np
 from ...arguments import Array
 from ...errors import name_ids
 from ..groups import NODE_SET
-from .source import Counts, Damaged, check_consecutive, count_of, regular
+from .source import Counts, Damaged, count_of, regular
 from .vtk import mesh_of
 
 TYPES = {f"{name}{8 * size}": f"{kind}{size}" for name, kind in (("Int", "i"), ("UInt", "u")) for size in (1, 2, 4, 8)}
@@ -192,35 +191,6 @@ def root_of(path: Path) -> ET.Element:
         return ET.parse(path).getroot()
     except ET.ParseError as error:
         raise Damaged(f"its XML ends or breaks at {error}") from error
-
-
-def dolfin(path: Path) -> Counts:
-    """Vertices and cells with their numbers; arrays stand beside, in files of the same name and an underscore."""
-    root = root_of(path)
-    sizes = []
-    for name in ("vertices", "cells"):
-        found = list(root.iter(name))
-        if len(found) != 1:
-            raise Damaged(f"it has {len(found)} lists of {name}; expected one")
-        size = count_of(found[0].get("size", ""), name)
-        if size != len(found[0]):
-            raise Damaged(f"{size} {name} are declared, {len(found[0])} are there")
-        check_consecutive(np.sort([count_of(item.get("index", ""), name) for item in found[0]]), 0, name)
-        sizes.append(size)
-    for beside in dolfin_data(path):
-        regular(beside)
-        for item in root_of(beside):
-            ids = np.sort([count_of(one.get("index", ""), "values") for one in item])
-            check_consecutive(ids, 0, f"values in {beside.name}")
-            if len(item) != count_of(item.get("size", ""), "values"):
-                raise Damaged(f"{item.get('size')} values are declared in {beside.name}, {len(item)} are there")
-    return sizes[0], sizes[1]
-
-
-def dolfin_data(path: Path) -> list[Path]:
-    """Return the files with arrays of a mesh, `NAME_ARRAY.xml`, in the order of their names."""
-    pattern = re.compile(rf"{re.escape(path.stem)}_([^.]+)\.xml")
-    return sorted(one for one in path.resolve().parent.iterdir() if pattern.match(one.name))
 
 
 def xdmf(path: Path) -> Counts:

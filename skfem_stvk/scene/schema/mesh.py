@@ -38,7 +38,7 @@ class AnyMesh(Part):
 
 
 class MeshFile(AnyMesh):
-    """A mesh file that meshio reads, with its named groups."""
+    """A mesh file with its named groups."""
 
     file: Annotated[str, key("Path of the mesh file, relative to the scene file.", min_length=1)]
     scale: Annotated[float, key("Factor of the coordinates, as 0.001 for a file in mm in a scene in m.", gt=0)] = 1.0

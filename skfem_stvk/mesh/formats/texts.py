@@ -1,0 +1,232 @@
+"""Formats of text that meshio reads, each checked before: a table of those that say how much they hold, and Nastran's."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .source import Counts, Damaged, Source, check_last_line
+
+#: Groups of all heads of a file so far.
+Known = dict[str, str]
+#: Numbers of an entry: so many, or by the heads so far; 0 for as many as the first entry has.
+Width = int | Callable[[Known], int]
+#: A head has at most as many lines.
+LONGEST_HEAD = 200
+
+
+class Section(NamedTuple):
+    """A section of a file of text: its head, and entries of numbers.
+
+    Attributes
+    ----------
+    head : expression for its first lines. The groups `nodes`, `cells` and `others` are numbers of entries, in this order.
+    widths : numbers of an entry for each of these groups.
+    by_first : numbers of a cell by its first number, in place of a width; the same number of others may follow in all.
+    repeats : whether there may be several; the group `repeated` of another head says how many.
+    """
+
+    head: str
+    widths: tuple[Width, ...] = ()
+    by_first: Callable[[int], int] | None = None
+    repeats: bool = False
+
+
+class Text(NamedTuple):
+    """A format of text.
+
+    Attributes
+    ----------
+    comments : beginnings of lines that are left out.
+    needed : first words of heads that must be there.
+    sections : all sections that there may be, in any order.
+    numbered : whether the entries of nodes and cells begin with 0, 1, ... or 1, 2, ...
+    """
+
+    comments: tuple[str, ...]
+    needed: tuple[str, ...]
+    sections: tuple[Section, ...]
+    numbered: bool = False
+
+
+def count(what: str) -> str:
+    """An expression for a number of nodes, cells or others."""
+    return rf"(?P<{what}>\d{{1,18}})"
+
+
+#: Numbers of SU2's elements with their type, by VTK's types.
+SU2 = {3: 3, 5: 4, 9: 5, 10: 5, 12: 9, 13: 7, 14: 6}
+#: Numbers of the entries of Medit's sections, their tags included.
+MEDIT = {
+    "cells": {"Edges": 3, "Triangles": 4, "Quadrilaterals|Tetrahedra": 5, "Pyramids": 6, "Prisms": 7, "Hexahedra|Hexaedra": 9},
+    "others": {
+        "Corners|RequiredVertices|Ridges|RequiredEdges": 1,
+        "NormalAtVertices|TangentAtVertices|VertexOnGeometricVertex|EdgeOnGeometricEdge": 2,
+        "VertexOnGeometricEdge": 3,
+        "SubDomainFromMesh": 4,
+    },
+}
+#: The head of a polygon file whose faces have one list, and of its elements.
+PLY = (
+    rf"ply\nformat (?P<form>\w+) 1\.0\nelement vertex {count('nodes')}\n(?P<of_vertex>(?:property \w+ \w+\n)+)"
+    rf"element face {count('cells')}\nproperty list (?P<of_face>\w+ \w+) vertex_indices\n"
+    r"(?P<more>(?:property \w+ \w+\n)*)end_header"
+)
+TEXTS = {
+    ".off": Text(("#",), ("OFF",), (Section(rf"OFF\n{count('nodes')}\s+{count('cells')}\s+\d+", (3, 4)),)),
+    ".node": Text(
+        ("#",),
+        ("",),
+        (
+            Section(
+                rf"{count('nodes')}\s+3\s+(?P<attributes>\d+)\s+(?P<markers>\d+)",
+                (lambda known: 4 + int(known["attributes"]) + int(known["markers"]),),
+            ),
+        ),
+        numbered=True,
+    ),
+    ".ele": Text(
+        ("#",),
+        ("",),
+        (Section(rf"{count('cells')}\s+4\s+(?P<attributes>\d+)", (lambda known: 5 + int(known["attributes"]),)),),
+        numbered=True,
+    ),
+    ".su2": Text(
+        ("%",),
+        ("NDIME", "NPOIN", "NELEM"),
+        (
+            Section(r"NDIME=\s*\d"),
+            Section(rf"NPOIN=\s*{count('nodes')}(\s.*)?", (0,)),
+            Section(rf"NELEM=\s*{count('cells')}", by_first=SU2.__getitem__),
+            Section(r"NMARK=\s*(?P<repeated>\d+)"),
+            Section(rf"MARKER_TAG=.*\nMARKER_ELEMS=\s*{count('cells')}", by_first=SU2.__getitem__, repeats=True),
+            Section(r"(?!NDIME|NPOIN|NELEM|NMARK|MARKER_)\w+=.*"),
+        ),
+    ),
+    ".mesh": Text(
+        ("#",),
+        ("Vertices", "End"),
+        (
+            Section(r"MeshVersionFormatted\s+\d"),
+            Section(r"Dimension\s+(?P<dimension>\d)"),
+            Section(r"(Identifier|Geometry)\n.*"),
+            Section(rf"Vertices\n{count('nodes')}", (lambda known: int(known["dimension"]) + 1,)),
+            Section(rf"(Normals|Tangents)\n{count('others')}", (lambda known: int(known["dimension"]),)),
+            *(Section(rf"({name})\n{count(what)}", (width,)) for what, widths in MEDIT.items() for name, width in widths.items()),
+            Section("End"),
+        ),
+    ),
+    ".ply": Text(
+        ("comment", "obj_info"),
+        ("ply",),
+        (Section(PLY, (lambda known: known["of_vertex"].count("\n"),), by_first=lambda corners: 1 + corners),),
+    ),
+}
+
+
+def counted(path: Path) -> Counts:
+    """Number of nodes and of elements that a file of `TEXTS` declares, if it holds as many and nothing else."""
+    text = TEXTS[path.suffix.lower()]
+    known, seen, found, repeats = Known(), set[str](), {"nodes": 0, "cells": 0, "others": 0}, 0
+    with Source(path, comments=text.comments) as source:
+        for section, head in heads(source, text.sections):
+            name = re.split("[^A-Za-z_]", head[0], maxsplit=1)[0]
+            if name in seen and not section.repeats:
+                raise Damaged(f"{head[0][:60]!r} stands where there should be nothing: {name or 'a head'} was there before")
+            seen.add(name)
+            repeats += section.repeats
+            known |= head.groupdict()
+            numbers = {what: int(number) for what, number in head.groupdict().items() if what in found}
+            for place, (what, number) in enumerate(numbers.items()):
+                found[what] += number
+                if place == len(section.widths) and section.by_first:
+                    check_rows(source.rows(what, number), section.by_first)
+                else:
+                    entries(source, what, number, section.widths[place], known, text.numbered)
+        check_last_line(source.file)
+    if missing := [name for name in text.needed if name not in seen]:
+        raise Damaged(f"it has no {missing[0] or 'head'}")
+    if (declared := int(known.get("repeated", 0))) != repeats:
+        raise Damaged(f"{declared} markers are declared, {repeats} are there")
+    return found["nodes"], found["cells"]
+
+
+def heads(source: Source, sections: tuple[Section, ...]) -> Iterator[tuple[Section, re.Match[str]]]:
+    """Yield each section with its head, which is read; what follows must be read before the next one."""
+    lines: list[str] = []
+    while len(lines) < LONGEST_HEAD and (line := source.line()):
+        lines.append(line)
+        matches = ((section, re.fullmatch(section.head, "\n".join(lines))) for section in sections)
+        if found := next(((section, match) for section, match in matches if match), None):
+            lines = []
+            yield found
+    if lines:
+        raise Damaged(f"{lines[0][:60]!r} stands where a section should begin, or its numbers are none")
+
+
+def entries(source: Source, what: str, number: int, width: Width, known: Known, numbered: bool) -> None:
+    """Read entries of equal width, and refuse others, and ids that are not consecutive where entries begin with these."""
+    columns = (width(known) if callable(width) else width) or source.columns()
+    values = source.numbers(what, number, columns)
+    if numbered and number:
+        first = int(values[0, 0] == 1)
+        if len(bad := np.flatnonzero(values[:, 0] != first + np.arange(number))):
+            there = values[bad[0], 0]
+            raise Damaged(f"the ids of its {what} are not {first}, {first + 1}, ...: {there:g} stands for {first + bad[0]}")
+
+
+def check_rows(rows: list[list[str]], by_first: Callable[[int], int]) -> None:
+    """Refuse rows that are shorter than their first number says, or have not all as many other numbers."""
+    try:
+        more = {len(row) - by_first(int(row[0])) for row in rows}
+    except (KeyError, ValueError) as error:
+        raise Damaged(f"{str(error.args[0])[:60]!r} stands for the type or the number of nodes of an element") from error
+    if len(more) > 1 or min(more, default=0) < 0:
+        raise Damaged("elements have not as many nodes as their type or number says")
+
+
+def tetgen(path: Path) -> Counts:
+    """Number of nodes and of elements of TetGen's pair of files."""
+    nodes, elements = map(counted, tetgen_files(path))
+    return nodes[0], elements[1]
+
+
+def tetgen_files(path: Path) -> list[Path]:
+    """Return both files of TetGen's pair."""
+    return [path.with_suffix(".node"), path.with_suffix(".ele")]
+
+
+#: Cards of Nastran's elements as meshio knows them, and how those begin that it leaves out in silence.
+NASTRAN = (
+    "CELAS1 CBEAM CBUSH CBUSH1D CROD CGAP CBAR CTRIAR CTRIA3 CTRAX6 CTRIAX6 CTRIA6 CQUADR CSHEAR CQUAD4 CQUAD8 CQUAD9 CTETRA "
+    "CPYRAM CPYRA CPENTA CHEXA"
+)
+ELEMENTS = ("CTET", "CHEX", "CPEN", "CPYR", "CTRI", "CTRA", "CQUAD", "CBAR", "CBEAM", "CROD", "CSHEAR", "CELAS1", "CBUSH", "CGAP")
+
+
+def nastran(path: Path) -> Counts:
+    """Number of nodes and of elements of bulk data of Nastran's, from BEGIN BULK to ENDDATA, without other coordinate systems."""
+    with Source(path) as source:
+        check_last_line(source.file)
+    every = path.read_text(errors="replace").splitlines()
+    lines = [line for line in every if line.strip() and not line.startswith(("$", "//", "#"))]
+    starts = [number for number, line in enumerate(lines) if line.startswith("BEGIN BULK")]
+    ends = [number for number, line in enumerate(lines) if line.startswith("ENDDATA")]
+    if not starts or not ends or ends[0] < starts[0]:
+        raise Damaged("BEGIN BULK or ENDDATA is missing")
+    cards = [re.split("[ ,\t]", line[:8], maxsplit=1)[0] for line in lines[starts[0] + 1 : ends[0]] if line[0] not in "+* "]
+    known = set(NASTRAN.split())
+    if bad := [card for card in cards if not re.fullmatch(r"[A-Z][A-Z0-9]*\*?", card)]:
+        raise Damaged(f"{', '.join(bad[:3])[:60]!r} stand where names of cards in capital letters should")
+    if lost := [card for card in cards if card.startswith(ELEMENTS) and card not in known]:
+        raise Damaged(
+            f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not known here (written in the small field format they "
+            "are)"
+        )
+    if any(card.startswith("CORD") for card in cards):
+        raise Damaged("it has coordinate systems of its own (CORD...); write all coordinates in the basic one")
+    return sum(card in ("GRID", "GRID*") for card in cards), sum(card in known for card in cards)
