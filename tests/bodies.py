@@ -4,7 +4,8 @@ import numpy as np
 import skfem
 
 from skfem_stvk import Anisotropic, ElementMesh, Isotropic, Orthotropic, StVK, TransverselyIsotropic
-from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.elements import ELEMENTS, rule_of
+from skfem_stvk.mesh import points
 from skfem_stvk.referee.bodies import elasticity
 from skfem_stvk.referee.discretisation import Discretisation
 from skfem_stvk.referee.shape import Shape
@@ -181,6 +182,17 @@ def scikit_fem_of(mesh):
 def values_at(x, t, element, xi):
     """(nt, nq, d) values `sum_a N_a x_a` at reference points `xi` (nq, k) of elements `t` (n, nt), of a field `x` (d, nv)."""
     return np.einsum("qa,dat->tqd", element.values(xi), x[:, t])
+
+
+def element_sizes(mesh, kind="exact"):
+    """(nt,) lengths, areas or volumes by the rule of a kind; "exact" is, but for curved membranes."""
+    return points.sizes_of(mesh.p, mesh.t, mesh.element, kind)
+
+
+def jacobians(mesh, xi):
+    """(nt, nq) determinants of the base vectors at reference points, negative where an element is inverted from its centre."""
+    now, centre = (points.spokes_at(mesh.p, mesh.t, mesh.element, at) for at in (xi, rule_of(mesh.element, "one-point").points))
+    return points.signed(now, centre)
 
 
 def node_sizes(mesh):

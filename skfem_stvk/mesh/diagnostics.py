@@ -225,13 +225,8 @@ def longest_edges(mesh: MeshArrays, p: NDArray[np.float64]) -> NDArray[np.float6
 
 def warn_of_flat_elements(mesh: ElementMesh) -> None:
     """Warn of elements that are too flat for single precision, where errors are up to 6e-7 x longest edge/smallest height."""
-    if mesh.element.is_linear_simplex:
-        parallelepiped, longest, largest_facet = measures(mesh.p, mesh.t)
-        aspect = longest * largest_facet / parallelepiped
-    else:
-        aspect = aspect_ratios(mesh)
-    flat = np.flatnonzero(aspect > 1000)
-    if mesh.k > 1 and len(flat):
+    aspect = aspect_ratios(mesh)
+    if len(flat := np.flatnonzero(aspect > 1000)):
         warn(
             f"{name_ids(flat, 'element')}: flatter than 1:1000, the flattest 1:{aspect.max():.0f}. In float32, forces across them "
             f"are off by as much as {min(1.0, 6e-7 * float(aspect.max())):.0e} of the largest. Use float64, or remesh."

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..elements import rule_of
-from . import points
+from ..kernels.geometry import measures
 from .facets import MeshArrays
 from .mesh import ElementMesh
+from .points import extremes, spokes_at
 
 
 class Geometry:
@@ -72,7 +73,9 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
         return [PointGeometry(volume, means, points[0].axes)]
     found: list[Geometry | PointGeometry] = []
     for xi, weight in zip(*rule_of(mesh.element, kind), strict=True):
-        spokes = np.swapaxes(np.ascontiguousarray(spokes_at(mesh, xi[None])[:, 0]), 1, 2)  # (nt, d, k) as columns
+        spokes = np.swapaxes(
+            np.ascontiguousarray(spokes_at(mesh.p, mesh.t, mesh.element, xi[None])[:, 0]), 1, 2
+        )  # (nt, d, k) as columns
         if mesh.k == mesh.d:
             axes, within = np.broadcast_to(np.eye(mesh.d), spokes.shape), spokes
         else:
@@ -80,29 +83,6 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
         gradients = mesh.element.derivatives(xi[None])[0] @ np.linalg.inv(within)
         found.append(PointGeometry(weight * np.abs(np.linalg.det(within)), gradients, axes))
     return found
-
-
-def spokes_at(mesh: ElementMesh, xi: NDArray[np.float64], x: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """(nt, nq, k, d) spokes of the elements at reference points `xi` (nq, k), or of a field `x` (d, nv) (`points.spokes_at`)."""
-    return points.spokes_at(mesh.p if x is None else x, mesh.t, mesh.element, xi)
-
-
-def element_sizes(mesh: ElementMesh, kind: str = "exact") -> NDArray[np.float64]:
-    """(nt,) lengths, areas or volumes [m^k] by the rule of a kind (`elements.rule_of`); "exact" is, but for curved membranes.
-
-    >>> import skfem
-    >>> element_sizes(ElementMesh.of(skfem.MeshTri()).with_degree(2))
-    array([0.5, 0.5])
-    """
-    return points.sizes_of(mesh.p, mesh.t, mesh.element, kind)
-
-
-def jacobians(mesh: ElementMesh, xi: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(nt, nq) determinants of the spokes at reference points, negative where an element is turned round.
-
-    Where the elements do not fill the space, it is that of the turn from the centre of the element (`points.signed`).
-    """
-    return points.signed(spokes_at(mesh, xi), spokes_at(mesh, rule_of(mesh.element, "one-point").points))
 
 
 def edge_differences(mesh: MeshArrays, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -120,16 +100,20 @@ def edge_lengths(mesh: MeshArrays) -> NDArray[np.float64]:
     return np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
 
 
-def aspect_ratios(mesh: ElementMesh) -> NDArray[np.float64]:
+def aspect_ratios(mesh: MeshArrays) -> NDArray[np.float64]:
     """(nt,) longest edge over smallest height; 1.22 for a regular tetrahedron, 1 for a segment, a square or a cube.
 
     Elements with several points count as flat as they are at the worst of their usual points: there they are the simplex, or the
-    box, of their spokes.
+    box, of their spokes. The ratio is infinite where there is no height.
     """
-    if mesh.element.is_linear_simplex:
-        longest = edge_lengths(mesh).max(axis=0)
-        steepest = np.linalg.norm(Geometry(mesh.p, mesh.t).gradients, axis=2).max(axis=1)
-        return longest * steepest
-    spokes = spokes_at(mesh, rule_of(mesh.element, "usual").points)
-    longest, steepest = points.extremes(spokes, mesh.element.is_box)
-    return np.asarray((longest * steepest).max(axis=1))
+    if mesh.k == 1:
+        return np.ones(mesh.nt)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if mesh.element.is_linear_simplex:
+            parallelepiped, longest, largest_facet = measures(mesh.p, np.ascontiguousarray(mesh.t))
+            aspect = longest * largest_facet / parallelepiped
+        else:
+            spokes = spokes_at(mesh.p, mesh.t, mesh.element, rule_of(mesh.element, "usual").points)
+            longest, steepest = extremes(spokes, mesh.element.is_box)
+            aspect = (longest * steepest).max(axis=1)
+    return np.where(np.isnan(aspect), np.inf, aspect)

@@ -15,7 +15,7 @@ from ..errors import name_ids
 from . import points
 from .diagnostics import MeshFault, faults, scale_of, sizes_of_parts, sound_elements
 from .facets import Cells
-from .geometry import edge_lengths
+from .geometry import aspect_ratios, edge_lengths
 from .mesh import ElementMesh, MeshLike
 
 #: Elements that are flatter, and edges that are shorter than this part of the usual ones, make a motion slow and stresses poor.
@@ -156,7 +156,7 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
             cells = Cells(sound.p / scale, sound.t, sound.element)
             lengths = edge_lengths(cells)
             size[kept] = points.sizes_of(cells.p, cells.t, cells.element, "usual") * scale**k
-            aspect[kept], edges[:, kept] = _aspects(cells), [scale * lengths.min(axis=0), scale * lengths.max(axis=0)]
+            aspect[kept], edges[:, kept] = aspect_ratios(cells), [scale * lengths.min(axis=0), scale * lengths.max(axis=0)]
             if k > 1:
                 angles[:, kept] = _angles(cells)
             if k == mesh.d:
@@ -165,14 +165,6 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
         count = sizes_of_parts((mesh, *others))[1]
         found = (*faults(mesh, (*others, mesh)), *_doubts(mesh, aspect, edges))
     return MeshQuality(mesh, size, aspect, angles, edges, turned=turned, parts=np.sort(count[count > 0])[::-1], faults=found)
-
-
-def _aspects(cells: Cells) -> Array:
-    """(nt,) longest edge over smallest height, infinite where there is none, at the worst of the usual points."""
-    spokes = points.spokes_at(cells.p, cells.t, cells.element, rule_of(cells.element, "usual").points)
-    longest, steepest = points.extremes(spokes, cells.element.is_box)
-    aspect = np.asarray((longest * steepest).max(axis=1))
-    return np.where(np.isnan(aspect), np.inf, aspect) if cells.k > 1 else np.ones(cells.nt)
 
 
 def _angles(cells: Cells) -> Array:

@@ -7,12 +7,12 @@ import sys
 import numpy as np
 import pytest
 import skfem
+from bodies import jacobians
 from meshfiles import curved
 
 from skfem_stvk import ElementMesh, MeshError, StVK, StvkWarning, System
 from skfem_stvk.elements import ELEMENTS, rule_of
 from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, folded_elements, parts
-from skfem_stvk.mesh.geometry import jacobians
 
 CUBE = skfem.MeshTet().refined(2)
 SQUARE = skfem.MeshTri().refined(2)

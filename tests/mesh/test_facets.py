@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import box, values_at
+from bodies import box, element_sizes, values_at
 from meshfiles import curved
 
 from skfem_stvk import ElementMesh
@@ -15,7 +15,6 @@ from skfem_stvk.mesh.facets import (
     turned_alike,
     with_middles,
 )
-from skfem_stvk.mesh.geometry import element_sizes
 from skfem_stvk.mesh.points import measures_of, normals_of, sizes_of, spokes_at
 
 KINDS = [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad]

@@ -2,17 +2,11 @@
 
 import numpy as np
 import pytest
-from bodies import node_sizes
+from bodies import element_sizes, jacobians, node_sizes
 
 from skfem_stvk import ElementMesh
 from skfem_stvk.elements import ELEMENTS
-from skfem_stvk.mesh.geometry import (
-    Geometry,
-    aspect_ratios,
-    edge_lengths,
-    element_sizes,
-    jacobians,
-)
+from skfem_stvk.mesh.geometry import Geometry, aspect_ratios, edge_lengths
 from skfem_stvk.mesh.points import are_straight
 
 KINDS = [(1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)]

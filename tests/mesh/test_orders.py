@@ -4,6 +4,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
+from bodies import element_sizes
 from meshfiles import CUBE, curved, same_facets, write
 
 from skfem_stvk import ElementMesh, MeshError, StvkWarning
@@ -11,7 +12,6 @@ from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
 from skfem_stvk.mesh.facets import find_facets
-from skfem_stvk.mesh.geometry import element_sizes
 from skfem_stvk.mesh.points import are_straight
 
 #: Edges whose middles follow the corners, as the manuals of the programs draw them.
