@@ -134,25 +134,17 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
         facets = every[:, alone]
         if mesh.k == mesh.d:
             local, element = np.divmod(alone, mesh.nt)
-            _turn(facets, ~((_turned(mesh)[element] > 0) == _outwards(mesh.element)[local]), mesh)
+            _turn(facets, ~((_turned(mesh, element) > 0) == _outwards(mesh.element)[local]), mesh)
         return facets
-    ordered = np.sort(mesh.corners, axis=0)
-    every = _opposite(ordered)
+    every = _opposite(np.sort(mesh.corners, axis=0))
     alone = _alone(every, mesh.nv)
-    facets = every[:, alone]
-    corner, element = np.divmod(alone, mesh.nt)
-    if mesh.element.is_linear_simplex:
-        if mesh.k == mesh.d > 1:
-            x = mesh.p[:, [*facets, ordered[corner, element]]]
-            inside = np.linalg.det((x[:, 1:] - x[:, :1]).transpose(2, 0, 1)) * (-1) ** mesh.k > 0
-            facets[:2, ~inside] = facets[1::-1, ~inside]
-        return facets
-    facets = np.concatenate([facets, _middles(mesh.t, mesh.element, alone)])
+    facets = np.concatenate([every[:, alone], _middles(mesh.t, mesh.element, alone)])
     if mesh.k == mesh.d > 1:
+        corner, element = np.divmod(alone, mesh.nt)
         # outwards is (1, 2, 3) of a positive tetrahedron, (1, 2) of a triangle: facet, then the vertex opposite to it
         locals_ = np.argsort(mesh.corners[:, element], axis=0)
         odd = sum(locals_[i] > locals_[j] for j in range(len(locals_)) for i in range(j)) % 2 == 1
-        _turn(facets, (_turned(mesh)[element] > 0) == (odd ^ (corner % 2 == 1)), mesh)
+        _turn(facets, (_turned(mesh, element) > 0) == (odd ^ (corner % 2 == 1)), mesh)
     return facets
 
 
@@ -237,9 +229,9 @@ def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
     return order[new & np.append(new[1:], True)]
 
 
-def _turned(mesh: MeshArrays) -> NDArray[np.float64]:
-    """(nt,) the determinant of the spokes at the centre, whose sign is the orientation."""
-    return determinants(spokes_at(mesh.p, mesh.t, mesh.element, rule_of(mesh.element, "one-point").points))[:, 0]
+def _turned(mesh: MeshArrays, elements: NDArray[Any]) -> NDArray[np.float64]:
+    """(n,) the determinant of the spokes at the centre of elements, whose sign is the orientation."""
+    return determinants(spokes_at(mesh.p, mesh.t[:, elements], mesh.element, rule_of(mesh.element, "one-point").points))[:, 0]
 
 
 def _outwards(element: Element) -> NDArray[np.bool_]:
@@ -252,8 +244,9 @@ def _outwards(element: Element) -> NDArray[np.bool_]:
 
 def _turn(facets: Ids, which: NDArray[np.bool_], mesh: MeshArrays) -> None:
     """Turn some of the facets round in place: the first two corners change places, or go round the other way."""
-    turned = {"segments": [1, 0], "quadratic segments": [1, 0, 2], "quadratic triangles": [1, 0, 2, 3, 5, 4]}
-    rows = turned.get(mesh.element.facet, [1, 0, 3, 2])
+    turned = {"segments": [1, 0], "triangles": [1, 0, 2], "quadrilaterals": [1, 0, 3, 2]}
+    turned |= {"quadratic segments": [1, 0, 2], "quadratic triangles": [1, 0, 2, 3, 5, 4]}
+    rows = turned[mesh.element.facet]
     facets[:, which] = facets[rows][:, which]
 
 
