@@ -12,9 +12,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arguments import frozen
-from ..elements import Element, linear_simplex, named, rule_of
+from ..elements import Element, linear_simplex, named
 from ..kernels.topology import edges_of_simplices, lexicographic_order
-from .points import determinants, normals_of, spokes_at
+from .points import normals_of, orientations
 
 Ids = NDArray[np.int32]
 
@@ -134,7 +134,8 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
         facets = every[:, alone]
         if mesh.k == mesh.d:
             local, element = np.divmod(alone, mesh.nt)
-            _turn(facets, ~((_turned(mesh, element) > 0) == _outwards(mesh.element)[local]), mesh)
+            positive = orientations(mesh.p, mesh.t[:, element], mesh.element) > 0
+            _turn(facets, positive != _outwards(mesh.element)[local], mesh)
         return facets
     every = _opposite(np.sort(mesh.corners, axis=0))
     alone = _alone(every, mesh.nv)
@@ -144,7 +145,8 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
         # outwards is (1, 2, 3) of a positive tetrahedron, (1, 2) of a triangle: facet, then the vertex opposite to it
         locals_ = np.argsort(mesh.corners[:, element], axis=0)
         odd = sum(locals_[i] > locals_[j] for j in range(len(locals_)) for i in range(j)) % 2 == 1
-        _turn(facets, (_turned(mesh, element) > 0) == (odd ^ (corner % 2 == 1)), mesh)
+        positive = orientations(mesh.p, mesh.t[:, element], mesh.element) > 0
+        _turn(facets, positive == (odd ^ (corner % 2 == 1)), mesh)
     return facets
 
 
@@ -227,11 +229,6 @@ def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
     """Columns of the facets that only one element has; each is given with ascending vertices."""
     order, new = _grouped(ordered, nv)
     return order[new & np.append(new[1:], True)]
-
-
-def _turned(mesh: MeshArrays, elements: NDArray[Any]) -> NDArray[np.float64]:
-    """(n,) the determinant of the spokes at the centre of elements, whose sign is the orientation."""
-    return determinants(spokes_at(mesh.p, mesh.t[:, elements], mesh.element, rule_of(mesh.element, "one-point").points))[:, 0]
 
 
 def _outwards(element: Element) -> NDArray[np.bool_]:

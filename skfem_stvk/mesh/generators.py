@@ -13,6 +13,7 @@ from ..arguments import Array, array, choice, number, real_array, shown, whole
 from ..elements import Element, named
 from ..errors import MeshError
 from .mesh import ElementMesh, check_index_range
+from .points import orientations
 
 #: Kinds of elements of a box by its dimension, the default first.
 KINDS = {1: ("segments",), 2: ("triangles", "quadrilaterals"), 3: ("tetrahedra", "hexahedra")}
@@ -189,8 +190,7 @@ def turned(p: Array, t: NDArray[Any], element: Element) -> NDArray[np.int32]:
         )
     else:
         mirrored = np.array([*range(element.n - 2), element.n - 1, element.n - 2])
-    first = element.derivatives(np.full((1, element.k), 0.5))[0]
-    negative = np.linalg.det(np.einsum("dnt,nk->tdk", p[:, t], first)) < 0
+    negative = orientations(p, t, element) < 0
     t[:, negative] = t[mirrored][:, negative]
     return t
 

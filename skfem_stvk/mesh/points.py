@@ -93,6 +93,11 @@ def determinants(spokes: Array) -> Array:
     return np.asarray(_dot(_cross(p[0], p[1]), p[2]))
 
 
+def orientations(p: Array, t: Any, element: Element) -> Array:
+    """(nt,) Jacobian determinants at the centres of elements that fill their space, negative where they are inverted."""
+    return np.asarray(determinants(spokes_at(p, t, element, rule_of(element, "one-point").points))[:, 0])
+
+
 def signed(spokes: Array, centre: Array) -> Array:
     """(nt, nq) determinants of spokes (nt, nq, k, d); for k < d sizes, negative where they are turned over from those at `centre`.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, choice, whole
-from ..elements import Element, rule_of
+from ..elements import Element
 from ..errors import name_ids
 from . import points
 from .diagnostics import MeshFault, faults, scale_of, sizes_of_parts, sound_elements
@@ -160,8 +160,7 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
             if k > 1:
                 angles[:, kept] = _angles(cells)
             if k == mesh.d:
-                centre = rule_of(cells.element, "one-point").points
-                turned[kept] = points.determinants(points.spokes_at(cells.p, cells.t, cells.element, centre)[:, 0]) < 0
+                turned[kept] = points.orientations(cells.p, cells.t, cells.element) < 0
         count = sizes_of_parts((mesh, *others))[1]
         found = (*faults(mesh, (*others, mesh)), *_doubts(mesh, aspect, edges))
     return MeshQuality(mesh, size, aspect, angles, edges, turned=turned, parts=np.sort(count[count > 0])[::-1], faults=found)
