@@ -231,6 +231,51 @@ def test_what_meshio_leaves_out_is_noticed_by_its_number(tmp_path):
         read_mesh(tmp_path / "mesh.su2")
 
 
+SU2 = """NDIME= 3
+NELEM= 1
+10 0 1 2 3 0
+NPOIN= 4
+0 0 0 0
+1 0 0 1
+0 1 0 2
+0 0 1 3
+NMARK= 2
+MARKER_TAG= 1
+MARKER_ELEMS= 1
+5 0 1 2
+MARKER_TAG= 2
+MARKER_ELEMS= 1
+5 0 1 3
+"""
+
+
+def test_markers_of_su2_are_boundaries(tmp_path):
+    (tmp_path / "mesh.su2").write_text(SU2)
+    mesh = read_mesh(tmp_path / "mesh.su2")
+    assert {name: ids.T.tolist() for name, ids in mesh.boundaries.items()} == {"su2:tag:1": [[0, 1, 2]], "su2:tag:2": [[0, 1, 3]]}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("NMARK= 2", "NMARK= 3", "3 markers are declared, 2 are there"),
+        ("NMARK= 2\n", "", "0 markers are declared, 2 are there"),
+        ("MARKER_ELEMS= 1\n5 0 1 2\n", "", "'MARKER_TAG= 1' stands where a section should begin"),
+        ("5 0 1 2", "5 0 1", "elements have not as many nodes as their type or number says"),
+        ("5 0 1 2", "99 0 1 2", "'99' stands for the type or the number of nodes of an element"),
+        ("0 1 0 2", "0 1 0", "4 nodes are declared, but something else stands|'3' stands where"),
+        ("NDIME= 3\n", "NDIME= 3\nNDIME= 3\n", "'NDIME= 3' stands .* NDIME was there before"),
+        ("NDIME= 3\n", "", "it has no NDIME"),
+        ("NPOIN= 4", "NPOIN= 4000000000", "4000000000 nodes are declared, more than its .* bytes can hold"),
+    ],
+)
+def test_files_of_su2_that_do_not_hold_together_are_refused(old, new, message, tmp_path):
+    assert old in SU2
+    (tmp_path / "mesh.su2").write_text(SU2.replace(old, new, 1))
+    with pytest.raises(MeshError, match=message):
+        read_mesh(tmp_path / "mesh.su2")
+
+
 def test_a_node_that_nastran_does_not_define_is_named(tmp_path):
     """The id of one node stands twice, its own one nowhere; meshio ends in a KeyError."""
     file = tmp_path / "mesh.nas"
