@@ -121,11 +121,11 @@ def info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--density", type=float, help="its mass density [kg/m^3]")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="another value in a scene")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    parser.add_argument("--footprint", action="store_true", help="what each part of a scene costs: bytes, kernels, times, packages")
+    parser.add_argument("--footprint", action="store_true", help="elements, bytes and packages of each part of a scene")
 
 
 def info(options: argparse.Namespace) -> int:
-    """Say what would be built of a scene or of a mesh, what it would cost and what is wrong with it.
+    """Say what would be built of a scene or of a mesh, and what is wrong with it.
 
     The exit code is 2 if no body can be made of it.
 
@@ -164,7 +164,7 @@ def _scene(options: argparse.Namespace) -> Scene:
 
 
 def _footprint(options: argparse.Namespace) -> int:
-    """Print what each part of a scene costs."""
+    """Print elements, bytes and packages of each part of a scene."""
     if not (options.file or "").endswith(".toml"):
         raise StvkError(f"--footprint is of a scene: got {options.file or 'no file'}; expected a scene file (.toml).")
     rows = footprint(_scene(options).built)

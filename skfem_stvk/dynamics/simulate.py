@@ -171,7 +171,8 @@ def _begun(system: System | ReducedLike, options: Options, stack: ExitStack) -> 
     motion.refuse_other(integrator, options.remove is not None)
     if not options.until > options.t0:
         raise too_early(options.until, options.t0)
-    state = _first_state(motion, options, min(integrator.dt or 1e-6, options.until - options.t0))
+    dt = min(integrator.dt or 1e-6, options.until - options.t0)
+    state = first_state(motion, options.u0, options.v0, options.t0, dt)
     setup = Setup(motion, integrator, places, options.until, options.remove)
     names = column_names(body, *places, removing=options.remove is not None, by_term=motion.by_term)
     record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))
@@ -179,10 +180,16 @@ def _begun(system: System | ReducedLike, options: Options, stack: ExitStack) -> 
     return setup, record, Outputs.opened(setup, record, options, stack)
 
 
-def _first_state(motion: Motion, options: Options, dt: float) -> MotionState:
-    """The first state, with held degrees of freedom as prescribed; their velocities are differences over a part of `dt`."""
-    system, t0 = motion.system, options.t0
-    u, v = (_vector(name, x, system) for name, x in (("u0", options.u0), ("v0", options.v0)))
+def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: float, dt: float) -> MotionState:
+    """Return the first state with constrained degrees of freedom as prescribed; their velocities are differences over a part of `dt`.
+
+    Raises
+    ------
+    SupportError, LoadError
+        if the supports do not start at `u0`, or if no load, support, displacement or velocity moves the body.
+    """
+    system = motion.system
+    u, v = (_vector(name, x, system) for name, x in (("u0", u0), ("v0", v0)))
     fixed, held = motion.on_mesh.free.fixed, motion.on_mesh.held(t0)
     gap = np.abs(held - u[fixed])
     far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
