@@ -19,8 +19,6 @@ HEAVY = [
     "matplotlib",
     "pyvista",
     "pyamg",
-    "tree_sitter",
-    "tree_sitter_toml",
     "tomlkit",
     "pypardiso",
     "gmsh",
@@ -76,7 +74,7 @@ USES = {
     ),
     "a scene": (
         BODY + "from skfem_stvk import Scene\nScene.of(system, {'type': 'static'}).system()",
-        "pydantic meshio filelock tree_sitter tree_sitter_toml tomlkit scipy.spatial",
+        "pydantic meshio filelock tomlkit scipy.spatial",
     ),
     "a picture": (STATIC + "result.plot(path='body.png')", "matplotlib"),
 }

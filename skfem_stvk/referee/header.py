@@ -35,8 +35,6 @@ PACKAGES = (
     "filelock",
     "pydantic",
     "tomlkit",
-    "tree-sitter",
-    "tree-sitter-toml",
 )
 #: Optional packages, and what installs them.
 OPTIONAL = {

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from typing import Annotated, Any, NamedTuple, get_args, get_origin
+from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -15,33 +16,31 @@ from .schema.quantities import bare, is_union, literals, members
 from .source import SceneSource
 from .syntax import Loc, path_of
 
-#: Limits by their name in the metadata of a key, and how they are written.
-LIMITS = {"gt": "(", "ge": "[", "lt": ")", "le": "]"}
-#: What is written for numbers that are better known otherwise.
-FRACTIONS = {0.5: "1/2", 0.5773502691896258: "1/sqrt(3)"}
-#: Limits of a key that depend on what else stands in the scene.
-SPANS = {"poisson": "(-1, 1/2), in plane stress (-1, 1)"}
-#: What was expected, by pydantic's type of error.
+#: Expected values in words of TOML, by pydantic's type of error; others are in pydantic's words.
 EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
-    "int_from_float": "a whole number",
     "string_type": "text in quotation marks",
     "bool_type": "true or false",
     "list_type": "a list in [brackets]",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "a table"),
 }
+#: Expected texts by their pattern.
+PATTERNS = {
+    "^[xyz]+$": 'letters of components, such as "xyz" or "y"',
+    r"\.(pvd|vtu)$": "a name that ends in .pvd (states on the way) or .vtu (the last one)",
+    r"\.(gif|mp4)$": "a name that ends in .gif or .mp4",
+}
+#: Pydantic's words for an expected value, a comparison, or a number of entries.
+SHOULD = re.compile(r"\w+ should (?:be|have) (.*?)(?: after validation.*)?")
 
 
 class Spot(NamedTuple):
-    """Where an error is: the place in the data, the table's model there, and the type of the key."""
+    """The place of an error in the data, the model of the table there, and the type of the key."""
 
     loc: Loc
     model: type[BaseModel] | None
     annotation: Any
-    metadata: tuple[Any, ...]
 
 
 class Complaints:
@@ -101,17 +100,29 @@ class Complaints:
 
 
 def _in_words(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:
-    """The place in the data of an error of pydantic's, and what is wrong there."""
+    """Return the place in the data of an error of pydantic's, and what is wrong there."""
     spot, kind, given = _spot(schema, error["loc"]), error["type"], error.get("input")
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return _kind_is_wrong(spot, error)
     if kind == "missing":
         return spot.loc, f"is missing{_sentence(spot)}"
-    for kinds, words in WORDS.items():
-        if kind in kinds:
-            return spot.loc, words(spot, error, given)
-    message = str(error["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-    return spot.loc, f"got {shown(given)}; expected {message}"
+    if kind == "extra_forbidden":
+        return spot.loc, _unknown(spot)
+    if kind == "literal_error":
+        return spot.loc, _none_of(given, list(map(str, literals(spot.annotation))))
+    return spot.loc, f"got {shown(given)}; expected {_expected(error, given)}"
+
+
+def _expected(error: Any, given: Any) -> str:
+    """The value that was expected, in words."""
+    if error["type"] in EXPECTED:
+        number = isinstance(given, str) and EXPECTED[error["type"]].endswith("number")
+        return EXPECTED[error["type"]] + (" without quotation marks" if number else "")
+    if error["type"] == "string_pattern_mismatch":
+        return PATTERNS.get(error["ctx"]["pattern"], "a name without blanks at its ends")
+    said = SHOULD.fullmatch(error["msg"])
+    words = said[1] if said else str(error["msg"])
+    return f"a value {words}" if words.startswith(("greater", "less")) else words
 
 
 def _kind_is_wrong(spot: Spot, error: Any) -> tuple[Loc, str]:
@@ -131,7 +142,7 @@ def _kind_is_wrong(spot: Spot, error: Any) -> tuple[Loc, str]:
     return (*spot.loc, name), _none_of(given[name], known)
 
 
-def _unknown(spot: Spot, error: Any, given: Any) -> str:
+def _unknown(spot: Spot) -> str:
     known = sorted(spot.model.model_fields) if spot.model is not None else []
     name = str(spot.loc[-1])
     near = get_close_matches(name.lower(), known, n=1)
@@ -143,76 +154,6 @@ def _none_of(given: Any, known: Sequence[str]) -> str:
     near = get_close_matches(str(given).lower().replace("_", "-"), known, n=1)
     meant = f"; did you mean {near[0]!r}?" if near else "."
     return f"{shown(given)} is not known here{meant} Known: {_listed(known)}."
-
-
-def _outside(spot: Spot, error: Any, given: Any) -> str:
-    """A number is outside of its limits, in words."""
-    limits = {name: getattr(one, name) for one in _metadata(spot) for name in LIMITS if hasattr(one, name)}
-    context = {name: value for name, value in error.get("ctx", {}).items() if name in LIMITS}
-    limits = limits or context
-    low = next((name for name in ("gt", "ge") if name in limits), None)
-    high = next((name for name in ("lt", "le") if name in limits), None)
-    value = f"{given:g}" if isinstance(given, float) or (isinstance(given, int) and abs(given) < 10**300) else shown(given)
-    if low and high:
-        span = f"{LIMITS[low]}{_number(limits[low])}, {_number(limits[high])}{LIMITS[high]}"
-        return f"{value} is outside {SPANS.get(str(spot.loc[-1]), span)}"
-    words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
-    name = low or high
-    return f"{value} is not {words[name]} {_number(limits[name])}" if name else f"{value} is out of range"
-
-
-def _of_another_type(spot: Spot, error: Any, given: Any) -> str:
-    expected = EXPECTED[error["type"]]
-    if isinstance(given, str) and expected in ("a number", "a whole number"):
-        try:
-            float(given)
-        except ValueError:
-            return f"got the text {shown(given)}; expected {expected}{_unit(spot)}"
-        return f"got the text {shown(given)}; expected {expected}{_unit(spot)}: leave the quotation marks out"
-    named = {bool: "the truth value ", list: "the list ", dict: "the table "}.get(type(given), "")
-    return f"got {named}{shown(given) if not isinstance(given, bool) else str(given).lower()}; expected {expected}"
-
-
-def _of_another_length(spot: Spot, error: Any, given: Any) -> str:
-    context, count = error.get("ctx", {}), len(given) if hasattr(given, "__len__") else 0
-    least, most = (
-        next((value for one in _metadata(spot) if (value := getattr(one, name, None)) is not None), context.get(name))
-        for name in ("min_length", "max_length")
-    )
-    what = "characters" if isinstance(given, str) else "entries"
-    if isinstance(given, str) and not given:
-        return "is empty; expected text"
-    expected = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
-    return f"has {count} {what}; expected {expected}"
-
-
-def _of_another_form(spot: Spot, error: Any, given: Any) -> str:
-    pattern = error["ctx"]["pattern"]
-    meant = {
-        "^[xyz]+$": 'letters of components, such as "xyz" or "y"',
-        r"\.(pvd|vtu)$": "a name that ends in .pvd (states on the way) or .vtu (the last one)",
-        r"\.(gif|mp4)$": "a name that ends in .gif or .mp4",
-    }
-    return f"got {shown(given)}; expected {meant.get(pattern, 'a name without blanks at its ends')}"
-
-
-def _not_finite(spot: Spot, error: Any, given: Any) -> str:
-    return f"{given} is not finite; expected a number{_unit(spot)}"
-
-
-def _not_one_of(spot: Spot, error: Any, given: Any) -> str:
-    known = [one for one in literals(spot.annotation) if isinstance(one, str)]
-    return _none_of(given, known) if known else f"got {shown(given)}; expected {error['ctx']['expected']}"
-
-
-def _no_place(spot: Spot, error: Any, given: Any) -> str:
-    tags = _tags(spot)
-    known = [tag for tag in tags if tag not in ("name", "coordinates")]
-    if isinstance(given, Mapping) and "type" in given:
-        return _none_of(given["type"], known)
-    words = {"name": "a name, ", "coordinates": "coordinates [x, y, z], "}
-    others = "".join(word for tag, word in words.items() if tag in tags)
-    return f"got {shown(given)}; expected {others}{'or ' if others else ''}a table with type = one of {_listed(known)}"
 
 
 #: What messages say to programs, and what they say to scenes.
@@ -231,55 +172,14 @@ IN_TOML = {
 }
 
 
-Words = Callable[[Spot, Any, Any], str]
-#: What is said of errors, by pydantic's types of them.
-WORDS: dict[tuple[str, ...], Words] = {
-    ("extra_forbidden",): _unknown,
-    ("greater_than", "greater_than_equal", "less_than", "less_than_equal"): _outside,
-    tuple(EXPECTED): _of_another_type,
-    ("too_short", "too_long", "string_too_short", "string_too_long"): _of_another_length,
-    ("string_pattern_mismatch",): _of_another_form,
-    ("finite_number",): _not_finite,
-    ("literal_error",): _not_one_of,
-    ("place", "region"): _no_place,
-}
-
-
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names)
-
-
-def _number(value: float) -> str:
-    return FRACTIONS.get(value, f"{value:g}")
 
 
 def _sentence(spot: Spot) -> str:
     """What a key is, as its sentence says it."""
     found = spot.model.model_fields.get(str(spot.loc[-1])) if spot.model is not None and spot.loc else None
     return f": {found.description.rstrip('.')}" if found is not None and found.description else ""
-
-
-def _unit(spot: Spot) -> str:
-    """The dimension of a key's value, in words."""
-    for one in _metadata(spot):
-        extra = getattr(one, "json_schema_extra", None)
-        if isinstance(extra, dict) and extra.get("dimension"):
-            return f" ({extra['dimension']})"
-    return ""
-
-
-def _metadata(spot: Spot) -> list[Any]:
-    """Limits and the like of a key, those within its annotation too."""
-    found = list(spot.metadata)
-    annotation = spot.annotation
-    while get_origin(annotation) is Annotated:
-        annotation, *more = get_args(annotation)
-        found += more
-    found += [inner for one in found for inner in getattr(one, "metadata", [])]
-    kinds = [one for one in get_args(annotation) if one is not type(None)] if is_union(annotation) else []
-    if len(kinds) == 1 and get_origin(kinds[0]) is Annotated:
-        found += get_args(kinds[0])[1:]
-    return found
 
 
 # from an error's location to the data: pydantic names the members of unions in it
@@ -289,12 +189,10 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
     """Where in the data an error is, with the model of the table that it is in, by following the types of the schema."""
     annotation: Any = schema
     model: type[BaseModel] | None = None
-    metadata: tuple[Any, ...] = ()
     data: list[str | int] = []
     rest = [one for one in loc if one != "[key]"]
     while rest:
-        annotation, more = bare(annotation)
-        metadata = (*metadata, *more)
+        annotation, _ = bare(annotation)
         if is_union(annotation):
             member = _member(annotation, rest[0])
             if member is None:
@@ -305,16 +203,13 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
             model, name = annotation, rest.pop(0)
             data.append(name)
             found = annotation.model_fields.get(str(name))
-            if found is None:
-                annotation, metadata = None, ()
-                break
-            annotation, metadata = found.annotation, (*found.metadata, found)
+            annotation = None if found is None else found.annotation
         elif get_origin(annotation) in (dict, list):
             data.append(rest.pop(0))
-            annotation, metadata, model = get_args(annotation)[-1], (), None
+            annotation, model = get_args(annotation)[-1], None
         else:
             break
-    return Spot(tuple(data), model, annotation, metadata)
+    return Spot(tuple(data), model, annotation)
 
 
 def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:

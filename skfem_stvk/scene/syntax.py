@@ -1,4 +1,4 @@
-"""TOML text turned into data, with the line of each key; or an error that says where it is no TOML, and the likely cause."""
+"""TOML text turned into data, with the line of each key; or an error that says where the text is no TOML."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
-import tree_sitter_toml
-from tree_sitter import Language, Node, Parser
-
-from ..arguments import shown
 from ..errors import SceneError
 
 if sys.version_info >= (3, 11):
@@ -27,8 +23,14 @@ DEEPEST, MOST_ENTRIES = 50, 5_000
 DOTTED = re.compile(r"[^\s.=,\[\]{}#]+(?:[ \t]*\.[ \t]*[^\s.=,\[\]{}#]+)*")
 #: What a line is cut to in a message.
 MOST = 100
-CLOSING = {"[": "]", "{": "}"}
-#: What Python's parser says of a key or table that is there already.
+#: Strings, comments, and the signs and words between them.
+TOKEN = re.compile(
+    r"""\"{3}(?:\\.|[^\\])*?\"{3}(?!\")|'{3}.*?'{3}(?!')|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*|[][{}=,.\n]|[^][{}=,.\n\s#"']+""",
+    re.DOTALL,
+)
+#: Words for truth values in other languages, and those of TOML.
+TRUTH = {"yes": "true", "on": "true", "true": "true", "no": "false", "off": "false", "false": "false"}
+#: Words by which Python's parser reports a key or table that exists already.
 TWICE = ("Cannot overwrite", "Cannot declare", "Cannot mutate", "Duplicate")
 
 
@@ -92,244 +94,143 @@ def _too_much(name: str, why: str) -> SceneError:
 
 
 def lines_of(text: str) -> dict[Loc, int]:
-    """The line of each key, table and entry of a list, counted from 1: where it stands first.
+    """Return the first line of each key, table and entry of a list, counted from 1.
 
     >>> lines_of("a.b = [1,\\n2]\\n[[terms]]\\n[terms.time]\\nk = 1")[("terms", 0, "time", "k")]
     5
     """
     lines: dict[Loc, int] = {}
-    for loc, line in _occurrences(text):
+    for loc, line in _keys_and_entries(text):
         lines.setdefault(loc, line)
     return lines
 
 
-def _occurrences(text: str) -> Iterator[tuple[Loc, int]]:
-    """All places with their lines, in the order of the text; text that is no TOML gives what can be made out."""
-    counts: dict[Loc, int] = {}
-
-    def inner(loc: Loc) -> Loc:
-        return (*loc, counts[loc] - 1) if loc in counts else loc
-
+def _keys_and_entries(text: str) -> Iterator[tuple[Loc, int]]:
+    """Yield all places with their lines in the order of the text: TOML, or the beginning of such a text."""
+    tokens, counts = _Tokens(text), dict[Loc, int]()
     table: Loc = ()
-    for node in Parser(Language(tree_sitter_toml.language())).parse(text.encode("utf-8", "surrogatepass")).root_node.children:
-        if node.type == "pair":
-            yield from _pair(node, table)
-        elif node.type in ("table", "table_array_element"):
-            keys, line = _keys(node), node.start_point[0] + 1
-            table = ()
-            for depth, one in enumerate(keys, 1):
-                table = (*table, one)
-                if depth == len(keys) and node.type == "table_array_element":
-                    yield table, line
-                    counts[table] = counts.get(table, 0) + 1
-                table = inner(table)
+    while tokens.next:
+        line = tokens.line
+        if tokens.skip("\n"):
+            continue
+        if not tokens.skip("["):
+            yield from _pair(tokens, table)
+            continue
+        table, repeated = (), tokens.skip("[")
+        keys = tokens.dotted_key()
+        for depth, one in enumerate(keys, 1):
+            table = (*table, one)
+            yield table, line
+            if repeated and depth == len(keys):
+                counts[table] = counts.get(table, 0) + 1
+            if table in counts:
+                table = (*table, counts[table] - 1)
                 yield table, line
-            for child in node.children:
-                if child.type == "pair":
-                    yield from _pair(child, table)
+        while tokens.skip("]"):
+            pass
 
 
-def _pair(node: Node, table: Loc) -> Iterator[tuple[Loc, int]]:
-    loc, line = table, node.start_point[0] + 1
-    for one in _keys(node):
+def _pair(tokens: _Tokens, loc: Loc) -> Iterator[tuple[Loc, int]]:
+    """Yield the places of a key with its value."""
+    line = tokens.line
+    for one in tokens.dotted_key():
         loc = (*loc, one)
         yield loc, line
-    yield from _value(node.children[-1], loc)
+    tokens.take()  # the equals sign
+    yield from _value(tokens, loc)
 
 
-def _value(node: Node, loc: Loc) -> Iterator[tuple[Loc, int]]:
-    if len(loc) > DEEPEST:
-        return
-    if node.type == "inline_table":
-        for child in node.children:
-            if child.type == "pair":
-                yield from _pair(child, loc)
-    elif node.type == "array":
-        entries = [child for child in node.named_children if child.type not in ("comment", "ERROR")]
-        for number, child in enumerate(entries):
-            yield (*loc, number), child.start_point[0] + 1
-            yield from _value(child, (*loc, number))
+def _value(tokens: _Tokens, loc: Loc) -> Iterator[tuple[Loc, int]]:
+    """Yield the places within a value."""
+    if tokens.skip("{"):
+        while tokens.next and not tokens.skip("}"):
+            if not tokens.skip(",", "\n"):
+                yield from _pair(tokens, loc)
+    elif tokens.skip("["):
+        number = 0
+        while tokens.next and not tokens.skip("]"):
+            if not tokens.skip(",", "\n"):
+                yield (*loc, number), tokens.line
+                yield from _value(tokens, (*loc, number))
+                number += 1
+    else:
+        tokens.take()
+        while tokens.next and tokens.next not in ",]}\n":  # a number has several tokens
+            tokens.take()
 
 
-def _keys(node: Node) -> list[str]:
-    """The keys in a header or before an equals sign."""
-    for child in node.children:
-        if child.type in ("bare_key", "quoted_key"):
-            return [_key(child)]
-        if child.type == "dotted_key":
-            return list(_dotted(child))
-    return []
+class _Tokens:
+    """The tokens of TOML text but comments, one after the other; `next` is empty at the end, `line` is that of `next`."""
+
+    def __init__(self, text: str) -> None:
+        self._found = (one[0] for one in TOKEN.finditer(text) if one[0][0] != "#")
+        self.next, self.line = "", 1
+        self.take()
+
+    def take(self) -> str:
+        """Return the next token and go on."""
+        taken = self.next
+        self.line += taken.count("\n")
+        self.next = next(self._found, "")
+        return taken
+
+    def skip(self, *tokens: str) -> bool:
+        """Go on if one of these is next, and return whether it was."""
+        return self.next in tokens and bool(self.take())
+
+    def dotted_key(self) -> list[str]:
+        """Return the parts of a dotted key and go on."""
+        keys = [_bare(self.take())]
+        while self.skip("."):
+            keys.append(_bare(self.take()))
+        return keys
 
 
-def _dotted(node: Node) -> Iterator[str]:
-    for child in node.children:
-        if child.type == "dotted_key":
-            yield from _dotted(child)
-        elif child.type in ("bare_key", "quoted_key"):
-            yield _key(child)
+def _bare(key: str) -> str:
+    """Return a key without its quotation marks."""
+    return next(iter(tomllib.loads(f"{key} = 1"))) if key[:1] in ("'", '"') else key
 
 
-def _key(node: Node) -> str:
-    text = (node.text or b"").decode("utf-8", "replace")
-    if node.type == "bare_key":
-        return text
-    try:
-        return next(iter(tomllib.loads(f"{text} = 1")))
-    except ValueError:
-        return text
-
-
-# what is wrong with text that is no TOML
+# text that is no TOML
 
 
 def _refusal(text: str, name: str, said: str) -> SceneError:
+    """The error for text that is no TOML: file, line, column, the words of the parser, a likely cause, and the marked line."""
     rows = text.splitlines()
     place = re.search(r"\(at line (\d+), column (\d+)\)", said)
-    line, column = (int(place[1]), int(place[2])) if place else (max(len(rows), 1), len(rows[-1]) + 1 if rows else 1)
-    said = re.sub(r" \(at .*\)$", "", said)
+    line, column = (int(place[1]), int(place[2])) if place else (len(rows) + 1, 1)
     if line > len(rows):
         line, column = len(rows), len(rows[-1]) + 1
     row = rows[line - 1].replace("\t", " ")
-    cause = _cause(text, line, column, said)
+    words = re.sub(r" \(at .*\)$", "", said)
+    message = f"{words[:1].lower()}{words[1:]}.{_cause(rows, line, column, words)}"
     begin = max(0, min(column - MOST // 2, len(row) - MOST))
-    cut = row[begin : begin + MOST]
-    message = f"{name}, line {line}, column {column}: {cause}\n    {cut}\n    {' ' * (column - 1 - begin)}^"
-    return SceneError(message, [("", line, cause)])
+    marked = f"    {row[begin : begin + MOST]}\n    {' ' * (column - 1 - begin)}^"
+    return SceneError(f"{name}, line {line}, column {column}: {message}\n{marked}", [("", line, message)])
 
 
-def _cause(text: str, line: int, column: int, said: str) -> str:
-    """What is probably wrong at a place, in words; `said` is what Python's parser says."""
-    row = text.splitlines()[line - 1]
-    rest, before = row[column - 1 :].strip(), row[: column - 1].strip()
+def _cause(rows: list[str], line: int, column: int, said: str) -> str:
+    """The likely cause of a frequent fault, with a blank before it; "" for others. `said` are the words of the parser."""
+    rest = rows[line - 1][column - 1 :].partition("#")[0].strip()
     if said.startswith(TWICE):
-        return _twice(text, line)
-    if "digits" in said and "limit" in said:
-        return "a whole number has more digits than any value needs."
-    if said.startswith("Unclosed"):
-        return _unclosed(text, line, column)
-    if "string" in said and "\\" in said:
-        return "a backslash in quotation marks begins a special character. Write paths with /, or the text in 'single quotes'."
-    if "\\n" in said or "Unterminated" in said or re.search(r"Expected ['\"]+'?\"?$", said):
-        return "the text that begins here has no quotation mark at its end." if not before else _open_text(row)
-    if not rest.isprintable() or "Illegal character" in said or "Found invalid character" in said:
-        return "a control character. Was the file damaged, or is it no text?"
+        return _twice("\n".join([*rows[: line - 1], rows[line - 1][: column - 1]]))
     if "Invalid value" in said:
-        return _no_value(rest, before)
+        word = re.split(r"[,\]}]", rest, maxsplit=1)[0].strip()
+        if word.lower() in TRUTH:
+            return f" Write {TRUTH[word.lower()]}."
+        return f" Text needs quotation marks: {quoted(word)}." if re.match(r"[^\W\d]|[./~]", word) else ""
     if "after a statement" in said:
-        return _more_than_a_value(row, rest, before)
-    if "Expected '='" in said:
-        return _no_equals(rest, before)
-    if "declaration" in said:
-        bracket = "]]" if "]]" in said else "]"
-        return f"the header of a table is not closed with '{bracket}' behind its name; names with blanks need quotation marks."
-    if "key part" in said and (not rest or rest.startswith("}")) and "{" in row:
-        return "a table in braces stands on one line, without a comma behind its last entry. Longer ones get a [header]."
-    if "key part" in said or "Invalid statement" in said:
-        return _no_statement(rest)
-    return f"{said[:1].lower()}{said[1:]}."
+        return " Numbers have a point, no comma and no unit; text needs quotation marks; several values stand in [brackets]."
+    return " A comma or a bracket is missing before this." if said.startswith("Unclosed") else ""
 
 
-def _twice(text: str, line: int) -> str:
-    """Which key or table is there a second time in a line, and where it is first."""
+def _twice(text: str) -> str:
+    """Name the last key in the text that is there before, and its line."""
     first: dict[Loc, int] = {}
-    again: list[tuple[Loc, int]] = []
-    for loc, where in _occurrences(text):
-        if where == line and loc in first:
-            again.append((loc, first[loc]))
-        elif where < line:
-            first.setdefault(loc, where)
-    if not again:
-        return "a key or table is there twice."
-    loc, where = again[-1]
-    return (
-        f"'{path_of(loc)}' is there already, in line {where}. One of the two goes; lists of tables have [[two brackets]] each time."
-    )
-
-
-def _unclosed(text: str, line: int, column: int) -> str:
-    """Which bracket is open at a place."""
-    opened: list[tuple[str, int, int]] = []
-    pattern = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*|[][{}\n]', re.DOTALL)
-    number, start = 1, 0
-    for token in pattern.finditer(text):
-        one = token[0]
-        if (number, token.start() - start + 1) >= (line, column):
-            break
-        if one in CLOSING:
-            opened.append((one, number, token.start() - start + 1))
-        elif one in CLOSING.values() and opened:
-            opened.pop()
-        if "\n" in one:
-            number, start = number + one.count("\n"), token.start() + one.rindex("\n") + 1
-    if not opened:
-        return "a bracket is not closed."
-    bracket, number, where = opened[-1]
-    what = "the list" if bracket == "[" else "the table in braces"
-    return (
-        f"expected ',' or '{CLOSING[bracket]}': {what} that begins in line {number}, column {where} is not closed, "
-        "or a comma is missing in it."
-    )
-
-
-def _open_text(row: str) -> str:
-    mark = "'" if row.count('"') % 2 == 0 else '"'
-    return f"the text that begins in column {row.find(mark) + 1} has no {mark} at its end."
-
-
-def _no_value(rest: str, before: str) -> str:
-    word = re.split(r"[\s,\]}#]", rest, maxsplit=1)[0]
-    if not rest or rest.startswith("#"):
-        return "the value is missing behind '='."
-    if rest[0] in ",]}":
-        return "a value is missing before this: is there one comma too many?"
-    if rest.startswith("="):
-        return "one '=' is enough."
-    if rest[0] in "“”„‘’«»`´":
-        return "text stands in plain quotation marks, \"so\" or 'so'; these are others."
-    if word.lower() in ("true", "false", "yes", "no", "on", "off"):
-        return f"{word} is no value; write {'true' if word.lower() in ('true', 'yes', 'on') else 'false'}."
-    if word.lower() in ("none", "null"):
-        return f"{word} is no value in TOML: leave the key out to have its default."
-    if re.match(r"[+-]?\.\d", word):
-        return f"{shown(word)} is no number in TOML; write a digit before the point, as in 0.5."
-    if re.match(r"[^\W\d]|[./~]", word):
-        return f"text needs quotation marks: {quoted(rest.split('#')[0].strip().rstrip(',]}'))}."
-    return f"{shown(word)} is no value: neither a number, nor text in quotation marks, true or false, a [list] or a {{table}}."
-
-
-def _more_than_a_value(row: str, rest: str, before: str) -> str:
-    """The value ended, as the parser sees it, and more follows on the line."""
-    whole = row.partition("=")[2].split("#")[0].strip()
-    if row.lstrip().startswith("["):
-        return "more follows the header of a table; is there one bracket too many?"
-    if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", whole):
-        return f"a comma within a number; TOML writes {whole.replace(',', '.')}, and lists in [brackets]."
-    if "," in whole and re.fullmatch(r"[-+\d.,eE\s]+", whole):
-        return f"a list stands in brackets: [{whole}]."
-    if re.match(r"[+-]?0\d", whole):
-        return f"{shown(whole)} begins with 0, which TOML does not take for a number; leave the 0 out, or write text in quotes."
-    if re.fullmatch(r"[+-]?\d+\.([eE][+-]?\d+)?", whole):
-        return f"{shown(whole)} is no number in TOML; write a digit behind the point, as in 1.0."
-    if re.match(r"[+-]?\d[\d_.]*([eE][+-]?\d+)?\s*[^\W\d]+", whole) and '"' not in whole:
-        return (
-            f"{shown(whole)} is no number. Values are in the units that `units` names, and written without them; text needs quotes."
-        )
-    return "more follows the value: each key has a line of its own, and text needs quotation marks."
-
-
-def _no_equals(rest: str, before: str) -> str:
-    if rest.startswith(":"):
-        return "TOML writes '=' between a key and its value."
-    if not rest:
-        return f"a key without a value: `key = value`, or [{before}] if it is meant as a table."
-    return "expected '=' behind a key; keys with blanks or other signs than letters, digits, _ and - need quotation marks."
-
-
-def _no_statement(rest: str) -> str:
-    if rest.startswith("="):
-        return "the key is missing before '='."
-    if rest.startswith(("//", ";", "%", "/*")):
-        return "comments begin with #."
-    if rest[:1] in ("]", "}", ","):
-        return f"'{rest[0]}' closes or parts nothing: is the bracket before it missing, or is it one too many?"
-    return "expected `key = value`, a [table] or a # comment; keys with other signs than letters, digits, _ and - need quotes."
+    again: Loc = ()
+    for loc, line in _keys_and_entries(text):
+        if loc in first and isinstance(loc[-1], str):
+            again = loc
+        first.setdefault(loc, line)
+    where = f" '{path_of(again)}' is there already, in line {first[again]}: remove one of them." if again else ""
+    return f"{where} Lists of tables have [[two brackets]] each time."

@@ -11,6 +11,7 @@ from skfem_stvk.errors import SceneError, name_known
 from skfem_stvk.kernels.threads import threads
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.source import SceneSource
+from skfem_stvk.scene.syntax import lines_of, parsed
 
 GOOD = """units = "SI"
 
@@ -148,36 +149,33 @@ CASES = [
     Broken(
         "a number in quotes",
         [("210e9", '"210e9"')],
-        (
-            "scene.toml: materials.steel.young, line 14: got the text '210e9'; expected a number (stress): leave the "
-            "quotation marks out"
-        ),
+        "scene.toml: materials.steel.young, line 14: got '210e9'; expected a number without quotation marks",
     ),
     Broken(
         "a number with its unit",
         [("210e9", "210 GPa")],
         (
-            "scene.toml, line 14, column 13: '210 GPa' is no number. Values are in the units that `units` names, and "
-            "written without them; text needs quotes.\n    young = 210 GPa\n                ^"
+            "scene.toml, line 14, column 13: expected newline or end of document after a statement. Numbers have a point, no comma "
+            "and no unit; text needs quotation marks; several values stand in [brackets].\n    young = 210 GPa\n                ^"
         ),
     ),
     Broken(
         "a comma in a number",
         [("0.3", "0,3")],
         (
-            "scene.toml, line 15, column 12: a comma within a number; TOML writes 0.3, and lists in [brackets].\n    "
-            "poisson = 0,3\n               ^"
+            "scene.toml, line 15, column 12: expected newline or end of document after a statement. Numbers have a point, no comma "
+            "and no unit; text needs quotation marks; several values stand in [brackets].\n    poisson = 0,3\n               ^"
         ),
     ),
     Broken(
         "a negative modulus",
         [("210e9", "-210e9")],
-        "scene.toml: materials.steel.young, line 14: -2.1e+11 is not above 0",
+        "scene.toml: materials.steel.young, line 14: got -210000000000.0; expected a value greater than 0",
     ),
     Broken(
         "poisson below its range",
         [("poisson = 0.3", "poisson = -1")],
-        "scene.toml: materials.steel.poisson, line 15: -1 is outside (-1, 1/2), in plane stress (-1, 1)",
+        "scene.toml: materials.steel.poisson, line 15: got -1; expected a value greater than -1",
     ),
     Broken(
         "a probe that is a number",
@@ -214,8 +212,8 @@ CASES = [
         "a material twice",
         [('[[terms]]\ntype = "stvk"', '[materials.steel]\nyoung = 1e6\n\n[[terms]]\ntype = "stvk"')],
         (
-            "scene.toml, line 18, column 17: 'materials.steel' is there already, in line 12. One of the two goes; "
-            "lists of tables have [[two brackets]] each time.\n    [materials.steel]\n                    ^"
+            "scene.toml, line 18, column 17: cannot declare ('materials', 'steel') twice. 'materials.steel' is there already, in line "
+            "12: remove one of them. Lists of tables have [[two brackets]] each time.\n    [materials.steel]\n                    ^"
         ),
     ),
     Broken(
@@ -276,12 +274,12 @@ CASES = [
     Broken(
         "a step of zero",
         [("dt = 1e-4", "dt = 0")],
-        "scene.toml: analysis.dt, line 37: 0 is not above 0",
+        "scene.toml: analysis.dt, line 37: got 0; expected a value greater than 0",
     ),
     Broken(
         "a whole number that no float holds",
         [("[4, 2, 2]", f"[4, -1{'0' * 400}, 2]")],
-        f"scene.toml: mesh.cells[1], line 6: -1{'0' * 36}...{'0' * 39} is not at least 1",
+        f"scene.toml: mesh.cells[1], line 6: got -1{'0' * 36}...{'0' * 39}; expected a value greater than or equal to 1",
     ),
     Broken(
         "no step",
@@ -454,15 +452,12 @@ CASES = [
     Broken(
         "a bracket that is not closed",
         [("[4, 2, 2]", "[4, 2, 2")],
-        (
-            "scene.toml, line 8, column 1: expected ',' or ']': the list that begins in line 6, column 9 is not "
-            "closed, or a comma is missing in it.\n    [places]\n    ^"
-        ),
+        ("scene.toml, line 8, column 1: unclosed array. A comma or a bracket is missing before this.\n    [places]\n    ^"),
     ),
     Broken(
         "yes for true",
         [("[expect]", "checkpoint = yes\n\n[expect]")],
-        "scene.toml, line 46, column 14: yes is no value; write true.\n    checkpoint = yes\n                 ^",
+        "scene.toml, line 46, column 14: invalid value. Write true.\n    checkpoint = yes\n                 ^",
     ),
     Broken(
         "a name of the mesh taken",
@@ -529,6 +524,94 @@ def test_a_broken_scene_gets_its_message(case, tmp_path, monkeypatch, capsys):
     assert [path.name for path in tmp_path.iterdir() if path.name not in ("scene.toml", "scene")] == []
 
 
+#: Keys of every form, each with its line as its value or in its name.
+FORMS = '''one = 1 # [no]
+"two # 2" = 2
+three.a . "b.c" = 3
+list = [
+  5, # ], not the end
+  [6,
+   7],
+  { k = 8, "m" = { n = 8 } },
+]
+text = """10
+[eleven]
+t = 12"""
+other = \'\'\'
+"""
+# \'\'\'
+more = [ """
+""", "#]", 17.5e-3, 1979-05-27 07:32:00 ]
+[[terms]]
+g = 19
+[terms.time]
+k = 21
+[[terms]]
+[[terms.parts]]
+u = 24
+[[terms.parts]]
+u = 26
+[ x . "y z" ]
+w = 28
+'''
+LINES = {
+    ("one",): 1,
+    ("two # 2",): 2,
+    ("three", "a", "b.c"): 3,
+    ("list",): 4,
+    ("list", 0): 5,
+    ("list", 1): 6,
+    ("list", 1, 1): 7,
+    ("list", 2, "m", "n"): 8,
+    ("text",): 10,
+    ("other",): 13,
+    ("more", 0): 16,
+    ("more", 1): 17,
+    ("more", 3): 17,
+    ("terms", 0): 18,
+    ("terms", 0, "g"): 19,
+    ("terms", 0, "time"): 20,
+    ("terms", 0, "time", "k"): 21,
+    ("terms", 1): 22,
+    ("terms", 1, "parts", 0): 23,
+    ("terms", 1, "parts", 0, "u"): 24,
+    ("terms", 1, "parts", 1, "u"): 26,
+    ("x", "y z"): 27,
+    ("x", "y z", "w"): 28,
+}
+
+
+def places(data, loc=()):
+    """All keys and entries of lists in data."""
+    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    return {loc}.union(*(places(value, (*loc, one)) for one, value in entries))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_keys_of_every_form_have_their_line(end):
+    lines = lines_of(FORMS.replace("\n", end))
+    assert lines.keys() | {()} == places(parsed(FORMS, "forms.toml"))
+    assert {loc: lines[loc] for loc in LINES} == LINES
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a = 1\n[b]\na = 2\na = {x = 3}\n", "line 4, column 12: cannot overwrite a value. 'b.a' is there already, in line 3"),
+        ("a.b = 1\na = [1,\n2]\n", "line 3, column 3: cannot overwrite a value. 'a' is there already, in line 1"),
+        ("[[a]]\nb = [1]\n[a]\n", "line 3, column 3: cannot declare ('a',) twice. 'a' is there already, in line 1"),
+        ("x = {a = 1, 'a' = 2}\n", "'x.a' is there already, in line 1: remove one of them"),
+        ("x = [bar/soft.msh, 2]\n", 'line 1, column 6: invalid value. Text needs quotation marks: "bar/soft.msh".'),
+        ("x = No # not\n", "line 1, column 5: invalid value. Write false."),
+        ("x = 'open\n", 'line 1, column 10: expected "\'"'),
+        ("x = [1,\n", "line 1, column 8: invalid value"),
+    ],
+)
+def test_text_that_is_no_toml_gets_its_place_and_the_words_of_the_parser(text, said):
+    with pytest.raises(SceneError, match=re.escape(said)):
+        parsed(text, "scene.toml")
+
+
 def test_all_errors_are_said_at_once_in_the_order_of_lines(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     wrong = [
@@ -548,11 +631,11 @@ def test_all_errors_are_said_at_once_in_the_order_of_lines(tmp_path, monkeypatch
 def test_a_value_that_is_set_is_named_by_its_setting(tmp_path, capsys):
     path = str(broken(tmp_path, []))
     for setting, message in (
-        ("analysis.dt=0", "analysis.dt, from --set analysis.dt=0: 0 is not above 0"),
+        ("analysis.dt=0", "analysis.dt, from --set analysis.dt=0: got 0; expected a value greater than 0"),
         ("terms[7].g=[0,0,1]", "--set terms[7].g=[0,0,1]: terms has 3 entries, counted from 0; there is none of the number 7."),
         ("terms.g=1", "terms is no table, and has no key 'g'; entries of a list have a number, as in terms[0].g"),
         ("analysis.dt", "expected KEY=VALUE"),
-        ("analysis.dt=[1", "is not closed"),
+        ("analysis.dt=[1", "unclosed array"),
         ("analysis.dt=0.1\nuntil=5", "has several lines with keys; expected one value"),
         ("analysis.dt=0.1\n[output]\nevery = 3", "has several lines with keys; expected one value"),
         (".analysis.dt=1", "'.analysis.dt' is no key"),
@@ -562,7 +645,7 @@ def test_a_value_that_is_set_is_named_by_its_setting(tmp_path, capsys):
         ("matrials.steel.young=1", "matrials, from --set matrials.steel.young=1: unknown key; did you mean 'materials'?"),
         (
             "materials.steel.young=soft",
-            "materials.steel.young, from --set materials.steel.young=soft: got the text 'soft'; expected a number",
+            "materials.steel.young, from --set materials.steel.young=soft: got 'soft'; expected a number",
         ),
     ):
         assert main(["solve", path, "--set", setting]) == 2

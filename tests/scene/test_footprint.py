@@ -34,7 +34,7 @@ ADDED = {
     "neo-hookean": {"material": "rubber"},
 }
 #: Terms whose matrix is made of blocks of pairs of nodes, in a row of their own.
-BLOCKS = ("pressure", "spring-network", "edge-network", "elastic-foundation")
+BLOCKS = ("pressure", "elastic-foundation")
 
 
 def costs(*terms, **changed):

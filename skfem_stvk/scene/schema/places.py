@@ -75,21 +75,31 @@ def _kind(otherwise: str) -> Callable[[Any], str]:
     return kind
 
 
+#: Words for a shape in messages.
+SHAPES = "a table with type = one of box, plane, nodes"
 Shape: TypeAlias = Annotated[BoxPlace, Tag("box")] | Annotated[PlanePlace, Tag("plane")] | Annotated[NodesPlace, Tag("nodes")]
 #: What stands in `[places]`.
 Place = Annotated[
     Annotated[Components, Tag("coordinates")] | Shape,
-    Discriminator(_kind("no place"), custom_error_type="place", custom_error_message="expected coordinates, or a table"),
+    Discriminator(
+        _kind("no place"), custom_error_type="place", custom_error_message=f"Input should be coordinates [x, y, z], or {SHAPES}"
+    ),
 ]
 #: Where something is: a name of the mesh or of `[places]`, coordinates of the nearest node, or a shape.
 PlaceOrName = Annotated[
     Annotated[Name, Tag("name")] | Annotated[Components, Tag("coordinates")] | Shape,
-    Discriminator(_kind("name"), custom_error_type="place", custom_error_message="expected a name, coordinates, or a table"),
+    Discriminator(
+        _kind("name"), custom_error_type="place", custom_error_message=f"Input should be a name, coordinates [x, y, z], or {SHAPES}"
+    ),
 ]
 #: On which elements something is: a subdomain of the mesh or a box of `[places]` by name, a box, or numbers.
 Region = Annotated[
     Annotated[Name, Tag("name")] | Annotated[BoxPlace, Tag("box")] | Annotated[ElementsRegion, Tag("elements")],
-    Discriminator(_kind("name"), custom_error_type="region", custom_error_message="expected a name, or a table"),
+    Discriminator(
+        _kind("name"),
+        custom_error_type="region",
+        custom_error_message="Input should be a name, or a table with type = one of box, elements",
+    ),
 ]
 
 
