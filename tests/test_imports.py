@@ -19,7 +19,6 @@ HEAVY = [
     "matplotlib",
     "pyvista",
     "pyamg",
-    "tomlkit",
     "pypardiso",
     "gmsh",
     "h5py",
@@ -74,7 +73,7 @@ USES = {
     ),
     "a scene": (
         BODY + "from skfem_stvk import Scene\nScene.of(system, {'type': 'static'}).system()",
-        "pydantic meshio filelock tomlkit scipy.spatial",
+        "pydantic meshio filelock scipy.spatial",
     ),
     "a picture": (STATIC + "result.plot(path='body.png')", "matplotlib"),
 }

@@ -34,7 +34,6 @@ PACKAGES = (
     "pyamg",
     "filelock",
     "pydantic",
-    "tomlkit",
 )
 #: Optional packages, and what installs them.
 OPTIONAL = {

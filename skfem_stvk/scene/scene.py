@@ -28,7 +28,8 @@ from .report import write_report
 from .run import RTOL, solve
 from .schema import SceneTables
 from .schema.analyses import OPTIONS
-from .source import SceneSource, written
+from .source import SceneSource
+from .syntax import written
 from .units import implausible
 
 
@@ -219,7 +220,7 @@ class Scene:
         if self._mesh is not None:
             data["mesh"]["file"] = write_mesh(target.with_suffix(".vtu"), self._mesh).name
         with replacing(target) as part:
-            part.write_text(written(data, {}), encoding="utf-8")
+            part.write_text(written(data), encoding="utf-8")
         return target
 
     @property

@@ -1,8 +1,7 @@
-"""The text of a scene: its data, where each key stands, values that are set anew; and how a scene is written."""
+"""The text of a scene: its data, the line of each key, and values that are set anew."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
@@ -11,12 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import tomlkit
-
 from ..arguments import shown
-from ..errors import SceneError, StvkError, name_known
+from ..errors import SceneError, name_known
 from ..results.files import content_of
-from .syntax import DEEPEST, Loc, lines_of, parsed, path_of, quoted, refuse_too_much
+from .syntax import DEEPEST, Loc, lines_of, parsed, path_of, refuse_too_much, value_text
 
 #: Files that are larger are no scenes.
 LARGEST = 10_000_000
@@ -188,58 +185,6 @@ def _not_read(message: str) -> SceneError:
     return SceneError(message, [("", None, message)])
 
 
-def written(data: Mapping[str, Any], comments: Mapping[Loc, str] | None = None) -> str:
-    """A scene as TOML text: tables under headers, lists of tables with a header each, short tables within in braces.
-
-    `comments` stand behind keys and headers, by their place.
-
-    >>> print(written({"units": "SI", "terms": [{"type": "gravity", "g": [0.0, -9.81]}]}, {("terms", 0, "g"): "[m/s^2]"}))
-    units = "SI"
-    <BLANKLINE>
-    [[terms]]
-    type = "gravity"
-    g = [0.0, -9.81] # [m/s^2]
-    <BLANKLINE>
-    """
-    document = tomlkit.document()
-    _fill(document, data, (), comments or {})
-    return tomlkit.dumps(document).strip() + "\n"
-
-
-def _fill(container: Any, data: Mapping[str, Any], loc: Loc, comments: Mapping[Loc, str]) -> None:
-    """Put data into a table: values first, then tables and lists of tables."""
-    tables = {name: one for name, one in data.items() if isinstance(one, Mapping) or _is_list_of_tables(one)}
-    for name, value in data.items():
-        if name not in tables:
-            container.add(name, _commented(tomlkit.item(value), (*loc, name), comments))
-    for name, value in tables.items():
-        place = (*loc, name)
-        if isinstance(value, Mapping):
-            table = tomlkit.table(is_super_table=_is_super(value))
-            _fill(table, value, place, comments)
-            container.add(name, _commented(table, place, comments))
-            continue
-        entries = tomlkit.aot()
-        for number, one in enumerate(value):
-            table = tomlkit.table()
-            _fill(table, one, (*place, number), comments)
-            entries.append(_commented(table, (*place, number), comments))
-        container.add(name, entries)
-
-
-def _commented(item: Any, place: Loc, comments: Mapping[Loc, str]) -> Any:
-    return item.comment(comments[place]) if place in comments else item
-
-
-def _is_super(table: Mapping[str, Any]) -> bool:
-    """Whether a table holds other tables alone, so that it needs no header of its own."""
-    return bool(table) and all(isinstance(one, Mapping) for one in table.values())
-
-
-def _is_list_of_tables(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
-
-
 # values of a sweep
 
 
@@ -300,7 +245,7 @@ def _given(settings: Mapping[str, Iterable[Any]] | Sequence[str], wrong: list[st
             if isinstance(values, str | Mapping) or not isinstance(values, Iterable) or not (listed := list(values)):
                 wrong.append(f"{key}: got {shown(values)}; expected a list of values, such as [1e9, 2e9]")
             else:
-                yield str(key), [_toml(one) for one in listed]
+                yield str(key), [value_text(one) for one in listed]
         return
     for given in [settings] if isinstance(settings, str) else settings:
         key, *rest = split(given, "=")
@@ -334,22 +279,6 @@ def split(text: str, mark: str) -> list[str]:
             parts.append(text[begin:place].strip())
             begin = place + 1
     return [*parts, text[begin:].strip()]
-
-
-def _toml(value: Any) -> str:
-    """A value of Python's as TOML has it on one line."""
-    value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{quoted(str(name))} = {_toml(one)}" for name, one in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str | os.PathLike):
-        return quoted(os.fspath(value))
-    raise StvkError(f"got {shown(value)}; expected a number, a text, true or false, or a list or table of such: what TOML has.")
 
 
 def refuse_all(wrong: Sequence[str], name: str) -> None:

@@ -1,13 +1,15 @@
-"""TOML text turned into data, with the line of each key; or an error that says where the text is no TOML."""
+"""TOML text turned into data, with the line of each key, or an error that says where the text is no TOML; and data as TOML text."""
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
-from ..errors import SceneError
+from ..arguments import shown
+from ..errors import SceneError, StvkError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -234,3 +236,63 @@ def _twice(text: str) -> str:
         first.setdefault(loc, line)
     where = f" '{path_of(again)}' is there already, in line {first[again]}: remove one of them." if again else ""
     return f"{where} Lists of tables have [[two brackets]] each time."
+
+
+# data as text
+
+
+def written(data: Mapping[str, Any]) -> str:
+    """Return data as TOML text: tables under headers, lists of tables with a header each, values on one line.
+
+    >>> print(written({"units": "SI", "terms": [{"type": "gravity", "g": [0.0, -9.81]}], "fixed": {"left wall": "xyz"}}))
+    units = "SI"
+    <BLANKLINE>
+    [[terms]]
+    type = "gravity"
+    g = [0.0, -9.81]
+    <BLANKLINE>
+    [fixed]
+    "left wall" = "xyz"
+    <BLANKLINE>
+    """
+    return "\n".join(_rows(data, ())).strip() + "\n"
+
+
+def _rows(table: Mapping[str, Any], loc: Loc) -> Iterator[str]:
+    """Yield the lines of a table: values first, then tables and lists of tables; one that holds tables alone needs no header."""
+    inner = {name: one for name, one in table.items() if isinstance(one, Mapping) or _is_list_of_tables(one)}
+    for name, value in table.items():
+        if name not in inner:
+            yield f"{path_of((name,))} = {value_text(value)}"
+    for name, one in inner.items():
+        header = path_of((*loc, name))
+        for each in one if isinstance(one, list) else [one]:
+            if isinstance(one, list):
+                yield from ("", f"[[{header}]]")
+            elif not one or not all(isinstance(value, Mapping) for value in one.values()):
+                yield from ("", f"[{header}]")
+            yield from _rows(each, (*loc, name))
+
+
+def _is_list_of_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
+
+
+def value_text(value: Any) -> str:
+    """Return a value of Python's as TOML text on one line. StvkError for one that TOML does not have.
+
+    >>> value_text([1e-5, True, "a", {"b c": 1}])
+    '[1e-05, true, "a", {"b c" = 1}]'
+    """
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{path_of((str(name),))} = {value_text(one)}" for name, one in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(value_text, value)) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str | os.PathLike):
+        return quoted(os.fspath(value))
+    raise StvkError(f"got {shown(value)}; expected a number, a text, true or false, or a list or table of such: what TOML has.")

@@ -6,14 +6,13 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, get_args, get_origin
 
-import tomlkit
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from ..arguments import choice
 from .schema import SceneTables
 from .schema.quantities import bare, is_union, literals, members
-from .syntax import Loc, lines_of, parsed
+from .syntax import Loc, lines_of, parsed, value_text
 from .units import UNITS, UnitSystem
 
 #: Column in which sentences begin behind the values of examples.
@@ -185,7 +184,7 @@ def example(kind: str) -> str:
         for name in sorted(keys.keys() - table.keys()):
             default = keys[name].default
             if default is not PydanticUndefined and not isinstance(default, BaseModel | dict | list):
-                given = "..." if default is None else tomlkit.item(default).as_string()
+                given = "..." if default is None else value_text(default)
                 line = max(written.values(), default=lines[loc])
                 added.setdefault(line, []).append(_commented(f"# {name} = {given}", keys[name], units))
     out = ["# A scene: `skfem-stvk solve FILE` solves it, `skfem-stvk init --keys` prints all keys."]

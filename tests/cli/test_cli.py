@@ -189,6 +189,18 @@ def test_every_extra_of_the_package_is_among_the_optional_packages_of_info():
     assert names <= set(OPTIONAL)
 
 
+def test_every_required_package_has_its_reason_and_there_are_at_most_13():
+    required = [re.split("[><=;]", line)[0].strip() for line in project()["dependencies"]]
+    table = (
+        (Path(__file__).parents[2] / "CONTRIBUTING.md")
+        .read_text()
+        .partition("**Required dependencies**")[2]
+        .partition("**Tests")[0]
+    )
+    reasons = re.findall(r"^\| (?!package)(\S+) \| [^|]{6,} \|$", table, re.MULTILINE)
+    assert sorted(reasons) == sorted(required) and len(required) <= 13
+
+
 def entry_point(*arguments, **environment):
     """A process that does what the installed command does."""
     module, function = project()["scripts"]["skfem-stvk"].split(":")

@@ -11,7 +11,6 @@ from skfem_stvk.errors import SceneError, name_known
 from skfem_stvk.kernels.threads import threads
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.source import SceneSource
-from skfem_stvk.scene.syntax import lines_of, parsed
 
 GOOD = """units = "SI"
 
@@ -522,94 +521,6 @@ def test_a_broken_scene_gets_its_message(case, tmp_path, monkeypatch, capsys):
     assert words(said).removeprefix("error ") == words(case.message)
     assert "Traceback" not in said
     assert [path.name for path in tmp_path.iterdir() if path.name not in ("scene.toml", "scene")] == []
-
-
-#: Keys of every form, each with its line as its value or in its name.
-FORMS = '''one = 1 # [no]
-"two # 2" = 2
-three.a . "b.c" = 3
-list = [
-  5, # ], not the end
-  [6,
-   7],
-  { k = 8, "m" = { n = 8 } },
-]
-text = """10
-[eleven]
-t = 12"""
-other = \'\'\'
-"""
-# \'\'\'
-more = [ """
-""", "#]", 17.5e-3, 1979-05-27 07:32:00 ]
-[[terms]]
-g = 19
-[terms.time]
-k = 21
-[[terms]]
-[[terms.parts]]
-u = 24
-[[terms.parts]]
-u = 26
-[ x . "y z" ]
-w = 28
-'''
-LINES = {
-    ("one",): 1,
-    ("two # 2",): 2,
-    ("three", "a", "b.c"): 3,
-    ("list",): 4,
-    ("list", 0): 5,
-    ("list", 1): 6,
-    ("list", 1, 1): 7,
-    ("list", 2, "m", "n"): 8,
-    ("text",): 10,
-    ("other",): 13,
-    ("more", 0): 16,
-    ("more", 1): 17,
-    ("more", 3): 17,
-    ("terms", 0): 18,
-    ("terms", 0, "g"): 19,
-    ("terms", 0, "time"): 20,
-    ("terms", 0, "time", "k"): 21,
-    ("terms", 1): 22,
-    ("terms", 1, "parts", 0): 23,
-    ("terms", 1, "parts", 0, "u"): 24,
-    ("terms", 1, "parts", 1, "u"): 26,
-    ("x", "y z"): 27,
-    ("x", "y z", "w"): 28,
-}
-
-
-def places(data, loc=()):
-    """All keys and entries of lists in data."""
-    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    return {loc}.union(*(places(value, (*loc, one)) for one, value in entries))
-
-
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_keys_of_every_form_have_their_line(end):
-    lines = lines_of(FORMS.replace("\n", end))
-    assert lines.keys() | {()} == places(parsed(FORMS, "forms.toml"))
-    assert {loc: lines[loc] for loc in LINES} == LINES
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("a = 1\n[b]\na = 2\na = {x = 3}\n", "line 4, column 12: cannot overwrite a value. 'b.a' is there already, in line 3"),
-        ("a.b = 1\na = [1,\n2]\n", "line 3, column 3: cannot overwrite a value. 'a' is there already, in line 1"),
-        ("[[a]]\nb = [1]\n[a]\n", "line 3, column 3: cannot declare ('a',) twice. 'a' is there already, in line 1"),
-        ("x = {a = 1, 'a' = 2}\n", "'x.a' is there already, in line 1: remove one of them"),
-        ("x = [bar/soft.msh, 2]\n", 'line 1, column 6: invalid value. Text needs quotation marks: "bar/soft.msh".'),
-        ("x = No # not\n", "line 1, column 5: invalid value. Write false."),
-        ("x = 'open\n", 'line 1, column 10: expected "\'"'),
-        ("x = [1,\n", "line 1, column 8: invalid value"),
-    ],
-)
-def test_text_that_is_no_toml_gets_its_place_and_the_words_of_the_parser(text, said):
-    with pytest.raises(SceneError, match=re.escape(said)):
-        parsed(text, "scene.toml")
 
 
 def test_all_errors_are_said_at_once_in_the_order_of_lines(tmp_path, monkeypatch, capsys):
