@@ -14,12 +14,23 @@ from skfem_stvk import Gravity, StVK, System, Traction, VelocityVerlet, modes, s
 from skfem_stvk.bench import Plan, bench
 from skfem_stvk.cli.main import COMMANDS, Command, main
 from skfem_stvk.dynamics import INTEGRATORS
+from skfem_stvk.errors import SceneError
 from skfem_stvk.linear import SOLVERS
 from skfem_stvk.peers import PEERS, available, load
 from skfem_stvk.peers.peer import Package
+from skfem_stvk.scene import Scene
+from skfem_stvk.scene.templates import json_schema
 from validation import hard
 
 STEEL = StVK(young=1e5, poisson=0.3, density=1000.0)
+#: A scene that each of these changes.
+BAR = {
+    "mesh": {"type": "box", "size": [2.0, 1.0, 1.0], "cells": [2, 1, 1]},
+    "materials": {"steel": {"model": "isotropic", "young": 1e5, "poisson": 0.3}},
+    "terms": [{"type": "stvk", "material": "steel"}, {"type": "traction", "on": "right", "traction": [0.0, 0.0, -2e3]}],
+    "fixed": {"left": "xyz"},
+    "analysis": {"type": "static", "steps": 2},
+}
 
 
 def bar(*loads):
@@ -56,6 +67,18 @@ def test_a_linear_solver_is_a_file_and_a_row(monkeypatch):
     path = solve_static(system, steps=2, solver="dense", method="arc-length", quiet=True)
     assert np.abs(path.u - right.u).max() < 1e-7 * np.abs(right.u).max() and path.history[-1].negative == 0
     assert modes(system, 2, solver="dense").frequencies == pytest.approx(modes(system, 2, solver="superlu").frequencies)
+
+
+def test_a_scene_takes_an_integrator_and_a_linear_solver_by_their_row(drift_kick, monkeypatch):
+    """Those that are registered when it is checked, with the same results as in Python; others are named beside them."""
+    monkeypatch.setattr(sys.modules["skfem_stvk.linear.choose"], "SOLVERS", (*SOLVERS, solver.Dense()))
+    free = System(box(2), [STEEL, Gravity((0, 0, -9.81))])
+    moved = Scene.of(free, {"type": "dynamic", "integrator": "drift-kick", "dt": 1e-6, "until": 1e-4})
+    assert np.array_equal(moved.solve(quiet=True).result.u, simulate(free, drift_kick(dt=1e-6), until=1e-4, quiet=True).u)
+    assert Scene.of_data(BAR | {"solver": {"name": "dense"}}).solve(quiet=True).result.solver == "dense"
+    with pytest.raises(SceneError, match=r"solver\.name: 'dence' is not known here; did you mean 'dense'\?"):
+        Scene.of_data(BAR | {"solver": {"name": "dence"}})
+    assert "dense" in json_schema() and "drift-kick" in json_schema()
 
 
 def test_a_peer_is_a_file_and_a_row(monkeypatch):

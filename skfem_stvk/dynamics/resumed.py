@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import StvkError, StvkWarning, name_ids
-from ..linear.choose import SOLVERS
+from ..linear.choose import solver_names
 from ..results.files import NotOurs, Outlets
 from ..results.store import refusing_damage
 from ..system import System
@@ -97,7 +97,7 @@ def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
             "Give the same integrator again."
         )
     options: dict[str, Any] = dict(kept.options)
-    solvers = ["auto", *(one.name for one in SOLVERS)]
+    solvers = solver_names()
     try:
         if options.get("solver", "auto") not in solvers:
             raise ValueError(f"solver = {options['solver']!r}")

@@ -181,7 +181,7 @@ def _begun(system: System | ReducedLike, options: Options, stack: ExitStack) -> 
 
 
 def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: float, dt: float) -> MotionState:
-    """Return the first state with constrained degrees of freedom as prescribed; their velocities are differences over a part of `dt`.
+    """Return the first state. Constrained degrees of freedom are as prescribed, their velocities differences over a part of `dt`.
 
     Raises
     ------

@@ -39,6 +39,11 @@ ENTRIES = 45
 SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg(), SsorCg())
 
 
+def solver_names() -> list[str]:
+    """Return "auto" and the names of all solvers."""
+    return ["auto", *(one.name for one in SOLVERS)]
+
+
 def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> LinearSolver:
     """The solver of this name, the object itself, or for "auto" what `docs/solvers.md` measured to be fastest for `n` unknowns.
 

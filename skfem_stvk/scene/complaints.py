@@ -109,7 +109,8 @@ def _in_words(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:
     if kind == "extra_forbidden":
         return spot.loc, _unknown(spot)
     if kind == "literal_error":
-        return spot.loc, _none_of(given, list(map(str, literals(spot.annotation))))
+        known = error["ctx"].get("names", literals(spot.annotation))
+        return spot.loc, _none_of(given, list(map(str, known)))
     return spot.loc, f"got {shown(given)}; expected {_expected(error, given)}"
 
 

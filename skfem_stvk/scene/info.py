@@ -179,7 +179,7 @@ def inspect_mesh(
     """
     found = Inspection("SI")
     _mesh(found, mesh)
-    constants = {name: value for name, value in (("young", young), ("density", density)) if value is not None}
+    constants: dict[str, Any] = {name: value for name, value in (("young", young), ("density", density)) if value is not None}
     with found.part("units"):
         given = SceneTables.model_construct(materials={"given": IsotropicModel.model_construct(**constants)})
         for text in implausible(given, mesh):

@@ -239,7 +239,7 @@ def rows_of(model: type[BaseModel]) -> list[KeyRow]:
 def _type_in_words(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
     annotation, more = bare(annotation)
     metadata = (*metadata, *more)
-    if values := literals(annotation):
+    if values := literals(annotation, metadata):
         return " or ".join(json.dumps(value) for value in values)
     if is_union(annotation):
         words = [_type_in_words(one, metadata) for _, one in members(annotation)]

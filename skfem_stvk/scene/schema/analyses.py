@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
 from ...dynamics import EdgeDamping, Integrator, PrincipalStressLimit, Rayleigh
 from ...dynamics.integrators import INTEGRATORS
+from ...dynamics.step_problem import StepTangent
+from ...linear.choose import solver_names
 from ...statics import Stop
 from .places import PlaceOrName
-from .quantities import Part, key
+from .quantities import OneOf, Part, key
 
 if TYPE_CHECKING:
     from ...reduced import ReducedSystem
@@ -23,7 +27,7 @@ Fraction = Annotated[float, Field(gt=0, lt=1)]
 class Solver(Part):
     """How linear systems are solved, and how well equilibrium has to be found. Explicit integrators have no use for it."""
 
-    name: Annotated[Literal["auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg"], key("Linear solver.")] = "auto"
+    name: Annotated[Annotated[str, OneOf(solver_names)], key("Linear solver.")] = "auto"
     rtol: Annotated[
         float | None,
         key(
@@ -31,7 +35,7 @@ class Solver(Part):
         ),
     ] = None
     tangent: Annotated[
-        Literal["exact", "clamped", "gauss-newton", "warped", "diagonal", "rest"] | None,
+        Literal[tuple(one.value for one in StepTangent)] | None,  # type: ignore[valid-type]
         key("What implicit integrators solve with; by default the exact tangent."),
     ] = None
 
@@ -111,36 +115,29 @@ class Tearing(Part):
         return PrincipalStressLimit(self.stress, self.every)
 
 
-#: Integrators by their name in a scene, and the options that they alone have.
-NAMES = {
-    "forward-euler": "ForwardEuler",
-    "velocity-verlet": "VelocityVerlet",
-    "linear-backward-euler": "LinearBackwardEuler",
-    "backward-euler": "BackwardEuler",
-    "newmark": "Newmark",
-    "generalized-alpha": "GeneralizedAlpha",
-    "energy-momentum": "EnergyMomentum",
+def integrators() -> dict[str, type[Integrator]]:
+    """Return all integrators by their name in a scene: "newmark" for `Newmark`.
+
+    >>> list(integrators())[:3]
+    ['forward-euler', 'velocity-verlet', 'linear-backward-euler']
+    """
+    return {re.sub(r"(?<!^)(?=[A-Z])", "-", name).lower(): one for name, one in INTEGRATORS.items()}
+
+
+#: Options that one integrator alone has, and the name of this integrator.
+OPTIONS = {
+    one.name: name
+    for name, integrator in integrators().items()
+    for one in fields(integrator)
+    if one.name not in ("dt", "tangent", "solver", "rtol")
 }
-EXPLICIT = ("forward-euler", "velocity-verlet")
-OPTIONS = {"beta": "newmark", "gamma": "newmark", "rho": "generalized-alpha"}
 
 
 class DynamicAnalysis(Part):
     """Motion from a first state."""
 
     type: Literal["dynamic"]
-    integrator: Annotated[
-        Literal[
-            "forward-euler",
-            "velocity-verlet",
-            "linear-backward-euler",
-            "backward-euler",
-            "newmark",
-            "generalized-alpha",
-            "energy-momentum",
-        ],
-        key("How steps are made."),
-    ] = "energy-momentum"
+    integrator: Annotated[Annotated[str, OneOf(integrators)], key("How steps are made.")] = "energy-momentum"
     dt: Annotated[float | None, key("Time step; explicit integrators can do without: 0.85 of the critical one.", "time", gt=0)] = (
         None
     )
@@ -155,14 +152,14 @@ class DynamicAnalysis(Part):
     @property
     def explicit(self) -> bool:
         """Whether steps need forces alone."""
-        return self.integrator in EXPLICIT
+        return integrators()[self.integrator].explicit
 
     def method(self, solver: Solver) -> Integrator:
         """The integrator of the library."""
         own = self.model_dump(include={"dt", *OPTIONS}, exclude_none=True)
         if not self.explicit:
             own |= solver.model_dump(include={"rtol", "tangent"}, exclude_none=True) | {"solver": solver.name}
-        return INTEGRATORS[NAMES[self.integrator]](**own)
+        return integrators()[self.integrator](**own)
 
 
 class ModesAnalysis(Part):

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, Tag
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, Tag
+from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core.core_schema import no_info_after_validator_function
 
 
 class Part(BaseModel):
@@ -19,6 +22,24 @@ class Part(BaseModel):
 def key(sentence: str, dimension: str | None = None, **limits: Any) -> Any:
     """A key's sentence, the dimension of its value (see `scene.units`), and its limits as pydantic's `Field` takes them."""
     return Field(description=sentence, json_schema_extra={"dimension": dimension}, **limits)
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Metadata of a text that is one of some names: those that a table has when a scene is checked."""
+
+    names: Callable[[], Iterable[str]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_after_validator_function(self._checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return handler(schema) | {"enum": list(self.names())}
+
+    def _checked(self, given: str) -> str:
+        if given not in self.names():
+            raise PydanticCustomError("literal_error", "one of the names in a table", {"names": list(self.names())})
+        return given
 
 
 #: One to three components.
@@ -59,9 +80,12 @@ def members(annotation: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
             yield tags, one
 
 
-def literals(annotation: Any) -> list[Any]:
-    """Values that a key may have, if they are listed."""
-    annotation, _ = bare(annotation)
+def literals(annotation: Any, metadata: Iterable[Any] = ()) -> list[Any]:
+    """Values that a key may have, if they are listed in its type or in its metadata."""
+    annotation, more = bare(annotation)
+    for one in (*metadata, *more):
+        if isinstance(one, OneOf):
+            return list(one.names())
     if is_union(annotation):
         return [value for one in get_args(annotation) for value in literals(one)]
     return list(get_args(annotation)) if get_origin(annotation) is Literal else []
