@@ -10,7 +10,7 @@ import os
 import reprlib
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from math import inf, isfinite
 from numbers import Integral, Real
 from pathlib import Path
@@ -33,6 +33,27 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
 #: Variables of the environment by which a process that starts learns how many threads it has.
 THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Declaration of a parameter in the annotation of a field, from which the keys of scenes are derived.
+
+    Attributes
+    ----------
+    dimension : of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and places.
+    sentence : one sentence about it.
+    gt, ge, lt, le : limits of each of its numbers.
+    values : the texts that it may be, if these are few.
+    """
+
+    dimension: str | None
+    sentence: str
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+    values: tuple[str, ...] = ()
 
 
 def shown(value: Any) -> str:

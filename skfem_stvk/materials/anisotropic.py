@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, real_array, shown
+from ..arguments import Array, Quantity, real_array, shown
 from ..errors import MaterialError, name_ids
 from .material import FramedMaterial, constant
 
@@ -22,6 +22,10 @@ class HasElements(Protocol):
     def p(self) -> Array: ...
     @property
     def t(self) -> Array: ...
+
+
+#: A value for each of three axes or planes.
+Three: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +50,7 @@ class Anisotropic(FramedMaterial):
     skfem_stvk.errors.MaterialError: The elasticity matrix is not positive definite (lowest eigenvalue -1.00e+00). ...
     """
 
-    voigt: ArrayLike
+    voigt: Annotated[ArrayLike, Quantity("stress", "6 x 6 matrix in the order 11, 22, 33, 23, 13, 12, engineering shear.")]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "voigt", constant(self.voigt, "voigt", shape=(6, 6)))
@@ -80,9 +84,9 @@ class Orthotropic(FramedMaterial):
     (6, 6)
     """
 
-    young: tuple[ArrayLike, ArrayLike, ArrayLike]
-    poisson: tuple[ArrayLike, ArrayLike, ArrayLike]
-    shear: tuple[ArrayLike, ArrayLike, ArrayLike]
+    young: Annotated[Three, Quantity("stress", "Moduli along the axes: E_1, E_2, E_3.", gt=0)]
+    poisson: Annotated[Three, Quantity(None, "Ratios nu_23, nu_13, nu_12.")]
+    shear: Annotated[Three, Quantity("stress", "Shear moduli G_23, G_13, G_12.", gt=0)]
 
     def __post_init__(self) -> None:
         for name, labels in (("young", "123"), ("poisson", ("23", "13", "12")), ("shear", ("23", "13", "12"))):
@@ -136,11 +140,11 @@ class TransverselyIsotropic(FramedMaterial):
     (6, 6)
     """
 
-    young_axial: ArrayLike
-    young_transverse: ArrayLike
-    poisson_axial: ArrayLike
-    poisson_transverse: ArrayLike
-    shear_axial: ArrayLike
+    young_axial: Annotated[ArrayLike, Quantity("stress", "Modulus along the fibres.", gt=0)]
+    young_transverse: Annotated[ArrayLike, Quantity("stress", "Modulus across.", gt=0)]
+    poisson_axial: Annotated[ArrayLike, Quantity(None, "Contraction across under tension along the fibres.")]
+    poisson_transverse: Annotated[ArrayLike, Quantity(None, "Contraction across under tension across.", gt=-1, lt=1)]
+    shear_axial: Annotated[ArrayLike, Quantity("stress", "Shear modulus of planes that hold the fibres.", gt=0)]
 
     def __post_init__(self) -> None:
         limits = {"poisson_transverse": (-1.0, 1.0), "poisson_axial": (-np.inf, np.inf)}

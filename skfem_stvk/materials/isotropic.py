@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
+from ..arguments import Array, Quantity
 from ..errors import MaterialError
 from .material import Hypothesis, Material, check_length, constant
 
@@ -34,8 +35,11 @@ class Isotropic(Material):
     0.3
     """
 
-    young: ArrayLike
-    poisson: ArrayLike | None = None
+    young: Annotated[ArrayLike, Quantity("stress", "Young's modulus.", gt=0)]
+    poisson: Annotated[
+        ArrayLike | None,
+        Quantity(None, "Poisson's ratio, in solids and plane strain below 1/2; segments do without it.", gt=-1, lt=1),
+    ] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -44,7 +48,13 @@ class Isotropic(Material):
             object.__setattr__(self, "poisson", constant(self.poisson, "poisson", low=-1.0, high=1.0))
 
     @classmethod
-    def from_lame(cls, lam: ArrayLike, mu: ArrayLike, *, density: ArrayLike | None = None) -> Isotropic:
+    def from_lame(
+        cls,
+        lam: Annotated[ArrayLike, Quantity("stress", "First Lame constant.")],
+        mu: Annotated[ArrayLike, Quantity("stress", "Shear modulus.", gt=0)],
+        *,
+        density: ArrayLike | None = None,
+    ) -> Isotropic:
         """The material with these Lame constants [Pa]: `mu > 0` and `3 lam + 2 mu > 0`."""
         lam, mu = constant(lam, "lam"), constant(mu, "mu", low=0.0)
         bulk = constant(3 * lam + 2 * mu, "3 lam + 2 mu", low=0.0)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, real_array, shown
+from ..arguments import Array, Quantity, real_array, shown
 from ..errors import MaterialError, name_ids
 
 
@@ -31,7 +32,9 @@ class Hypothesis(Enum):
 class Material:
     """A linear relation `S = C : E` of second Piola-Kirchhoff stress and Green-Lagrange strain, without a mesh."""
 
-    density: ArrayLike | None = field(default=None, kw_only=True)
+    density: Annotated[ArrayLike | None, Quantity("density", "Mass density; motion, modes and gravity need it.", gt=0)] = field(
+        default=None, kw_only=True
+    )
 
     def __post_init__(self) -> None:
         if self.density is not None:
@@ -56,7 +59,9 @@ class FramedMaterial(Material, ABC):
     one more axis in front; the global axes by default.
     """
 
-    frame: ArrayLike | None = field(default=None, kw_only=True)
+    frame: Annotated[
+        ArrayLike | None, Quantity(None, "Rows of the matrix whose columns are the material axes; by default the global axes.")
+    ] = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

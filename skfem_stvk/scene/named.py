@@ -23,14 +23,12 @@ from ..system import System
 from ..system.supports import fixed_dofs
 from ..terms import EdgeNetwork, Ramp, Sine, Table
 from .schema import materials, terms
+from .schema.derived import KEYS
+from .schema.terms import LOADS
 
 #: The tables of a scene for terms and materials, by the name of what they stand for in the library.
-TERMS = {one.__name__.removesuffix("Term"): one for one in get_args(get_args(terms.Term)[0])}
-MATERIALS = {one.__name__.removesuffix("Model"): one for one in get_args(get_args(materials.Material)[0])}
-#: Keys of a scene that have another name in the library.
-KEYS = {"where": "on"}
-#: Keys whose values may be functions of time.
-LOADS = ("g", "force", "traction", "pressure")
+TERMS = {one.library.__name__: one for one in terms.TERMS}
+MATERIALS = {one.library.__name__: one for one in materials.MODELS.values()}
 #: Shapes of constants that are no numbers.
 SHAPES = {"frame": (3, 3), "voigt": (6, 6)}
 #: The mesh, beside the scene.

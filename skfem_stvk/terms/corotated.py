@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..arguments import Array, choice, real_array, shown
+from ..arguments import Array, Quantity, choice, real_array, shown
 from ..edges.assembly import FramedAssembly, StretchesAssembly
 from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness
 from ..edges.without_energy import VertexWarping
@@ -68,7 +68,10 @@ class Corotated(ElasticLaw):
 
     resists_inversion: ClassVar[bool] = True
 
-    rotation: str | Callable[[float], ArrayLike] = field(default="element", kw_only=True)
+    rotation: Annotated[
+        str | Callable[[float], ArrayLike],
+        Quantity(None, "Where the frames are: in elements, or at nodes.", values=("element", "vertex")),
+    ] = field(default="element", kw_only=True)
 
     def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
         if not callable(self.rotation):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, Quantity
 from ..mesh import ElementMesh
 from ..mesh.places import Where, describe, facets_at, in_order, vertices_at
 from .body import Body
@@ -47,7 +47,7 @@ class Gravity(Load):
 
     given_by = "g"
 
-    g: Any
+    g: Annotated[Any, Quantity("acceleration", "Acceleration.")]
 
     def bind(self, body: Body) -> Weight:
         spread = spread_over(body, lambda one: one.mass)
@@ -81,8 +81,8 @@ class BodyForce(Load):
 
     given_by = "force"
 
-    force: Any
-    region: str | NDArray[Any] | None = None
+    force: Annotated[Any, Quantity("force per volume", "Force per volume at rest.")]
+    region: Annotated[str | NDArray[Any] | None, Quantity(None, "Elements it acts on; by default all.")] = None
 
     def bind(self, body: Body) -> DeadLoad:
         if self.region is None:
@@ -119,8 +119,8 @@ class NodalLoad(Load):
 
     given_by = "force"
 
-    where: Where
-    force: Any
+    where: Annotated[Where, Quantity(None, "Place of the nodes.")]
+    force: Annotated[Any, Quantity("force", "Force on each node.")]
 
     def bind(self, body: Body) -> DeadLoad:
         what = f"NodalLoad on {describe(self.where)}"
@@ -159,8 +159,8 @@ class Traction(Load):
 
     given_by = "traction"
 
-    where: Where
-    traction: Any
+    where: Annotated[Where, Quantity(None, "Place of the boundary facets.")]
+    traction: Annotated[Any, Quantity("stress", "Force per area at rest.")]
 
     def bind(self, body: Body) -> DeadLoad:
         what = f"Traction on {describe(self.where)}"

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array, own, real_array, shown
+from ..arguments import Array, Quantity, own, real_array, shown
 from ..edges import ALL, NodeBlocks, Tensions
 from ..errors import LoadError
 from ..kernels.topology import edges_of_simplices
@@ -46,8 +47,8 @@ class ElasticFoundation:
     50.0
     """
 
-    where: Where
-    stiffness: ArrayLike
+    where: Annotated[Where, Quantity(None, "Place whose boundary facets are bedded.")]
+    stiffness: Annotated[ArrayLike, Quantity("stiffness per area", "Stiffness per area, of all components or of each.")]
 
     def __post_init__(self) -> None:
         k = real_array(self.stiffness)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..arguments import Array, choice, number
+from ..arguments import Array, Quantity, choice, number
 from ..edges.assembly import StretchesAssembly
 from ..edges.stiffness import StretchesStiffness
 from ..edges.without_energy import StressExtension
@@ -62,8 +62,12 @@ class InvertibleStVK(ElasticLaw):
 
     resists_inversion: ClassVar[bool] = True
 
-    threshold: float = field(default=0.6, kw_only=True)
-    extend: str = field(default="energy", kw_only=True)
+    threshold: Annotated[float, Quantity(None, "Principal stretch below which it is continued.", gt=0.5773502691896258, lt=1)] = (
+        field(default=0.6, kw_only=True)
+    )
+    extend: Annotated[
+        str, Quantity(None, "What is continued: the energy, or the stress as Irving does.", values=("energy", "stress"))
+    ] = field(default="energy", kw_only=True)
 
     def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
         super().__post_init__(young, poisson, density)

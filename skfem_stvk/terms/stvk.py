@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import flag
+from ..arguments import Quantity, flag
 from ..edges import Assembly, TensionAssembly
 from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffness, TensionStiffness
 from ..errors import MaterialError
@@ -57,7 +57,9 @@ class StVK(ElasticLaw):
     Source of the relaxed energy: Pipkin, "The relaxed energy density for isotropic elastic membranes" (1986).
     """
 
-    wrinkling: bool = field(default=False, kw_only=True)
+    wrinkling: Annotated[bool, Quantity(None, "Whether surfaces and cables give way to compression: tension fields.")] = field(
+        default=False, kw_only=True
+    )
 
     def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
         super().__post_init__(young, poisson, density)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import pi, sin
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..arguments import array, number, real_array, shown
+from ..arguments import Quantity, array, number, real_array, shown
 from ..errors import LoadError, name_ids
 
 NUMBER = "a finite number"
@@ -65,8 +65,8 @@ class Ramp(InTime):
     Ramp(value=(0.0, 0.0, -2000000.0), until=0.1, start=0.0)
     """
 
-    until: float
-    start: float = 0.0
+    until: Annotated[float, Quantity("time", "When it is 1.")]
+    start: Annotated[float, Quantity("time", "Until when it is 0.")] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -99,8 +99,8 @@ class Sine(InTime):
     (0.01, 0.0)
     """
 
-    frequency: float
-    phase: float = 0.0
+    frequency: Annotated[float, Quantity("frequency", "Cycles per time.", gt=0)]
+    phase: Annotated[float, Quantity(None, "Angle at time 0 in radians: pi/2 makes it a cosine.")] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,8 +135,8 @@ class Table(InTime):
     times that are near each other.
     """
 
-    times: tuple[float, ...]
-    factors: tuple[float, ...]
+    times: Annotated[tuple[float, ...], Quantity("time", "Times, ascending.")]
+    factors: Annotated[tuple[float, ...], Quantity(None, "The factor at each of these times.")]
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import Array, choice, own
+from ..arguments import Array, Quantity, choice, own
 from ..edges import PenaltyAssembly
 from ..edges.assembly import refuse_inside_out
 from ..edges.penalty import BARRIER_IS_INFINITE
@@ -67,9 +67,11 @@ class VolumePenalty:
 
     resists_inversion: ClassVar[bool] = True
 
-    stiffness: ArrayLike | None = None
-    kind: str = "barrier"
-    region: str | NDArray[Any] | None = None
+    stiffness: Annotated[ArrayLike | None, Quantity("stress", "Stiffness; by default the usual part of the material's.", gt=0)] = (
+        None
+    )
+    kind: Annotated[str, Quantity(None, "Of the energy.", values=tuple(sorted(ENERGIES)))] = "barrier"
+    region: Annotated[str | NDArray[Any] | None, Quantity(None, "Elements it is on; by default all.")] = None
 
     def __post_init__(self) -> None:
         choice("VolumePenalty: kind", self.kind, ENERGIES, MaterialError)

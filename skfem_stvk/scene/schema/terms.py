@@ -1,8 +1,8 @@
-"""Terms of a scene: laws, networks, penalties and loads, told apart by `type`. Each says how it is made; a new one is a class."""
+"""Terms of a scene: laws, networks, penalties and loads, told apart by `type`, with the keys that the library declares."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -13,9 +13,11 @@ from ...errors import MeshError
 from ...materials import Material
 from ...mesh import ElementMesh
 from ...mesh.places import Where
+from ...terms.spring_network import RULES
 from ...terms.times import Ramp, Sine, Table
+from .derived import KEYS, Derived, derived, one_of
 from .places import PlaceOrName, Region
-from .quantities import Components, Name, Part, key
+from .quantities import Components, Name, key
 
 
 class Known(Protocol):
@@ -33,44 +35,30 @@ class Known(Protocol):
         """A region as terms take it."""
 
 
-class RampTime(Part):
-    """A factor that grows from 0 to 1 at a constant rate, and stays 1."""
+class AnyTime(Derived):
+    """A factor that depends on time."""
 
-    type: Literal["ramp"]
-    until: Annotated[float, key("When it is 1.", "time")]
-    start: Annotated[float, key("Until when it is 0.", "time")] = 0.0
-
-    def function(self, value: Any) -> Ramp:
+    def function(self, value: Any) -> Any:
         """The value times the factor, as a function of time."""
-        return Ramp(value, until=self.until, start=self.start)
+        options = {name: tuple(one) if isinstance(one, list) else one for name, one in self if name != "type"}
+        return self.library(value, **options)
 
 
-class SineTime(Part):
-    """The factor `sin(2 pi frequency t + phase)`."""
-
-    type: Literal["sine"]
-    frequency: Annotated[float, key("Cycles per time.", "frequency", gt=0)]
-    phase: Annotated[float, key("Angle at time 0 in radians: pi/2 makes it a cosine.")] = 0.0
-
-    def function(self, value: Any) -> Sine:
-        """The value times the factor, as a function of time."""
-        return Sine(value, frequency=self.frequency, phase=self.phase)
-
-
-class TableTime(Part):
-    """A factor by times and values, linear between them, constant before and after."""
-
-    type: Literal["table"]
-    times: Annotated[list[float], key("Times, ascending.", "time", min_length=1)]
-    factors: Annotated[list[float], key("The factor at each of these times.", min_length=1)]
-
-    def function(self, value: Any) -> Table:
-        """The value times the factor, as a function of time."""
-        return Table(value, times=tuple(self.times), factors=tuple(self.factors))
-
-
-#: How a load or a prescribed displacement changes with time; in statics with the load factor.
-Time = Annotated[RampTime | SineTime | TableTime, Field(discriminator="type")]
+if TYPE_CHECKING:
+    Time: TypeAlias = AnyTime
+else:
+    #: How a load or a prescribed displacement changes with time; in statics with the load factor.
+    Time = one_of(
+        (
+            derived(f"{library.__name__}Time", AnyTime, library, sentence, ("type", library.__name__.lower()))
+            for library, sentence in (
+                (Ramp, "A factor that grows from 0 to 1 at a constant rate, and stays 1."),
+                (Sine, "The factor `sin(2 pi frequency t + phase)`."),
+                (Table, "A factor by times and values, linear between them, constant before and after."),
+            )
+        ),
+        "type",
+    )
 TIME = "Factor of time; by default constants ramp with the load factor in statics, and are what they are in motion."
 
 
@@ -91,7 +79,31 @@ def in_columns(given: Any) -> Any:
     return np.array(given).T
 
 
-class AnyLaw(Part):
+class AnyTerm(Derived):
+    """A term of the library, whose parameters are the keys."""
+
+    def given(self, known: Known) -> dict[str, Any]:
+        """The arguments of the library's term."""
+        given = {name: one for name, one in self if name not in ("type", "time") and one is not None}
+        for name, found in (("material", known.material), ("region", known.region), ("on", known.place)):
+            if name in given:
+                given[name] = found(given[name])
+        if "simplices" in given:
+            given["simplices"] = in_columns(given["simplices"])
+        for name in LOADS & given.keys():
+            given[name] = in_time(given[name], getattr(self, "time", None))
+        return {NAMES.get(name, name): one for name, one in given.items()}
+
+    def term(self, known: Known) -> Any:
+        """The term of the library."""
+        return self.library(**self.given(known))
+
+
+#: Names in the library of keys that have another name there.
+NAMES = {key: name for name, key in KEYS.items()}
+
+
+class AnyLaw(AnyTerm):
     """What all laws on elements share."""
 
     region: Annotated[Region | None, key("Elements it is on; by default all.")] = None
@@ -100,93 +112,25 @@ class AnyLaw(Part):
     thickness: Annotated[float | None, key("Of elements in the plane and surfaces; by default 1.", "length", gt=0)] = None
     area: Annotated[float | None, key("Cross-section of segments; by default 1.", "area", gt=0)] = None
 
-    def given(self, known: Known) -> dict[str, Any]:
-        """The arguments of the library's law."""
-        own = self.model_dump(exclude={"type", "region", "material", "simplices"}, exclude_none=True)
-        region = None if self.region is None else known.region(self.region)
-        return {"material": known.material(self.material), "region": region} | own
-
 
 class LawOnElements(AnyLaw):
     """What laws share that may bring elements of their own."""
 
     simplices: Annotated[Simplices | None, key(OWN)] = None
 
-    def given(self, known: Known) -> dict[str, Any]:
-        """The arguments of the library's law."""
-        return super().given(known) | {"simplices": in_columns(self.simplices)}
-
-
-class StVKTerm(LawOnElements):
-    """St. Venant-Kirchhoff's law: energy quadratic in the Green-Lagrange strain."""
-
-    type: Literal["stvk"]
-    wrinkling: Annotated[bool, key("Whether surfaces and cables give way to compression: tension fields.")] = False
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.StVK(**self.given(known))
-
-
-class NeoHookeanTerm(LawOnElements):
-    """Neo-Hookean law, which does not give way when it is crushed."""
-
-    type: Literal["neo-hookean"]
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.NeoHookean(**self.given(known))
-
-
-class LinearElasticTerm(LawOnElements):
-    """Linear elasticity of small strain, wrong under rotation."""
-
-    type: Literal["linear-elastic"]
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.LinearElastic(**self.given(known))
-
-
-class CorotatedTerm(LawOnElements):
-    """Linear elasticity in frames that turn with the elements."""
-
-    type: Literal["corotated"]
-    rotation: Annotated[Literal["element", "vertex"], key("Where the frames are: in elements, or at nodes.")] = "element"
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.Corotated(**self.given(known))
-
-
-class InvertibleStVKTerm(LawOnElements):
-    """St. Venant-Kirchhoff's law, continued so that elements which are inside out come back."""
-
-    type: Literal["invertible-stvk"]
-    threshold: Annotated[float, key("Principal stretch below which it is continued.", gt=0.5773502691896258, lt=1)] = 0.6
-    extend: Annotated[Literal["energy", "stress"], key("What is continued: the energy, or the stress as Irving does.")] = "energy"
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.InvertibleStVK(**self.given(known))
-
 
 class SpringNetworkTerm(AnyLaw):
     """Springs along the edges of linear simplices, made from a material by a rule."""
 
+    library: ClassVar[Any] = terms.SpringNetwork
     type: Literal["spring-network"]
-    rule: Annotated[
-        Literal["least-squares", "edge-diagonal", "van-gelder", "lloyd", "triangular"], key("How their stiffness is made.")
-    ] = "least-squares"
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.SpringNetwork(**self.given(known))
+    rule: Annotated[Literal[tuple(RULES)], key("How their stiffness is made.")] = "least-squares"  # type: ignore[valid-type]
 
 
 class EdgeNetworkTerm(AnyLaw):
     """The literal sum over edges and pairs of edges of linear simplices, of St. Venant-Kirchhoff's law."""
 
+    library: ClassVar[Any] = terms.EdgeNetwork
     type: Literal["edge-network"]
     pairs: Annotated[
         Literal["all", "none", "adjacent", "opposite"], key("Pairs of edges that count: those that meet in a vertex, or do not.")
@@ -206,98 +150,22 @@ class EdgeNetworkTerm(AnyLaw):
 OTHERS = {"adjacent": "opposite", "opposite": "adjacent"}
 
 
-class VolumePenaltyTerm(Part):
-    """Resistance of elements to the loss of volume."""
-
-    type: Literal["volume-penalty"]
-    region: Annotated[Region | None, key("Elements it is on; by default all.")] = None
-    kind: Annotated[Literal["barrier", "compression", "quadratic"], key("Of the energy.")] = "barrier"
-    stiffness: Annotated[float | None, key("Stiffness; by default the usual part of the material's.", "stress", gt=0)] = None
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        region = None if self.region is None else known.region(self.region)
-        return terms.VolumePenalty(self.stiffness, self.kind, region)
-
-
-class ElasticFoundationTerm(Part):
-    """Springs between a surface of the body and the ground."""
-
-    type: Literal["elastic-foundation"]
-    on: Annotated[PlaceOrName, key("Place whose boundary facets are bedded.")]
-    stiffness: Annotated[float | Components, key("Stiffness per area, of all components or of each.", "stiffness per area")]
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.ElasticFoundation(known.place(self.on), self.stiffness)
-
-
-class GravityTerm(Part):
-    """Weight, by the densities of the materials."""
-
-    type: Literal["gravity"]
-    g: Annotated[Components, key("Acceleration.", "acceleration")]
-    time: Annotated[Time | None, key(TIME)] = None
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.Gravity(in_time(self.g, self.time))
-
-
-class BodyForceTerm(Part):
-    """Dead force on the volume."""
-
-    type: Literal["body-force"]
-    force: Annotated[Components, key("Force per volume at rest.", "force per volume")]
-    region: Annotated[Region | None, key("Elements it acts on; by default all.")] = None
-    time: Annotated[Time | None, key(TIME)] = None
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        region = None if self.region is None else known.region(self.region)
-        return terms.BodyForce(in_time(self.force, self.time), region)
-
-
-class NodalLoadTerm(Part):
-    """Dead force on each node of a place."""
-
-    type: Literal["nodal-load"]
-    on: Annotated[PlaceOrName, key("Place of the nodes.")]
-    force: Annotated[Components, key("Force on each node.", "force")]
-    time: Annotated[Time | None, key(TIME)] = None
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.NodalLoad(known.place(self.on), in_time(self.force, self.time))
-
-
-class TractionTerm(Part):
-    """Dead force on the surface."""
-
-    type: Literal["traction"]
-    on: Annotated[PlaceOrName, key("Place of the boundary facets.")]
-    traction: Annotated[Components, key("Force per area at rest.", "stress")]
-    time: Annotated[Time | None, key(TIME)] = None
-
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        return terms.Traction(known.place(self.on), in_time(self.traction, self.time))
-
-
-class PressureTerm(Part):
+class PressureTerm(AnyTerm):
     """Pressure on the deformed surface, which turns with it."""
 
+    library: ClassVar[Any] = terms.Pressure
     type: Literal["pressure"]
     on: Annotated[PlaceOrName | None, key("Place of the boundary facets; of surfaces in space a subdomain, or all.")] = None
     simplices: Annotated[Simplices | None, key("A surface in space beside the mesh that it acts on: as those of its law.")] = None
     pressure: Annotated[float, key("Force per deformed area, positive inwards.", "stress")]
     time: Annotated[Time | None, key(TIME)] = None
 
-    def term(self, known: Known) -> Any:
-        """The term of the library."""
-        surface = known.mesh.k < known.mesh.d and isinstance(self.on, str)  # in space, whose places are its elements
-        where = None if self.on is None else known.region(self.on) if surface else known.place(self.on)
-        return terms.Pressure(where, in_time(self.pressure, self.time), in_columns(self.simplices))
+    def given(self, known: Known) -> dict[str, Any]:
+        """The arguments of the library's term; places on a surface in space are its elements."""
+        given = {"where": None} | super().given(known)
+        if known.mesh.k < known.mesh.d and isinstance(self.on, str):
+            given["where"] = known.region(self.on)
+        return given
 
 
 def in_time(value: Any, time: Any) -> Any:
@@ -305,8 +173,49 @@ def in_time(value: Any, time: Any) -> Any:
     return value if time is None else time.function(value)
 
 
-Law: TypeAlias = (
-    StVKTerm | NeoHookeanTerm | LinearElasticTerm | CorotatedTerm | InvertibleStVKTerm | SpringNetworkTerm | EdgeNetworkTerm
+#: Keys whose values may be functions of time.
+LOADS = {"g", "force", "traction", "pressure"}
+_IN_TIME = {"time": (Annotated[Time | None, key(TIME)], None)}
+_STIFFNESS = {
+    "stiffness": (
+        Annotated[float | Components, key("Stiffness per area, of all components or of each.", "stiffness per area")],
+        ...,
+    )
+}
+
+
+def _table(kind: str, library: Any, sentence: str, base: Any = LawOnElements, **more: tuple[Any, Any]) -> Any:
+    return derived(f"{library.__name__}Term", base, library, sentence, ("type", kind), **more)
+
+
+#: Tables of terms; a new law, penalty or load is a row.
+TERMS = (
+    _table("stvk", terms.StVK, "St. Venant-Kirchhoff's law: energy quadratic in the Green-Lagrange strain."),
+    _table("neo-hookean", terms.NeoHookean, "Neo-Hookean law, which does not give way when it is crushed."),
+    _table("linear-elastic", terms.LinearElastic, "Linear elasticity of small strain, wrong under rotation."),
+    _table("corotated", terms.Corotated, "Linear elasticity in frames that turn with the elements."),
+    _table(
+        "invertible-stvk",
+        terms.InvertibleStVK,
+        "St. Venant-Kirchhoff's law, continued so that elements which are inside out come back.",
+    ),
+    SpringNetworkTerm,
+    EdgeNetworkTerm,
+    _table("volume-penalty", terms.VolumePenalty, "Resistance of elements to the loss of volume.", AnyTerm),
+    _table(
+        "elastic-foundation",
+        terms.ElasticFoundation,
+        "Springs between a surface of the body and the ground.",
+        AnyTerm,
+        **_STIFFNESS,
+    ),
+    _table("gravity", terms.Gravity, "Weight, by the densities of the materials.", AnyTerm, **_IN_TIME),
+    _table("body-force", terms.BodyForce, "Dead force on the volume.", AnyTerm, **_IN_TIME),
+    _table("nodal-load", terms.NodalLoad, "Dead force on each node of a place.", AnyTerm, **_IN_TIME),
+    _table("traction", terms.Traction, "Dead force on the surface.", AnyTerm, **_IN_TIME),
+    PressureTerm,
 )
-Load: TypeAlias = GravityTerm | BodyForceTerm | NodalLoadTerm | TractionTerm | PressureTerm
-Term = Annotated[Law | VolumePenaltyTerm | ElasticFoundationTerm | Load, Field(discriminator="type")]
+if TYPE_CHECKING:
+    Term: TypeAlias = Any
+else:
+    Term = one_of(TERMS, "type")
