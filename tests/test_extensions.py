@@ -11,7 +11,6 @@ from bodies import box
 from extensions import command, hard_case, integrator, peer, solver
 
 from skfem_stvk import Gravity, StVK, System, Traction, VelocityVerlet, modes, simulate, solve_static
-from skfem_stvk.bench import Plan, bench
 from skfem_stvk.cli.main import COMMANDS, Command, main
 from skfem_stvk.dynamics import INTEGRATORS
 from skfem_stvk.errors import SceneError
@@ -21,6 +20,7 @@ from skfem_stvk.peers.peer import Package
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.templates import json_schema
 from validation import hard
+from validation.bench import Plan, bench
 
 STEEL = StVK(young=1e5, poisson=0.3, density=1000.0)
 #: A scene that each of these changes.

@@ -33,7 +33,7 @@ HEAVY = [
     "ngsolve",
 ]
 #: Parts of this package that an energy does not need.
-PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "bench", "peers", "reduced", "scene", "cli"]
+PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "peers", "reduced", "scene", "cli"]
 
 BODY = """
 import numpy, skfem
@@ -101,7 +101,7 @@ def test_a_use_imports_only_the_packages_that_it_needs(use, tmp_path):
 
 @pytest.mark.parametrize(
     "code, parts",
-    [("import skfem_stvk", "all"), (ENERGY, PARTS), (STATIC, ["dynamics", "referee", "reduced", "scene", "bench", "peers"])],
+    [("import skfem_stvk", "all"), (ENERGY, PARTS), (STATIC, ["dynamics", "referee", "reduced", "scene", "peers"])],
 )
 def test_a_use_imports_only_the_parts_of_the_package_that_it_needs(code, parts, tmp_path):
     ours = {name for name in imported(code, tmp_path) if name.startswith("skfem_stvk.")}

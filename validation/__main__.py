@@ -10,6 +10,7 @@ from skfem_stvk.errors import StvkError
 
 from . import (
     aspect,
+    bench,
     clamp,
     dynamics,
     elements,
@@ -35,6 +36,7 @@ from .report import catalogue, report
 STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "part": (part.main, ()),
     "aspect": (aspect.main, ()),
+    "bench": (bench.main, ("quick", "out")),
     "clamp": (clamp.main, ("quick",)),
     "kernels": (kernels.main, ("quick",)),
     "operations": (operations.main, ()),

@@ -10,9 +10,10 @@ import numpy as np
 from rich.table import Table
 
 from skfem_stvk import Corotated, ElementMesh, InvertibleStVK, NeoHookean, StVK, System
-from skfem_stvk.bench.costs import best_and_median
 from skfem_stvk.edges import TENSILE, WARPED
 from skfem_stvk.system import Pattern
+
+from .bench.costs import best_and_median
 
 #: The first is the unit of the others.
 LAWS = StVK, NeoHookean, Corotated, InvertibleStVK

@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 from skfem_stvk import ElementMesh, StVK, System
-from skfem_stvk.bench.control import Control, compiler
-from skfem_stvk.bench.costs import best_and_median
-from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.edges.stiffness import GeneralStiffness
 from skfem_stvk.edges.topology import OwnOrder
 
 from .asked import costs, costs_of_laws
+from .bench.control import Control, compiler
+from .bench.costs import best_and_median
+from .bench.meshes import bracket
 from .edge_gather import EdgeGather
 from .operations import edges, total_lagrangian
 from .operations.algorithms import Algorithm, state

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 import skfem_stvk.mesh
 from skfem_stvk import ElementMesh
-from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.mesh.geometry import Geometry
+
+from .bench.meshes import bracket
 
 EMBEDDED = Path(skfem_stvk.mesh.__file__).with_name("data") / "bracket.msh"
 EMBEDDED_SIZE = 8e-3  # [m]

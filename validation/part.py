@@ -5,9 +5,9 @@ from __future__ import annotations
 from rich.console import Console
 
 from skfem_stvk import StVK, verify
-from skfem_stvk.bench.meshes import bracket
 from skfem_stvk.referee.terminal import WIDTH, rendered
 
+from .bench.meshes import bracket
 from .meshes import FINE_SIZE
 
 MATERIALS = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]

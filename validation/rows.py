@@ -14,9 +14,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from skfem_stvk import ElementMesh, StVK
-from skfem_stvk.bench.costs import best_and_median
-from skfem_stvk.bench.meshes import box
 from skfem_stvk.system import Pattern
+
+from .bench.costs import best_and_median
+from .bench.meshes import box
 
 SIZES = 5_000, 40_000, 250_000, 2_000_000
 THREADS = 1, 2

@@ -1,7 +1,7 @@
 """The same W, F, K and K v, timed: this package against scikit-fem's assembly, on one mesh.
 
 Both compute the same numbers, so the time is all there is to compare; `error` says how far they are apart. This package takes as
-many threads as numba has, which matters little on a mesh this small. `skfem-stvk bench` measures much more.
+many threads as numba has, which matters little on a mesh this small. `python -m validation bench` measures much more.
 """
 
 from pathlib import Path

@@ -80,7 +80,9 @@ COMMANDS = {
         referee.check_law, "check W(F), stress and tangent of a law, without a mesh", referee.verify_law_arguments
     ),
     "export": Command(referee.export, "write test vectors for codes that are not Python", referee.export_arguments),
-    "bench": Command(referee.measure, "time and memory of W, F, K and K v, against targets", referee.bench_arguments),
+    "bench": Command(
+        referee.name_the_benchmark, "the command of the benchmark, which is in a checkout of the project", referee.bench_arguments
+    ),
     "info": Command(
         scenes.info, "what would be built of a scene or a mesh, and what is wrong with it; alone: versions", scenes.info_arguments
     ),

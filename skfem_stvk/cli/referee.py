@@ -1,9 +1,10 @@
-"""The commands that judge and measure, and how they write and print their results."""
+"""The commands that judge, and how they write and print their results."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import shlex
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
@@ -13,7 +14,6 @@ from typing import Any
 from rich.console import Console, RenderableType
 
 from ..arguments import path
-from ..bench import FULL, QUICK, bench, page
 from ..errors import StvkError
 from ..mesh import ElementMesh, embedded_mesh, read_mesh
 from ..peers import PEERS
@@ -192,19 +192,16 @@ def export(options: argparse.Namespace) -> int:
 
 
 def bench_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `skfem-stvk bench`."""
-    parser.add_argument("--quick", action="store_true", help="under two minutes; the full run takes about a quarter of an hour")
-    parser.add_argument("--out", metavar="FOLDER", help="write benchmark.md, its pictures and benchmark.json there")
+    """Add the arguments of `python -m validation bench`."""
+    parser.add_argument("--quick", action="store_true", help="a shorter run")
+    parser.add_argument("--out", metavar="FOLDER", help="folder of the results")
 
 
-def measure(options: argparse.Namespace) -> int:
-    """Measure time, memory and errors of W, F, K and K v, of this package and of what else is installed; exit code 0 if all ran."""
-    if options.out is not None:
-        refuse_unwritable(options.out)
-    results = bench(QUICK if options.quick else FULL)
-    files = "benchmark.md, its pictures and benchmark.json"
-    give(lambda width: page.rendered(results), page.WIDTH, partial(page.save, results), options.out, files)
-    return 130 if results.interrupted else 1 if results.failures else 0
+def name_the_benchmark(options: argparse.Namespace) -> int:
+    """Print the command that runs the benchmark in a checkout of the project; exit code 2, as nothing is measured here."""
+    quick, out = ["--quick"] * options.quick, [] if options.out is None else ["--out", options.out]
+    print_line(shlex.join(["python", "-m", "validation", "bench", *quick, *out]))
+    return 2
 
 
 def _body(options: argparse.Namespace) -> tuple[ElementMesh, list[StVK]]:

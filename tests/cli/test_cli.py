@@ -2,6 +2,7 @@ import io
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
@@ -16,12 +17,10 @@ from rich.console import Console
 from slow import slow
 
 from skfem_stvk import StVK, System, verify
-from skfem_stvk.bench import Benchmark, Plan
-from skfem_stvk.cli import referee
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import agreement, precision
-from skfem_stvk.referee.header import OPTIONAL, PACKAGES, circumstances
+from skfem_stvk.referee.header import OPTIONAL
 from skfem_stvk.referee.results import CheckOutcome
 from skfem_stvk.referee.terminal import rendered
 
@@ -281,43 +280,10 @@ def test_a_speed_that_cannot_be_measured_is_no_pass_and_loses_nothing(monkeypatc
     assert not report.passed and "could not run speed" in " ".join(str(report).split()) and len(report.results) > 80
 
 
-def measured(monkeypatch, **outcome):
-    """The command with a run that measured nothing and came out like this; the plans that it was asked for."""
-    plans = []
-
-    def run(plan):
-        plans.append(plan)
-        return Benchmark(plan, circumstances(PACKAGES), **outcome)
-
-    monkeypatch.setattr(referee, "bench", run)
-    return plans
-
-
-@pytest.mark.parametrize(
-    ("outcome", "code"),
-    [({}, 0), ({"not_measured": {"NGSolve": "why"}}, 0), ({"failures": {"K": "why"}}, 1), ({"interrupted": True}, 130)],
-)
-def test_the_benchmark_fails_only_if_something_failed_to_run(outcome, code, monkeypatch, capsys):
-    plans = measured(monkeypatch, **outcome)
-    assert main(["bench", "--quick"]) == code and main(["bench"]) == code
-    assert [plan.name for plan in plans] == ["quick", "full"] and isinstance(plans[0], Plan)
-    assert "quick run" in capsys.readouterr().out
-
-
-def test_the_benchmark_writes_its_page(monkeypatch, tmp_path, capsys):
-    measured(monkeypatch, interrupted=True)
-    assert main(["bench", "--out", str(tmp_path / "docs")]) == 130
-    assert "**Interrupted**" in (tmp_path / "docs" / "benchmark.md").read_text()
-    assert "are in" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("name", ["", "file/docs"])
-def test_a_folder_for_the_benchmark_that_cannot_be_is_an_error_before_the_work(name, monkeypatch, tmp_path, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
-    plans = measured(monkeypatch)
-    assert main(["bench", "--out", name]) == 2 and not plans
-    assert "expected" in capsys.readouterr().err
+@pytest.mark.parametrize("options", [[], ["--quick"], ["--quick", "--out", "new docs"]])
+def test_bench_prints_the_command_of_the_benchmark_and_measures_nothing(options, capsys):
+    assert main(["bench", *options]) == 2
+    assert shlex.split(capsys.readouterr().out) == ["python", "-m", "validation", "bench", *options]
 
 
 def command(*arguments, flags=(), **environment):

@@ -7,8 +7,8 @@ import pytest
 from bodies import box, state
 
 from skfem_stvk import Isotropic, StVK, StvkError, System
-from skfem_stvk.bench import control
-from skfem_stvk.bench.control import Control
+from validation.bench import control
+from validation.bench.control import Control
 
 LIMIT = 1e-12
 MESH = box()

@@ -15,7 +15,6 @@ from validation.hostile.values import EVERY
 
 PARTS = (
     "",
-    "bench",
     "dynamics",
     "edges",
     "linear",
@@ -37,7 +36,6 @@ WITHOUT = {
         "PointResponse",
         "Analysis",
         "Attempt",
-        "Benchmark",
         "BetweenPoints",
         "CheckOutcome",
         "CriticalPoint",
@@ -107,8 +105,8 @@ WITHOUT = {
     ),
     # within: arrays that `System` has checked
     *("Assembly", "EdgeForm", "EnergyAssembly", "LawAssembly", "NodeBlocks", "PenaltyAssembly", "TensionAssembly", "Tensions"),
-    # files, which the family "meshes" and tests/scene are for; what the row of `bench` has
-    *("read_mesh", "Scene", "Plan"),
+    # files, which the family "meshes" and tests/scene are for
+    *("read_mesh", "Scene"),
     # a user's function and a few numbers, which tests/referee/test_solvers_judged.py and test_integrators_judged.py hold
     *("verify_solver", "verify_integrator"),
 }

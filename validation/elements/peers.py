@@ -12,13 +12,13 @@ from scipy.sparse import csr_matrix
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.arguments import Array
-from skfem_stvk.bench.costs import best_and_median
 from skfem_stvk.errors import StvkError
 from skfem_stvk.peers import load
 from skfem_stvk.peers.ngsolve import compiled, mesh_of
 from skfem_stvk.peers.peer import lame, require
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
+from ..bench.costs import best_and_median
 from ..statics.study import Study
 
 YOUNG, POISSON = 1e5, 0.3

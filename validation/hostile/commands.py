@@ -180,7 +180,6 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     "--out below a file": (*VERIFY, "--out", "body.msh/below"),
     "--out with a long name": (*VERIFY, "--out", LONG),
     "--out where nothing can be made": (*VERIFY, "--out", "/proc/nothing"),
-    "bench --out is a file": ("bench", "--quick", "--out", "body.msh"),
     "bench --quick 3": ("bench", "--quick", "3"),
     "info with an argument": ("info", "more"),
     "export without --out": ("export", "body.msh", "--young", "1", "--poisson", "0.3"),

@@ -22,7 +22,6 @@ from skfem_stvk import (
     solve_static,
     verify,
 )
-from skfem_stvk.bench import Plan, bench
 from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, SsorCg, Unknowns, choose
 from skfem_stvk.linear.solver import Analysis, Factors
 
@@ -225,7 +224,6 @@ def calls() -> list[Call]:
             quiet=True,
             raise_on_failure=False,
         ),
-        costly("bench", _measured, {"quiet": FLAG}, plan=Plan("nothing", (), (), (), ()), quiet=True),
         costly(
             "verify",
             _verified,
@@ -289,10 +287,6 @@ def _path(stop: Stop) -> Any:
 def _static(**given: Any) -> Any:
     result: StaticResult = solve_static(overwrite=True, **given)
     return result.status.value, result.t, result.u
-
-
-def _measured(**given: Any) -> Any:
-    return sorted(bench(**given).failures)
 
 
 def _motion(**given: Any) -> Any:

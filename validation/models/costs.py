@@ -10,9 +10,9 @@ import numba
 import numpy as np
 
 from skfem_stvk import LinearBackwardEuler, StvkError, StvkWarning, System, VelocityVerlet, simulate
-from skfem_stvk.bench.costs import best_and_median
 from skfem_stvk.errors import AnalysisError
 
+from ..bench.costs import best_and_median
 from .models import Model, bar, system_of
 from .motions import stable_step
 

@@ -15,8 +15,8 @@ import skfem
 
 from skfem_stvk import Gravity, LinearBackwardEuler, Newmark, ReducedSystem, StVK, StvkWarning, System, simulate
 from skfem_stvk.arguments import Array
-from skfem_stvk.bench.costs import best_and_median
 
+from ..bench.costs import best_and_median
 from ..statics.study import Study
 from .against_full import MATERIAL, clamp
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from skfem_stvk.bench import Benchmark, Plan
-from skfem_stvk.bench.meshes import Specimen
-from skfem_stvk.bench.results import CONTROL, CSR, OURS, REFERENCE, Memory, Timing
-from skfem_stvk.bench.targets import TARGETS, Target, TargetVerdict, judged, of_memory, of_time, over, slope, verdicts
+from validation.bench import Benchmark, Plan
+from validation.bench.meshes import Specimen
+from validation.bench.results import CONTROL, CSR, OURS, REFERENCE, Memory, Timing
+from validation.bench.targets import TARGETS, Target, TargetVerdict, judged, of_memory, of_time, over, slope, verdicts
 
 PLAN = Plan("made up", boxes=(40, 250), parts=(40,), judged=(40, 250), referenced=())
 MESHES = {"box 40": 42, "box 250": 256, "part 40": 38}

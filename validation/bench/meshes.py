@@ -14,10 +14,10 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from ..arguments import Array
-from ..errors import StvkError
-from ..mesh import ElementMesh, read_mesh
-from ..terms import StVK
+from skfem_stvk.arguments import Array
+from skfem_stvk.errors import StvkError
+from skfem_stvk.mesh import ElementMesh, read_mesh
+from skfem_stvk.terms import StVK
 
 YOUNG, POISSON = 1e5, 0.3  # [Pa, -]; lambda = 1.5 mu
 EDGE_OF_PART = {5_000: 5.8e-3, 40_000: 2.15e-3, 250_000: 1.1e-3}  # [m] edges that give about as many tetrahedra

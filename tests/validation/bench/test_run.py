@@ -4,23 +4,22 @@ import json
 import re
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skfem_stvk import StvkError, System
-from skfem_stvk.bench import Plan, bench, contenders, control, costs, run
-from skfem_stvk.bench.contenders import our_calls
-from skfem_stvk.bench.control import compiler
-from skfem_stvk.bench.costs import best_and_median, copy_bandwidth, least_bytes, most_threads, threads
-from skfem_stvk.bench.meshes import Specimen
-from skfem_stvk.bench.page import page, rendered, save
-from skfem_stvk.bench.results import CONTROL, CSR, OURS, QUANTITIES, REFERENCE, TEXTBOOK
-from skfem_stvk.bench.tables import tables
 from skfem_stvk.peers import PEERS
 from skfem_stvk.peers.peer import Package
 from skfem_stvk.referee.terminal import as_text
+from validation.bench import Plan, bench, contenders, control, costs, run
+from validation.bench.contenders import our_calls
+from validation.bench.control import compiler
+from validation.bench.costs import best_and_median, copy_bandwidth, least_bytes, most_threads, threads
+from validation.bench.meshes import Specimen
+from validation.bench.page import page, rendered, save
+from validation.bench.results import CONTROL, CSR, OURS, QUANTITIES, REFERENCE, TEXTBOOK
+from validation.bench.tables import tables
 
 PLAN = Plan("quick", boxes=(50, 400), parts=(), judged=(400,), referenced=(400,), seconds=0.0)
 
@@ -151,18 +150,6 @@ def test_without_a_compiler_the_c_loop_is_not_measured(monkeypatch):
     assert "No C compiler" in found.not_measured[CONTROL] and not found.failures
 
 
-@pytest.mark.skipif(compiler() is None, reason="no C compiler")
-def test_outside_a_checkout_as_much_is_measured(monkeypatch, tmp_path):
-    """What an installed package has, the C loop included, and nothing from the current folder."""
-    (tmp_path / "validation").mkdir()
-    (tmp_path / "validation" / "__init__.py").write_text("raise SystemExit('not ours')")
-    monkeypatch.chdir(tmp_path)
-    control._library.cache_clear()
-    found = bench(replace(PLAN, boxes=(50,)), quiet=True)
-    assert found.best("box 50", CONTROL, "W", "F", "K") and not found.failures
-    assert control.SOURCE.parent == Path(run.__file__).parent
-
-
 def test_without_gmsh_parts_are_not_measured(monkeypatch):
     monkeypatch.setitem(sys.modules, "gmsh", None)
     assert "pip install gmsh" in bench(replace(PLAN, boxes=(), parts=(5_000,)), quiet=True).not_measured["part 5 k"]
@@ -216,6 +203,6 @@ def test_the_page_its_pictures_and_the_numbers_are_written(results, tmp_path):
     names = {path.name for path in (tmp_path / "a" / "docs").iterdir()}
     assert names == {"benchmark.json", "benchmark.md", "benchmark-speed-error.png", "benchmark-size.png"}
     text = (tmp_path / "a" / "docs" / "benchmark.md").read_text()
-    assert set(re.findall(r"\((benchmark\S*)\)", text)) <= names and "skfem-stvk bench --quick --out docs" in text
+    assert set(re.findall(r"\((benchmark\S*)\)", text)) <= names and "python -m validation bench --quick --out docs" in text
     numbers = json.loads((tmp_path / "a" / "docs" / "benchmark.json").read_text())
     assert len(numbers["timings"]) == len(results.timings) and numbers["plan"]["name"] == "quick"

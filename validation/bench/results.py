@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
-from ..errors import StvkError
-from ..peers import PEERS
-from ..referee.case import OURS, REFERENCE
+from skfem_stvk.errors import StvkError
+from skfem_stvk.peers import PEERS
+from skfem_stvk.referee.case import OURS, REFERENCE
+
 from .meshes import Specimen
 
 CSR, CONTROL, TEXTBOOK = "CSR product", "C loop", "textbook form"

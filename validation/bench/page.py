@@ -11,7 +11,8 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from ..referee.terminal import as_text, grid
+from skfem_stvk.referee.terminal import as_text, grid
+
 from .results import Benchmark
 from .tables import FigureTable, tables
 
@@ -22,12 +23,12 @@ PICTURES = {
     "size": "Time of a call per tetrahedron, against the size of the mesh",
 }
 METHOD = """\
-The command needs no checkout of the project. Boxes are grids of six tetrahedra per cell, in scikit-fem's order; parts are a
+The command runs in a checkout of the project. Boxes are grids of six tetrahedra per cell, in scikit-fem's order; parts are a
 bracket that Gmsh meshes (`pip install gmsh`). Half of all tetrahedra are turned round. Poisson's ratio is 0.3, strains are about
 0.6. Calls that are compared take turns, of five each after one that is not counted, because the call before it has filled the
 caches: after other work a CSR product took twice as long here. The best and the median are shown. All is on one thread unless it
 says otherwise. K is filled into the CSR matrix that the solver takes (`tangent(u, out=K)`); the CSR product is scipy's, with the
-same K. The C loop is a plain element loop of this project (`skfem_stvk/bench/control.c`), compiled with `-O3 -march=native
+same K. The C loop is a plain element loop of this project (`validation/bench/control.c`), compiled with `-O3 -march=native
 -ffast-math` when there is a compiler. scikit-fem's forms are written as well as they can be, with one quadrature point and all
 constant parts hoisted out. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
 products. The peers get what their codes offer for the same law, element and one thread (`skfem_stvk/peers`).
@@ -91,7 +92,8 @@ def save(results: Benchmark, folder: str | Path) -> None:
 
 def page(results: Benchmark) -> str:
     """The run as a page in Markdown."""
-    command = "skfem-stvk bench --out docs" if results.plan.name == "full" else f"skfem-stvk bench --{results.plan.name} --out docs"
+    quick = "" if results.plan.name == "full" else f" --{results.plan.name}"
+    command = f"python -m validation bench{quick} --out docs"
     warning = "**Interrupted**: the tables show what was measured before.\n\n" if results.interrupted else ""
     parts = [f"# The benchmark\n\nThis page is written by\n\n    {command}\n\n{warning}on\n\n{_indented(head(results))}"]
     shown = tables(results)

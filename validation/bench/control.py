@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import bsr_matrix
 
-from ..arguments import Array
-from ..errors import StvkError
+from skfem_stvk.arguments import Array
+from skfem_stvk.errors import StvkError
 
 SOURCE = Path(__file__).with_name("control.c")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC", "-c")

@@ -14,18 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StvkError, StvkWarning
-from ..mesh import ElementMesh
-from ..peers import PEERS, load
-from ..peers.peer import lame
-from ..referee.checks.precision import Textbook, patch, relative_error
-from ..referee.discretisation import Discretisation
-from ..referee.exact import ExactStVK
-from ..referee.players import METHODS
-from ..referee.shape import Shape
-from ..reference import ReferenceStVK, isotropic_tensor
-from ..system import System
-from ..terms import Corotated, EdgeNetwork, InvertibleStVK, LinearElastic, NeoHookean, SpringNetwork
+from skfem_stvk.errors import StvkError, StvkWarning
+from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.peers import PEERS, load
+from skfem_stvk.peers.peer import lame
+from skfem_stvk.referee.checks.precision import Textbook, patch, relative_error
+from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.exact import ExactStVK
+from skfem_stvk.referee.players import METHODS
+from skfem_stvk.referee.shape import Shape
+from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.system import System
+from skfem_stvk.terms import Corotated, EdgeNetwork, InvertibleStVK, LinearElastic, NeoHookean, SpringNetwork
+
 from .control import Control
 from .costs import best_and_median, least_bytes, most_threads, threads
 from .meshes import POISSON, YOUNG, Specimen

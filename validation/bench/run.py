@@ -6,11 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from time import perf_counter
 
-from ..arguments import flag, shown
-from ..errors import StvkError
-from ..peers import PEERS
-from ..referee.header import PACKAGES, circumstances
-from ..referee.terminal import CountedProgress
+from skfem_stvk.peers import PEERS
+from skfem_stvk.referee.header import PACKAGES, circumstances
+from skfem_stvk.referee.terminal import CountedProgress
+
 from .contenders import compare_errors, leave_out, time_contenders, time_models, time_peers, time_reference
 from .costs import copy_bandwidth, first_use, time_setup, weigh
 from .meshes import Specimen
@@ -30,15 +29,7 @@ def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
     """Measure what the plan says.
 
     What is not to be had here is listed as not measured, what goes wrong as a failure; Ctrl-C leaves the steps that were finished.
-
-    Raises
-    ------
-    StvkError
-        if the plan is none.
     """
-    if not isinstance(plan, Plan):
-        raise StvkError(f"plan = {shown(plan)}; expected FULL, QUICK or a Plan(...).")
-    quiet = flag("quiet", quiet)
     results = Benchmark(plan, circumstances((*PACKAGES[:5], *(package.distribution for package in PEERS.values()))))
     specimens = [Specimen(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]
     begin = perf_counter()

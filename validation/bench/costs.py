@@ -16,8 +16,9 @@ import numba
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from ..errors import StvkError
-from ..system import System
+from skfem_stvk.errors import StvkError
+from skfem_stvk.system import System
+
 from .meshes import Specimen
 from .results import OURS, Benchmark, Memory, Seconds
 

@@ -1,0 +1,33 @@
+"""The benchmark: time, memory and errors of this package and of others in one run, and the targets that they are held against."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+
+from skfem_stvk.cli.referee import give, refuse_unwritable
+from skfem_stvk.errors import StvkError
+
+from . import page
+from .results import FULL, QUICK, Benchmark, Plan
+from .run import bench
+
+__all__ = ["FULL", "QUICK", "Benchmark", "Plan", "bench", "main"]
+
+
+def main(quick: bool = False, out: str | None = None) -> int:
+    """time, memory and errors of W, F, K and K v, of this package and of what else is installed; exit code 0 if all ran"""
+    try:
+        if out is not None:
+            refuse_unwritable(out)
+        return _measure(QUICK if quick else FULL, out)
+    except (StvkError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def _measure(plan: Plan, out: str | None) -> int:
+    results = bench(plan)
+    files = "benchmark.md, its pictures and benchmark.json"
+    give(lambda width: page.rendered(results), page.WIDTH, partial(page.save, results), out, files)
+    return 130 if results.interrupted else 1 if results.failures else 0
