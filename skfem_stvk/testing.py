@@ -1,6 +1,6 @@
 """The referee in the tests of other packages: an assertion per kind of candidate, which fails with what was found.
 
-The fixture and marks of the pytest plugin (`pytest_skfem_stvk`) call these functions.
+The fixture and marks of the pytest plugin (`skfem_stvk.pytest_plugin`) call these functions.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from .materials import Material
 from .mesh import MeshLike
 from .referee import Report
 from .referee.law import verify_law
+from .referee.rendering import badness, story
 from .referee.results import CheckOutcome
-from .referee.terminal import as_text, badness, printable, story
 from .referee.verification import claimed_terms, verify_candidate
+from .terminal import as_text, printable
 from .terms import StVK
 
 #: Classes of the meshes of `small_mesh`, by the kinds of their elements; those of second order are made from others.

@@ -23,14 +23,16 @@ TUTORIAL = (ROOT / "docs" / "testing.md").read_text()
 
 def test_the_plugin_imports_nothing_before_it_is_used():
     """Each run of pytest in the environment imports it: its own lines take a millisecond."""
-    code = "import sys, pytest; before = set(sys.modules); import pytest_skfem_stvk; print(sorted(set(sys.modules) - before))"
+    code = (
+        "import sys, pytest; before = set(sys.modules); import skfem_stvk.pytest_plugin; print(sorted(set(sys.modules) - before))"
+    )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.strip() == "['pytest_skfem_stvk']", done.stderr
+    assert done.stdout.strip() == "['skfem_stvk', 'skfem_stvk.pytest_plugin']", done.stderr
 
 
 def test_the_wheel_holds_the_plugin_and_says_that_it_is_one():
-    assert PROJECT["project"]["entry-points"]["pytest11"] == {"pytest_skfem_stvk": "pytest_skfem_stvk"}
-    assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"] == ["skfem_stvk", "pytest_skfem_stvk.py"]
+    assert PROJECT["project"]["entry-points"]["pytest11"] == {"skfem_stvk.pytest_plugin": "skfem_stvk.pytest_plugin"}
+    assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"] == ["skfem_stvk"]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,7 @@ def package(tmp_path_factory):
     installed = folder / "site" / "skfem_stvk_plugin-0.dist-info"
     installed.mkdir(parents=True)
     (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: skfem-stvk-plugin\nVersion: 0\n")
-    (installed / "entry_points.txt").write_text("[pytest11]\npytest_skfem_stvk = pytest_skfem_stvk\n")
+    (installed / "entry_points.txt").write_text("[pytest11]\nskfem_stvk.pytest_plugin = skfem_stvk.pytest_plugin\n")
     return folder
 
 
@@ -75,6 +77,12 @@ def test_the_tutorials_package_passes(package):
         assert re.match(r"passed: \d+ passed", value)
 
 
+def test_the_plugin_that_is_named_and_the_installed_one_are_one(package):
+    """Two of them would add the option --stvk-report twice, and no test would run."""
+    code, said, cases = run(package, "-p", "skfem_stvk.pytest_plugin", "-k", "law_alone")
+    assert code == 0 and list(cases) == ["test_the_law_alone"], said
+
+
 def test_its_failures_say_what_is_wrong_where_junit_shows_it(package):
     """Lambda doubled as in the tutorial; and a model whose message would break the file."""
     module = package / "src" / "softbody" / "__init__.py"
@@ -91,7 +99,7 @@ def test_its_failures_say_what_is_wrong_where_junit_shows_it(package):
     assert stvk.get("message").startswith("skfem_stvk.testing.Inconsistent: Body is not consistent: ")
     assert "lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in stvk.get("message")
     assert "agreement, F of candidate against scikit-fem" in stvk.text and stvk.text in said
-    assert "pytest_skfem_stvk.py:" not in said and "testing.py:" not in said  # the frames that fail are those of the tests
+    assert "pytest_plugin.py:" not in said and "testing.py:" not in said  # the frames that fail are those of the tests
     assert "raised RuntimeError: \\x1b[31m ]]> \\x00 <b>" in other.text
     folders = [package / "reports" / f"tests-test_softbody.py-{name}-tetrahedra-1" for name in NAMES]
     reports = [json.loads((folder / "report.json").read_text()) for folder in folders]

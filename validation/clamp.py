@@ -16,7 +16,7 @@ from scipy.sparse.linalg import spsolve
 from skfem_stvk import StVK, System
 from skfem_stvk.arguments import Array
 from skfem_stvk.edges import ALL, NONE, TENSILE, Assembly, Linearized, Tensions
-from skfem_stvk.referee.terminal import grid
+from skfem_stvk.terminal import grid
 
 YOUNG = 1e5
 #: Iterations after which it is given up.

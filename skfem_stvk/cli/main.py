@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from ..errors import AnalysisError, StvkError, StvkWarning
-from ..referee.terminal import printable
+from ..terminal import printable
 from . import referee, scenes
 
 

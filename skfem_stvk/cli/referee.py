@@ -22,10 +22,11 @@ from ..referee.law import verify_law
 from ..referee.law_readings import MEASURES, ORDERS, TANGENTS
 from ..referee.players import users_function
 from ..referee.read_back import folders_of_results, verify_results
+from ..referee.rendering import rendered
 from ..referee.self_test import self_test
-from ..referee.terminal import WIDTH, printable, rendered
 from ..referee.vectors import PUBLISHED, export_vectors, published_vectors
 from ..referee.verification import verify
+from ..terminal import WIDTH, printable
 from ..terms import StVK
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.

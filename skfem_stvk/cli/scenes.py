@@ -4,24 +4,36 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shlex
 import sys
 from pathlib import Path
 
 from rich.console import Console
 
+from ..about import machine, versions
 from ..errors import StvkError
 from ..kernels.threads import threads
+from ..kernels.topology import expand
 from ..mesh import read_mesh
-from ..referee.header import caches, machine, optional, versions
-from ..referee.terminal import WIDTH, printable
+from ..peers import PEERS
 from ..scene import Scene, sweep, templates
 from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
 from ..scene.outcome import DONE, INTERRUPTED, NOT_CONVERGED, SceneOutcome, as_printed
+from ..terminal import WIDTH, printable
 
 #: Options that make the material of a mesh.
 MATERIAL = ("young", "poisson", "density")
+#: Optional packages, and what installs them.
+OPTIONAL = {
+    "pypardiso": "pip install 'skfem-stvk[pardiso]'",
+    "pyvista": "pip install 'skfem-stvk[plot]'",
+    "gmsh": "pip install gmsh",
+    **{package.distribution: package.install for package in PEERS.values()},
+    "h5py": "pip install h5py (meshes in .h5, .xdmf, .med)",
+    "netCDF4": "pip install netCDF4 (meshes in .exo, .e)",
+}
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
@@ -146,7 +158,7 @@ def info(options: argparse.Namespace) -> int:
 
 
 def _of_installation(options: argparse.Namespace) -> int:
-    facts = machine() | {"kernels run on": f"{threads()} threads"} | caches() | versions() | optional()
+    facts = machine() | {"kernels run on": f"{threads()} threads"} | _caches() | versions() | _optional()
     if options.json:
         print(json.dumps(facts, indent=1))
         return 0
@@ -154,6 +166,23 @@ def _of_installation(options: argparse.Namespace) -> int:
     for name, value in facts.items():
         console.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
     return 0
+
+
+def _optional() -> dict[str, str]:
+    """Versions of the optional packages, or the line that installs them."""
+    found = versions(OPTIONAL)
+    return {name: f"not installed: {line}" if found[name] == "not installed" else found[name] for name, line in OPTIONAL.items()}
+
+
+def _caches() -> dict[str, str]:
+    """The folder of compiled kernels, and whether it can be written to."""
+    folder = getattr(getattr(expand, "_cache", None), "cache_path", None)
+    if folder is None:
+        return {"kernels kept in": "no folder: every process compiles. Set NUMBA_CACHE_DIR to one that can be written to"}
+    nearest = next(parent for parent in (Path(folder), *Path(folder).parents) if parent.exists())
+    writable = "writable" if os.access(nearest, os.W_OK | os.X_OK) else "NOT writable; set NUMBA_CACHE_DIR to a folder that is"
+    kept = len(list(Path(folder).glob("*.nbc")))
+    return {"kernels kept in": f"{folder} ({kept} files, {writable})"}
 
 
 def _scene(options: argparse.Namespace) -> Scene:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ..errors import StateError, warn
 from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
-from ..nonlinear.progress import MotionProgress
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from .books import Books, known_total
@@ -17,6 +16,7 @@ from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, from_nowhere, 
 from .integrators import StepFailed, Stepper
 from .options import Setup
 from .outputs import Outputs
+from .progress import MotionProgress
 from .record import MotionState, RunRecord
 from .removal import Removal, removed_on_the_way
 from .run import Run, SimulationError

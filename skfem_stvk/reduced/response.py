@@ -21,11 +21,11 @@ from ..kernels.threads import threads
 from ..linear import LinearSolver, choose
 from ..mesh.places import Where, describe, vertices_at
 from ..nonlinear.processes import is_started_for_work
-from ..nonlinear.progress import LINES, Progress, duration
 from ..results.files import output_path
 from ..system import System
 from ..system.free_tangent import entries_of, kind_of
 from ..system.signature import Fingerprint, sums
+from ..terminal import LINES, Progress, duration
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
 
 if TYPE_CHECKING:

@@ -16,11 +16,11 @@ from ..dynamics.damping import Damping
 from ..errors import StvkError
 from ..kernels.threads import Turn, in_turn
 from ..mesh.displacements import finite_vector
-from ..nonlinear.progress import Progress, duration
 from ..nonlinear.stopwatch import Stopwatch
 from ..system import System
 from ..system.operator import refuse_overflow
 from ..system.signature import Fingerprint, sums
+from ..terminal import Progress, duration
 from ..terms import Quartic
 from ..terms.load import Moment, Time
 from ..terms.protocols import tell

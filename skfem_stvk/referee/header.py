@@ -1,99 +1,18 @@
-"""The head of every report: what was measured, on which machine, and with which packages."""
+"""The head of a report on a body: its mesh and material, the machine and the packages."""
 
 from __future__ import annotations
 
 import hashlib
-import os
-import platform
-import sys
 from collections.abc import Sequence
-from datetime import datetime, timezone
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arguments import THREAD_LIMITS
+from ..about import PACKAGES, circumstances
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
-from ..peers import PEERS
 from ..terms import StVK
 from .shape import Shape
-
-PACKAGES = (
-    "skfem-stvk",
-    "scikit-fem",
-    "numpy",
-    "scipy",
-    "numba",
-    "meshio",
-    "rich",
-    "matplotlib",
-    "jinja2",
-    "pyamg",
-    "filelock",
-    "pydantic",
-)
-#: Optional packages, and what installs them.
-OPTIONAL = {
-    "pypardiso": "pip install 'skfem-stvk[pardiso]'",
-    "pyvista": "pip install 'skfem-stvk[plot]'",
-    "gmsh": "pip install gmsh",
-    **{package.distribution: package.install for package in PEERS.values()},
-    "h5py": "pip install h5py (meshes in .h5, .xdmf, .med)",
-    "netCDF4": "pip install netCDF4 (meshes in .exo, .e)",
-}
-
-
-def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
-    """Versions of Python and the packages; "not installed" for those that are not."""
-
-    def installed(package: str) -> str:
-        try:
-            return version(package)
-        except PackageNotFoundError:
-            return "not installed"
-
-    return {"python": platform.python_version()} | {package: installed(package) for package in packages}
-
-
-def optional() -> dict[str, str]:
-    """Versions of the optional packages, or the line that installs them."""
-    found = versions(list(OPTIONAL))
-    return {name: f"not installed: {line}" if found[name] == "not installed" else found[name] for name, line in OPTIONAL.items()}
-
-
-def caches() -> dict[str, str]:
-    """The folder of compiled kernels, and whether it can be written to."""
-    from ..kernels.topology import expand
-
-    folder = getattr(getattr(expand, "_cache", None), "cache_path", None)
-    if folder is None:
-        return {"kernels kept in": "no folder: every process compiles. Set NUMBA_CACHE_DIR to one that can be written to"}
-    nearest = next(parent for parent in (Path(folder), *Path(folder).parents) if parent.exists())
-    writable = "writable" if os.access(nearest, os.W_OK | os.X_OK) else "NOT writable; set NUMBA_CACHE_DIR to a folder that is"
-    kept = len(list(Path(folder).glob("*.nbc")))
-    return {"kernels kept in": f"{folder} ({kept} files, {writable})"}
-
-
-def machine() -> dict[str, Any]:
-    """Processor, cores, system and the settings that change a speed."""
-    limits = [f"{name}={os.environ[name]}" for name in THREAD_LIMITS if name in os.environ]
-    return {
-        "system": platform.platform(),
-        "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "threads": ", ".join(limits) or "not limited by the environment",
-    }
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
-            return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
 
 
 def mesh_facts(shape: Shape) -> dict[str, Any]:
@@ -146,16 +65,6 @@ def _region(mesh: ElementMesh, term: StVK) -> str:
 def _range(values: Any) -> str:
     array = np.asarray(values, dtype=float)
     return f"{array.min():.6g}" if array.min() == array.max() else f"{array.min():.6g} ... {array.max():.6g}"
-
-
-def circumstances(packages: Sequence[str]) -> dict[str, Any]:
-    """Date, command, versions and machine of a run."""
-    return {
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "versions": versions(packages),
-        "machine": machine(),
-    }
 
 
 def header(shape: Shape, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:

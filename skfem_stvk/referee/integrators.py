@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ..about import PACKAGES, circumstances
 from ..arguments import Array, flag, number, whole
 from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..system import System
+from ..terminal import CountedProgress
 from ..terms import StVK
-from .header import PACKAGES, circumstances
 from .manufactured import fitted_order
 from .players import Foul, Player, fairly
 from .report import Report
 from .results import CheckOutcome, Explanation, Naming, Result, Task
-from .terminal import CountedProgress
 
 #: Young's moduli of the two bodies [Pa], a bar of length 1.3 m and section 2e-4 m^2 with half of its mass at each end.
 YOUNG = {"soft": 1e4, "stiff": 1e10}

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..about import PACKAGES, circumstances
 from ..arguments import Array, choice, flag, real_array, shown, whole
 from ..errors import MaterialError, StvkError
 from ..materials import FramedMaterial, Hypothesis, Isotropic
 from ..reference import anisotropic_tensor, isotropic_tensor
+from ..terminal import CountedProgress
 from ..terms import Corotated, InvertibleStVK, LinearElastic, NeoHookean, StVK
 from .bodies import voigt_matrix
 from .case import random_rotation
 from .checks.law import LawChecks
-from .header import PACKAGES, circumstances
 from .law_naming import named_law
 from .law_readings import MEASURES, ORDERS, TANGENTS, JudgedLaw, Told
 from .report import Report
-from .terminal import CountedProgress
 
 Claims = StVK | NeoHookean | LinearElastic | Corotated | InvertibleStVK
 Measurement = dict[str, Any]

@@ -9,8 +9,9 @@ from pathlib import Path
 from ..arguments import path
 from ..errors import StvkError
 from ..results.files import cannot_write, replacing
+from ..terminal import as_text
+from .rendering import rendered
 from .results import Findings
-from .terminal import as_text, rendered
 
 
 class Report(Findings):

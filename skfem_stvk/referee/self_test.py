@@ -14,9 +14,9 @@ from rich.console import Console, Group, RenderableType
 
 from ..arguments import flag, whole
 from ..system import System
+from ..terminal import CountedProgress, as_text, grid, printable
 from .faults import FAULTS, bodies
 from .report import folder_for, write
-from .terminal import CountedProgress, as_text, grid, printable
 from .verification import failures_of, name_of
 
 #: Columns of the matrix: the check, and what the letters in its cells mean.

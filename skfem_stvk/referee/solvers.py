@@ -12,15 +12,15 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
+from ..about import PACKAGES, circumstances
 from ..arguments import Array, flag, number, whole
 from ..errors import StvkError
 from ..materials import Hypothesis, Isotropic
-from .header import PACKAGES, circumstances
+from ..terminal import CountedProgress
 from .manufactured import Manufactured, fitted_order, moved_box
 from .players import Foul, Player, fairly
 from .report import Report
 from .results import CheckOutcome, Explanation, Naming, Result, Task
-from .terminal import CountedProgress
 
 #: Cells along each side of the ladder's meshes, by dimension; the first of the second row is the mesh of all other checks.
 LADDER = {2: (8, 12, 18), 3: (4, 6, 9)}

@@ -28,6 +28,7 @@ from ..materials import Isotropic, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
 from ..results.files import NotOurs, cannot_write, replacing
+from ..terminal import CountedProgress
 from ..terms import StVK
 from .bodies import is_condensed
 from .case import named_states
@@ -35,7 +36,6 @@ from .discretisation import Discretisation, Exact, derivatives
 from .exact import CONTEXT, ExactStVK
 from .players import METHODS
 from .shape import Shape
-from .terminal import CountedProgress
 from .vector_files import TYPES, read, type_of, write_npz, write_text
 from .verification import claimed_terms
 

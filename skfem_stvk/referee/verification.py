@@ -17,6 +17,7 @@ from ..errors import MaterialError, StvkError, StvkWarning
 from ..materials import Material
 from ..mesh import ElementMesh, MeshLike
 from ..system import System
+from ..terminal import CountedProgress
 from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on
 from .case import CANDIDATE, EDGES, OURS, REFERENCE, STRETCH, Case, named_states
@@ -32,7 +33,6 @@ from .players import METHODS, Foul, Player, fairly
 from .report import Report
 from .results import CheckOutcome, Naming, NotApplicable, Result, Task
 from .shape import Shape
-from .terminal import CountedProgress
 
 #: The checks, in the order of the report: each takes a case and gives its tasks.
 CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
+from ..about import machine, versions
 from ..errors import AnalysisError, SceneError, StvkError
-from ..referee.header import machine, versions
 from ..results.files import content_of, replacing, try_to_write
 from .outcome import BAD_INPUT, Judged, SceneOutcome
 from .report import plot_files

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
-from ..referee.terminal import grid, printable
+from ..terminal import grid, printable
 from ..terms import HasMemory, is_load
 from .build import Built
 from .schema.analyses import DynamicAnalysis, ModesAnalysis

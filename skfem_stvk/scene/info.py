@@ -27,10 +27,10 @@ from ..linear.choose import choose, why
 from ..mesh import ElementMesh, MeshQuality, mesh_quality
 from ..mesh.facets import facet_ids
 from ..mesh.quality import Extreme
-from ..referee.terminal import grid, printable
 from ..system import System
 from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.rigid import rigid_modes_left
+from ..terminal import grid, printable
 from ..terms import StVK
 from .build import Built
 from .run import on_threads

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import meshio
 import numpy as np
 
+from ..about import machine, versions
 from ..arguments import Array
 from ..dynamics import Modes, Run
 from ..dynamics.ledger import AXES, energy_lines, thinned
-from ..referee.header import machine, versions
 from ..results import animate, write_vtu
 from ..results.files import replacing
 from ..results.picture import Picture, View, picture_of

@@ -24,9 +24,9 @@ from ..arguments import shown, whole
 from ..errors import AnalysisError, SceneError, StvkError
 from ..kernels.threads import threads
 from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
-from ..referee.terminal import printable
 from ..results.files import content_of, replacing
 from ..results.one_writer import OneWriter
+from ..terminal import printable
 from .build import expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
 from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED, as_printed

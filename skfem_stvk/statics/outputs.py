@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from rich.progress import BarColumn, TimeElapsedColumn
 
 from ..nonlinear.newton import Iterations
-from ..nonlinear.progress import Progress
 from ..results import Fields, Series
 from ..results.files import Outlets
 from ..system import System
 from ..system.signature import Fingerprint
+from ..terminal import Progress
 from .history import Attempt, Step
 
 if TYPE_CHECKING:

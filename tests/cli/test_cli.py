@@ -18,11 +18,11 @@ from slow import slow
 
 from skfem_stvk import StVK, System, verify
 from skfem_stvk.cli.main import main
+from skfem_stvk.cli.scenes import OPTIONAL
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import agreement, precision
-from skfem_stvk.referee.header import OPTIONAL
+from skfem_stvk.referee.rendering import rendered
 from skfem_stvk.referee.results import CheckOutcome
-from skfem_stvk.referee.terminal import rendered
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -162,7 +162,7 @@ def test_ctrl_c_keeps_what_was_checked(monkeypatch):
 
 
 def test_info_prints_versions_threads_caches_and_every_optional_package_or_what_installs_it(capsys, monkeypatch):
-    monkeypatch.setattr("skfem_stvk.referee.header.version", lambda package: without_pyvista(package))
+    monkeypatch.setattr("skfem_stvk.about.version", lambda package: without_pyvista(package))
     assert main(["info"]) == 0
     out = capsys.readouterr().out
     lines = {line[:16].strip(): line[18:] for line in out.splitlines()}

@@ -5,9 +5,9 @@ import io
 import pytest
 from rich.console import Console
 
+from skfem_stvk.dynamics import progress as module
 from skfem_stvk.dynamics.ledger import Ledger
-from skfem_stvk.nonlinear import progress as module
-from skfem_stvk.nonlinear.progress import MotionProgress
+from skfem_stvk.dynamics.progress import MotionProgress
 
 
 class Clock:

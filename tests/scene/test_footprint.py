@@ -8,9 +8,9 @@ import pytest
 from slow import slow
 
 from skfem_stvk.cli.main import main
-from skfem_stvk.referee.terminal import as_text
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.footprint import OF_RESULTS, OF_SOLVERS, footprint, table
+from skfem_stvk.terminal import as_text
 
 BODY = {
     "mesh": {"type": "box", "size": [4.0, 1.0, 1.0], "cells": [20, 3, 3]},

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from skfem_stvk.referee.terminal import as_text, grid
+from skfem_stvk.terminal import as_text, grid
 
 from .results import Benchmark
 from .tables import FigureTable, tables

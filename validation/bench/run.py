@@ -6,9 +6,9 @@ from collections.abc import Callable
 from functools import partial
 from time import perf_counter
 
+from skfem_stvk.about import PACKAGES, circumstances
 from skfem_stvk.peers import PEERS
-from skfem_stvk.referee.header import PACKAGES, circumstances
-from skfem_stvk.referee.terminal import CountedProgress
+from skfem_stvk.terminal import CountedProgress
 
 from .contenders import compare_errors, leave_out, time_contenders, time_models, time_peers, time_reference
 from .costs import copy_bandwidth, first_use, time_setup, weigh

@@ -8,7 +8,7 @@ from time import perf_counter
 
 from rich.console import Console
 
-from skfem_stvk.referee.terminal import WIDTH
+from skfem_stvk.terminal import WIDTH
 
 from ..statics.study import Study
 from .costs import costs

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from rich.console import Console
 from rich.table import Table
 
-from skfem_stvk.referee.terminal import WIDTH, grid
+from skfem_stvk.terminal import WIDTH, grid
 
 from .bodies import check_body, recipes
 from .files import mesh_files, read_damaged_mesh, read_damaged_scene, scene_files

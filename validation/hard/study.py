@@ -10,7 +10,7 @@ from time import perf_counter
 from rich.console import Console
 from rich.markup import escape
 
-from skfem_stvk.referee.terminal import WIDTH
+from skfem_stvk.terminal import WIDTH
 
 from .case import Case
 from .judge import Verdict

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from skfem_stvk import System
-from skfem_stvk.referee.terminal import grid
+from skfem_stvk.terminal import grid
 
 from .case import Case
 from .judge import Verdict

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from skfem_stvk import ElementMesh, NodalLoad, StVK, System, VelocityVerlet, simulate, solve_static, verify
 from skfem_stvk.mesh import read_mesh
-from skfem_stvk.referee.terminal import rendered
+from skfem_stvk.referee.rendering import rendered
 from skfem_stvk.results.series import read_list
 
 from .case import Case, Verdict, Wrong, in_words

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from skfem_stvk.errors import name_known
-from skfem_stvk.referee.terminal import WIDTH, grid
+from skfem_stvk.terminal import WIDTH, grid
 
 from . import FAMILIES
 from .case import Verdict

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 from rich.console import Console
 
-from skfem_stvk.referee.terminal import WIDTH
+from skfem_stvk.terminal import WIDTH
 
 from ..statics.study import Study
 from . import bars, motions, pictures, recoveries

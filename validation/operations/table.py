@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from skfem_stvk.referee.terminal import WIDTH, grid
+from skfem_stvk.terminal import WIDTH, grid
 
 from .algorithms import ALGORITHMS, LINEAR
 from .body import Body

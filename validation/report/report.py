@@ -18,10 +18,10 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from skfem_stvk.about import PACKAGES, circumstances
 from skfem_stvk.errors import StvkError
-from skfem_stvk.referee.header import PACKAGES, circumstances
-from skfem_stvk.referee.terminal import WIDTH, grid
 from skfem_stvk.results.files import replacing
+from skfem_stvk.terminal import WIDTH, grid
 
 from .catalogue import PARTS, Kind
 from .job import Claim

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Group, RenderableType
 from rich.markup import escape
 
-from skfem_stvk.referee.terminal import grid
+from skfem_stvk.terminal import grid
 
 _recorded: list[list[Study]] = []
 

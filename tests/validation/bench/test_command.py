@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from skfem_stvk.referee.header import PACKAGES, circumstances
+from skfem_stvk.about import PACKAGES, circumstances
 from validation import bench
 from validation.__main__ import main
 

@@ -11,7 +11,7 @@ import pytest
 from skfem_stvk import StvkError, System
 from skfem_stvk.peers import PEERS
 from skfem_stvk.peers.peer import Package
-from skfem_stvk.referee.terminal import as_text
+from skfem_stvk.terminal import as_text
 from validation.bench import Plan, bench, contenders, control, costs, run
 from validation.bench.contenders import our_calls
 from validation.bench.control import compiler

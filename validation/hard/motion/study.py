@@ -9,7 +9,7 @@ from time import perf_counter
 from rich.console import Console
 from rich.markup import escape
 
-from skfem_stvk.referee.terminal import grid
+from skfem_stvk.terminal import grid
 
 from ..judge import Verdict
 from ..methods import Run

@@ -4,8 +4,8 @@
     def test_my_model(stvk_referee, stvk_mesh):
         stvk_referee.assert_consistent(MyModel(stvk_mesh), stvk_mesh, young=1e5, poisson=0.3)
 
-Every run of pytest in an environment with skfem-stvk imports this file: it imports nothing but pytest before a test asks for one of
-its fixtures.
+Every run of pytest in an environment with skfem-stvk imports this file. It imports pytest alone, and other parts of this package
+only when a test uses one of its fixtures.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from skfem_stvk import Report
+    from .referee import Report
 
 MARKS = (
     "stvk(**arguments): judged by skfem-stvk; the arguments are those of stvk_referee's assertions that they are not given. "
@@ -57,7 +57,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         if mark is not None:
             kinds = mark.args
         else:
-            from skfem_stvk.testing import KINDS
+            from .testing import KINDS
 
             kinds = tuple(KINDS)
         metafunc.parametrize("stvk_mesh", kinds, indirect=True)
@@ -73,7 +73,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def stvk_mesh(request: pytest.FixtureRequest) -> Any:
     """A small scikit-fem mesh whose edges all differ, with elements of both orientations and inner nodes."""
-    from skfem_stvk.testing import small_mesh
+    from .testing import small_mesh
 
     return small_mesh(request.param)
 
@@ -94,22 +94,22 @@ class Referee:
     def assert_consistent(self, model: Any, mesh: Any, material: Any = None, **options: Any) -> Report:
         """Assert that W, F and K of a model are those of an elastic body: see `skfem_stvk.testing.assert_consistent`."""
         __tracebackhide__ = True
-        from skfem_stvk.testing import assert_consistent
+        from .testing import assert_consistent
 
         return self._judge(assert_consistent, assert_consistent, model, mesh, material, **options)
 
     def assert_law(self, **law: Any) -> Report:
         """Assert that energy, stress and tangent, any subset, are a hyperelastic law: see `skfem_stvk.testing.assert_law`."""
         __tracebackhide__ = True
-        from skfem_stvk import verify_law
-        from skfem_stvk.testing import assert_law
+        from .referee.law import verify_law
+        from .testing import assert_law
 
         return self._judge(assert_law, verify_law, **law)
 
     def _judge(self, judge: Callable[..., Report], declared: Callable[..., Report], *candidate: Any, **options: Any) -> Report:
         """What an assertion says, with the arguments of the mark; those that it knows are those that are `declared`."""
         __tracebackhide__ = True
-        from skfem_stvk.testing import Inconsistent
+        from .testing import Inconsistent
 
         mark = self.test.get_closest_marker("stvk")
         given = {} if mark is None else dict(mark.kwargs)

@@ -1,18 +1,14 @@
-"""Text for a terminal: the report, tables in the house style, and the progress of a long command."""
+"""The report as text for a terminal."""
 
 from __future__ import annotations
 
-import io
 import math
 from typing import Any
 
-from rich import box
-from rich.console import Console, Group, RenderableType
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
+from rich.console import Group, RenderableType
 from rich.table import Table
 
-from ..nonlinear.progress import Progress
+from ..terminal import WIDTH, grid, printable
 from .judgement import in_words
 from .results import CheckOutcome, Findings, Result
 
@@ -23,24 +19,6 @@ STYLE = {
     CheckOutcome.NOT_APPLICABLE: "dim",
 }
 WORST_FIRST = (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN, CheckOutcome.PASSED, CheckOutcome.NOT_APPLICABLE)
-WIDTH = 124
-
-
-def printable(text: str) -> str:
-    """Text that a terminal shows as it is: neither markup nor control characters act, and lines stay lines.
-
-    >>> printable("[bold]bracket\\x1b[2J.msh")
-    '\\\\[bold]bracket\\\\x1b[2J.msh'
-    """
-    harmless = (c if c.isprintable() or c == "\n" else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
-    return escape("".join(harmless))
-
-
-def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
-    """Plain text, without blanks at the ends of lines."""
-    buffer = io.StringIO()
-    Console(file=buffer, width=width, no_color=True, highlight=False).print(renderable)
-    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()).strip("\n")
 
 
 def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
@@ -73,14 +51,6 @@ def _on_the_body(header: dict[str, Any]) -> list[str]:
         *(f"candidate: {line}" for line in header.get("candidate", [])),
         f"held against {header['reference']}",
     ]
-
-
-def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
-    """A table in the house style; the columns named in `right` hold numbers."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in columns:
-        table.add_column(column, justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
-    return table
 
 
 def _checks(report: Findings, width: int) -> Table:
@@ -204,15 +174,3 @@ def _verdict(report: Findings) -> str:
     counts = ", ".join(f"{report.counts[outcome]} {outcome.value}" for outcome in CheckOutcome)
     word, style = ("PASSED", "bold green") if report.passed else ("NOT PASSED", "bold red")
     return f"[{style}]{word}[/]: {counts} in {report.seconds:.1f} s{', interrupted' if report.interrupted else ''}"
-
-
-class CountedProgress(Progress):
-    """A bar that counts so many pieces of work."""
-
-    def __init__(self, command: str, total: int, quiet: bool) -> None:
-        super().__init__(command, quiet, (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()))
-        self.show(total=total)
-
-    def step(self, description: str) -> None:
-        """Say that one more piece of work begins."""
-        self.show(advance=1, description=description)

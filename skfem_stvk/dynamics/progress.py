@@ -1,4 +1,4 @@
-"""What analyses and long commands print while they run."""
+"""The progress of a simulation."""
 
 from __future__ import annotations
 
@@ -6,52 +6,15 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from math import isnan
-from typing import Any, TypeVar
+from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, ProgressColumn, TextColumn
-from rich.progress import Progress as Bar
+from rich.progress import BarColumn
 
-#: Time from one look to the next [s], on a terminal and elsewhere, and over how many of them steps/s are averaged.
-REFRESH, LINES, WINDOW = 0.25, 5.0, 10
+from ..terminal import LINES, Progress, duration
+
+#: Time from one look to the next on a terminal [s], and over how many looks steps/s are averaged.
+REFRESH, WINDOW = 0.25, 10
 ENERGIES = {"kinetic": "kinetic_energy", "strain": "strain_energy", "total": "total_energy", "closure error": "closure_error"}
-
-Entered = TypeVar("Entered", bound="Progress")
-
-
-class Progress:
-    """Lines on standard output, and on a terminal a bar on standard error that goes away when the work is done; nothing if quiet.
-
-    The bar has its name, rich's `columns` and a description; `options` are those of rich's `Progress`.
-    """
-
-    def __init__(self, name: str, quiet: bool, columns: tuple[ProgressColumn, ...], **options: Any) -> None:
-        self._quiet = quiet
-        self._bar: Bar | None = None
-        console = None if quiet else Console(stderr=True)
-        if console is not None and console.is_terminal:
-            shown = TextColumn(name), *columns, TextColumn("{task.description}")
-            self._bar = Bar(*shown, console=console, transient=True, **options)
-            self._bar.add_task("")
-
-    def __enter__(self: Entered) -> Entered:
-        if self._bar is not None:
-            self._bar.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def print(self, line: str) -> None:
-        """Print a line."""
-        if not self._quiet:
-            print(line, flush=True)
-
-    def show(self, **changes: Any) -> None:
-        """Draw the bar anew, with changes as rich's `Progress.update` takes them."""
-        if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], refresh=True, **changes)
 
 
 class MotionProgress(Progress):
@@ -111,19 +74,3 @@ class MotionProgress(Progress):
 def _joules(energy: float) -> str:
     """An energy in words; "-" for one that does not exist."""
     return "-" if isnan(energy) else f"{energy:.3g} J"
-
-
-def duration(seconds: float) -> str:
-    """Seconds in words, to two numbers.
-
-    >>> duration(0.0123), duration(59.4), duration(192), duration(7500)
-    ('0.012 s', '59 s', '3 min 12 s', '2 h 5 min')
-    """
-    if seconds < 10:
-        return f"{seconds:.2g} s"
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"

@@ -1,0 +1,70 @@
+"""The machine, the packages and the command of a run, for reports and summaries."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Iterable
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from .arguments import THREAD_LIMITS
+
+PACKAGES = (
+    "skfem-stvk",
+    "scikit-fem",
+    "numpy",
+    "scipy",
+    "numba",
+    "meshio",
+    "rich",
+    "matplotlib",
+    "jinja2",
+    "pyamg",
+    "filelock",
+    "pydantic",
+)
+
+
+def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
+    """Versions of Python and the packages; "not installed" for those that are not."""
+
+    def installed(package: str) -> str:
+        try:
+            return version(package)
+        except PackageNotFoundError:
+            return "not installed"
+
+    return {"python": platform.python_version()} | {package: installed(package) for package in packages}
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, system and the settings that change a speed."""
+    limits = [f"{name}={os.environ[name]}" for name in THREAD_LIMITS if name in os.environ]
+    return {
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "threads": ", ".join(limits) or "not limited by the environment",
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def circumstances(packages: Iterable[str]) -> dict[str, Any]:
+    """Date, command, versions and machine of a run."""
+    return {
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "versions": versions(packages),
+        "machine": machine(),
+    }

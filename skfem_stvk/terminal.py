@@ -1,0 +1,107 @@
+"""Text for a terminal, tables in the house style, and the progress of analyses and long commands."""
+
+from __future__ import annotations
+
+import io
+from typing import Any, TypeVar
+
+from rich import box
+from rich.console import Console, RenderableType
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+
+WIDTH = 124
+#: Time from one line of progress to the next where there is no terminal [s].
+LINES = 5.0
+
+Entered = TypeVar("Entered", bound="Progress")
+
+
+def printable(text: str) -> str:
+    """Text that a terminal shows as it is: neither markup nor control characters act, and lines stay lines.
+
+    >>> printable("[bold]bracket\\x1b[2J.msh")
+    '\\\\[bold]bracket\\\\x1b[2J.msh'
+    """
+    harmless = (c if c.isprintable() or c == "\n" else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
+    return escape("".join(harmless))
+
+
+def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
+    """Plain text, without blanks at the ends of lines."""
+    buffer = io.StringIO()
+    Console(file=buffer, width=width, no_color=True, highlight=False).print(renderable)
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()).strip("\n")
+
+
+def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
+    """A table in the house style; the columns named in `right` hold numbers."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in columns:
+        table.add_column(column, justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
+    return table
+
+
+class Progress:
+    """Lines on standard output, and on a terminal a bar on standard error that goes away when the work is done; nothing if quiet.
+
+    The bar has its name, rich's `columns` and a description; `options` are those of rich's `Progress`.
+    """
+
+    def __init__(self, name: str, quiet: bool, columns: tuple[ProgressColumn, ...], **options: Any) -> None:
+        self._quiet = quiet
+        self._bar: Bar | None = None
+        console = None if quiet else Console(stderr=True)
+        if console is not None and console.is_terminal:
+            shown = TextColumn(name), *columns, TextColumn("{task.description}")
+            self._bar = Bar(*shown, console=console, transient=True, **options)
+            self._bar.add_task("")
+
+    def __enter__(self: Entered) -> Entered:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def print(self, line: str) -> None:
+        """Print a line."""
+        if not self._quiet:
+            print(line, flush=True)
+
+    def show(self, **changes: Any) -> None:
+        """Draw the bar anew, with changes as rich's `Progress.update` takes them."""
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], refresh=True, **changes)
+
+
+class CountedProgress(Progress):
+    """A bar that counts so many pieces of work."""
+
+    def __init__(self, command: str, total: int, quiet: bool) -> None:
+        super().__init__(command, quiet, (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()))
+        self.show(total=total)
+
+    def step(self, description: str) -> None:
+        """Say that one more piece of work begins."""
+        self.show(advance=1, description=description)
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words, to two numbers.
+
+    >>> duration(0.0123), duration(59.4), duration(192), duration(7500)
+    ('0.012 s', '59 s', '3 min 12 s', '2 h 5 min')
+    """
+    if seconds < 10:
+        return f"{seconds:.2g} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
