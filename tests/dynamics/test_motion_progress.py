@@ -5,6 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
+from skfem_stvk import terminal
 from skfem_stvk.dynamics import progress as module
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.dynamics.progress import MotionProgress
@@ -89,7 +90,7 @@ def test_no_step_at_all_ends_without_a_line(clock, capsys):
 @pytest.mark.parametrize("width", [80, 160])
 def test_on_a_terminal_a_bar_that_is_drawn_four_times_a_second(clock, capsys, monkeypatch, width):
     screen = io.StringIO()
-    monkeypatch.setattr(module, "Console", lambda stderr: Console(file=screen, force_terminal=True, width=width, _environ={}))
+    monkeypatch.setattr(terminal, "Console", lambda stderr: Console(file=screen, force_terminal=True, width=width, _environ={}))
     simulate(clock, 1 / 128, 1536)
     drawn = screen.getvalue()
     assert capsys.readouterr().out.splitlines()[1:] == [
