@@ -54,24 +54,26 @@ def models(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str
     yield from _planted(evidence, terms)
 
 
+def _renumbered(evidence: Evidence, read: Array, returned: Array, u: Array, quantities: str) -> Values:
+    """The reference, where it reads `u[read]` and returns its own values in the order `returned`."""
+    values = evidence.truth(u[read], quantities)
+    turned = {"F": lambda F: F[returned], "K": lambda K: K[returned][:, returned] if issparse(K) else K[returned]}
+    return {q: turned[q](value) if q in turned else value for q, value in values.items()}
+
+
 def _orders_of_dofs(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
     """Degrees of freedom component by component, in what is taken, what is returned, or both."""
-    d, n = evidence.case.mesh.d, evidence.case.mesh.p.size
+    d, own = evidence.case.mesh.d, np.arange(evidence.case.mesh.p.size)
     if d == 1:
         return
-    blocked = np.arange(n).reshape(-1, d).T.ravel()
-
-    def model(taken: bool, returned: bool, u: Array, quantities: str) -> Values:
-        values = evidence.truth(u.reshape(d, -1).T.ravel() if taken else u, quantities)
-        if returned:
-            turned = {"F": lambda F: F[blocked], "K": lambda K: K[blocked][:, blocked] if issparse(K) else K[blocked]}
-            values = {q: turned[q](value) if q in turned else value for q, value in values.items()}
-        return values
-
+    taken, returned = own.reshape(d, -1).T.ravel(), own.reshape(-1, d).T.ravel()
     words = "degrees of freedom are {} component by component (x of all nodes, then y, ...), not node by node"
-    yield "results component by component", words.format("returned"), partial(model, False, True)
-    yield "displacements component by component", words.format("read"), partial(model, True, False)
-    yield "all component by component", words.format("read and returned"), partial(model, True, True)
+    for name, what, orders in (
+        ("results component by component", "returned", (own, returned)),
+        ("displacements component by component", "read", (taken, own)),
+        ("all component by component", "read and returned", (taken, returned)),
+    ):
+        yield name, words.format(what), partial(_renumbered, evidence, *orders)
 
 
 def _read_otherwise(evidence: Evidence, read: Callable[[Array], Array], u: Array, quantities: str) -> Values:
@@ -91,17 +93,12 @@ def _other_displacements(evidence: Evidence) -> Iterator[tuple[str, str, Model]]
     for name, words, read in readings:
         yield name, words, partial(_read_otherwise, evidence, read)
 
-    def model(order: Array, taken: bool, u: Array, quantities: str) -> Values:
-        values = evidence.truth(u[order] if taken else u, quantities)
-        turned = {"F": lambda F: F[order], "K": lambda K: K[order][:, order] if issparse(K) else K[order]}
-        return {q: turned[q](value) if q in turned else value for q, value in values.items()}
-
-    dofs = np.arange(len(rest)).reshape(-1, d)
+    own = np.arange(len(rest))
     for order in list(permutations(range(d)))[1:]:
-        said = ", ".join("xyz"[i] for i in order)
-        for taken, words in ((False, "returned"), (True, "read and returned")):
+        said, other = ", ".join("xyz"[i] for i in order), own.reshape(-1, d)[:, order].ravel()
+        for taken, words in ((own, "returned"), (other, "read and returned")):
             name = f"components {words} in the order {said}"
-            yield name, f"components of each node are {words} in this order", partial(model, dofs[:, order].ravel(), taken)
+            yield name, f"components of each node are {words} in this order", partial(_renumbered, evidence, taken, other)
 
 
 def _orders_of_voigt(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:

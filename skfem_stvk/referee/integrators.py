@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -16,12 +17,11 @@ from ..arguments import Array, flag, number, whole
 from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..system import System
-from ..terminal import CountedProgress
 from ..terms import StVK
 from .manufactured import fitted_order
 from .players import Foul, Player, fairly
-from .report import Report
-from .results import CheckOutcome, Explanation, Naming, Result, Task
+from .report import Report, carry_out
+from .results import CheckOutcome, Explanation, Naming, Result, Task, largest
 
 #: Young's moduli of the two bodies [Pa], a bar of length 1.3 m and section 2e-4 m^2 with half of its mass at each end.
 YOUNG = {"soft": 1e4, "stiff": 1e10}
@@ -95,7 +95,7 @@ def verify_integrator(
     limit = None if stable is None else number("stable", stable, "a positive omega dt up to 1000", low=0.0, high=1e3, closed=True)
     if isinstance(conserves, str) or not set(conserves) <= set(QUANTITIES):
         raise StvkError(f"conserves = {conserves!r}; expected a sequence of {', '.join(map(repr, QUANTITIES))}.")
-    flag("quiet", quiet)
+    quiet = flag("quiet", quiet)
     lines = [
         f"integrator: {getattr(step, '__name__', type(step).__name__)}(system, u, v, dt)",
         f"claims: order {claimed or 'none'}, conserves {', '.join(conserves) or 'nothing'}, "
@@ -103,17 +103,12 @@ def verify_integrator(
     ]
     report = Report(circumstances(PACKAGES) | {"lines": lines})
     tasks = _tasks(step, density, claimed, conserves, limit)
-    with CountedProgress("verify integrator", len(tasks) + 1, quiet) as progress:
-        try:
-            for task in tasks:
-                progress.step(f"{task.check}: {task.state}")
-                report.results.append(task.run())
-        except KeyboardInterrupt:
-            report.interrupted = True
-            report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
-        if report.failures() and not report.interrupted:
-            progress.step("what it is")
+
+    def name_what_failed() -> None:
+        if report.failures():
             report.named = _named(step, density, (claimed, conserves, limit), report.failures())
+
+    carry_out(report, "verify integrator", tasks, quiet, {"what it is": name_what_failed})
     report.seconds = time.perf_counter() - started
     return report
 
@@ -289,19 +284,18 @@ def _stability(body: _Body, claimed: float | None) -> dict[str, Any]:
 
 def _named(step: Step, density: float, claims: tuple[int | None, Sequence[str], float | None], failures: list[Result]) -> Naming:
     """The repairs of the step with which it passes every check."""
-    naming = Naming(before=max((r.measured for r in failures if r.measured is not None and np.isfinite(r.measured)), default=0.0))
-    try:
-        repairs = [*_of_size(step, _Body(step, YOUNG["soft"], density)), *_OF_PLACE.items()]
-        naming.tried = len(_OF_PLACE) + 2
-    except (Foul, np.linalg.LinAlgError):
-        repairs = []
-    for (name, words), repair in repairs:
-        results = [task.run() for task in _tasks(partial(repair, step), density, *claims)]
-        if all(result.outcome is CheckOutcome.PASSED for result in results):
-            residual = max(result.measured for result in results if result.measured is not None)
-            naming.explanations.append(Explanation(name, words, residual))
+    naming, soft = Naming(before=largest(failures)), _Body(step, YOUNG["soft"], density)
+
+    def repaired() -> Iterator[Explanation]:
+        for (name, words), repair in (*_of_size(step, soft), *_OF_PLACE.items()):
+            results = [task.run() for task in _tasks(partial(repair, step), density, *claims)]
+            passed = all(result.outcome is CheckOutcome.PASSED for result in results)
+            yield Explanation(name, words, largest(results) if passed else np.inf)
+
+    with suppress(Foul, np.linalg.LinAlgError):  # of a step that cannot be measured no repair is known
+        naming.explain(repaired())
     if not naming.explanations and any(result.check == "stability limit" for result in failures):
-        naming.explanations += [Explanation(*one) for one in _of_beta(_Body(step, YOUNG["soft"], density))]
+        naming.explain(_of_beta(soft))
     if not naming.explanations:
         least = {result.check: result.reason for result in failures}
         naming.smallest = " ".join(f"By {check}: {reason}." for check, reason in least.items())
@@ -363,7 +357,7 @@ def _stiffness(body: _Body, omega_dt: float) -> float:
     return float(((angles[0] - angles[1]) ** 2).real / -4)
 
 
-def _of_beta(body: _Body) -> Iterator[tuple[str, str, float]]:
+def _of_beta(body: _Body) -> Iterator[Explanation]:
     """Newmark's beta of an implicit step with gamma = 1/2, for which `cos(theta) = 1 - x^2/2 / (1 + beta x^2)`, `x = omega dt`."""
     found = []
     for x in (0.5, 1.0):
@@ -375,7 +369,7 @@ def _of_beta(body: _Body) -> Iterator[tuple[str, str, float]]:
     if off < EXACT and EXACT < beta < 0.25 - EXACT:
         limit = 2 / np.sqrt(1 - 4 * beta)
         words = f"small vibrations are those of Newmark's beta = {beta:.4f}, stable up to omega dt = {limit:.3g}; 1/4 has no limit"
-        yield f"beta = {beta:.3f}", words, off
+        yield Explanation(f"beta = {beta:.3f}", words, off)
 
 
 def _accelerated(system: System, u: Array) -> Array:

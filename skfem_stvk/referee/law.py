@@ -14,14 +14,13 @@ from ..arguments import Array, choice, flag, real_array, shown, whole
 from ..errors import MaterialError, StvkError
 from ..materials import FramedMaterial, Hypothesis, Isotropic
 from ..reference import anisotropic_tensor, isotropic_tensor
-from ..terminal import CountedProgress
 from ..terms import Corotated, InvertibleStVK, LinearElastic, NeoHookean, StVK
 from .bodies import voigt_matrix
 from .case import random_rotation
 from .checks.law import LawChecks
 from .law_naming import named_law
 from .law_readings import MEASURES, ORDERS, TANGENTS, JudgedLaw, Told
-from .report import Report
+from .report import Report, carry_out
 
 Claims = StVK | NeoHookean | LinearElastic | Corotated | InvertibleStVK
 Measurement = dict[str, Any]
@@ -111,14 +110,14 @@ def verify_law(
     told: Told = {"P": (measure, voigt, None), "A": (tangent, voigt, engineering)}
     lines = law.read(told, tensor, isinstance(claims, StVK))
     checks = LawChecks(law, states, tensor, claims, rng)
-    report = Report(circumstances(PACKAGES) | {"seed": seed})
-    tasks = list(checks.tasks())
-    with CountedProgress("verify law", len(tasks), quiet) as progress:
-        for task in tasks:
-            progress.step(f"{task.check}: {task.state}")
-            report.results.append(task.run())
-    report.named = named_law(law, checks, told, report.results)
-    report.header["lines"] = [f"a law in {d} dimensions: {', '.join(functions)} of F", *lines, *checks.facts()]
+    lines = [f"a law in {d} dimensions: {', '.join(functions)} of F", *lines]
+    report = Report(circumstances(PACKAGES) | {"seed": seed, "lines": lines})
+
+    def name_what_failed() -> None:
+        report.named = named_law(law, checks, told, report.results)
+        lines.extend(checks.facts())
+
+    carry_out(report, "verify law", list(checks.tasks()), quiet, {"what it is": name_what_failed})
     report.seconds = time.monotonic() - began
     return report
 

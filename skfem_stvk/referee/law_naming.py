@@ -26,7 +26,7 @@ from .law_readings import (
     stvk_stress,
 )
 from .players import Foul
-from .results import CheckOutcome, Explanation, Naming, Result
+from .results import CheckOutcome, Explanation, Naming, Result, largest
 
 #: Relative distance of moduli that are the same: differences of sixth order, taken twice, are good to 1e-8.
 SAME = 1e-6
@@ -42,7 +42,7 @@ def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Resul
     failures = [result for result in results if result.outcome is CheckOutcome.FAILED and result.check not in SELF_EXPLAINING]
     if not failures:
         return None
-    naming = Naming(tried=law.tried, before=_largest(failures))
+    naming = Naming(tried=law.tried, before=largest(failures))
     repair = _Repair(law, checks, told)
     try:
         after = repair.results()
@@ -50,9 +50,9 @@ def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Resul
         after = []
     naming.tried += len(law.functions) * (checks.isotropic + checks.stvk)
     if repair.found and after and not any(result.outcome is CheckOutcome.FAILED for result in after):
-        residual = _largest([r for r in after if r.outcome is CheckOutcome.PASSED and r.check not in SELF_EXPLAINING])
+        residual = largest(r for r in after if r.outcome is CheckOutcome.PASSED and r.check not in SELF_EXPLAINING)
         names, words = zip(*repair.found, strict=True)
-        naming.explanations = [Explanation("; ".join(names), "; ".join(words), residual)]
+        naming.explain([Explanation("; ".join(names), "; ".join(words), residual)])
         return naming
     size = {name: float(np.abs(F.T @ F - np.eye(law.d)).max()) for name, F in checks.states.items()}
     least = min((result.state for result in failures), key=lambda name: size.get(name, np.inf))
@@ -61,10 +61,6 @@ def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Resul
     naming.smallest = f"Nearest to rest it fails in the state {least!r}{', where it is not a number' if blind else ''}."
     naming.smallest += f" In part: {part}." if part else ""
     return naming
-
-
-def _largest(results: list[Result]) -> float:
-    return max((r.measured for r in results if r.measured is not None and np.isfinite(r.measured)), default=0.0)
 
 
 class _Repair:

@@ -44,10 +44,7 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
         values = "values that are numbers" if evidence.not_finite else "values"
         return Naming(smallest=f"It has no {values} in strained states.")
     naming = Naming(before=evidence.error(evidence.truth, np.inf), smallest=_not_finite(evidence))
-    for found, (name, words) in _in_words(evidence):
-        naming.tried += 1
-        if found:
-            naming.explanations.append(Explanation(name, words, naming.before))
+    naming.explain(Explanation(name, words, naming.before if holds else np.inf) for holds, (name, words) in _in_words(evidence))
     if naming.explanations or naming.before <= VANISHES:  # where all values are right, every model that leaves them alone fits
         if naming.names == [INVERSION]:
             naming.smallest = ""
@@ -59,9 +56,8 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
                 "behind them, in a part that is far softer, or in another state, such as rest."
             )
         return naming
-    naming.explanations, naming.tried = _those_that_fit(evidence, terms, naming.tried)
     unexplained: list[str] = []
-    if not naming.explanations and len(evidence.quantities) > 1:
+    if not naming.explain(_hypotheses(evidence, terms), VANISHES) and len(evidence.quantities) > 1:
         unexplained = _one_by_one(naming, evidence, terms)
     if not naming.explanations:
         unexplained.append(_fewest_nodes(evidence) if make is None else smallest_piece(make, case, terms))
@@ -95,44 +91,37 @@ def _not_repeatable(case: Case, player: Player) -> str:
     )
 
 
-def _those_that_fit(evidence: Evidence, terms: Sequence[StVK], tried: int) -> tuple[list[Explanation], int]:
-    """The hypotheses that explain all of the evidence, and how many have been tried."""
-    fit = []
+def _hypotheses(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[Explanation]:
+    """All hypotheses, each with the error that it leaves of the evidence."""
     for name, words, model in models(evidence, terms):
-        tried += 1
-        residual = evidence.error(model)
-        if residual <= VANISHES:
-            fit.append(Explanation(name, words, residual))
-    return fit, tried
+        yield Explanation(name, words, evidence.error(model))
 
 
 def _one_by_one(naming: Naming, evidence: Evidence, terms: Sequence[StVK]) -> list[str]:
     """Explain each of W, F and K by itself, in one explanation, and return what is left to explain."""
-    right, fits = [], {}
+    right, found, unexplained = [], {}, []
     for quantity in evidence.quantities:
-        single = evidence.of(quantity)
+        single, fit = evidence.of(quantity), Naming()
         if single.error(single.truth) <= VANISHES:
             right.append(quantity)
+        elif fit.explain(_hypotheses(single, terms), VANISHES):
+            found[quantity] = fit
         else:
-            fits[quantity], naming.tried = _those_that_fit(single, terms, naming.tried)
-    found = {quantity: fit for quantity, fit in fits.items() if fit}
-    common = [
-        one.name for fit in list(found.values())[:1] for one in fit if all(one.name in _names(each) for each in found.values())
-    ]
-    said = {quantity: common or _names(fit) for quantity, fit in found.items()} | {quantity: ["right"] for quantity in right}
+            unexplained.append(quantity)
+        naming.tried += fit.tried
+    fits = list(found.values())
+    common = [name for name in fits[0].names if all(name in fit.names for fit in fits)] if fits else []
+    said = {quantity: common or fit.names for quantity, fit in found.items()} | {quantity: ["right"] for quantity in right}
     names = [f"{quantity}: {' or '.join(said[quantity])}" for quantity in evidence.quantities if quantity in said]
     if found:
         words = "; ".join(
-            f"of {quantity}, {next(one.words for one in fit if one.name in said[quantity])}" for quantity, fit in found.items()
+            f"of {quantity}, {next(one.words for one in fit.explanations if one.name in said[quantity])}"
+            for quantity, fit in found.items()
         )
-        residual = max(one.residual for fit in found.values() for one in fit)
+        residual = max(one.residual for fit in fits for one in fit.explanations)
         naming.explanations = [Explanation("; ".join(names), words, residual)]
-        return [f"{quantity} has a further fault, which no hypothesis explains." for quantity, fit in fits.items() if not fit]
+        return [f"{quantity} has a further fault, which no hypothesis explains." for quantity in unexplained]
     return [f"{' and '.join(right)} {'are' if len(right) > 1 else 'is'} right."] if right else []
-
-
-def _names(fit: list[Explanation]) -> list[str]:
-    return [one.name for one in fit]
 
 
 def _not_finite(evidence: Evidence) -> str:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ..arguments import path
 from ..errors import StvkError
 from ..results.files import cannot_write, replacing
-from ..terminal import as_text
+from ..terminal import CountedProgress, as_text
 from .rendering import rendered
-from .results import Findings
+from .results import Findings, Task
 
 
 class Report(Findings):
@@ -44,6 +45,27 @@ class Report(Findings):
                 f"{os.environ.get('MPLBACKEND', '')!r}; 'agg' always works. report.json is written."
             ) from error
         return page(self)
+
+
+def carry_out(
+    report: Report, command: str, tasks: Sequence[Task], quiet: bool, then: Mapping[str, Callable[[], None]] | None = None
+) -> None:
+    """Run tasks, and `then` other steps by their names, with a bar of progress, and add the results to the report.
+
+    Ctrl-C keeps the results so far: tasks that did not run say so, and the other steps are left out.
+    """
+    steps = then or {}
+    with CountedProgress(command, len(tasks) + len(steps), quiet) as progress:
+        try:
+            for task in tasks:
+                progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
+                report.results.append(task.run())
+            for name, step in steps.items():
+                progress.step(name)
+                step()
+        except KeyboardInterrupt:
+            report.interrupted = True
+            report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
 
 
 def folder_for(name: str | Path) -> Path:

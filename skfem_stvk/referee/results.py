@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any
@@ -70,6 +70,11 @@ def judged(measured: float, limit: float, **entries: Any) -> Result:
     return Result(outcome=outcome, measured=float(measured), limit=limit, **entries)
 
 
+def largest(results: Iterable[Result]) -> float:
+    """The largest finite error that was measured; 0 if there is none."""
+    return max((r.measured for r in results if r.measured is not None and math.isfinite(r.measured)), default=0.0)
+
+
 class NotApplicable(Exception):
     """The check has no meaning here, by nature; the message says why."""
 
@@ -119,7 +124,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A hypothesis that explains the candidate: its name, a sentence, and the largest relative error that it leaves."""
+    """A hypothesis on what is wrong with a candidate: its name, a sentence, and the largest relative error that it leaves."""
 
     name: str
     words: str
@@ -142,6 +147,14 @@ class Naming:
     tried: int = 0
     before: float = 0.0
     smallest: str = ""
+
+    def explain(self, hypotheses: Iterable[Explanation], limit: float = math.inf) -> bool:
+        """Try hypotheses, keep those that leave a finite error of at most `limit`, and return whether there are any."""
+        tried = list(hypotheses)
+        fitting = [one for one in tried if one.residual <= limit and math.isfinite(one.residual)]
+        self.tried += len(tried)
+        self.explanations += fitting
+        return bool(fitting)
 
     @property
     def names(self) -> list[str]:

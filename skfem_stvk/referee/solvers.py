@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,11 +17,13 @@ from ..about import PACKAGES, circumstances
 from ..arguments import Array, flag, number, whole
 from ..errors import StvkError
 from ..materials import Hypothesis, Isotropic
-from ..terminal import CountedProgress
+from ..mesh import ElementMesh
+from .discretisation import Discretisation
 from .manufactured import Manufactured, fitted_order, moved_box
 from .players import Foul, Player, fairly
-from .report import Report
+from .report import Report, carry_out
 from .results import CheckOutcome, Explanation, Naming, Result, Task
+from .shape import Shape
 
 #: Cells along each side of the ladder's meshes, by dimension; the first of the second row is the mesh of all other checks.
 LADDER = {2: (8, 12, 18), 3: (4, 6, 9)}
@@ -34,8 +37,6 @@ ANGLES = (30.0, 60.0)
 LOAD, SMALL_LOAD = np.array([0.6, -0.4, 0.5]), 0.02
 #: A hypothesis holds if it leaves this part of the load, or this multiple of what rounding of the solver may leave.
 VANISHES = 1e-4
-#: Hypotheses: three on the boundary, no load, a factor in it, lambda and mu, three forces or loads, another equilibrium.
-TRIED = 10
 #: Another equilibrium is off the exact gradient by more than that; the load is integrated by a rule of this order.
 FAR, LOAD_ORDER = 0.5, 4
 
@@ -134,14 +135,7 @@ def verify_solver(
         f"equations solved to {rtol:g}",
     ]
     report, tasks = Report(circumstances(PACKAGES) | {"lines": lines}), list(_tasks(trial))
-    with CountedProgress("verify solver", len(tasks), quiet) as progress:
-        try:
-            for task in tasks:
-                progress.step(f"{task.check}: {task.state}")
-                report.results.append(task.run())
-        except KeyboardInterrupt:
-            report.interrupted = True
-            report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
+    carry_out(report, "verify solver", tasks, quiet)
     if not (report.passed or report.interrupted):
         report.named = _named(trial, report.results)
     report.seconds = time.perf_counter() - started
@@ -277,13 +271,13 @@ def _symmetric(trial: _Trial, name: str, Q: Array) -> dict[str, Any]:
 
 def _reciprocal(trial: _Trial) -> dict[str, Any]:
     """`C_ij`: the integral of `u_i` that a small load along `j` makes; loads of both signs take its square out."""
-    d, volume = trial.d, _Elements(trial.small)
+    d, weights = trial.d, _at_nodes(trial.small, _shape(trial.small).volume)
     C = np.zeros((d, d))
     for j in range(d):
         for sign in (1, -1):
             load = trial.constant(sign * SMALL_LOAD * np.eye(d)[j])
             u = trial.answer(f"small {sign * (j + 1)}", trial.problem(trial.small, lambda X: trial.strained @ X, load))
-            C[:, j] += sign * volume.weights @ u
+            C[:, j] += sign * weights @ u
     limit = max(1e-5, 2 * trial.rtol * np.abs(trial.strained @ trial.small.p).max() / max(np.abs(C).max(), 1e-300))
     words = "largest compliance; the limit is 1e-5, or the solver's rtol over the size of the response"
     return _relative(np.abs(C - C.T).max(), np.abs(C).max(), min(limit, 0.01), words)
@@ -343,26 +337,16 @@ def _symmetries(d: int) -> dict[str, Array]:
     return {"mirrored": mirror, "axes in turn": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])}
 
 
-class _Elements:
-    """Volumes and gradients of the shape functions of linear simplices."""
+def _shape(mesh: Any) -> Shape:
+    """The linear simplices of a mesh of scikit-fem."""
+    own = ElementMesh(mesh.p, np.asarray(mesh.t, dtype=np.int32))
+    return Shape(own, Discretisation(own.element.name))
 
-    def __init__(self, mesh: Any) -> None:
-        self.t, (d, nv) = mesh.t, mesh.p.shape
-        spokes = (mesh.p[:, self.t[1:]] - mesh.p[:, self.t[:1]]).transpose(2, 0, 1)  # (nt, d, d), a column each
-        inner = np.linalg.inv(spokes)
-        self.gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)  # (nt, d + 1, d)
-        self.volumes = np.abs(np.linalg.det(spokes)) / (2 if d == 2 else 6)
-        self.weights = self.gathered(np.repeat(self.volumes[:, None] / (d + 1), d + 1, axis=1)[:, :, None], nv)[:, 0]
 
-    def gathered(self, values: Array, nv: int) -> Array:
-        """(nv, m) sums at nodes of `values` (nt, d + 1, m)."""
-        sums = np.zeros((nv, values.shape[2]))
-        np.add.at(sums, self.t.T, values)
-        return sums
-
-    def deformation(self, u: Array) -> Array:
-        """(nt, d, d) deformation gradients."""
-        return np.asarray(np.eye(u.shape[1]) + np.einsum("eai,eaJ->eiJ", u[self.t.T], self.gradients))
+def _at_nodes(mesh: Any, volumes: Array) -> Array:
+    """(nv,) the volumes of elements, shared evenly among their nodes."""
+    share = np.broadcast_to(volumes / len(mesh.t), mesh.t.shape)
+    return np.bincount(mesh.t.ravel(), share.ravel(), minlength=mesh.p.shape[1])
 
 
 class _Evidence:
@@ -371,23 +355,23 @@ class _Evidence:
     def __init__(self, trial: _Trial, name: str = "loaded", problem: _Problem | None = None) -> None:
         problem = problem or trial.loaded()
         self.u = trial.answer(name, problem)
-        self.elements, self.boundary, nv = _Elements(problem.mesh), problem.boundary, problem.mesh.p.shape[1]
-        self.free = np.setdiff1d(np.arange(nv), problem.boundary.nodes)
+        self.mesh, self.shape, self.boundary = problem.mesh, _shape(problem.mesh), problem.boundary
+        self.free = np.setdiff1d(np.arange(len(self.u)), problem.boundary.nodes)
         self.b, self.lam, self.mu = trial.young * LOAD[: trial.d], trial.lam, trial.mu
-        self.F = self.elements.deformation(self.u)
-        self.load = self.elements.weights[:, None] * self.b
+        self.F = self.shape.deformation(self.u.T)[:, 0]
+        self.load = _at_nodes(self.mesh, self.shape.volume)[:, None] * self.b
         self.I = np.eye(trial.d)
 
-    def force(self, stress: Callable[[Array], Array], times: Array | float = 1.0) -> Array:
-        """(nv, d) forces of the nominal stress `stress(F)` (nt, d, d), by elements that count `times`."""
-        weighted = np.einsum("e,eiJ,eaJ->eai", self.elements.volumes * times, stress(self.F), self.elements.gradients)
-        return self.elements.gathered(weighted, len(self.u))
+    def force(self, stress: Callable[[Array], Array]) -> Array:
+        """(nv, d) forces of the nominal stress `stress(F)` (nt, d, d)."""
+        force = np.zeros(self.u.shape)
+        each = np.einsum("e,eiJ,eaJ->aei", self.shape.volume, stress(self.F), self.shape.gradients[:, 0])
+        np.add.at(force, self.mesh.t, each)
+        return force
 
     def per_deformed_volume(self) -> Array:
         """(nv, d) the load where it is one per deformed volume."""
-        e, J = self.elements, np.linalg.det(self.F)
-        share = np.repeat((e.volumes * J / (len(self.b) + 1))[:, None], len(self.b) + 1, axis=1)
-        return np.asarray(e.gathered(share[:, :, None], len(self.u)) * self.b)
+        return _at_nodes(self.mesh, self.shape.volume * np.linalg.det(self.F))[:, None] * self.b
 
     def parts(self, F: Array) -> tuple[Array, Array]:
         """The nominal stresses of lambda and of mu alone."""
@@ -418,19 +402,20 @@ class _Evidence:
 def _named(trial: _Trial, results: list[Result]) -> Naming:
     """What explains the failures: by the solution under a constant load, or else in words by which checks failed."""
     bad = {r.check for r in results if r.outcome is CheckOutcome.FAILED}
-    naming = Naming(tried=TRIED)
-    try:
+    naming, limit = Naming(), max(VANISHES, 100 * trial.rtol)
+    with suppress(Foul, np.linalg.LinAlgError):
         evidence = _Evidence(trial)
         if np.isfinite(evidence.u).all():
             off = (evidence.force(evidence.stvk) - evidence.load)[evidence.free]
             naming.before = float(np.linalg.norm(off) / np.linalg.norm(evidence.load[evidence.free]))
-            naming.explanations += [Explanation(*one) for one in _by_forces(trial, evidence)]
+            naming.explain(_of_boundary(trial, evidence, limit))
+            for some in _by_forces(evidence, limit):
+                if naming.explain(some, limit):
+                    break
         else:
             naming.smallest = "The solution is not a number: Newton's method diverged, and its result was returned."
-    except (Foul, np.linalg.LinAlgError):
-        naming.tried = 0
     if not naming.explanations and not naming.smallest and "order" in bad:
-        naming.explanations += [Explanation(*one) for one in _other_equilibria(trial)]
+        naming.explain(_other_equilibria(trial))
     if not naming.explanations and not naming.smallest:
         naming.smallest = " ".join(f"Likely, by {check}: {WORDS[check]}." for check in WORDS if check in bad)
     return naming
@@ -448,36 +433,30 @@ WORDS = {
 }
 
 
-def _by_forces(trial: _Trial, e: _Evidence) -> Iterator[tuple[str, str, float]]:
-    """Name, words and residual of each hypothesis that holds: on the boundary, and of the forces at free nodes."""
-    limit = max(VANISHES, 100 * trial.rtol)
-    yield from _of_boundary(trial, e, limit)
+def _by_forces(e: _Evidence, limit: float) -> Iterator[list[Explanation]]:
+    """Hypotheses on the forces at free nodes, the simplest first; none if they are right, to `limit`."""
     inner, load = e.force(e.stvk), np.linalg.norm(e.load[e.free])
-    if np.linalg.norm(inner[e.free]) <= limit * load:
-        yield "no load", "the solution is that without the body force", float(np.linalg.norm(inner[e.free]) / load)
-        return
+    yield [Explanation("no load", "the solution is that without the body force", float(np.linalg.norm(inner[e.free]) / load))]
     (c,), rest = e.fitted([e.load], inner)
-    if rest <= limit:
-        if abs(c - 1) > limit:
-            words = f"the load is {c:.3f} x what was asked for, or lambda and mu are both {1 / c:.3f} x"
-            yield f"load x {c:.3f}", words, rest
+    if rest <= limit and abs(c - 1) <= limit:
         return
-    lam_mu = [e.force(lambda F: e.parts(F)[0]), e.force(lambda F: e.parts(F)[1])]
-    (lam, mu), rest = e.fitted(lam_mu, e.load)
-    if rest <= limit:
-        yield f"lambda x {lam:.3f}, mu x {mu:.3f}", f"your lambda is {lam:.3f} x and your mu {mu:.3f} x what was asked for", rest
-        return
+    words = f"the load is {c:.3f} x what was asked for, or lambda and mu are both {1 / c:.3f} x"
+    yield [Explanation(f"load x {c:.3f}", words, rest)]
+    (lam, mu), rest = e.fitted([e.force(lambda F: e.parts(F)[0]), e.force(lambda F: e.parts(F)[1])], e.load)
+    words = f"your lambda is {lam:.3f} x and your mu {mu:.3f} x what was asked for"
+    yield [Explanation(f"lambda x {lam:.3f}, mu x {mu:.3f}", words, rest)]
+    others = []
     for name, words, stress, right in (
         ("linear strain", "the solution is that of linear elasticity", e.linear, e.load),
         ("S for P", "the force lacks the deformation gradient: S stands in the place of P = F S", e.second, e.load),
         ("load per deformed volume", "it is integrated over the deformed body, or follows it", e.stvk, e.per_deformed_volume()),
     ):
         (c,), rest = e.fitted([right], e.force(stress))
-        if rest <= limit:
-            yield name, words + (f"; and the load is {c:.3f} x" if abs(c - 1) > limit else ""), rest
+        others.append(Explanation(name, words + (f"; and the load is {c:.3f} x" if abs(c - 1) > limit else ""), rest))
+    yield others
 
 
-def _other_equilibria(trial: _Trial) -> Iterator[tuple[str, str, float]]:
+def _other_equilibria(trial: _Trial) -> Iterator[Explanation]:
     """The manufactured problem if a solution of it is in balance with the load, but far from the exact one."""
     for n in LADDER[trial.d]:
         problem = trial.manufactured(n)
@@ -491,7 +470,7 @@ def _other_equilibria(trial: _Trial) -> Iterator[tuple[str, str, float]]:
                 f"on {n} cells per side the solution is in balance with the load, but its gradient is off the exact one by "
                 f"{far:.0%}: start from rest and raise load and prescribed displacements in steps"
             )
-            yield "another equilibrium", words, rest
+            yield Explanation("another equilibrium", words, rest)
             return
 
 
@@ -504,27 +483,22 @@ def _load(problem: _Problem, order: int) -> Array:
     return np.asarray(skfem.LinearForm(lambda v, w: (w.b * v).sum(axis=0)).assemble(basis, b=b)).reshape(-1, d)
 
 
-def _of_boundary(trial: _Trial, e: _Evidence, limit: float) -> Iterator[tuple[str, str, float]]:
+def _of_boundary(trial: _Trial, e: _Evidence, limit: float) -> Iterator[Explanation]:
     """What was made of the prescribed displacements, and whether components are stored in blocks."""
     at, values = e.u[e.boundary.nodes], e.boundary.values
     size = np.abs(values).max()
-    if np.abs(at - values).max() <= limit * size:
+    off = float(np.abs(at - values).max() / size)
+    if off <= limit:
         return
-    blocked = np.abs(e.u.reshape(trial.d, -1).T[e.boundary.nodes] - values).max() / size
+    blocked = float(np.abs(e.u.reshape(trial.d, -1).T[e.boundary.nodes] - values).max() / size)
     c = float((at * values).sum() / (values**2).sum())
-    off = float(np.abs(at - c * values).max() / size)
+    scaled = float(np.abs(at - c * values).max() / size)
     if blocked <= limit:
-        yield (
-            "components in blocks",
-            f"degrees of freedom are stored in blocks; expected {trial.d} * node + component",
-            float(blocked),
-        )
-    elif off <= limit:
-        name = "boundary ignored" if abs(c) <= limit else f"boundary x {c:.3f}"
-        yield (
-            name,
-            "prescribed displacements are " + ("taken as zero" if abs(c) <= limit else f"{c:.3f} x what they should be"),
-            off,
-        )
+        words = f"degrees of freedom are stored in blocks; expected {trial.d} * node + component"
+        yield Explanation("components in blocks", words, blocked)
+    elif scaled <= limit and abs(c) <= limit:
+        yield Explanation("boundary ignored", "prescribed displacements are taken as zero", scaled)
+    elif scaled <= limit:
+        yield Explanation(f"boundary x {c:.3f}", f"prescribed displacements are {c:.3f} x what they should be", scaled)
     else:
-        yield "boundary not kept", "prescribed nodes move", float(np.abs(at - values).max() / size)
+        yield Explanation("boundary not kept", "prescribed nodes move", off)

@@ -17,7 +17,6 @@ from ..errors import MaterialError, StvkError, StvkWarning
 from ..materials import Material
 from ..mesh import ElementMesh, MeshLike
 from ..system import System
-from ..terminal import CountedProgress
 from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on
 from .case import CANDIDATE, EDGES, OURS, REFERENCE, STRETCH, Case, named_states
@@ -30,7 +29,7 @@ from .exact import Truth
 from .header import header
 from .naming import name_the_fault
 from .players import METHODS, Foul, Player, fairly
-from .report import Report
+from .report import Report, carry_out
 from .results import CheckOutcome, Naming, NotApplicable, Result, Task
 from .shape import Shape
 
@@ -109,17 +108,8 @@ def verify(
     case.candidate_is_stvk = candidate_is_stvk
     head = header(case.shape, terms, type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
     report, tasks = Report(head, precision=case.precision), list(_tasks(case))
-    with CountedProgress("verify", len(tasks) + 1, quiet) as progress:
-        try:
-            for task in tasks:
-                progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
-                report.results.append(task.run())
-            name_what_failed(report, case, terms, candidate)
-            progress.step("speed")
-            _measure_speed(report, case)
-        except KeyboardInterrupt:  # what is there is kept, what is not says so
-            report.interrupted = True
-            report.results += [task.missed("interrupted") for task in tasks[len(report.results) :]]
+    naming = partial(name_what_failed, report, case, terms, candidate)
+    carry_out(report, "verify", tasks, quiet, {"what it is": naming, "speed": partial(_measure_speed, report, case)})
     report.seconds = time.perf_counter() - started
     return report
 
@@ -205,10 +195,7 @@ def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet:
     laws = [term for term in body.elastic_terms if hasattr(term, "material")]
     report = Report(header(Shape(body.mesh, how), laws, repr(reduced), seed) | {"reference": "the body in the span of its fields"})
     tasks = list(checks_of_reduced(reduced, np.random.default_rng(seed)))
-    with CountedProgress("verify", len(tasks), quiet) as progress:
-        for task in tasks:
-            progress.step(f"{task.check}: {task.quantity}, {task.state}")
-            report.results.append(task.run())
+    carry_out(report, "verify", tasks, quiet)
     report.seconds = time.perf_counter() - started
     return report
 

@@ -6,6 +6,7 @@ from slow import slow_but
 
 from skfem_stvk import Isotropic, StVK, TransverselyIsotropic, verify_law
 from skfem_stvk.errors import MaterialError, StvkError
+from skfem_stvk.referee.results import CheckOutcome
 from validation.textbook_laws import LAM, LAWS, MU, ONE, voigt
 
 CLAIMS = StVK(young=MU * (3 * LAM + 2 * MU) / (LAM + MU), poisson=LAM / 2 / (LAM + MU))
@@ -32,6 +33,20 @@ def test_laws_of_textbooks_pass(of):
     report = verify_law(energy=law.W, stress=law.S, elasticity=law.C)
     assert report.passed and report.named is None, str(report)
     assert "stress read as S (guessed)" in lines(report) and "elasticity read as C (guessed)" in lines(report)
+
+
+def test_ctrl_c_keeps_what_was_found_of_a_law():
+    calls = iter(range(10**6))
+
+    def energy(F):
+        if next(calls) == 60:
+            raise KeyboardInterrupt
+        return KIRCHHOFF.W(F)
+
+    report = verify_law(energy=energy, quiet=True)
+    reasons = [result.reason for result in report.results]
+    assert report.interrupted and not report.passed and report.counts[CheckOutcome.PASSED] > 0
+    assert "interrupted" in reasons and "a law in 3 dimensions: W of F" in str(report)
 
 
 #: A polynomial, one of invariants and one of fibres; the slow tests have all ten.

@@ -17,7 +17,7 @@ from skfem_stvk import (
     verify,
 )
 from skfem_stvk.about import circumstances
-from skfem_stvk.referee.results import judged
+from skfem_stvk.referee.results import Explanation, Naming, judged
 
 TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
@@ -32,6 +32,13 @@ def test_an_interrupted_speed_is_no_pass(monkeypatch):
     monkeypatch.setattr(verification, "speed_table", interrupted)
     report = verify(box(2), TERM, **QUIET)
     assert report.interrupted and not report.passed and "interrupted" in str(report)
+
+
+def test_a_hypothesis_explains_what_it_leaves_at_most_the_limit_of():
+    tried = [Explanation(str(error), "", error) for error in (0.0, 1e-8, 2e-8, np.inf, np.nan)]
+    naming = Naming()
+    assert naming.explain(tried, 1e-8) and naming.names == ["0.0", "1e-08"] and naming.tried == 5
+    assert not naming.explain(tried[3:]) and naming.names == ["0.0", "1e-08"] and naming.tried == 7
 
 
 def test_an_empty_report_has_not_passed():
