@@ -117,9 +117,7 @@ class ExactStVK:
 
     def tangent(self, u: Array) -> csr_matrix:
         """Tangent stiffness [N/m]."""
-        (first, second), blocks, n = self.pairs, self.blocks(u), self.ndofs // self.d
-        rows = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n))])
-        return csr_matrix(bsr_matrix((blocks, second, rows), shape=(self.ndofs,) * 2).tocsr())
+        return of_blocks(self.pairs, self.blocks(u), self.ndofs)
 
     @cached_property
     def pairs(self) -> NDArray[np.int64]:
@@ -218,6 +216,13 @@ class ExactStVK:
         F = np.full((self.ndofs // self.d, self.d), Decimal(0), dtype=object)
         np.add.at(F, self.t, np.swapaxes(f, 1, 2))
         return F.astype(float).ravel()
+
+
+def of_blocks(pairs: NDArray[np.int64], blocks: Array, ndofs: int) -> csr_matrix:
+    """(ndofs, ndofs) matrix of the blocks (m, d, d) of pairs (2, m) of nodes in lexicographic order."""
+    first, second = pairs
+    starts = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=ndofs // blocks.shape[1]))])
+    return csr_matrix(bsr_matrix((blocks, second, starts), shape=(ndofs, ndofs)).tocsr())
 
 
 def _times(table: Exact, values: Exact) -> Exact:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import StvkError
+from ..reference import lame_tensor
 from .checks.law import LawChecks
 from .law_readings import (
     FITS,
@@ -100,14 +101,14 @@ class _Repair:
         alike = all(np.allclose(one, first, rtol=SAME, atol=SAME * mu) for one in wrong.values())
         if alike and len(wrong) == len(self.functions):
             self.found.append(_moduli_in_words("", *first, lam, mu))
-            self.tensor = isotropic(*first, self.law.d)
+            self.tensor = lame_tensor(*first, self.law.d)
             return
         for what, (other, shear) in wrong.items():
             c = shear / mu
             if abs(other - c * lam) < SAME * (abs(other) + mu):
                 self._scaled(what, c)
             elif self.checks.stvk:
-                self._of_other_constants(what, isotropic(other, shear, self.law.d))
+                self._of_other_constants(what, lame_tensor(other, shear, self.law.d))
             self.found.append(_moduli_in_words(WORD[what], other, shear, lam, mu))
 
     def _linear(self, tensor: Array) -> None:
@@ -197,23 +198,11 @@ def linear(tensor: Array, F: Array) -> tuple[float, Array]:
     return float(np.sum(e * sigma) / 2), sigma
 
 
-def isotropic(lam: float, mu: float, d: int) -> Array:
-    """(d, d, d, d) `lam d_ij d_kl + mu (d_ik d_jl + d_il d_jk)`."""
-    spherical, shear = _basis(d)
-    return np.asarray(lam * spherical + mu * shear)
-
-
-def _basis(d: int) -> tuple[Array, Array]:
-    one = np.eye(d)
-    spherical = np.einsum("ij,kl->ijkl", one, one)
-    return spherical, np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
-
-
 def lame_of(C: Array) -> tuple[float, float, float]:
     """(lambda, mu) nearest to a tensor (d, d, d, d), and the relative residual, infinite if it holds what is not a number."""
     if not np.isfinite(C).all():
         return 0.0, 0.0, np.inf
-    basis = np.stack([part.ravel() for part in _basis(C.shape[0])], axis=1)
+    basis = np.stack([lame_tensor(*pair, C.shape[0]).ravel() for pair in ((1, 0), (0, 1))], axis=1)
     (lam, mu), *_ = np.linalg.lstsq(basis, C.ravel(), rcond=None)
     rest = np.abs(basis @ (lam, mu) - C.ravel()).max() / (np.abs(C).max() or 1.0)
     return float(lam), float(mu), float(rest)

@@ -18,8 +18,8 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import bsr_matrix, csr_matrix
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, flag, path, shown, text, whole
 from ..elements import ELEMENTS
@@ -27,14 +27,15 @@ from ..errors import MaterialError, StvkError, name_ids
 from ..materials import Isotropic, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
-from ..results.files import NotOurs, cannot_write, replacing
+from ..results.files import NotOurs
 from ..terminal import CountedProgress
 from ..terms import StVK
 from .bodies import is_condensed
 from .case import named_states
 from .discretisation import Discretisation, Exact, derivatives
-from .exact import CONTEXT, ExactStVK
+from .exact import CONTEXT, ExactStVK, of_blocks
 from .players import METHODS
+from .report import folder_for, write
 from .shape import Shape
 from .vector_files import TYPES, read, type_of, write_npz, write_text
 from .verification import claimed_terms
@@ -175,8 +176,7 @@ class Vectors:
         return csr_matrix((value, self.arrays["K_columns"], self.arrays["K_row_starts"]), shape=(n, n), copy=True)
 
     def _from_blocks(self, value: Array) -> csr_matrix:
-        first, second = self.arrays["K_node_pairs"].T
-        return _from_blocks(first, second, value, self.arrays["u"].shape[1])
+        return of_blocks(self.arrays["K_node_pairs"].T, value, self.arrays["u"].shape[1])
 
     def save(self, folder: str | Path) -> Path:
         """Write `vectors.npz`, `vectors.txt` and `README.txt`, which says what is in them, into a folder; it is made if missing.
@@ -186,15 +186,10 @@ class Vectors:
         StvkError
             if the folder cannot be written to.
         """
-        folder = path("folder", folder, "the path of a folder")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_write(folder, error) from error
+        folder = folder_for(folder)
         write_npz(folder / f"{NAME}.npz", self.arrays)
         write_text(folder / f"{NAME}.txt", self.arrays)
-        with replacing(folder / "README.txt") as beside:
-            beside.write_text(readme(self), encoding="utf-8")
+        write(folder / "README.txt", readme(self))
         return folder
 
 
@@ -287,8 +282,7 @@ def export_vectors(
             F.append(force)
             blocks.append(exact.blocks(u))
     arrays |= {"W": W, "F": F, "K_node_pairs": exact.pairs.T, "K_blocks": blocks}
-    first, second = exact.pairs
-    rows = [_from_blocks(first, second, values, body.p.size) for values in blocks]
+    rows = [of_blocks(exact.pairs, values, body.p.size) for values in blocks]
     arrays |= {"K_row_starts": rows[0].indptr, "K_columns": rows[0].indices, "K_values": [row.data for row in rows]}
     plain = {name: np.array(arrays[name], dtype=TYPES[of.type]) for name, of in LAYOUT.items() if name in arrays}
     return Vectors({"digest": np.array([digest(plain)])} | plain)
@@ -438,13 +432,6 @@ def _points(how: Discretisation, exact: ExactStVK) -> dict[str, Any]:
     inverse, volumes = exact.inverse_triangles()
     dN = derivatives(how.kind, xi).astype(float)
     return {"points": xi.T, "weights": weights, "dN": dN, "R_inverse": inverse, "volumes": volumes}
-
-
-def _from_blocks(first: NDArray[np.int64], second: NDArray[np.int64], blocks: Array, ndofs: int) -> csr_matrix:
-    """(ndofs, ndofs) matrix of blocks (m, d, d) of pairs of nodes in lexicographic order."""
-    d = blocks.shape[1]
-    starts = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=ndofs // d))])
-    return csr_matrix(bsr_matrix((blocks, second, starts), shape=(ndofs, ndofs)).tocsr())
 
 
 def _one_if_same(values: Array) -> Any:

@@ -3,7 +3,7 @@
 from .kinds import KINDS, curved_elements, points_of
 from .one_point import ReferenceOnePoint
 from .stvk import ReferenceStVK, element_axes, simplex_axes
-from .tensors import anisotropic_tensor, engineering_matrix, isotropic_tensor
+from .tensors import anisotropic_tensor, engineering_matrix, isotropic_tensor, lame_tensor
 
 __all__ = [
     "KINDS",
@@ -14,6 +14,7 @@ __all__ = [
     "element_axes",
     "engineering_matrix",
     "isotropic_tensor",
+    "lame_tensor",
     "points_of",
     "simplex_axes",
 ]

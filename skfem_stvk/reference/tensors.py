@@ -22,11 +22,15 @@ def isotropic_tensor(young: ArrayLike, poisson: ArrayLike, k: int, condensed: bo
         return E.reshape(-1, 1, 1, 1, 1)
     nu = np.atleast_1d(np.asarray(poisson, dtype=float))
     mu = E / 2 / (1 + nu)
-    lam = 2 * mu * nu / (1 - nu) if condensed else 2 * mu * nu / (1 - 2 * nu)
+    return lame_tensor(2 * mu * nu / (1 - nu) if condensed else 2 * mu * nu / (1 - 2 * nu), mu, k)
+
+
+def lame_tensor(lam: ArrayLike, mu: ArrayLike, k: int) -> Array:
+    """(..., k, k, k, k) `lam d_ij d_kl + mu (d_ik d_jl + d_il d_jk)` of constants (...)."""
     one = np.eye(k)
     spherical = np.einsum("ij,kl->ijkl", one, one)
     symmetric = np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
-    return np.multiply.outer(lam, spherical) + np.multiply.outer(mu, symmetric)
+    return np.asarray(np.multiply.outer(lam, spherical) + np.multiply.outer(mu, symmetric))
 
 
 def engineering_matrix(young: Sequence[ArrayLike], poisson: Sequence[ArrayLike], shear: Sequence[ArrayLike]) -> Array:

@@ -270,6 +270,4 @@ def _symmetry(reduced: OfFewUnknowns, z: Array) -> dict[str, Any]:
 
 
 def _relative(error: Array, truth: Array, words: str, reason: str) -> dict[str, Any]:
-    scale = float(np.abs(truth).max())
-    measured = float(np.abs(error).max()) / scale if scale else np.inf
-    return {"measured": measured, "limit": LIMIT, "scale": f"{scale:.3e} ({words})", "reason": reason}
+    return as_a_whole(float(np.abs(error).max()), float(np.abs(truth).max()), LIMIT, words, reason)
