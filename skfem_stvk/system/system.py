@@ -47,7 +47,6 @@ from .pattern import BareDiagonal, FreeDofs, Pattern, Structure
 from .rigid import Pieces, parts_of
 from .supports import Displacements, Supports, dofs_at
 
-
 Torn = TypeVar("Torn", bound="System")
 
 
