@@ -231,6 +231,17 @@ def test_what_meshio_leaves_out_is_noticed_by_its_number(tmp_path):
         read_mesh(tmp_path / "mesh.su2")
 
 
+@pytest.mark.parametrize("more", [4, 1_000_000])
+def test_a_section_of_medits_that_ends_elsewhere_than_its_entries_is_refused(more, tmp_path):
+    content = bytearray(written("medit binary").content)
+    keyword, end, _, count = np.frombuffer(content, "<i4", 4, 24).tolist()
+    assert (keyword, end, count) == (4, 40 + 26 * 28, 26)
+    content[28:32] = np.int32(end + more).tobytes()
+    (tmp_path / "mesh.meshb").write_bytes(content)
+    with pytest.raises(MeshError, match=f"its section 4 of 26 entries ends at byte {end + more} of {len(content)}"):
+        read_mesh(tmp_path / "mesh.meshb")
+
+
 SU2 = """NDIME= 3
 NELEM= 1
 10 0 1 2 3 0
