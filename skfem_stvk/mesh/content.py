@@ -14,6 +14,7 @@ from ..elements import Element, linear_simplex, named, second_order
 from ..errors import MeshError, name_ids, warn
 from .facets import edges_of, with_middles
 from .formats import Damaged
+from .formats.source import check_unique
 from .groups import (
     DIMENSION,
     cell_groups,
@@ -104,9 +105,8 @@ def check_cells(mesh: meshio.Mesh) -> None:
             raise Damaged(f"its {block.type} cells have {block.data.shape[1]} nodes")
         if len(bad := np.flatnonzero(((block.data < 0) | (block.data >= len(mesh.points))).any(axis=1))):
             raise Damaged(f"it has {name_ids(bad, f'{block.type} cell')} with vertex ids outside 0 ... {len(mesh.points) - 1}")
-    for what, ids in (("node", getattr(mesh, "points_id", [])), ("element", np.concatenate([[], *getattr(mesh, "cells_id", [])]))):
-        if len(np.unique(ids)) < len(ids):
-            raise Damaged(f"ids of {what}s stand more than once")
+    check_unique(getattr(mesh, "points_id", []), "node")
+    check_unique(np.concatenate([[], *getattr(mesh, "cells_id", [])]), "element")
 
 
 def base_of(raw: meshio.Mesh, name: str) -> Element:

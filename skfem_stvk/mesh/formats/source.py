@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import name_ids
 
@@ -119,7 +119,7 @@ def count_of(text: str, what: str) -> int:
     return int(text)
 
 
-def check_unique(ids: NDArray[Any], what: str) -> None:
+def check_unique(ids: ArrayLike, what: str) -> None:
     """Refuse ids that stand more than once."""
     unique, counts = np.unique(ids, return_counts=True)
     if len(unique) < np.size(ids):
