@@ -1,6 +1,6 @@
 """Mesh files by format: what each declares is what is read of it, or it is refused.
 
-Formats whose reader in meshio cannot be asked are read here; of others the file is looked through before meshio reads it.
+Formats are read here where meshio misreads damaged files or loses content; files of others are checked before meshio reads them.
 """
 
 from __future__ import annotations
