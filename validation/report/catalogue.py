@@ -180,6 +180,9 @@ PARTS: dict[str, dict[str, Part]] = {
             whole_only=True,
         )
     },
+    "bench": {
+        "all": Part(CODE, "other codes", OTHER_CODE, "docs/benchmark.md", "the benchmark measures all that it plans", speed=True)
+    },
     "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
     "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},
     "rows": {"all": Part(CODE, "one CSR product", ITSELF, "validation/rows.py", "rows of K", speed=True)},
