@@ -42,11 +42,11 @@ def elasticity(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation | N
     how = Discretisation(mesh.element.name) if how is None else how
     axes = element_axes(mesh.p, mesh.t, how.kind, how.points)
     if len(terms) == 1 and terms[0].region is None:
-        return _tensor(mesh, terms[0], axes)
+        return tensor_of(terms[0], mesh, axes)
     total = np.zeros((*axes.shape[:-2], *4 * (mesh.k,)))
     for term in terms:
         elements = mesh.elements(term.region)
-        total[elements] += _tensor(mesh, term, axes[elements])
+        total[elements] += tensor_of(term, mesh, axes[elements])
     return total
 
 
@@ -58,26 +58,31 @@ def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisat
     total = np.zeros(mesh.nt)
     for term in terms:
         if isinstance(term.material, Isotropic):
-            modulus = _tensor(mesh, term, np.eye(mesh.d)[None, :, : mesh.k])[:, 0, 0, 0, 0]
+            modulus = tensor_of(term, mesh)[:, 0, 0, 0, 0]
         else:
-            section = _section(mesh, term)
+            section = section_of(mesh, term)
             modulus = np.einsum("nii->ni", voigt_matrix(term.material))[:, :3].max(axis=1) * (1.0 if section is None else section)
         total[mesh.elements(term.region)] += how.hourglass * modulus
     return total
 
 
-def _tensor(mesh: ElementMesh, term: StVK, axes: Array) -> Array:
-    condensed, material, section = is_condensed(mesh, term), term.material, _section(mesh, term)
-    if isinstance(material, Isotropic):
-        tensor = isotropic_tensor(material.young, np.nan if material.poisson is None else material.poisson, mesh.k, condensed)
-        tensor = tensor[:, None] if axes.ndim == 4 else tensor
-    else:
-        given = material.frame if isinstance(material, FramedMaterial) else None
-        points = axes.shape[1] if axes.ndim == 4 else 1
-        voigt, frame = _at_points(voigt_matrix(material), points), None if given is None else _at_points(np.asarray(given), points)
-        tensor = anisotropic_tensor(voigt, frame, axes.reshape(-1, *axes.shape[-2:]), condensed)
-        tensor = tensor.reshape(*axes.shape[:-2], *4 * (mesh.k,))
+def tensor_of(term: StVK, mesh: ElementMesh, axes: Array | None = None) -> Array:
+    """Elasticity tensors of a term times its section, in axes (nt, d, k) or (nt, nq, d, k); by default in the global ones."""
+    axes, section = np.eye(mesh.d)[None, :, : mesh.k] if axes is None else axes, section_of(mesh, term)
+    tensor = tensor_in(axes, term.material, is_condensed(mesh, term))
     return tensor if section is None else tensor * section.reshape(-1, *[1] * (tensor.ndim - 1))
+
+
+def tensor_in(axes: Array, material: Material | None, condensed: bool) -> Array:
+    """Elasticity tensors of a material in axes (nt, d, k) or (nt, nq, d, k); `condensed`: without stress across them."""
+    k, points = axes.shape[-1], axes.shape[1] if axes.ndim == 4 else 1
+    if isinstance(material, Isotropic):
+        tensor = isotropic_tensor(material.young, np.nan if material.poisson is None else material.poisson, k, condensed)
+        return tensor[:, None] if axes.ndim == 4 else tensor
+    given = material.frame if isinstance(material, FramedMaterial) else None
+    voigt, frame = _at_points(voigt_matrix(material), points), None if given is None else _at_points(np.asarray(given), points)
+    tensor = anisotropic_tensor(voigt, frame, axes.reshape(-1, *axes.shape[-2:]), condensed)
+    return tensor.reshape(*axes.shape[:-2], *4 * (k,))
 
 
 def _at_points(matrices: Array, points: int) -> Array:
@@ -100,7 +105,8 @@ def voigt_matrix(material: Material | None) -> Array:
     raise MaterialError(f"The referee has no reference for a {type(material).__name__}; add its matrix to referee/bodies.py.")
 
 
-def _section(mesh: ElementMesh, term: StVK) -> Array | None:
+def section_of(mesh: ElementMesh, term: StVK) -> Array | None:
+    """Thickness of surfaces, area of segments, as they were given."""
     value = {1: term.area, 2: term.thickness}.get(mesh.k)
     return None if value is None else np.asarray(value)
 
@@ -145,7 +151,7 @@ def homogeneous_copy(mesh: ElementMesh, terms: Sequence[StVK], shape: Shape) -> 
         young = sum(float((E * v).sum()) for v, E, _ in parts) / total
         poisson = sum(float((nu * v).sum()) for v, _, nu in parts) / total
         copy = StVK(Isotropic(young, min(poisson, 0.49)), plane=first.plane)
-    tensor = _tensor(mesh, copy, np.eye(mesh.d)[None, :, : mesh.k])
+    tensor = tensor_of(copy, mesh)
     lam, mu = (tensor[0, 0, 0, 1, 1], tensor[0, 0, 1, 0, 1]) if mesh.k > 1 else (tensor[0, 0, 0, 0, 0], 0.0)
     return Homogeneous(copy, (float(lam), float(mu)), tensor, same=copy is first)
 
@@ -154,7 +160,7 @@ def _is_uniform(mesh: ElementMesh, term: StVK) -> bool:
     """Isotropic, with one value of every constant."""
     if not isinstance(term.material, Isotropic):
         return False
-    constants = (term.material.young, term.material.poisson, _section(mesh, term))
+    constants = (term.material.young, term.material.poisson, section_of(mesh, term))
     return all(value is None or np.ndim(value) == 0 for value in constants)
 
 

@@ -13,9 +13,8 @@ from ..about import PACKAGES, circumstances
 from ..arguments import Array, choice, flag, real_array, shown, whole
 from ..errors import MaterialError, StvkError
 from ..materials import FramedMaterial, Hypothesis, Isotropic
-from ..reference import anisotropic_tensor, isotropic_tensor
 from ..terms import Corotated, InvertibleStVK, LinearElastic, NeoHookean, StVK
-from .bodies import voigt_matrix
+from .bodies import tensor_in, voigt_matrix
 from .case import random_rotation
 from .checks.law import LawChecks
 from .law_naming import named_law
@@ -160,14 +159,11 @@ def _tensor(claims: Any, d: int) -> Array:
             raise MaterialError("claims needs one Young's modulus and one Poisson's ratio: a law is checked at points.")
         plane = Hypothesis.PLANE_STRESS if condensed else Hypothesis.PLANE_STRAIN
         material.check(1, Hypothesis.SOLID if d == 3 else plane)  # refuses a Poisson's ratio that is missing or impossible
-        assert material.poisson is not None
-        return np.array(isotropic_tensor(material.young, material.poisson, d, condensed)[0])
-    matrices = voigt_matrix(material)
-    frame = np.asarray(material.frame) if isinstance(material, FramedMaterial) and material.frame is not None else None
-    if matrices.size != 36 or (frame is not None and frame.ndim != 2):
-        raise MaterialError("claims has constants or frames by element; expected one of each: a law is checked at points.")
-    frames = None if frame is None else frame[None]
-    return np.array(anisotropic_tensor(matrices.reshape(1, 6, 6), frames, np.eye(d)[None], condensed)[0])
+    else:
+        frame = material.frame if isinstance(material, FramedMaterial) else None
+        if voigt_matrix(material).size != 36 or (frame is not None and np.ndim(frame) != 2):
+            raise MaterialError("claims has constants or frames by element; expected one of each: a law is checked at points.")
+    return np.array(tensor_in(np.eye(d)[None], material, condensed)[0])
 
 
 def _samples(d: int, rng: np.random.Generator) -> dict[str, Array]:

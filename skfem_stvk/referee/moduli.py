@@ -13,9 +13,8 @@ import numpy as np
 from ..arguments import Array
 from ..materials import Isotropic
 from ..mesh import ElementMesh
-from ..reference import isotropic_tensor
 from ..terms import StVK
-from .bodies import is_condensed, reference_on
+from .bodies import is_condensed, reference_on, tensor_of
 from .case import Case
 from .evidence import Evidence, Model, Values
 from .players import Foul, Player
@@ -175,11 +174,7 @@ def _part(case: Case, term: StVK, of_lam: float | Array, of_mu: float | Array) -
     """The reference of a term with lambda and mu times factors."""
     assert isinstance(term.material, Isotropic)
     mesh, how, ids = case.mesh, case.how, case.mesh.elements(term.region)
-    young, poisson = np.asarray(term.material.young, float), np.asarray(term.material.poisson, float)
-    tensor = isotropic_tensor(young, poisson, mesh.k, is_condensed(mesh, term))
-    section = {1: term.area, 2: term.thickness}.get(mesh.k)
-    tensor = tensor if section is None else tensor * np.asarray(section).reshape(-1, 1, 1, 1, 1)
-    eye = np.eye(mesh.k)
+    tensor, eye = tensor_of(term, mesh), np.eye(case.mesh.k)
     lam = tensor[:, :1, :1, 1:2, 1:2] * np.einsum("ij,kl->ijkl", eye, eye)
     lam_factor, mu_factor = (np.reshape(factor, (-1, 1, 1, 1, 1)) for factor in (of_lam, of_mu))
     scaled = lam_factor * lam + mu_factor * (tensor - lam)

@@ -30,7 +30,7 @@ from ..mesh.diagnostics import check_mesh
 from ..results.files import NotOurs
 from ..terminal import CountedProgress
 from ..terms import StVK
-from .bodies import is_condensed
+from .bodies import is_condensed, section_of
 from .case import named_states
 from .discretisation import Discretisation, Exact, derivatives
 from .exact import CONTEXT, ExactStVK, of_blocks
@@ -384,7 +384,7 @@ def _material(mesh: ElementMesh, laws: Sequence[StVK]) -> tuple[dict[str, Any], 
         law.stiffness(mesh)  # which refuses constants that do not fit the mesh
         ids = mesh.elements(law.region)
         laid[ids] += 1
-        thick = {1: law.area, 2: law.thickness}.get(mesh.k)
+        thick = section_of(mesh, law)
         young[ids] = law.material.young
         poisson[ids] = np.nan if law.material.poisson is None else law.material.poisson
         section[ids] = 1.0 if thick is None else thick
