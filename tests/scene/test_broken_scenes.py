@@ -211,8 +211,9 @@ CASES = [
         "a material twice",
         [('[[terms]]\ntype = "stvk"', '[materials.steel]\nyoung = 1e6\n\n[[terms]]\ntype = "stvk"')],
         (
-            "scene.toml, line 18, column 17: cannot declare ('materials', 'steel') twice. 'materials.steel' is there already, in "
-            "line 12: remove one of them. Lists of tables have [[two brackets]] each time.\n    [materials.steel]\n                    ^"
+            "scene.toml, line 18, column 17: cannot declare ('materials', 'steel') twice. 'materials.steel' is there already, "
+            "in line 12: remove one of them. Lists of tables have [[two brackets]] each time.\n"
+            "    [materials.steel]\n                    ^"
         ),
     ),
     Broken(

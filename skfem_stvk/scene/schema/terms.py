@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -85,7 +86,7 @@ class AnyTerm(Derived):
     def given(self, known: Known) -> dict[str, Any]:
         """The arguments of the library's term."""
         given = {name: one for name, one in self if name not in ("type", "time") and one is not None}
-        for name, found in (("material", known.material), ("region", known.region), ("on", known.place)):
+        for name, found in (("material", known.material), ("region", known.region), ("on", self.located(known))):
             if name in given:
                 given[name] = found(given[name])
         if "simplices" in given:
@@ -93,6 +94,10 @@ class AnyTerm(Derived):
         for name in LOADS & given.keys():
             given[name] = in_time(given[name], getattr(self, "time", None))
         return {NAMES.get(name, name): one for name, one in given.items()}
+
+    def located(self, known: Known) -> Callable[[Any], Any]:
+        """How the value of `on` is looked up."""
+        return known.place
 
     def term(self, known: Known) -> Any:
         """The term of the library."""
@@ -161,11 +166,12 @@ class PressureTerm(AnyTerm):
     time: Annotated[Time | None, key(TIME)] = None
 
     def given(self, known: Known) -> dict[str, Any]:
-        """The arguments of the library's term; places on a surface in space are its elements."""
-        given = {"where": None} | super().given(known)
-        if known.mesh.k < known.mesh.d and isinstance(self.on, str):
-            given["where"] = known.region(self.on)
-        return given
+        """The arguments of the library's term."""
+        return {"where": None} | super().given(known)
+
+    def located(self, known: Known) -> Callable[[Any], Any]:
+        """How the value of `on` is looked up: names on a surface in space are those of its elements."""
+        return known.region if known.mesh.k < known.mesh.d and isinstance(self.on, str) else known.place
 
 
 def in_time(value: Any, time: Any) -> Any:
