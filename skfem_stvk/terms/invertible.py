@@ -21,6 +21,9 @@ from .corotated import response_of_stretches
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
+#: Principal stretch below which the stress of `StVK` falls in compression.
+LEAST = 1 / 3**0.5
+
 
 @dataclass(frozen=True, eq=False)
 class InvertibleStVK(ElasticLaw):
@@ -62,8 +65,8 @@ class InvertibleStVK(ElasticLaw):
 
     resists_inversion: ClassVar[bool] = True
 
-    threshold: Annotated[float, Quantity(None, "Principal stretch below which it is continued.", gt=0.5773502691896258, lt=1)] = (
-        field(default=0.6, kw_only=True)
+    threshold: Annotated[float, Quantity(None, "Principal stretch below which it is continued.", gt=LEAST, lt=1)] = field(
+        default=0.6, kw_only=True
     )
     extend: Annotated[
         str, Quantity(None, "What is continued: the energy, or the stress as Irving does.", values=("energy", "stress"))
@@ -73,7 +76,7 @@ class InvertibleStVK(ElasticLaw):
         super().__post_init__(young, poisson, density)
         choice("InvertibleStVK: extend", self.extend, ("energy", "stress"), MaterialError)
         expected = "a stretch between 1/sqrt(3) = 0.577, below which the stress of StVK falls in compression, and 1"
-        threshold = number("InvertibleStVK: threshold", self.threshold, expected, 3**-0.5, 1.0, error=MaterialError)
+        threshold = number("InvertibleStVK: threshold", self.threshold, expected, LEAST, 1.0, error=MaterialError)
         object.__setattr__(self, "threshold", threshold)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:

@@ -1,18 +1,22 @@
 """Keys of scenes are those that parameters of the library declare, with their types, defaults, limits and units."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_type_hints
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from skfem_stvk import Corotated, InvertibleStVK, Sine, VolumePenalty
 from skfem_stvk.arguments import Quantity
+from skfem_stvk.errors import StvkError
+from skfem_stvk.materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from skfem_stvk.mesh import box
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.build import Names
 from skfem_stvk.scene.schema.derived import derived
 from skfem_stvk.scene.schema.materials import MODELS
-from skfem_stvk.scene.schema.terms import TERMS, AnyTerm
+from skfem_stvk.scene.schema.terms import TERMS, AnyTerm, Time
 from skfem_stvk.scene.templates import rows_of
 from skfem_stvk.scene.units import DIMENSIONS
 
@@ -76,3 +80,56 @@ def test_the_object_of_the_library_has_the_values_of_the_keys():
 def test_every_declared_dimension_is_one_of_units():
     dimensions = {row.dimension for table in (*TERMS, *MODELS.values()) for row in rows_of(table)}
     assert {"stress", "density", "acceleration"} <= dimensions <= {None, *DIMENSIONS}
+
+
+#: Good arguments of all that declares limits or texts.
+GOOD = {
+    Isotropic: {"young": 1.0, "poisson": 0.3, "density": 1.0},
+    Isotropic.from_lame: {"lam": 1.0, "mu": 0.7},
+    Orthotropic: {"young": (2.0, 1.0, 1.5), "poisson": (0.2, 0.1, 0.3), "shear": (0.5, 0.6, 0.7), "density": 1.0},
+    TransverselyIsotropic: {
+        "young_axial": 2.0,
+        "young_transverse": 1.0,
+        "poisson_axial": 0.1,
+        "poisson_transverse": 0.2,
+        "shear_axial": 0.5,
+        "density": 1.0,
+    },
+    Anisotropic: {"voigt": np.eye(6), "density": 1.0},
+    Corotated: {"young": 1.0, "poisson": 0.3, "rotation": "vertex"},
+    InvertibleStVK: {"young": 1.0, "poisson": 0.3, "threshold": 0.7, "extend": "stress"},
+    VolumePenalty: {"stiffness": 1.0, "kind": "quadratic"},
+    Sine: {"value": 1.0, "frequency": 2.0, "phase": 0.1},
+}
+
+
+def declared(made):
+    """Parameters of a class or function with their declaration."""
+    for name, hint in get_type_hints(made, include_extras=True).items():
+        for one in getattr(hint, "__metadata__", ()):
+            if isinstance(one, Quantity):
+                yield name, one
+
+
+def wrong_arguments():
+    """A row for each limit and for each list of texts that is declared."""
+    for made, good in GOOD.items():
+        for name, quantity in declared(made):
+            for limit in (one for one in (quantity.gt, quantity.lt) if one is not None):
+                yield made, name, (*good[name][:2], limit) if isinstance(good[name], tuple) else limit
+            if quantity.values:
+                yield made, name, "other"
+
+
+def test_all_that_declares_limits_has_good_arguments():
+    made = {table.library for table in (*TERMS, *MODELS.values(), *get_args(get_args(Time)[0]))}
+    limited = {one for one in made if any(found.gt is not None or found.values for _, found in declared(one))}
+    assert limited == GOOD.keys() and len(list(wrong_arguments())) >= 20
+
+
+@pytest.mark.parametrize(("made", "name", "value"), list(wrong_arguments()), ids=str)
+def test_the_library_refuses_what_it_declares_to_be_wrong(made, name, value):
+    """By the name of the parameter, as scenes refuse it by its key."""
+    made(**GOOD[made])
+    with pytest.raises(StvkError, match=rf"\b{name}"):
+        made(**GOOD[made] | {name: value})
