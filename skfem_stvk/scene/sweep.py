@@ -35,7 +35,7 @@ from .scene import Scene
 from .schema import SceneTables
 from .source import Axis, SceneSource, axes_of, refuse_all
 from .syntax import Loc
-from .units import UNITS, implausible
+from .units import UNITS, dimension_of, implausible
 
 TABLE, PLOT = "table.csv", "sweep.png"
 #: Columns between the values and the results.
@@ -473,12 +473,11 @@ def _dimension(sections: SceneTables, loc: Loc) -> str | None:
     dimension = None
     for one in loc:
         if isinstance(at, BaseModel):
-            extra = type(at).model_fields[str(one)].json_schema_extra
-            dimension = extra.get("dimension") if isinstance(extra, dict) else None
+            dimension = dimension_of(type(at).model_fields[str(one)])
             at = getattr(at, str(one))
         else:
             at = at[one]
-    return dimension if isinstance(dimension, str) else None
+    return dimension
 
 
 # processes

@@ -13,7 +13,7 @@ from ..arguments import choice
 from .schema import SceneTables
 from .schema.quantities import bare, is_union, literals, members
 from .syntax import Loc, lines_of, parsed, value_text
-from .units import UNITS, UnitSystem
+from .units import UNITS, UnitSystem, dimension_of
 
 #: Column in which sentences begin behind the values of examples.
 COLUMN = 40
@@ -228,11 +228,9 @@ def rows_of(model: type[BaseModel]) -> list[KeyRow]:
     """The keys of a table, its kind first."""
     rows = []
     for name, found in model.model_fields.items():
-        extra = found.json_schema_extra if isinstance(found.json_schema_extra, dict) else {}
-        dimension = extra.get("dimension")
         kind = _type_in_words(found.annotation, (*found.metadata, found))
         sentence = found.description or " ".join((model.__doc__ or "").split())
-        rows.append(KeyRow(name, kind, found.default, None if dimension is None else str(dimension), sentence))
+        rows.append(KeyRow(name, kind, found.default, dimension_of(found), sentence))
     return sorted(rows, key=lambda row: row.name not in ("type", "model"))
 
 
@@ -266,10 +264,10 @@ def title_of(model: type[BaseModel]) -> str:
         if name in model.model_fields:
             (kind,) = literals(model.model_fields[name].annotation)
             return str(kind)
-    return TITLES[model.__name__]
+    return TITLES.get(model.__name__, model.__name__)
 
 
-#: Names of tables that have no kind.
+#: Names of tables that have no kind, where they are not those of their classes.
 TITLES = {
     "SceneTables": "Scene",
     "MeshFile": "Mesh file",
@@ -277,11 +275,6 @@ TITLES = {
     "StopRule": "Stop",
     "DisplacementLevel": "Level",
     "ReducedBasis": "Reduced basis",
-    "Solver": "Solver",
-    "Damping": "Damping",
-    "Tearing": "Tearing",
-    "Output": "Output",
-    "Expectation": "Expectation",
     "Prescribed": "Displacements",
 }
 

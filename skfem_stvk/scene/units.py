@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from ..arguments import choice
 from ..errors import StvkError
@@ -189,12 +190,18 @@ def _values(part: BaseModel, path: str = "") -> Iterator[tuple[str, str, str, fl
         if name not in part.model_fields_set:
             continue
         given, place = getattr(part, name), f"{path}.{name}" if path else name
-        extra = info.json_schema_extra
-        dimension = extra.get("dimension") if isinstance(extra, dict) else None
-        if isinstance(dimension, str) and (size := _size(given)):
+        dimension = dimension_of(info)
+        if dimension is not None and (size := _size(given)):
             yield place, name, dimension, size
         for inner, deeper in _inner(given, place):
             yield from _values(deeper, inner)
+
+
+def dimension_of(found: FieldInfo) -> str | None:
+    """Return the dimension that a key of a scene declares; None for pure numbers and other values."""
+    extra = found.json_schema_extra
+    dimension = extra.get("dimension") if isinstance(extra, dict) else None
+    return dimension if isinstance(dimension, str) else None
 
 
 def _inner(given: Any, place: str) -> Iterator[tuple[str, BaseModel]]:
