@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ..arguments import Array, shown
 from ..errors import StvkError
 from ..mesh.places import Where, vertices_at
-from ..nonlinear.problem import dot
 from ..results.reactions import held_vertices
 from ..system import System
 from .ledger import Ledger
@@ -161,8 +160,8 @@ class Books:
         self._first = float(known_total(ledger)[0]) if ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
         self._watched = motion.moving or motion.damped or motion.driven
-        self._t, self._u = 0.0, np.zeros(motion.n)
-        self._driving: Array = np.zeros(motion.n)
+        self._t, self._u = 0.0, np.zeros(motion.states.n)
+        self._driving: Array = np.zeros(motion.states.n)
 
     def begin(self, state: MotionState) -> None:
         """Count the work from this state on, which is that of the last row, if there is one."""
@@ -185,10 +184,11 @@ class Books:
         self.dissipated += motion.dissipated(self._u, state.u, state.t - since)
         change = state.u - self._u
         self._begin(state)
+        dot = motion.states.dot
         self.external += (dot(before, change) + dot(self._driving, change)) / 2
         if motion.moving:
             held = motion.free.fixed
-            self.external += dot(state.reaction[held], change[held])
+            self.external += motion.states.on(held).dot(state.reaction[held], change[held])
 
     def enter(self, state: MotionState, strain_energy: float) -> None:
         """Enter a row for this state, with as many elements inside out as in the row before: see `count_inside_out`.
@@ -210,7 +210,7 @@ class Books:
             row += list(motion.mean(state.u, vertices))
         if self._places.reactions:
             since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
-            u, v = motion.displacements(state.u), motion.displacements(state.v)
+            u, v = motion.states.expand(state.u), motion.states.expand(state.v)
             forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
             for vertices in self._places.reactions.values():
                 row += list(forces[vertices].sum(axis=0))

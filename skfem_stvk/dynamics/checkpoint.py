@@ -274,7 +274,7 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     _check_moment(saved, header.now, "", motion, integrator)
     if header.hierarchy is not None:
         for name in HIERARCHY:
-            expect(saved.arrays, name, (motion.n,))
+            expect(saved.arrays, name, (motion.states.n,))
     if header.good is not None:
         if integrator.dt is not None or not header.good.steps < header.now.steps:
             raise ValueError(f"its last good state is that of step {header.good.steps} of {header.now.steps}")
@@ -319,7 +319,7 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
         raise ValueError(f"its steps are of {clock.dt:g} s, and were {looks.largest:g} s at first")
     if looks.next > moment.steps + looks.interval:
         raise ValueError(f"after {moment.steps} steps it would look at the critical step after {looks.next} at first")
-    state = {name: expect(saved.arrays, prefix + name, (motion.n,)) for name in ARRAYS}
+    state = {name: expect(saved.arrays, prefix + name, (motion.states.n,)) for name in ARRAYS}
     last = moment.rows - 1
     row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}
     kinetic = float(state["v"] @ motion.mass.multiply(state["v"])) / 2

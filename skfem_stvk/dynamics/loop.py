@@ -190,7 +190,7 @@ class Loop:
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
         setup, record = self.setup, self.record
-        u, v = (setup.motion.displacements(x) for x in (record.state.u, record.state.v))
+        u, v = (setup.motion.states.expand(x) for x in (record.state.u, record.state.v))
         findings = self._monitors.at(u)
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
             status = Status.ENDED_INVERTED

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..kernels import motion as kernels
-from ..nonlinear.problem import dot
+from ..linear.space import Space
 from ..nonlinear.stopwatch import Stopwatch
 from ..system import System, TangentOperator
 from ..system.protocol import ReducedLike
@@ -32,7 +32,7 @@ class Motion:
     `K_GN = 2 J'LJ` is K without tensions; `moving`: whether any of the held degrees of freedom move.
 
     States and velocities are displacements (ndofs,) and their rates here. Those of a motion on a basis are coordinates: what the
-    loop over the steps and its ledger ask for is asked of the motion, and `displacements` are what is written and returned.
+    loop over the steps and its ledger ask for is asked of the motion, and `states.expand` of them is written and returned.
     """
 
     #: Whether the ledger tells the energies of several elastic terms apart.
@@ -49,9 +49,9 @@ class Motion:
         self._constant: tuple[Array | None] | None = None
 
     @property
-    def n(self) -> int:
-        """Number of entries of a state."""
-        return self.system.ndofs
+    def states(self) -> Space:
+        """The space of states and their rates; those on the mesh are `states.expand(x)`."""
+        return self.system.space
 
     @property
     def on_mesh(self) -> Motion:
@@ -81,10 +81,6 @@ class Motion:
         self.mass, self.free = self.system.mass(self.mass.kind), self.free.of(self.system)
         self._at_rest = self._constant = None
 
-    def displacements(self, x: Array) -> Array:
-        """(ndofs,) displacements of a state, or velocities of its rate."""
-        return x
-
     def state(self, x: Array, t: float) -> Array:
         """The state of displacements (ndofs,), or the rate of their velocities; what is held has to be set to what it is."""
         return x
@@ -106,7 +102,7 @@ class Motion:
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:
         """Elements that are inside out or flat."""
-        return self.system.inside_out(self.displacements(u))
+        return self.system.inside_out(self.states.expand(u))
 
     def mean(self, u: Array, vertices: NDArray[np.int64]) -> Array:
         """(d,) mean displacements of these vertices [m]."""
@@ -226,7 +222,7 @@ class Motion:
         v = (u1 - u0) / dt
         force = np.zeros_like(v)
         self.add_linear_damping(v, force)
-        lost = dt * dot(v, force)
+        lost = dt * self.states.dot(v, force)
         if self.tau:  # dzeta' L dzeta / 4 comes with the force
             self._force[:] = 0
             lost += 2 * self.tau / dt * add_secant_damping(self.system, u0, u1, 0.5, self._force)

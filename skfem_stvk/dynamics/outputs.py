@@ -104,7 +104,7 @@ class Outputs:
         with self._record.watch("write"):
             self._fields.leave_out(self._setup.motion.system.removed)
             if not series.steps or series.steps[-1][0] < state.t:
-                u, v = (self._setup.motion.displacements(x) for x in (state.u, state.v))
+                u, v = (self._setup.motion.states.expand(x) for x in (state.u, state.v))
                 series.add(self._fields.at(u, v), state.t)
             self._table.write()
 

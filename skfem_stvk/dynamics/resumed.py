@@ -57,9 +57,10 @@ def resumed(body: System | ReducedLike, options: Options, stack: ExitStack, file
     problem = Fingerprint("motion", first, described(motion, integrator, options.remove), header.problem.moments, start)
     again = "Give the same again, or leave it out, to resume it. To start anew: overwrite=True, without resume."
     problem.refuse_other(header.problem, file, again)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
-        motion.take_out(removed)
+    if len(removed):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
+            motion.take_out(removed)
     with refusing_damage(file, ANEW):
         places = refuse_inconsistent(saved, motion, integrator)
     options.refuse_other_places(file, system, places)

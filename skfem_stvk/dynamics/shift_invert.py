@@ -49,11 +49,7 @@ class ShiftedProblem:
         self.system, self.mass, self.kind, self.u, self.shift, self._t = system, mass, kind, u, 0.0, t
         self._tangent = FreeTangent(system, solver, kind, lambda: u)
         self.free = self._tangent.free
-
-    @property
-    def n(self) -> int:
-        """How many degrees of freedom are free: K and M are n x n."""
-        return len(self.free.free)
+        self.space = system.space.on(self.free.free)
 
     @property
     def iterative(self) -> bool:
@@ -75,13 +71,11 @@ class ShiftedProblem:
         factors = self._tangent.factorise(self._shifted())
         if factors.negative_pivots:
             raise Indefinite
-        return LinearOperator((self.n, self.n), matvec=lambda r: self._answer(factors, np.ravel(r)), dtype=np.float64)
+        return LinearOperator((self.space.n,) * 2, matvec=lambda r: self._answer(factors, np.ravel(r)), dtype=np.float64)
 
     def momentum(self, x: Array) -> Array:
         """`M x` over the free degrees of freedom."""
-        everywhere = np.zeros(self.system.ndofs)
-        everywhere[self.free.free] = x
-        return self.mass.multiply(everywhere)[self.free.free]
+        return self.space.restrict(self.mass.multiply(self.space.expand(x)))
 
     def _shifted(self) -> FreeOperator | csr_matrix:
         if self._tangent.solver.matrix_free:
@@ -103,7 +97,7 @@ class ShiftedProblem:
 
 def lowest_vectors(problem: ShiftedProblem, n: int) -> Array:
     """(n_free, m) vectors, m >= n, that span the modes of the n lowest eigenvalues."""
-    if problem.n < FEW * (n + MORE):
+    if problem.space.n < FEW * (n + MORE):
         K, M = problem.matrices()
         return np.asarray(eigh(K, M, subset_by_index=[0, n - 1])[1])
     for shift in first_shift(problem) * GROWTH ** np.arange(MOST):
@@ -141,7 +135,7 @@ def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
 
     Complex modes come in pairs `x, conj(x)`, which the real and the imaginary part of x span.
     """
-    if problem.n < FEW * (n + MORE):
+    if problem.space.n < FEW * (n + MORE):
         values, vectors = eig(*problem.matrices())
         return _real_basis(problem, vectors[:, np.argsort(np.abs(values))[:n]])
     return _all_nearest(problem, problem.inverse(first_shift(problem)), n)
@@ -186,7 +180,7 @@ def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Arra
     # units in which the shift and the mass are about 1: ARPACK takes eigenvalues of the inverse below 4e-11 for zero
     unit, mass = _power_of_two(problem.shift), _power_of_two(problem.mass.total)
     M = LinearOperator(inverse.shape, matvec=lambda x: problem.momentum(np.ravel(x)) / mass, dtype=np.float64)
-    start = np.random.default_rng(known.shape[1]).standard_normal(inverse.shape[0])
+    start = problem.space.random(known.shape[1])
     start -= known @ (momenta @ start)
     tolerance = PRECISION if problem.iterative else 0.0
     across = LinearOperator(inverse.shape, matvec=lambda r: unit * mass * solved(r), dtype=np.float64)

@@ -17,7 +17,7 @@ from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
 from ..linear.amg import Pace
 from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.cg import EdgeFactors
-from ..nonlinear.problem import Residual, Tangent, dot, norm
+from ..nonlinear.problem import Residual, Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
 from ..system import FreeOperator, System, TangentOperator
@@ -111,6 +111,7 @@ class StepProblem:
         with watch("factor"):
             self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen), lambda: self._u0 + self._w)
         self.free = self.tangent.free
+        self.states, self.space = motion.states, motion.states.on(self.free.free)
         blocks = Unknowns(*np.divmod(self.free.free, motion.system.mesh.d))
         self._diagonal = BlockJacobiAnalysis(BlockJacobiCg(), blocks) if chosen is StepTangent.DIAGONAL else None
 
@@ -153,16 +154,17 @@ class StepProblem:
             loads = self.motion.loads(self._u0 + w, Moment.of(t).time)
             internal = self._internal_force(w)
             inertia = self._linear(w)
-            free = self.free.free
-            scale = norm(inertia[free]) + norm(self._offset[free]) + norm(internal[free]) + norm(loads[free])
+            space = self.space
+            scale = sum(space.norm(space.restrict(one)) for one in (inertia, self._offset, internal, loads))
             self.full = inertia - self._offset + internal - loads
-            size = norm(self.full[free])
+            free = space.restrict(self.full)
+            size = space.norm(free)
             if not np.isfinite(size + scale):
                 raise StateError(f"The residual overflows at displacements of up to {np.abs(self._u0 + w).max():.1e}.")
             if size > SLOW * self._before:
                 self._with_tensions = False
             self._before = size
-            return Residual(self.full[free], size, scale)
+            return Residual(free, size, scale)
 
     def round_off(self, w: Array, t: Time) -> float:
         with self._watch("assemble"):
@@ -170,17 +172,11 @@ class StepProblem:
             sums = below(self._largest_error, self.system.round_off(u1))
             sums += np.abs(self.system.external_force(u1, t)) + np.abs(self._offset)
             sums += self.motion.mass.multiply(np.abs(w)) * self._inertia_factor
-            return EPS * norm(sums[self.free.free])
+            return EPS * self.space.norm(self.space.restrict(sums))
 
     @cached_property
     def _largest_error(self) -> Array:
         return largest_error(self.system)
-
-    def direction(self, x: Array) -> Array:
-        return self.free.vector(x)
-
-    def slope(self, residual: Residual, v: Array) -> float:
-        return float(residual.vector @ v[self.free.free])
 
     def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         """The tangent that was chosen, or one that Newton's method falls back on, as in statics; K(0) stays what it is, and so does
@@ -268,7 +264,7 @@ class StepProblem:
         """(5,) coefficients along `w + s v` of what an implicit step is the minimum of, but for the constant one."""
         with self._watch("assemble"):
             u1 = self._u0 + w
-            c = self.system.energy_along(u1, v)
+            c, dot = self.system.energy_along(u1, v), self.states.dot
             c[1] -= dot(self.system.external_force(u1, t), v)
             Av = self._linear(v)
             c[1] += dot(Av, w) - dot(self._offset, v)

@@ -36,8 +36,8 @@ class Mode:
 def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
     """The mode nearest to zero, at right angles to those `without`, by inverse iteration; None if K is exactly singular."""
     factors = problem.factorise(u, t)
-    others = [_unit(problem, problem.unknowns_of(mode)) for mode in without]
-    x = _unit(problem, np.random.default_rng(0).standard_normal(problem.n))
+    others = [_unit(problem, problem.space.restrict(mode)) for mode in without]
+    x = _unit(problem, problem.space.random())
     value = np.inf
     for _ in range(MOST_INVERSE):
         solution = problem.solve(factors, x, 1e-6)
@@ -45,12 +45,12 @@ def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Ar
             return None
         y = solution.x
         for other in others:
-            y = y - problem.dot(other, y) * other
-        before, last, value = x, value, problem.dot(x, y) / problem.dot(y, y)  # the Rayleigh quotient of y, for K y = x
+            y = y - problem.space.dot(other, y) * other
+        before, last, value = x, value, problem.space.dot(x, y) / problem.space.dot(y, y)  # the Rayleigh quotient of y, for K y = x
         x = _unit(problem, y)
-        if abs(value - last) <= PRECISION * abs(value) or 1 - abs(problem.dot(before, x)) <= PRECISION**2:
+        if abs(value - last) <= PRECISION * abs(value) or 1 - abs(problem.space.dot(before, x)) <= PRECISION**2:
             break
-    return Mode(value, problem.direction(x))
+    return Mode(value, problem.space.expand(x))
 
 
 def lowest_mode(problem: EigenProblem, u: Array, t: float) -> Mode:
@@ -60,7 +60,7 @@ def lowest_mode(problem: EigenProblem, u: Array, t: float) -> Mode:
     has no sign.
     """
     mode, floor = _by_lobpcg(problem, u, t), rounding(problem, u, t)
-    if mode.error > GOOD * abs(mode.value) and problem.n <= COUNTED:
+    if mode.error > GOOD * abs(mode.value) and problem.space.n <= COUNTED:
         mode = _by_factorisation(problem, u, t, mode.value, floor)
     return mode if abs(mode.value) > floor else replace(mode, value=0.0)
 
@@ -81,7 +81,7 @@ def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
     first = int(np.argmin(values))
     value, x = float(values[first]), _unit(problem, vectors[:, first])
     y = K @ x - value * x
-    return Mode(value, problem.direction(x), float(np.sqrt(problem.dot(y, y))))
+    return Mode(value, problem.space.expand(x), float(np.sqrt(problem.space.dot(y, y))))
 
 
 def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, floor: float) -> Mode:
@@ -92,10 +92,10 @@ def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, f
         shift *= 16
     solve = direct(unknowns.n).analyse(unknowns).factorise(shifted(K, shift), Kind.SYMMETRIC).solve
     inverse = LinearOperator(K.shape, matvec=lambda r: solve(np.ravel(r), 1e-10).x, dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(K.shape[0])
+    start = problem.space.random()
     values, vectors = eigsh(K, 1, sigma=shift, OPinv=inverse, v0=start)
-    return Mode(float(values[0]), problem.direction(_unit(problem, vectors[:, 0])))
+    return Mode(float(values[0]), problem.space.expand(_unit(problem, vectors[:, 0])))
 
 
 def _unit(problem: EigenProblem, x: Array) -> Array:
-    return x / np.sqrt(problem.dot(x, x))
+    return x / np.sqrt(problem.space.dot(x, x))

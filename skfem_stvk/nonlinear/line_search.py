@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..terms.load import Time
-from .problem import Problem, Residual
+from .problem import Problem, Residual, slope
 
 #: A residual along the line is as good as zero below this part of what it was.
 GOOD_ENOUGH = 0.1
@@ -16,11 +16,11 @@ GOOD_ENOUGH = 0.1
 
 def length(problem: Problem, u: Array, v: Array, t: Time, at_zero: Residual, longest: float) -> float | None:
     """The factor `s` of the direction `v` from `u`, where the residual is `at_zero`: `longest` at most; None if there is none."""
-    slope = problem.slope(at_zero, v)
+    at_start = slope(problem, at_zero, v)
     if not problem.quartic:
-        return root_of_slope(lambda s: problem.slope(problem.residual(u + s * v, t), v), slope, longest)
+        return root_of_slope(lambda s: slope(problem, problem.residual(u + s * v, t), v), at_start, longest)
     c = problem.energy_along(u, v, t)
-    if abs(c[1] - slope) > 0.1 * abs(slope):  # rounding is as large as what there is to gain
+    if abs(c[1] - at_start) > 0.1 * abs(at_start):  # rounding is as large as what there is to gain
         return min(1.0, longest)
     s = min(quartic_minimum(c), longest)
     return s if np.isfinite(s) else None

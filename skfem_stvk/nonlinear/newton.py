@@ -14,7 +14,7 @@ from ..linear import Outcome, Solution
 from ..terms.load import Time
 from .line_search import length
 from .outcome import Status
-from .problem import Problem, Residual, Tangent
+from .problem import Problem, Residual, Tangent, slope
 
 #: With the line search, the same from a state with elements inside out, and with full steps.
 MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20
@@ -161,8 +161,8 @@ class _Descent:
             if not usable(solution):
                 record.detail = solution.outcome.value
                 continue
-            v = problem.direction(solution.x)
-            if problem.slope(residual, v) < 0:
+            v = problem.space.expand(solution.x)
+            if slope(problem, residual, v) < 0:
                 record.tangents.append(tangent.value)
                 record.linear.append(solution.iterations)
                 record.detail = ""

@@ -51,7 +51,7 @@ def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
     if negative == 0:
         return Verdict(True, 0)
     if problem.iterative:
-        force = np.random.default_rng(0).standard_normal(problem.n)
+        force = problem.space.random()
         if problem.solve(factors, force, 1e-4).outcome is Outcome.SOLVED:
             return Verdict(True, None)
     return _confirmed(problem, u, t)
@@ -59,7 +59,7 @@ def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
 def _confirmed(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """The verdict by factorisation, up to `COUNTED` unknowns and with a direct solver; otherwise by the lowest eigenvalue."""
-    if not problem.iterative or problem.n <= COUNTED:
+    if not problem.iterative or problem.space.n <= COUNTED:
         counts = inertia(*problem.matrix(u, t))
         if counts is None:
             return Verdict(True, None, NOT_COUNTED)

@@ -14,7 +14,7 @@ from ..arguments import Array
 from ..errors import StateError
 from ..linear import Unknowns
 from ..linear.solver import Outcome, Solution
-from ..nonlinear.problem import Residual, Tangent, dot, norm
+from ..nonlinear.problem import Residual, Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
 from ..system import System
@@ -134,17 +134,11 @@ class DenseSolver:
 class DenseProblem:
     """The part of a `Problem` on the first `n` of a state's coordinates, `q` of `(q, s)`, whose full matrices are factorised."""
 
-    def __init__(self, n: int, m: int, watch: Stopwatch) -> None:
-        self._free, self._m, self._watch = slice(n), m, watch
+    def __init__(self, reduced: OnBasis, watch: Stopwatch) -> None:
+        self._free, self._watch = slice(reduced.size), watch
+        self.states = reduced.body.space.spanned_by(reduced.columns)
+        self.space = self.states.on(self._free)
         self._negative: int | None = None
-
-    def direction(self, x: Array) -> Array:
-        v = np.zeros(self._m)
-        v[self._free] = x
-        return v
-
-    def slope(self, residual: Residual, v: Array) -> float:
-        return dot(residual.vector, v[self._free])
 
     def solve(self, factors: DenseFactors, b: Array, rtol: float) -> Solution:
         with self._watch("solve"):
@@ -177,8 +171,9 @@ class ReducedEquilibrium(DenseProblem):
     solver: ClassVar[DenseSolver] = DenseSolver()
 
     def __init__(self, reduced: OnBasis, watch: Stopwatch) -> None:
-        super().__init__(reduced.size, reduced.columns.shape[1], watch)
+        super().__init__(reduced, watch)
         self.reduced, self.system = reduced, reduced.body
+        self._held = self.states.on(slice(reduced.size, None))
         self.largest, self.symmetric = 0.0, True
         self._K = np.zeros((reduced.columns.shape[1],) * 2)
         self._looked: tuple[Array, NDArray[np.int64]] | None = None
@@ -189,10 +184,6 @@ class ReducedEquilibrium(DenseProblem):
         self._alike = float(lengths[self._free].mean() / held.mean()) if len(held) else 0.0
 
     @property
-    def n(self) -> int:
-        return self.reduced.size
-
-    @property
     def quartic(self) -> bool:
         return self.reduced.quartic and self.system.dead
 
@@ -200,39 +191,23 @@ class ReducedEquilibrium(DenseProblem):
     def dead(self) -> bool:
         return self.system.dead
 
-    def dot(self, x: Array, y: Array) -> float:
-        return dot(x, y)
-
-    def norm(self, x: Array) -> float:
-        return norm(x)
-
-    def unknowns_of(self, v: Array) -> Array:
-        return v[self._free]
-
-    def displacements(self, u: Array) -> Array:
-        full: Array = self.reduced.columns @ u
-        return full
-
     def state(self, u: Array, t: Time) -> Array:
         return self.reduced.state(u, t)
-
-    def functional(self, normal: Array) -> Array:
-        projected: Array = normal @ self.reduced.columns
-        return projected
 
     def residual(self, u: Array, t: Time) -> Residual:
         with self._watch("assemble"):
             _, force, _ = self._response(u)
             loads = self.reduced.loads(u, t)
-            free = (force - loads)[self._free]
-            size, scale = norm(free), norm(loads[self._free]) + self._alike * norm((force - loads)[self.n :])
+            left, norm = force - loads, self.space.norm
+            free, held = self.space.restrict(left), self._held.norm(self._held.restrict(left))
+            size, scale = norm(free), norm(self.space.restrict(loads)) + self._alike * held
             if not np.isfinite(size + scale):
                 raise StateError(f"The residual overflows at coordinates of up to {np.abs(u).max():.1e}.")
             return Residual(free, size, max(scale, NOTHING * self.largest))
 
     def round_off(self, u: Array, t: Time) -> float:
         sums = below(self._largest_error, np.abs(self._response(u)[2]) @ np.abs(u)) + np.abs(self.reduced.loads(u, t))
-        return EPS * float(np.sqrt(len(u))) * norm(sums[self._free])
+        return EPS * float(np.sqrt(len(u))) * self.space.norm(self.space.restrict(sums))
 
     @cached_property
     def _largest_error(self) -> Array:
@@ -244,7 +219,7 @@ class ReducedEquilibrium(DenseProblem):
         return self._factors(self._K[self._free, self._free], self.symmetric, tangent)
 
     def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
-        n, K = self.n, self._jacobian(u, t)[self._free, self._free]
+        n, K = self.space.n, self._jacobian(u, t)[self._free, self._free]
         indices, indptr = np.tile(np.arange(n), n), n * np.arange(n + 1)  # all entries, also those that are zero
         sparse = csr_matrix((K.ravel(), indices, indptr), shape=(n, n))
         return sparse, Unknowns(np.arange(n), np.zeros(n, dtype=np.int64), sparse.indptr, sparse.indices)
@@ -258,7 +233,7 @@ class ReducedEquilibrium(DenseProblem):
     def energy_along(self, u: Array, v: Array, t: Time) -> Array:
         with self._watch("assemble"):
             c = self.reduced.energy_along_states(u, v)
-            c[1] -= dot(self.reduced.loads(u, t), v)
+            c[1] -= self.states.dot(self.reduced.loads(u, t), v)
             return c
 
     def step_limit(self, u: Array, v: Array) -> float:
@@ -273,14 +248,14 @@ class ReducedEquilibrium(DenseProblem):
         """As in `Problem`; asked before and after a solve, and answered once for each state."""
         if self._looked is None or not np.array_equal(self._looked[0], u):
             with self._watch("assemble"):
-                self._looked = u.copy(), self.system.inside_out(self.displacements(u))
+                self._looked = u.copy(), self.system.inside_out(self.states.expand(u))
         return self._looked[1]
 
     def named(self, inside_out: NDArray[np.int64]) -> str:
         return named_elements(self.system.mesh, inside_out)
 
     def place(self, u: Array, t: float) -> Array:
-        u[self.n :] = self.reduced.amounts(t)
+        u[self.space.n :] = self.reduced.amounts(t)
         return u
 
     def rate(self, u: Array, t: float) -> tuple[Array, Array]:
@@ -290,9 +265,9 @@ class ReducedEquilibrium(DenseProblem):
 
     def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
         moves = np.zeros_like(u)
-        moves[self.n :] = self.reduced.amounts(later) - self.reduced.amounts(t)
+        moves[self.space.n :] = self.reduced.amounts(later) - self.reduced.amounts(t)
         loads = self.reduced.loads(u, later) - self.reduced.loads(u, t)
-        return loads[self._free] - self.force_of(moves), moves
+        return self.space.restrict(loads) - self.force_of(moves), moves
 
     def force_of(self, w: Array) -> Array:
         force: Array = self._K[self._free] @ w
@@ -312,7 +287,7 @@ class ReducedEquilibrium(DenseProblem):
         """Do nothing, as in `commit`."""
 
     def energies(self, u: Array, t: Time) -> tuple[float, float]:
-        full = self.displacements(u)
+        full = self.states.expand(u)
         loads = self.system.potential(full, t) - self.system.energy(full) if self.system.conservative else float("nan")
         energy = self._response(u)[0]
         return energy, energy + loads
@@ -321,7 +296,7 @@ class ReducedEquilibrium(DenseProblem):
         return self.reduced.energy_along_states(u, v) if self.reduced.quartic else None
 
     def smallest_volume_ratio(self, u: Array) -> float:
-        return self.system.smallest_volume_ratio(self.displacements(u))
+        return self.system.smallest_volume_ratio(self.states.expand(u))
 
     def _response(self, z: Array) -> tuple[float, Array, Array]:
         """Strain energy, forces and stiffness at `z`, which a residual and its tangent share."""

@@ -17,7 +17,8 @@ from ..dynamics.record import MotionState
 from ..dynamics.step_problem import Coefficients
 from ..errors import StateError, StvkError
 from ..linear.choose import is_auto
-from ..nonlinear.problem import SQUARES, Residual, Tangent, dot, norm
+from ..linear.space import Space
+from ..nonlinear.problem import Residual, Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..system.round_off import EPS, below
 from ..terms.load import Moment, Time
@@ -27,12 +28,6 @@ from .equilibrium import SYMMETRIC, DenseFactors, DenseProblem, OnBasis, largest
 #: The points of Gauss at which the force over a step is averaged: exact for a cubic.
 GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
 NO_ELEMENTS: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-
-
-def _norm(x: Array) -> float:
-    """`|x|` of a few numbers, by BLAS: four times as fast as `norm`, which takes over where squares lose digits."""
-    square = float(x @ x)
-    return square**0.5 if SQUARES[0] < square < SQUARES[1] else norm(x)
 
 
 class Coordinates(NamedTuple):
@@ -113,12 +108,11 @@ class ReducedMotion(Motion):
         """(m,) loads that are the same at any time and place."""
         moment = self.moment(0.0)
         steady = self.system.external_force(self._nowhere, moment) - driving_force(self.system, self._nowhere, moment)
-        projected: Array = steady @ self.reduced.columns
-        return projected
+        return self.states.restrict(steady)
 
-    @property
-    def n(self) -> int:
-        return self._sums.shape[1]
+    @cached_property
+    def states(self) -> Space:
+        return self.system.space.spanned_by(self.reduced.columns)
 
     @property
     def on_mesh(self) -> Motion:
@@ -147,10 +141,6 @@ class ReducedMotion(Motion):
 
     def step_problem(self, integrator: Implicit, watch: Stopwatch) -> ReducedStep:
         return ReducedStep(self, integrator.mean, watch)
-
-    def displacements(self, x: Array) -> Array:
-        full: Array = self.reduced.columns @ x
-        return full
 
     def state(self, x: Array, t: float) -> Array:
         return self.reduced.state(x, self.moment(t))
@@ -213,9 +203,8 @@ class ReducedMotion(Motion):
         return self.reduced.loads(u, self.moment(t)) if self._all_steady is None else self._all_steady
 
     def driving_force(self, u: Array, t: float) -> Array:
-        where = self._nowhere if self._plain else self.displacements(u)
-        projected: Array = driving_force(self.system, where, self.moment(t)) @ self.reduced.columns
-        return projected
+        where = self._nowhere if self._plain else self.states.expand(u)
+        return self.states.restrict(driving_force(self.system, where, self.moment(t)))
 
     def add_up(self, state: MotionState, sums: Array) -> float:
         u, v = state.u, state.v
@@ -225,7 +214,7 @@ class ReducedMotion(Motion):
         sums[4:7] += products[m + 6 :].reshape(3, m) @ u
         if self._steady is not None:
             return -float(self._steady @ u)
-        return steady_potential(self.system, self.displacements(u), self.moment(state.t))
+        return steady_potential(self.system, self.states.expand(u), self.moment(state.t))
 
     def add_linear_damping(self, v: Array, out: Array) -> None:
         if self.alpha or self.beta:
@@ -255,11 +244,11 @@ class ReducedStep(DenseProblem):
     origin: ClassVar[None] = None
 
     def __init__(self, motion: ReducedMotion, mean: bool, watch: Stopwatch) -> None:
-        super().__init__(motion.reduced.size, motion.n, watch)
+        super().__init__(motion.reduced, watch)
         self.motion, self.reduced, self._mean = motion, motion.reduced, mean
-        self._u0, self._offset = np.zeros(motion.n), np.zeros(motion.n)
+        self._u0, self._offset = np.zeros(self.states.n), np.zeros(self.states.n)
         self._key: tuple[float, float] | None = None
-        self._A = self._tangent = np.zeros((motion.n, motion.n))
+        self._A = self._tangent = np.zeros((self.states.n,) * 2)
         self._at: Array | None = None
         self._K = self._A
         self.full: Array = self._offset
@@ -299,9 +288,10 @@ class ReducedStep(DenseProblem):
             internal = self._forces(w)
             inertia, loads = self._A @ w, self.motion.loads(self._u0 + w, Moment.of(t).time)
             self.full = inertia - self._offset + internal - loads
-            free = self.full[self._free]
-            size = _norm(free)
-            scale = sum(_norm(one[self._free]) for one in (inertia, self._offset, internal, loads))
+            space = self.space
+            free = space.restrict(self.full)
+            size = space.norm(free)
+            scale = sum(space.norm(space.restrict(one)) for one in (inertia, self._offset, internal, loads))
             if not np.isfinite(size + scale):
                 raise StateError(f"The residual overflows at coordinates of up to {np.abs(self._u0 + w).max():.1e}.")
             return Residual(free, size, scale)
@@ -309,7 +299,7 @@ class ReducedStep(DenseProblem):
     def round_off(self, w: Array, t: Time) -> float:
         sums = np.abs(self._A) @ np.abs(w) + np.abs(self._offset) + np.abs(self.motion.loads(self._u0 + w, Moment.of(t).time))
         sums += below(self._largest_error, np.abs(self._K) @ np.abs(self._u0 + w))
-        return EPS * _norm(sums[self._free])
+        return EPS * self.space.norm(self.space.restrict(sums))
 
     @cached_property
     def _largest_error(self) -> Array:
@@ -338,6 +328,7 @@ class ReducedStep(DenseProblem):
         with self._watch("assemble"):
             u1 = self._u0 + w
             c, Av = self.reduced.energy_along_states(u1, v), self._A @ v
+            dot = self.states.dot
             c[1] += dot(Av, w) - dot(self._offset, v) - dot(self.motion.loads(u1, Moment.of(t).time), v)
             c[2] += dot(Av, v) / 2
             return c

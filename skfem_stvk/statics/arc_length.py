@@ -96,7 +96,7 @@ class ArcLength(Walk):
         problem, way, length = self.problem, self._heading, self._size
         assert way is not None
         u = self.u + length * way.direction
-        place = problem.dot(way.direction, self.u) + length  # of the plane across the path, along it
+        place = problem.states.dot(way.direction, self.u) + length  # of the plane across the path, along it
         found = self._correct(u, self.t + length * way.rate, Hyperplane(way.direction, 0.0, place, length))
         if isinstance(found, Attempt):
             return found
@@ -119,7 +119,7 @@ class ArcLength(Walk):
             return Attempt(t, End.NO_DESCENT, Iterations(record.residuals, detail=ahead))
         ahead = ahead.along(way.direction, problem)
         chord = u - self.u
-        dot, reach = problem.dot, float(np.sqrt(problem.dot(chord, chord)))
+        dot, reach = problem.states.dot, float(np.sqrt(problem.states.dot(chord, chord)))
         cosine = min(dot(ahead.direction, way.direction), dot(way.direction, chord) / reach, dot(ahead.direction, chord) / reach)
         if cosine < SHARPEST:
             return Attempt(t, End.TOO_SHARP, record)
@@ -158,7 +158,7 @@ class ArcLength(Walk):
                 found = self._correct(begin[0] + part * chord, begin[1] + part * (end[1] - begin[1]), plane)
                 if isinstance(found, Attempt):
                     return found
-                along = self.problem.dot(found[0] - begin[0], chord) / self.problem.dot(chord, chord)
+                along = self.problem.states.dot(found[0] - begin[0], chord) / self.problem.states.dot(chord, chord)
                 if not -BESIDE <= along <= 1 + BESIDE:
                     return Attempt(found[1], End.TOO_SHARP, found[3])
                 return found
@@ -181,6 +181,6 @@ class ArcLength(Walk):
         if cosine < SHARP:
             factor = min(factor, 1 / GROWTH)
         so_far = self.u - self._from
-        part = PARTS * self._first_load * float(np.sqrt(self.problem.dot(so_far, so_far)))
+        part = PARTS * self._first_load * float(np.sqrt(self.problem.states.dot(so_far, so_far)))
         longest, shortest = max(LARGEST * self._first, part), SMALLEST * self._first  # only what fails ends the path
         self._size = max(min(factor * self._size, longest), shortest)

@@ -32,7 +32,7 @@ class Heading:
 
     def along(self, v: Array, problem: PathProblem) -> Heading:
         """This heading or the reversed one, whichever does not point against `v` (ndofs,)."""
-        return self if problem.dot(self.direction, v) >= 0 else self.reversed()
+        return self if problem.states.dot(self.direction, v) >= 0 else self.reversed()
 
 
 def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) -> Heading | str:
@@ -42,8 +42,8 @@ def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) ->
     solution = problem.solve(factors, forces, 1e-10)
     if not usable(solution, singular):
         return solution.outcome.value
-    rate = held + problem.direction(solution.x)
-    length = float(np.sqrt(problem.dot(rate, rate)))
+    rate = held + problem.space.expand(solution.x)
+    length = float(np.sqrt(problem.states.dot(rate, rate)))
     if length == 0:
         return "nothing moves as the load grows"
     return Heading(rate / length, 1 / length, problem.negative_pivots())
@@ -64,7 +64,7 @@ class Hyperplane:
 
     def miss(self, u: Array, t: float, problem: PathProblem) -> float:
         """How far the state is from it."""
-        return self.value - problem.dot(self.normal, u) - self.weight * t
+        return self.value - problem.states.dot(self.normal, u) - self.weight * t
 
 
 def correct(
@@ -95,11 +95,11 @@ def correct(
             if not (usable(a, singular=True) and usable(b, singular=True)):
                 record.detail = (b if usable(a, singular=True) else a).outcome.value
                 return u, t, End.NO_DESCENT, record
-            x, y = problem.direction(a.x), moves + problem.direction(b.x)
-            slope = problem.dot(plane.normal, y) + plane.weight
+            x, y = problem.space.expand(a.x), moves + problem.space.expand(b.x)
+            slope = problem.states.dot(plane.normal, y) + plane.weight
             if slope == 0:
                 return u, t, End.NO_LENGTH, record
-            dt = (miss - problem.dot(plane.normal, x)) / slope
+            dt = (miss - problem.states.dot(plane.normal, x)) / slope
             u, t, before = u + x + dt * y, t + dt, residual
             if not np.isfinite(t):
                 return u, t, End.OVERFLOW, record

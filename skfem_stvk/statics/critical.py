@@ -100,7 +100,7 @@ def find(problem: PathProblem, before: Point, after: Point, turned: bool, rtol: 
 
 def _on_mesh(problem: PathProblem, point: CriticalPoint) -> CriticalPoint:
     """The point with displacements in place of states of the problem."""
-    return replace(point, u=problem.displacements(point.u), mode=_scaled(problem.displacements(point.mode)))
+    return replace(point, u=problem.states.expand(point.u), mode=_scaled(problem.states.expand(point.mode)))
 
 
 def turning_point(problem: PathProblem, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:
@@ -154,7 +154,7 @@ class _Chord:
 
     def _corrected(self, f: float) -> tuple[Array, float] | None:
         """The equilibrium in the plane across the line there, if Newton's method finds it: K may be singular to the last digit."""
-        dot = self._problem.dot
+        dot = self._problem.states.dot
         length = float(np.sqrt(dot(self.direction, self.direction)))
         if not length:
             return None

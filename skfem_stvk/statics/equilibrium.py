@@ -15,7 +15,7 @@ from ..errors import StateError
 from ..linear import Factors, LinearSolver, Solution, Unknowns
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, inertia
-from ..nonlinear.problem import PathProblem, Residual, Tangent, dot, norm
+from ..nonlinear.problem import PathProblem, Residual, Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
 from ..system import FreeOperator, System
@@ -61,11 +61,8 @@ class Equilibrium:
         self.largest, self._doubts = 0.0, MOST_DOUBTS
         with watch("factor"):
             self.tangent = FreeTangent(system, solver, kind_of(system), lambda: self._u)
-        self.free = self.tangent.free
-
-    @property
-    def n(self) -> int:
-        return len(self.free.free)
+        self.free, self.states = self.tangent.free, system.space
+        self.space, self._held = self.states.on(self.free.free), self.states.on(self.free.fixed)
 
     @property
     def solver(self) -> LinearSolver:
@@ -88,29 +85,13 @@ class Equilibrium:
     def dead(self) -> bool:
         return self.system.dead
 
-    def dot(self, x: Array, y: Array) -> float:
-        return dot(x, y)
-
-    def norm(self, x: Array) -> float:
-        return norm(x)
-
-    def direction(self, x: Array) -> Array:
-        return self.free.vector(x)
-
-    def unknowns_of(self, v: Array) -> Array:
-        free: Array = v[self.free.free]
-        return free
-
-    def slope(self, residual: Residual, v: Array) -> float:
-        return float(residual.vector @ v[self.free.free])
-
     def residual(self, u: Array, t: Time) -> Residual:
         with self._watch("assemble"):
             external = self.system.external_force(u, t)
             force = self.system.internal_force(u)
             force -= external
-            free = force[self.free.free]
-            size, scale = norm(free), norm(external) + norm(force[self.free.fixed])
+            free = self.space.restrict(force)
+            size, scale = self.space.norm(free), self.states.norm(external) + self._held.norm(self._held.restrict(force))
             if not np.isfinite(size + scale):
                 raise StateError(f"The residual overflows at displacements of up to {np.abs(u).max():.1e}.")
             return Residual(free, size, max(scale, NOTHING * self.largest))
@@ -118,7 +99,7 @@ class Equilibrium:
     def round_off(self, u: Array, t: Time) -> float:
         with self._watch("assemble"):
             sums = below(self._largest_error, self.system.round_off(u)) + np.abs(self.system.external_force(u, t))
-            return EPS * norm(sums[self.free.free])
+            return EPS * self.space.norm(self.space.restrict(sums))
 
     @cached_property
     def _largest_error(self) -> Array:
@@ -148,14 +129,14 @@ class Equilibrium:
 
     def take_over(self, u: Array, t: Time) -> bool:
         """As in `Problem`: if a factorisation, up to `COUNTED` unknowns and a few times on a path, finds no negative eigenvalue."""
-        if not self.iterative or self.n > COUNTED or not self._doubts:
+        if not self.iterative or self.space.n > COUNTED or not self._doubts:
             return False
         self._doubts -= 1
         counts = inertia(*self.matrix(u, t))
         if counts is None or counts.negative:
             return False
         with self._watch("factor"):
-            self.tangent.take(direct(self.n))
+            self.tangent.take(direct(self.space.n))
         return True
 
     def negative_pivots(self) -> int | None:
@@ -180,7 +161,7 @@ class Equilibrium:
     def energy_along(self, u: Array, v: Array, t: Time) -> Array:
         with self._watch("assemble"):
             c = self.system.energy_along(u, v)
-            c[1] -= dot(self.system.external_force(u, t), v)
+            c[1] -= self.states.dot(self.system.external_force(u, t), v)
             return c
 
     def step_limit(self, u: Array, v: Array) -> float:
@@ -206,12 +187,6 @@ class Equilibrium:
     def state(self, u: Array, t: Time) -> Array:
         return u
 
-    def displacements(self, u: Array) -> Array:
-        return u
-
-    def functional(self, normal: Array) -> Array:
-        return normal
-
     def place(self, u: Array, t: float) -> Array:
         u[self.free.fixed] = self.system.supports.values(t)
         return u
@@ -226,7 +201,7 @@ class Equilibrium:
             loads = self.system.external_force(u, later) - self.system.external_force(u, t)
         moves, held = np.zeros(self.system.ndofs), self.system.supports.values
         moves[self.free.fixed] = held(later) - held(t)
-        return loads[self.free.free] - self.force_of(moves), moves
+        return self.space.restrict(loads) - self.force_of(moves), moves
 
     def force_of(self, w: Array) -> Array:
         with self._watch("assemble"):

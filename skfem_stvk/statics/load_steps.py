@@ -63,7 +63,7 @@ class LoadSteps(Walk):
             self._size /= 2
             return found
         u, end, record = found
-        jump = None if pointed is None else self.problem.norm(u - pointed) / self.problem.norm(pointed - self.u)
+        jump = None if pointed is None else self.problem.states.norm(u - pointed) / self.problem.states.norm(pointed - self.u)
         if jump is None or jump > FAR:
             looked = Between(self.problem, self._equilibrium).jump(OnPath(self.t, self.u), OnPath(t, u))
             jump = looked if looked is not None or (jump or 0.0) > JUMPED else jump
@@ -104,7 +104,7 @@ class LoadSteps(Walk):
             factors = problem.factorise(self.u, t, tangent)
             solution = problem.solve(factors, -problem.force_of(move), 1e-3)
             if usable(solution):
-                move = move + problem.direction(solution.x)
+                move = move + problem.space.expand(solution.x)
                 break
         return self.u + move
 
@@ -147,7 +147,7 @@ class Between:
 
     def _jump(self, before: OnPath, after: OnPath, halved: int, most: float = 0.0) -> float | None:
         """`most`: how far off states were in the longer parts of the step that hold this one."""
-        norm, forward = self._problem.norm, self._answer(before, after.t)
+        norm, forward = self._problem.states.norm, self._answer(before, after.t)
         if forward is None or not norm(forward):
             return None
         off = norm(after.u - before.u - forward) / norm(forward)
@@ -162,7 +162,7 @@ class Between:
 
     def _points_back(self, before: OnPath, after: OnPath) -> bool:
         backward = self._answer(after, before.t)
-        norm = self._problem.norm
+        norm = self._problem.states.norm
         return backward is not None and norm(before.u - after.u - backward) <= NEAR * norm(backward)
 
     def _middle(self, before: OnPath, after: OnPath, forward: Array) -> OnPath | None:
@@ -177,4 +177,4 @@ class Between:
         factors = problem.factorise(state.u, state.t)
         forces, moves = problem.change(state.u, state.t, t)
         solution = problem.solve(factors, forces, 1e-3)
-        return moves + problem.direction(solution.x) if usable(solution) and np.isfinite(solution.x).all() else None
+        return moves + problem.space.expand(solution.x) if usable(solution) and np.isfinite(solution.x).all() else None

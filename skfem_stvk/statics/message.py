@@ -190,9 +190,9 @@ def _lowest(problem: StaticProblem, u: Array, t: float) -> tuple[float, Array] |
 def _where(problem: StaticProblem, u: Array, mode: Array) -> str:
     """The elements that the mode deforms most, by the change of their edges."""
     mesh = problem.system.mesh
-    v = problem.displacements(mode).reshape(-1, mesh.d)
+    v = problem.states.expand(mode).reshape(-1, mesh.d)
     moves = v[mesh.t] - v[mesh.t].mean(axis=0)
     most = np.argsort(-(moves**2).sum(axis=(0, 2)))[:MOST_NAMED]
-    pressed = problem.system.smallest_stretch(problem.displacements(u))
+    pressed = problem.system.smallest_stretch(problem.states.expand(u))
     named = f"{name_ids(np.sort(most), 'element')}, near x = {point_of(mesh, most[0])}"
     return named if np.isinf(pressed) else f"{named}; the smallest principal stretch of all is {pressed:.2g}"

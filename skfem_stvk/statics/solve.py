@@ -233,7 +233,7 @@ class _Solve:
     def result(self) -> StaticResult:
         """The result, or what is raised instead."""
         options, history, problem = self._options, self._history, self._problem
-        header = f"{self._reduced or self._system!r}, {problem.n} of them free; solver '{self._asked}'"
+        header = f"{self._reduced or self._system!r}, {problem.space.n} of them free; solver '{self._asked}'"
         start = {"u0": sums(self._start)} | ({} if self._reduced is None else {"the basis": self._reduced.signature})
         files = opened(options.outlets, self._system, options.signature(self._asked), start)
         with files as (write, kept), PathProgress(header, options.quiet) as report:
@@ -264,7 +264,7 @@ class _Solve:
         start = problem.state(self._start, t0)
         if not options.arc_length:
             return LoadSteps(problem, start, t0, course)
-        return ArcLength(problem, start, t0, course, Goal(options.stop or Stop(load=1.0), self._system, problem.functional))
+        return ArcLength(problem, start, t0, course, Goal(options.stop or Stop(load=1.0), self._system, problem.states))
 
     def _follow(self, walk: Walk, write: Write, kept: PathCheckpoint | None, report: PathProgress) -> None:
         """The states that are kept from before, and those that follow."""
@@ -303,7 +303,7 @@ class _Solve:
             self._verdict = judged(problem, walk.u, last.t)
 
     def _ended(self, problem: StaticProblem, walk: Walk) -> StaticResult:
-        t, u, history = walk.t, problem.displacements(walk.u), self._history
+        t, u, history = walk.t, problem.states.expand(walk.u), self._history
         inverted = problem.inside_out(walk.u)
         if self._cause is not None:
             status = Status.INTERRUPTED

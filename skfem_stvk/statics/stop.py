@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
@@ -11,8 +11,8 @@ import numpy as np
 
 from ..arguments import Array, number, own, shown, whole
 from ..errors import StvkError, name_ids
+from ..linear.space import Space
 from ..mesh.places import Where, describe, vertices_at
-from ..nonlinear.problem import dot
 from ..system import System
 from .continuation import Hyperplane
 from .history import Step
@@ -64,23 +64,24 @@ class Stop:
 class Goal:
     """A `Stop` on a mesh: levels of load or displacement, and numbers of turns and states.
 
-    `functional` makes of weights of displacements (ndofs,) those of the states of a problem.
+    `states` is the space of the states of a problem, by default that of all displacements.
     """
 
-    def __init__(self, stop: Stop, system: System, functional: Callable[[Array], Array] = lambda normal: normal) -> None:
-        self._stop, mesh = stop, system.mesh
+    def __init__(self, stop: Stop, system: System, states: Space | None = None) -> None:
+        self._stop, mesh, self._states = stop, system.mesh, states or system.space
         self._levels: list[tuple[Array, float, float]] = []
         if stop.load is not None:
-            self._levels.append((functional(np.zeros(mesh.p.size)), 1.0, float(stop.load)))
+            self._levels.append((self._states.restrict(np.zeros(mesh.p.size)), 1.0, float(stop.load)))
         if stop.displacement is not None:
             normal, weight, value = _mean_displacement(stop.displacement, system)
-            self._levels.append((functional(normal), weight, value))
+            self._levels.append((self._states.restrict(normal), weight, value))
 
     def towards(self, u: Array, t: float, direction: Array, rate: float) -> float:
         """1 if this direction leads towards the first level, or there is none, -1 if it leads away."""
         if not self._levels:
             return 1.0
         normal, weight, value = self._levels[0]
+        dot = self._states.dot
         missing = value - dot(normal, u) - weight * t
         return -1.0 if missing * (dot(normal, direction) + weight * rate) < 0 else 1.0
 
@@ -91,7 +92,7 @@ class Goal:
 
     def crossed(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Hyperplane] | None:
         """The part of the way from `(u, t)` to `(v, s)` at which the first level is crossed, and its plane; None if none is."""
-        found = []
+        found, dot = [], self._states.dot
         for normal, weight, value in self._levels:
             begin, end = dot(normal, u) + weight * t, dot(normal, v) + weight * s
             size = FAR * abs(value) if value else np.inf
@@ -115,7 +116,9 @@ class Goal:
 
     def saved(self) -> list[list[float]]:
         """Numbers that tell it from another one."""
-        levels = [[weight, value, dot(normal, np.arange(1.0, len(normal) + 1))] for normal, weight, value in self._levels]
+        levels = [
+            [weight, value, self._states.dot(normal, np.arange(1.0, len(normal) + 1))] for normal, weight, value in self._levels
+        ]
         return [*levels, [float(self._stop.turns or 0), float(self._stop.states or 0)]]
 
     def counted(self, turns: int, states: int) -> bool:

@@ -137,7 +137,7 @@ class Walk(ABC):
         problem, before = self.problem, self._point
         problem.accept(u, t)
         problem.commit(u)
-        inverted, full = problem.inside_out(u), problem.displacements(u)
+        inverted, full = problem.inside_out(u), problem.states.expand(u)
         if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
             record.negative_pivots = problem.negative_pivots()

@@ -20,6 +20,7 @@ from ..edges.pairs import Coupled, joined, version_of
 from ..elements import HOURGLASS
 from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import Turn, in_turn
+from ..linear.space import Space
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.places import DofsView
@@ -214,6 +215,11 @@ class System(BoundTerms):
 
     def _turning_loads(self) -> list[TurningLoad]:
         return [load for load in self.bound_loads if isinstance(load, TurningLoad)]
+
+    @cached_property
+    def space(self) -> Space:
+        """The space of displacements of all degrees of freedom."""
+        return Space(self.ndofs)
 
     @property
     def ndofs(self) -> int:

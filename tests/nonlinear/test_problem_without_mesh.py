@@ -11,38 +11,58 @@ from scipy.sparse import csr_matrix
 import skfem_stvk
 from skfem_stvk import StateError
 from skfem_stvk.linear import Kind, SuperLU, Unknowns
+from skfem_stvk.linear.space import Space
 from skfem_stvk.nonlinear.eigen import lowest_mode, nearest_mode
 from skfem_stvk.nonlinear.newton import End, NewtonOptions, newton
-from skfem_stvk.nonlinear.problem import Residual, Tangent, dot, norm
+from skfem_stvk.nonlinear.problem import Residual, Tangent, slope
 from skfem_stvk.nonlinear.stability import judged
 
 N, GHOSTS = 20, 3
 RTOL = 1e-10
 
 
+class WithGhosts(Space):
+    """Vectors in reverse order with the first three entries twice, as a piece of a body on one rank of several has ghosts."""
+
+    def __init__(self):
+        super().__init__(N + GHOSTS)
+
+    def dot(self, x, y):
+        assert len(x) == len(y) == N + GHOSTS
+        return super().dot(x[:N], y[:N])
+
+
+class Unknown(Space):
+    """The unknowns of vectors with ghosts."""
+
+    def __init__(self):
+        super().__init__(N)
+
+    def expand(self, x):
+        return np.concatenate([x[::-1], x[:GHOSTS]])
+
+    def restrict(self, f):
+        return f[:N][::-1]
+
+    def dot(self, x, y):
+        assert len(x) == len(y) == N
+        return super().dot(x, y)
+
+
 class Wells:
     """`V(x) = 1/2 x'Ax + 1/4 sum c_i x_i^4 - t b.x`: a chain of masses, each in a double well if `A` is not positive definite.
 
-    A state has the unknowns in reverse order and the first three of them twice, as a piece of a body on one rank of several has
-    ghosts: only this class knows which entries count.
+    Its states are vectors with ghosts: only its spaces know which entries count.
     """
 
-    iterative, quartic, symmetric, n = False, True, True, N
+    iterative, quartic, symmetric = False, True, True
+    states, space = WithGhosts(), Unknown()
 
     def __init__(self, spring=1.0, well=0.5):
         rng = np.random.default_rng(0)
         chain = 2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)
         self.A, self.c, self.b = spring * chain + well * np.eye(N), 1 + rng.random(N), rng.normal(size=N)
         self.factorised, self.exact = [], None
-
-    def state(self, x):
-        return np.concatenate([x[::-1], x[:GHOSTS]])
-
-    def unknowns_of(self, v):
-        return v[:N][::-1]
-
-    def direction(self, x):
-        return self.state(x)
 
     def gradient(self, x, t):
         return self.A @ x + self.c * x**3 - t * self.b
@@ -51,35 +71,27 @@ class Wells:
         return self.A + 3 * np.diag(self.c * x**2)
 
     def residual(self, u, t):
-        x = self.unknowns_of(u)
+        x = self.space.restrict(u)
         r = self.gradient(x, t)
         if not np.isfinite(r).all() or np.abs(x).max() > 1e50:
             raise StateError("too large")
+        norm = self.space.norm
         return Residual(r, norm(r), norm(t * self.b) + norm(self.A @ x))
 
-    def slope(self, residual, v):
-        return dot(residual.vector, self.unknowns_of(v))
-
-    def dot(self, x, y):
-        return dot(x, y) if len(x) == N else dot(self.unknowns_of(x), self.unknowns_of(y))
-
-    def norm(self, x):
-        return float(np.sqrt(self.dot(x, x)))
-
     def round_off(self, u, t):
-        x = np.abs(self.unknowns_of(u))
-        return np.finfo(float).eps * norm(np.abs(self.A) @ x + self.c * x**3 + np.abs(t * self.b))
+        x = np.abs(self.space.restrict(u))
+        return np.finfo(float).eps * self.space.norm(np.abs(self.A) @ x + self.c * x**3 + np.abs(t * self.b))
 
     def matrix(self, u, t):
         K = csr_matrix(np.ones((N, N)))
-        K.data[:] = self.hessian(self.unknowns_of(u)).ravel()
+        K.data[:] = self.hessian(self.space.restrict(u)).ravel()
         return K, Unknowns(np.arange(N), np.zeros(N, dtype=int), K.indptr, K.indices)
 
     def operator(self, u, t):
         return self.matrix(u, t)[0]
 
     def stiffness_norm(self, u, t):
-        return float(np.abs(self.hessian(self.unknowns_of(u))).sum(axis=1).max())
+        return float(np.abs(self.hessian(self.space.restrict(u))).sum(axis=1).max())
 
     def factorise(self, u, t, tangent=Tangent.EXACT):
         K, unknowns = self.matrix(u, t)
@@ -103,7 +115,7 @@ class Wells:
 
     def energy_along(self, u, v, t):
         s = np.arange(5.0)
-        x, y = self.unknowns_of(u), self.unknowns_of(v)
+        x, y = self.space.restrict(u), self.space.restrict(v)
         values = [0.5 * z @ self.A @ z + 0.25 * (self.c * z**4).sum() - t * self.b @ z for z in (x + one * y for one in s)]
         c = np.polynomial.Polynomial.fit(s, values, 4).convert().coef
         return np.append(c, np.zeros(5 - len(c)))
@@ -122,8 +134,8 @@ class Wells:
 
 
 def solved(problem, x=None, t=1.0, **options):
-    u, end, record = newton(problem, problem.state(np.zeros(N) if x is None else x), t, NewtonOptions(RTOL, **options))
-    return problem.unknowns_of(u), end, record
+    u, end, record = newton(problem, problem.space.expand(np.zeros(N) if x is None else x), t, NewtonOptions(RTOL, **options))
+    return problem.space.restrict(u), end, record
 
 
 @pytest.mark.parametrize("full_first", [True, False], ids=["full steps first", "line search"])
@@ -158,21 +170,23 @@ def test_without_a_potential_the_slope_along_the_line_is_what_counts():
     np.testing.assert_allclose(*found, atol=1e-7)
 
 
-def test_a_state_with_ghosts_is_measured_by_its_problem():
-    """Counted twice, ghosts would make another slope: the fault is planted, and the search notices that energy and slope
-    disagree.
-    """
+def test_a_state_with_ghosts_is_measured_by_its_spaces():
+    """Counted twice, ghosts would make another slope: the fault is planted."""
     problem, counted = Wells(), Wells()
-    counted.slope = lambda residual, v: float(counted.state(residual.vector) @ v)
-    u, v = problem.state(np.zeros(N)), problem.state(np.ones(N))
+    counted.space = Unknown()
+    counted.space.dot = lambda x, y: float(Unknown().expand(x) @ Unknown().expand(y))
+    u, v = problem.space.expand(np.zeros(N)), problem.space.expand(np.ones(N))
     residual = problem.residual(u, 1.0)
-    assert problem.slope(residual, v) == pytest.approx(problem.energy_along(u, v, 1.0)[1], abs=1e-9)
-    assert abs(counted.slope(residual, v) - problem.slope(residual, v)) > 0.1
-    assert problem.dot(u + v, v) == N and problem.norm(v) == np.sqrt(N)
+    assert slope(problem, residual, v) == pytest.approx(problem.energy_along(u, v, 1.0)[1], abs=1e-9)
+    assert abs(slope(counted, residual, v) - slope(problem, residual, v)) > 0.1
+    assert problem.states.dot(u + v, v) == N and problem.states.norm(v) == np.sqrt(N)
 
 
-def faulty(**changes):
+def faulty(expand=None, **changes):
     problem = Wells()
+    if expand:
+        problem.space = Unknown()
+        problem.space.expand = expand
     for name, value in changes.items():
         setattr(problem, name, value)
     return problem
@@ -180,11 +194,11 @@ def faulty(**changes):
 
 FAULTS = {
     "a direction of the wrong sign is none of descent": (
-        lambda: faulty(direction=lambda x: -Wells().state(x)),
+        lambda: faulty(expand=lambda x: -Unknown().expand(x)),
         {},
         End.NO_DESCENT,
     ),
-    "numbers overflow": (lambda: faulty(direction=lambda x: np.full(N + GHOSTS, -1e60) * np.sign(x[0])), {}, None),
+    "numbers overflow": (lambda: faulty(expand=lambda x: np.full(N + GHOSTS, -1e60) * np.sign(x[0])), {}, None),
     "a step of a tenth is all that is left": (
         lambda: faulty(step_limit=lambda u, v: 1e-4, named=lambda found: "this one"),
         {"full_first": False},
@@ -224,12 +238,12 @@ def test_full_steps_that_arrive_on_the_other_side_are_taken_back():
 @pytest.mark.parametrize("well", [0.5, -0.5, -2.0])
 def test_eigenvalues_of_the_tangent_are_those_of_the_matrix(well):
     problem = Wells(well=well)
-    u = problem.state(0.3 * np.sin(np.arange(N)))
-    values, vectors = np.linalg.eigh(problem.hessian(problem.unknowns_of(u)))
+    u = problem.space.expand(0.3 * np.sin(np.arange(N)))
+    values, vectors = np.linalg.eigh(problem.hessian(problem.space.restrict(u)))
     nearest = np.argmin(np.abs(values))
     mode, lowest = nearest_mode(problem, u, 0.0), lowest_mode(problem, u, 0.0)
     assert mode.value == pytest.approx(values[nearest], rel=1e-5)
-    assert abs(problem.unknowns_of(mode.vector) @ vectors[:, nearest]) == pytest.approx(1, abs=1e-4)
+    assert abs(problem.space.restrict(mode.vector) @ vectors[:, nearest]) == pytest.approx(1, abs=1e-4)
     assert lowest.value == pytest.approx(values[0], rel=1e-4)
     verdict = judged(problem, u, 0.0)
     assert verdict.stable is bool(values[0] > 0) and verdict.negative == (values < 0).sum()

@@ -152,7 +152,7 @@ def test_steps_do_not_ask_the_body(integrator, monkeypatch):
         inner.count = 0
         run = simulate(reduced, integrator, until=until, damping=Rayleigh(0.1, 1e-3), probes={"tip": [17]}, quiet=True)
         counts.append(len(asked))
-    assert counts[0] == counts[1] < 30 and motion.n == 9
+    assert counts[0] == counts[1] < 30 and motion.states.n == 9
     evaluations = 2 if isinstance(integrator, EnergyMomentum) else 1
     assert inner.count <= evaluations * (run.iterations + run.ledger.steps) + run.ledger.steps
 

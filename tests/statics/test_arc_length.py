@@ -438,7 +438,7 @@ def test_a_step_stays_on_the_path_if_its_critical_points_explain_the_change(befo
 def test_steps_that_succeed_are_never_too_short_to_go_on():
     """A path that turned sharply at each of twenty states ended for its short steps, and said that nothing was reached."""
     walk = object.__new__(ArcLength)
-    walk.problem, walk.u, walk._from = SimpleNamespace(dot=np.dot), np.zeros(2), np.zeros(2)
+    walk.problem, walk.u, walk._from = SimpleNamespace(states=SimpleNamespace(dot=np.dot)), np.zeros(2), np.zeros(2)
     walk._first, walk._first_load, walk._size = 1.0, 0.1, 1.0
     for _ in range(20):
         walk._adapt(iterations=4, cosine=0.6)

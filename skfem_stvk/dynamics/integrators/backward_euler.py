@@ -101,7 +101,7 @@ class LinearStepper(ImplicitStepper):
 
     def __init__(self, motion: Motion, integrator: LinearBackwardEuler) -> None:
         super().__init__(motion, integrator)
-        n, free = motion.n, len(motion.free.free)
+        n, free = motion.states.n, len(motion.free.free)
         self._w, self._predicted, self._nowhere = (np.zeros(n) for _ in range(3))
         self._b, self._start, self._x = (np.zeros(free) for _ in range(3))
 

@@ -98,7 +98,7 @@ class ImplicitStepper:
         self.problem = self._on_mesh() if own is None else own
         self._most_inside_out = motion.system.mesh.nt if passes_inversion(motion.system) else None
         self.energy, self.counts = 0.0, Counts()
-        self.room = np.zeros(motion.n)
+        self.room = np.zeros(motion.states.n)
 
     def _on_mesh(self) -> StepProblem:
         motion, integrator = self.motion, self.integrator

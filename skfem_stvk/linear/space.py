@@ -1,0 +1,129 @@
+"""Where vectors live: how they are multiplied, and how those of one space belong to vectors of another."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+
+#: Sums of squares outside of these may have lost digits to underflow, or have overflowed.
+SQUARES = 1e-280, 1e300
+
+
+class Space:
+    """Vectors (n,), such as displacements of all degrees of freedom of a body.
+
+    `on` and `spanned_by` give spaces within it. A space has vectors of one kind, and what they are follows from their space, never
+    from their length. `share`, `total`, `least`, `most` and `any` put together what parts of a body have; here there is one part.
+
+    Attributes
+    ----------
+    n : length of its vectors.
+
+    >>> V = np.array([[1.0], [1.0], [2.0]])
+    >>> whole = Space(3)
+    >>> whole.on(np.array([0, 2])).expand(np.array([5.0, 7.0])), whole.on(np.array([0, 2])).restrict(np.array([1.0, 2.0, 3.0]))
+    (array([5., 0., 7.]), array([1., 3.]))
+    >>> whole.spanned_by(V).expand(np.array([2.0])), whole.spanned_by(V).restrict(np.array([1.0, 2.0, 3.0]))
+    (array([2., 2., 4.]), array([9.]))
+    """
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    @cached_property
+    def numbers(self) -> NDArray[np.int64]:
+        """(n,) numbers of the entries, independent of how a mesh is divided."""
+        return np.arange(self.n)
+
+    def on(self, dofs: NDArray[np.integer] | slice) -> Space:
+        """The space of some entries, by their places: the free degrees of freedom, for example."""
+        return Entries(self, dofs)
+
+    def spanned_by(self, V: Array) -> Space:
+        """The space of coordinates (m,) of vectors `V x`, with columns `V` (n, m)."""
+        return Span(self, V)
+
+    def expand(self, x: Array) -> Array:
+        """The vector of the space that this one is part of; of a space that is part of none, `x` itself."""
+        return x
+
+    def restrict(self, f: Array) -> Array:
+        """The transpose of `expand`: forces (n,) on the coordinates of this space."""
+        return f
+
+    def dot(self, x: Array, y: Array) -> float:
+        """`x . y` without BLAS, whose threads wait for ours: 0.05 ms instead of 5 for 50 000 entries on a busy machine."""
+        return float(np.einsum("i,i", x, y))
+
+    def norm(self, x: Array) -> float:
+        """`|x|`, also where squares are too small or too large for a number: forces of 1e-200 N count."""
+        square = self.dot(x, x)  # of einsum, which does not warn
+        if SQUARES[0] < square < SQUARES[1] or not len(x):
+            return float(np.sqrt(square))
+        largest = self.most(float(np.abs(x).max()))
+        return largest * self.norm(x / largest) if 0 < largest < np.inf else largest
+
+    def random(self, seed: int = 0) -> Array:
+        """(n,) normally distributed numbers, the same for each seed."""
+        return np.random.default_rng(seed).standard_normal(self.n)
+
+    def share(self, f: Array) -> Array:
+        """Add up what elements gave to nodes that other parts have too, in place."""
+        return f
+
+    def total(self, x: float) -> float:
+        """The sum of a number over all parts."""
+        return x
+
+    def least(self, x: float) -> float:
+        """The smallest of the numbers of all parts."""
+        return x
+
+    def most(self, x: float) -> float:
+        """The largest of the numbers of all parts."""
+        return x
+
+    def any(self, x: bool) -> bool:
+        """Whether it is true in any part."""
+        return x
+
+
+class Entries(Space):
+    """Some of the entries of vectors of a space."""
+
+    def __init__(self, whole: Space, dofs: NDArray[np.integer] | slice) -> None:
+        super().__init__(len(range(whole.n)[dofs]) if isinstance(dofs, slice) else len(dofs))
+        self._whole, self._dofs = whole, dofs
+
+    @cached_property
+    def numbers(self) -> NDArray[np.int64]:
+        return self._whole.numbers[self._dofs]
+
+    def expand(self, x: Array) -> Array:
+        v = np.zeros(self._whole.n)
+        v[self._dofs] = x
+        return v
+
+    def restrict(self, f: Array) -> Array:
+        part: Array = f[self._dofs]
+        return part
+
+
+class Span(Space):
+    """Coordinates of the vectors of a space that columns span."""
+
+    def __init__(self, whole: Space, V: Array) -> None:
+        super().__init__(V.shape[1])
+        self._V = V
+
+    def expand(self, x: Array) -> Array:
+        v: Array = self._V @ x
+        return v
+
+    def restrict(self, f: Array) -> Array:
+        part: Array = f @ self._V
+        return part

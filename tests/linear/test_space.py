@@ -1,0 +1,92 @@
+"""Where vectors live: spaces within spaces, and that analyses multiply vectors by no other way."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skfem_stvk
+from skfem_stvk import BackwardEuler, Gravity, StVK, System, simulate, solve_static
+from skfem_stvk.linear.space import Entries, Space
+
+RNG = np.random.default_rng(5)
+V = RNG.standard_normal((12, 5))
+SPACES = {
+    "all": Space(12),
+    "entries": Space(12).on(np.array([1, 4, 5, 11])),
+    "coordinates": Space(12).spanned_by(V),
+    "some coordinates": Space(12).spanned_by(V).on(slice(3)),
+    "some entries of some": Space(12).on(np.array([1, 4, 5, 11])).on(np.array([0, 3])),
+}
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_restricting_is_the_transpose_of_expanding(name):
+    space = SPACES[name]
+    x = RNG.standard_normal(space.n)
+    f = RNG.standard_normal(len(space.expand(x)))
+    assert space.dot(x, space.restrict(f)) == pytest.approx(float(space.expand(x) @ f), rel=1e-13)
+
+
+def test_entries_know_their_numbers_in_the_whole():
+    assert SPACES["some entries of some"].numbers.tolist() == [1, 11] and SPACES["some coordinates"].numbers.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+def test_norms_lose_nothing_to_squares(size):
+    assert Space(3).norm(size * np.array([3.0, 0.0, -4.0])) == pytest.approx(5 * size, rel=1e-15)
+
+
+def test_random_vectors_are_the_same_for_a_seed_and_others_for_another():
+    assert (Space(9).random() == Space(9).random()).all() and (Space(9).random(1) != Space(9).random()).all()
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """How often each method of a space was called."""
+    counts = {}
+
+    def count(kind, name):
+        method = getattr(kind, name)
+
+        def counting(self, *arguments):
+            counts[name] = counts.get(name, 0) + 1
+            return method(self, *arguments)
+
+        monkeypatch.setattr(kind, name, counting)
+
+    for name in ("dot", "norm", "random"):
+        count(Space, name)
+    for name in ("expand", "restrict"):
+        count(Entries, name)
+    return counts
+
+
+def body():
+    import skfem
+
+    mesh = skfem.MeshTet().refined(1).with_boundaries({"left": lambda x: x[0] == 0})
+    return System(mesh, [StVK(young=1e5, poisson=0.3, density=1e3), Gravity(g=(1.0, 0, -9.81))], fixed={"left": "xyz"})
+
+
+def test_statics_and_motion_multiply_and_place_vectors_by_their_spaces(counted):
+    result = solve_static(body(), steps=2, solver="superlu", quiet=True)
+    iterations = sum(len(step.iterations) for step in result.history)
+    assert counted["norm"] >= 3 * iterations and counted["expand"] >= iterations and counted["dot"] >= iterations
+    counted.clear()
+    run = simulate(body(), BackwardEuler(1e-2), until=0.03, quiet=True)
+    assert counted["norm"] >= 5 * run.iterations and counted["expand"] >= run.iterations
+
+
+@pytest.mark.parametrize("folder", ["nonlinear", "statics", "dynamics"])
+def test_no_product_norm_or_start_vector_goes_past_the_spaces(folder):
+    """But for checks of files, blocks of three numbers, and dense matrices."""
+    allowed = {"checkpoint.py", "modes.py", "stability.py", "eigen.py"}
+    for file in (Path(skfem_stvk.__file__).parent / folder).rglob("*.py"):
+        named = {node.attr for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Attribute)}
+        assert file.name in allowed or not named & {"vdot", "default_rng", "standard_normal"}, file.name
+        imported = {
+            name.name for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.ImportFrom) for name in node.names
+        }
+        assert not imported & {"dot", "norm"}, file.name
