@@ -73,7 +73,8 @@ def simulate(
         `{"B": "left"}` gives "reaction B x", "reaction B y". Of the last state alone there is `run.reaction("left")`.
     remove : a rule by which elements leave the body after whole steps, as by `System.without`: `PrincipalStressLimit(1e6)`, or a
         function of the time and the displacements (ndofs,) that returns ids or a mask of elements, or None. The ledger has the
-        energy that goes with them as `removed_energy`; `run.removed` says which they are, `run.system` is the torn body; `system` stays as it is.
+        energy that goes with them as `removed_energy`; `run.removed` says which they are, and `run.system` is the torn body.
+        `system` stays as it is.
     save : a .pvd file, with a .vtu file for each state that is saved, and the ledger as .csv beside it.
     fields : what these hold beside displacements and velocities, see `skfem_stvk.results.names()`; by default stresses and strains.
     every : steps from one saved state to the next, by default 10.

@@ -202,7 +202,7 @@ class SpringAssembly(HookeanNetwork):
         super().__init__(p, whole.edges[:, self._used], whole.pairs, whole.own[self._used], whole.between, dtype=dtype)
 
     def without(self, gone: NDArray[np.bool_]) -> SpringAssembly:
-        """The springs without those of elements that are `gone` (n,); of given stiffness without those that have no element left."""
+        """The springs without those of elements that are `gone` (n,); if stiffness is given, those of edges without any element."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
             left = self._springs(~gone)
