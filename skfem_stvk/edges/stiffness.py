@@ -23,7 +23,6 @@ from ..kernels.laws import GeneralLaw, IsotropicLaw
 from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat, FramedLaw
 from ..kernels.stvk import TensionLaw
 from ..materials import FramedMaterial, Hypothesis
-from ..mesh import ElementMesh
 from ..mesh.geometry import Geometry
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
@@ -129,12 +128,11 @@ class TensionStiffness(IsotropicStiffness):
 class StretchesStiffness(IsotropicStiffness):
     """Lame constants as in `IsotropicStiffness`, of an energy of principal stretches.
 
-    `kind` is its law in the kernels, made of what is stored, `None` for solids or the kind of flat elements, and of numbers `more`.
+    `kind` is its law in the kernels, made of its numbers, `flat` as from `flat_of`, and numbers `more`.
     """
 
-    def __init__(self, lam: Array, mu: Array, kind: Callable[..., Any], mesh: ElementMesh, *more: float) -> None:
+    def __init__(self, lam: Array, mu: Array, kind: Callable[..., Any], flat: Flat | None, *more: float) -> None:
         super().__init__(lam, mu)
-        flat = flat_of(mesh.k, mesh.d)
         self.law = lambda D: kind(D, flat, *more)
 
 

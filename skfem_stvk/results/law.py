@@ -70,17 +70,14 @@ def adjugate(F: Array) -> Array:
 
 
 def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tuple[Array, Array]:
-    """`S = lam tr(E) I + 2 mu E`; where the stress across vanishes `E_33 = -nu/E tr S`, a missing Poisson's ratio taken as zero."""
+    """`S = lam tr(E) I + 2 mu E`, and the strain across where the stress there vanishes."""
     lam, mu = (value[..., None, None] for value in material.lame(hypothesis))
     trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
     E, k = _embedded(strain), strain.shape[1]
     if not hypothesis.condensed:
         return E, lam * trace * np.eye(3) + 2 * mu * E
     S = _embedded(lam * trace * np.eye(k) + 2 * mu * strain)
-    nu = np.asarray(0.0 if material.poisson is None else material.poisson)
-    across = -nu / np.asarray(material.young) * np.trace(S, axis1=1, axis2=2)
-    for i in range(k, 3):
-        E[:, i, i] = across
+    E[:, range(k, 3), range(k, 3)] = material.strain_across(S)[:, None]
     return E, S
 
 

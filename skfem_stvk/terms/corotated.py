@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from ..arguments import Array, Quantity, choice, real_array, shown
 from ..edges.assembly import FramedAssembly, StretchesAssembly
-from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness
+from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness, flat_of
 from ..edges.without_energy import VertexWarping
 from ..errors import MaterialError, name_ids
 from ..kernels.principal import CorotatedLaw
-from ..materials import Hypothesis, Isotropic
+from ..materials import Isotropic
 from ..mesh import ElementMesh
+from .at_points import response_of_stretches
 from .body import Body
 from .elastic_law import ElasticLaw
 from .load import Moment, Time
@@ -25,8 +26,6 @@ from .protocols import Deformation, PointResponse
 
 #: How far from orthonormal the columns of a rotation may be.
 ORTHONORMAL = 1e-8
-#: Stretches below this are none.
-FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,19 +106,13 @@ class Corotated(ElasticLaw):
                 "Corotated: stresses are known for rotation='element' alone; with other frames there are the forces on nodes."
             )
         assert isinstance(self.material, Isotropic)
-        lam, mu = (np.broadcast_to(value, len(at.elements)) for value in self.material.lame(at.hypothesis))
-
-        def energy(s: Array, e: Array) -> tuple[Array, Array]:
-            trace = e.sum(axis=1)
-            return mu * (e**2).sum(axis=1) + lam / 2 * trace**2, 2 * mu[:, None] * e + (lam * trace)[:, None]
-
-        return response_of_stretches(at, energy, self.material)
+        return response_of_stretches(at, self.material, CorotatedLaw)
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""
         if callable(self.rotation):
             return FramedStiffness(*self.lame(mesh))
-        return StretchesStiffness(*self.lame(mesh), CorotatedLaw, mesh)
+        return StretchesStiffness(*self.lame(mesh), CorotatedLaw, flat_of(mesh.k, mesh.d))
 
     def _frames(self, mesh: ElementMesh) -> Callable[[Time], Array]:
         """The rotations (n, 3, 3) at a load factor or moment, checked."""
@@ -155,42 +148,3 @@ class Corotated(ElasticLaw):
             return whole
 
         return frames
-
-
-def response_of_stretches(
-    at: Deformation, energy: Callable[[Array, Array], tuple[Array, Array]], material: Isotropic
-) -> PointResponse:
-    """What an energy of principal stretches says: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
-
-    `energy` gives the density and `p` (n, k) for stretches `s` (n, k) and `s - 1`; the strain across of elements in plane stress is
-    that of linear elasticity of the `material` in their frame.
-    """
-    n, d, k = at.gradient.shape
-    M, F = 2 * at.strain, at.axes + at.gradient
-    m, V = np.linalg.eigh(M)
-    m, V = m[:, ::-1], V[:, :, ::-1]
-    near = np.abs(M).sum(axis=(1, 2)) < 0.3
-    b = F @ V
-    s = np.sqrt(np.einsum("ndi,ndi->ni", b, b))
-    mirrored = np.linalg.det(F) * np.linalg.det(at.axes) < 0 if k == d else np.zeros(n, dtype=bool)
-    s[mirrored, -1] *= -1
-    near &= ~mirrored
-    e = np.where(near[:, None], m / (1 + np.sqrt(np.maximum(1 + m, 0))), s - 1)
-    across = at.hypothesis is Hypothesis.PLANE_STRAIN  # there the third stretch is 1
-    if across:
-        s, e = np.append(s, np.ones((n, 1)), axis=1), np.append(e, np.zeros((n, 1)), axis=1)
-    w, p = energy(s, e)
-    flat = np.abs(s) < FLAT
-    infinite = flat.any(axis=1)
-    strain, stress = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
-    strain[:, :k, :k] = at.strain
-    pull = np.where(infinite[:, None], 0, p / np.where(flat, 1, s))
-    stress[:, :k, :k] = (V * pull[:, None, :k]) @ np.swapaxes(V, 1, 2)
-    if across:
-        stress[:, 2, 2] = pull[:, 2]
-    if at.hypothesis.condensed:
-        nu = np.broadcast_to(0.0 if material.poisson is None else material.poisson, n)
-        narrowed = 1 - (nu if k == 1 else nu / (1 - nu)) * e.sum(axis=1)
-        for i in range(k, 3):
-            strain[:, i, i] = (narrowed**2 - 1) / 2
-    return PointResponse(strain, stress, w, infinite)

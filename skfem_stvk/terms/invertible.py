@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from ..arguments import Array, Quantity, choice, number
 from ..edges.assembly import StretchesAssembly
-from ..edges.stiffness import StretchesStiffness
+from ..edges.stiffness import StretchesStiffness, flat_of
 from ..edges.without_energy import StressExtension
 from ..errors import MaterialError
 from ..kernels.principal import InvertibleLaw
 from ..materials import Isotropic
 from ..mesh import ElementMesh
+from .at_points import response_of_stretches
 from .body import Body
-from .corotated import response_of_stretches
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
@@ -94,7 +94,7 @@ class InvertibleStVK(ElasticLaw):
 
     def stiffness(self, mesh: ElementMesh) -> StretchesStiffness:
         """The law of the kernels, and what it stores of each element of the region."""
-        return StretchesStiffness(*self.lame(mesh), InvertibleLaw, mesh, self.threshold)
+        return StretchesStiffness(*self.lame(mesh), InvertibleLaw, flat_of(mesh.k, mesh.d), self.threshold)
 
     @property
     def has_stress(self) -> bool:
@@ -106,15 +106,4 @@ class InvertibleStVK(ElasticLaw):
         if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)
-        lam, mu = (np.broadcast_to(value, len(at.elements)) for value in self.material.lame(at.hypothesis))
-
-        def energy(s: Array, e: Array) -> tuple[Array, Array]:
-            c, x = np.maximum(s, self.threshold), np.maximum(e, self.threshold - 1)
-            d, E = s - c, x * (1 + x / 2)
-            trace, work, k = E.sum(axis=1), (c * d).sum(axis=1), lam + 2 * mu
-            slope = c * ((lam * trace)[:, None] + 2 * mu[:, None] * E)
-            p = slope + lam[:, None] * c * (work[:, None] - c * d) + k[:, None] * d
-            w = lam / 2 * (trace**2 + work**2 - ((c * d) ** 2).sum(axis=1)) + mu * (E**2).sum(axis=1)
-            return w + (slope * d).sum(axis=1) + k / 2 * (d**2).sum(axis=1), p
-
-        return response_of_stretches(at, energy, self.material)
+        return response_of_stretches(at, self.material, InvertibleLaw, self.threshold)

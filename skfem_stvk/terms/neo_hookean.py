@@ -16,6 +16,7 @@ from ..errors import MaterialError, name_ids
 from ..kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
+from .at_points import stress_and_density
 from .body import Body
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
@@ -89,15 +90,17 @@ class NeoHookean(ElasticLaw):
         """As in `HasResponse`; StateError for elements inside out or flat."""
         assert isinstance(self.material, Isotropic)
         (n, d, k), (lam, mu) = at.gradient.shape, self.material.lame(Hypothesis.SOLID)
-        lam, mu, M = np.broadcast_to(lam, n), np.broadcast_to(mu, n), np.zeros((n, 3, 3))
-        M[:, :k, :k] = 2 * at.strain
-        x = M[:, 0, 0] + M[:, 1, 1] + np.linalg.det(M[:, :2, :2])
+        lam, mu, strain = np.broadcast_to(lam, n), np.broadcast_to(mu, n), at.strain_in_space()
+        M = 2 * strain[:, :2, :2]
+        x = M[:, 0, 0] + M[:, 1, 1] + np.linalg.det(M)
         J = np.linalg.det(at.axes + at.gradient) / np.linalg.det(at.axes) if k == d else np.sqrt(np.maximum(1 + x, 0))
         if (J <= 0).any():
             refuse_inside_out(J, at.elements, BARRIER)
-        if at.hypothesis.condensed:
-            M[:, 2, 2] = thickening(lam, mu, np.sqrt(1 + x), x)
-        return PointResponse(M / 2, *neo_hookean(lam, mu, M), np.zeros(n, dtype=bool))
+        condensed = at.hypothesis.condensed
+        if condensed:
+            strain[:, 2, 2] = thickening(lam, mu, np.sqrt(1 + x), x) / 2
+        stress, density = stress_and_density(NeoHookeanStiffness(lam, mu, condensed), at)
+        return PointResponse(strain, stress, density, np.zeros(n, dtype=bool))
 
 
 class NeoHookeanStiffness:
@@ -113,27 +116,6 @@ class NeoHookeanStiffness:
         axes = at.axes
         orientation = np.sign(np.linalg.det(axes)) if axes.shape[1] == axes.shape[2] else np.zeros(len(axes))
         return np.stack([at.size * self.mu[elements], at.size * self.lam[elements], orientation])
-
-
-def neo_hookean(lam: Array, mu: Array, M: Array, sign: Array | float = 1.0) -> tuple[Array, Array]:
-    """Second Piola-Kirchhoff stress (..., 3, 3) and energy density (...) for `M = F'F - 1` and the sign of `J`.
-
-        S = mu C^-1 M + lam (J - 1) J C^-1        W = mu/2 (tr M - 2 ln J) + lam/2 (J - 1)^2        C = 1 + M
-
-    Without cancellation at small strain; not a number where `J <= 0`.
-    """
-    I2, I3 = (np.trace(M, axis1=-2, axis2=-1) ** 2 - (M * M).sum(axis=(-2, -1))) / 2, np.linalg.det(M)
-    x = np.trace(M, axis1=-2, axis2=-1) + I2 + I3  # J^2 - 1
-    with np.errstate(invalid="ignore", divide="ignore"):
-        J = np.where(np.asarray(sign) < 0, np.nan, np.sqrt(np.where(x > -1, 1 + x, np.nan)))
-        small = (np.abs(x) < 0.25) & (np.abs(I2 + I3) < 0.25)
-        z = np.where(small, x / (2 + x), 0.0)
-        excess = x * z - 2 * sum(z ** (2 * n + 1) / (2 * n + 1) for n in range(1, 10))  # x - ln(1 + x)
-        shape = np.where(small, excess - I2 - I3, np.trace(M, axis1=-2, axis2=-1) - 2 * np.log(J))
-    inverse = np.linalg.inv(np.where(np.isnan(J)[..., None, None], np.eye(3), np.eye(3) + M))
-    e = x / (1 + J)
-    S = mu[..., None, None] * (inverse @ M) + (lam * e * J)[..., None, None] * inverse
-    return S, mu / 2 * shape + lam / 2 * e * e
 
 
 def thickening(lam: Array, mu: Array, j: Array, x: Array) -> Array:

@@ -15,6 +15,7 @@ from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffnes
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
+from .at_points import stress_and_density
 from .body import Body
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
@@ -105,17 +106,11 @@ class StVK(ElasticLaw):
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
 
     def _relaxed(self, at: Deformation) -> PointResponse:
-        """Of the principal strains: the stress along each that is pulled, and the strain that it makes across."""
+        """Return the response with wrinkling: the stress of the relaxed energy, and the strain that it makes across."""
         assert isinstance(self.material, Isotropic)
         n, _, k = at.gradient.shape
-        young, nu = (np.broadcast_to(0.0 if value is None else value, n) for value in (self.material.young, self.material.poisson))
-        E, V = np.linalg.eigh(at.strain)
-        first, last = E[:, -1], E[:, 0]
-        strain, stress, pull = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((n, k))
-        taut = (last >= -nu * first) & (first > 0) & (k > 1)
-        pull[:, -1] = young * np.where(taut, (first + nu * last) / (1 - nu**2), np.maximum(first, 0))
-        pull[taut, 0] = (young * (last + nu * first) / (1 - nu**2))[taut]
-        strain[:, :k, :k] = at.strain
-        strain[:, range(k, 3), range(k, 3)] = (-nu / young * pull.sum(axis=1))[:, None]
-        stress[:, :k, :k] = (V * pull[:, None]) @ np.swapaxes(V, 1, 2)
-        return PointResponse(strain, stress, (pull * E).sum(axis=1) / 2, np.zeros(n, dtype=bool))
+        lam, mu = (np.broadcast_to(value, n) for value in self.material.lame(at.hypothesis))
+        stress, density = stress_and_density(TensionStiffness(lam, mu), at)
+        strain = at.strain_in_space()
+        strain[:, range(k, 3), range(k, 3)] = self.material.strain_across(stress)[:, None]
+        return PointResponse(strain, stress, density, np.zeros(n, dtype=bool))

@@ -10,6 +10,7 @@ from skfem_stvk.edges import assembly, elements, network, pairs, penalty, stream
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
 from skfem_stvk.system import pattern
+from skfem_stvk.terms import at_points
 
 #: Modules and the kernels that they import by name.
 BY_NAME = {
@@ -33,6 +34,7 @@ def on_twins(monkeypatch):
     for name in ("element_kernels", "gradient_kernels", "volume_kernels", "stretch_kernels"):
         monkeypatch.setattr(assembly, name, readable)
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
+    monkeypatch.setattr(at_points, "point_kernels", readable)
     monkeypatch.setattr(network, "network_kernels", readable_networks)
     for module in (assembly, displacements, elements, network, pairs, pattern):
         monkeypatch.setattr(module, "block_kernels", readable)

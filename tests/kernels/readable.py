@@ -28,7 +28,7 @@ from skfem_stvk.kernels.principal import LINE, SHEET, CorotatedLaw, InvertibleLa
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.stvk import TensionLaw
 from skfem_stvk.kernels.topology import OWN
-from skfem_stvk.terms.neo_hookean import neo_hookean, thickening
+from skfem_stvk.terms.neo_hookean import thickening
 
 #: Edges of a tetrahedron as pairs of its vertices: the order of `edge_slots`.
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
@@ -117,6 +117,27 @@ def stvk(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
         return A + np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
 
     return PointLaw(count, energy_and_pull, tangent)
+
+
+def neo_hookean(lam: Reals, mu: Reals, M: Reals, sign: Reals | float = 1.0) -> tuple[Reals, Reals]:
+    """Second Piola-Kirchhoff stress (..., 3, 3) and energy density (...) for `M = F'F - 1` and the sign of `J`.
+
+        S = mu C^-1 M + lam (J - 1) J C^-1        W = mu/2 (tr M - 2 ln J) + lam/2 (J - 1)^2        C = 1 + M
+
+    Without cancellation at small strain; not a number where `J <= 0`.
+    """
+    I2, I3 = (np.trace(M, axis1=-2, axis2=-1) ** 2 - (M * M).sum(axis=(-2, -1))) / 2, np.linalg.det(M)
+    x = np.trace(M, axis1=-2, axis2=-1) + I2 + I3  # J^2 - 1
+    with np.errstate(invalid="ignore", divide="ignore"):
+        J = np.where(np.asarray(sign) < 0, np.nan, np.sqrt(np.where(x > -1, 1 + x, np.nan)))
+        small = (np.abs(x) < 0.25) & (np.abs(I2 + I3) < 0.25)
+        z = np.where(small, x / (2 + x), 0.0)
+        excess = x * z - 2 * sum(z ** (2 * n + 1) / (2 * n + 1) for n in range(1, 10))  # x - ln(1 + x)
+        shape = np.where(small, excess - I2 - I3, np.trace(M, axis1=-2, axis2=-1) - 2 * np.log(J))
+    inverse = np.linalg.inv(np.where(np.isnan(J)[..., None, None], np.eye(3), np.eye(3) + M))
+    e = x / (1 + J)
+    S = mu[..., None, None] * (inverse @ M) + (lam * e * J)[..., None, None] * inverse
+    return S, mu / 2 * shape + lam / 2 * e * e
 
 
 def neo_hookean_law(sheet: bool) -> PointLaw:
@@ -346,6 +367,35 @@ def point_law(law: Any) -> PointLaw:
     """What a law of the kernels is at points."""
     kind = type(law)
     return of_stretches(law, ENERGIES[kind]) if kind in ENERGIES else LAWS[kind]
+
+
+def numbers_at_points(law: Any, n: int) -> Reals:
+    """(n, m) what a law stores at points beside `Ri`."""
+    width = 6 + point_law(law).count
+    return out_of_lanes(law.D, width, slice(None))[:n, 6:]
+
+
+def stress_by_strain(law: Any, k: int, M: Reals, W: Reals, S: Reals) -> None:
+    """By the closed form of the neo-Hookean law, for sheets with the strain across, and by the three relaxed energies."""
+    numbers, full = numbers_at_points(law, len(W)), M.copy()
+    if type(law) is TensionLaw:
+        w, s, _ = (x[:, 0] for x in relaxed(numbers[:, None], full[:, None]))
+    else:
+        mu, lam, _ = numbers.T
+        if type(law) is NeoHookeanSheet:
+            x = full[:, 0, 0] + full[:, 1, 1] + np.linalg.det(full[:, :2, :2])
+            full[:, 2, 2] = thickening(lam, mu, np.sqrt(1 + x), x)
+        s, w = neo_hookean(lam, mu, full)
+    W[:], S[:] = w, s
+
+
+def response_to_stretches(law: Any, flat: Any, Q: Reals, h: Reals, W: Reals, e: Reals, p: Reals, V: Reals) -> None:
+    """By NumPy's singular values."""
+    there = stretches_are_there(law._replace(flat=flat))
+    _, axes, s = rotations_and_stretches(law._replace(flat=flat), Q[:, None], h[:, None])
+    e[:], V[:] = (s[:, 0] - 1) * there, axes[:, 0]
+    w, slopes, _ = ENERGIES[type(law)](law, numbers_at_points(law, len(W))[:, None], 1 + e[:, None])
+    W[:], p[:] = w[:, 0], slopes[:, 0]
 
 
 class Elements(NamedTuple):

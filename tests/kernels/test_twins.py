@@ -13,6 +13,7 @@ from slow import slow, slow_but
 from skfem_stvk import Anisotropic, EdgeNetwork, LinearElastic, SpringNetwork, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
 from skfem_stvk.kernels import (
+    at_points,
     blocks,
     cg,
     discrete_gradient,
@@ -237,7 +238,22 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
 
 @pytest.mark.parametrize(
     "module",
-    [elements, discrete_gradient, blocks, topology, geometry, volumes, stretches, penalty, rows, cg, motion, networks, reduced],
+    [
+        elements,
+        at_points,
+        discrete_gradient,
+        blocks,
+        topology,
+        geometry,
+        volumes,
+        stretches,
+        penalty,
+        rows,
+        cg,
+        motion,
+        networks,
+        reduced,
+    ],
 )
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
     """What is annotated is called from Python."""

@@ -1,0 +1,57 @@
+"""Response of the laws at points of elements: their formulas are those of the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..arguments import Array
+from ..edges.stiffness import Frames, StoredLaw, StretchesStiffness, flat_of
+from ..edges.topology import in_lanes
+from ..kernels import at_points as point_kernels
+from ..materials import Hypothesis, Isotropic
+from .protocols import Deformation, PointResponse
+
+#: A smaller stretch counts as zero.
+FLAT = 1e-9
+
+
+def stress_and_density(stiffness: StoredLaw, at: Deformation) -> tuple[Array, Array]:
+    """Return the stress (n, 3, 3) [Pa] and the energy density (n,) of a law that is a function of strain (`by_strain`)."""
+    M, (n, _, k) = 2 * at.strain_in_space(), at.gradient.shape
+    S, W = np.empty((n, 3, 3)), np.empty(n)
+    point_kernels.stress_by_strain(_at_points(stiffness, k, n), k, M, W, S)
+    return S, W
+
+
+def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[..., Any], *more: float) -> PointResponse:
+    """Return the response of a law of principal stretches: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
+
+    `kind` is its type in the kernels, with numbers `more`. In plane stress the strain across the elements is that of linear
+    elasticity of the `material` in their frame.
+    """
+    n, d, k = at.gradient.shape
+    lam, mu = (np.broadcast_to(value, n) for value in material.lame(at.hypothesis))
+    flat = flat_of(k, d)
+    law = StretchesStiffness(lam, mu, kind, None if at.hypothesis is Hypothesis.PLANE_STRAIN else flat, *more)
+    (Q, h, V), (e, p), W = np.zeros((3, n, 3, 3)), np.empty((2, n, 3)), np.empty(n)
+    Q[:, :k, :d], h[:, :k, :d] = np.swapaxes(at.axes, 1, 2), np.swapaxes(at.gradient, 1, 2)
+    point_kernels.response_to_stretches(_at_points(law, k, n), flat, Q, h, W, e, p, V)
+    none = np.abs(1 + e) < FLAT
+    infinite = none.any(axis=1)
+    pull = np.where(infinite[:, None], 0, p / np.where(none, 1, 1 + e))
+    strain = at.strain_in_space()
+    if at.hypothesis.condensed:
+        nu = np.broadcast_to(0.0 if material.poisson is None else material.poisson, n)
+        narrower = -(nu if k == 1 else nu / (1 - nu)) * e.sum(axis=1)
+        strain[:, range(k, 3), range(k, 3)] = (narrower * (1 + narrower / 2))[:, None]
+    return PointResponse(strain, (V * pull[:, None]) @ np.swapaxes(V, 1, 2), W, infinite)
+
+
+def _at_points(stiffness: StoredLaw, k: int, n: int) -> Any:
+    """Return the law of the kernels with its numbers at n points, per unit of rest volume, in the axes of the elements."""
+    Ri = np.repeat(np.array([1.0, 0.0, 0.0, k > 1, 0.0, k > 2])[:, None], n, axis=1)
+    frames = Frames(k, np.broadcast_to(np.eye(k), (n, k, k)), Ri, np.ones(n), None)
+    return stiffness.law(in_lanes(np.concatenate([Ri, stiffness.stored(frames, np.arange(n, dtype=np.int32))])).ravel())

@@ -1,0 +1,84 @@
+"""Stress and energy density of the compiled laws at points: against the readable ones, at small strain, and in thin sheets."""
+
+import numpy as np
+import pytest
+from bodies import CURVED, MESHES, state
+from kernels.parts import on_twins
+
+from skfem_stvk import Corotated, InvertibleStVK, NeoHookean, StVK, System
+from skfem_stvk.mesh.geometry import Geometry
+from skfem_stvk.results import Fields
+
+EVERY = MESHES | {name: CURVED[name] for name in ("quadratic tetrahedra", "hexahedra", "quadratic membrane")}
+FIELDS = ("pk2_stress", "green_strain", "strain_energy_density")
+
+
+def laws_on(mesh):
+    """Every law with a stress of its own that fits the mesh, heterogeneous, by name and plane."""
+    rng = np.random.default_rng(6)
+    constants = {"young": rng.uniform(1, 4, mesh.nt), "poisson": rng.uniform(0.05, 0.45, mesh.nt)}
+    planes = ("strain", "stress") if mesh.k == mesh.d == 2 else (None,)
+    found = {(law.__name__, plane): law(**constants, plane=plane) for law in (Corotated, InvertibleStVK) for plane in planes}
+    if mesh.k > 1:
+        found |= {("NeoHookean", plane): NeoHookean(**constants, plane=plane) for plane in planes}
+    if mesh.k < 3:
+        found["wrinkling", planes[-1]] = StVK(**constants, plane=planes[-1], wrinkling=True)
+    return found
+
+
+def fields_of(mesh, law, u):
+    now = Fields.of(System(mesh, law)).at(u)
+    return {name: np.asarray(now[name]) for name in FIELDS}
+
+
+def states_for(law, mesh):
+    """Displacements by name, not small; those of laws with a stress there turn elements inside out, and others slacken sheets."""
+    x, noise = mesh.p.ravel("F"), state(mesh)
+    found = {"wide": 0.1 * noise + 0.8 * x}
+    if law == "wrinkling":
+        return found | {"wrinkled": 0.3 * noise}
+    found |= {"pushed": 0.1 * noise - 0.3 * x}
+    return found if law == "NeoHookean" else found | {"inside out": noise - 1.6 * x * (np.arange(len(x)) % mesh.d == 0)}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_compiled_and_readable_laws_agree_at_points(name, monkeypatch):
+    mesh = EVERY[name]
+
+    def all_fields():
+        laws = laws_on(mesh)
+        return {
+            (*key, shape): fields_of(mesh, law, u) for key, law in laws.items() for shape, u in states_for(key[0], mesh).items()
+        }
+
+    compiled = all_fields()
+    on_twins(monkeypatch)
+    for key, wanted in all_fields().items():
+        for field, values in wanted.items():
+            size = np.abs(values).max()
+            assert size > 1e-3 and np.abs(compiled[key][field] - values).max() < 1e-11 * size, (*key, field)
+
+
+@pytest.mark.parametrize("strain", [1e-6, 1e-12])
+@pytest.mark.parametrize("name", EVERY)
+def test_small_strains_have_the_fields_of_linear_elasticity(name, strain):
+    """The strain across elements without stress there included, and to all digits but for the part that is not linear."""
+    mesh = EVERY[name]
+    u = strain * state(mesh)
+    for (law, plane), term in laws_on(mesh).items():
+        if law == "wrinkling":
+            continue
+        stvk = StVK(term.material, plane=plane)
+        wanted, found = fields_of(mesh, stvk, u), fields_of(mesh, term, u)
+        for field in FIELDS:
+            size = np.abs(wanted[field]).max()
+            assert size > 0 and np.abs(found[field] - wanted[field]).max() < (1e-13 + 20 * strain) * size, (law, plane, field)
+
+
+def test_neo_hookean_sheets_that_are_pulled_far_have_no_stress_across():
+    mesh = MESHES["membrane"]
+    now = fields_of(mesh, NeoHookean(young=2.0, poisson=0.4), 4 * mesh.p.ravel("F") + 0.1 * state(mesh))
+    S, axes = now["pk2_stress"], Geometry(mesh.p, mesh.t).axes
+    normals = np.cross(axes[..., 0], axes[..., 1])
+    assert np.abs(now["green_strain"]).max() > 9
+    assert np.abs(np.einsum("nij,nj->ni", S, normals)).max() < 1e-14 * np.abs(S).max()
