@@ -277,12 +277,29 @@ def _condensed(C: Array, axes: Array) -> Array:
 
     The compliance acts on what stress there is: `C_own = (N' C^-1 N)^-1` with `N` the simplex's own stresses in material axes.
     """
-    pairs = np.array(VOIGT[axes.shape[2]]).T
-    first, second = np.swapaxes(axes[:, :, pairs[0]], 1, 2), np.swapaxes(axes[:, :, pairs[1]], 1, 2)  # (nt, s, 3)
-    dyads = first[..., :, None] * second[..., None, :]
-    off_diagonal = (pairs[0] != pairs[1])[:, None, None]
-    N = _voigt(dyads + off_diagonal * np.swapaxes(dyads, -1, -2), shear=1.0)  # (nt, s, 6)
+    N = unit_stresses(axes)
     return np.asarray(np.linalg.inv(N @ np.linalg.inv(C) @ np.swapaxes(N, 1, 2)))
+
+
+def unit_stresses(axes: Array) -> Array:
+    """(n, s, 6) Voigt vectors of a unit of each stress component within elements, whose axes are columns (n, 3, k)."""
+    i, j = np.array(VOIGT[axes.shape[2]]).T
+    first, second = np.swapaxes(axes[:, :, i], 1, 2), np.swapaxes(axes[:, :, j], 1, 2)  # (n, s, 3)
+    dyads = first[..., :, None] * second[..., None, :]
+    return _voigt(dyads + (i != j)[:, None, None] * np.swapaxes(dyads, -1, -2), shear=1.0)
+
+
+def voigt_places(k: int) -> NDArray[np.int64]:
+    """(k, k) index of each component of a tensor in its Voigt vector."""
+    place = np.empty((k, k), dtype=np.int64)
+    for number, (i, j) in enumerate(VOIGT[k]):
+        place[i, j] = place[j, i] = number
+    return place
+
+
+def multiplicity(k: int) -> Array:
+    """(m,) number of times that a symmetric tensor has each component of its Voigt vector."""
+    return np.array([1.0 if i == j else 2.0 for i, j in VOIGT[k]])
 
 
 def _voigt(tensor: Array, shear: float) -> Array:

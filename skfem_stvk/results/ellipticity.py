@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges.stiffness import VOIGT
+from ..edges.stiffness import VOIGT, multiplicity, voigt_places
 from ..errors import StvkError, name_ids
 from ..terms.volume_energies import ENERGIES
 from .law import adjugate, dilation, strain_and_stress
@@ -96,7 +96,7 @@ def _lost(state: Response) -> tuple[Ids, Array]:
     if mesh.k < mesh.d:
         return np.empty(0, dtype=np.int64), np.empty(0)
     F, S, C, curvature = _response(state)
-    mandel = np.sqrt(_multiplicity(mesh.k))
+    mandel = np.sqrt(multiplicity(mesh.k))
     softest = np.linalg.eigvalsh(mandel[:, None] * C * mandel)[:, 0]
     bound = np.linalg.eigvalsh(S)[:, 0] + softest / 2 * np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, 0]
     ids = np.flatnonzero(~(bound > 0) & ~state.fields.without_term)
@@ -122,9 +122,9 @@ def _response(state: Response) -> tuple[Array, Array, Array, Array]:
             C[ids, :, column] += (
                 share * strain_and_stress(part.material, part.hypothesis, unit, state.place.frames[ids])[1][:, i, j]
             )
-    E = state.strain[:, i, j] * _multiplicity(k)
+    E = state.strain[:, i, j] * multiplicity(k)
     S = (C @ E[..., None])[..., 0]
-    return state.place.geometry.axes + state.gradient, S[:, _places(k)], C, _curvature(state)
+    return state.place.geometry.axes + state.gradient, S[:, voigt_places(k)], C, _curvature(state)
 
 
 def _curvature(state: Response) -> Array:
@@ -147,7 +147,7 @@ def _smallest_of(ids: Ids, F: Array, S: Array, C: Array, curvature: Array) -> Ar
 def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
     """The form `M_ik,JL` (n, k, k, k, k), symmetric in `ik` and `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m), `psi''` (n,)."""
     n, k, _ = F.shape
-    place = _places(k)
+    place = voigt_places(k)
     tensor = C[:, place[:, :, None, None], place].reshape(n, k, -1)  # M JNL
     half = (F @ tensor).reshape(n, k, k, k, k)  # i J N L
     M = np.moveaxis(F[:, None, None] @ half, 3, 2)  # i k J L
@@ -169,7 +169,7 @@ def smallest(form: Array) -> Array:
     if k == 1:
         return form[:, 0, 0, 0, 0]
     (i, j), N = np.array(VOIGT[k]).T, directions(k)
-    values = _lowest_eigenvalue(form[:, i, j][:, :, i, j] @ (N[:, i] * N[:, j] * _multiplicity(k)).T)
+    values = _lowest_eigenvalue(form[:, i, j][:, :, i, j] @ (N[:, i] * N[:, j] * multiplicity(k)).T)
     best = values.argmin(axis=1)
     elsewhere = np.where(np.abs(N @ N.T)[best] < np.cos(APART), values, np.inf).argmin(axis=1)
     return np.minimum(_improved(form, N[best]), _improved(form, N[elsewhere]))
@@ -252,16 +252,3 @@ def _across(N: Array) -> Array:
     v[:, -1] += np.where(N[:, -1] < 0, -1.0, 1.0)
     reflection = np.eye(k) - 2 * v[:, :, None] * v[:, None] / (v**2).sum(axis=1)[:, None, None]
     return reflection[:, :, : k - 1]
-
-
-def _places(k: int) -> NDArray[np.int64]:
-    """(k, k) where each pair stands in the Voigt order."""
-    place = np.empty((k, k), dtype=np.int64)
-    for number, (i, j) in enumerate(VOIGT[k]):
-        place[i, j] = place[j, i] = number
-    return place
-
-
-def _multiplicity(k: int) -> Array:
-    """(m,) how often a symmetric tensor has each pair of the Voigt order."""
-    return np.array([1.0 if i == j else 2.0 for i, j in VOIGT[k]])

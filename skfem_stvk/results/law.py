@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges.stiffness import VOIGT
+from ..edges.stiffness import VOIGT, multiplicity, unit_stresses, voigt_places
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
+from ..terms.at_points import embedded
 
 FIRST, SECOND = np.array(VOIGT[3]).T
-PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of each component of a tensor in the Voigt vector
-SHEAR = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array, frames: Array) -> tuple[Array, Array]:
@@ -53,8 +52,7 @@ def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_])
     stress is `psi' I` within the elements, and across those that are held there (plane strain).
     """
     k = gradient.shape[1]
-    F = np.broadcast_to(np.eye(3), (len(gradient), 3, 3)).copy()
-    F[:, :k, :k] += gradient
+    F = np.eye(3) + embedded(gradient)
     A = adjugate(F)
     J = (A[:, 0] * F[:, :, 0]).sum(axis=1)
     lost = (J == 0) & (slope != 0)
@@ -73,43 +71,34 @@ def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tu
     """`S = lam tr(E) I + 2 mu E`, and the strain across where the stress there vanishes."""
     lam, mu = (value[..., None, None] for value in material.lame(hypothesis))
     trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
-    E, k = _embedded(strain), strain.shape[1]
+    E, k = embedded(strain), strain.shape[1]
     if not hypothesis.condensed:
         return E, lam * trace * np.eye(3) + 2 * mu * E
-    S = _embedded(lam * trace * np.eye(k) + 2 * mu * strain)
+    S = embedded(lam * trace * np.eye(k) + 2 * mu * strain)
     E[:, range(k, 3), range(k, 3)] = material.strain_across(S)[:, None]
     return E, S
 
 
 def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
     """`S = C : E` in material axes, `turn` the frames in them."""
-    E, back = _embedded(strain), np.swapaxes(turn, 1, 2)
+    E, back = embedded(strain), np.swapaxes(turn, 1, 2)
     own = turn @ E @ back
-    stress = np.squeeze(C @ (own[:, FIRST, SECOND] * SHEAR)[..., None], axis=-1)
-    return E, back @ stress[:, PLACE] @ turn
+    stress = np.squeeze(C @ (own[:, FIRST, SECOND] * multiplicity(3))[..., None], axis=-1)
+    return E, back @ stress[:, voigt_places(3)] @ turn
 
 
 def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
     """The stress `s` that there is, from `(N' C^-1 N) s = e` with the dyads `N` of the axes, and the full strain `C^-1 N s`."""
     k, compliance = strain.shape[1], np.linalg.inv(C)
     i, j = np.array(VOIGT[k]).T
-    dyads = turn[:, :, i, None].swapaxes(1, 2) * turn[:, :, j, None].transpose(0, 2, 3, 1)
-    dyads = dyads + (i != j)[:, None, None] * dyads.swapaxes(2, 3)
-    N = dyads[..., FIRST, SECOND]  # (n, s, 6)
-    within = (strain[:, i, j] * np.where(i == j, 1.0, 2.0))[..., None]
+    N = unit_stresses(turn[:, :, :k])
+    within = (strain[:, i, j] * multiplicity(k))[..., None]
     s = np.linalg.solve(N @ compliance @ N.swapaxes(1, 2), within)
-    own = np.squeeze(compliance @ (N.swapaxes(1, 2) @ s), axis=-1) / SHEAR
-    E, S = np.swapaxes(turn, 1, 2) @ own[:, PLACE] @ turn, np.zeros((len(strain), 3, 3))
+    own = np.squeeze(compliance @ (N.swapaxes(1, 2) @ s), axis=-1) / multiplicity(3)
+    E, S = np.swapaxes(turn, 1, 2) @ own[:, voigt_places(3)] @ turn, np.zeros((len(strain), 3, 3))
     E[:, :k, :k] = strain
     S[:, i, j] = S[:, j, i] = s[..., 0]
     return E, S
-
-
-def _embedded(tensor: Array) -> Array:
-    """(n, 3, 3) from (n, k, k), zero across."""
-    solid = np.zeros((len(tensor), 3, 3))
-    solid[:, : tensor.shape[1], : tensor.shape[2]] = tensor
-    return solid
 
 
 def in_space(vectors: Array) -> Array:

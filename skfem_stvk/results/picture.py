@@ -237,7 +237,7 @@ class Lattice:
         """Values at the corners of the cells, from values (m, n) at the nodes; masked where a face has none."""
         missing = np.asarray(np.ma.getmaskarray(values)).any(axis=0)
         found = (self._N @ np.ma.filled(values, 0.0))[self._local]  # (corners, cells of a face, n)
-        return masked_columns(found.reshape(len(self._local), -1), np.tile(missing, self._local.shape[1]))
+        return masked(found.reshape(len(self._local), -1).T, np.tile(missing, self._local.shape[1])).T
 
     def lines(self, x: Array, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
         """Pieces (2, n) of the edges where faces with `nodes` (m, n) at `x` (m, n, 3) end, branch or bend by more than 30
@@ -258,11 +258,6 @@ class Lattice:
         along = [[np.abs(grid - ((1 - r) * face.nodes[a] + r * face.nodes[b])).sum(axis=1).argmin() for r in s] for a, b in ends]
         chain = np.array(along)[edge] + count * of_face[:, None]  # (n, cuts + 1)
         return np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()])
-
-
-def masked_columns(values: Array, missing: NDArray[np.bool_]) -> Array:
-    """The values (m, n), masked in columns that are missing; as they are if none is."""
-    return np.ma.MaskedArray(values, np.broadcast_to(missing, values.shape)) if missing.any() else values
 
 
 def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str]:
@@ -355,8 +350,4 @@ def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     edges = np.sort(np.concatenate([cells[[0, 1]], cells[[1, 2]], cells[[0, 2]]], axis=1), axis=0)
-    unique, place, count = np.unique(edges, axis=1, return_inverse=True, return_counts=True)
-    by_edge = np.argsort(place.reshape(-1), kind="stable") % cells.shape[1]  # the triangles of each edge in turn
-    start = np.cumsum(count) - count
-    flat = np.abs((normals[by_edge[start]] * normals[by_edge[start + (count == 2)]]).sum(axis=1)) > SHARP
-    return unique[:, (count != 2) | ~flat]
+    return edges[:, drawn(edges, np.tile(normals, (3, 1)))]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -24,7 +23,7 @@ from ..mesh.groups import from_cells
 from .fields import State, checked_state, masked
 from .files import output_path, replacing
 from .picture import Film, Picture, Sight, Sights, checked_label, checked_scale, corner_values, joined, picture_of
-from .series import read_list
+from .series import listed_states
 from .table import FIELDS, VECTORS
 from .vtu import read_vtu
 
@@ -163,13 +162,7 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
 
 
 def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: str | None) -> Film:
-    path = arguments.path("series", series, "the path of a .pvd file")
-    try:
-        listed = [(t, path.with_name(name)) for t, name in read_list(path)]
-    except (OSError, ET.ParseError, KeyError, ValueError) as error:
-        raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
-    if not listed:
-        raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
+    listed = listed_states(arguments.path("series", series, "the path of a .pvd file"))
     files = [file for _, file in listed]
     first = read_vtu(files[0])
     _, named, unit = _described(first, field, files[0])

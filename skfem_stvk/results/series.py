@@ -223,6 +223,17 @@ def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Ite
     return series.path
 
 
+def listed_states(path: Path) -> list[tuple[float, Path]]:
+    """Return times and files of the states that a .pvd lists, in its order; raise StvkError if it is none or lists none."""
+    try:
+        listed = [(t, path.with_name(name)) for t, name in read_list(path)]
+    except (OSError, ET.ParseError, KeyError, ValueError) as error:
+        raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
+    if not listed:
+        raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
+    return listed
+
+
 def read_list(path: Path) -> list[tuple[float, str]]:
     """Finite times and files that a .pvd lists; raises ParseError, KeyError or ValueError if it is none."""
     if path.exists() and not path.is_file():

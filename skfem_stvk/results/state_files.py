@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from ..mesh.groups import from_cells
 from ..mesh.places import SAME_PLACE
 from ..system.signature import SAME, sums
 from .files import NotOurs
-from .series import read_list
+from .series import listed_states
 from .store import Header, Record, expect, read_archive, refusing_damage
 from .vtu import read_vtu
 
@@ -121,13 +120,8 @@ def parts_of_state(path: Path, time: float | None = None) -> list[Path]:
 
 def _listed(path: Path, time: float | None) -> Path:
     """The file of the state at a time, or of the last one, of a series."""
-    try:
-        states = sorted(read_list(path))
-    except (OSError, ET.ParseError, KeyError, ValueError) as error:
-        raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
-    if not states:
-        raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
-    return path.with_name(states[_chosen(path, [t for t, _ in states], time)][1])
+    states = sorted(listed_states(path))
+    return states[_chosen(path, [t for t, _ in states], time)][1]
 
 
 def _chosen(path: Path, ascending: list[float], time: float | None) -> int:
@@ -166,11 +160,16 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
     with refusing_damage(path, OTHER):
         u = expect(arrays, "u", (mesh.p.size,))
         v = expect(arrays, "v", (mesh.p.size,)) if known[chosen] == MOTION else None
-    if lost := arrays.get("removed", np.empty(0)).size:
+    _warn_of_lost(path, arrays.get("removed", np.empty(0)).size, mesh)
+    return u, v
+
+
+def _warn_of_lost(path: Path, lost: int, mesh: ElementMesh) -> None:
+    """Warn of the state of a body that had lost elements."""
+    if lost:
         warn(
             f"{path} is of a body that had lost {lost} of its {mesh.nt} elements; the one that begins with its state has them all."
         )
-    return u, v
 
 
 def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
@@ -192,10 +191,7 @@ def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
     there = np.isin(_rows(t), _rows(mesh.t))
     if others := np.count_nonzero(~there):
         raise StvkError(f"{what}: {others} of its {t.shape[1]} elements are none of this one. {hint}")
-    if lost := mesh.nt - t.shape[1]:
-        warn(
-            f"{file} is of a body that had lost {lost} of its {mesh.nt} elements; the one that begins with its state has them all."
-        )
+    _warn_of_lost(file, mesh.nt - t.shape[1], mesh)
 
 
 def _rows(t: NDArray[Any]) -> NDArray[Any]:

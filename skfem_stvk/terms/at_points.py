@@ -20,7 +20,7 @@ FLAT = 1e-9
 
 def stress_and_density(stiffness: StoredLaw, at: Deformation) -> tuple[Array, Array]:
     """Return the stress (n, 3, 3) [Pa] and the energy density (n,) of a law that is a function of strain (`by_strain`)."""
-    M, (n, _, k) = 2 * at.strain_in_space(), at.gradient.shape
+    M, (n, _, k) = 2 * embedded(at.strain), at.gradient.shape
     S, W = np.empty((n, 3, 3)), np.empty(n)
     point_kernels.stress_by_strain(_at_points(stiffness, k, n), k, M, W, S)
     return S, W
@@ -42,12 +42,19 @@ def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[.
     none = np.abs(1 + e) < FLAT
     infinite = none.any(axis=1)
     pull = np.where(infinite[:, None], 0, p / np.where(none, 1, 1 + e))
-    strain = at.strain_in_space()
+    strain = embedded(at.strain)
     if at.hypothesis.condensed:
         nu = np.broadcast_to(0.0 if material.poisson is None else material.poisson, n)
         narrower = -(nu if k == 1 else nu / (1 - nu)) * e.sum(axis=1)
         strain[:, range(k, 3), range(k, 3)] = (narrower * (1 + narrower / 2))[:, None]
     return PointResponse(strain, (V * pull[:, None]) @ np.swapaxes(V, 1, 2), W, infinite)
+
+
+def embedded(tensor: Array) -> Array:
+    """Return new tensors (n, 3, 3) from those within elements (n, k, k), zero across."""
+    solid = np.zeros((len(tensor), 3, 3))
+    solid[:, : tensor.shape[1], : tensor.shape[2]] = tensor
+    return solid
 
 
 def _at_points(stiffness: StoredLaw, k: int, n: int) -> Any:

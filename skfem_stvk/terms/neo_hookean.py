@@ -16,7 +16,7 @@ from ..errors import MaterialError, name_ids
 from ..kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
-from .at_points import stress_and_density
+from .at_points import embedded, stress_and_density
 from .body import Body
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
@@ -90,7 +90,7 @@ class NeoHookean(ElasticLaw):
         """As in `HasResponse`; StateError for elements inside out or flat."""
         assert isinstance(self.material, Isotropic)
         (n, d, k), (lam, mu) = at.gradient.shape, self.material.lame(Hypothesis.SOLID)
-        lam, mu, strain = np.broadcast_to(lam, n), np.broadcast_to(mu, n), at.strain_in_space()
+        lam, mu, strain = np.broadcast_to(lam, n), np.broadcast_to(mu, n), embedded(at.strain)
         M = 2 * strain[:, :2, :2]
         x = M[:, 0, 0] + M[:, 1, 1] + np.linalg.det(M)
         J = np.linalg.det(at.axes + at.gradient) / np.linalg.det(at.axes) if k == d else np.sqrt(np.maximum(1 + x, 0))

@@ -277,13 +277,6 @@ class Deformation(NamedTuple):
     gradient: Array
     strain: Array
 
-    def strain_in_space(self) -> Array:
-        """Return a new array (n, 3, 3) of the strain, which is zero across the elements."""
-        n, _, k = self.gradient.shape
-        strain = np.zeros((n, 3, 3))
-        strain[:, :k, :k] = self.strain
-        return strain
-
 
 class PointResponse(NamedTuple):
     """What a law says at a point of each of n elements, in a frame of their axes, then the normals.

@@ -15,7 +15,7 @@ from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffnes
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
-from .at_points import stress_and_density
+from .at_points import embedded, stress_and_density
 from .body import Body
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
@@ -111,6 +111,6 @@ class StVK(ElasticLaw):
         n, _, k = at.gradient.shape
         lam, mu = (np.broadcast_to(value, n) for value in self.material.lame(at.hypothesis))
         stress, density = stress_and_density(TensionStiffness(lam, mu), at)
-        strain = at.strain_in_space()
+        strain = embedded(at.strain)
         strain[:, range(k, 3), range(k, 3)] = self.material.strain_across(stress)[:, None]
         return PointResponse(strain, stress, density, np.zeros(n, dtype=bool))
