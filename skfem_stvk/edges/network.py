@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -27,6 +27,7 @@ EDGE, PAIR = 0.25, 0.1
 
 
 Own = TypeVar("Own", bound="Network")
+Torn = TypeVar("Torn", bound="ElementNetwork")
 
 
 class Network(PairTerm):
@@ -224,16 +225,38 @@ class Network(PairTerm):
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
         """Add the Gauss-Newton tangent at `u` times `v` to `force` (nv, d), `s = A dz/dt`; half the power that it takes [W]."""
         _, g, _ = self._elongate(u)
+        rate = np.einsum("nc,nc->n", g.reshape(-1, 3), self._differences(v)).astype(self.own.dtype)
+        return self._pull(rate, self._tensions(rate), g, force)
+
+    def _differences(self, v: Array) -> Array:
+        """(ne, 3) differences of a field `v` (nv, d) between the ends of the edges."""
         V = np.zeros((len(self.own.vertices), 3))
         V[:, : self.d] = v[self.own.vertices]
         a, b = self.edges.T
-        rate = np.einsum("nc,nc->n", g.reshape(-1, 3), V[a] - V[b]).astype(self.own.dtype)
-        return self._pull(rate, self._tensions(rate), g, force)
+        return V[a] - V[b]
 
     def memory(self) -> dict[str, int]:
         """Bytes of its arrays, by part."""
         arrays = self.edges, self.coupled, self.order, self._rest, self._own, self._between, self._to, self._joined
         return {"edges and pairs": nbytes(arrays)} | self.own.memory()
+
+
+class ElementNetwork(Network):
+    """A network of elements, which can be removed: `left` gives the coefficients without the elements that are `gone` (n,)."""
+
+    def __init__(self, *network: Any, left: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
+        self._left = left
+        super().__init__(*network, **options)
+
+    def without(self: Torn, gone: NDArray[np.bool_]) -> Torn:
+        """The network without the elements that are `gone` (n,), of the region in their order."""
+        return self.with_coefficients(*self._left(gone))
+
+    @property
+    def nodes_joined(self) -> NDArray[np.int32]:
+        """(2, n) vertices of the edges that have a stiffness."""
+        ne = len(self.order)
+        return np.sort(self.own.vertices[self.edges[:ne][self._own[:ne] != 0].T], axis=0)
 
 
 class QuarticNetwork(Network):
@@ -247,11 +270,7 @@ class QuarticNetwork(Network):
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
         """(5,) coefficients of the energy along `u + s v`: `z + s z' + s^2 z''` with `z' = 2 p . V`, `z'' = |V|^2`."""
-        z, g, _ = self._elongate(u)
-        V = np.zeros((len(self.own.vertices), 3))
-        V[:, : self.d] = v[self.own.vertices]
-        a, b = self.edges.T
-        V = V[a] - V[b]
+        (z, g, _), V = self._elongate(u), self._differences(v)
         first, second = np.einsum("nc,nc->n", g.reshape(-1, 3), V), np.einsum("nc,nc->n", V, V)
         s, t, w = (self._tensions(x.astype(self.own.dtype)).astype(np.float64) for x in (z.copy(), first, second))
         return np.array([z @ s / 2, s @ first, s @ second + t @ first / 2, t @ second, w @ second / 2])

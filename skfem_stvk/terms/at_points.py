@@ -36,7 +36,9 @@ def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[.
     lam, mu = (np.broadcast_to(value, n) for value in material.lame(at.hypothesis))
     flat = flat_of(k, d)
     law = StretchesStiffness(lam, mu, kind, None if at.hypothesis is Hypothesis.PLANE_STRAIN else flat, *more)
-    (Q, h, V), (e, p), W = np.zeros((3, n, 3, 3)), np.empty((2, n, 3)), np.empty(n)
+    Q, h, V = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.empty((n, 3, 3))
+    p, W = np.empty((n, 3)), np.empty(n)
+    e: Array = np.empty((n, 3))
     Q[:, :k, :d], h[:, :k, :d] = np.swapaxes(at.axes, 1, 2), np.swapaxes(at.gradient, 1, 2)
     point_kernels.response_to_stretches(_at_points(law, k, n), flat, Q, h, W, e, p, V)
     none = np.abs(1 + e) < FLAT

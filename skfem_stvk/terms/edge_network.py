@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix, issparse, triu
 
 from ..arguments import Array, choice, own, shown, whole_array
 from ..edges.form import EdgeForm, meet
-from ..edges.network import QuarticNetwork
+from ..edges.network import ElementNetwork, QuarticNetwork
 from ..edges.topology import edge_topology
 from ..elements.element import LOCAL_EDGES
 from ..errors import MeshError, StvkError, name_ids
@@ -270,19 +270,5 @@ def _found(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArray
     return places, (known[places] == wanted) if len(known) else np.zeros(wanted.shape, dtype=bool)
 
 
-class LawNetwork(QuarticNetwork):
-    """A network of elements, which can be taken out: `left` gives the coefficients of those that are not `gone`."""
-
-    def __init__(self, *network: Any, left: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
-        self._left = left
-        super().__init__(*network, **options)
-
-    def without(self, gone: NDArray[np.bool_]) -> LawNetwork:
-        """The network without the elements that are `gone` (n,), of the region in their order."""
-        return self.with_coefficients(*self._left(gone))
-
-    @property
-    def nodes_joined(self) -> NDArray[np.int32]:
-        """(2, n) vertices of the edges that have a stiffness."""
-        ne = len(self.order)
-        return np.sort(self.own.vertices[self.edges[:ne][self._own[:ne] != 0].T], axis=0)
+class LawNetwork(ElementNetwork, QuarticNetwork):
+    """A quartic network of elements."""

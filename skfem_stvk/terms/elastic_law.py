@@ -115,8 +115,8 @@ class ElasticLaw(ABC):
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""
 
-    def lame(self, mesh: ElementMesh) -> tuple[Array, Array]:
-        """`lam` and `mu` (n,) times section, those that act within the elements' own dimensions.
+    def lame(self, mesh: ElementMesh, hypothesis: Hypothesis | None = None) -> tuple[Array, Array]:
+        """`lam` and `mu` (n,) times section under a hypothesis, by default those that act within the elements' own dimensions.
 
         MaterialError if the material is not isotropic, or does not fit the elements.
         """
@@ -125,7 +125,7 @@ class ElasticLaw(ABC):
                 f"{type(self).__name__} is for isotropic materials; got {type(self.material).__name__}. Give young= and "
                 "poisson=, or take StVK, which is for any."
             )
-        n, hypothesis = len(mesh.elements(self.region)), self.hypothesis(mesh)
+        n, hypothesis = len(mesh.elements(self.region)), hypothesis or self.hypothesis(mesh)
         self.material.check(n, hypothesis)
         section = self.section(mesh, n)
         lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, array, choice, own
-from ..edges.network import HookeanNetwork
+from ..edges.network import ElementNetwork, HookeanNetwork
 from ..edges.topology import edge_topology
 from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, StvkWarning, name_ids, warn
@@ -143,10 +143,23 @@ class SpringNetwork:
         sprung = self._springs(mesh).own > 0
         return np.asarray(mesh.elements(self.region))[sprung[edge_topology(self._simplices(mesh))[1]].all(axis=0)]
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> HookeanNetwork:
-        """The springs on a body's mesh."""
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> SpringAssembly:
+        """The springs on a body's mesh that have a stiffness; of given stiffness one stays as long as an element around it does."""
         mesh = body.mesh if isinstance(body, Body) else body
-        return SpringAssembly(mesh.p, lambda kept: self._springs(mesh, kept), dtype)
+        whole = self._springs(mesh)
+        # pairs are of springs that all have a stiffness
+        used = np.arange(len(whole.own)) if whole.pairs.size else np.flatnonzero(whole.own)
+        if not len(used):
+            raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
+
+        def left(gone: NDArray[np.bool_]) -> tuple[Array, Array]:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
+                springs = self._springs(mesh, ~gone)
+            return springs.own[used], springs.between
+
+        own, edges = whole.own[used], whole.edges[:, used]
+        return SpringAssembly(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, left=left)
 
     def _springs(self, mesh: ElementMesh, kept: NDArray[np.bool_] | None = None) -> Springs:
         """The springs, by a rule those of the elements that are `kept` (n,); others, and edges of no element, have no stiffness."""
@@ -189,30 +202,8 @@ class Springs(NamedTuple):
     between: Array
 
 
-class SpringAssembly(HookeanNetwork):
-    """Springs on a mesh: those of `springs(kept)` that have a stiffness, of which elements can be taken out."""
-
-    def __init__(self, p: Array, springs: Callable[[NDArray[np.bool_] | None], Springs], dtype: DTypeLike) -> None:
-        self._springs, whole = springs, springs(None)
-        self._used = (
-            np.flatnonzero(whole.own) if not whole.pairs.size else np.arange(len(whole.own))
-        )  # pairs are of springs that pull
-        if not len(self._used):
-            raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
-        super().__init__(p, whole.edges[:, self._used], whole.pairs, whole.own[self._used], whole.between, dtype=dtype)
-
-    def without(self, gone: NDArray[np.bool_]) -> SpringAssembly:
-        """The springs without those of elements that are `gone` (n,); if stiffness is given, those of edges without any element."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
-            left = self._springs(~gone)
-        return self.with_coefficients(left.own[self._used], left.between)
-
-    @property
-    def nodes_joined(self) -> NDArray[np.int32]:
-        """(2, n) vertices of the springs that there are."""
-        ne = len(self.order)
-        return np.sort(self.own.vertices[self.edges[:ne][self._own[:ne] > 0].T], axis=0)
+class SpringAssembly(ElementNetwork, HookeanNetwork):
+    """Springs of elements."""
 
 
 class Rest(NamedTuple):

@@ -82,8 +82,7 @@ class StVK(ElasticLaw):
 
     def stiffness(self, mesh: ElementMesh) -> Stiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""
-        assert self.material is not None
-        n, hypothesis = len(mesh.elements(self.region)), self.hypothesis(mesh)
+        hypothesis = self.hypothesis(mesh)
         if self.wrinkling and not hypothesis.condensed:
             flat = mesh.k == 2
             remedy = "Give plane='stress'" if flat else "Leave it out there, or give triangles of a skin: simplices='boundary'"
@@ -91,13 +90,12 @@ class StVK(ElasticLaw):
                 "StVK(wrinkling=True) is for surfaces in space, segments, and elements in plane stress; the mesh has "
                 f"{mesh.kind}{' in plane strain' * flat}. {remedy}."
             )
-        self.material.check(n, hypothesis)
-        section = self.section(mesh, n)
         if isinstance(self.material, Isotropic):
-            lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
-            return (TensionStiffness if self.wrinkling else IsotropicStiffness)(lam, mu)
+            return (TensionStiffness if self.wrinkling else IsotropicStiffness)(*self.lame(mesh))
         if isinstance(self.material, FramedMaterial):
-            return AnisotropicStiffness(self.material, hypothesis, np.broadcast_to(section, n))
+            n = len(mesh.elements(self.region))
+            self.material.check(n, hypothesis)
+            return AnisotropicStiffness(self.material, hypothesis, np.broadcast_to(self.section(mesh, n), n))
         name = type(self.material).__name__
         raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
 
