@@ -156,9 +156,10 @@ class FramedStiffness(IsotropicStiffness):
 class AnisotropicStiffness:
     """A material with a stiffness in its own axes, times section (n,)."""
 
-    law, moduli, barrier = GeneralLaw, 21, ""
+    moduli, barrier = 21, ""
 
     def __init__(self, material: FramedMaterial, hypothesis: Hypothesis, section: Array) -> None:
+        self.law: Callable[[Any], Any] = GeneralLaw
         self.material, self.hypothesis, self.section = material, hypothesis, section
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
 from ..edges import LawAssembly
-from ..edges.stiffness import Frames, Stiffness
+from ..edges.stiffness import StoredLaw
 from ..kernels.linear_elastic import LINEAR
 from ..mesh import ElementMesh
 from .body import Body
@@ -56,22 +56,11 @@ class LinearElastic(ElasticLaw):
         """The assembly of this material on a body's mesh."""
         return self._bound(LinearAssembly, body, dtype)
 
-    def stiffness(self, mesh: ElementMesh) -> LinearStiffness:
-        """The stiffness of each element of the region, in the form that stores least."""
-        return LinearStiffness(StVK(self.material, self.region, self.plane, self.thickness, self.area).stiffness(mesh))
-
-
-class LinearStiffness:
-    """The numbers of St. Venant-Kirchhoff's law, for the linear one."""
-
-    barrier = ""
-
-    def __init__(self, of: Stiffness) -> None:
-        self._of, self.law, self.moduli = of, LINEAR[of.law], of.moduli
-
-    def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """(m, n) `lam/2` and `mu`, or `C/2`, times the size."""
-        return self._of.stored(at, elements)
+    def stiffness(self, mesh: ElementMesh) -> StoredLaw:
+        """The stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one."""
+        found = StVK(self.material, self.region, self.plane, self.thickness, self.area).stiffness(mesh)
+        found.law = LINEAR[found.law]
+        return found
 
 
 class LinearAssembly(LawAssembly):

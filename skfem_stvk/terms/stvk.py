@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Quantity, flag
 from ..edges import Assembly, TensionAssembly
-from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, Stiffness, TensionStiffness
+from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, TensionStiffness
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
@@ -80,7 +80,7 @@ class StVK(ElasticLaw):
         """As in `HasResponse`, with wrinkling; otherwise None, for then the law is `S = C : E`."""
         return self._relaxed if self.wrinkling else None
 
-    def stiffness(self, mesh: ElementMesh) -> Stiffness:
+    def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness | AnisotropicStiffness:
         """The stiffness of each simplex of the region, in the form that stores least."""
         hypothesis = self.hypothesis(mesh)
         if self.wrinkling and not hypothesis.condensed:
