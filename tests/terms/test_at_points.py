@@ -82,3 +82,13 @@ def test_neo_hookean_sheets_that_are_pulled_far_have_no_stress_across():
     normals = np.cross(axes[..., 0], axes[..., 1])
     assert np.abs(now["green_strain"]).max() > 9
     assert np.abs(np.einsum("nij,nj->ni", S, normals)).max() < 1e-14 * np.abs(S).max()
+
+
+@pytest.mark.parametrize(("name", "share"), [("membrane", 2 * 0.3 / 0.7), ("cable", 0.3)])
+@pytest.mark.parametrize("law", [Corotated, InvertibleStVK])
+def test_the_stretch_across_stretched_sheets_and_cables_is_that_of_linear_elasticity(law, name, share):
+    """All stretches within are 1.4: that across is less than 1 by Poisson's effect on 0.4."""
+    mesh = MESHES[name]
+    strain = np.linalg.eigvalsh(fields_of(mesh, law(young=2.0, poisson=0.3), 0.4 * mesh.p.ravel("F"))["green_strain"])
+    across = ((1 - share * 0.4) ** 2 - 1) / 2
+    assert strain[:, 0] == pytest.approx(across, rel=1e-12) and strain[:, -1] == pytest.approx((1.4**2 - 1) / 2, rel=1e-12)
