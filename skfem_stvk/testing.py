@@ -14,6 +14,7 @@ import skfem
 from numpy.typing import ArrayLike
 
 from .arguments import choice, flag, whole
+from .elements import ELEMENTS
 from .materials import Material
 from .mesh import MeshLike
 from .referee import Report
@@ -24,16 +25,8 @@ from .referee.verification import claimed_terms, verify_candidate
 from .terminal import as_text, printable
 from .terms import StVK
 
-#: Classes of the meshes of `small_mesh`, by the kinds of their elements; those of second order are made from others.
-KINDS: dict[str, tuple[type[skfem.Mesh], type[skfem.Mesh] | None]] = {
-    "segments": (skfem.MeshLine, None),
-    "triangles": (skfem.MeshTri, None),
-    "tetrahedra": (skfem.MeshTet, None),
-    "quadratic triangles": (skfem.MeshTri, skfem.MeshTri2),
-    "quadratic tetrahedra": (skfem.MeshTet, skfem.MeshTet2),
-    "quadrilaterals": (skfem.MeshQuad, None),
-    "hexahedra": (skfem.MeshHex, None),
-}
+#: Kinds of elements that `small_mesh` makes: those of scikit-fem's meshes.
+KINDS = tuple(name for name, element in ELEMENTS.items() if element.mesh is not None)
 ONE_LINE = 100_000  # columns: whoever shows the text breaks its lines
 
 
@@ -186,15 +179,15 @@ def small_mesh(kind: str, seed: int = 0) -> skfem.Mesh:
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: kind = 'tets'; known: 'hexahedra', ...
     """
-    (linear, quadratic), seed = KINDS[choice("kind", kind, KINDS)], whole("seed", seed, "a whole number from 0")
-    rng, d = np.random.default_rng(seed), linear.elem.refdom.dim()
-    mesh = linear.init_tensor(*[np.array([0.0, 0.4, 1.0])] * d)
+    element, seed = ELEMENTS[choice("kind", kind, KINDS)], whole("seed", seed, "a whole number from 0")
+    rng, d = np.random.default_rng(seed), element.k
+    mesh = element.linear.mesh.init_tensor(*[np.array([0.0, 0.4, 1.0])] * d)
     t = mesh.t.copy()
     if len(t) == d + 1:  # a simplex is turned round by exchanging two vertices
         half = rng.random(t.shape[1]) < 0.5
         t[:2, half] = t[1::-1, half]
     mesh = replace(mesh, doflocs=mesh.doflocs + 0.06 * rng.uniform(-1, 1, mesh.doflocs.shape), t=t)
-    if quadratic is None:
+    if element.degree == 1:
         return mesh
-    straight = quadratic.from_mesh(mesh)
+    straight = element.mesh.from_mesh(mesh)
     return replace(straight, doflocs=straight.doflocs + 0.02 * rng.uniform(-1, 1, straight.doflocs.shape))

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, whole
 from ..edges import ALL
-from ..elements import linear_simplex
 from ..errors import StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
@@ -127,8 +126,7 @@ def _apart(mesh: ElementMesh) -> ElementMesh:
     """The elements with nodes of their own, in their order."""
     m, nt = mesh.element.corners, mesh.nt
     t = np.arange(m * nt).reshape(nt, m).T
-    corners = mesh.element if mesh.element.is_box else linear_simplex(mesh.k)
-    apart = ElementMesh(mesh.p[:, mesh.corners.T.ravel()], t, mesh.subdomains, element=corners)
+    apart = ElementMesh(mesh.p[:, mesh.corners.T.ravel()], t, mesh.subdomains, element=mesh.element.linear)
     if mesh.element.degree == 1:
         return apart
     straight = apart.with_degree(2)

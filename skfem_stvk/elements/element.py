@@ -1,27 +1,72 @@
-"""The elements: nodes on the reference element in scikit-fem's local order, shape functions, edges and facets."""
+"""The elements, each a row of a table: cell, nodes, shape functions, orders of rules, facets, and names in other packages."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from skfem.refdom import RefHex, RefQuad
+import skfem
+from skfem.refdom import RefHex, RefLine, RefQuad, RefTet, RefTri
 
 from ..arguments import Array
 
-Ids = NDArray[np.int32]
+#: Local numbers of some corners of an element.
+Corners = tuple[int, ...]
 
 #: Local edges of a segment, triangle and tetrahedron, as pairs of local vertices: those of a tetrahedron begin with a triangle's.
 LOCAL_EDGES = {1: ((0, 1),), 2: ((0, 1), (1, 2), (0, 2)), 3: ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))}
 
 
 @dataclass(frozen=True, eq=False)
+class Cell:
+    """A reference cell, which all elements with the same corners share.
+
+    Attributes
+    ----------
+    family : meshio's word for cells with these corners; a number of nodes may follow, as in tetra10.
+    lagrange : meshio's word for those of any degree.
+    reference : scikit-fem's reference domain.
+    corners : (m, k) reference coordinates of the corners.
+    edges : pairs of corners, in scikit-fem's order.
+    facets : corners of each facet, in scikit-fem's order of facets.
+    reversed : the corners in an order of the opposite orientation, with the first two exchanged.
+    """
+
+    family: str
+    lagrange: str
+    reference: Any
+    corners: Array
+    edges: tuple[tuple[int, int], ...]
+    facets: tuple[Corners, ...]
+    reversed: Corners
+
+
+class ShapeFunctions(NamedTuple):
+    """Shape functions of an element.
+
+    Attributes
+    ----------
+    means : the corners between which each further node is, in scikit-fem's order: first edges, then faces, then the cell.
+    values : of reference points `xi` (nq, k): `N_a` (nq, n).
+    derivatives : of reference points `xi` (nq, k): `dN_a/dxi_i` (nq, n, k), whose sum over the nodes is 0.
+    lumped_by_rows : whether masses are lumped by row sums, which are all positive then; else by diagonals (`spread.lumped_shares`).
+    one_point : whether one point with mean gradients and hourglass control is enough where the element fills the space.
+    """
+
+    means: tuple[Corners, ...]
+    values: Callable[[Array], Array]
+    derivatives: Callable[[Array], Array]
+    lumped_by_rows: bool = False
+    one_point: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class Element:
-    """A kind of element. Nodes are its corners, then the middles of its edges, in scikit-fem's order.
+    """A kind of element. Nodes are its corners, then further nodes in the middle of edges, faces and the cell.
 
         linear simplex       N_a = l_a, the barycentric coordinates          l_0 = 1 - xi_1 - ... - xi_k, l_i = xi_i
         quadratic simplex    N_a = l_a (2 l_a - 1) of corners                N_ab = 4 l_a l_b of the middle of the edge ab
@@ -30,13 +75,14 @@ class Element:
     Attributes
     ----------
     name : in words, such as "quadratic tetrahedra".
-    k : its dimension.
-    degree : of the shape functions of simplices, 1 or 2; 1 for boxes, which are linear along each axis.
-    is_box : whether it is a quadrilateral or hexahedron, not a simplex.
-    nodes : (n, k) reference coordinates.
-    edges : local corners `(a, b)` of its edges, in the order of the middle nodes of quadratic simplices.
-    facets : local nodes of its facets, each as the element `facet` has them; scikit-fem's order of facets.
+    cell : its reference cell.
+    functions : its shape functions on that cell.
     facet : name of the kind of its facets; that of segments is "points", which have none.
+    orders : of exactness, as scikit-fem counts it, of the usual rule, of the exact one, and of the one for masses (`rule_of`).
+    cell_type : meshio's type of cells with its nodes.
+    scikit_fem : scikit-fem's scalar element with the same nodes.
+    mesh : scikit-fem's mesh of such elements, if it has one.
+    in_cells : the index of each node among those of a cell, which has them in VTK's order; empty if that is the same.
 
     >>> tet = ELEMENTS["quadratic tetrahedra"]
     >>> tet.n, tet.corners, tet.facets[0], tet.facet
@@ -44,28 +90,94 @@ class Element:
     """
 
     name: str
-    k: int
-    degree: int
-    is_box: bool
-    nodes: Array
-    edges: tuple[tuple[int, int], ...]
-    facets: tuple[tuple[int, ...], ...]
+    cell: Cell
+    functions: Callable[[Cell], ShapeFunctions]
     facet: str
+    orders: tuple[int, int, int]
+    cell_type: str
+    scikit_fem: Any = None
+    mesh: Any = None
+    in_cells: tuple[int, ...] = ()
+
+    @cached_property
+    def shape(self) -> ShapeFunctions:
+        """Its shape functions."""
+        return self.functions(self.cell)
+
+    @property
+    def means(self) -> tuple[Corners, ...]:
+        """The corners between which each further node is."""
+        return self.shape.means
+
+    @cached_property
+    def nodes(self) -> Array:
+        """(n, k) reference coordinates."""
+        corners = self.cell.corners
+        return np.array([*corners, *(corners[list(ids)].mean(axis=0) for ids in self.means)]).reshape(-1, self.k)
+
+    @property
+    def k(self) -> int:
+        """Dimension."""
+        return self.cell.corners.shape[1]
 
     @property
     def n(self) -> int:
         """Number of nodes."""
-        return len(self.nodes)
+        return len(self.cell.corners) + len(self.means)
 
     @property
     def corners(self) -> int:
         """Number of corners, the first nodes."""
-        return 2**self.k if self.is_box else self.k + 1
+        return len(self.cell.corners)
+
+    @property
+    def degree(self) -> int:
+        """Degree of the shape functions along an edge: 2 if there are nodes besides the corners, else 1."""
+        return 2 if self.means else 1
+
+    @property
+    def is_simplex(self) -> bool:
+        """Whether it is a segment, triangle or tetrahedron, of any degree: each facet is opposite to a corner."""
+        return self.corners == self.k + 1
 
     @property
     def is_linear_simplex(self) -> bool:
         """Whether the gradient of what it interpolates is the same everywhere in it."""
-        return self.degree == 1 and not self.is_box
+        return self.n == self.k + 1
+
+    @property
+    def edges(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of corners `(a, b)` of its edges."""
+        return self.cell.edges
+
+    @property
+    def linear(self) -> Element:
+        """The element of the same corners without further nodes."""
+        return self if not self.means else next(one for one in ELEMENTS.values() if one.cell is self.cell and not one.means)
+
+    @property
+    def quadratic(self) -> Element | None:
+        """The element of the same corners with further nodes, if there is one."""
+        return next((one for one in ELEMENTS.values() if one.cell is self.cell and one.means), None)
+
+    @property
+    def edge(self) -> Element:
+        """The kind of its edges."""
+        return self if self.k == 1 else named(self.facet).edge
+
+    @cached_property
+    def facets(self) -> tuple[Corners, ...]:
+        """Local nodes of its facets, each as the element `facet` has them; scikit-fem's order of facets."""
+        further = {frozenset(ids): self.corners + i for i, ids in enumerate(self.means)}
+        means = named(self.facet).means if self.facet else ()
+        return tuple((*ids, *(further[frozenset(ids[a] for a in of)] for of in means)) for ids in self.cell.facets)
+
+    @cached_property
+    def reversed(self) -> list[int]:
+        """Its nodes in the order of an element with the opposite orientation, with the first two corners exchanged."""
+        corners = self.cell.reversed
+        further = [frozenset(ids) for ids in self.means]
+        return [*corners, *(self.corners + further.index(frozenset(corners[a] for a in ids)) for ids in self.means)]
 
     @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -74,32 +186,30 @@ class Element:
 
     def values(self, xi: Array) -> Array:
         """(nq, n) shape functions at reference points `xi` (nq, k)."""
-        if self.is_box:
-            return np.asarray(np.prod(self._factors(xi), axis=2))
-        l = _barycentric(xi)
-        if self.degree == 1:
-            return l
-        a, b = np.transpose(self.edges)
-        return np.concatenate([l * (2 * l - 1), 4 * l[:, a] * l[:, b]], axis=1)
+        return self.shape.values(xi)
 
     def derivatives(self, xi: Array) -> Array:
         """(nq, n, k) derivatives `dN_a/dxi_i` at reference points `xi` (nq, k); their sum over the nodes is 0."""
-        if self.is_box:
-            factors, signs = self._factors(xi), 2 * self.nodes - 1
-            others = [np.prod(np.delete(factors, i, axis=2), axis=2) for i in range(self.k)]
-            return np.stack(others, axis=2) * signs
-        l, dl = _barycentric(xi)[:, :, None], np.vstack([-np.ones(self.k), np.eye(self.k)])
-        if self.degree == 1:
-            return np.broadcast_to(dl, (len(l), *dl.shape))
-        a, b = np.transpose(self.edges)
-        return np.concatenate([(4 * l - 1) * dl, 4 * (l[:, a] * dl[b] + l[:, b] * dl[a])], axis=1)
+        return self.shape.derivatives(xi)
 
-    def _factors(self, xi: Array) -> Array:
-        """(nq, n, k) `xi_i` or `1 - xi_i` of each node of a box."""
-        return np.where(self.nodes == 1, xi[:, None], 1 - xi[:, None])
+    def __reduce__(self) -> tuple[Callable[[str], Element], tuple[str]]:
+        """Return how copies and pickles find the row of the table."""
+        return named, (self.name,)
 
     def __repr__(self) -> str:
         return f"Element: {self.name}, {self.n} nodes"
+
+
+def _simplex(k: int, family: str, lagrange: str, reference: Any) -> Cell:
+    facets: tuple[Corners, ...] = tuple(combinations(range(k + 1), k))
+    facets = LOCAL_EDGES[k] if k == 2 else facets  # scikit-fem's facets of a triangle are its edges in their order
+    return Cell(family, lagrange, reference, np.vstack([np.zeros(k), np.eye(k)]), LOCAL_EDGES[k], facets, (1, 0, *range(2, k + 1)))
+
+
+def _box(family: str, lagrange: str, reference: Any, reversed: Corners) -> Cell:
+    facets = tuple(tuple(map(int, ids)) for ids in reference.facets)
+    edges = tuple((int(a), int(b)) for a, b in getattr(reference, "edges", None) or reference.facets)
+    return Cell(family, lagrange, reference, np.array(reference.p).T.astype(float), edges, facets, reversed)
 
 
 def _barycentric(xi: Array) -> Array:
@@ -107,44 +217,91 @@ def _barycentric(xi: Array) -> Array:
     return np.concatenate([1 - xi.sum(axis=1, keepdims=True), xi], axis=1)
 
 
-def _simplex(name: str, k: int, degree: int, facet: str) -> Element:
-    corners, edges = np.vstack([np.zeros(k), np.eye(k)]), LOCAL_EDGES[k]
-    nodes = corners if degree == 1 else np.concatenate([corners, [(corners[a] + corners[b]) / 2 for a, b in edges]])
-    facets = []
-    for ids in combinations(range(k + 1), k):
-        middles = [k + 1 + edges.index((ids[a], ids[b])) for a, b in LOCAL_EDGES[k - 1]] if k > 1 and degree == 2 else []
-        facets.append((*ids, *middles))
-    if k == 2:  # scikit-fem's facets of a triangle are its edges in their order
-        facets = [(*edge, 3 + i) if degree == 2 else edge for i, edge in enumerate(edges)]
-    return Element(name, k, degree, False, nodes, edges, tuple(facets), facet)
+def _P1(cell: Cell) -> ShapeFunctions:
+    """Return barycentric coordinates as shape functions of a simplex."""
+    k = cell.corners.shape[1]
+    slopes = np.vstack([-np.ones(k), np.eye(k)])
+    return ShapeFunctions((), _barycentric, lambda xi: np.broadcast_to(slopes, (len(xi), *slopes.shape)))
 
 
-def _box(name: str, reference: Any, k: int, facet: str) -> Element:
-    edges = reference.edges if k == 3 else reference.facets
-    facets = tuple(tuple(map(int, ids)) for ids in reference.facets)
-    return Element(
-        name, k, 1, True, np.array(reference.p).T.astype(float), tuple((int(a), int(b)) for a, b in edges), facets, facet
-    )
+def _P2(cell: Cell) -> ShapeFunctions:
+    """Return quadratic functions on a simplex with nodes in the middle of its edges."""
+    k = cell.corners.shape[1]
+    a, b = np.transpose(cell.edges)
+    slopes = np.vstack([-np.ones(k), np.eye(k)])
+
+    def values(xi: Array) -> Array:
+        l = _barycentric(xi)
+        return np.concatenate([l * (2 * l - 1), 4 * l[:, a] * l[:, b]], axis=1)
+
+    def derivatives(xi: Array) -> Array:
+        l = _barycentric(xi)[:, :, None]
+        return np.concatenate([(4 * l - 1) * slopes, 4 * (l[:, a] * slopes[b] + l[:, b] * slopes[a])], axis=1)
+
+    return ShapeFunctions(cell.edges, values, derivatives)
+
+
+def _Q1(cell: Cell) -> ShapeFunctions:
+    """Return products of linear functions along the axes of a box."""
+    corners = cell.corners
+
+    def factors(xi: Array) -> Array:
+        """(nq, n, k) `xi_i` or `1 - xi_i` of each corner."""
+        return np.where(corners == 1, xi[:, None], 1 - xi[:, None])
+
+    def derivatives(xi: Array) -> Array:
+        every = factors(xi)
+        others = [np.prod(np.delete(every, i, axis=2), axis=2) for i in range(corners.shape[1])]
+        return np.stack(others, axis=2) * (2 * corners - 1)
+
+    return ShapeFunctions((), lambda xi: np.asarray(np.prod(factors(xi), axis=2)), derivatives, lumped_by_rows=True, one_point=True)
+
+
+NO_EXTENT = Cell("vertex", "vertex", None, np.zeros((1, 0)), (), (), (0,))
+SEGMENT = _simplex(1, "line", "VTK_LAGRANGE_CURVE", RefLine)
+TRIANGLE = _simplex(2, "triangle", "VTK_LAGRANGE_TRIANGLE", RefTri)
+TETRAHEDRON = _simplex(3, "tetra", "VTK_LAGRANGE_TETRAHEDRON", RefTet)
+QUADRILATERAL = _box("quad", "VTK_LAGRANGE_QUADRILATERAL", RefQuad, (1, 0, 3, 2))
+HEXAHEDRON = _box("hexahedron", "VTK_LAGRANGE_HEXAHEDRON", RefHex, (1, 0, 4, 5, 2, 3, 7, 6))
 
 
 #: All elements by name.
 ELEMENTS: dict[str, Element] = {
     element.name: element
     for element in (
-        _simplex("segments", 1, 1, "points"),
-        _simplex("triangles", 2, 1, "segments"),
-        _simplex("tetrahedra", 3, 1, "triangles"),
-        _simplex("quadratic segments", 1, 2, "points"),
-        _simplex("quadratic triangles", 2, 2, "quadratic segments"),
-        _simplex("quadratic tetrahedra", 3, 2, "quadratic triangles"),
-        _box("quadrilaterals", RefQuad, 2, "segments"),
-        _box("hexahedra", RefHex, 3, "quadrilaterals"),
+        Element("segments", SEGMENT, _P1, "points", (1, 1, 2), "line", skfem.ElementLineP1, skfem.MeshLine1),
+        Element("triangles", TRIANGLE, _P1, "segments", (1, 1, 2), "triangle", skfem.ElementTriP1, skfem.MeshTri1),
+        Element("tetrahedra", TETRAHEDRON, _P1, "triangles", (1, 1, 2), "tetra", skfem.ElementTetP1, skfem.MeshTet1),
+        Element("quadratic segments", SEGMENT, _P2, "points", (3, 4, 4), "line3", skfem.ElementLineP2),
+        Element(
+            "quadratic triangles", TRIANGLE, _P2, "quadratic segments", (2, 4, 4), "triangle6", skfem.ElementTriP2, skfem.MeshTri2
+        ),
+        Element(
+            "quadratic tetrahedra",
+            TETRAHEDRON,
+            _P2,
+            "quadratic triangles",
+            (2, 5, 6),
+            "tetra10",
+            skfem.ElementTetP2,
+            skfem.MeshTet2,
+        ),
+        Element("quadrilaterals", QUADRILATERAL, _Q1, "segments", (3, 5, 5), "quad", skfem.ElementQuad1, skfem.MeshQuad1),
+        Element(
+            "hexahedra",
+            HEXAHEDRON,
+            _Q1,
+            "quadrilaterals",
+            (3, 5, 5),
+            "hexahedron",
+            skfem.ElementHex1,
+            skfem.MeshHex1,
+            in_cells=(0, 4, 3, 1, 7, 5, 2, 6),
+        ),
     )
 }
-
-
-#: What the ends of segments are: no extension, one node.
-POINT = Element("points", 0, 1, False, np.zeros((1, 0)), (), (), "")
+#: The ends of segments: no extension, one node.
+POINT = Element("points", NO_EXTENT, _P1, "", (1, 1, 1), "vertex")
 
 
 def named(name: str) -> Element:
@@ -155,8 +312,3 @@ def named(name: str) -> Element:
 def linear_simplex(k: int) -> Element:
     """The linear simplex of dimension `k`."""
     return ELEMENTS[{1: "segments", 2: "triangles", 3: "tetrahedra"}[k]]
-
-
-def second_order(element: Element) -> Element:
-    """The quadratic simplex that has a linear simplex's corners."""
-    return ELEMENTS[f"quadratic {element.name}"]

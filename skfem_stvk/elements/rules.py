@@ -8,29 +8,15 @@ exact to degree 5).
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from skfem.quadrature import get_quadrature
-from skfem.refdom import RefHex, RefLine, RefQuad, RefTet, RefTri
 
 from ..arguments import Array
 from ..errors import StvkError
 from .element import Element
 
-REFERENCE: dict[tuple[int, bool], Any] = {
-    (1, False): RefLine,
-    (2, False): RefTri,
-    (3, False): RefTet,
-    (2, True): RefQuad,
-    (3, True): RefHex,
-}
-#: scikit-fem's order of the usual rule, that of the exact one, and that of masses, by (is_box, degree) and dimension.
-ORDERS = {
-    (False, 1): {1: (1, 1, 2), 2: (1, 1, 2), 3: (1, 1, 2)},
-    (False, 2): {1: (3, 4, 4), 2: (2, 4, 4), 3: (2, 5, 6)},
-    (True, 1): {2: (3, 5, 5), 3: (3, 5, 5)},
-}
 KINDS = ("usual", "exact", "mass", "one-point")
 #: How much boxes with one point resist their hourglass modes, if nothing else is said.
 HOURGLASS = 0.05
@@ -73,9 +59,7 @@ def rule_of(element: Element, kind: str = "usual") -> Rule:
         raise StvkError(f"Rule {kind!r} is unknown; expected one of {', '.join(KINDS)}.")
     if element.k == 0:
         return Rule(np.zeros((1, 0)), np.ones(1))
-    reference, k = REFERENCE[element.k, element.is_box], element.k
     if kind == "one-point" or (element.is_linear_simplex and kind != "mass"):
-        points = np.full((1, k), 0.5 if element.is_box else 1 / (k + 1))
-        return Rule(points, get_quadrature(reference, 1)[1].sum(keepdims=True))
-    points, weights = get_quadrature(reference, ORDERS[element.is_box, element.degree][k][KINDS.index(kind)])
+        return Rule(element.cell.corners.mean(axis=0)[None], get_quadrature(element.cell.reference, 1)[1].sum(keepdims=True))
+    points, weights = get_quadrature(element.cell.reference, element.orders[KINDS.index(kind)])
     return Rule(np.ascontiguousarray(points.T), np.asarray(weights))

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import real_array
-from ..elements import Element, linear_simplex, named, second_order
+from ..elements import Element, named
 from ..errors import MeshError, name_ids, warn
-from .facets import edges_of, with_middles
+from .facets import further_nodes, with_middles
 from .formats import Damaged
 from .formats.source import check_unique
 from .groups import (
@@ -81,7 +81,7 @@ def content_of(
     cables = {key: kept for key, ids in cables.items() if (kept := ids[:, (ids >= 0).all(axis=0)]).size}
     if element.degree == 2:
         boundaries = completed("Boundary", boundaries, named(element.facet), numbers, keep)
-        cables = completed("Lines", cables, second_order(linear_simplex(1)), numbers, keep)
+        cables = completed("Lines", cables, element.edge, numbers, keep)
         cables = {key: ids[:, np.argsort(ids[-1])] for key, ids in cables.items()}  # as `check_numbers` has them
     node_sets = {
         key: np.sort(numbers.number[ids]) for key, ids in nodes_on(numbers.order, inner, node_groups(raw, sets, base)).items()
@@ -134,25 +134,26 @@ def base_of(raw: meshio.Mesh, name: str) -> Element:
 
 
 def element_of(raw: meshio.Mesh, base: Element, degree: int | None) -> Element:
-    """Quadratic simplices if all cells are of second order and not asked for by their corners, otherwise linear elements."""
-    if base.is_box or degree == 1:
+    """Quadratic elements if all cells are of second order and not asked for by their corners, otherwise linear elements."""
+    quadratic = base.quadratic
+    if quadratic is None or degree == 1:
         return base
-    quadratic = second_order(base)
-    sizes = {block.data.shape[1] for block in raw.cells if is_of(block, base)}
-    return quadratic if sizes == {quadratic.n} else base
+    ours = (quadratic.cell_type, base.cell.lagrange)[: 1 if quadratic.in_cells else 2]  # Lagrange cells have another order then
+    known = all(block.type in ours and block.data.shape[1] == quadratic.n for block in raw.cells if is_of(block, base))
+    return quadratic if known else base
 
 
 def warn_of_cells(raw: meshio.Mesh, element: Element, degree: int | None) -> None:
     """Warn of cells that carry volume but are not of the kind, and of elements that are taken by their corners."""
     carriers = [block for block in raw.cells if len(block) and block.dim == element.k]
-    base = named(element.name.removeprefix("quadratic "))
+    base = element.linear
     if others := [block for block in carriers if not is_of(block, base)]:
         warn(f"{count_cells(others)} are left out: only {base.name} are used. Split them if the body goes on there.")
     higher = [block for block in carriers if is_of(block, base) and block.data.shape[1] > element.n]
     if higher:
         more = ""
-        if not base.is_box and degree != 1:
-            more = f" {second_order(base).name.capitalize()} are kept, if all are: write the mesh in order 2."
+        if base.quadratic is not None and degree != 1:
+            more = f" {base.quadratic.name.capitalize()} are kept, if all are: write the mesh in order 2."
         cells = count_cells(higher)
         warn(f"{cells} are of higher order: their corner vertices are used and their curved edges are taken as straight.{more}")
 
@@ -164,12 +165,12 @@ class Numbers(NamedTuple):
     ----------
     order : (nv,) nodes of the file in their new order: vertices, then middles of edges.
     number : new number of each node of the file, -1 for those that are dropped.
-    edges : (2, ne) edges of quadratic elements, by new numbers.
+    between : corners between which the further nodes of elements are, by new numbers (`facets.further_nodes`).
     """
 
     order: NDArray[Any]
     number: NDArray[np.int32]
-    edges: NDArray[np.int32]
+    between: list[NDArray[np.int32]]
 
 
 def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, ends: NDArray[Any]) -> Numbers:
@@ -181,7 +182,7 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, end
     number = np.full(count, -1, dtype=np.int32)
     number[used] = np.arange(len(used))
     if element.degree == 1:
-        return Numbers(used, number, np.empty((2, 0), dtype=np.int32))
+        return Numbers(used, number, [])
     given = t[base.n :]
     if len(both := np.intersect1d(used, given)):
         raise MeshError(
@@ -189,10 +190,10 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, end
             "the order of nodes within the elements another one, or are small elements tied to large ones? Remesh, or read it "
             "with degree=1."
         )
-    edges, t2e = edges_of(number[t[: base.n]], base, len(used))
-    middles = np.empty(int(t2e.max()) + 1, dtype=np.int64)
-    middles[t2e] = given
-    if len(bad := np.flatnonzero((middles[t2e] != given).any(axis=0))):
+    between, further = further_nodes(number[t[: base.n]], element, len(used))
+    middles = np.empty(int(further.max()) + 1, dtype=np.int64)
+    middles[further] = given
+    if len(bad := np.flatnonzero((middles[further] != given).any(axis=0))):
         raise MeshError(
             f"{name_ids(bad, 'element')}: an edge has another node in its middle than in a neighbour. Is the order of nodes within "
             "the elements another one, or is the part cut there but for its corners? Merge the nodes, or read it with degree=1."
@@ -204,7 +205,7 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, end
             "within the elements another one? Write the file anew, or read it with degree=1."
         )
     number[middles] = len(used) + np.arange(len(middles))
-    return Numbers(np.concatenate([used, middles]), number, edges)
+    return Numbers(np.concatenate([used, middles]), number, between)
 
 
 def completed(
@@ -217,9 +218,9 @@ def completed(
     MeshError
         if a group of `keep` has any on no element.
     """
-    kept, n = {}, len(numbers.order) - numbers.edges.shape[1]
+    kept, n = {}, len(numbers.order) - sum(group.shape[1] for group in numbers.between)
     for name, corners in groups.items():
-        whole = with_middles(corners, kind, numbers.edges, n)
+        whole = with_middles(corners, kind, numbers.between, n)
         good: NDArray[np.bool_] = np.all(whole >= 0, axis=0)
         if len(bad := np.flatnonzero(~good)):
             off = f"{what} {name!r}: {name_ids(bad, 'facet' if what == 'Boundary' else 'segment')}"

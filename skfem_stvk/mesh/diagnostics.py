@@ -11,7 +11,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..elements import rule_of
-from ..elements.rules import REFERENCE
 from ..errors import MeshError, name_ids, warn
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
@@ -151,9 +150,10 @@ def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Mesh
 def element_order(mesh: MeshArrays) -> str:
     """The local order of nodes in words."""
     edges = ", ".join(f"{a}{b}" for a, b in mesh.element.edges)
-    if mesh.element.is_box:
-        return f"scikit-fem's {type(REFERENCE[mesh.k, True]()).__name__}, with edges {edges},"
-    return f"corners, then the middles of {edges},"
+    if mesh.element.degree == 1:
+        return f"scikit-fem's {mesh.element.cell.reference.__name__}, with edges {edges},"
+    others = ", of faces and of the cell" * (mesh.element.means != mesh.element.edges)
+    return f"corners, then the middles of {edges}{others},"
 
 
 def flat_elements(mesh: MeshArrays) -> NDArray[np.int64]:
@@ -187,7 +187,7 @@ def folded_elements(mesh: MeshArrays) -> NDArray[np.int64]:
         doubtful = ~(np.abs(jacobian) > (1e-12 * 2 * size + 4 * rounding) * size ** (mesh.k - 1)).all(axis=1)
         folded = np.sign(jacobian.min(axis=1)) * np.sign(jacobian.max(axis=1)) <= 0
         if doubtful.any():
-            longest, steepest = extremes(spokes[doubtful], element.is_box)
+            longest, steepest = extremes(spokes[doubtful], element.is_simplex)
             folded[doubtful] |= ~(steepest * (1e-12 * longest + 4 * rounding[doubtful]) < 1).all(axis=1)
         bad.append(begin + np.flatnonzero(folded))
     return np.concatenate(bad)
@@ -218,9 +218,9 @@ def _faults_of_range(mesh: MeshArrays) -> Iterator[MeshFault]:
 
 def longest_edges(mesh: MeshArrays, p: NDArray[np.float64]) -> NDArray[np.float64]:
     """(nt,) the longest edge of each element, from corner to corner."""
-    if mesh.element.is_box:
-        return np.asarray(np.linalg.norm(edge_differences(mesh, p), axis=0).max(axis=0))
-    return measures(p, mesh.corners)[1]
+    if mesh.element.is_simplex:
+        return measures(p, mesh.corners)[1]
+    return np.asarray(np.linalg.norm(edge_differences(mesh, p), axis=0).max(axis=0))
 
 
 def warn_of_flat_elements(mesh: ElementMesh) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -91,18 +91,19 @@ def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids
 
     Each stands once, with all its nodes as `named(element.facet)` has them. Corners of simplices and of edges of quadrilaterals
     ascend, those of hexahedra go round the facet. The second array is the facet opposite to each vertex of simplices, and each of
-    `element.facets` of boxes. By default the elements are linear simplices.
+    `element.facets` of other elements. By default the elements are linear simplices.
 
     >>> facets_of(np.array([[0, 1], [1, 2]]), 3)
     (array([[0, 1, 2]], dtype=int32), array([[1, 2],
            [0, 1]], dtype=int32))
     """
     element = element or linear_simplex(len(t) - 1)
-    if element.is_box:
-        every = _of_box(t, element)
-        place, first = _numbered(np.sort(every, axis=0), nv)
-        facets = every[:, first]
-        return facets if element.k == 3 else np.sort(facets, axis=0), place.reshape(len(element.facets), -1)
+    if not element.is_simplex:
+        every, m = _listed(t, element), named(element.facet).corners
+        if element.k == 2:
+            every[:m].sort(axis=0)
+        place, first = _numbered(np.sort(every[:m], axis=0), nv)
+        return every[:, first], place.reshape(len(element.facets), -1)
     corners = t[: element.corners]
     corner = np.argsort(corners, axis=0)
     every = _opposite(np.take_along_axis(corners, corner, axis=0))
@@ -128,9 +129,9 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
     array([[0, 2, 1],
            [1, 0, 2]], dtype=int32)
     """
-    if mesh.element.is_box:
-        every = _of_box(mesh.t, mesh.element)
-        alone = _alone(np.sort(every, axis=0), mesh.nv)
+    if not mesh.element.is_simplex:
+        every = _listed(mesh.t, mesh.element)
+        alone = _alone(np.sort(every[: mesh.facet.corners], axis=0), mesh.nv)
         facets = every[:, alone]
         if mesh.k == mesh.d:
             local, element = np.divmod(alone, mesh.nt)
@@ -164,37 +165,55 @@ def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
 
 
 def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:
-    """Edges (2, ne) of simplices `corners` (k + 1, nt) in scikit-fem's order, and (m, nt) those of each.
+    """Edges (2, ne) of elements with `corners` (n, nt) in scikit-fem's order, and (m, nt) those of each.
 
-    Ends of edges of triangles and tetrahedra ascend, all in lexicographic order; segments are their own edges.
+    Ends of edges ascend, all in lexicographic order; segments are their own edges.
     """
     if element.k == 1:
         return corners, np.arange(corners.shape[1], dtype=np.int32)[None]
     return edges_of_simplices(corners, np.array(element.edges), nv)
 
 
-def with_middles(facets: Ids, facet: Element, edges: Ids, nv: int) -> Ids:
-    """(m, n) quadratic facets from their corners among `nv` vertices, whose order stays; -1 for middles of what is no edge.
+def further_nodes(corners: Ids, element: Element, nv: int) -> tuple[list[Ids], Ids]:
+    """Return the further nodes of elements with these `corners` (m, nt) among `nv` vertices, in scikit-fem's order.
 
-    The middles of `edges` (2, ne) are the nodes from `nv` on.
+    The first result has the corners between which they are: arrays (m, n) for edges, faces and cells, where the `element` has
+    nodes. The second one has the further nodes of each element, (n, nt), counted from 0 through these arrays.
+    """
+    groups, numbers, begin = [], [], 0
+    for size in sorted({len(ids) for ids in element.means}):
+        if size == element.corners:
+            group, own = corners, np.arange(corners.shape[1], dtype=np.int32)[None]
+        elif size == 2:
+            group, own = edges_of(corners, element, nv)
+        else:
+            group, own = facets_of(corners, nv, element.linear)
+        groups.append(group)
+        numbers.append(begin + own)
+        begin += group.shape[1]
+    return groups, np.concatenate([np.empty((0, corners.shape[1]), dtype=np.int32), *numbers])
 
-    >>> with_middles(np.array([[2, 1], [1, 0]]), named("quadratic segments"), np.array([[0, 0, 1], [1, 2, 2]]), 3)
+
+def with_middles(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -> Ids:
+    """Return facets (m, n) with all their nodes, from their corners among `nv` vertices, whose order stays.
+
+    The further nodes, from `nv` on, are `between` corners as `further_nodes` lists them; -1 where there is no such node.
+
+    >>> with_middles(np.array([[2, 1], [1, 0]]), named("quadratic segments"), [np.array([[0, 0, 1], [1, 2, 2]])], 3)
     array([[2, 1],
            [1, 0],
            [5, 3]], dtype=int32)
     """
-    if facet.k == 0:
-        return facets
-    keys = _keys(edges[0], edges[1], nv)
-    wanted = [_keys(facets[a], facets[b], nv) for a, b in facet.edges]
-    places = [np.minimum(np.searchsorted(keys, of_pair), len(keys) - 1) for of_pair in wanted]
-    middles = [np.where(keys[place] == of_pair, nv + place, -1) for place, of_pair in zip(places, wanted, strict=True)]
-    return np.concatenate([facets, middles]).astype(np.int32)
-
-
-def _keys(a: Ids, b: Ids, nv: int) -> NDArray[np.int64]:
-    """One number for each pair of vertices, whatever their order; ascending if the pairs do."""
-    return np.minimum(a, b).astype(np.int64) * nv + np.maximum(a, b)
+    further, begin, there = [], nv, np.zeros(nv, dtype=bool)
+    there[facets] = True
+    for group in between:
+        own = [list(ids) for ids in facet.means if len(ids) == len(group)]
+        if own:
+            near = np.flatnonzero(there[group].all(axis=0))
+            place = find_facets(np.concatenate([facets[ids] for ids in own], axis=1), group[:, near], nv).reshape(len(own), -1)
+            further.append(np.where(place >= 0, begin + np.append(near, 0)[place], -1))
+        begin += group.shape[1]
+    return np.concatenate([facets, *further]).astype(np.int32)
 
 
 def _middles(t: Ids, element: Element, which: NDArray[Any]) -> Ids:
@@ -212,8 +231,8 @@ def _middles(t: Ids, element: Element, which: NDArray[Any]) -> Ids:
     return np.take_along_axis(nodes, np.array([table[local[a], local[b]] for a, b in facet.edges]), axis=0)
 
 
-def _of_box(t: Ids, element: Element) -> Ids:
-    """(m, f nt) the first, second, ... facets of quadrilaterals or hexahedra."""
+def _listed(t: Ids, element: Element) -> Ids:
+    """Return the first, second, ... facets (m, f nt) of elements, as `element.facets` lists them."""
     return np.concatenate([t[list(facet)] for facet in element.facets], axis=1)
 
 
@@ -232,19 +251,16 @@ def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
 
 
 def _outwards(element: Element) -> NDArray[np.bool_]:
-    """Whether each facet of a box looks outwards on the reference element, in the order of `element.facets`."""
-    x, centre = element.nodes, np.full(element.k, 0.5)
-    facets = [x[list(facet)] for facet in element.facets]
+    """Whether each facet looks outwards on the reference element, in the order of `element.facets`."""
+    x, centre = element.cell.corners, element.cell.corners.mean(axis=0)
+    facets = [x[list(facet)] for facet in element.cell.facets]
     spokes = [f[[1, -1]] - f[0] if element.k == 3 else f[1:] - f[0] for f in facets]
     return np.array([normals_of(p) @ (f.mean(axis=0) - centre) > 0 for p, f in zip(spokes, facets, strict=True)])
 
 
 def _turn(facets: Ids, which: NDArray[np.bool_], mesh: MeshArrays) -> None:
     """Turn some of the facets round in place: the first two corners change places, or go round the other way."""
-    turned = {"segments": [1, 0], "triangles": [1, 0, 2], "quadrilaterals": [1, 0, 3, 2]}
-    turned |= {"quadratic segments": [1, 0, 2], "quadratic triangles": [1, 0, 2, 3, 5, 4]}
-    rows = turned[mesh.element.facet]
-    facets[:, which] = facets[rows][:, which]
+    facets[:, which] = facets[mesh.facet.reversed][:, which]
 
 
 def _opposite(ordered: NDArray[Any]) -> Ids:

@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import skfem
 from numpy.typing import NDArray
 
 from ..arguments import Array, array, choice, number, real_array, shown, whole
@@ -17,13 +16,6 @@ from .points import orientations
 
 #: Kinds of elements of a box by its dimension, the default first.
 KINDS = {1: ("segments",), 2: ("triangles", "quadrilaterals"), 3: ("tetrahedra", "hexahedra")}
-MESHES = {
-    "segments": skfem.MeshLine1,
-    "triangles": skfem.MeshTri1,
-    "quadrilaterals": skfem.MeshQuad1,
-    "tetrahedra": skfem.MeshTet1,
-    "hexahedra": skfem.MeshHex1,
-}
 #: Sides of a box along each axis, with the least and the largest coordinate, as scikit-fem's `with_defaults` names them.
 SIDES = (("left", "right"), ("bottom", "top"), ("front", "back"))
 
@@ -61,7 +53,7 @@ def box(size: Any, cells: Any, element: str | None = None, origin: Any = None) -
     start = np.zeros(d) if origin is None else array("origin", origin, (d,), expected, MeshError)
     check_index_range(int(np.prod([count + 1.0 for count in counts])), "vertices")
     axes = [low + np.linspace(0.0, length, count + 1) for low, length, count in zip(start, lengths, counts, strict=True)]
-    grid = MESHES[kind].init_tensor(*axes)
+    grid = named(kind).mesh.init_tensor(*axes)
     p, t = grid.p, turned(grid.p, grid.t, named(kind))
     mesh = ElementMesh(p, t, element=named(kind))
     sides = {side: p[axis] == coordinates[end] for axis, coordinates in enumerate(axes) for side, end in _ends(axis)}
@@ -184,12 +176,12 @@ def _circle(radius: float, count: int) -> Array:
 def turned(p: Array, t: NDArray[Any], element: Element) -> NDArray[np.int32]:
     """Linear elements (n, nt) with two of their axes exchanged where their volume is negative."""
     t, nodes = np.array(t, dtype=np.int32), element.nodes
-    if element.is_box:
+    if element.is_simplex:
+        mirrored = np.array([*range(element.n - 2), element.n - 1, element.n - 2])
+    else:
         mirrored = np.array(
             [int(np.flatnonzero((nodes == node).all(axis=1))[0]) for node in nodes[:, [1, 0, *range(2, element.k)]]]
         )
-    else:
-        mirrored = np.array([*range(element.n - 2), element.n - 1, element.n - 2])
     negative = orientations(p, t, element) < 0
     t[:, negative] = t[mirrored][:, negative]
     return t

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from math import factorial
 from typing import NamedTuple
 
@@ -10,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..elements import rule_of
-from ..kernels.geometry import measures
 from .facets import MeshArrays
 from .mesh import ElementMesh
 from .points import extremes, spokes_at
@@ -66,7 +64,7 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
     """Rest geometry of the elements at each point of the rule of a kind; of boxes with one point their mean gradients."""
     if mesh.element.is_linear_simplex:
         return [Geometry(mesh.p, mesh.t)]
-    if kind == "one-point" and mesh.element.is_box:
+    if kind == "one-point" and mesh.element.shape.one_point:
         points = geometries(mesh)
         volume = np.sum([point.volume for point in points], axis=0)
         means = np.sum([point.volume[:, None, None] * point.gradients for point in points], axis=0) / volume[:, None, None]
@@ -86,11 +84,8 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
 
 
 def edge_differences(mesh: MeshArrays, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(d, m, nt) differences of a field `x` (d, nv) between the ends of the edges of the elements, in the order of their nodes.
-
-    Of simplices all pairs of corners; of hexahedra and quadrilaterals `element.edges`.
-    """
-    a, b = np.transpose(mesh.element.edges if mesh.element.is_box else list(combinations(range(mesh.k + 1), 2)))
+    """(d, m, nt) differences of a field `x` (d, nv) between the ends of `element.edges`, of each element."""
+    a, b = np.transpose(mesh.element.edges)
     corners = x[:, mesh.corners]
     return corners[:, a] - corners[:, b]
 
@@ -108,12 +103,7 @@ def aspect_ratios(mesh: MeshArrays) -> NDArray[np.float64]:
     """
     if mesh.k == 1:
         return np.ones(mesh.nt)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if mesh.element.is_linear_simplex:
-            parallelepiped, longest, largest_facet = measures(mesh.p, np.ascontiguousarray(mesh.t))
-            aspect = longest * largest_facet / parallelepiped
-        else:
-            spokes = spokes_at(mesh.p, mesh.t, mesh.element, rule_of(mesh.element, "usual").points)
-            longest, steepest = extremes(spokes, mesh.element.is_box)
-            aspect = (longest * steepest).max(axis=1)
+    spokes = spokes_at(mesh.p, mesh.t, mesh.element, rule_of(mesh.element, "usual").points)
+    longest, steepest = extremes(spokes, mesh.element.is_simplex)
+    aspect = np.asarray((longest * steepest).max(axis=1))
     return np.where(np.isnan(aspect), np.inf, aspect)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import whole
-from ..elements import Element, linear_simplex, named
+from ..elements import ELEMENTS, POINT, Element, linear_simplex, named
 from ..errors import MeshError, name_ids
 
 if TYPE_CHECKING:
@@ -141,19 +141,7 @@ def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArra
     return groups | {name: np.union1d(groups.get(name, []), ids).astype(np.int64) for name, ids in raw.point_sets.items()}
 
 
-#: The linear element of each family of cells; a number after the name, as in tetra10, tells how many nodes they have.
-FAMILIES = {"vertex": "points", "line": "segments", "triangle": "triangles", "tetra": "tetrahedra", "quad": "quadrilaterals"}
-FAMILIES |= {"hexahedron": "hexahedra", "VTK_LAGRANGE_CURVE": "segments", "VTK_LAGRANGE_TRIANGLE": "triangles"}
-FAMILIES |= {"VTK_LAGRANGE_TETRAHEDRON": "tetrahedra", "VTK_LAGRANGE_QUADRILATERAL": "quadrilaterals"}
-FAMILIES |= {"VTK_LAGRANGE_HEXAHEDRON": "hexahedra"}
 CORNERS = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
-#: Where scikit-fem's local nodes stand in cells of meshio's, whose order is VTK's; the others are in the same order.
-IN_CELLS = {"hexahedra": [0, 4, 3, 1, 7, 5, 2, 6]}
-
-
-#: Types of cells that hold our elements, in meshio's words.
-CELLS = {"segments": "line", "triangles": "triangle", "tetrahedra": "tetra", "quadrilaterals": "quad", "hexahedra": "hexahedron"}
-CELLS |= {"quadratic segments": "line3", "quadratic triangles": "triangle6", "quadratic tetrahedra": "tetra10"}
 
 
 def as_cells(t: NDArray[Any], element: Element) -> tuple[str, NDArray[Any]]:
@@ -162,8 +150,7 @@ def as_cells(t: NDArray[Any], element: Element) -> tuple[str, NDArray[Any]]:
     >>> as_cells(np.arange(8)[:, None], named("hexahedra"))
     ('hexahedron', array([[0, 3, 6, 2, 1, 5, 7, 4]]))
     """
-    local = IN_CELLS.get(element.name, range(element.n))
-    return CELLS[element.name], t[np.argsort(local)].T
+    return element.cell_type, t[np.argsort(element.in_cells or range(element.n))].T
 
 
 def from_cells(kind: str, cells: NDArray[Any]) -> tuple[NDArray[Any], Element]:
@@ -173,8 +160,8 @@ def from_cells(kind: str, cells: NDArray[Any]) -> tuple[NDArray[Any], Element]:
     >>> element.name
     'quadrilaterals'
     """
-    element = named({of_meshio: name for name, of_meshio in CELLS.items()}[kind])
-    return cells.T[list(IN_CELLS.get(element.name, range(element.n)))], element
+    element = {one.cell_type: one for one in ELEMENTS.values()}[kind]
+    return _in_our_order(cells.T, element), element
 
 
 def linear_kind(cell_type: str) -> str:
@@ -183,7 +170,8 @@ def linear_kind(cell_type: str) -> str:
     >>> linear_kind("tetra10"), linear_kind("hexahedron"), linear_kind("wedge")
     ('tetrahedra', 'hexahedra', '')
     """
-    return FAMILIES.get(cell_type.rstrip("0123456789"), "")
+    family = cell_type.rstrip("0123456789")
+    return next((one.linear.name for one in (*ELEMENTS.values(), POINT) if family in (one.cell.family, one.cell.lagrange)), "")
 
 
 def node_count(cell_type: str) -> int | None:
@@ -209,8 +197,12 @@ def corners(cells: Iterable[Any], base: Element) -> NDArray[Any]:
 def nodes(cells: Iterable[Any], base: Element, element: Element) -> NDArray[Any]:
     """(m, n) nodes of those cells as `element` has them, which is `base` or has middles of edges after its corners."""
     blocks = [np.asarray(block.data, dtype=np.int64)[:, : element.n] for block in cells if is_of(block, base)]
-    every = np.concatenate([np.empty((0, element.n), dtype=np.int64), *blocks]).T
-    return every[IN_CELLS[element.name]] if element.name in IN_CELLS else every
+    return _in_our_order(np.concatenate([np.empty((0, element.n), dtype=np.int64), *blocks]).T, element)
+
+
+def _in_our_order(t: NDArray[Any], element: Element) -> NDArray[Any]:
+    """Return the nodes (n, nt) of cells in the element's own order."""
+    return t[list(element.in_cells)] if element.in_cells else t
 
 
 def inner_nodes(cells: Iterable[Any]) -> NDArray[np.int64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
@@ -16,9 +16,9 @@ from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
 from ..arguments import frozen, number, real_array, shown, whole, whole_array
-from ..elements import ELEMENTS, Element, linear_simplex, named, second_order
+from ..elements import ELEMENTS, Element, linear_simplex, named
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
-from .facets import NamedFacets, edges_of, with_middles
+from .facets import NamedFacets, edges_of, further_nodes, with_middles
 from .places import Box, Marked, checked_facets, checked_lines, describe, facets_at, vertices_at
 
 if TYPE_CHECKING:
@@ -191,21 +191,22 @@ class ElementMesh(Marked):
         degree = checked_degree(degree)
         if degree == self.element.degree:
             return self
-        if self.element.is_box:
+        quadratic = self.element.linear.quadratic
+        if quadratic is None:
             raise MeshError(
                 f"degree = 2, but the elements are {self.element.name}, which are linear along each axis here. Leave the degree "
                 "out, or split them: mesh.to_meshtet() or mesh.to_meshtri() in scikit-fem, then degree=2."
             )
-        return self._reduced() if degree == 1 else self._raised()
+        return self._reduced() if degree == 1 else self._raised(quadratic)
 
     def _reduced(self) -> ElementMesh:
-        element, n = linear_simplex(self.k), self.nvertices
-        edges, t2e = edges_of(self.corners, element, n)
-        middles = self.p[:, n:]
+        element, n = self.element.linear, self.nvertices
+        edges = edges_of(self.corners, element, n)[0]
+        middles = self.p[:, n : n + edges.shape[1]]
         off = np.abs(middles - self.p[:, edges].mean(axis=1)).max(axis=0)
         curved = np.count_nonzero(off > 1e-9 * np.ptp(self.p, axis=1).max())
         warn(
-            f"The {self.nt} {self.element.name} are reduced to their corners, {n} vertices: {curved} of their {t2e.max() + 1} "
+            f"The {self.nt} {self.element.name} are reduced to their corners, {n} vertices: {curved} of their {edges.shape[1]} "
             "edges are curved and taken as straight."
         )
         if isinstance(self.boundaries, NamedFacets):
@@ -217,22 +218,22 @@ class ElementMesh(Marked):
         lines = {name: np.asarray(ends)[:2] for name, ends in self.lines.items()}
         return replace(self, p=self.p[:, :n], t=self.corners, boundaries=boundaries, node_sets=sets, element=element, lines=lines)
 
-    def _raised(self) -> ElementMesh:
-        element, n = second_order(self.element), self.nv
-        edges, t2e = edges_of(self.t, self.element, n)
-        p, t = np.concatenate([self.p, self.p[:, edges].mean(axis=1)], axis=1), np.concatenate([self.t, n + t2e])
+    def _raised(self, element: Element) -> ElementMesh:
+        n = self.nv
+        between, further = further_nodes(self.t, element, n)
+        p = np.concatenate([self.p, *(self.p[:, corners].mean(axis=1) for corners in between)], axis=1)
+        t = np.concatenate([self.t, n + further])
         if isinstance(self.boundaries, NamedFacets):
             boundaries: Mapping[str, Any] = self.boundaries.on(t, p.shape[1], element)
         else:
             facet = named(element.facet)
-            boundaries = {name: _with_all_middles(checked_facets(self, name), facet, edges, n, name) for name in self.boundaries}
-        line = linear_simplex(1)
-        lines = {name: _with_all_middles(checked_lines(self, name), line, edges, n, name) for name in self.lines}
+            boundaries = {name: _with_all_middles(checked_facets(self, name), facet, between, n, name) for name in self.boundaries}
+        lines = {name: _with_all_middles(checked_lines(self, name), element.edge, between, n, name) for name in self.lines}
         sets: dict[str, NDArray[Any]] = {}
         for name, ids in self._node_ids().items():
             there = np.zeros(n, dtype=bool)
             there[ids] = True
-            sets[name] = np.concatenate([ids, n + np.flatnonzero(there[edges].all(axis=0))])
+            sets[name] = np.concatenate([ids, n + np.flatnonzero(np.concatenate([there[of].all(axis=0) for of in between]))])
         return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element, lines=lines)
 
     def scaled(self, factor: float) -> ElementMesh:
@@ -268,9 +269,9 @@ class ElementMesh(Marked):
         number = np.empty(self.nv, dtype=np.int32)
         number[nodes] = np.arange(n, dtype=np.int32)
         if element.degree == 2:
-            t2e = edges_of(number[self.corners], element, n)[1]
+            further = further_nodes(number[self.corners], element, n)[1]
             middles = np.empty(self.nv - n, dtype=np.int32)
-            middles[t2e] = self.t[element.corners :]
+            middles[further] = self.t[element.corners :]
             number[middles] = np.arange(n, self.nv, dtype=np.int32)
             nodes = np.append(nodes, middles)
         boundaries = {name: number[np.asarray(facets)] for name, facets in self.boundaries.items()}
@@ -280,14 +281,16 @@ class ElementMesh(Marked):
         return mesh, nodes
 
     def ends(self) -> NDArray[np.int32] | None:
-        """(nv, 2) nodes between which each lies in the middle of an edge, itself twice of a vertex; None of linear elements.
+        """(nv, 2) nodes between which each lies in the middle of an edge, itself twice of a vertex.
+
+        None for linear elements, and for elements that have nodes elsewhere.
 
         >>> ElementMesh(p=[[0.0, 2.0]], t=[[0], [1]]).with_degree(2).ends()
         array([[0, 0],
                [1, 1],
                [0, 1]], dtype=int32)
         """
-        if self.element.degree == 1:
+        if self.element.means != self.element.edges:
             return None
         ends = np.repeat(np.arange(self.nv, dtype=np.int32)[:, None], 2, axis=1)
         for i, (a, b) in enumerate(self.element.edges):
@@ -349,18 +352,6 @@ class ElementMesh(Marked):
         return f"ElementMesh: {self.nt} {self.kind}, {self.nv} {what}"
 
 
-#: scikit-fem's meshes of each element.
-OF_SCIKIT_FEM: dict[type, str] = {
-    skfem.MeshTet2: "quadratic tetrahedra",
-    skfem.MeshTri2: "quadratic triangles",
-    skfem.MeshHex1: "hexahedra",
-    skfem.MeshQuad1: "quadrilaterals",
-    skfem.MeshTet1: "tetrahedra",
-    skfem.MeshTri1: "triangles",
-    skfem.MeshLine1: "segments",
-}
-
-
 def _element_of(mesh: skfem.Mesh) -> Element:
     """The element of a scikit-fem mesh, which others are refused for."""
     name = type(mesh).__name__
@@ -369,24 +360,27 @@ def _element_of(mesh: skfem.Mesh) -> Element:
             f"{name} is periodic or discontinuous: its elements have coordinates of their own for each vertex. Use the mesh that "
             "it was made of, and constrain its displacements."
         )
-    if isinstance(mesh, skfem.MeshHex2 | skfem.MeshQuad2):
+    of_mesh = {element.mesh: element for element in ELEMENTS.values() if element.mesh is not None}
+    element = next((of_mesh[one] for one in type(mesh).__mro__ if one in of_mesh), None)
+    if isinstance(mesh, skfem.MeshHex2 | skfem.MeshQuad2) and (element is None or element.degree == 1):
         linear = "MeshHex1" if mesh.dim() == 3 else "MeshQuad1"
         raise MeshError(
             f"{name} is of second order; hexahedra and quadrilaterals are linear along each axis here. Take {linear}(mesh.p[:, "
             f":mesh.nvertices], mesh.t), which takes curved edges as straight; curved quadratic elements are MeshTet2 and MeshTri2."
         )
-    for kind, element in OF_SCIKIT_FEM.items():
-        if isinstance(mesh, kind):
-            return ELEMENTS[element]
+    if element is not None:
+        return element
     raise MeshError(
         f"{name} is not a mesh of tetrahedra, hexahedra, triangles, quadrilaterals or segments; expected MeshTet1, MeshTet2, "
         "MeshHex1, MeshTri1, MeshTri2, MeshQuad1 or MeshLine1. Wedges can be split: mesh.to_meshtet()."
     )
 
 
-def _with_all_middles(corners: NDArray[np.int32], kind: Element, edges: NDArray[np.int32], n: int, name: str) -> NDArray[np.int32]:
-    """Facets or segments of a name with the middles of their edges, which must be among the `edges` of the elements."""
-    whole = with_middles(corners, kind, edges, n)
+def _with_all_middles(
+    corners: NDArray[np.int32], kind: Element, between: Sequence[NDArray[np.int32]], n: int, name: str
+) -> NDArray[np.int32]:
+    """Facets or segments of a name with their further nodes, which must be among those of the elements (`further_nodes`)."""
+    whole = with_middles(corners, kind, between, n)
     if len(bad := np.flatnonzero((whole < 0).any(axis=0))):
         raise MeshError(
             f"degree = 2, but {name_ids(bad, 'element')} of {name!r} {'are' if len(bad) > 1 else 'is'} on no edge of the other "
@@ -413,13 +407,14 @@ def checked_degree(degree: Any) -> int:
 
 
 def check_numbers(t: NDArray[np.int32], element: Element) -> None:
-    """Refuse quadratic simplices whose nodes are not the vertices and then the middles of the edges, in scikit-fem's order."""
+    """Refuse elements whose nodes are not the vertices and then the further nodes, in scikit-fem's order."""
     corners, middles = t[: element.corners], t[element.corners :]
     first = int(middles.min())
     ascending = np.unique(middles)  # a part of a body, such as its skin, has some of its middles
-    expected = ascending[np.minimum(edges_of(corners, element, int(t.max()) + 1)[1], len(ascending) - 1)]
+    expected = ascending[np.minimum(further_nodes(corners, element, int(t.max()) + 1)[1], len(ascending) - 1)]
     if len(bad := np.flatnonzero((corners >= first).any(axis=0) | (middles != expected).any(axis=0))):
         order = {1: "the segments", 2: "mesh.facets", 3: "mesh.edges"}[element.k]
+        order += ", then those of faces and cells" * (element.means != element.edges)
         raise MeshError(
             f"{name_ids(bad, 'element')}: nodes are not numbered as scikit-fem numbers the degrees of freedom of these elements. "
             f"Expected vertices first, then the middles of edges in the order of {order}. A meshio.Mesh, which may have any "

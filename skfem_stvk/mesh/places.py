@@ -20,17 +20,6 @@ from .facets import MeshArrays, find_facets
 #: `lambda x: x[0] == 0`, or a shape, which is one: `Box`, `Plane`, `NearestNode`; or what scikit-fem's `basis.get_dofs(...)`
 #: returned, which stands for its nodes. Nodes are vertices and, of quadratic elements, middles of edges.
 Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
-#: scikit-fem's elements with the same nodes.
-OF_ELEMENTS = {
-    "segments": "ElementLineP1",
-    "triangles": "ElementTriP1",
-    "tetrahedra": "ElementTetP1",
-    "quadratic segments": "ElementLineP2",
-    "quadratic triangles": "ElementTriP2",
-    "quadratic tetrahedra": "ElementTetP2",
-    "quadrilaterals": "ElementQuad1",
-    "hexahedra": "ElementHex1",
-}
 #: Vertices count as the same within this part of the size of the mesh: files keep fewer digits than arrays.
 SAME_PLACE = 1e-6
 
@@ -340,7 +329,7 @@ def checked_facets(mesh: Marked, name: str) -> NDArray[np.int32]:
 
 def checked_lines(mesh: Marked, name: str) -> NDArray[np.int32]:
     """(m, n) segments of named lines, each once."""
-    return _checked(mesh, mesh.lines[name], mesh.element.degree + 1, f"Lines {name!r}", "segment")
+    return _checked(mesh, mesh.lines[name], mesh.element.edge.n, f"Lines {name!r}", "segment")
 
 
 def _checked(mesh: Marked, given: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
@@ -435,15 +424,12 @@ def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
             f"{what}: scikit-fem's degrees of freedom are of another mesh, with {difference}; this one has {count} vertices in "
             f"{mesh.d}D. Take them from a basis on the mesh of the system."
         )
-    others = [every for every, _ in _beside_vertices(view)]
-    same = (
-        np.array_equal(dofs.nodal_dofs, numbers[:, :count]) and sum(every.size for every in others) == mesh.p.size - mesh.d * count
-    )
-    if not same or any(not np.array_equal(every, numbers[:, count:]) for every in others):
+    every = [dofs.nodal_dofs, *(of for of, _ in _beside_vertices(view))]
+    if any(len(of) != mesh.d for of in every) or not np.array_equal(np.concatenate(every, axis=1), numbers):
         expected = f"{'linear' if mesh.element.degree == 1 else 'quadratic'} vectors with {mesh.d} components"
         raise RegionError(
             f"{what}: scikit-fem's degrees of freedom are of {_in_words(dofs.element)}; expected those of {expected}, such as "
-            f"ElementVector({OF_ELEMENTS[mesh.element.name]}()). Vertices alone can be given by their ids: view.nodal_ix."
+            f"ElementVector({mesh.element.scikit_fem.__name__}()). Vertices alone can be given by their ids: view.nodal_ix."
         )
 
 

@@ -138,11 +138,11 @@ def normals_of(spokes: Array) -> Array:
     return np.stack(_cross(p[0], p[1]), axis=-1)
 
 
-def extremes(spokes: Array, box: bool = False) -> tuple[Array, Array]:
+def extremes(spokes: Array, simplex: bool) -> tuple[Array, Array]:
     """Longest edge and inverse of the smallest height (...,) of the simplex, or of the parallelepiped, of spokes (..., k, d)."""
     p = np.moveaxis(spokes, (-2, -1), (0, 1))
     k = len(p)
-    edges = [*p] if box else [*p, *(p[i] - p[j] for i in range(k) for j in range(i))]
+    edges = [*p, *(p[i] - p[j] for i in range(k) for j in range(i))] if simplex else [*p]
     longest = np.sqrt(np.max([_squared(edge) for edge in edges], axis=0))
     if k == 1:
         with np.errstate(divide="ignore"):
@@ -151,7 +151,7 @@ def extremes(spokes: Array, box: bool = False) -> tuple[Array, Array]:
     if k == 2:
         facets, size = [_squared(edge) for edge in edges], np.sqrt(_squared(_cross(pad[0], pad[1])))
     else:
-        sides = [(pad[0], pad[1]), (pad[1], pad[2]), (pad[2], pad[0])] + ([] if box else [(edges[3], edges[4])])
+        sides = [(pad[0], pad[1]), (pad[1], pad[2]), (pad[2], pad[0])] + ([(edges[3], edges[4])] if simplex else [])
         facets, size = [_squared(_cross(a, b)) for a, b in sides], np.abs(_dot(_cross(pad[0], pad[1]), pad[2]))
     with np.errstate(divide="ignore", invalid="ignore"):
         return longest, np.sqrt(np.max(facets, axis=0)) / size

@@ -190,7 +190,7 @@ def _corners_of_angles(element: Element) -> Iterator[tuple[int, int, int, int]]:
             yield at, at, others[0], others[1]
             continue
         for along in others:
-            if element.is_box or at < along:  # the angle of a simplex is the same at both ends of an edge
+            if not element.is_simplex or at < along:  # the angle of a simplex is the same at both ends of an edge
                 one, other = (b for b in others if b != along)
                 yield at, along, one, other
 

@@ -82,10 +82,15 @@ def derivatives(kind: str, xi: Array) -> Exact:
 
 
 def _of_box(nodes: Array, x: Exact) -> Exact:
-    """`derivatives` of `N_a`, the product over the axes of `x_i` or `1 - x_i`, whichever is 1 at the node."""
-    factors = np.where(nodes == 1, x[:, None], 1 - x[:, None])
-    others = [np.prod(np.delete(factors, i, axis=2), axis=2) for i in range(nodes.shape[1])]
-    return np.stack(others, axis=2) * (2 * nodes - 1).astype(int)
+    """`derivatives` of `N_a`, the product of a polynomial along each axis: 1 at the node, 0 at the other coordinates of nodes."""
+    values, slopes = np.empty((2, len(x), *nodes.shape), dtype=object)
+    for (a, i), at in np.ndenumerate(nodes):
+        scales = [(c, Decimal(at - c)) for c in np.unique(nodes[:, i]).tolist() if c != at]
+        factors = [(x[:, i] - Decimal(c)) / scale for c, scale in scales]
+        others = [np.prod([*factors[:j], *factors[j + 1 :], 1 + 0 * x[:, i]], axis=0) for j in range(len(factors))]
+        values[:, a, i] = np.prod(factors, axis=0)
+        slopes[:, a, i] = sum(other / scale for other, (_, scale) in zip(others, scales, strict=True))
+    return np.stack([np.prod(np.delete(values, i, axis=2), axis=2) * slopes[:, :, i] for i in range(nodes.shape[1])], axis=2)
 
 
 def _of_simplex(nodes: Array, x: Exact) -> Exact:

@@ -85,7 +85,7 @@ class Shape:
 
 def facet_ids(mesh: ElementMesh) -> NDArray[np.int64]:
     """(m, nt) the number of each facet of each element; elements that share all corners of a facet share its number."""
-    facets = np.array(mesh.element.facets)[:, : _corners_of_facet(mesh)]  # (m, corners)
+    facets = np.array(mesh.element.facets)[:, : mesh.facet.corners]  # (m, corners)
     every = np.sort(mesh.t[facets], axis=1)  # (m, corners, nt)
     ids = np.unique(np.swapaxes(every, 1, 2).reshape(-1, every.shape[1]), axis=0, return_inverse=True)[1]
     return np.asarray(ids).reshape(len(facets), mesh.nt)
@@ -96,7 +96,3 @@ def boundary_nodes(mesh: ElementMesh) -> NDArray[np.int64]:
     ids, facets = facet_ids(mesh), np.array(mesh.element.facets)
     facet, element = np.nonzero(np.bincount(ids.ravel())[ids] == 1)
     return np.unique(mesh.t[facets[facet], element[:, None]])
-
-
-def _corners_of_facet(mesh: ElementMesh) -> int:
-    return 2 ** (mesh.k - 1) if mesh.element.is_box else mesh.k

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array, shown
-from ..elements import linear_simplex, rule_of
+from ..elements import rule_of
 from ..errors import StvkError
 from ..mesh.displacements import by_vertex
 from .response import ElasticBody, Masked, Response
@@ -75,7 +75,7 @@ class Fields(ElasticBody):
         Where there are more points than corners, it is the one with the least squares.
         """
         element = self.mesh.element
-        corners = element if element.degree == 1 else linear_simplex(element.k)
+        corners = element.linear
         inner = corners.values(rule_of(element, self.kind).points)
         return np.asarray(corners.values(element.nodes) @ np.linalg.pinv(inner))
 

@@ -86,7 +86,7 @@ class Monitors:
         largest = float(ratio.max())
         if largest <= LOCKING:
             return ()
-        remedy = 'one point to an element (quadrature="one-point")' if element.is_box else "quadratic elements (degree=2)"
+        remedy = 'one point to an element (quadrature="one-point")' if element.shape.one_point else "quadratic elements (degree=2)"
         what = (
             f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies come out too "
             f"stiff, and pressures jump from element to element. Take {remedy}, or a smaller Poisson's ratio; otherwise compare "

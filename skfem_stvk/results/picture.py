@@ -216,7 +216,7 @@ class Lattice:
             grid = np.arange(cuts + 1)[:, None]
             cells = np.array([np.arange(cuts), np.arange(1, cuts + 1)])
         else:
-            grid = np.array([(i, j) for i in range(cuts + 1) for j in range(cuts + 1 if face.is_box else cuts + 1 - i)])
+            grid = np.array([(i, j) for i in range(cuts + 1) for j in range(cuts + 1 - i if face.is_simplex else cuts + 1)])
             number = {(i, j): k for k, (i, j) in enumerate(grid.tolist())}
             low = [
                 [number[i, j], number[i + 1, j], number[i, j + 1]]

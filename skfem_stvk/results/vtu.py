@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, shown
-from ..elements import named
 from ..errors import MeshError, StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.groups import DIMENSION, NODE_SET, as_cells, flatten
@@ -207,9 +206,8 @@ def _mesh_alone(mesh: ElementMesh) -> meshio.Mesh:
     if mesh.k == 1:
         cells |= {f"skfem:b:{as_attribute(name)}": [_ends_marked(mesh, ids[0])] for name, ids in facets.items()}
         facets = {}
-    segments = named("segments" if mesh.element.degree == 1 else "quadratic segments")
     lines = {name: checked_lines(mesh, name) for name in mesh.lines}
-    for groups, element in ((facets, mesh.facet), (lines, segments)):
+    for groups, element in ((facets, mesh.facet), (lines, mesh.element.edge)):
         if groups:
             blocks.append(as_cells(np.concatenate(list(groups.values()), axis=1), element))
             ends = np.cumsum([0, *(ids.shape[1] for ids in groups.values())])

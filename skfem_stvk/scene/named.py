@@ -187,8 +187,8 @@ class SceneNames:
         """Elements that a term brings: the name of a boundary or lines, which is made if there is none; else the nodes of each."""
         if isinstance(given, str):
             return checked_name(given)
-        t, degree = np.asarray(given), self.mesh.element.degree
-        groups = {degree + 1: self._lines} | {self.mesh.facet.n: self._boundaries}
+        t = np.asarray(given)
+        groups = {self.mesh.element.edge.n: self._lines} | {self.mesh.facet.n: self._boundaries}
         return self._named("simplices", t, groups[len(t)]) if len(t) in groups else t.T.tolist()
 
     def _marked_elements(self, region: Any) -> str:

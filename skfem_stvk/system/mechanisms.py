@@ -165,7 +165,7 @@ def pieces(t: Ids, nv: int, element: Element) -> Ids:
     >>> pieces(np.array([[0, 2, 6], [1, 4, 7], [3, 5, 8], [2, 3, 5]]), 9, ELEMENTS["quadrilaterals"])
     array([0, 0, 1], dtype=int32)
     """
-    if not element.is_box:
+    if element.is_simplex:
         return pieces_of_simplices(np.ascontiguousarray(t[: element.corners]), nv)
     t2f = facets_of(t, nv, element)[1]
     elements, facets = np.tile(np.arange(t.shape[1]), len(t2f)), t2f.ravel() + t.shape[1]

@@ -116,7 +116,7 @@ class Fingerprint:
         if not mesh.element.is_linear_simplex:  # others tell their rules apart only where strain differs from point to point
             bent = u + SHEAR * np.sin(x.ravel() / np.abs(x).max())
             numbers["the elastic terms"] += [_energy(system, bent), *sums(system.internal_force(bent))]
-            numbers["the elements"] = [mesh.element.k, mesh.element.degree, mesh.element.is_box]
+            numbers["the elements"] = [mesh.element.k, mesh.element.degree, not mesh.element.is_simplex]
         unit = " s" if self._kind == "motion" else ""
         for t in moments:
             moment = KINDS[self._kind](t)

@@ -632,7 +632,7 @@ def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | 
         if hourglass is not None:
             raise StvkError(f'hourglass = {shown(hourglass)} is for hexahedra and quadrilaterals with quadrature="one-point".')
         return Quadrature.of(mesh.element, kind)
-    if not mesh.element.is_box or mesh.k < mesh.d:
+    if not mesh.element.shape.one_point or mesh.k < mesh.d:
         raise StvkError(
             f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}: '
             f"{_no_mean(mesh)}"
@@ -645,7 +645,7 @@ def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | 
 
 def _no_mean(mesh: ElementMesh) -> str:
     """Why elements have no mean gradients with hourglass control, and what to do."""
-    if mesh.element.is_box:
+    if mesh.element.shape.one_point:
         return (
             "mean gradients are along the axes of space, and a surface in space has others from point to point. Leave it out, for "
             "2 x 2 points."

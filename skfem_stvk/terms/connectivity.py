@@ -98,13 +98,13 @@ def simplices_of(
         if mesh is not None and given in mesh.boundaries:
             return checked_facets(mesh, given), named(mesh.element.facet)
         if mesh is not None and given in mesh.lines:
-            return checked_lines(mesh, given), named("segments" if degree == 1 else "quadratic segments")
+            return checked_lines(mesh, given), mesh.element.edge
         names = "there are points alone, without names." if mesh is None else name_known(given, {*mesh.boundaries, *mesh.lines})
         raise MeshError(f"{what} = {shown(given)}; expected (k + 1, n) nodes, or the name of a boundary or of lines; {names}")
     kinds = {
         element.n: element
         for element in ELEMENTS.values()
-        if not element.is_box and element.degree == degree and element.k <= len(p)
+        if element.is_simplex and element.degree == degree and element.k <= len(p)
     }
     t = whole_array(given)
     if t is None or t.ndim != 2 or t.dtype == bool or len(t) not in kinds or not t.shape[1]:

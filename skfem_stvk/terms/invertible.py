@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..arguments import Array, Quantity, choice, number
+from ..arguments import Quantity, choice, number
 from ..edges.assembly import StretchesAssembly
 from ..edges.stiffness import StretchesStiffness, flat_of
 from ..edges.without_energy import StressExtension

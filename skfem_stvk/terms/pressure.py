@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..edges import NodeBlocks
-from ..elements import Element, rule_of
+from ..elements import rule_of
 from ..errors import LoadError, name_ids
 from ..kernels.topology import edges_of_simplices
 from ..mesh import ElementMesh
@@ -192,15 +192,8 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
             f"{what}: {name_ids(ids[~two_sided], 'element')} are a surface without two sides, like a Moebius strip, so pressure "
             "has no direction there. Leave some of them out."
         )
-    t[:, turned] = t[_turned(mesh.element)][:, turned]
+    t[:, turned] = t[mesh.element.reversed][:, turned]
     return t, ids
-
-
-def _turned(element: Element) -> list[int]:
-    """The nodes of an element of a surface, the other way round."""
-    if element.is_box:
-        return [1, 0, 3, 2]
-    return [1, 0, 2, 3, 5, 4][: element.n]  # edges are 01, 12, 02
 
 
 def _areas(spokes: Array) -> Array:

@@ -29,12 +29,14 @@ def lumped_shares(p: Values, t: Ids, element: Element) -> Values:
         boxes                integral of N_a, which is the row sum of the consistent masses: the centre of mass is exact
         quadratic simplices  integral of N_a^2, scaled: row sums are negative at corners (Hinton, Rock, Zienkiewicz 1976)
 
+    Other elements say which of the last two is theirs (`ShapeFunctions.lumped_by_rows`).
+
     Of a straight quadratic tetrahedron corners have 1/36 and middles of edges 4/27, of a triangle 1/19 and 16/57.
     """
     if element.is_linear_simplex:
         return np.full(t.shape, 1 / len(t))
     N = element.values(rule_of(element, "mass").points)
-    parts = np.einsum("qa,qn->an", N if element.is_box else N**2, shares_of_points(p, t, element))
+    parts = np.einsum("qa,qn->an", N if element.shape.lumped_by_rows else N**2, shares_of_points(p, t, element))
     return np.asarray(parts / parts.sum(axis=0))
 
 

@@ -1,5 +1,9 @@
 """Tables of elements against scikit-fem's own."""
 
+import copy
+import pickle
+
+import meshio
 import numpy as np
 import pytest
 import skfem
@@ -7,6 +11,8 @@ import skfem
 from skfem_stvk.elements import ELEMENTS, rule_of
 from skfem_stvk.elements.rules import KINDS
 from skfem_stvk.errors import StvkError
+from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.mesh.groups import as_cells
 
 SKFEM = {
     "segments": skfem.ElementLineP1(),
@@ -38,7 +44,7 @@ def test_no_weight_is_negative(name, kind):
     rule = rule_of(ELEMENTS[name], kind)
     assert (rule.weights > 0).all()
     size = {1: 1, 2: 1 / 2, 3: 1 / 6}[ELEMENTS[name].k]
-    assert rule.weights.sum() == pytest.approx(1 if ELEMENTS[name].is_box else size, rel=1e-14)
+    assert rule.weights.sum() == pytest.approx(size if ELEMENTS[name].is_simplex else 1, rel=1e-14)
 
 
 @pytest.mark.parametrize(("kind", "degree"), [("usual", 2), ("exact", 4), ("mass", 4)])
@@ -63,6 +69,31 @@ def test_facets_have_the_nodes_of_their_element(name):
         others = np.delete(element.values(x), nodes, axis=1)  # those that are not on the facet vanish there
         np.testing.assert_allclose(others, 0, atol=1e-15)
         np.testing.assert_allclose(element.values(x)[:, nodes], facet.values(xi), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_a_copy_or_a_pickle_is_the_row_of_the_table(name):
+    element = ELEMENTS[name]
+    assert len(element.nodes) == element.n and pickle.loads(pickle.dumps(element)) is copy.deepcopy(element) is element
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_names_in_other_packages_are_of_elements_with_the_same_nodes(name):
+    element = ELEMENTS[name]
+    assert type(SKFEM[name]) is element.scikit_fem and np.array_equal(element.nodes, SKFEM[name].doflocs)
+    assert element.mesh is None or element.mesh.elem is element.scikit_fem
+    p = np.concatenate([element.nodes, np.zeros((element.n, 3 - element.k))], axis=1)
+    cell, ids = as_cells(np.arange(element.n)[:, None], element)
+    assert meshio.CellBlock(cell, ids).dim == element.k
+    assert ElementMesh.of(meshio.Mesh(p, [(cell, ids)])).element is element
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_an_element_with_its_nodes_in_reverse_is_the_same_turned_round(name):
+    element, xi = ELEMENTS[name], rule_of(ELEMENTS[name], "usual").points
+    jacobian = np.einsum("qai,aj->qij", element.derivatives(xi), element.nodes[element.reversed])
+    assert np.linalg.det(jacobian) == pytest.approx(-1, abs=1e-14)
+    assert element.reversed[:2] == [1, 0] and sorted(element.reversed) == list(range(element.n))
 
 
 def test_an_unknown_rule_is_refused():

@@ -100,7 +100,7 @@ def rules(mesh):
     """Of linear simplices all rules are one; one point is for boxes that fill the space."""
     if mesh.element.is_linear_simplex:
         return ("usual",)
-    return ("usual", "exact", "one-point") if mesh.element.is_box and mesh.k == mesh.d else ("usual", "exact")
+    return ("usual", "exact", "one-point") if mesh.element.shape.one_point and mesh.k == mesh.d else ("usual", "exact")
 
 
 def quadrature(mesh, kind):

@@ -51,7 +51,7 @@ def test_facets_of_all_elements_are_scikit_fems_with_their_middles(cls):
     assert np.array_equal(np.sort(found), given.boundary_facets())
     if mesh.element.degree == 2:
         edges = edges_of(mesh.corners, mesh.element, mesh.nvertices)[0]
-        assert np.array_equal(with_middles(facets[:corners], mesh.facet, edges, mesh.nvertices), facets)
+        assert np.array_equal(with_middles(facets[:corners], mesh.facet, [edges], mesh.nvertices), facets)
         ends = [facets[[a, b]] for a, b in mesh.facet.edges]
         on = np.abs(mesh.p[:, facets[corners:]] - np.stack([mesh.p[:, e].mean(axis=1) for e in ends], axis=1))
         assert on.max() < 0.05  # a middle is near the middle of its own edge

@@ -46,7 +46,7 @@ EVERY = (
 )
 SOLID = [name for name, mesh in EVERY.items() if scikit_fem_of(mesh)]
 SECTION = {2: {"thickness": 0.3}, 3: {}}
-BOXES = [name for name, mesh in EVERY.items() if mesh.element.is_box and mesh.k == mesh.d]
+BOXES = [name for name, mesh in EVERY.items() if mesh.element.shape.one_point and mesh.k == mesh.d]
 RULES = [(name, "usual") for name in EVERY] + [(name, "one-point") for name in BOXES]
 COMPILED = [
     slow(name, rule) if rule == "one-point" and name != "quadrilaterals, straight" else (name, rule) for name, rule in RULES

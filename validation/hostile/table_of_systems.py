@@ -133,7 +133,7 @@ def calls() -> list[Call]:
             fixed=[0.5, 0.25],
         ),
         call(
-            "System.remove",
+            "System.without",
             _left,
             {"elements": frozenset({"empty list", "empty dict", "empty array", "one longer", "text"})},
             {"elements": "region|elements|subdomain"},
