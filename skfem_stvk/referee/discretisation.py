@@ -86,11 +86,18 @@ def _of_box(nodes: Array, x: Exact) -> Exact:
     values, slopes = np.empty((2, len(x), *nodes.shape), dtype=object)
     for (a, i), at in np.ndenumerate(nodes):
         scales = [(c, Decimal(at - c)) for c in np.unique(nodes[:, i]).tolist() if c != at]
-        factors = [(x[:, i] - Decimal(c)) / scale for c, scale in scales]
+        factors = [_factor(x[:, i], at, c) for c, _ in scales]
         others = [np.prod([*factors[:j], *factors[j + 1 :], 1 + 0 * x[:, i]], axis=0) for j in range(len(factors))]
         values[:, a, i] = np.prod(factors, axis=0)
         slopes[:, a, i] = sum(other / scale for other, (_, scale) in zip(others, scales, strict=True))
     return np.stack([np.prod(np.delete(values, i, axis=2), axis=2) * slopes[:, :, i] for i in range(nodes.shape[1])], axis=2)
+
+
+def _factor(x: Exact, at: float, other: float) -> Exact:
+    """`(x - other) / (at - other)`; of nodes at the ends `x` and `1 - x`, which are not rounded again."""
+    if {at, other} == {0.0, 1.0}:
+        return x if at else 1 - x
+    return (x - Decimal(other)) / Decimal(at - other)
 
 
 def _of_simplex(nodes: Array, x: Exact) -> Exact:
