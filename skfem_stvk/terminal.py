@@ -40,7 +40,7 @@ def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
     """A table in the house style; the columns named in `right` hold numbers."""
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
-        table.add_column(column, justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
+        table.add_column(escape(column), justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
     return table
 
 

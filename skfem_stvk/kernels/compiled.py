@@ -18,6 +18,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numba
 import numpy as np
+from numba.core import serialize
 from numba.core.caching import IndexDataCacheFile
 from numba.core.event import Listener, register
 from numba.core.types import NoneType
@@ -140,6 +141,9 @@ def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type
     return given
 
 
+# Machine code that returns arrays asks this function for their type each time. In a function of Python's Ctrl-C takes effect, and
+# machine code loses the exception: SystemError. Answers that are known come without one.
+serialize._numba_unpickle = cache(serialize._numba_unpickle)
 register("numba:compile", _Announcement())
 register("numba:run_pass", _Lowering())
 

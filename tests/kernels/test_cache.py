@@ -8,12 +8,15 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numba
+import numpy as np
 import pytest
+import skfem
 from numba.core.event import Listener, install_listener
 from slow import slow_but
 
 from skfem_stvk import StvkWarning
 from skfem_stvk.kernels import compiled
+from skfem_stvk.kernels.topology import edges_of_simplices
 
 ROOT = Path(__file__).parent.parent.parent
 KERNEL = """
@@ -178,3 +181,20 @@ def test_ctrl_c_while_llvm_compiles_takes_effect_when_it_has():
     with install_listener("numba:run_pass", Pressed()), pytest.raises(KeyboardInterrupt):
         double(1.0)
     assert len(whole) == 1 and double(1.5) == 3.0
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs timers that send signals")
+def test_ctrl_c_is_not_lost_while_a_kernel_returns_arrays():
+    """A function of Python's that machine code calls to make its arrays would lose it: SystemError, at nearly every signal."""
+    mesh = skfem.MeshTet().refined(1)
+    t, pairs = np.ascontiguousarray(mesh.t, dtype=np.int32), np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+    edges_of_simplices(t, pairs, mesh.nvertices)
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for number in range(1, 301):
+            with pytest.raises(KeyboardInterrupt):
+                signal.setitimer(signal.ITIMER_REAL, 1e-6 * number)
+                while True:
+                    edges_of_simplices(t, pairs, mesh.nvertices)
+    finally:
+        signal.signal(signal.SIGALRM, before)
