@@ -163,7 +163,7 @@ class Loop:
 
     @property
     def _monitors(self) -> Monitors:
-        """The search for elements where the model is at its end, in the body as it is now."""
+        """The search for elements where the model is not to be trusted, in the present body."""
         return Monitors(self.setup.motion.system, ellipticity=False)
 
     def _arrived(self, state: MotionState) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from math import isnan
 from typing import Any, ClassVar
 
@@ -45,8 +46,6 @@ class Motion:
         self.moving = system.supports.prescribed.size > 0
         self._several = len(system.elastic_terms) > 1
         self._force, self._Mv = np.zeros(system.ndofs), np.zeros(system.ndofs)
-        self._at_rest: TangentOperator | None = None
-        self._constant: tuple[Array | None] | None = None
 
     @property
     def states(self) -> Space:
@@ -79,7 +78,8 @@ class Motion:
         """Go on with the body without these elements."""
         self.system = self.system.without(elements)
         self.mass, self.free = self.system.mass(self.mass.kind), self.free.of(self.system)
-        self._at_rest = self._constant = None
+        for name in ("at_rest", "constant_loads"):
+            self.__dict__.pop(name, None)
 
     def state(self, x: Array, t: float) -> Array:
         """The state of displacements (ndofs,), or the rate of their velocities; what is held has to be set to what it is."""
@@ -146,12 +146,10 @@ class Motion:
         kernels.momenta(mesh.p, u.reshape(shape), v.reshape(shape), self._Mv.reshape(shape), sums)
         return steady_potential(self.system, u, self.moment(state.t))
 
-    @property
+    @cached_property
     def at_rest(self) -> TangentOperator:
         """Tangent stiffness K(0) of the body at rest, as an operator."""
-        if self._at_rest is None:
-            self._at_rest = self.system.linear_operator(np.zeros(self.system.ndofs))
-        return self._at_rest
+        return self.system.linear_operator(np.zeros(self.system.ndofs))
 
     @property
     def damped(self) -> bool:
@@ -174,16 +172,14 @@ class Motion:
         velocities: Array = (4 * self.held(t + h) - self.held(t + 2 * h) - 3 * self.held(t)) / (2 * h)
         return velocities
 
-    @property
+    @cached_property
     def constant_loads(self) -> Array | None:
         """(ndofs,) the loads, if they are the same at any time and place [N]."""
-        if self._constant is None:
-            loads = None
-            if constant_loads(self.system):
-                loads = self.system.external_force(np.zeros(self.system.ndofs), self.moment(0.0))
-                loads.flags.writeable = False
-            self._constant = (loads,)
-        return self._constant[0]
+        if not constant_loads(self.system):
+            return None
+        loads = self.system.external_force(np.zeros(self.system.ndofs), self.moment(0.0))
+        loads.flags.writeable = False
+        return loads
 
     def loads(self, u: Array, t: float) -> Array:
         """(ndofs,) external forces [N]; the same array every time if they are constant."""

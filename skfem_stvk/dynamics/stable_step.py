@@ -31,7 +31,7 @@ class StableStep:
         self._largest = self._frequencies()
 
     def _frequencies(self) -> LargestFrequency | None:
-        """The largest frequency of the body as it is now, if it limits the step."""
+        """Return the search for the largest frequency of the present body; None if it does not limit the step."""
         motion, integrator = self._motion, self._integrator
         if not isinstance(integrator, Explicit):
             return None

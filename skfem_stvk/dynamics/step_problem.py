@@ -221,13 +221,13 @@ class StepProblem:
         return self._origin._replace(pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
 
     def forget(self) -> None:
-        """Drop the hierarchy of multigrid, so that the next matrix gets a new one; and all of a body with more elements."""
+        """Drop the hierarchy of multigrid, so that the next matrix gets a new one, and follow the motion to its present body."""
         self.tangent.forget()
         if self.system is not self.motion.system:
             self._follow(self.motion.system)
 
     def _follow(self, system: System) -> None:
-        """Go on with what is left of the body."""
+        """Go on with the torn body: drop matrices and factors of the body with more elements."""
         self.system = system
         self.tangent.follow(system)
         self.free = self.tangent.free

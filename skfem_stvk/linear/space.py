@@ -1,4 +1,4 @@
-"""Where vectors live: how they are multiplied, and how those of one space belong to vectors of another."""
+"""Spaces of vectors: products and norms, and how vectors of one space belong to vectors of another."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ SQUARES = 1e-280, 1e300
 
 
 class Space:
-    """Vectors (n,), such as displacements of all degrees of freedom of a body.
+    """A space of vectors (n,), such as the displacements of all degrees of freedom of a body.
 
-    `on` and `spanned_by` give spaces within it. A space has vectors of one kind, and what they are follows from their space, never
-    from their length. `share`, `total`, `least`, `most` and `any` put together what parts of a body have; here there is one part.
+    `on` and `spanned_by` give spaces within it. A space has vectors of one kind: nothing guesses the kind from their length.
+    `share`, `total`, `least`, `most` and `any` combine the numbers of all parts of a divided body; here there is one part.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Space:
 
     def norm(self, x: Array) -> float:
         """`|x|`, also where squares are too small or too large for a number: forces of 1e-200 N count."""
-        square = self.dot(x, x)  # of einsum, which does not warn
+        square = self.dot(x, x)  # einsum does not warn where it overflows
         if SQUARES[0] < square < SQUARES[1] or not len(x):
             return float(np.sqrt(square))
         largest = self.most(float(np.abs(x).max()))
@@ -72,7 +72,7 @@ class Space:
         return np.random.default_rng(seed).standard_normal(self.n)
 
     def share(self, f: Array) -> Array:
-        """Add up what elements gave to nodes that other parts have too, in place."""
+        """Add, in place, the forces of other parts on the nodes that they share with this one."""
         return f
 
     def total(self, x: float) -> float:

@@ -74,7 +74,7 @@ def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
     factors = problem.factorise(u, t, Tangent.CLAMPED)
     K = problem.operator(u, t)
     M = LinearOperator(K.shape, matvec=lambda r: problem.solve(factors, np.ravel(r), 0.1).x, dtype=np.float64)
-    X = np.random.default_rng(0).standard_normal((K.shape[0], min(BLOCK, max(K.shape[0] // 5, 1))))
+    X = np.stack([problem.space.random(seed) for seed in range(min(BLOCK, max(K.shape[0] // 5, 1)))], axis=1)
     with warnings.catch_warnings():  # what it has when it stops is an upper bound, and good enough for a sign
         warnings.simplefilter("ignore")
         values, vectors = lobpcg(K, X, M=M, largest=False, tol=None, maxiter=MOST_LOBPCG)

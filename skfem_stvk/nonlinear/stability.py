@@ -12,6 +12,7 @@ from ..arguments import Array
 from ..linear import Factors, Kind, Outcome, SuperLU, Unknowns
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, inertia, transposition
+from ..linear.space import Space
 from .eigen import lowest_mode, rounding
 from .problem import EigenProblem
 
@@ -137,7 +138,7 @@ def _counted(values: Array, floor: float, all_of_them: bool) -> RealEigenvalues:
 
 def _nearest(K: csr_matrix, inverse: LinearOperator, number: int) -> Array:
     """The eigenvalues nearest to zero, `number` of them or as many as were found."""
-    start = np.random.default_rng(0).standard_normal(K.shape[0])
+    start = Space(K.shape[0]).random()
     try:
         values = eigs(K, number, sigma=0.0, OPinv=inverse, v0=start, tol=1e-8, return_eigenvectors=False)
     except ArpackNoConvergence as error:

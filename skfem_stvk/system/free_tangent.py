@@ -56,7 +56,7 @@ class FreeTangent:
         self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
 
     def follow(self, system: System) -> None:
-        """Go on with a system that is left of this one: what the solver knows of the pattern of K stays."""
+        """Go on with the torn system, which has the same pattern of K: the analysis of the solver stays."""
         self.system, self.free = system, self.free.of(system)
         self._operator = self._made_for = None
 

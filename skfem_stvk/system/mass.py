@@ -67,8 +67,7 @@ class Mass(ABC):
         self._weigh()
 
     def of(self, system: Patterned, body: Body) -> Mass:
-        """The mass of this body without some of its elements, as `body` has it: nodes that have lost all of theirs count as
-        held."""
+        """Return the mass of the torn `body`; nodes that have lost all of their elements count as held."""
         left = copy(self)
         left._system, left._body = system, body
         left._weigh()

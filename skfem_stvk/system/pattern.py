@@ -277,11 +277,11 @@ class BareDiagonal:
     def __init__(self, stiffness: float, nodes: NDArray[np.int64]) -> None:
         self.stiffness, self.nodes = stiffness, nodes
 
-    @staticmethod
-    def of(blocks: Array) -> float:
-        """The stiffness of a body with diagonal blocks (nv, d, d) [N/m] at rest."""
+    @classmethod
+    def of(cls, blocks: Array) -> BareDiagonal:
+        """The diagonal of a body with diagonal blocks (nv, d, d) [N/m] at rest; no node is without elements yet."""
         mean = float(np.einsum("vcc->", blocks.astype(np.float64))) / blocks[..., 0].size
-        return mean if np.isfinite(mean) and mean > 0 else 1.0
+        return cls(mean if np.isfinite(mean) and mean > 0 else 1.0, np.empty(0, dtype=np.int64))
 
     def write(self, pattern: Pattern, data: Array, free: FreeDofs | None) -> None:
         """Write it to the values of K, or of K over the `free` degrees of freedom."""

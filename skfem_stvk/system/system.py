@@ -149,7 +149,8 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        elements : ids, a mask (nt,), or the name of a subdomain. Elements that are out already may be named again.
+        elements : ids, a mask (nt,), or the name of a subdomain. Elements that are out already may be named again; without any
+            others, this system is returned.
 
         Raises
         ------
@@ -184,19 +185,17 @@ class System(BoundTerms):
         return left
 
     def _take_out(self, elements: NDArray[np.int64]) -> None:
-        at_rest = None if self._bare is None else self._bare.stiffness
-        if at_rest is None:
-            at_rest = BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
+        whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         super()._take_out(elements)
         self.__dict__.pop("grounded", None)
-        self._bare = BareDiagonal(at_rest, self.bare)
+        self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._turning = [(load, of.of(load)) for load, (_, of) in zip(self._turning_loads(), self._turning, strict=True)]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._operator = None
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
     def remove(self, elements: str | ArrayLike) -> NoReturn:
-        """Refused: systems do not change any more. `without` returns a new one."""
+        """Raise StvkError, which names `without`: systems do not change."""
         raise StvkError(
             "System.remove(elements) took elements out in place; systems do not change any more. Expected "
             "torn = system.without(elements), which returns the torn body and leaves this one whole."

@@ -1,6 +1,8 @@
 """Elements that are taken out of a body: what is left is the body that was built without them, in the pattern of the whole."""
 
 import warnings
+from copy import copy
+from dataclasses import dataclass
 
 import meshio
 import numpy as np
@@ -378,23 +380,62 @@ def test_removed_twice_none_and_masks():
     assert (body.removed == [4, 9]).all() and body.energy(state(body.mesh)) == W
 
 
-@pytest.mark.parametrize("name", EVERY_MESH)
-@pytest.mark.parametrize("assembled", [False, True], ids=["", "K was made before"])
-def test_the_body_that_elements_are_taken_out_of_stays_as_it_is(name, assembled):
-    """To the last bit, also when both bodies, which share arrays to work in, are asked in turn."""
-    pair, fresh = Pair(name), Pair(name).whole
-    whole, u = pair.whole, state(pair.mesh)
-    if assembled:
-        whole.tangent(u), whole.mass("consistent")
+def answers(body, u):
+    """What a body says of itself and at a state, all of which it may remember."""
+    found = [body.jacobian(u, 0.5).data, body.residual(u, 0.5), body.product(u, u), body.round_off(u), body.grounded, body.bare]
+    found += [body.mass().multiply(u)]
+    found += [body.smallest_volume_ratio(u), body.step_limit(0 * u, u), body.energy_along(0 * u, u) if body.quartic else 0.0]
+    if body.mesh.element.is_linear_simplex:
+        found += [term.form.L.data for term in body.bound_terms if hasattr(term, "form")]
+    return [*map(np.array, found), body.mass("consistent").multiply(u)]
+
+
+@pytest.mark.parametrize("asked_before", [False, True], ids=["", "asked before"])
+@pytest.mark.parametrize(
+    ("name", "quadrature"), [*((name, None) for name in EVERY_MESH), ("hexahedra", "one-point"), ("quadrilaterals", "one-point")]
+)
+def test_the_body_that_elements_are_taken_out_of_stays_as_it_is(name, quadrature, asked_before):
+    """To the last bit, also when both bodies, which share arrays to work in, are asked in turn; and neither has the other's."""
+    pair, other = Pair(name, quadrature), Pair(name, quadrature)
+    whole, u = pair.whole, 0.3 * state(pair.mesh)
+    wanted_whole, wanted_torn = answers(other.whole, u), answers(other.remove().whole, u)
+    fresh_torn = answers(Pair(name, quadrature).remove().whole, u)
+    if asked_before:
+        answers(whole, u)
     torn = pair.remove().whole
-    assert not whole.removed.size and not whole.bare.size and (torn.removed == np.sort(pair.out)).all()
     for _ in range(2):
-        torn.jacobian(u, 0.5), torn.residual(u, 0.5), torn.product(u, u), torn.mass("consistent"), torn.smallest_volume_ratio(u)
-        assert (whole.jacobian(u, 0.5).data == fresh.jacobian(u, 0.5).data).all()
-        assert (whole.residual(u, 0.5) == fresh.residual(u, 0.5)).all() and (whole.product(u, u) == fresh.product(u, u)).all()
-        assert (whole.mass("consistent").multiply(u) == fresh.mass("consistent").multiply(u)).all()
-        assert whole.smallest_volume_ratio(u) == fresh.smallest_volume_ratio(u)
-    assert (torn.pattern is whole.pattern) == assembled
+        for body, *wanted in ((torn, wanted_torn, fresh_torn), (whole, wanted_whole, wanted_whole)):
+            *every, mass = answers(body, u)
+            for found, one, another in zip(every, *(others[:-1] for others in wanted), strict=True):
+                assert np.array_equal(found, one) and np.array_equal(found, another)
+            assert alike(mass, wanted[1][-1], 1e-15)  # elements without mass are added, or left out
+    assert not whole.removed.size and (torn.removed == np.sort(pair.out)).all()
+    assert (torn.pattern is whole.pattern) == asked_before
+
+
+@dataclass(frozen=True, eq=False)
+class LosingFriction(Friction):
+    """Friction of a term of one's own that elements can be taken out of."""
+
+    class Bound(Friction.Bound):
+        def without(self, gone):
+            left = copy(self)
+            left.commits = []
+            return left
+
+
+def test_what_terms_remember_goes_along_and_parts_there():
+    mesh, rng = EVERY_MESH["tetrahedra"], np.random.default_rng(3)
+    whole = System(mesh, [StVK(young=1.0, poisson=0.3), LosingFriction([1, 4], 2.0)])
+    u, v, w = 0.1 * rng.standard_normal((3, whole.ndofs))
+    whole.commit(u)
+    torn = whole.without([0])
+    for later in (u, v):
+        for body, kept in ((torn, later), (whole, u)):
+            energy = ((w - kept).reshape(-1, 3)[[1, 4]] ** 2).sum()  # 1/2 k slip^2
+            assert body.energies(w)["LosingFriction 1"] == pytest.approx(energy, rel=1e-14)
+            assert body.linearize(w)[0] == pytest.approx(body.energy(w), rel=1e-14)
+        torn.commit(v)
 
 
 def test_degrees_of_freedom_of_the_whole_body_are_those_of_the_torn_one():
