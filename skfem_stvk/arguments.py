@@ -41,7 +41,7 @@ class Quantity:
 
     Attributes
     ----------
-    dimension : of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and places.
+    dimension : dimension of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and places.
     sentence : one sentence about it.
     gt, ge, lt, le : limits of each of its numbers.
     values : the texts that it may be, if these are few.

@@ -20,7 +20,7 @@ Entered = TypeVar("Entered", bound="Progress")
 
 
 def printable(text: str) -> str:
-    """Text that a terminal shows as it is: neither markup nor control characters act, and lines stay lines.
+    """Return text that a terminal shows as it is: neither markup nor control characters act, and lines stay lines.
 
     >>> printable("[bold]bracket\\x1b[2J.msh")
     '\\\\[bold]bracket\\\\x1b[2J.msh'
@@ -29,15 +29,26 @@ def printable(text: str) -> str:
     return escape("".join(harmless))
 
 
+def console(width: int | None = None, **options: Any) -> Console:
+    """Return a console that prints text as it is, as wide as its terminal, or `width` if it is none; `options` are those of rich.
+
+    >>> console(20).print(":cat: 12")
+    :cat: 12
+    """
+    options = {"highlight": False, "emoji": False} | options
+    made = Console(**options)
+    return made if width is None or made.is_terminal else Console(width=width, **options)
+
+
 def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
-    """Plain text, without blanks at the ends of lines."""
+    """Return plain text, without blanks at the ends of lines."""
     buffer = io.StringIO()
-    Console(file=buffer, width=width, no_color=True, highlight=False).print(renderable)
+    console(width, file=buffer, no_color=True).print(renderable)
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()).strip("\n")
 
 
 def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
-    """A table in the house style; the columns named in `right` hold numbers."""
+    """Return a table in the house style; the columns named in `right` hold numbers."""
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
         table.add_column(escape(column), justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
@@ -92,7 +103,7 @@ class CountedProgress(Progress):
 
 
 def duration(seconds: float) -> str:
-    """Seconds in words, to two numbers.
+    """Return seconds in words, to two numbers.
 
     >>> duration(0.0123), duration(59.4), duration(192), duration(7500)
     ('0.012 s', '59 s', '3 min 12 s', '2 h 5 min')

@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from ..errors import AnalysisError, StvkError, StvkWarning
-from ..terminal import printable
+from ..terminal import console, printable
 from . import referee, scenes
 
 
@@ -25,27 +25,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # names of files need not be text
-    console = Console(stderr=True, highlight=False, emoji=False)
+    notes = console(stderr=True)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", StvkWarning)
-            warnings.showwarning = partial(_show, console, warnings.showwarning)
+            warnings.showwarning = partial(_show, notes, warnings.showwarning)
             code: int = options.run(options)
             return code
     except AnalysisError:  # which something unforeseen has interrupted
         raise
     except (StvkError, OSError) as error:
-        console.print(f"[bold red]error[/] {printable(str(error))}", soft_wrap=True)
+        notes.print(f"[bold red]error[/] {printable(str(error))}", soft_wrap=True)
         return 2
     except KeyboardInterrupt:
-        console.print("[yellow]interrupted[/]")
+        notes.print("[yellow]interrupted[/]")
         return 130
 
 
-def _show(console: Console, otherwise: Callable[..., None], message: Warning | str, *details: Any, **more: Any) -> None:
-    """Our warnings as notes, all others as Python shows them."""
+def _show(notes: Console, otherwise: Callable[..., None], message: Warning | str, *details: Any, **more: Any) -> None:
+    """Print a warning of this package as a note, and any other as Python shows it."""
     if isinstance(message, StvkWarning):
-        console.print(f"[yellow]note[/] {printable(str(message))}", soft_wrap=True)
+        notes.print(f"[yellow]note[/] {printable(str(message))}", soft_wrap=True)
     else:
         otherwise(message, *details, **more)
 

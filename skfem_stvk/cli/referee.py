@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 
 from ..arguments import path
 from ..errors import StvkError
@@ -26,7 +26,7 @@ from ..referee.rendering import rendered
 from ..referee.self_test import self_test
 from ..referee.vectors import PUBLISHED, export_vectors, published_vectors
 from ..referee.verification import verify
-from ..terminal import WIDTH, printable
+from ..terminal import WIDTH, console, printable
 from ..terms import StVK
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
@@ -81,7 +81,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _opponent(options: argparse.Namespace, mesh: ElementMesh) -> AbstractContextManager[tuple[Any, str]]:
-    """What `--against` names, and a line on it; nobody without it."""
+    """Return the peer that `--against` names, and a line on it; None without this option."""
     if options.against is None:
         return nullcontext((None, ""))
     if options.young is None or options.poisson is None:
@@ -227,9 +227,8 @@ def give(rendering: Rendering, width: int, save: Callable[[str], object], folder
             save(folder)
     except (StvkError, OSError) as error:
         failure = error
-    console = Console(highlight=False, emoji=False)
-    console = console if console.is_terminal else Console(highlight=False, emoji=False, width=width)
-    console.print(rendering(console.width))
+    out = console(width)
+    out.print(rendering(out.width))
     if failure is not None:
         raise failure
     if folder is not None:
@@ -237,12 +236,12 @@ def give(rendering: Rendering, width: int, save: Callable[[str], object], folder
 
 
 def print_line(text: str) -> None:
-    """One line on standard output, however wide the terminal is."""
-    Console(highlight=False, emoji=False).print(printable(text), soft_wrap=True)
+    """Print one line on standard output, however wide the terminal is."""
+    console().print(printable(text), soft_wrap=True)
 
 
 def refuse_unwritable(name: str) -> None:
-    """Before the work, say so if its results could not be written; nothing is made yet."""
+    """Refuse, before the work, a folder that cannot be written to; make nothing yet."""
     folder = path("--out", name, "the path of a folder, which is made if it is missing")
     nearest = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
     if not nearest.is_dir():

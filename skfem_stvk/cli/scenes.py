@@ -9,8 +9,6 @@ import shlex
 import sys
 from pathlib import Path
 
-from rich.console import Console
-
 from ..about import machine, versions
 from ..errors import StvkError
 from ..kernels.threads import threads
@@ -21,7 +19,7 @@ from ..scene import Scene, sweep, templates
 from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
 from ..scene.outcome import DONE, INTERRUPTED, NOT_CONVERGED, SceneOutcome, as_printed
-from ..terminal import WIDTH, printable
+from ..terminal import WIDTH, console, printable
 
 #: Options that make the material of a mesh.
 MATERIAL = ("young", "poisson", "density")
@@ -73,7 +71,7 @@ def solve(options: argparse.Namespace) -> int:
     """Solve a scene; exit code 0 if done, 1 if it did not converge, 3 if an expectation failed, 130 if interrupted."""
     changed = [*options.set, *([f"threads={options.threads}"] if options.threads is not None else [])]
     scene = Scene.read(options.scene, changed)
-    notes = Console(stderr=True, highlight=False)
+    notes = console(stderr=True)
     for text in scene.implausible():
         notes.print(f"[yellow]note[/] {printable(text)}", soft_wrap=True)
     out = Path(options.out) if options.out is not None else scene.folder_of_results
@@ -90,13 +88,13 @@ def solve(options: argparse.Namespace) -> int:
 
 def _print(outcome: SceneOutcome) -> None:
     """Say how it came out, what was expected, and where results are."""
-    console = Console(highlight=False)
-    console.print(f"{outcome.status}: {printable(outcome.message)}", soft_wrap=True)
+    out = console()
+    out.print(f"{outcome.status}: {printable(outcome.message)}", soft_wrap=True)
     for one in outcome.judged:
         verdict = "[green]as expected[/]" if one.passed else "[bold red]not as expected[/]"
         name, got = printable(one.name), as_printed(one.got)
-        console.print(f"{verdict} {name} = {got}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True)
-    console.print(f"results are in {printable(str(outcome.folder))}", soft_wrap=True)
+        out.print(f"{verdict} {name} = {got}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True)
+    out.print(f"results are in {printable(str(outcome.folder))}", soft_wrap=True)
 
 
 def sweep_arguments(parser: argparse.ArgumentParser) -> None:
@@ -148,12 +146,11 @@ def info(options: argparse.Namespace) -> int:
     if options.file is None:
         return _of_installation(options)
     found = inspect_scene(_scene(options)) if options.file.endswith(".toml") else _of_mesh(options)
-    console = Console(highlight=False)
-    console = console if console.is_terminal else Console(highlight=False, width=WIDTH)
     if options.json:
         print(json.dumps(found.to_dict(), indent=1))
     else:
-        console.print(found.rendered(console.width))
+        out = console(WIDTH)
+        out.print(found.rendered(out.width))
     return 2 if found.refused else 0
 
 
@@ -162,20 +159,20 @@ def _of_installation(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(facts, indent=1))
         return 0
-    console = Console(highlight=False)
+    out = console()
     for name, value in facts.items():
-        console.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
+        out.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
     return 0
 
 
 def _optional() -> dict[str, str]:
-    """Versions of the optional packages, or the line that installs them."""
+    """Return versions of the optional packages, or the line that installs them."""
     found = versions(OPTIONAL)
     return {name: f"not installed: {line}" if found[name] == "not installed" else found[name] for name, line in OPTIONAL.items()}
 
 
 def _caches() -> dict[str, str]:
-    """The folder of compiled kernels, and whether it can be written to."""
+    """Return the folder of compiled kernels, and whether it can be written to."""
     folder = getattr(getattr(expand, "_cache", None), "cache_path", None)
     if folder is None:
         return {"kernels kept in": "no folder: every process compiles. Set NUMBA_CACHE_DIR to one that can be written to"}
@@ -200,9 +197,7 @@ def _footprint(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps([row._asdict() for row in rows], indent=1))
     else:
-        console = Console(highlight=False)
-        console = console if console.is_terminal else Console(highlight=False, width=WIDTH)
-        console.print(table(rows))
+        console(WIDTH).print(table(rows))
     return 0
 
 

@@ -61,13 +61,13 @@ class Names:
         self._materials: dict[str, Material] = {}
 
     def material(self, name: str) -> Material:
-        """A material by its name."""
+        """Return a material by its name."""
         if name not in self._materials:
             self._materials[name] = self.sections.materials[name].material()
         return self._materials[name]
 
     def place(self, where: Any) -> Where:
-        """A place as `System` takes it: those of `[places]` by their name, others as they are. RegionError for unknown names."""
+        """Return a place as `System` takes it, one of `[places]` by its name. Raise RegionError for an unknown name."""
         if isinstance(where, str):
             places, marked = self.sections.places, {*self.mesh.boundaries, *self.mesh.node_sets}
             if where in places:
@@ -78,7 +78,7 @@ class Names:
         return where_of(where)
 
     def region(self, region: Any) -> Any:
-        """A region as terms take it: a subdomain by its name, or the elements with their centres in a box, or listed ones."""
+        """Return a region as terms take it: the name of a subdomain, or listed elements, or those with their centres in a box."""
         if isinstance(region, str):
             if region in self.mesh.subdomains:
                 return region
@@ -288,7 +288,7 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
 
 
 def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict[tuple[str, ...], Expectation]:
-    """Expectations by the name of their result, in its parts."""
+    """Return the expectations by the name of their result, in its parts."""
     found: dict[tuple[str, ...], Expectation] = {}
     for name, one in expect.items():
         found |= {(*above, name): one} if isinstance(one, Expectation) else expectations(one, (*above, name))
@@ -296,7 +296,7 @@ def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict
 
 
 def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> Built:
-    """The system and the first state of a scene that was checked, on a `mesh` that is given, or by default the one that it names.
+    """Build the system and the first state of a scene that was checked, on a `mesh` that is given, or on the one that it names.
 
     Raises
     ------
@@ -391,13 +391,13 @@ def _components(given: list[float], d: int) -> Array:
 
 
 def _displacements(given: Prescribed) -> dict[str, Any]:
-    """Prescribed displacements as `System` takes them."""
+    """Return prescribed displacements as `System` takes them."""
     components = {name: getattr(given, name) for name in "xyz" if getattr(given, name) is not None}
     return {name: in_time(value, given.time) for name, value in components.items()}
 
 
 def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
-    """Whether the region and the place of a term are on the mesh; otherwise that is complained about at its own key."""
+    """Return whether the region and the place of a term are on the mesh; complain at the key of a place that is not."""
     mesh, fits = names.mesh, {}
     if getattr(term, "region", None) is not None:
         fits["region"] = False
@@ -419,7 +419,7 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
 
 @contextmanager
 def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -> Iterator[None]:
-    """Where a system is refused, complain at the terms that a body of this mesh refuses each by itself, if there are any."""
+    """If a system is refused, complain at each term that a body of this mesh refuses by itself."""
     try:
         yield
     except StvkError:

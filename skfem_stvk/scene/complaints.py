@@ -1,4 +1,4 @@
-"""All that is wrong with a scene, each thing with its place and line, in words that do not need the schema."""
+"""Errors of a scene, each with its key, its line and words that do not need the schema."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Spot(NamedTuple):
 
 
 class Complaints:
-    """What is wrong with a scene, collected to be said at once.
+    """Errors of a scene, collected so that one message names them all.
 
     >>> complaints = Complaints(SceneSource.parse("[analysis]\\ndt = -1"))
     >>> complaints.add(("analysis", "dt"), "-1 is not above 0")
@@ -115,7 +115,7 @@ def _in_words(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:
 
 
 def _expected(error: Any, given: Any) -> str:
-    """The value that was expected, in words."""
+    """Return the value that was expected, in words."""
     if error["type"] in EXPECTED:
         number = isinstance(given, str) and EXPECTED[error["type"]].endswith("number")
         return EXPECTED[error["type"]] + (" without quotation marks" if number else "")
@@ -157,7 +157,7 @@ def _none_of(given: Any, known: Sequence[str]) -> str:
     return f"{shown(given)} is not known here{meant} Known: {_listed(known)}."
 
 
-#: What messages say to programs, and what they say to scenes.
+#: Advice of messages to programs, and the same advice to scenes.
 IN_TOML = {
     "Fix more components (fixed={place: 'xyz'}), prescribe them, or add an ElasticFoundation.": (
         'Fix more components ([fixed] place = "xyz"), prescribe them ([prescribed] place = { x = 0.0 }), or add a term of type = '
@@ -178,7 +178,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _sentence(spot: Spot) -> str:
-    """What a key is, as its sentence says it."""
+    """Return the sentence of a key."""
     found = spot.model.model_fields.get(str(spot.loc[-1])) if spot.model is not None and spot.loc else None
     return f": {found.description.rstrip('.')}" if found is not None and found.description else ""
 
@@ -187,7 +187,7 @@ def _sentence(spot: Spot) -> str:
 
 
 def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
-    """Where in the data an error is, with the model of the table that it is in, by following the types of the schema."""
+    """Return the place of an error in the data with the model of its table, by following the types of the schema."""
     annotation: Any = schema
     model: type[BaseModel] | None = None
     data: list[str | int] = []
@@ -214,7 +214,7 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
 
 
 def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
-    """The member of a union that a label of pydantic's means, and how many parts of the location that takes; None if none."""
+    """Return the member of a union that a label of pydantic's means, and the parts of the location that it takes; None if none."""
     found = list(members(annotation))
     for tags, one in found:
         if str(label) in tags:
@@ -230,6 +230,6 @@ def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
 
 
 def _tags(spot: Spot) -> list[str]:
-    """Kinds of a table that stand in a place."""
+    """Return the kinds of a table that may stand in a place."""
     annotation = spot.annotation
     return [tag for tags, _ in members(annotation) for tag in tags] if annotation is not None else []

@@ -111,7 +111,7 @@ class Folder:
             raise StvkError(f"--resume: nothing to resume in {self.path}: {why} Start without --resume.")
 
     def outlets(self, sections: SceneTables) -> dict[str, Any]:
-        """What `simulate` and `solve_static` need to know of it."""
+        """Return the arguments of `simulate` and `solve_static` for files in the folder."""
         output = sections.output
         found: dict[str, Any] = {"resume": self.resume, "overwrite": self.force}
         if output.checkpoint or self.resume:
@@ -185,7 +185,7 @@ class Folder:
 
 
 def visible(folder: Path) -> list[str]:
-    """Names of what a folder holds, none if it is not there; hidden files are of a write that was killed, or of the system."""
+    """Return the names in a folder, none if it is missing; hidden files are of a write that was killed, or of the system."""
     if folder.exists() and not folder.is_dir():
         raise StvkError(f"--out {folder}: it is a file; expected a folder, which is made if it is missing.")
     return sorted(one.name for one in folder.iterdir() if not one.name.startswith(".")) if folder.exists() else []
@@ -204,7 +204,7 @@ def _written_names(path: Path) -> list[str]:
 
 
 def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:
-    """What a scene is known by, whatever the order of its keys, its comments and its title; with the contents of its files."""
+    """Return the hash of a scene with the contents of its files, whatever the order of its keys, its comments and its title."""
     kept = {name: value for name, value in data.items() if name != "title"}
     digest = hashlib.sha256(json.dumps(kept, sort_keys=True).encode())
     for content in contents:
@@ -213,7 +213,7 @@ def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:
 
 
 def _number(value: float | None) -> float | None:
-    """A result as JSON has it; none for one that does not exist."""
+    """Return a result as JSON has it; None for a result that does not exist."""
     return None if value is None or isnan(value) else value
 
 

@@ -12,9 +12,9 @@ from ..terms import HasMemory, is_load
 from .build import Built
 from .schema.analyses import DynamicAnalysis, ModesAnalysis
 
-#: Packages that a linear solver takes beside scipy.
+#: Packages that a linear solver imports in addition to scipy.
 OF_SOLVERS = {"pardiso": ("pypardiso",), "amg-cg": ("pyamg",)}
-#: Packages that the folder of results takes: the picture of the body, and the page.
+#: Packages that the folder of results imports, for the picture of the body and for the page.
 OF_RESULTS = ("matplotlib", "jinja2")
 
 
@@ -23,10 +23,10 @@ class PartCost(NamedTuple):
 
     Attributes
     ----------
-    name : as it stands in the scene.
-    nbytes : of the arrays that it holds once the analysis has asked for F, and for K and the mass matrix if it needs them.
+    name : name of the part, such as "terms[0] stvk".
+    nbytes : bytes of its arrays after the analysis has computed F, and K and the mass matrix if it needs them.
     elements : number of elements on which it acts; None if it has no region.
-    packages : imported for it, in addition to those of the package itself.
+    packages : names of the packages that are imported for it alone.
     """
 
     name: str

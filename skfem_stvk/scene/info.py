@@ -1,4 +1,4 @@
-"""What would be built of a scene or of a mesh, and what is wrong with it: before anything runs."""
+"""Inspection of a scene or of a mesh before anything runs: the body that would be built, and its faults."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ DEGREE = 3
 
 
 class Fact(NamedTuple):
-    """A row of a table: its name, a number or a text, its unit, and what is to be said of it."""
+    """Row of a table: a name, a number or a text, its unit, and a note."""
 
     name: str
     value: Any
@@ -70,7 +70,7 @@ class Fact(NamedTuple):
 
 
 class Remark(NamedTuple):
-    """What is wrong or doubtful, in a sentence with what to do; `refused`: nothing is run like that."""
+    """A fault or a doubt, in a sentence with the remedy; `refused` if nothing can be run."""
 
     name: str
     text: str
@@ -79,14 +79,14 @@ class Remark(NamedTuple):
 
 @dataclass
 class Inspection:
-    """What would be built, and what is wrong with it.
+    """Facts on the body that would be built, and its faults.
 
     Attributes
     ----------
     units : the system of units.
     facts : tables of facts, by title.
     extremes : the worst elements, by measure.
-    remarks : what is wrong or doubtful, what is refused first.
+    remarks : faults and doubts, refusals first.
     k : dimension of the elements.
     """
 
@@ -98,7 +98,7 @@ class Inspection:
 
     @property
     def refused(self) -> bool:
-        """Whether nothing is run like that."""
+        """Whether nothing can be run."""
         return any(remark.refused for remark in self.remarks)
 
     def add(self, title: str, *facts: Fact) -> None:
@@ -118,7 +118,7 @@ class Inspection:
             warnings.simplefilter("always")
             try:
                 yield
-            except Exception as error:  # whatever is wrong with a body, the rest of what is known of it is told
+            except Exception as error:  # whatever is wrong with a part, the others are inspected
                 said = str(error) if isinstance(error, StvkError) else f"{type(error).__name__}: {error}"
                 self.remark(name, said if refused else f"{name} could not be looked at: {said}", refused)
         for warning in noted:
@@ -126,11 +126,11 @@ class Inspection:
                 self.remark(name, str(warning.message))
 
     def symbol(self, dimension: str) -> str:
-        """The unit of a dimension."""
+        """Return the unit of a dimension."""
         return UNITS[self.units].symbol(dimension)
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it in lists, texts and numbers, in the units of the scene, as JSON has them."""
+        """Return all of it in lists, texts and numbers, in the units of the scene, as JSON has them."""
         facts = {title: {fact.name: _plain(fact.value) for fact in rows} for title, rows in self.facts.items()}
         worst = {
             one.name: {"median": _plain(one.median), "elements": list(one.elements), "values": _plain(one.values)}
@@ -139,7 +139,7 @@ class Inspection:
         return {"units": self.units, **facts, "worst elements": worst, "remarks": [remark._asdict() for remark in self.remarks]}
 
     def rendered(self, width: int) -> RenderableType:
-        """Tables for a rich console of this width; what is wrong stands at the end, where it is seen."""
+        """Return tables for a rich console of this width; remarks are at the end, where they are seen."""
         parts: list[RenderableType] = []
         for title, rows in self.facts.items():
             table = grid(title, "name", "value", "remark")
@@ -175,7 +175,7 @@ def inspect_mesh(
     ----------
     young, poisson, density : of the material [Pa, -, kg/m^3]; without them the mesh alone is looked at.
 
-    Never fails for a mesh that no body can be made of: it says why.
+    A mesh that no body can be made of raises no error: the remarks say why.
     """
     found = Inspection("SI")
     _mesh(found, mesh)
@@ -194,7 +194,7 @@ def inspect_mesh(
 
 
 def inspect_scene(scene: Scene) -> Inspection:
-    """Inspect a scene: its mesh and body, its analysis, and whether its values are plausible. This never fails for a mesh."""
+    """Inspect a scene: its mesh and body, its analysis, and whether its values are plausible. No mesh raises an error."""
     sections = scene.sections
     found = Inspection(sections.units)
     built, mesh = None, None
@@ -252,7 +252,7 @@ def _quality(found: Inspection, quality: MeshQuality) -> None:
 
 
 def _body(found: Inspection, system: System, terms: list[str], built: Built | None = None) -> None:
-    """Add unknowns, mass, frequencies, the critical step, and what an analysis takes."""
+    """Add unknowns, mass, frequencies, the critical step, and the costs of an analysis."""
     held, has_mass = len(system.supports.held), True
     found.add("body", Fact("unknowns", system.ndofs - held, "free", f"and {held} held"))
     found.add("body", *(Fact(f"terms[{number}]", term) for number, term in enumerate(terms)))
@@ -355,7 +355,7 @@ def _short_elements(found: Inspection, system: System) -> None:
 
 
 def _motion(found: Inspection, built: Built, analysis: DynamicAnalysis) -> None:
-    """Add the number of steps of a motion; refuse a first state that is none."""
+    """Add the number of steps of a motion; refuse a first state that no motion can begin with."""
     if analysis.dt is not None:
         _steps(found, built, analysis.dt)
     motion = Motion(built.system, analysis.mass, analysis.damping.of_library())
@@ -385,7 +385,7 @@ def _costs(found: Inspection, system: System, built: Built | None) -> None:
 
 
 def _linear_solver(system: System, built: Built | None) -> Fact:
-    """The linear solver of an analysis, or of statics, and why."""
+    """Return the linear solver of an analysis, or of statics, and why."""
     if built is not None and (built.integrator is not None or built.sections.reduced is not None):
         return Fact("linear solver", built.solver, "", "of the integrator" if built.sections.solver.name == "auto" else "")
     asked, kind = ("auto", "static") if built is None else (built.sections.solver.name, built.sections.analysis.type)
@@ -394,7 +394,7 @@ def _linear_solver(system: System, built: Built | None) -> Fact:
 
 
 def _ritz_frequencies(system: System) -> Array:
-    """Upper bounds on the lowest eigenfrequencies: Ritz values of polynomials that vanish where the body is held."""
+    """Return upper bounds on the lowest eigenfrequencies: Ritz values of polynomials that vanish where the body is held."""
     mesh, d = system.mesh, system.mesh.d
     x = mesh.p.T - mesh.p.mean(axis=1)
     size = float(np.abs(x).max())
@@ -439,7 +439,7 @@ def _shown(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it: None for what is no finite number."""
+    """Return a value as JSON has it; None for a number that is not finite."""
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
     plain = value.item() if isinstance(value, np.generic) else value

@@ -1,4 +1,4 @@
-"""What a program built, as a scene: what of it has a name there, and what has none."""
+"""Scenes of systems that a program built, and the parts of these that scenes cannot express."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from .. import materials as library_of_materials
-from .. import terms as library_of_terms
 from ..arguments import real_array, shown
 from ..errors import StvkError, name_ids
 from ..mesh import ElementMesh
@@ -26,9 +24,9 @@ from .schema import materials, terms
 from .schema.derived import KEYS
 from .schema.terms import LOADS
 
-#: The tables of a scene for terms and materials, by the name of what they stand for in the library.
-TERMS = {one.library.__name__: one for one in terms.TERMS}
-MATERIALS = {one.library.__name__: one for one in materials.MODELS.values()}
+#: The tables of a scene for terms and materials, by the class of the library that they stand for.
+TERMS = {one.library: one for one in terms.TERMS}
+MATERIALS = {one.library: one for one in materials.MODELS.values()}
 #: Shapes of constants that are no numbers.
 SHAPES = {"frame": (3, 3), "voigt": (6, 6)}
 #: The mesh, beside the scene.
@@ -56,7 +54,7 @@ class NamedSystem:
 
     @classmethod
     def of(cls, system: System, analysis: Any) -> NamedSystem:
-        """What `Scene.of` is made of, which says what is taken and what is refused."""
+        """Make the data of `Scene.of`, which says what is taken and what is refused."""
         if not isinstance(system, System):
             raise StvkError(f"system = {shown(system)}; expected a System.")
         if not isinstance(analysis, BaseModel | Mapping):
@@ -86,7 +84,7 @@ class NamedSystem:
 
 
 class SceneNames:
-    """Names and tables for what terms and supports on a mesh were given; what has none raises Nameless."""
+    """Names and tables of terms, materials, places and supports on a mesh; Nameless if a scene cannot express them."""
 
     def __init__(self, mesh: ElementMesh) -> None:
         self.mesh = mesh
@@ -100,22 +98,22 @@ class SceneNames:
 
     @contextmanager
     def leaving_out(self, what: str) -> Iterator[None]:
-        """Go on without what has no name, which is told."""
+        """Skip what a scene cannot express, and report it."""
         try:
             yield
         except Nameless as error:
             self.left_out.append(f"{what}: {error}")
 
     def marked(self) -> ElementMesh:
-        """The mesh with the sets of nodes and elements that were named."""
+        """Return the mesh with the sets of nodes and elements that were named."""
         kinds = ("node_sets", "subdomains", "boundaries", "lines")
         named = {kind: getattr(self, f"_{kind}") for kind in kinds}
         new: dict[str, Any] = {kind: {**getattr(self.mesh, kind), **own} for kind, own in named.items() if own}
         return replace(self.mesh, **new) if new else self.mesh
 
     def term(self, term: Any) -> dict[str, Any]:
-        """The table of a term."""
-        model = _model(TERMS, library_of_terms, term, "term")
+        """Return the table of a term."""
+        model = _model(TERMS, term, "term")
         if hasattr(term, "laws"):
             return self._network(term, model)
         table = {"type": _kind(model, "type")}
@@ -126,7 +124,7 @@ class SceneNames:
         return table
 
     def _entry(self, model: type[BaseModel], name: str, value: Any) -> dict[str, Any]:
-        """A key of a term with its value, and what belongs to it."""
+        """Return the key of a term with its value, and the keys that belong to it."""
         if name not in model.model_fields:
             raise Nameless(f"{name} has no key in a scene")
         if name == "material":
@@ -146,7 +144,7 @@ class SceneNames:
         return {name: plain(value, name, (), *([(self.mesh.d,)] if "on" in model.model_fields else []))}
 
     def _network(self, network: Any, model: type[BaseModel]) -> dict[str, Any]:
-        """The table of a network of edges, if it is that of one law, with all its pairs of edges or with one kind of them."""
+        """Return the table of a network of edges of one law, with all its pairs of edges or with one kind of them."""
         if len(network.laws) != 1:
             raise Nameless(f"it is made of {len(network.laws)} laws, not of one")
         (law,) = network.laws
@@ -164,8 +162,8 @@ class SceneNames:
         raise Nameless("its coefficients are not those of its law")
 
     def material(self, material: Any) -> str:
-        """The name of a material, the same for the same constants."""
-        model = _model(MATERIALS, library_of_materials, material, "material")
+        """Return the name of a material, the same for the same constants."""
+        model = _model(MATERIALS, material, "material")
         table = {"model": _kind(model, "model")}
         for one in fields(material):
             value = getattr(material, one.name)
@@ -175,7 +173,7 @@ class SceneNames:
         return self._named(table["model"], table, self.materials)
 
     def region(self, region: Any) -> Any:
-        """A region as a scene has it: a name, a box, or elements in the order in which they are listed."""
+        """Return a region as a scene has it: a name, a box, or elements in the order in which they are listed."""
         if isinstance(region, Box):
             return shape_of(region)
         ids = self.mesh.elements(region)
@@ -184,7 +182,7 @@ class SceneNames:
         return self._marked_elements(region)
 
     def simplices(self, given: Any) -> Any:
-        """Elements that a term brings: the name of a boundary or lines, which is made if there is none; else the nodes of each."""
+        """Return the name of a boundary or lines for the elements of a term, made if there is none; else the nodes of each."""
         if isinstance(given, str):
             return checked_name(given)
         t = np.asarray(given)
@@ -192,18 +190,18 @@ class SceneNames:
         return self._named("simplices", t, groups[len(t)]) if len(t) in groups else t.T.tolist()
 
     def _marked_elements(self, region: Any) -> str:
-        """The name of a subdomain, which is made if there is none."""
+        """Return the name of a subdomain, which is made if there is none."""
         if isinstance(region, str):
             return checked_name(region)
         return self._named("region", self.mesh.elements(region), self._subdomains)
 
     def place(self, where: Any) -> Any:
-        """A place as a scene has it: a name, coordinates or a shape; others get a name for their nodes."""
+        """Return a place as a scene has it: a name, coordinates or a shape; others get a name for their nodes."""
         shape = shape_of(where)
         return self._place_by_name(where) if shape is None else shape
 
     def _place_by_name(self, where: Any) -> str:
-        """The name of a place, which is made if there is none."""
+        """Return the name of a place, which is made if there is none."""
         if isinstance(where, str):
             return checked_name(where)
         shape = shape_of(where)
@@ -212,13 +210,13 @@ class SceneNames:
         return self._named("nodes", np.sort(vertices_at(self.mesh, where)), self._node_sets)
 
     def _another_name(self, where: Any) -> str:
-        """A new name for the nodes of a place."""
+        """Return a new name for the nodes of a place."""
         name = self._free("nodes")
         self._node_sets[name] = np.sort(vertices_at(self.mesh, where))
         return name
 
     def fixed(self, given: Any) -> dict[str, str]:
-        """Components that do not move, by the name of their place."""
+        """Return the components that do not move, by the name of their place."""
         table: dict[str, str] = {}
         for where, letters in [(None, given)] if isinstance(given, DofsView) else _pairs(given):
             parts = [(where, letters)]
@@ -231,7 +229,7 @@ class SceneNames:
         return table
 
     def _by_components(self, dofs: NDArray[Any]) -> list[tuple[Any, str]]:
-        """Nodes with the same components among these degrees of freedom, and these components."""
+        """Return nodes with the same components among these degrees of freedom, and these components."""
         d = self.mesh.d
         has = np.zeros((self.mesh.nv, d), dtype=bool)
         has[dofs // d, dofs % d] = True
@@ -240,7 +238,7 @@ class SceneNames:
         return [(np.flatnonzero(which.ravel() == number), name) for number, name in enumerate(letters) if name]
 
     def prescribed(self, given: Any) -> dict[str, dict[str, Any]]:
-        """Displacements by the name of their place; those of a place with other functions of time get a name of their own."""
+        """Return displacements by the name of their place. Those with another function of time get a place of their own."""
         table: dict[str, dict[str, Any]] = {}
         for where, motions in _pairs(given):
             what, entries = f"prescribed on {describe(where)}", list[dict[str, Any]]()
@@ -254,7 +252,7 @@ class SceneNames:
         return table
 
     def _named(self, kind: str, given: Any, among: dict[str, Any]) -> str:
-        """The name of the same among what has names already, or a new one."""
+        """Return the name of an equal entry, or a new name."""
         for name, other in among.items():
             if np.array_equal(given, other) if isinstance(given, np.ndarray) else given == other:
                 return name
@@ -270,12 +268,11 @@ class SceneNames:
         return next(name for number in count(1) if (name := f"{kind}-{number}") not in taken)
 
 
-def _model(tables: Mapping[str, type[BaseModel]], library: Any, given: Any, what: str) -> type[BaseModel]:
-    """The table for something of the library; Nameless for what is of somebody else."""
-    name = type(given).__name__
-    if name not in tables or getattr(library, name, None) is not type(given):
-        raise Nameless(f"{name} is a {what} that scenes do not have")
-    return tables[name]
+def _model(tables: Mapping[Any, type[BaseModel]], given: Any, what: str) -> type[BaseModel]:
+    """Return the table for an object of the library; Nameless for an object of another class."""
+    if type(given) not in tables:
+        raise Nameless(f"{type(given).__name__} is a {what} that scenes do not have")
+    return tables[type(given)]
 
 
 def _kind(model: type[BaseModel], key: str) -> str:
@@ -283,14 +280,14 @@ def _kind(model: type[BaseModel], key: str) -> str:
 
 
 def checked_name(name: str) -> str:
-    """A name as scenes and mesh files have it; Nameless for one that they cannot hold."""
+    """Return a name as scenes and mesh files have it; Nameless for one that they cannot hold."""
     if not name.isprintable() or name != name.strip() or not 1 <= len(name) <= 100:
         raise Nameless(f"the name {shown(name)} is not of 1 to 100 characters that can be printed, without blanks around")
     return name
 
 
 def shape_of(where: Any) -> Any:
-    """A place by its shape as a scene has it; None for others."""
+    """Return a place by its shape as a scene has it; None for others."""
     if isinstance(where, NearestNode):
         return list(where.point)
     if isinstance(where, Box):
@@ -302,7 +299,7 @@ def shape_of(where: Any) -> Any:
 
 
 def in_time(value: Any, name: str, shape: tuple[int, ...] = ()) -> tuple[Any, dict[str, Any] | None]:
-    """Constants of this shape, and the function of time that they are multiplied by; Nameless for other functions."""
+    """Return constants of this shape, and the function of time that multiplies them. Raise Nameless for other functions."""
     time: dict[str, Any] | None = None
     if type(value) in (Ramp, Sine, Table):
         others = {one.name: getattr(value, one.name) for one in fields(value) if one.name != "value"}
@@ -315,7 +312,7 @@ def in_time(value: Any, name: str, shape: tuple[int, ...] = ()) -> tuple[Any, di
 
 
 def plain(value: Any, name: str, *shapes: tuple[int, ...]) -> Any:
-    """A number, or, if there are `shapes`, numbers of one of them in lists; Nameless for one for each element or node."""
+    """Return a number, or numbers of one of the `shapes` in lists. Raise Nameless for one for each element or node."""
     if callable(value):
         raise Nameless(f"{name} is a function")
     given = real_array(value)
@@ -329,14 +326,14 @@ def _pairs(given: Any) -> list[tuple[Any, Any]]:
 
 
 def _moved(letters: str, value: Any, alike: bool) -> list[dict[str, Any]]:
-    """Displacements by component, with their function of time: `alike`, or one after another."""
+    """Return displacements by component, with their function of time: `alike`, or one after another."""
     constants, time = in_time(value, "it", () if alike else (len(letters),))
     each = [constants] * len(letters) if alike else constants
     return [{letter: one} | ({} if time is None else {"time": time}) for letter, one in zip(letters, each, strict=True)]
 
 
 def _joined(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Those with the same function of time in one table."""
+    """Return one table for all displacements with the same function of time."""
     joined: list[dict[str, Any]] = []
     for entry in entries:
         same = [one for one in joined if one.get("time") == entry.get("time")]

@@ -30,7 +30,7 @@ class Judged(NamedTuple):
 
 
 def as_printed(value: float | None) -> str:
-    """A result with nine digits; "-" for one that does not exist."""
+    """Return a result with nine digits; "-" for one that does not exist."""
     return "-" if value is None or isnan(value) else f"{value:.9g}"
 
 

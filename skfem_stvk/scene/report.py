@@ -120,7 +120,7 @@ def _drawn(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator
 
 
 def _wanted(outcome: SceneOutcome) -> Iterator[tuple[str, str, Callable[[], Any]]]:
-    """Title, name of the file without its suffix, and what draws it."""
+    """Yield the title of each plot, its file without suffix, and the function that draws it."""
     output, result = outcome.built.sections.output, outcome.result
     if output.picture and isinstance(result, Modes):
         for number in _elastic(result)[:MOST_MODES]:
@@ -169,7 +169,7 @@ def _filmed(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterato
 
 
 def _largest_saved(series: Path) -> float:
-    """The largest displacement of a node in the states of a .pvd file."""
+    """Return the largest displacement of a node in the states of a .pvd file."""
     states = (meshio.vtu.read(series.with_name(name)).point_data["displacement"] for _, name in read_list(series))
     return max(_largest(u) for u in states)
 
@@ -178,7 +178,7 @@ def _largest_saved(series: Path) -> float:
 
 
 def _last_state(outcome: SceneOutcome) -> Any:
-    """The deformed body, coloured by the field that the scene names."""
+    """Draw the deformed body, coloured by the field that the scene names."""
     result, field = outcome.result, outcome.built.sections.output.picture
     mesh = outcome.built.mesh
     scale = _scale(mesh.p, _largest(result.u.reshape(-1, mesh.d)))
@@ -190,7 +190,7 @@ def _last_state(outcome: SceneOutcome) -> Any:
 
 
 def _mode(outcome: SceneOutcome, number: int) -> Any:
-    """A mode, as large as it is drawn."""
+    """Draw a mode."""
     modes = outcome.result
     frequency = f"{modes.frequencies[number]:.6g} {_symbol(outcome, 'frequency')}"
     picture = picture_of(modes.state(number), "displacement", 1.0, "displacement, of any size")
@@ -209,18 +209,18 @@ def _body(outcome: SceneOutcome, picture: Picture, title: str) -> Any:
 
 
 def _elastic(modes: Modes) -> list[int]:
-    """Numbers of the modes that are not rigid; of all if all are."""
+    """Return the numbers of the modes that are not rigid; of all if all are rigid."""
     found = [int(number) for number in np.flatnonzero(~modes.rigid)]
     return found or list(range(len(modes)))
 
 
 def _largest(u: Array) -> float:
-    """Length of the largest of displacements (n, d)."""
+    """Return the length of the largest of displacements (n, d)."""
     return float(np.linalg.norm(u, axis=1).max())
 
 
 def _scale(p: Array, largest: float) -> float:
-    """A factor of displacements with which the `largest` is seen: 1, or one such as 20 or 500."""
+    """Return a factor of displacements with which the `largest` is seen: 1, or one such as 20 or 500."""
     size = np.linalg.norm(np.ptp(p, axis=1))
     if not 0 < largest < SHOWN / 2 * size:
         return 1.0
@@ -237,7 +237,7 @@ def _times(scale: float) -> str:
 
 
 def _axes(xlabel: str, rows: tuple[float, ...] = (1.0,)) -> tuple[Any, list[Any]]:
-    """A figure with axes below each other that share their abscissa."""
+    """Make a figure with axes below each other that share their abscissa."""
     from ..results.matplotlib_plot import new_figure
 
     figure = new_figure((7.0, 1.2 + 2.4 * sum(rows)), interactive=False)
@@ -250,12 +250,12 @@ def _axes(xlabel: str, rows: tuple[float, ...] = (1.0,)) -> tuple[Any, list[Any]
 
 
 def _along(outcome: SceneOutcome) -> str:
-    """The abscissa of what was followed."""
+    """Return the abscissa of probes and reactions."""
     return f"time [{_symbol(outcome, 'time')}]" if isinstance(outcome.result, Run) else "load factor"
 
 
 def _line(axes: Any, t: Array, values: Array, **style: Any) -> None:
-    """A line; a dot for each of few points."""
+    """Draw a line, with a dot for each of few points."""
     axes.plot(*thinned(t, values), marker="." if len(t) <= 40 else "", **style)
 
 
@@ -264,7 +264,7 @@ def _legend(axes: Any) -> None:
 
 
 def _curve(outcome: SceneOutcome, name: str) -> Any:
-    """Components of a mean displacement or of a force."""
+    """Draw the components of a mean displacement or of a force."""
     curve: Curve = outcome.curves[name]
     figure, (axes,) = _axes(_along(outcome))
     t, components = curve.t, curve.values
@@ -279,12 +279,12 @@ def _curve(outcome: SceneOutcome, name: str) -> Any:
 
 
 def _from_rest(outcome: SceneOutcome) -> bool:
-    """Whether a path begins with the body at rest, without loads."""
+    """Return whether a path begins with the body at rest, without loads."""
     return outcome.built.u0 is None and outcome.built.sections.initial.t0 == 0
 
 
 def _ledger(outcome: SceneOutcome) -> Any:
-    """Energies of a motion that are not zero throughout, and what is missing in their sum."""
+    """Draw the energies of a motion that are not zero throughout, and the error of their sum."""
     ledger, unit = outcome.result.ledger, _symbol(outcome, "energy")
     figure, (above, below) = _axes(_along(outcome), (1.3, 0.6))
     for name, words, colour in energy_lines(ledger):
@@ -323,7 +323,7 @@ def _symbol(outcome: SceneOutcome, dimension: str) -> str:
 
 
 def _label(outcome: SceneOutcome, field: str) -> str | None:
-    """Words and unit of a field; None in SI, where numbers get prefixes such as M for 1e6."""
+    """Return words and unit of a field; None in SI, where numbers get prefixes such as M for 1e6."""
     if outcome.built.sections.units == "SI":
         return None
     words, unit = (field, VECTORS[field]) if field in VECTORS else (find(field).words, find(field).unit)
@@ -383,7 +383,7 @@ def _analysis(result: Any, kind: str) -> str:
 
 
 def _commands(resolved: bool) -> Iterator[str]:
-    """The command line that wrote the report, if it is ours, and one that repeats it in the folder of results."""
+    """Return the command line that wrote the report, if it is ours, and one that repeats it in the folder of results."""
     program = Path(sys.argv[0]).name
     if program.startswith("skfem-stvk"):
         yield shlex.join([program, *sys.argv[1:]])

@@ -77,7 +77,7 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
 
 
 def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult | Run | Modes:
-    """The result of the analysis; of one that was interrupted or failed what there is so far."""
+    """Return the result of the analysis, or its states so far if it was interrupted or failed."""
     analysis, solver, initial = built.sections.analysis, built.sections.solver, built.sections.initial
     files: dict[str, Any] = {} if folder is None else folder.outlets(built.sections)
     basis, system = built.sections.reduced, built.system
@@ -169,13 +169,13 @@ def _stop(built: Built, analysis: StaticAnalysis | ArcLengthAnalysis) -> Any:
 
 
 def _success(sections: SceneTables, result: StaticResult | Run) -> bool:
-    """Whether the analysis came to its end as it should; unstable states are what arc length is for."""
+    """Return whether the analysis came to its end; arc length may have unstable states."""
     unstable = isinstance(sections.analysis, ArcLengthAnalysis) and result.status.name == "UNSTABLE"
     return result.success or unstable
 
 
 def _followed(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
-    """Displacements of the probes and forces at the reactions, over the times or load factors."""
+    """Return displacements of the probes and forces at the reactions, over the times or load factors."""
     d = built.mesh.d
     if isinstance(result, Run):
         ledger = result.ledger
@@ -201,7 +201,7 @@ def _followed(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
 
 
 def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
-    """Results by dotted name; NaN for an energy that does not exist."""
+    """Return the results by dotted name; NaN for an energy that does not exist."""
     if isinstance(result, Modes):
         return {f"frequency.{number}": float(value) for number, value in enumerate(result.frequencies)} | {
             "modes.rigid": float(result.rigid.sum()),
@@ -236,7 +236,7 @@ ENERGIES = {
 
 
 def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[Judged, ...]:
-    """Results beside expectations; a result that is not there is NaN, and not as expected."""
+    """Return results with expectations; a result that does not exist is NaN, and not as expected."""
     judged = []
     for loc, one in expectations(sections.expect).items():
         name = ".".join(loc)
@@ -248,7 +248,7 @@ def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[Judged, ..
 
 @contextmanager
 def on_threads(count: int | None) -> Iterator[None]:
-    """Kernels on so many threads."""
+    """Run kernels on so many threads."""
     before = numba.get_num_threads()
     if count is not None:
         numba.set_num_threads(count)
@@ -260,7 +260,7 @@ def on_threads(count: int | None) -> Iterator[None]:
 
 @contextmanager
 def _noted() -> Iterator[list[str]]:
-    """Texts of the warnings of this package; all are shown as ever."""
+    """Collect the texts of this package's warnings; all warnings are shown as ever."""
     noted: list[str] = []
     show: Callable[..., None] = warnings.showwarning
 

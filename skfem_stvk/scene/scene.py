@@ -67,7 +67,7 @@ class Scene:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], set: Sequence[str] = ()) -> Scene:
-        """The scene in a TOML file, with keys that are `set` anew, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
+        """Read the scene in a TOML file, with keys that are `set` anew, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
 
         Raises
         ------
@@ -79,12 +79,12 @@ class Scene:
 
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> Scene:
-        """The scene in tables and lists as a TOML file has them; paths are relative to the folder of the process."""
+        """Return the scene in tables and lists as a TOML file has them; paths are relative to the folder of the process."""
         return cls._checked(SceneSource.of(data))
 
     @classmethod
     def of(cls, system: System, analysis: Mapping[str, Any] | BaseModel) -> Scene:
-        """The scene of what a program built, as far as it can be named; `write` writes its mesh beside it.
+        """Return the scene of a system, as far as it can be named; `write` writes its mesh beside it.
 
         Places that are predicates or ids become sets of nodes in the mesh, regions of ids subdomains. What has no name is left out
         and told, in `left_out` and by a warning: functions of place, functions of time other than `Ramp`, `Sine` and `Table`,
@@ -139,7 +139,7 @@ class Scene:
         return build(self.sections, self.source, self._mesh)
 
     def system(self) -> System:
-        """The body with its loads and supports. Raises as `built`."""
+        """Return the body with its loads and supports. Raises as `built`."""
         return self.built.system
 
     @property
@@ -148,7 +148,7 @@ class Scene:
         return _tables(self.sections)
 
     def implausible(self) -> list[str]:
-        """Values that are not plausible in its units, and the size of its mesh if it is not, each in a sentence."""
+        """Return, in a sentence each, values that are not plausible in the scene's units, and the size of its mesh if it is not."""
         return implausible(self.sections, self.built.mesh)
 
     def solve(
@@ -192,7 +192,7 @@ class Scene:
         return outcome
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
-        """Its data with what "auto" takes, and with paths that are relative to another folder."""
+        """Return the data of the scene with the choice of "auto", and with paths that are relative to another folder."""
         data, built = self.data, self.built
         data["threads"] = threads() if self.sections.threads is None else self.sections.threads
         if built.solver:
@@ -230,7 +230,7 @@ class Scene:
 
     @cached_property
     def hash(self) -> str:
-        """What it is known by, whatever its title, its comments and the order of its keys; what its files hold is a part of it."""
+        """Hash of the scene with the contents of its files, whatever its title, its comments and the order of its keys."""
         from ..mesh.files import parts_of  # meshio is imported only where there is a file
 
         folder, mesh, initial = self.source.folder, getattr(self.sections.mesh, "file", None), self.sections.initial
@@ -243,13 +243,13 @@ class Scene:
 
 
 def _tables(sections: SceneTables) -> dict[str, Any]:
-    """All tables in the order of the schema, with all keys that have a value, and in each what tells its kind first."""
+    """Return all tables in the order of the schema, with all keys that have a value, and the key of the kind first."""
     tables: dict[str, Any] = _kinds_first(sections.model_dump(exclude_none=True))
     return tables
 
 
 def _kinds_first(data: Any) -> Any:
-    """The same tables, in each of which what tells its kind comes first."""
+    """Return the same tables, each with the key of its kind first."""
     if isinstance(data, list):
         return [_kinds_first(one) for one in data]
     if not isinstance(data, dict):

@@ -23,15 +23,15 @@ STEP = re.compile(r"""\.?(?:(?P<bare>[A-Za-z0-9_-]+)|"(?P<quoted>[^"]*)"|'(?P<li
 
 @dataclass(frozen=True, eq=False)
 class SceneSource:
-    """Data as a TOML file has them, and where they are from.
+    """Data of a TOML file, with their origin.
 
     Attributes
     ----------
     data : tables and lists.
-    name : of the file, for messages.
-    folder : that inputs are relative to.
-    text : of the file; empty if there is none.
-    settings : what was set anew, by its place, as it was given.
+    name : name of the file, for messages.
+    folder : folder to which the paths of inputs are relative.
+    text : text of the file; empty if there is none.
+    settings : settings by the place of their key, as they were given.
     """
 
     data: dict[str, Any]
@@ -42,7 +42,7 @@ class SceneSource:
 
     @classmethod
     def read(cls, path: Path) -> SceneSource:
-        """The source in a file. SceneError, with the place, if it cannot be read or is no TOML."""
+        """Read the source in a file. Raise SceneError, with the place, if it cannot be read or is no TOML."""
         if path.is_dir():
             raise _not_read(f"{path} is a folder; expected a scene file such as {path / 'scene.toml'}.")
         if not path.exists():
@@ -68,12 +68,12 @@ class SceneSource:
 
     @classmethod
     def parse(cls, text: str, name: str = "scene.toml") -> SceneSource:
-        """The source in a text. SceneError, with the place, if it is no TOML."""
+        """Return the source in a text. Raise SceneError, with the place, if it is no TOML."""
         return cls(parsed(text, name), name, text=text)
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> SceneSource:
-        """The source of data from Python, whose inputs are relative to the folder of the process."""
+        """Return the source of data from Python, whose inputs are relative to the folder of the process."""
         refuse_too_much(data, cls.name)
         return cls(deepcopy(dict(data)))
 
@@ -82,7 +82,7 @@ class SceneSource:
         return lines_of(self.text) if self.text else {}
 
     def line(self, loc: Sequence[str | int]) -> int | None:
-        """The line of a key, or of the nearest table that it is in; None if it was set anew, or there is no text."""
+        """Return the line of a key, or of the nearest table that it is in; None if it was set anew, or there is no text."""
         if self.setting(loc):
             return None
         for end in range(len(loc), 0, -1):
@@ -91,11 +91,11 @@ class SceneSource:
         return None
 
     def setting(self, loc: Sequence[str | int]) -> str:
-        """What set a key anew, as it was given; empty if its value is that of the text."""
+        """Return the setting that set a key anew, as it was given; empty if its value is that of the text."""
         return next((self.settings[tuple(loc[:end])] for end in range(len(loc), 0, -1) if tuple(loc[:end]) in self.settings), "")
 
     def changed(self, settings: Sequence[str]) -> SceneSource:
-        """The source with values set anew: "analysis.dt=1e-5", "terms[1].g=[0,0,-1]". SceneError if one has no such place."""
+        """Return the source with values set anew: "analysis.dt=1e-5", "terms[1].g=[0,0,-1]". SceneError if a place is missing."""
         data, made = deepcopy(self.data), dict(self.settings)
         for given in settings:
             loc, value = setting_of(given)
@@ -104,7 +104,7 @@ class SceneSource:
 
 
 def setting_of(given: str) -> tuple[Loc, Any]:
-    """The place and the value of a setting; text needs no quotation marks where it is nothing else.
+    """Return the place and the value of a setting; text needs no quotation marks where it is nothing else.
 
     >>> setting_of("terms[1].g=[0, 0, -1]"), setting_of("mesh.file=2nd.msh"), setting_of("fixed.'left wall'=xy")
     ((('terms', 1, 'g'), [0, 0, -1]), (('mesh', 'file'), '2nd.msh'), (('fixed', 'left wall'), 'xy'))
@@ -136,7 +136,7 @@ def setting_of(given: str) -> tuple[Loc, Any]:
 
 
 def _parted(given: str) -> tuple[str, str, str]:
-    """What is before and behind the first equals sign outside of quotation marks."""
+    """Return the text before and behind the first equals sign outside of quotation marks."""
     quote = ""
     for place, one in enumerate(given):
         if one in "\"'" and quote in ("", one):
@@ -207,7 +207,7 @@ class Axis(NamedTuple):
 
 
 def axes_of(settings: Mapping[str, Iterable[Any]] | Sequence[str]) -> list[Axis]:
-    """Keys with their values, of `--set` texts or of a dictionary.
+    """Return keys with their values, of `--set` texts or of a dictionary.
 
     Commas part values, but for those within quotation marks, lists and tables.
 
@@ -238,7 +238,7 @@ def axes_of(settings: Mapping[str, Iterable[Any]] | Sequence[str]) -> list[Axis]
 
 
 def _given(settings: Mapping[str, Iterable[Any]] | Sequence[str], wrong: list[str]) -> Iterable[tuple[str, list[str]]]:
-    """Keys and the texts of their values."""
+    """Yield keys and the texts of their values."""
     if isinstance(settings, Mapping):
         for key, values in settings.items():
             values = values.tolist() if hasattr(values, "tolist") else values
@@ -257,7 +257,7 @@ def _given(settings: Mapping[str, Iterable[Any]] | Sequence[str], wrong: list[st
 
 
 def split(text: str, mark: str) -> list[str]:
-    """The parts of a text between marks that stand outside of quotation marks, brackets and braces.
+    """Return the parts of a text between marks that stand outside of quotation marks, brackets and braces.
 
     >>> split("[0, 0, -1], 'a,b', {x = 1, y = 2}", ",")
     ['[0, 0, -1]', "'a,b'", '{x = 1, y = 2}']

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel
-from rich.console import Console
 
 from ..arguments import path as checked_path
 from ..arguments import shown, whole
@@ -26,7 +25,7 @@ from ..kernels.threads import threads
 from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
 from ..results.files import content_of, replacing
 from ..results.one_writer import OneWriter
-from ..terminal import printable
+from ..terminal import console, printable
 from .build import expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
 from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED, as_printed
@@ -130,7 +129,7 @@ def sweep(
     folder = beside.with_name(f"{beside.name}-sweep") if out is None else checked_path("out", out, "the path of a folder")
     cores, each = threads(), max((run.scene.sections.threads or 1 for run in runs), default=1)
     jobs = cores if jobs is None else whole("jobs", jobs, "how many runs go on at a time, from 1", least=1)
-    console = Console(highlight=False, quiet=quiet)
+    terminal = console(quiet=quiet)
     _open(folder)
     with OneWriter(folder):
         how = _what_there_is(folder, runs, force)
@@ -141,22 +140,22 @@ def sweep(
         each = max(each, cores // jobs)
         kept = f", {len(rows)} of them there already" if rows else ""
         how_many = f"; {jobs} at a time on {each} thread{'s' * (each > 1)} each" if missing else ""
-        console.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
+        terminal.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
         for text, times in Counter(text for run in missing for text in implausible(run.scene.sections)).items():
             how_many = f" (in {times} of {len(missing)} runs)" if times < len(missing) else ""
-            console.print(f"[yellow]note[/] {printable(text)}{how_many}", soft_wrap=True)
+            terminal.print(f"[yellow]note[/] {printable(text)}{how_many}", soft_wrap=True)
         tasks = {_Task(Path(path), run.settings, folder / run.name, how[run.name] or "new"): run for run in missing}
         try:
             for task, failure in in_processes(_solve, deque(tasks), jobs, each):
                 row = _row(tasks[task], folder, _crashed(task) if isinstance(failure, Crashed) else failure)
                 table.add(row)
-                console.print(printable(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}"), soft_wrap=True)
+                terminal.print(printable(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}"), soft_wrap=True)
         except KeyboardInterrupt:
-            console.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
+            terminal.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
             raise
         trouble = _plot(folder, axes, list(rows.values()), sections)
         if trouble:
-            console.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
+            terminal.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
         return [rows[run.name] for run in runs]
 
 
@@ -175,7 +174,7 @@ class Planned(NamedTuple):
 def planned(
     path: str | os.PathLike[str], settings: Mapping[str, Iterable[Any]] | Sequence[str]
 ) -> tuple[list[Axis], list[Planned]]:
-    """The axes of a sweep, and the product of their values: the last axis changes fastest; every scene is checked.
+    """Return the axes of a sweep, and the product of their values: the last axis changes fastest; every scene is checked.
 
     Raises
     ------
@@ -213,13 +212,13 @@ def _settings(axes: Sequence[Axis], numbers: Sequence[int]) -> tuple[str, ...]:
 
 
 def _each(error: SceneError, name: str) -> list[str]:
-    """What an error of a scene says, complaint by complaint."""
+    """Return the complaints of a scene's error."""
     head, *complaints = str(error).split("\n  ")
     return complaints or [head.removeprefix(f"{name}: ")]
 
 
 def _names(axes: Sequence[Axis], combinations: Sequence[Sequence[int]]) -> list[str]:
-    """A name for each run that a person reads and every file system takes, of the last names of its keys and its values.
+    """Return a name for each run, which file systems take, of the last names of its keys and its values.
 
     Names that would be the same, or that are cut, end with a hash of what they are the names of.
     """
@@ -240,7 +239,7 @@ def _names(axes: Sequence[Axis], combinations: Sequence[Sequence[int]]) -> list[
 
 
 def _last(loc: Loc) -> Loc:
-    """The last name in a place, and numbers behind it."""
+    """Return the last name in a place, and numbers behind it."""
     return loc[max(depth for depth, one in enumerate(loc) if isinstance(one, str)) :]
 
 
@@ -253,7 +252,7 @@ def _plain(text: str) -> str:
 
 
 def in_short(value: Any) -> str:
-    """A value in few characters: numbers as a person writes them, lists without brackets.
+    """Return a value in few characters: numbers as a person writes them, lists without brackets.
 
     >>> in_short(1e9), in_short(0.25), in_short([0.0, 0.0, -9.81]), in_short(True)
     ('1e9', '0.25', '0_0_-9.81', 'true')
@@ -296,7 +295,7 @@ def _open(folder: Path) -> None:
 
 
 def _what_there_is(folder: Path, runs: Sequence[Planned], force: bool) -> dict[str, str | None]:
-    """By run how it begins: "new", with "force", or with "resume"; None if it is done."""
+    """Return by run how it begins: "new", with "force", or with "resume"; None if it is done."""
     how: dict[str, str | None] = {}
     others, strange = [], []
     for run in runs:
@@ -340,7 +339,7 @@ class _Failure(NamedTuple):
 
 
 def _row(run: Planned, folder: Path, error: _Failure | None = None) -> SweepRow:
-    """What the folder of a run says of it, or what went wrong."""
+    """Return the row of a run from its folder, or with its error."""
     path = folder / run.name
     if error is not None:
         return SweepRow(run.values, path, error.status, error.exit_code, message=error.message)
@@ -408,7 +407,7 @@ def _plot(folder: Path, axes: Sequence[Axis], rows: Sequence[SweepRow], sections
 
 
 def _worth_drawing(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[str]:
-    """Names of results: what is expected, then probes, reactions, frequencies and critical points, else all that differ."""
+    """Return names of results: expected ones, then probes, reactions, frequencies and critical points, else all that differ."""
     found = list(dict.fromkeys(name for row in rows for name in row.results))
     expected = [name for name in (".".join(loc) for loc in expectations(sections.expect)) if name in found]
     yield from expected
@@ -419,7 +418,7 @@ def _worth_drawing(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[
 
 
 def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
-    """Whether a result differs from run to run, and is not only the rounding of one that is zero beside its other components."""
+    """Return whether a result differs from run to run by more than the rounding of a zero beside its other components."""
     values = [row.results[name] for row in rows if name in row.results]
     family = name.partition(".")[0] + "."
     largest = max(abs(value) for row in rows for other, value in row.results.items() if other.startswith(family) or other == name)
@@ -427,7 +426,7 @@ def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
 
 
 def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: Sequence[str], sections: SceneTables) -> Any:
-    """A panel for each result; a line in it for each combination of the other values."""
+    """Draw a panel for each result, in it a line for each combination of the other values."""
     from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when something is drawn
 
     lines: dict[str, list[SweepRow]] = {}
@@ -468,7 +467,7 @@ def _dimension_of_result(sections: SceneTables, name: str) -> str | None:
 
 
 def _dimension(sections: SceneTables, loc: Loc) -> str | None:
-    """The dimension of a key; None if it has none."""
+    """Return the dimension of a key; None if it has none."""
     at: Any = sections
     dimension = None
     for one in loc:

@@ -33,11 +33,11 @@ TOKEN = re.compile(
 #: Words for truth values in other languages, and those of TOML.
 TRUTH = {"yes": "true", "on": "true", "true": "true", "no": "false", "off": "false", "false": "false"}
 #: Words by which Python's parser reports a key or table that exists already.
-TWICE = ("Cannot overwrite", "Cannot declare", "Cannot mutate", "Duplicate")
+TWICE = ("Cannot overwrite", "Cannot declare", "Cannot mutate", "Cannot redefine", "Duplicate")
 
 
 def path_of(loc: Loc) -> str:
-    """A place as a user writes it; "" for the scene as a whole.
+    """Return a place as a user writes it; "" for the scene as a whole.
 
     >>> path_of(("terms", 1, "g", 0)), path_of(("fixed", "left wall"))
     ('terms[1].g[0]', 'fixed."left wall"')
@@ -52,7 +52,7 @@ def path_of(loc: Loc) -> str:
 
 
 def quoted(text: str) -> str:
-    """Text as TOML writes it.
+    """Return text as TOML writes it.
 
     >>> print(quoted('a "b"\\n'))
     "a \\"b\\"\\n"
@@ -62,7 +62,7 @@ def quoted(text: str) -> str:
 
 
 def parsed(text: str, name: str) -> dict[str, Any]:
-    """The data of TOML text. SceneError with the line, the column and the likely cause if it is none; `name` is its file's."""
+    """Return the data of TOML text. Raise SceneError with line, column and likely cause if it is none; `name` is its file's."""
     text = text if text.endswith("\n") else text + "\n"
     if any(one[0].count(".") >= DEEPEST for one in DOTTED.finditer(text)):
         raise _too_much(name, f"a key has more than {DEEPEST} parts between dots.")
@@ -70,8 +70,10 @@ def parsed(text: str, name: str) -> dict[str, Any]:
         data = tomllib.loads(text)
     except RecursionError:
         raise _too_much(name, "lists or tables are nested too deep.") from None
-    except ValueError as error:  # TOMLDecodeError is one; so is what Python says of a number with thousands of digits
+    except tomllib.TOMLDecodeError as error:
         raise _refusal(text, name, str(error)) from None
+    except ValueError:  # of Python's `int`, which has no place in the text
+        raise _too_much(name, "a whole number has too many digits.") from None
     refuse_too_much(data, name)
     return data
 
@@ -197,8 +199,8 @@ def _bare(key: str) -> str:
 
 
 def _refusal(text: str, name: str, said: str) -> SceneError:
-    """The error for text that is no TOML: file, line, column, the words of the parser, a likely cause, and the marked line."""
-    rows = text.splitlines()
+    """Return the error for text that is no TOML: file, line, column, the parser's words, a likely cause, and the marked line."""
+    rows = text.replace("\r\n", "\n").split("\n")[:-1]  # `splitlines` splits at other characters, too
     place = re.search(r"\(at line (\d+), column (\d+)\)", said)
     line, column = (int(place[1]), int(place[2])) if place else (len(rows) + 1, 1)
     if line > len(rows):
@@ -212,7 +214,7 @@ def _refusal(text: str, name: str, said: str) -> SceneError:
 
 
 def _cause(rows: list[str], line: int, column: int, said: str) -> str:
-    """The likely cause of a frequent fault, with a blank before it; "" for others. `said` are the words of the parser."""
+    """Return the likely cause of a frequent fault, after a blank; "" for others. `said` are the words of the parser."""
     rest = rows[line - 1][column - 1 :].partition("#")[0].strip()
     if said.startswith(TWICE):
         return _twice("\n".join([*rows[: line - 1], rows[line - 1][: column - 1]]))

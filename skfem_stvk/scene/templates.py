@@ -159,7 +159,7 @@ class KeyRow(NamedTuple):
 
 
 def example(kind: str) -> str:
-    """A commented scene of this kind, which solves as it stands; keys that it leaves out stand in it as comments.
+    """Return a commented scene of this kind, which solves as it stands; keys that it leaves out stand in it as comments.
 
     StvkError for an unknown kind.
 
@@ -199,7 +199,7 @@ def _commented(line: str, row: KeyRow, units: UnitSystem) -> str:
 
 
 def _tables_in(data: Any, annotation: Any, loc: Loc) -> Iterator[tuple[Loc, type[BaseModel], Mapping[str, Any]]]:
-    """Tables within data of this type, with their models."""
+    """Yield the tables within data of this type, with their models."""
     annotation, _ = bare(annotation)
     if isinstance(data, dict):
         for tags, one in members(annotation):
@@ -225,7 +225,7 @@ def _tables_in(data: Any, annotation: Any, loc: Loc) -> Iterator[tuple[Loc, type
 
 
 def rows_of(model: type[BaseModel]) -> list[KeyRow]:
-    """The keys of a table, its kind first."""
+    """Return the keys of a table, its kind first."""
     rows = []
     for name, found in model.model_fields.items():
         kind = _type_in_words(found.annotation, (*found.metadata, found))
@@ -259,7 +259,7 @@ def _plural(word: str) -> str:
 
 
 def title_of(model: type[BaseModel]) -> str:
-    """The name of a table on the page: its kind, or what it is called."""
+    """Return the name of a table on the page: its kind, or what it is called."""
     for name in ("type", "model"):
         if name in model.model_fields:
             (kind,) = literals(model.model_fields[name].annotation)
@@ -280,7 +280,7 @@ TITLES = {
 
 
 def tables() -> list[type[BaseModel]]:
-    """All tables of a scene, in the order in which the schema names them."""
+    """Return all tables of a scene, in the order in which the schema names them."""
     found: dict[type[BaseModel], None] = {}
 
     def visit(annotation: Any) -> None:
@@ -299,7 +299,7 @@ def tables() -> list[type[BaseModel]]:
 
 
 def page() -> str:
-    """The docs' page of all keys, printed by `skfem-stvk init --keys`."""
+    """Return the docs' page of all keys, printed by `skfem-stvk init --keys`."""
     parts = [
         "# All keys of a scene\n",
         "Printed by `skfem-stvk init --keys` from the schema that checks scenes; `skfem-stvk init --schema` prints JSON\n"
@@ -324,5 +324,5 @@ def _default(value: Any) -> str:
 
 
 def json_schema() -> str:
-    """JSON Schema of scenes, by which editors complete and check them."""
+    """Return JSON Schema of scenes, by which editors complete and check them."""
     return json.dumps(SceneTables.model_json_schema(), indent=1) + "\n"

@@ -68,14 +68,14 @@ class UnitSystem:
     symbols: Mapping[str, str] = field(hash=False)
 
     def symbol(self, dimension: str | None) -> str:
-        """The unit of a dimension; empty for pure numbers, which have None. StvkError for an unknown dimension."""
+        """Return the unit of a dimension; empty for pure numbers, which have None. StvkError for an unknown dimension."""
         if dimension is None:
             return ""
         known = choice("dimension", dimension, DIMENSIONS, StvkError)
         return self.symbols[known] if known in self.symbols else COMPOSED[known].format(**self.symbols)
 
     def factor(self, dimension: str | None) -> float:
-        """The unit of a dimension in SI units; 1 for pure numbers. StvkError for an unknown dimension."""
+        """Return the unit of a dimension in SI units; 1 for pure numbers. StvkError for an unknown dimension."""
         if dimension is None:
             return 1.0
         l, m, t = DIMENSIONS[choice("dimension", dimension, DIMENSIONS, StvkError)]
@@ -83,7 +83,7 @@ class UnitSystem:
 
 
 def _clean(factor: float) -> float:
-    """A power of ten without the rounding of its factors."""
+    """Return a power of ten without the rounding of its factors."""
     exponent = round(np.log10(factor))
     power = float(f"1e{exponent}")
     return power if abs(factor / power - 1) < 1e-12 else factor
@@ -121,7 +121,7 @@ class Usual:
     mistaken: tuple[tuple[str, float], ...] = ()
 
     def holds(self, value: float) -> bool:
-        """Whether a value in SI units is usual."""
+        """Return whether a value in SI units is usual."""
         return self.low <= value <= self.high
 
 
@@ -150,7 +150,7 @@ MOST_STEPS = 1e9
 
 
 def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[str]:
-    """Values of a scene that are not plausible in its units, each in a sentence: most often they are in other units.
+    """Return, in a sentence each, values of a scene that are not plausible in its units: most often they are in other units.
 
     Only keys that are set are looked at; zeros always are plausible. With its `mesh`, the size of this is looked at too, unless
     a key of it was told already.
@@ -185,7 +185,7 @@ def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[st
 
 
 def _values(part: BaseModel, path: str = "") -> Iterator[tuple[str, str, str, float]]:
-    """Path, key, dimension and size of the values that are set and have a dimension: of several numbers the largest."""
+    """Yield path, key, dimension and size of the values that are set and have a dimension: of several numbers the largest."""
     for name, info in type(part).model_fields.items():
         if name not in part.model_fields_set:
             continue
@@ -205,7 +205,7 @@ def dimension_of(found: FieldInfo) -> str | None:
 
 
 def _inner(given: Any, place: str) -> Iterator[tuple[str, BaseModel]]:
-    """The tables in a value, with their paths."""
+    """Yield the tables in a value, with their paths."""
     if isinstance(given, BaseModel):
         yield place, given
     elif isinstance(given, Mapping):
@@ -221,7 +221,7 @@ def _parts(sections: BaseModel, name: str) -> list[tuple[str, BaseModel]]:
 
 
 def _size(given: Any) -> float:
-    """The absolute value of a number, or the largest of several; 0 for what is none."""
+    """Return the absolute value of a number, or the largest of several; 0 for what is none."""
     if isinstance(given, bool) or not isinstance(given, int | float | Sequence) or isinstance(given, str):
         return 0.0
     try:
@@ -231,7 +231,7 @@ def _size(given: Any) -> float:
 
 
 def _unusual(units: UnitSystem, path: str, name: str, dimension: str, value: float) -> str:
-    """What is to be said of a value; empty if it is usual."""
+    """Return the remark on a value; empty if it is usual."""
     usual = KEYS.get(name)
     if usual is None or usual.dimension != dimension or usual.holds(value * units.factor(dimension)):
         return ""
@@ -247,7 +247,7 @@ def _unusual(units: UnitSystem, path: str, name: str, dimension: str, value: flo
 
 
 def _waves(units: UnitSystem, path: str, material: BaseModel) -> str:
-    """What is to be said of stiffness and density that do not go together; empty if they do."""
+    """Return the remark on stiffness and density that do not go together; empty if they do."""
     young, density = getattr(material, "young", None), getattr(material, "density", None)
     if not _size(young) or not _size(density):
         return ""
@@ -263,7 +263,7 @@ def _waves(units: UnitSystem, path: str, material: BaseModel) -> str:
 
 
 def _steps(sections: BaseModel) -> dict[str, str]:
-    """What is to be said of a time step beside the end."""
+    """Return the remark on a time step that does not fit the end of the motion, by its key."""
     analysis = getattr(sections, "analysis", None)
     dt, until = getattr(analysis, "dt", None), getattr(analysis, "until", None)
     if not isinstance(dt, int | float) or not isinstance(until, int | float):

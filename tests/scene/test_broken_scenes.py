@@ -272,6 +272,11 @@ CASES = [
         "scene.toml: terms[1].g, line 24: has 2 components; expected 3: x, y, z",
     ),
     Broken(
+        "cells of four dimensions",
+        [("[4, 2, 2]", "[4, 2, 2, 2]")],
+        "scene.toml: mesh.cells, line 6: got [4, 2, 2, 2]; expected at most 3 items",
+    ),
+    Broken(
         "a step of zero",
         [("dt = 1e-4", "dt = 0")],
         "scene.toml: analysis.dt, line 37: got 0; expected a value greater than 0",

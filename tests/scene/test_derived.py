@@ -30,6 +30,9 @@ class Glue:
     kind: Annotated[str, Quantity(None, "Of the glue.", values=("wet", "dry"))] = "dry"
     pulls: Annotated[tuple[float, float, float] | None, Quantity("stress", "Strengths.", ge=0)] = None
     ages: Annotated[bool, Quantity(None, "Whether it gets weaker.")] = False
+    layers: Annotated[int, Quantity(None, "Number of layers.", ge=1)] = 1
+    name: Annotated[str, Quantity(None, "Name of the glue.")] = "glue"
+    range: Annotated[tuple[float, float], Quantity("length", "Least and largest distance.")] = (0.0, 1.0)
     inner: float = 1.0
 
 
@@ -38,10 +41,11 @@ GLUE = derived("GlueTerm", AnyTerm, Glue, "Glue between a surface and the ground
 
 def test_a_table_has_a_key_for_each_parameter_that_is_declared():
     rows = {row.name: row for row in rows_of(GLUE)}
-    assert list(rows) == ["type", "on", "stiffness", "kind", "pulls", "ages"]
+    assert list(rows) == ["type", "on", "stiffness", "kind", "pulls", "ages", "layers", "name", "range"]
     assert (rows["stiffness"].type, rows["stiffness"].dimension) == ("number > 0", "stiffness per area")
     assert (rows["kind"].type, rows["kind"].default) == ('"wet" or "dry"', "dry")
     assert (rows["pulls"].type, rows["pulls"].default) == ("list of numbers", None)
+    assert (rows["layers"].type, rows["name"].type, rows["range"].type) == ("whole number >= 1", "text", "list of numbers")
     assert (rows["ages"].type, rows["on"].sentence) == ("true or false", "Place that is glued.")
 
 
@@ -54,13 +58,17 @@ def test_a_table_has_a_key_for_each_parameter_that_is_declared():
         ({"ages": 1}, "valid boolean"),
         ({"pulls": [1.0, 2.0]}, "at least 3 items"),
         ({"pulls": [1.0, 2.0, -1.0]}, "greater than or equal to 0"),
+        ({"layers": 1.0}, "valid integer"),
+        ({"layers": 0}, "greater than or equal to 1"),
+        ({"name": 1.0}, "valid string"),
+        ({"range": [0.0, 1.0, 2.0]}, "at most 2 items"),
         ({"inner": 2.0}, "not permitted"),
         ({"on": 3}, "a name, coordinates"),
     ],
 )
 def test_values_that_are_not_declared_are_refused(changed, said):
     good = {"type": "glue", "on": "left", "stiffness": 2.0}
-    assert GLUE.model_validate(good).stiffness == 2.0
+    assert GLUE.model_validate(good | {"pulls": None}).stiffness == 2.0
     with pytest.raises(ValidationError, match=said):
         GLUE.model_validate(good | changed)
 

@@ -253,6 +253,13 @@ def test_values_and_labels_are_in_the_units_of_the_scene():
     assert "mm" in shown(found)
 
 
+def test_refusals_are_named_first_and_each_remark_once():
+    found = info.Inspection("SI")
+    for name, refused in (("a doubt", False), ("a fault", True), ("a doubt", False)):
+        found.remark(name, name, refused)
+    assert [one.text for one in found.remarks] == ["a fault", "a doubt"]
+
+
 def test_what_fails_is_said_and_the_rest_is_told(monkeypatch):
     monkeypatch.setattr(info, "critical_step", lambda *given, **more: 1 / 0)
     found = inspect_mesh(box(), **STEEL)

@@ -14,7 +14,7 @@ import pytest
 from skfem_stvk import SceneError, StvkError
 from skfem_stvk.cli.main import main
 from skfem_stvk.scene import Scene, sweep
-from skfem_stvk.scene.sweep import planned
+from skfem_stvk.scene.sweep import _dimension, planned
 
 BEAM = """
 [mesh]
@@ -255,6 +255,11 @@ def test_names_of_folders_differ_whatever_the_values_are(tmp_path):
     names = [run.name for run in runs]
     assert len({name.lower() for name in names}) == len(probes) == len(axes[0].values)
     assert all(len(name) <= 120 and not set(name) & set(' /\\:*?"<>|') and name.startswith("tip=") for name in names)
+
+
+def test_an_axis_has_the_unit_of_its_key(tmp_path):
+    axes, runs = planned(scene(tmp_path, STATIC), {YOUNG: [1e6], "terms[1].traction": [[0, -1.0]], "analysis.steps": [2]})
+    assert [_dimension(runs[0].scene.sections, axis.loc) for axis in axes] == ["stress", "stress", None]
 
 
 def test_numbers_are_drawn_against_the_first_of_them(tmp_path):

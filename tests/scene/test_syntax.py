@@ -79,6 +79,14 @@ def test_keys_of_every_form_have_their_line(end):
     assert {loc: lines[loc] for loc in LINES} == LINES
 
 
+@pytest.mark.parametrize("mark", ["'", '"'])
+def test_a_text_may_end_with_quotation_marks(mark):
+    text = "a = [QQQxQQQQ, QbQ] # Q\nb = [QQQQQQ, QQQxQQQQQ, QQ]\n[c]\nd = QeQ\n".replace("Q", mark)
+    lines = lines_of(text)
+    assert lines.keys() | {()} == places(parsed(text, "quotes.toml"))
+    assert [lines[loc] for loc in (("a", 1), ("b", 2), ("c", "d"))] == [1, 2, 4]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -90,6 +98,10 @@ def test_keys_of_every_form_have_their_line(end):
         ("x = No # not\n", "line 1, column 5: invalid value. Write false."),
         ("x = 'open\n", 'line 1, column 10: expected "\'"'),
         ("x = [1,\n", "line 1, column 8: invalid value"),
+        ("[a.b]\nx = 1\n[a]\nb.y = 1\n", "'a.b' is there already, in line 1"),
+        ("# next\x85line\nx = 'a\u2028b'\ny = yes\n", "line 3, column 5: invalid value. Write true.\n    y = yes\n        ^"),
+        ("x = 'a'\r\ny = yes\r\n", "line 2, column 5: invalid value. Write true.\n    y = yes\n        ^"),
+        (f"x = {'1' * 5000}\ny = 2\n", "scene.toml: a whole number has too many digits."),
     ],
 )
 def test_text_that_is_no_toml_gets_its_place_and_the_words_of_the_parser(text, said):

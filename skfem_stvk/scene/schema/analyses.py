@@ -50,7 +50,7 @@ class ReducedBasis(Part):
     derivatives: Annotated[bool, key("Whether of the derivatives of the modes, too: without them nothing can turn far.")] = True
 
     def of_body(self, body: System, quiet: bool) -> ReducedSystem:
-        """The body on this basis."""
+        """Return the body on this basis."""
         from ...reduced import ReducedSystem  # only where one is asked for
 
         return ReducedSystem(body, self.size, self.modes, self.derivatives, quiet=quiet)
@@ -100,7 +100,7 @@ class Damping(Part):
     tau: Annotated[float, key("Of the edges: time of retardation.", "time", ge=0)] = 0.0
 
     def of_library(self) -> list[Rayleigh | EdgeDamping]:
-        """The damping that `simulate` takes."""
+        """Return the damping that `simulate` takes."""
         return [Rayleigh(self.alpha, self.beta), EdgeDamping(self.tau)]
 
 
@@ -111,7 +111,7 @@ class Tearing(Part):
     every: Annotated[int, key("Steps from one look to the next.", ge=1)] = 1
 
     def rule(self) -> PrincipalStressLimit:
-        """The rule that `simulate` takes."""
+        """Return the rule that `simulate` takes."""
         return PrincipalStressLimit(self.stress, self.every)
 
 
@@ -155,7 +155,7 @@ class DynamicAnalysis(Part):
         return integrators()[self.integrator].explicit
 
     def method(self, solver: Solver) -> Integrator:
-        """The integrator of the library."""
+        """Return the integrator of the library."""
         own = self.model_dump(include={"dt", *OPTIONS}, exclude_none=True)
         if not self.explicit:
             own |= solver.model_dump(include={"rtol", "tangent"}, exclude_none=True) | {"solver": solver.name}
@@ -176,7 +176,7 @@ Analysis = Annotated[StaticAnalysis | ArcLengthAnalysis | DynamicAnalysis | Mode
 
 
 def stop_of(rule: StopRule, where: object) -> Stop:
-    """The stop of the library; `where` is the place of its displacement as `System` takes it."""
+    """Return the stop of the library; `where` is the place of its displacement as `System` takes it."""
     level = rule.displacement
     displacement = None if level is None else (where, level.component, level.value)
     return Stop(load=rule.load, displacement=displacement, turns=rule.turns, states=rule.states)

@@ -14,9 +14,9 @@ from ...arguments import Quantity
 from .places import PlaceOrName, Region
 from .quantities import Components, Part, bare, is_union, key
 
-#: Keys that have another name in the library.
+#: Names of keys, by the names of their parameters that differ.
 KEYS = {"where": "on"}
-#: Types of keys that the library's types do not tell, by the name of the field.
+#: Types of keys whose parameters have a wider type, by the name of the parameter.
 TYPES: dict[str, Any] = {
     "where": PlaceOrName,
     "region": Region,
@@ -39,7 +39,7 @@ def derived(name: str, base: Any, library: Any, sentence: str, kind: tuple[str, 
     ----------
     base : table whose keys it has as well.
     sentence : about the table.
-    kind : the key that tells it from other tables, and the value of this key: ("type", "gravity").
+    kind : the key that tells this table from others, and the value of this key: ("type", "gravity").
     more : types and defaults of keys in addition to those of the class, or in place of them.
     """
     own = {one: key for one, key in keys_of(library).items() if one not in base.model_fields}
@@ -50,7 +50,7 @@ def derived(name: str, base: Any, library: Any, sentence: str, kind: tuple[str, 
 
 
 def one_of(tables: Iterable[Any], kind: str) -> Any:
-    """Return the type of a table that is one of these, told by the key `kind`."""
+    """Return the union of these tables, which the key `kind` tells apart."""
     return Annotated[functools.reduce(operator.or_, tables), Field(discriminator=kind)]
 
 
@@ -76,11 +76,12 @@ def _type_of(name: str, annotation: Any, quantity: Quantity) -> tuple[Any, Mappi
         return TYPES[name], limits
     if quantity.values:
         return Literal[quantity.values], {}
-    if annotation is bool:
-        return bool, {}
+    if annotation in (bool, int, str):
+        return annotation, limits
     if get_origin(annotation) is not tuple:
         return float, limits
     entry = Annotated[float, Field(**limits)] if limits else float
-    if get_args(annotation)[-1] is ...:
+    entries = get_args(annotation)
+    if entries[-1] is ...:
         return list[entry], {"min_length": 1}  # type: ignore[valid-type]
-    return Annotated[list[entry], Field(min_length=3, max_length=3)], {}  # type: ignore[valid-type]
+    return Annotated[list[entry], Field(min_length=len(entries), max_length=len(entries))], {}  # type: ignore[valid-type]

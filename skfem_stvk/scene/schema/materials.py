@@ -12,7 +12,7 @@ class AnyModel(Derived):
     """A material of the library, whose constants are the keys."""
 
     def material(self) -> materials.Material:
-        """The material of the library."""
+        """Return the material of the library."""
         constants = {name: value for name, value in self if name != "model"}
         made: materials.Material = self.library(**constants)
         return made

@@ -45,7 +45,7 @@ class MeshFile(AnyMesh):
     dimension: Dimension = None
 
     def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
-        """The mesh, from a file relative to this folder, with all nodes of the groups to `keep`."""
+        """Return the mesh, from a file relative to this folder, with all nodes of the groups to `keep`."""
         mesh = read_mesh(folder / self.file, self.degree, dimension=self.dimension, keep=keep)
         return mesh if self.scale == 1.0 else mesh.scaled(self.scale)
 
@@ -64,7 +64,7 @@ class BoxMesh(AnyMesh):
     dimension: Dimension = None
 
     def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
-        """The mesh."""
+        """Return the mesh."""
         mesh = box(self.size, self.cells, element=self.element, origin=self.origin)
         return mesh if self.dimension is None else replace(mesh, p=in_dimension(mesh.p, mesh.k, self.dimension))
 
@@ -79,7 +79,7 @@ class CylinderMesh(AnyMesh):
     cells: Annotated[list[Annotated[int, Field(ge=1)]], key("Number of cells along x, and across.", min_length=2, max_length=2)]
 
     def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
-        """The mesh."""
+        """Return the mesh."""
         return cylinder(self.radius, self.length, self.cells, inner_radius=self.inner_radius)
 
 
@@ -93,7 +93,7 @@ class BarMesh(AnyMesh):
     element: Annotated[Literal["tetrahedra", "hexahedra"], key("Kind of the elements.")] = "tetrahedra"
 
     def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
-        """The mesh."""
+        """Return the mesh."""
         return bar(self.length, self.width, self.cells, element=self.element)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
 from ...mesh.places import Box, NearestNode, Plane, Where
-from .quantities import Components, Name, Part, key
+from .quantities import Components, Name, Part, key, members
 
 
 class BoxPlace(Part):
@@ -19,7 +19,7 @@ class BoxPlace(Part):
     high: Annotated[Components, key("Largest coordinates.", "length")]
 
     def where(self) -> Box:
-        """The place as `System` takes it."""
+        """Return the place as `System` takes it."""
         return Box(tuple(self.low), tuple(self.high))
 
 
@@ -34,7 +34,7 @@ class PlanePlace(Part):
     ] = None
 
     def where(self) -> Plane:
-        """The place as `System` takes it."""
+        """Return the place as `System` takes it."""
         return Plane(tuple(self.point), tuple(self.normal), self.within)
 
 
@@ -45,7 +45,7 @@ class NodesPlace(Part):
     ids: Annotated[list[Annotated[int, Field(ge=0)]], key("Numbers of nodes.", min_length=1)]
 
     def where(self) -> list[int]:
-        """The place as `System` takes it."""
+        """Return the place as `System` takes it."""
         return self.ids
 
 
@@ -56,12 +56,12 @@ class ElementsRegion(Part):
     ids: Annotated[list[Annotated[int, Field(ge=0)]], key("Numbers of elements.", min_length=1)]
 
     def where(self) -> list[int]:
-        """The region as terms take it."""
+        """Return the region as terms take it."""
         return self.ids
 
 
-def _kind(otherwise: str) -> Callable[[Any], str]:
-    """How a value says what it is: by its `type` if it is a table, or else by what it is itself."""
+def _told(otherwise: str, words: str) -> Discriminator:
+    """Return the rule that tells the kind of a value by the `type` of a table, or by its own type; `words` name all kinds."""
 
     def kind(given: Any) -> str:
         if isinstance(given, Mapping):
@@ -72,39 +72,28 @@ def _kind(otherwise: str) -> Callable[[Any], str]:
             return "coordinates"
         return otherwise if isinstance(given, str) else "neither"
 
-    return kind
+    return Discriminator(kind, custom_error_type="place", custom_error_message=f"Input should be {words}")
 
 
-#: Words for a shape in messages.
-SHAPES = "a table with type = one of box, plane, nodes"
 Shape: TypeAlias = Annotated[BoxPlace, Tag("box")] | Annotated[PlanePlace, Tag("plane")] | Annotated[NodesPlace, Tag("nodes")]
-#: What stands in `[places]`.
-Place = Annotated[
-    Annotated[Components, Tag("coordinates")] | Shape,
-    Discriminator(
-        _kind("no place"), custom_error_type="place", custom_error_message=f"Input should be coordinates [x, y, z], or {SHAPES}"
-    ),
-]
-#: Where something is: a name of the mesh or of `[places]`, coordinates of the nearest node, or a shape.
+#: Words for a shape in messages.
+SHAPES = f"a table with type = one of {', '.join(tag for tags, _ in members(Shape) for tag in tags)}"
+#: A value of `[places]`.
+Place = Annotated[Annotated[Components, Tag("coordinates")] | Shape, _told("no place", f"coordinates [x, y, z], or {SHAPES}")]
+#: A location: a name of the mesh or of `[places]`, coordinates of the nearest node, or a shape.
 PlaceOrName = Annotated[
     Annotated[Name, Tag("name")] | Annotated[Components, Tag("coordinates")] | Shape,
-    Discriminator(
-        _kind("name"), custom_error_type="place", custom_error_message=f"Input should be a name, coordinates [x, y, z], or {SHAPES}"
-    ),
+    _told("name", f"a name, coordinates [x, y, z], or {SHAPES}"),
 ]
-#: On which elements something is: a subdomain of the mesh or a box of `[places]` by name, a box, or numbers.
+#: A set of elements: a subdomain of the mesh or a box of `[places]` by name, a box, or numbers.
 Region = Annotated[
     Annotated[Name, Tag("name")] | Annotated[BoxPlace, Tag("box")] | Annotated[ElementsRegion, Tag("elements")],
-    Discriminator(
-        _kind("name"),
-        custom_error_type="region",
-        custom_error_message="Input should be a name, or a table with type = one of box, elements",
-    ),
+    _told("name", "a name, or a table with type = one of box, elements"),
 ]
 
 
 def where_of(place: Any) -> Where:
-    """A place as `System` takes it, but for names of `[places]`, which are looked up by the caller."""
+    """Return a place as `System` takes it; a name is returned as it is, and the caller looks it up."""
     if isinstance(place, str):
         return place
     return NearestNode(tuple(place)) if isinstance(place, list) else place.where()

@@ -20,13 +20,13 @@ class Part(BaseModel):
 
 
 def key(sentence: str, dimension: str | None = None, **limits: Any) -> Any:
-    """A key's sentence, the dimension of its value (see `scene.units`), and its limits as pydantic's `Field` takes them."""
+    """Declare a key: its sentence, the dimension of its value (see `scene.units`), and its limits as in pydantic's `Field`."""
     return Field(description=sentence, json_schema_extra={"dimension": dimension}, **limits)
 
 
 @dataclass(frozen=True)
 class OneOf:
-    """Metadata of a text that is one of some names: those that a table has when a scene is checked."""
+    """Metadata of a text: it must be one of the names that a table, such as that of integrators, has when a scene is checked."""
 
     names: Callable[[], Iterable[str]]
 
@@ -52,7 +52,7 @@ Name = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^\S(.*\S)?$"
 
 
 def bare(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    """A type without what is annotated, and that."""
+    """Return a type without its annotations, and these."""
     metadata: tuple[Any, ...] = ()
     while get_origin(annotation) is Annotated:
         annotation, *more = get_args(annotation)
@@ -61,12 +61,12 @@ def bare(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def is_union(annotation: Any) -> bool:
-    """Whether a type is one of several."""
+    """Return whether a type is one of several."""
     return get_origin(annotation) in (typing.Union, types.UnionType)
 
 
 def members(annotation: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Members of a union, those of unions within it too, with the tags that tell them."""
+    """Yield the members of a union, also those of unions within it, with the tags that tell them."""
     annotation, _ = bare(annotation)
     for one in get_args(annotation) if is_union(annotation) else (annotation,):
         inner, metadata = bare(one)
@@ -81,7 +81,7 @@ def members(annotation: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
 
 
 def literals(annotation: Any, metadata: Iterable[Any] = ()) -> list[Any]:
-    """Values that a key may have, if they are listed in its type or in its metadata."""
+    """Return the values that a key may have, if they are listed in its type or in its metadata."""
     annotation, more = bare(annotation)
     for one in (*metadata, *more):
         if isinstance(one, OneOf):

@@ -22,25 +22,25 @@ from .quantities import Components, Name, key
 
 
 class Known(Protocol):
-    """What a term needs of the rest of the scene."""
+    """Mesh, materials, places and regions of a scene, as its terms need them."""
 
     mesh: ElementMesh
 
     def material(self, name: str) -> Material:
-        """A material by its name."""
+        """Return a material by its name."""
 
     def place(self, where: Any) -> Where:
-        """A place as `System` takes it."""
+        """Return a place as `System` takes it."""
 
     def region(self, region: Any) -> Any:
-        """A region as terms take it."""
+        """Return a region as terms take it."""
 
 
 class AnyTime(Derived):
     """A factor that depends on time."""
 
     def function(self, value: Any) -> Any:
-        """The value times the factor, as a function of time."""
+        """Return the value times the factor, as a function of time."""
         options = {name: tuple(one) if isinstance(one, list) else one for name, one in self if name != "type"}
         return self.library(value, **options)
 
@@ -72,7 +72,7 @@ OWN = (
 
 
 def in_columns(given: Any) -> Any:
-    """The nodes of elements (n, nt), from a list of the nodes of each; names as they are."""
+    """Return the nodes of elements (n, nt), from a list of the nodes of each; a name is returned as it is."""
     if given is None or isinstance(given, str):
         return given
     if len({len(nodes) for nodes in given}) > 1:
@@ -84,7 +84,7 @@ class AnyTerm(Derived):
     """A term of the library, whose parameters are the keys."""
 
     def given(self, known: Known) -> dict[str, Any]:
-        """The arguments of the library's term."""
+        """Return the arguments of the library's term."""
         given = {name: one for name, one in self if name not in ("type", "time") and one is not None}
         for name, found in (("material", known.material), ("region", known.region), ("on", self.located(known))):
             if name in given:
@@ -96,20 +96,20 @@ class AnyTerm(Derived):
         return {NAMES.get(name, name): one for name, one in given.items()}
 
     def located(self, known: Known) -> Callable[[Any], Any]:
-        """How the value of `on` is looked up."""
+        """Return the function that looks up the value of `on`."""
         return known.place
 
     def term(self, known: Known) -> Any:
-        """The term of the library."""
+        """Return the term of the library."""
         return self.library(**self.given(known))
 
 
-#: Names in the library of keys that have another name there.
+#: Names of parameters in the library, by the names of their keys that differ.
 NAMES = {key: name for name, key in KEYS.items()}
 
 
 class AnyLaw(AnyTerm):
-    """What all laws on elements share."""
+    """Keys of all laws on elements."""
 
     region: Annotated[Region | None, key("Elements it is on; by default all.")] = None
     material: Annotated[Name, key("Name of its material.")]
@@ -119,7 +119,7 @@ class AnyLaw(AnyTerm):
 
 
 class LawOnElements(AnyLaw):
-    """What laws share that may bring elements of their own."""
+    """Keys of laws that may bring elements of their own."""
 
     simplices: Annotated[Simplices | None, key(OWN)] = None
 
@@ -142,7 +142,7 @@ class EdgeNetworkTerm(AnyLaw):
     ] = "all"
 
     def term(self, known: Known) -> Any:
-        """The term of the library."""
+        """Return the term of the library."""
         arguments = self.given(known)
         del arguments["pairs"]
         network = terms.EdgeNetwork.of(known.mesh, terms.StVK(**arguments))
@@ -166,16 +166,16 @@ class PressureTerm(AnyTerm):
     time: Annotated[Time | None, key(TIME)] = None
 
     def given(self, known: Known) -> dict[str, Any]:
-        """The arguments of the library's term."""
+        """Return the arguments of the library's term."""
         return {"where": None} | super().given(known)
 
     def located(self, known: Known) -> Callable[[Any], Any]:
-        """How the value of `on` is looked up: names on a surface in space are those of its elements."""
+        """Return the function that looks up the value of `on`; names on a surface in space are those of its elements."""
         return known.region if known.mesh.k < known.mesh.d and isinstance(self.on, str) else known.place
 
 
 def in_time(value: Any, time: Any) -> Any:
-    """Constants as they are, or a function of time."""
+    """Return a function of time, or without `time` the constant itself."""
     return value if time is None else time.function(value)
 
 
