@@ -51,7 +51,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """A test for each kind of elements that it is marked with."""
+    """Make a test for each kind of elements that a test is marked with."""
     if "stvk_mesh" in metafunc.fixturenames:
         mark = metafunc.definition.get_closest_marker("stvk_meshes")
         if mark is not None:
@@ -72,7 +72,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def stvk_mesh(request: pytest.FixtureRequest) -> Any:
-    """A small scikit-fem mesh whose edges all differ, with elements of both orientations and inner nodes."""
+    """Return a small scikit-fem mesh whose edges all differ, with elements of both orientations and inner nodes."""
     from .testing import small_mesh
 
     return small_mesh(request.param)
@@ -80,12 +80,12 @@ def stvk_mesh(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture
 def stvk_referee(request: pytest.FixtureRequest) -> Referee:
-    """`assert_consistent` and `assert_law` of `skfem_stvk.testing`, with the counts of checks in JUnit's properties of the test."""
+    """Return the assertions of `skfem_stvk.testing`, which add counts of checks to JUnit's properties of the test."""
     return Referee(request.node, request.config.getoption("--stvk-report"))
 
 
 class Referee:
-    """The assertions of `skfem_stvk.testing` for one test, whose mark `stvk` may hold arguments for them."""
+    """Assertions of `skfem_stvk.testing` for one test, whose mark `stvk` may hold arguments for them."""
 
     def __init__(self, test: pytest.Item, folder: str | None) -> None:
         self.test, self.folder = test, folder
@@ -107,7 +107,7 @@ class Referee:
         return self._judge(assert_law, verify_law, **law)
 
     def _judge(self, judge: Callable[..., Report], declared: Callable[..., Report], *candidate: Any, **options: Any) -> Report:
-        """What an assertion says, with the arguments of the mark; those that it knows are those that are `declared`."""
+        """Return the report of an assertion with the arguments of the mark; `declared` has the arguments that may be there."""
         __tracebackhide__ = True
         from .testing import Inconsistent
 
@@ -130,7 +130,7 @@ class Referee:
         return report
 
     def _record(self, report: Report) -> None:
-        """Counts of checks as properties of the test, and the report's files in a folder that is named like the test."""
+        """Add counts of checks to the properties of the test, and save the report in a folder with the test's name."""
         self.judged += 1
         counts = ", ".join(f"{number} {outcome}" for outcome, number in report.to_dict()["counts"].items())
         properties = self.test.user_properties  # `record_property` fills it too, but warns of pytest's own default for JUnit

@@ -101,23 +101,23 @@ class Element:
 
     @cached_property
     def shape(self) -> ShapeFunctions:
-        """Its shape functions."""
+        """Shape functions on the reference cell."""
         return self.functions(self.cell)
 
     @property
     def means(self) -> tuple[Corners, ...]:
-        """The corners between which each further node is."""
+        """Corners between which each further node lies."""
         return self.shape.means
 
     @cached_property
     def nodes(self) -> Array:
-        """(n, k) reference coordinates."""
+        """Reference coordinates of the nodes, (n, k)."""
         corners = self.cell.corners
         return np.array([*corners, *(corners[list(ids)].mean(axis=0) for ids in self.means)]).reshape(-1, self.k)
 
     @property
     def k(self) -> int:
-        """Dimension."""
+        """Dimension of the reference cell."""
         return self.cell.corners.shape[1]
 
     @property
@@ -127,73 +127,73 @@ class Element:
 
     @property
     def corners(self) -> int:
-        """Number of corners, the first nodes."""
+        """Number of corners, which are the first nodes."""
         return len(self.cell.corners)
 
     @property
     def degree(self) -> int:
-        """Degree of the shape functions along an edge: 2 if there are nodes besides the corners, else 1."""
+        """Degree of the shape functions along an edge: 2 if the element has nodes besides its corners, else 1."""
         return 2 if self.means else 1
 
     @property
     def is_simplex(self) -> bool:
-        """Whether it is a segment, triangle or tetrahedron, of any degree: each facet is opposite to a corner."""
+        """Whether the element is a segment, triangle or tetrahedron of any degree, so that each facet is opposite to a corner."""
         return self.corners == self.k + 1
 
     @property
     def is_linear_simplex(self) -> bool:
-        """Whether the gradient of what it interpolates is the same everywhere in it."""
+        """Whether the element is a simplex without further nodes, so that the shape functions have constant gradients."""
         return self.n == self.k + 1
 
     @property
     def edges(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of corners `(a, b)` of its edges."""
+        """Edges as pairs of corners `(a, b)`."""
         return self.cell.edges
 
     @property
     def linear(self) -> Element:
-        """The element of the same corners without further nodes."""
+        """Element with the same corners and no further nodes."""
         return self if not self.means else next(one for one in ELEMENTS.values() if one.cell is self.cell and not one.means)
 
     @property
     def quadratic(self) -> Element | None:
-        """The element of the same corners with further nodes, if there is one."""
+        """Element with the same corners and further nodes; None if there is no such element."""
         return next((one for one in ELEMENTS.values() if one.cell is self.cell and one.means), None)
 
     @property
     def edge(self) -> Element:
-        """The kind of its edges."""
+        """Element of the edges: a segment of the same degree."""
         return self if self.k == 1 else named(self.facet).edge
 
     @cached_property
     def facets(self) -> tuple[Corners, ...]:
-        """Local nodes of its facets, each as the element `facet` has them; scikit-fem's order of facets."""
+        """Local nodes of the facets in scikit-fem's order, each facet numbered as the element `facet`."""
         further = {frozenset(ids): self.corners + i for i, ids in enumerate(self.means)}
         means = named(self.facet).means if self.facet else ()
         return tuple((*ids, *(further[frozenset(ids[a] for a in of)] for of in means)) for ids in self.cell.facets)
 
     @cached_property
     def reversed(self) -> list[int]:
-        """Its nodes in the order of an element with the opposite orientation, with the first two corners exchanged."""
+        """Local nodes in the order of an element with the opposite orientation: the first two corners are exchanged."""
         corners = self.cell.reversed
         further = [frozenset(ids) for ids in self.means]
         return [*corners, *(self.corners + further.index(frozenset(corners[a] for a in ids)) for ids in self.means)]
 
     @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Pairs `(a, b)` of its local nodes that K couples: all; of a linear simplex its edges, in their order."""
+        """Pairs `(a, b)` of local nodes that K couples: the edges of a linear simplex in their order, else all pairs."""
         return self.edges if self.is_linear_simplex else tuple(combinations(range(self.n), 2))
 
     def values(self, xi: Array) -> Array:
-        """(nq, n) shape functions at reference points `xi` (nq, k)."""
+        """Return the shape functions (nq, n) at reference points `xi` (nq, k)."""
         return self.shape.values(xi)
 
     def derivatives(self, xi: Array) -> Array:
-        """(nq, n, k) derivatives `dN_a/dxi_i` at reference points `xi` (nq, k); their sum over the nodes is 0."""
+        """Return the derivatives `dN_a/dxi_i` (nq, n, k) at reference points `xi` (nq, k); their sum over the nodes is 0."""
         return self.shape.derivatives(xi)
 
     def __reduce__(self) -> tuple[Callable[[str], Element], tuple[str]]:
-        """Return how copies and pickles find the row of the table."""
+        """Return the constructor and its arguments for copies and pickles, which are the same row of the table."""
         return named, (self.name,)
 
     def __repr__(self) -> str:
@@ -213,7 +213,7 @@ def _box(family: str, lagrange: str, reference: Any, reversed: Corners) -> Cell:
 
 
 def _barycentric(xi: Array) -> Array:
-    """(nq, k + 1) barycentric coordinates `l_a` of reference points `xi` (nq, k)."""
+    """Return the barycentric coordinates `l_a` (nq, k + 1) of reference points `xi` (nq, k)."""
     return np.concatenate([1 - xi.sum(axis=1, keepdims=True), xi], axis=1)
 
 
@@ -246,7 +246,7 @@ def _Q1(cell: Cell) -> ShapeFunctions:
     corners = cell.corners
 
     def factors(xi: Array) -> Array:
-        """(nq, n, k) `xi_i` or `1 - xi_i` of each corner."""
+        """Return `xi_i` or `1 - xi_i` of each corner, (nq, n, k)."""
         return np.where(corners == 1, xi[:, None], 1 - xi[:, None])
 
     def derivatives(xi: Array) -> Array:
@@ -305,10 +305,10 @@ POINT = Element("points", NO_EXTENT, _P1, "", (1, 1, 1), "vertex")
 
 
 def named(name: str) -> Element:
-    """The element of this name."""
+    """Return the element of this name."""
     return POINT if name == "points" else ELEMENTS[name]
 
 
 def linear_simplex(k: int) -> Element:
-    """The linear simplex of dimension `k`."""
+    """Return the linear simplex of dimension `k`."""
     return ELEMENTS[{1: "segments", 2: "triangles", 3: "tetrahedra"}[k]]

@@ -37,7 +37,7 @@ class Rule(NamedTuple):
 
 @cache
 def rule_of(element: Element, kind: str = "usual") -> Rule:
-    """The rule of a kind for an element.
+    """Return the rule of a kind for an element.
 
         usual        1 point of linear simplices; 2, 3, 4 of quadratic segments, triangles, tetrahedra; 2^k of boxes
         exact        integrates W, a quartic in the gradient, exactly on elements with straight edges: 1; 3, 6, 14; 3^k points

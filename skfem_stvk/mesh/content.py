@@ -33,7 +33,7 @@ from .groups import (
 
 
 class Content(NamedTuple):
-    """What `ElementMesh` is made of."""
+    """Arguments of `ElementMesh`."""
 
     p: NDArray[np.float64]
     t: NDArray[Any]
@@ -45,7 +45,7 @@ class Content(NamedTuple):
 
 
 def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
-    """The elements of a mesh of meshio's, as `read_mesh` takes them from a file; `name` stands for it in messages."""
+    """Return the elements of a mesh of meshio's, as `read_mesh` takes them from a file; `name` stands for it in messages."""
     try:
         check_cells(raw)
     except Damaged as error:
@@ -56,7 +56,7 @@ def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
 def content_of(
     raw: meshio.Mesh, name: str, degree: int | None = None, dimension: int | None = None, keep: Collection[str] = ()
 ) -> Content:
-    """The elements of what was read, whose cells have been checked; `name` stands for it in messages.
+    """Return the elements of what was read, whose cells have been checked; `name` stands for it in messages.
 
     The other arguments are those of `read_mesh`.
     """
@@ -110,7 +110,7 @@ def check_cells(mesh: meshio.Mesh) -> None:
 
 
 def base_of(raw: meshio.Mesh, name: str) -> Element:
-    """The linear element that has the corners of the cells of the highest dimension."""
+    """Return the linear element that has the corners of the cells of the highest dimension."""
     filled = [block for block in raw.cells if len(block)]
     if not filled:
         raise MeshError(f"{name} holds no cells. Is it cut off, or a cloud of points?")
@@ -134,7 +134,7 @@ def base_of(raw: meshio.Mesh, name: str) -> Element:
 
 
 def element_of(raw: meshio.Mesh, base: Element, degree: int | None) -> Element:
-    """Quadratic elements if all cells are of second order and not asked for by their corners, otherwise linear elements."""
+    """Return the quadratic element if all cells are of second order and `degree` is not 1, otherwise the linear element."""
     quadratic = base.quadratic
     if quadratic is None or degree == 1:
         return base
@@ -159,7 +159,7 @@ def warn_of_cells(raw: meshio.Mesh, element: Element, degree: int | None) -> Non
 
 
 class Numbers(NamedTuple):
-    """How the nodes of a file are numbered anew.
+    """Order and new numbers of the nodes of a file.
 
     Attributes
     ----------
@@ -264,7 +264,7 @@ def merge_copies(t: NDArray[Any], subdomains: dict[str, NDArray[Any]]) -> tuple[
 
 
 def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The facets whose vertices are all used, with a warning of the others."""
+    """Return the facets whose vertices are all used, and warn of the others."""
     kept = {}
     for name, facets in boundaries.items():
         good = np.isin(facets, used).all(axis=0)
@@ -276,7 +276,7 @@ def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[s
 
 
 def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The nodes that are used, with a warning of others that are not inside elements of higher order; no empty sets."""
+    """Return the used nodes of each set without empty sets, and warn of lost nodes that are no inner nodes of elements."""
     kept = {}
     for name, members in sets.items():
         kept[name] = np.intersect1d(members, used)

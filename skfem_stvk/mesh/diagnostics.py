@@ -28,7 +28,7 @@ CHUNK = 512
 
 
 class MeshFault(NamedTuple):
-    """What is wrong with a mesh, or doubtful.
+    """Fault of a mesh, or doubt about it.
 
     Attributes
     ----------
@@ -71,12 +71,12 @@ def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
 
 
 def _of_elements(every: Iterator[MeshFault]) -> Iterator[MeshFault]:
-    """Those faults that are of elements, not of nodes, which are said once."""
+    """Yield the faults of elements, not of nodes, which are reported once."""
     return (fault for fault in every if fault.name in ("collapsed", "flat", "folded", "duplicates"))
 
 
 def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[MeshFault]:
-    """All that is wrong with a mesh, what is refused first; each is looked for when it is asked for.
+    """Yield all faults of a mesh, refused ones first; each is searched for when it is asked for.
 
     Meshes `together` with it on the same nodes say which nodes are on elements, and what is connected.
     """
@@ -117,7 +117,7 @@ def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[
 def sound_elements(
     mesh: ElementMesh, finite: NDArray[np.bool_], collapsed: NDArray[np.bool_]
 ) -> tuple[MeshArrays, NDArray[np.int64]]:
-    """The elements that have no `collapsed` (nt,) corners and only `finite` (nv,) nodes, on coordinates that all are; their ids."""
+    """Return the elements with neither `collapsed` (nt,) corners nor nodes that are not `finite` (nv,), and their ids."""
     if finite.all() and not collapsed.any():
         return mesh, np.arange(mesh.nt)
     kept = np.flatnonzero(finite[mesh.t].all(axis=0) & ~collapsed)
@@ -126,7 +126,7 @@ def sound_elements(
 
 
 def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[MeshFault]:
-    """Simplices without volume, and elements whose Jacobian vanishes or changes its sign."""
+    """Yield simplices without volume, and elements whose Jacobian vanishes or changes its sign."""
     if mesh.element.is_linear_simplex:
         if len(bad := ids[flat_elements(mesh)]):
             text = (
@@ -148,7 +148,7 @@ def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Mesh
 
 
 def element_order(mesh: MeshArrays) -> str:
-    """The local order of nodes in words."""
+    """Return the local order of nodes in words."""
     edges = ", ".join(f"{a}{b}" for a, b in mesh.element.edges)
     if mesh.element.degree == 1:
         return f"scikit-fem's {mesh.element.cell.reference.__name__}, with edges {edges},"
@@ -157,7 +157,7 @@ def element_order(mesh: MeshArrays) -> str:
 
 
 def flat_elements(mesh: MeshArrays) -> NDArray[np.int64]:
-    """Linear simplices whose smallest height is zero to within rounding: of the coordinates, and 1e-12 of the longest edge."""
+    """Return linear simplices whose smallest height is below rounding of the coordinates, or 1e-12 of the longest edge."""
     p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor vanish
     parallelepiped, longest, largest_facet = measures(p, mesh.t)
     rounding = np.finfo(float).eps * np.abs(p).max(axis=0)[mesh.t].max(axis=0)
@@ -169,7 +169,7 @@ def flat_elements(mesh: MeshArrays) -> NDArray[np.int64]:
 
 
 def folded_elements(mesh: MeshArrays) -> NDArray[np.int64]:
-    """Elements whose Jacobian is zero to within rounding, or of both signs, at the points of the usual and exact rules and nodes.
+    """Return elements whose Jacobian vanishes or changes its sign among its points (usual and exact rules) and nodes.
 
     In a space of more dimensions the sign is that of the turn from the spokes at the centre: no more than a right angle. Zero is a
     height as in `flat_elements`, which is at least `|J| / |P|^(k - 1)`: only where this is small heights are worked out.
@@ -194,13 +194,13 @@ def folded_elements(mesh: MeshArrays) -> NDArray[np.int64]:
 
 
 def scale_of(p: NDArray[np.float64]) -> float:
-    """The power of two next to the largest coordinate: to divide by it costs no digit."""
+    """Return the power of two next to the largest coordinate: to divide by it costs no digit."""
     largest = float(np.abs(p).max())
     return 2.0 ** np.clip(np.floor(np.log2(largest)), -1021, 1022) if largest > 0 else 1.0
 
 
 def _faults_of_range(mesh: MeshArrays) -> Iterator[MeshFault]:
-    """Lengths that energies and stiffnesses, made of squares of volumes, cannot be computed from in double precision."""
+    """Yield elements of a size at which squares of volumes leave the range of double precision."""
     scale = scale_of(mesh.p)
     longest = longest_edges(mesh, mesh.p / scale)
     longest = longest[longest > 0]
@@ -217,7 +217,7 @@ def _faults_of_range(mesh: MeshArrays) -> Iterator[MeshFault]:
 
 
 def longest_edges(mesh: MeshArrays, p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(nt,) the longest edge of each element, from corner to corner."""
+    """Return the longest edge of each element, from corner to corner, (nt,)."""
     if mesh.element.is_simplex:
         return measures(p, mesh.corners)[1]
     return np.asarray(np.linalg.norm(edge_differences(mesh, p), axis=0).max(axis=0))
@@ -234,7 +234,7 @@ def warn_of_flat_elements(mesh: ElementMesh) -> None:
 
 
 def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[np.bool_]) -> Iterator[MeshFault]:
-    """Nodes closer than 1e-6 of the elements' longest edge, in the median: seams that do not hold together."""
+    """Yield nodes closer than 1e-6 of the median longest edge: seams that do not hold together."""
     near = 1e-6 * float(np.median(longest_edges(sound, sound.p)))
     nodes = np.flatnonzero(finite)
     p = mesh.p if len(nodes) == mesh.nv else mesh.p[:, nodes]
@@ -258,7 +258,7 @@ def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[n
 
 
 def _close_along_a_line(x: NDArray[np.float64], near: float) -> NDArray[np.intp]:
-    """Ids of points (d, n) of size one that others may be `near`, all such ids among them: by projections on one line, in order."""
+    """Return ids of points (d, n) of size one that include all with others within `near`: by projections on one line."""
     along = np.array([0.7236067977, 0.5877852523, 0.3616170474])[: len(x)] @ x  # a line that no mesh is aligned with
     order = np.argsort(along)
     meets = np.diff(along[order]) <= near + ROUND_OFF
@@ -266,8 +266,7 @@ def _close_along_a_line(x: NDArray[np.float64], near: float) -> NDArray[np.intp]
 
 
 def parts(meshes: Sequence[ElementMesh]) -> NDArray[np.int32]:
-    """(nv,) number of the connected part that each node of meshes on the same nodes belongs to; parts that share one node are
-    connected."""
+    """Return the number of the connected part of each node (nv,) of meshes on the same nodes; one shared node connects parts."""
     a = np.concatenate([np.tile(mesh.t[0], len(mesh.t) - 1) for mesh in meshes])
     b = np.concatenate([mesh.t[1:].ravel() for mesh in meshes])
     links = coo_matrix((np.ones(len(a)), (a, b)), shape=(meshes[0].nv,) * 2)
@@ -275,7 +274,7 @@ def parts(meshes: Sequence[ElementMesh]) -> NDArray[np.int32]:
 
 
 def _on_elements(meshes: Sequence[ElementMesh]) -> NDArray[np.bool_]:
-    """(nv,) whether each node of meshes on the same nodes is on an element."""
+    """Return whether each node of meshes on the same nodes is on an element, (nv,)."""
     used = np.zeros(meshes[0].nv, dtype=bool)
     for mesh in meshes:
         used[mesh.t.ravel()] = True
@@ -283,15 +282,17 @@ def _on_elements(meshes: Sequence[ElementMesh]) -> NDArray[np.bool_]:
 
 
 def sizes_of_parts(meshes: Sequence[ElementMesh]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """(nv,) number of the connected part that each node of meshes on the same nodes belongs to, and (n,) how many nodes each has; 0
-    of those on no element."""
+    """Return the number of the connected part of each node (nv,) of meshes on the same nodes, and the nodes of each part (n,).
+
+    A node on no element is a part of its own, which counts 0 nodes.
+    """
     part = parts(meshes)
     used = _on_elements(meshes)
     return part, np.bincount(part[used], minlength=int(part.max()) + 1).astype(np.int64)
 
 
 def _parts_apart(mesh: ElementMesh, together: Sequence[ElementMesh]) -> Iterator[MeshFault]:
-    """Parts that are not connected, with the nodes of all but the largest."""
+    """Yield a fault if parts are not connected, with the nodes of all but the largest."""
     part, count = sizes_of_parts(together)
     sizes = np.sort(count[count > 0])[::-1]
     if len(sizes) > 1:

@@ -15,7 +15,7 @@ from .mesh import ElementMesh
 
 
 def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
-    """`u` (ndofs,) by vertex or node as (nv, d).
+    """Return `u` (ndofs,) by vertex or node as (nv, d).
 
     It is not copied if it is in double or single precision and contiguous; otherwise it is as in `finite_vector`.
 
@@ -27,7 +27,7 @@ def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
 
 
 def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
-    """A vector as in `arguments.vector`, of finite numbers; anything else raises StateError.
+    """Return a vector of finite numbers as `arguments.vector` does; anything else raises StateError.
 
     >>> finite_vector("v", [0.0, np.nan, 1.0], 3)
     Traceback (most recent call last):
@@ -42,7 +42,7 @@ def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom"
 
 
 def all_finite(values: Array) -> bool:
-    """Whether no entry is infinite or NaN.
+    """Return whether no entry is infinite or NaN.
 
     Then their sum is finite; only where it is not, which may be overflow, every entry is looked at.
 

@@ -38,7 +38,7 @@ class MeshArrays:
 
     @property
     def facet(self) -> Element:
-        """The kind of facets: (m, n) arrays of facets have its nodes."""
+        """Element of the facets, whose nodes arrays of facets (m, n) have."""
         return named(self.element.facet)
 
     @property
@@ -63,12 +63,12 @@ class MeshArrays:
 
     @property
     def word(self) -> str:
-        """What messages call a node: a vertex, if there are no others."""
+        """Word for a node in messages: "vertex" if there are no other nodes."""
         return "vertex" if self.element.degree == 1 else "node"
 
     @property
     def words(self) -> str:
-        """What messages call nodes."""
+        """Word for nodes in messages."""
         return "vertices" if self.element.degree == 1 else "nodes"
 
     @cached_property
@@ -87,7 +87,7 @@ class Cells(MeshArrays):
 
 
 def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids]:
-    """All facets (m, nf) of elements `t` in scikit-fem's order, and those of each element (f, nt).
+    """Return all facets (m, nf) of elements `t` in scikit-fem's order, and the facets of each element (f, nt).
 
     Each stands once, with all its nodes as `named(element.facet)` has them. Corners of simplices and of edges of quadrilaterals
     ascend, those of hexahedra go round the facet. The second array is the facet opposite to each vertex of simplices, and each of
@@ -114,12 +114,12 @@ def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids
 
 
 def facet_ids(mesh: MeshArrays) -> Ids:
-    """The number (f, nt) of each facet of each element, as in `facets_of`; elements that share a facet share it."""
+    """Return the number (f, nt) of each facet of each element, as in `facets_of`; elements that share a facet share it."""
     return facets_of(mesh.t, mesh.nv, mesh.element)[1]
 
 
 def boundary_facets(mesh: MeshArrays) -> Ids:
-    """(m, n) nodes of the facets that belong to one element only, turned outwards where the elements fill the space.
+    """Return the facets (m, n) of one element only, with outward orientation where the elements fill the space.
 
     Those of tetrahedra and hexahedra are counterclockwise when seen from outside; those of triangles and quadrilaterals in the
     plane have the body on their left. Middles follow the corners. `mesh.surface` keeps them.
@@ -152,7 +152,7 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
 
 
 def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
-    """(n,) where the `wanted` facets (m, n) stand among `facets`, whatever the order of their nodes; -1 if they do not.
+    """Return the indices (n,) of `wanted` facets (m, n) among `facets`, in any order of their nodes; -1 if absent.
 
     >>> find_facets(np.array([[2, 1], [0, 3]]), np.array([[0, 0], [1, 2]]), 4)
     array([ 1, -1])
@@ -165,7 +165,7 @@ def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
 
 
 def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:
-    """Edges (2, ne) of elements with `corners` (n, nt) in scikit-fem's order, and (m, nt) those of each.
+    """Return the edges (2, ne) of elements with `corners` (n, nt) in scikit-fem's order, and the edges of each element (m, nt).
 
     Ends of edges ascend, all in lexicographic order; segments are their own edges.
     """
@@ -217,7 +217,7 @@ def with_middles(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -
 
 
 def _middles(t: Ids, element: Element, which: NDArray[Any]) -> Ids:
-    """Middles of facets of simplices, as the kind of facets has them; `which` counts as `_opposite` does."""
+    """Return the middles of facets of simplices in the order of the facet's element; `which` counts as `_opposite` does."""
     facet = named(element.facet)
     if facet.k == 0 or element.degree == 1:
         return np.empty((0, len(which)), dtype=np.int32)
@@ -237,7 +237,7 @@ def _listed(t: Ids, element: Element) -> Ids:
 
 
 def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
-    """The number of each facet, given with ascending vertices, in lexicographic order, and where each number first stands."""
+    """Return the number of each facet in lexicographic order, and where each number first occurs; vertices of facets ascend."""
     order, new = _grouped(ordered, nv)
     place = np.empty(len(order), dtype=np.int32)
     place[order] = np.cumsum(new) - 1
@@ -245,13 +245,13 @@ def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
 
 
 def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
-    """Columns of the facets that only one element has; each is given with ascending vertices."""
+    """Return columns of the facets that only one element has; each is given with ascending vertices."""
     order, new = _grouped(ordered, nv)
     return order[new & np.append(new[1:], True)]
 
 
 def _outwards(element: Element) -> NDArray[np.bool_]:
-    """Whether each facet looks outwards on the reference element, in the order of `element.facets`."""
+    """Return whether each facet has its normal outwards on the reference element, in the order of `element.facets`."""
     x, centre = element.cell.corners, element.cell.corners.mean(axis=0)
     facets = [x[list(facet)] for facet in element.cell.facets]
     spokes = [f[[1, -1]] - f[0] if element.k == 3 else f[1:] - f[0] for f in facets]
@@ -259,17 +259,17 @@ def _outwards(element: Element) -> NDArray[np.bool_]:
 
 
 def _turn(facets: Ids, which: NDArray[np.bool_], mesh: MeshArrays) -> None:
-    """Turn some of the facets round in place: the first two corners change places, or go round the other way."""
+    """Reverse the orientation of some facets in place."""
     facets[:, which] = facets[mesh.facet.reversed][:, which]
 
 
 def _opposite(ordered: NDArray[Any]) -> Ids:
-    """(k, (k + 1) nt) the facets opposite to the first, second, ... vertex of simplices with ascending vertices."""
+    """Return the facets (k, (k + 1) nt) opposite to the first, second, ... vertex of simplices with ascending vertices."""
     return np.concatenate([np.delete(ordered, i, axis=0) for i in range(len(ordered))], axis=1).astype(np.int32, copy=False)
 
 
 def _grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
-    """The lexicographic order of facets, stable, and whether each differs from the one before it in that order."""
+    """Return the lexicographic order of facets, stable, and whether each differs from the one before it in that order."""
     order = lexicographic_order(facets, nv)
     facets = facets[:, order]
     new = np.ones(len(order), dtype=bool)
@@ -296,7 +296,7 @@ class NamedFacets(Mapping[str, NDArray[np.int32]]):
         return name in self._ids
 
     def on(self, t: Ids, nv: int, element: Element) -> NamedFacets:
-        """The facets of these names on the same elements with another degree."""
+        """Return the facets of these names on the same elements with another degree."""
         return NamedFacets(t, nv, element, self._ids)
 
     @cached_property
@@ -308,7 +308,7 @@ class NamedFacets(Mapping[str, NDArray[np.int32]]):
 
 
 def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which triangles or quadrilaterals to turn so that all neighbours look to the same side, that of the first of their piece.
+    """Return the faces to reverse, so that all neighbours have the orientation of the first face of their piece.
 
     `t` (m, n) are their corners. Neighbours are two at an edge of no other, a piece is connected by those: they look to the same
     side if they go along it in opposite directions. The second array says whether the piece of each has two sides, unlike a
@@ -329,7 +329,7 @@ def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDAr
 
 
 def _neighbours(t: NDArray[np.int32], nv: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-    """Pairs of triangles or quadrilaterals at edges that only they have, and whether they go along it in opposite directions."""
+    """Return pairs of faces at edges that no other face has, and whether both run along the edge in opposite directions."""
     ends = np.concatenate([t[[i, (i + 1) % len(t)]] for i in range(len(t))], axis=1).astype(np.int32)
     both = np.sort(ends, axis=0)
     order = lexicographic_order(both, nv)

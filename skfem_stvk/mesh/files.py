@@ -16,7 +16,7 @@ from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, Damaged, refused
 
 
 def load(path: Path) -> meshio.Mesh:
-    """Points, cells, groups and data of the file."""
+    """Return the points, cells, groups and data of a file."""
     check_file(path)
     try:
         return checked(path)
@@ -44,7 +44,7 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def checked(path: Path) -> meshio.Mesh:
-    """The content of a file that was checked before and after it was read."""
+    """Return the content of a file, which is checked before and after it is read."""
     ending = path.suffix.lower()
     if ending in READERS:
         mesh = READERS[ending](path)
@@ -57,7 +57,7 @@ def checked(path: Path) -> meshio.Mesh:
 
 
 def quietly(path: Path) -> meshio.Mesh:
-    """The content as meshio reads it; what it prints becomes part of the error."""
+    """Return the content that meshio reads; its printed lines become part of the error."""
     printed = StringIO()
     try:
         with redirect_stdout(printed), redirect_stderr(StringIO()), np.errstate(over="ignore"):
@@ -101,7 +101,7 @@ def check_file(path: Path) -> None:
 
 
 def damaged(path: Path, reason: str) -> MeshError:
-    """The error for a file that does not hold together."""
+    """Return the error for a file that does not hold together."""
     again = "Write it anew" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
     return MeshError(
         f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"

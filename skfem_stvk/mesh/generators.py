@@ -21,7 +21,7 @@ SIDES = (("left", "right"), ("bottom", "top"), ("front", "back"))
 
 
 def box(size: Any, cells: Any, element: str | None = None, origin: Any = None) -> ElementMesh:
-    """A box along the axes in one, two or three dimensions.
+    """Return a box along the axes in one, two or three dimensions.
 
     Boundaries are "left" and "right" (least and largest x), "bottom" and "top" (y), "front" and "back" (z), as scikit-fem's
     `mesh.with_defaults()` names them. A cell is a quadrilateral or a hexahedron, or it is split into two triangles or six
@@ -66,7 +66,7 @@ def _ends(axis: int) -> tuple[tuple[str, int], tuple[str, int]]:
 
 
 def bar(length: float, width: float, cells: Any, element: str = "tetrahedra") -> ElementMesh:
-    """A bar of square cross-section about the x axis, from x = 0 on; boundaries are those of `box`.
+    """Return a bar of square cross-section about the x axis, from x = 0 on; boundaries are those of `box`.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def bar(length: float, width: float, cells: Any, element: str = "tetrahedra") ->
 
 
 def cylinder(radius: float, length: float, cells: Any, inner_radius: float = 0.0) -> ElementMesh:
-    """A cylinder of tetrahedra about the x axis, from x = 0 on, solid or hollow.
+    """Return a cylinder of tetrahedra about the x axis, from x = 0 on, solid or hollow.
 
     Boundaries are "left" (x = 0), "right", "side", and of a hollow one "inside". The nodes of the side lie on the cylinder; its
     facets are flat, so that the volume of `n` facets round a solid one is `n/(2 pi) sin(2 pi/n)` of the cylinder's.
@@ -135,7 +135,7 @@ def cylinder(radius: float, length: float, cells: Any, inner_radius: float = 0.0
 
 
 def _disc(radius: float, rings: int) -> tuple[Array, Array, dict[str, Array]]:
-    """Nodes (2, n) of a disc on rings of 6, 12, 18, ... round the centre, triangles (3, nt), and the nodes of its rim."""
+    """Return the nodes (2, n) of a disc on rings of 6, 12, 18, ..., triangles (3, nt), and the nodes of its rim."""
     counts = [6 * ring for ring in range(1, rings + 1)]
     circles = [_circle(radius * ring / rings, count) for ring, count in enumerate(counts, 1)]
     flat = np.concatenate([np.zeros((2, 1)), *circles], axis=1)
@@ -157,7 +157,7 @@ def _disc(radius: float, rings: int) -> tuple[Array, Array, dict[str, Array]]:
 
 
 def _ring(bore: float, radius: float, across: int) -> tuple[Array, Array, dict[str, Array]]:
-    """As `_disc` with a bore: cells round it are about as long as across, and each is split into two triangles."""
+    """Return the same as `_disc` with a bore; its cells are about as long as wide, each split into two triangles."""
     around = max(12, round(np.pi * (bore + radius) / ((radius - bore) / across)))
     circles = [_circle(r, around) for r in np.linspace(bore, radius, across + 1)]
     this, following = np.arange(around), (np.arange(around) + 1) % around
@@ -174,7 +174,7 @@ def _circle(radius: float, count: int) -> Array:
 
 
 def turned(p: Array, t: NDArray[Any], element: Element) -> NDArray[np.int32]:
-    """Linear elements (n, nt) with two of their axes exchanged where their volume is negative."""
+    """Return linear elements (n, nt) of positive volume: inverted ones with two of their axes exchanged."""
     t, nodes = np.array(t, dtype=np.int32), element.nodes
     if element.is_simplex:
         mirrored = np.array([*range(element.n - 2), element.n - 1, element.n - 2])
@@ -192,7 +192,7 @@ def _length(name: str, given: Any) -> float:
 
 
 def _lengths(size: Any) -> Array:
-    """(d,) positive lengths."""
+    """Return positive lengths (d,)."""
     expected = "one to three positive lengths, one along each axis"
     lengths = real_array(size)
     lengths = array("size", size if lengths is None or lengths.ndim else lengths[None], (None,), expected, MeshError)
@@ -202,7 +202,7 @@ def _lengths(size: Any) -> Array:
 
 
 def _counts(name: str, given: Any, n: int, meaning: str = "along each axis") -> list[int]:
-    """So many whole numbers of cells, at least 1 each."""
+    """Return `n` numbers of cells, at least 1 each."""
     expected = f"{n} whole number{'s' * (n > 1)} of cells from 1 on, {meaning}"
     counts = list(given) if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim == 1) else [given] * n
     if len(counts) != n:

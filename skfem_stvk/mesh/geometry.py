@@ -41,7 +41,7 @@ class Geometry:
 
     @property
     def gram(self) -> NDArray[np.float64]:
-        """(nt, k + 1, k + 1) Gram matrix `G_ab = g_a . g_b` [1/m^2]."""
+        """Gram matrix `G_ab = g_a . g_b` (nt, k + 1, k + 1) [1/m^2]."""
         return self.gradients @ np.swapaxes(self.gradients, 1, 2)
 
 
@@ -61,7 +61,7 @@ class PointGeometry(NamedTuple):
 
 
 def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointGeometry]:
-    """Rest geometry of the elements at each point of the rule of a kind; of boxes with one point their mean gradients."""
+    """Return the rest geometry at each point of the rule of a kind; boxes with one point have their mean gradients."""
     if mesh.element.is_linear_simplex:
         return [Geometry(mesh.p, mesh.t)]
     if kind == "one-point" and mesh.element.shape.one_point:
@@ -84,19 +84,19 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
 
 
 def edge_differences(mesh: MeshArrays, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(d, m, nt) differences of a field `x` (d, nv) between the ends of `element.edges`, of each element."""
+    """Return the differences (d, m, nt) of a field `x` (d, nv) between the ends of `element.edges` of each element."""
     a, b = np.transpose(mesh.element.edges)
     corners = x[:, mesh.corners]
     return corners[:, a] - corners[:, b]
 
 
 def edge_lengths(mesh: MeshArrays) -> NDArray[np.float64]:
-    """(m, nt) lengths of the edges of the elements, from end to end [m]."""
+    """Return the lengths (m, nt) of the edges of the elements, from end to end [m]."""
     return np.linalg.norm(edge_differences(mesh, mesh.p), axis=0)
 
 
 def aspect_ratios(mesh: MeshArrays) -> NDArray[np.float64]:
-    """(nt,) longest edge over smallest height; 1.22 for a regular tetrahedron, 1 for a segment, a square or a cube.
+    """Return longest edge over smallest height (nt,): 1.22 for a regular tetrahedron, 1 for a segment, a square or a cube.
 
     Elements with several points count as flat as they are at the worst of their usual points: there they are the simplex, or the
     box, of their spokes. The ratio is infinite where there is no height.

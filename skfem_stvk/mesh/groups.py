@@ -26,14 +26,14 @@ NODE_SET = "stvk:n:"
 
 
 def cell_groups(raw: meshio.Mesh, base: Element) -> Sets:
-    """Named groups, or where elements with the corners of `base` are in none, one for each value of the arrays of integers."""
+    """Return the named groups; if no element with the corners of `base` is in one, also one for each value of integer arrays."""
     sets = listed_sets(raw) | indicator_sets(raw)
     sets |= {name: ids for name, ids in physical_sets(raw).items() if name not in sets}
     return sets if pick(sets, raw, base) else sets | value_sets(raw, base)
 
 
 def pick(sets: Sets, raw: meshio.Mesh, base: Element) -> dict[str, NDArray[np.int32]]:
-    """The elements with the corners of `base` of each group, counted through their blocks; groups without any are left out."""
+    """Return the elements with the corners of `base` of each group, counted through their blocks; empty groups are left out."""
     picked = {}
     for name, ids_of_block in sets.items():
         start, ids = 0, [np.empty(0, dtype=np.int64)]
@@ -46,7 +46,7 @@ def pick(sets: Sets, raw: meshio.Mesh, base: Element) -> dict[str, NDArray[np.in
 
 
 def listed_sets(raw: meshio.Mesh) -> Sets:
-    """The cell sets of meshio, without Gmsh's own such as the phantom 'gmsh:bounding_entities'."""
+    """Return the cell sets of meshio, without Gmsh's own such as the phantom 'gmsh:bounding_entities'."""
     empty = np.empty(0, dtype=np.int64)
     return {
         name: [empty if ids is None else ids for ids in ids_of_block]
@@ -56,7 +56,7 @@ def listed_sets(raw: meshio.Mesh) -> Sets:
 
 
 def indicator_sets(raw: meshio.Mesh) -> Sets:
-    """Subdomains as scikit-fem's `mesh.save` writes them: arrays 'skfem:s:NAME' that are 1 inside."""
+    """Return subdomains that scikit-fem's `mesh.save` wrote: arrays 'skfem:s:NAME' that are 1 inside."""
     prefix = "skfem:s:"
     return {
         name.removeprefix(prefix): [np.flatnonzero(marks(name, values, 1, "0 or 1")) for values in arrays]
@@ -66,7 +66,7 @@ def indicator_sets(raw: meshio.Mesh) -> Sets:
 
 
 def marks(name: str, values: NDArray[Any], most: int, expected: str) -> NDArray[np.int64]:
-    """Whole numbers, one for each cell, from 0 to `most`."""
+    """Return whole numbers, one for each cell, from 0 to `most`."""
     if values.ndim != 1 or values.dtype.kind not in "fiub":
         raise MeshError(f"The array {name!r} has the shape {values.shape}; expected {expected} for each element.")
     if len(bad := np.flatnonzero(~((values >= 0) & (values <= most) & (values == np.floor(values))))):
@@ -75,7 +75,7 @@ def marks(name: str, values: NDArray[Any], most: int, expected: str) -> NDArray[
 
 
 def physical_sets(raw: meshio.Mesh) -> Sets:
-    """Gmsh's physical groups by tag; a tag without a name is its own name."""
+    """Return Gmsh's physical groups by tag; a tag without a name is its own name."""
     names = {(int(v[1]), int(v[0])): name for name, v in raw.field_data.items() if np.shape(v) == (2,)}
     sets: Sets = {}
     for i, tags in enumerate(raw.cell_data.get("gmsh:physical", [])):
@@ -86,7 +86,7 @@ def physical_sets(raw: meshio.Mesh) -> Sets:
 
 
 def value_sets(raw: meshio.Mesh, base: Element) -> Sets:
-    """A group 'NAME:VALUE' for each value of an array of integers that has few values on elements with the corners of `base`."""
+    """Return groups 'NAME:VALUE' for integer arrays with few values on elements that have the corners of `base`."""
     sets: Sets = {}
     for name, arrays in raw.cell_data.items():
         if name.startswith(("gmsh:", "skfem:", "stvk:", "vtk", "cell_ids")) or any(
@@ -101,7 +101,7 @@ def value_sets(raw: meshio.Mesh, base: Element) -> Sets:
 
 
 def facet_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
-    """(m, n) corners of the facets of each group: cells one dimension lower, and scikit-fem's arrays 'skfem:b:NAME'.
+    """Return facet corners (m, n) of each group: cells one dimension lower, and scikit-fem's arrays 'skfem:b:NAME'.
 
     Bit `j` of such an array says that facet `j` of the cell, in scikit-fem's order, is in the boundary.
     """
@@ -120,14 +120,14 @@ def facet_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArr
 
 
 def line_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
-    """(2, n) ends of the segments of each group in a file of solids, such as cables; on surfaces segments are facets."""
+    """Return segment ends (2, n) of each group in a file of solids, such as cables; on surfaces segments are facets."""
     line = linear_simplex(1)
     segments = corners(raw.cells, line)
     return {name: segments[:, ids] for name, ids in pick(sets, raw, line).items()} if base.k == 3 else {}
 
 
 def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
-    """Nodes of each group, ascending: node sets, and groups of points, or curves where facets are surfaces, such as Gmsh's."""
+    """Return ascending nodes of each group: node sets, and groups of points, or of curves where facets are surfaces."""
     groups: dict[str, NDArray[np.int64]] = {}
     for kind in (named("points"), linear_simplex(1))[: max(base.k - 1, 1)]:
         blocks = [np.asarray(block.data, dtype=np.int64) for block in raw.cells if is_of(block, kind)]
@@ -141,11 +141,12 @@ def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArra
     return groups | {name: np.union1d(groups.get(name, []), ids).astype(np.int64) for name, ids in raw.point_sets.items()}
 
 
-CORNERS = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
+#: Numbers of corners by the family of a cell in meshio's words: of the elements, and of two kinds of cells that are none.
+CORNERS = {one.cell.family: one.corners for one in (POINT, *ELEMENTS.values())} | {"pyramid": 5, "wedge": 6}
 
 
 def as_cells(t: NDArray[Any], element: Element) -> tuple[str, NDArray[Any]]:
-    """Elements `t` (n, nt) as cells of meshio's: their type, and (nt, n) nodes in VTK's local order.
+    """Return elements `t` (n, nt) as meshio's cells: their type, and nodes (nt, n) in VTK's local order.
 
     >>> as_cells(np.arange(8)[:, None], named("hexahedra"))
     ('hexahedron', array([[0, 3, 6, 2, 1, 5, 7, 4]]))
@@ -154,7 +155,7 @@ def as_cells(t: NDArray[Any], element: Element) -> tuple[str, NDArray[Any]]:
 
 
 def from_cells(kind: str, cells: NDArray[Any]) -> tuple[NDArray[Any], Element]:
-    """Elements (n, nt) of cells (nt, n) of a type that `as_cells` gives, and which they are.
+    """Return the nodes (n, nt) and the element of cells (nt, n) of a type that `as_cells` gives.
 
     >>> t, element = from_cells("quad", np.array([[0, 1, 2, 3]]))
     >>> element.name
@@ -165,7 +166,7 @@ def from_cells(kind: str, cells: NDArray[Any]) -> tuple[NDArray[Any], Element]:
 
 
 def linear_kind(cell_type: str) -> str:
-    """Name of the linear element with the corners of a type of cell in meshio's words; empty for other cells.
+    """Return the name of the linear element with the corners of a type of cell in meshio's words; empty for other cells.
 
     >>> linear_kind("tetra10"), linear_kind("hexahedron"), linear_kind("wedge")
     ('tetrahedra', 'hexahedra', '')
@@ -177,25 +178,25 @@ def linear_kind(cell_type: str) -> str:
 def node_count(cell_type: str) -> int | None:
     """Return the number of nodes of a type of cell in meshio's words; None if it is not known, or cells have several.
 
-    >>> node_count("wedge"), node_count("tetra10"), node_count("polygon")
-    (6, 10, None)
+    >>> node_count("wedge"), node_count("pyramid"), node_count("tetra10"), node_count("polygon")
+    (6, 5, 10, None)
     """
     shape = cell_type.rstrip("0123456789")
     return int(cell_type[len(shape) :] or CORNERS[shape]) if shape in CORNERS else None
 
 
 def is_of(block: Any, base: Element) -> bool:
-    """Whether the cells have the corners of a linear element, and there are any."""
+    """Return whether there are cells, and they have the corners of a linear element."""
     return len(block) > 0 and linear_kind(block.type) == base.name
 
 
 def corners(cells: Iterable[Any], base: Element) -> NDArray[Any]:
-    """(m, n) corners of the cells that are of the kind of `base`, in scikit-fem's local order, block after block."""
+    """Return corners (m, n) of the cells of the kind of `base`, in scikit-fem's local order, block after block."""
     return nodes(cells, base, base)
 
 
 def nodes(cells: Iterable[Any], base: Element, element: Element) -> NDArray[Any]:
-    """(m, n) nodes of those cells as `element` has them, which is `base` or has middles of edges after its corners."""
+    """Return the nodes (m, n) of these cells for `element`, which is `base` or has further nodes after the same corners."""
     blocks = [np.asarray(block.data, dtype=np.int64)[:, : element.n] for block in cells if is_of(block, base)]
     return _in_our_order(np.concatenate([np.empty((0, element.n), dtype=np.int64), *blocks]).T, element)
 
@@ -206,14 +207,14 @@ def _in_our_order(t: NDArray[Any], element: Element) -> NDArray[Any]:
 
 
 def inner_nodes(cells: Iterable[Any]) -> NDArray[np.int64]:
-    """Nodes of elements of higher order that are not corners: on edges, faces or inside."""
+    """Return the nodes of elements of higher order that are no corners: on edges, faces or inside."""
     kinds = [(block, linear_kind(block.type)) for block in cells if len(block)]
     blocks = [np.ravel(block.data[:, named(kind).n :]) for block, kind in kinds if kind]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *blocks])).astype(np.int64)
 
 
 def count_cells(cells: Iterable[Any]) -> str:
-    """The number of cells of each type, in words.
+    """Return the number of cells of each type, in words.
 
     >>> from meshio import CellBlock
     >>> count_cells([CellBlock("wedge", [[0] * 6]), CellBlock("quad", [[0] * 4] * 2), CellBlock("wedge", [[0] * 6])])
@@ -227,7 +228,7 @@ def count_cells(cells: Iterable[Any]) -> str:
 
 
 def flatten(p: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-    """The coordinates without the last ones that are the same everywhere, as far as the simplices allow.
+    """Return the coordinates without the last ones that are the same everywhere, as far as the simplices allow.
 
     >>> flatten(np.array([[0.0, 1, 0], [0, 0, 1], [5, 5, 5]]), k=2)
     array([[0., 1., 0.],

@@ -111,7 +111,7 @@ class ElementMesh(Marked):
 
     @classmethod
     def of(cls, mesh: MeshLike) -> ElementMesh:
-        """The elements of a scikit-fem mesh, of arrays `(p, t)`, of a `meshio.Mesh`, or of an `ElementMesh` (handed back as it is).
+        """Return the elements of a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh` (returned itself).
 
         MeshTet2 and MeshTri2 are quadratic simplices, with their curved edges, MeshHex1 and MeshQuad1 hexahedra and quadrilaterals;
         their nodes are scikit-fem's degrees of freedom of the same element. Arrays are linear simplices. From a `meshio.Mesh` is
@@ -139,7 +139,7 @@ class ElementMesh(Marked):
 
     @classmethod
     def made_of(cls, content: Content, name: str) -> ElementMesh:
-        """The mesh of what a file or a `meshio.Mesh` holds; messages begin with its `name`."""
+        """Return the mesh of the content of a file or a `meshio.Mesh`; messages begin with its `name`."""
         try:
             return cls(*content)
         except MeshError as error:
@@ -147,11 +147,11 @@ class ElementMesh(Marked):
 
     @property
     def kind(self) -> str:
-        """The elements in words, such as 'tetrahedra in 3D'."""
+        """Elements in words, such as 'tetrahedra in 3D'."""
         return f"{self.element.name} in {self.d}D"
 
     def with_boundaries(self, boundaries: Mapping[str, Any]) -> ElementMesh:
-        """The same mesh with more boundaries, each a place (`mesh.places.Where`) such as a predicate, as in scikit-fem.
+        """Return the same mesh with more boundaries, each a place (`mesh.places.Where`) such as a predicate, as in scikit-fem.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class ElementMesh(Marked):
         return replace(self, boundaries={**self.boundaries, **added})
 
     def with_degree(self, degree: int) -> ElementMesh:
-        """The same body with shape functions of degree 1 or 2: quadratic simplices have straight edges, linear ones the corners.
+        """Return the same body with shape functions of degree 1, on its corners, or 2, with straight edges.
 
         Boundaries and node sets come along. Of degree 2 a boundary has the middles of its edges too, and a node set those of edges
         both ends of which are in it, so that a set of the vertices of a face holds the whole face; of degree 1 both are without.
@@ -237,7 +237,7 @@ class ElementMesh(Marked):
         return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element, lines=lines)
 
     def scaled(self, factor: float) -> ElementMesh:
-        """The same mesh with all coordinates times a positive factor, such as 1e-3 for a file in mm in a model in m.
+        """Return the same mesh with all coordinates times a positive factor, such as 1e-3 for a file in mm in a model in m.
 
         Raises
         ------
@@ -251,7 +251,7 @@ class ElementMesh(Marked):
         return replace(self, p=factor * self.p)
 
     def renumbered(self) -> tuple[ElementMesh, NDArray[np.int32]]:
-        """The same body with its vertices in reverse Cuthill-McKee order, and which node of this mesh each of its nodes (nv,) is.
+        """Return the same body with its vertices in reverse Cuthill-McKee order, and the old number of each new node (nv,).
 
         Rows of K of nodes that are near each other lie side by side then: K of a mesh that is numbered at random takes two thirds
         of the time (`docs/speed.md`). Boundaries and node sets come along; elements keep their order. A field `x` (nv, d) of this
@@ -281,7 +281,7 @@ class ElementMesh(Marked):
         return mesh, nodes
 
     def ends(self) -> NDArray[np.int32] | None:
-        """(nv, 2) nodes between which each lies in the middle of an edge, itself twice of a vertex.
+        """Return the two nodes (nv, 2) between which each middle of an edge lies; a vertex has itself twice.
 
         None for linear elements, and for elements that have nodes elsewhere.
 
@@ -298,12 +298,14 @@ class ElementMesh(Marked):
         return ends
 
     def _node_ids(self) -> dict[str, NDArray[Any]]:
-        """Node sets as ids, from ids or masks."""
+        """Return node sets as ids, from ids or masks."""
         return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}
 
     def elements(self, region: str | Box | NDArray[Any] | None) -> NDArray[np.int64]:
-        """Ids of the elements of a region: a name in `subdomains`, a `Box` that holds their centres, element ids, a mask, or None
-        for all; the centre of an element is the mean of its corners.
+        """Return the ids of the elements of a region.
+
+        A region is a name in `subdomains`, a `Box` that holds their centres, element ids, a mask, or None for all. The centre of an
+        element is the mean of its corners.
 
         Raises
         ------
@@ -353,7 +355,7 @@ class ElementMesh(Marked):
 
 
 def _element_of(mesh: skfem.Mesh) -> Element:
-    """The element of a scikit-fem mesh, which others are refused for."""
+    """Return the element of a scikit-fem mesh; other meshes are refused."""
     name = type(mesh).__name__
     if isinstance(mesh, MeshDG):
         raise MeshError(
@@ -379,7 +381,7 @@ def _element_of(mesh: skfem.Mesh) -> Element:
 def _with_all_middles(
     corners: NDArray[np.int32], kind: Element, between: Sequence[NDArray[np.int32]], n: int, name: str
 ) -> NDArray[np.int32]:
-    """Facets or segments of a name with their further nodes, which must be among those of the elements (`further_nodes`)."""
+    """Return named facets or segments with their further nodes; refuse those on no edge of the elements (`further_nodes`)."""
     whole = with_middles(corners, kind, between, n)
     if len(bad := np.flatnonzero((whole < 0).any(axis=0))):
         raise MeshError(
@@ -390,7 +392,7 @@ def _with_all_middles(
 
 
 def _other_arrays(t: NDArray[Any]) -> str:
-    """What may be meant by an array of elements that are no linear simplices."""
+    """Return a hint for an array of elements that are no linear simplices."""
     meant = [name for name, element in ELEMENTS.items() if t.ndim == 2 and not element.is_linear_simplex and element.n == len(t)]
     if not meant:
         return "Transpose arrays of shape (nt, k + 1)."
@@ -402,7 +404,7 @@ def _other_arrays(t: NDArray[Any]) -> str:
 
 
 def checked_degree(degree: Any) -> int:
-    """1 or 2; anything else is refused."""
+    """Return the degree, 1 or 2; anything else is refused."""
     return whole("degree", degree, "1 or 2, the degree of the shape functions of simplices", 1, 2, MeshError)
 
 
@@ -423,7 +425,7 @@ def check_numbers(t: NDArray[np.int32], element: Element) -> None:
 
 
 def vertex_ids(given: Any) -> NDArray[Any]:
-    """The vertices of the elements as an array, of whatever type."""
+    """Return the vertices of the elements as an array, of whatever type."""
     try:
         if np.ma.is_masked(given):
             raise ValueError

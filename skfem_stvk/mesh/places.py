@@ -39,7 +39,7 @@ class PlaceShape(ABC):
 
     @abstractmethod
     def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
-        """(n,) which of the points (d, n) of a body of this size are there."""
+        """Return which of the points (d, n) of a body of this size are at the place, (n,)."""
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.bool_]:
         x = np.asarray(x)
@@ -195,7 +195,7 @@ class NearestNode(PlaceShape):
 
 
 def _point(name: str, given: Any) -> tuple[float, ...]:
-    """One to three finite coordinates."""
+    """Return one to three finite coordinates."""
     expected = "one to three coordinates, as many as the mesh has dimensions"
     point = array(name, given, (None,), expected, RegionError)
     if not 1 <= len(point) <= 3:
@@ -217,7 +217,7 @@ class Marked(MeshArrays):
 
 
 def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:
-    """Ids of the nodes there, at least one: listed ids, each once, in the order in which they are given, others ascending.
+    """Return ids of the nodes there, at least one: listed ids, each once, in the order in which they are given, others ascending.
 
     Messages of the RegionError begin with `what` asks for them.
 
@@ -246,7 +246,7 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
 
 
 def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
-    """The facets (m, n) at a place, each once: those of a named boundary, or boundary facets with all nodes there.
+    """Return the facets (m, n) at a place, each once: those of a named boundary, or boundary facets with all nodes there.
 
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
@@ -269,7 +269,7 @@ def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np
 
 
 def in_order(mesh: Marked, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(n,) nodes of the facets at a place, in the order in which values are given for them: that of `vertices_at`."""
+    """Return the nodes (n,) of the facets at a place in the order of values for them, that of `vertices_at`."""
     ids = np.unique(facets).astype(np.int64)
     if isinstance(where, str) or callable(where):
         return ids
@@ -278,7 +278,7 @@ def in_order(mesh: Marked, where: Where, facets: NDArray[np.int32]) -> NDArray[n
 
 
 def describe(where: Any) -> str:
-    """A place in words.
+    """Return a place in words.
 
     >>> describe("tip"), describe([3, 4]), describe(lambda x: x[0] == 0)
     ("'tip'", '2 vertices (3, 4)', "the predicate '<lambda>'")
@@ -323,17 +323,17 @@ def _refuse_unknown(mesh: Marked, name: str, what: str) -> None:
 
 
 def checked_facets(mesh: Marked, name: str) -> NDArray[np.int32]:
-    """(m, n) facets of a named boundary, each once."""
+    """Return the facets (m, n) of a named boundary, each once."""
     return _checked(mesh, mesh.boundaries[name], named(mesh.element.facet).n, f"Boundary {name!r}", "facet")
 
 
 def checked_lines(mesh: Marked, name: str) -> NDArray[np.int32]:
-    """(m, n) segments of named lines, each once."""
+    """Return the segments (m, n) of named lines, each once."""
     return _checked(mesh, mesh.lines[name], mesh.element.edge.n, f"Lines {name!r}", "segment")
 
 
 def _checked(mesh: Marked, given: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
-    """(m, n) nodes of facets or segments, each once. RegionError, which begins with `what`, for other arrays."""
+    """Return the nodes (m, n) of facets or segments, each once; other arrays raise RegionError, which begins with `what`."""
     ids = np.asarray(given)
     if ids.ndim != 2 or len(ids) != m or not ids.size or ids.dtype.kind not in "iu":
         raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected ({m}, n), n > 0: the nodes of {word}s.")
@@ -371,7 +371,7 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
 
 
 def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
-    """Vertex ids as they are given, or those of a mask."""
+    """Return listed vertex ids in their order, or the ids of a mask."""
     ids = _array(given)
     if ids is None or ids.ndim != 1:
         raise RegionError(
@@ -388,19 +388,19 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
 
 
 def _array(given: Any) -> NDArray[Any] | None:
-    """Ids or a mask as an array; None for what is neither."""
+    """Return ids or a mask as an array; None for what is neither."""
     return nodes_of(given) if isinstance(given, DofsView) else whole_array(given)
 
 
 def nodes_of(view: DofsView) -> NDArray[Any]:
-    """Nodes of the view, which may be of another mesh: its vertices in its own order, then the middles of edges that it has."""
+    """Return the nodes of a view, maybe of another mesh: its vertices in its own order, then its middles of edges."""
     dofs, d = view.obj, len(view.obj.nodal_dofs)
     others = [every[0, ix] // d for every, ix in _beside_vertices(view)] if d else []
     return np.concatenate([np.arange(dofs.topo.nvertices)[view.nodal_ix], *others]).astype(np.int64)
 
 
 def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
-    """Degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not among them.
+    """Return degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not among them.
 
     >>> import skfem
     >>> from skfem_stvk import ElementMesh
@@ -434,13 +434,13 @@ def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
 
 
 def _beside_vertices(view: DofsView) -> list[tuple[NDArray[Any], Any]]:
-    """Degrees of freedom (d, n) of edges, facets and the interior of elements, where there are any, and which of them it has."""
+    """Return all degrees of freedom (d, n) of edges, facets and interiors, where there are any, and which of them the view has."""
     dofs = view.obj
     every = (dofs.edge_dofs, view.edge_ix), (dofs.facet_dofs, view.facet_ix), (dofs.interior_dofs, view.interior_ix)
     return [(of, ix) for of, ix in every if of.size]
 
 
 def _in_words(element: Any) -> str:
-    """An element in words, with the one that a vector element repeats."""
+    """Return an element in words, with the element that a vector element repeats."""
     inner = getattr(element, "elem", None)
     return type(element).__name__ + (f"({type(inner).__name__}())" if inner is not None else "")

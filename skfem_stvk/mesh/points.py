@@ -24,7 +24,7 @@ ROUNDED = 8 * float(np.finfo(float).eps)
 
 
 def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
-    """(nt, nq, k, d) spokes `sum_a dN_a/dxi_i x_a` at reference points `xi` (nq, k) of elements `t` (n, nt).
+    """Return the spokes `sum_a dN_a/dxi_i x_a` (nt, nq, k, d) at reference points `xi` (nq, k) of elements `t` (n, nt).
 
     `x` (d, nv) are coordinates, or displacements, whose differences along the spokes these are then. The result is a view in which
     elements are next to each other: what is done to one component of all is fast.
@@ -42,7 +42,7 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
 
 
 def are_straight(p: Array, t: Any, element: Element) -> Any:
-    """(nt,) whether the spokes of an element are the same everywhere, to within `ROUNDED` of its coordinates: one frame is enough.
+    """Return whether the spokes of each element (nt,) are the same everywhere, to within `ROUNDED` of its coordinates.
 
     Simplices are straight if each middle is in the middle, quadrilaterals and hexahedra if they are parallelograms and
     parallelepipeds.
@@ -56,12 +56,12 @@ def are_straight(p: Array, t: Any, element: Element) -> Any:
 
 
 def _by_node(x: Array, t: Any) -> Array:
-    """(n, d nt) components of a field `x` (d, nv) at the nodes of elements `t` (n, nt), elements next to each other."""
+    """Return components (n, d nt) of a field `x` (d, nv) at the nodes of elements `t` (n, nt), elements next to each other."""
     return x[:, t].transpose(1, 0, 2).reshape(len(t), -1)
 
 
 def sizes_at_points(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
-    """(nq, n) weight times length, area or volume at each point of the rule of a kind, of elements or facets `t` (m, n) [m^k].
+    """Return weight times length, area or volume [m^k] of elements or facets `t` (m, n) at each point of a rule, (nq, n).
 
     Their sums are the sizes: exact for all but curved lines and surfaces in a space of more dimensions.
     """
@@ -75,7 +75,7 @@ def sizes_at_points(p: Array, t: Any, element: Element, kind: str = "mass") -> A
 
 
 def sizes_of(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
-    """(n,) lengths, areas or volumes of elements or facets `t` (m, n) by the rule of a kind [m^k]; 1 for points."""
+    """Return lengths, areas or volumes (n,) of elements or facets `t` (m, n) by the rule of a kind [m^k]; 1 for points."""
     if element.k == 0:
         return np.ones(t.shape[1])
     if element.is_linear_simplex:
@@ -84,7 +84,7 @@ def sizes_of(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
 
 
 def determinants(spokes: Array) -> Array:
-    """(...,) determinants of spokes (..., d, d), which are negative for elements that are turned round."""
+    """Return the determinants (...,) of spokes (..., d, d), which are negative for inverted elements."""
     p = np.moveaxis(spokes, (-2, -1), (0, 1))
     if len(p) == 1:
         return np.asarray(p[0, 0])
@@ -94,12 +94,12 @@ def determinants(spokes: Array) -> Array:
 
 
 def orientations(p: Array, t: Any, element: Element) -> Array:
-    """(nt,) Jacobian determinants at the centres of elements that fill their space, negative where they are inverted."""
+    """Return the Jacobian determinants (nt,) at the centres of elements that fill their space, negative for inverted ones."""
     return np.asarray(determinants(spokes_at(p, t, element, rule_of(element, "one-point").points))[:, 0])
 
 
 def signed(spokes: Array, centre: Array) -> Array:
-    """(nt, nq) determinants of spokes (nt, nq, k, d); for k < d sizes, negative where they are turned over from those at `centre`.
+    """Return determinants (nt, nq) of spokes (nt, nq, k, d); for k < d sizes, negative where inverted against those at `centre`.
 
     Turned over means by more than a right angle: `det P P_c'` of the spokes P and those at the `centre` P_c is negative.
     """
@@ -110,7 +110,7 @@ def signed(spokes: Array, centre: Array) -> Array:
 
 
 def measures_of(spokes: Array) -> Array:
-    """(...,) length, area or volume of the parallelepiped that spokes (..., k, d) span; 1 for k = 0.
+    """Return length, area or volume (...,) of the parallelepiped that spokes (..., k, d) span; 1 for k = 0.
 
     >>> float(measures_of(np.array([[3.0, 0, 4]]))), float(measures_of(np.array([[2.0, 0, 0], [1, 0, 3]])))
     (5.0, 6.0)
@@ -125,7 +125,7 @@ def measures_of(spokes: Array) -> Array:
 
 
 def normals_of(spokes: Array) -> Array:
-    """(..., d) normals (..., d) of facets from their spokes (..., d - 1, d), as long as the parallelogram is large.
+    """Return normals (..., d) of facets from their spokes (..., d - 1, d), as long as the parallelogram is large.
 
     They look outwards for facets in the order of `mesh.surface`.
 
@@ -139,7 +139,7 @@ def normals_of(spokes: Array) -> Array:
 
 
 def extremes(spokes: Array, simplex: bool) -> tuple[Array, Array]:
-    """Longest edge and inverse of the smallest height (...,) of the simplex, or of the parallelepiped, of spokes (..., k, d)."""
+    """Return longest edge and inverse smallest height (...,) of the simplex or parallelepiped of spokes (..., k, d)."""
     p = np.moveaxis(spokes, (-2, -1), (0, 1))
     k = len(p)
     edges = [*p, *(p[i] - p[j] for i in range(k) for j in range(i))] if simplex else [*p]

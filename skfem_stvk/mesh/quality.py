@@ -78,7 +78,7 @@ class MeshQuality:
         return not any(fault.refused for fault in self.faults)
 
     def worst(self, name: str, n: int = 5) -> Extreme:
-        """The n worst elements by a measure, such as "largest aspect ratio"; errors name them all.
+        """Return the n worst elements by a measure, such as "largest aspect ratio"; errors name them all.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class MeshQuality:
         return Extreme(name, dimension, float(np.median(values[known])), each[0], tuple(order.tolist()), each)
 
     def extremes(self, n: int = 5) -> list[Extreme]:
-        """The n worst elements by each measure that the elements have."""
+        """Return the n worst elements by each measure that the elements have."""
         return [self.worst(name, n) for name, (values, _, _) in self._measures.items() if not np.isnan(values).all()]
 
     @cached_property
@@ -122,7 +122,7 @@ class MeshQuality:
 
 
 def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQuality:
-    """Shapes of all elements of a mesh of any kind, the worst ones, and all that is wrong with it.
+    """Return the shapes of all elements of a mesh, its worst elements and all of its faults.
 
     A mesh that `System` refuses is told of as well, with all of its faults at once.
 
@@ -167,7 +167,7 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
 
 
 def _angles(cells: Cells) -> Array:
-    """(2, nt) smallest and largest angle [degrees] between edges (k = 2) or faces (k = 3) that meet, by corners."""
+    """Return smallest and largest angle (2, nt) [degrees] between edges (k = 2) or faces (k = 3) that meet, by corners."""
     x = np.zeros((3, *cells.corners.shape))
     x[: cells.d] = cells.p[:, cells.corners]
     low, high = np.full(cells.nt, np.inf), np.full(cells.nt, -np.inf)
@@ -183,7 +183,7 @@ def _angles(cells: Cells) -> Array:
 
 
 def _corners_of_angles(element: Element) -> Iterator[tuple[int, int, int, int]]:
-    """Local corners of each angle: where it is, the end of the edge in which two faces meet, and a corner on either side."""
+    """Yield the local corners of each angle: its own, the end of the edge where two faces meet, and one on either side."""
     neighbours = {a: sorted({b for edge in element.edges for b in edge if a in edge} - {a}) for a in range(element.corners)}
     for at, others in neighbours.items():
         if element.k == 2:
@@ -196,7 +196,7 @@ def _corners_of_angles(element: Element) -> Iterator[tuple[int, int, int, int]]:
 
 
 def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[MeshFault]:
-    """Elements that a body can be made of, but none that is fast and good."""
+    """Yield faults of elements that a body can be made of, but none that is fast and good."""
     flat = np.flatnonzero((aspect > FLAT) & np.isfinite(aspect))
     if len(flat):
         worst = flat[np.argsort(-aspect[flat], kind="stable")]

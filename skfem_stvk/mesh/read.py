@@ -14,7 +14,7 @@ from .mesh import ElementMesh, checked_degree
 def read_mesh(
     path: str | Path, degree: int | None = None, *, dimension: int | None = None, keep: Collection[str] = ()
 ) -> ElementMesh:
-    """The elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/meshes.md`.
+    """Read the elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/meshes.md`.
 
     Taken are the elements of the highest dimension in the file: tetrahedra, triangles and segments, of second order too, with their
     curved edges, or hexahedra or quadrilaterals. Vertices are in the order of the file; the middles of edges follow in scikit-fem's
@@ -61,7 +61,7 @@ def read_mesh(
 
 
 def embedded_mesh() -> ElementMesh:
-    """An angle bracket [m] with a fillet, a bolt hole and a bushing of its own subdomain, meshed by Gmsh.
+    """Return an angle bracket [m] with a fillet, a bolt hole and a bushing of its own subdomain, meshed by Gmsh.
 
     Subdomains 'bracket' and 'bushing'; boundaries 'bolt' (the wall of the hole in the base) and 'bore' (inside the
     bushing). Half of the elements are turned round. Made by `python -m validation.meshes`.

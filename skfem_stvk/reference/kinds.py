@@ -24,7 +24,7 @@ RuleLike: TypeAlias = str | Points
 
 
 class ElementKind(NamedTuple):
-    """A kind of element.
+    """Kind of element of the reference, by scikit-fem's own tables.
 
     Attributes
     ----------
@@ -43,22 +43,22 @@ class ElementKind(NamedTuple):
 
     @property
     def nodes(self) -> Array:
-        """(n, k) reference coordinates of the nodes, in scikit-fem's local order."""
+        """Reference coordinates (n, k) of the nodes, in scikit-fem's local order."""
         return np.array(self.element().doflocs, dtype=float)
 
     @property
     def is_box(self) -> bool:
-        """Whether it is a quadrilateral or hexahedron."""
+        """Whether the element is a quadrilateral or hexahedron."""
         return self.mesh in (skfem.MeshQuad1, skfem.MeshHex1)
 
     @property
     def corners(self) -> int:
-        """Number of corners, the first nodes."""
+        """Number of corners, which are the first nodes."""
         return 2**self.k if self.is_box else self.k + 1
 
     @property
     def is_linear_simplex(self) -> bool:
-        """Whether gradients are the same everywhere in it."""
+        """Whether the shape functions have constant gradients."""
         return not self.is_box and self.curved is None
 
 
@@ -77,7 +77,7 @@ LINEAR = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
 def points_of(kind: str, rule: RuleLike = "usual") -> Points:
-    """Points (k, nq) and weights (nq,) of a rule, from `skfem.quadrature`; linear simplices take the centre, with one point.
+    """Return points (k, nq) and weights (nq,) of a rule of `skfem.quadrature`; for linear simplices the centre alone.
 
     Raises
     ------
@@ -100,13 +100,13 @@ def points_of(kind: str, rule: RuleLike = "usual") -> Points:
 
 
 def derivatives(kind: str, rule: RuleLike = "usual") -> Array:
-    """(nq, n, k) derivatives of scikit-fem's shape functions at the points of a rule."""
+    """Return the derivatives (nq, n, k) of scikit-fem's shape functions at the points of a rule."""
     element, (xi, _) = KINDS[kind].element(), points_of(kind, rule)
     return np.stack([np.broadcast_to(element.lbasis(xi, a)[1], xi.shape).T for a in range(len(element.doflocs))], axis=1)
 
 
 def numbered(mesh: Any, element: Any, t: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(N,) the node of each degree of freedom of a scalar element: of elements with nodes `t` (n, nt) on the mesh of their corners.
+    """Return the node (N,) of each degree of freedom of a scalar element, for nodes `t` (n, nt) on the mesh of their corners.
 
     Raises
     ------
@@ -123,8 +123,9 @@ def numbered(mesh: Any, element: Any, t: NDArray[np.int32]) -> NDArray[np.int64]
 
 
 def curved_elements(p: Array, t: NDArray[np.int32], kind: str) -> NDArray[np.bool_]:
-    """(nt,) which quadratic elements have an edge whose middle is not half-way between its ends, to within 1e-14 of the
-    coordinates.
+    """Return which quadratic elements (nt,) have a curved edge.
+
+    The middle of a curved edge is not half-way between its ends, to within 1e-14 of the coordinates.
 
     >>> p = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.6, 0.5]])
     >>> curved_elements(p, np.arange(6)[:, None], "quadratic triangles")
@@ -139,7 +140,7 @@ def curved_elements(p: Array, t: NDArray[np.int32], kind: str) -> NDArray[np.boo
 
 
 def middles(kind: str) -> list[tuple[int, tuple[int, int]]]:
-    """Local numbers of the nodes in the middle of edges, with the two corners that each is half-way between.
+    """Return the local numbers of the middles of edges, with the two corners of each edge.
 
     >>> middles("quadratic segments")
     [(2, (0, 1))]

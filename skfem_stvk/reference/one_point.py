@@ -41,12 +41,12 @@ class ReferenceOnePoint:
         self._stiffness = control / 8 * self.volume * (self.gradients**2).sum(axis=(0, 1))
 
     def energy(self, u: Array) -> float:
-        """Strain energy [J]."""
+        """Return the strain energy [J]."""
         _, E, S = self._state(u)
         return float((self.volume * (E * S).sum(axis=(0, 1))).sum() / 2 + u @ (self._control @ u) / 2)
 
     def internal_force(self, u: Array) -> Array:
-        """Internal force [N]."""
+        """Return the internal force [N]."""
         F, _, S = self._state(u)
         f = np.einsum("t,iMt,MJt,aJt->ait", self.volume, F, S, self.gradients, optimize=True)
         force = np.zeros((self.ndofs // self.d, self.d))
@@ -54,7 +54,7 @@ class ReferenceOnePoint:
         return np.asarray(force.ravel() + self._control @ u)
 
     def tangent(self, u: Array) -> csr_matrix:
-        """Tangent stiffness [N/m]."""
+        """Return the tangent stiffness [N/m]."""
         F, _, S = self._state(u)
         C, g = np.broadcast_to(np.moveaxis(self._tensor, 0, -1), (*4 * (self.d,), self.t.shape[1])), self.gradients
         K = np.einsum("t,iMt,MJNLt,kNt,aJt,bLt->aibkt", self.volume, F, C, F, g, g, optimize=True)
@@ -65,7 +65,7 @@ class ReferenceOnePoint:
 
     @cached_property
     def _control(self) -> csr_matrix:
-        """(ndofs, ndofs) the hourglass control's constant part of K."""
+        """Constant part of K from the hourglass control, (ndofs, ndofs)."""
         blocks = np.einsum("t,kat,kbt->abt", self._stiffness, self.gamma, self.gamma, optimize=True)
         return self._assembled(np.einsum("abt,ij->aibjt", blocks, np.eye(self.d)))
 
@@ -75,14 +75,14 @@ class ReferenceOnePoint:
         return csr_matrix(coo_matrix((K.ravel(), (rows.ravel(), columns.ravel())), shape=(self.ndofs,) * 2))
 
     def _state(self, u: Array) -> tuple[Array, Array, Array]:
-        """`F`, `E` and `S` (d, d, nt)."""
+        """Return `F`, `E` and `S` (d, d, nt)."""
         F = np.eye(self.d)[:, :, None] + np.einsum("nti,njt->ijt", u.reshape(-1, self.d)[self.t], self.gradients)
         E = 0.5 * (np.einsum("mIt,mJt->IJt", F, F) - np.eye(self.d)[:, :, None])
         return F, E, np.einsum("IJKLt,KLt->IJt", np.moveaxis(self._tensor, 0, -1), E)
 
 
 def mean_gradients(p: Array, t: NDArray[np.int32], kind: str) -> tuple[Array, Array]:
-    """Mean gradients (n, d, nt) of scikit-fem's shape functions over each element, and volumes (nt,), both exact."""
+    """Return exact mean gradients (n, d, nt) of scikit-fem's shape functions over each element, and volumes (nt,)."""
     of = KINDS[kind]
     vertices, own = np.unique(t, return_inverse=True)
     mesh = of.mesh(np.ascontiguousarray(p[:, vertices] - p[:, vertices[:1]]), own.reshape(t.shape).astype(t.dtype), validate=False)
@@ -93,7 +93,7 @@ def mean_gradients(p: Array, t: NDArray[np.int32], kind: str) -> tuple[Array, Ar
 
 
 def hourglass_shapes(nodes: Array) -> Array:
-    """(1 or 4, n) products of two, and of three, of the reference coordinates of the nodes (n, k) in -1 ... 1.
+    """Return products (1 or 4, n) of two, and of three, of the reference coordinates of the nodes (n, k) in -1 ... 1.
 
     >>> hourglass_shapes(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
     array([[ 1., -1.,  1., -1.]])

@@ -72,12 +72,12 @@ class ReferenceStVK:
         self._start = np.moveaxis(self.axes, 0, 2)[..., None] if self._rest is None else self._rest
 
     def energy(self, u: Array) -> float:
-        """Strain energy [J]."""
+        """Return the strain energy [J]."""
         _, E, S = self._state(u)
         return float(_energy.assemble(self.basis, E=E, S=S if self._rest is None else S * self._stretch))
 
     def internal_force(self, u: Array) -> Array:
-        """Internal force [N]."""
+        """Return the internal force [N]."""
         F, _, S = self._state(u)
         P = np.einsum("iM...,MJ...->iJ...", F, S)
         if self._rest is not None:
@@ -86,7 +86,7 @@ class ReferenceStVK:
         return force if self._gather is None else self._gather.T @ force
 
     def tangent(self, u: Array) -> csr_matrix:
-        """Tangent stiffness [N/m]; its pattern depends on the state, for scikit-fem drops zeros."""
+        """Return the tangent stiffness [N/m]; its pattern depends on the state, for scikit-fem drops zeros."""
         F, _, S = self._state(u)
         A = self._moduli(F, S)
         if self._rest is not None:
@@ -95,13 +95,13 @@ class ReferenceStVK:
         return csr_matrix(K if self._gather is None else self._gather.T @ K @ self._gather)
 
     def _gradient(self, u: Array) -> Array:
-        """(d, k, nt, nq) gradient that scikit-fem interpolates, with respect to its own coordinates."""
+        """Return the gradient (d, k, nt, nq) that scikit-fem interpolates, with respect to its own coordinates."""
         gradient = self.basis.interpolate(u if self._gather is None else self._gather @ u).grad
         n, nq = self.basis.dx.shape
         return np.asarray(gradient).reshape(-1, self._tensor.shape[-1], n, nq)
 
     def _state(self, u: Array) -> tuple[Array, Array, Array]:
-        """`F` (d, k, nt, nq), Green-Lagrange strain `E` and second Piola-Kirchhoff stress `S` (k, k, nt, nq)."""
+        """Return `F` (d, k, nt, nq), Green-Lagrange strain `E` and second Piola-Kirchhoff stress `S` (k, k, nt, nq)."""
         gradient = self._gradient(u)
         if self._rest is not None:
             gradient = np.einsum("iJ...,JM...->iM...", gradient, self._inverse)
@@ -112,7 +112,7 @@ class ReferenceStVK:
         return F, E, np.einsum("IJKL...,KL...->IJ...", C, E)
 
     def _moduli(self, F: Array, S: Array) -> Array:
-        """`A_iJkL = dP_iJ/dF_kL = F_iM C_MJNL F_kN + delta_ik S_JL` (d, k, d, k, nt, nq)."""
+        """Return `A_iJkL = dP_iJ/dF_kL = F_iM C_MJNL F_kN + delta_ik S_JL` (d, k, d, k, nt, nq)."""
         d, k, n, nq = F.shape
         f = np.ascontiguousarray(F.transpose(2, 3, 0, 1))
         left = (f @ self._tensor.reshape(*self._tensor.shape[:2], k, k**3)).reshape(n, nq, d, k, k, k)  # iJNL
@@ -139,13 +139,13 @@ def _tangent(u: Any, v: Any, w: Any) -> Array:
 
 
 def _gradient(v: Any, like: Array) -> Array:
-    """The gradient (d, k, nt, nq), also of a one-dimensional field, for which scikit-fem leaves an axis out."""
+    """Return the gradient (d, k, nt, nq), also of a one-dimensional field, for which scikit-fem leaves an axis out."""
     gradient = np.asarray(v.grad)
     return gradient.reshape(*like.shape[:2], *like.shape[-2:])
 
 
 def _mesh(p: Array, t: NDArray[np.int32], kind: str) -> tuple[Any, NDArray[np.int64]]:
-    """scikit-fem's mesh of elements that fill the space, and the node (N,) of each of its degrees of freedom."""
+    """Return scikit-fem's mesh of elements that fill the space, and the node (N,) of each of its degrees of freedom."""
     of = KINDS[kind]
     vertices, own = np.unique(t[: of.corners].astype(np.int64), return_inverse=True)
     own = own.reshape(of.corners, -1).astype(t.dtype)
@@ -160,7 +160,7 @@ def _mesh(p: Array, t: NDArray[np.int32], kind: str) -> tuple[Any, NDArray[np.in
 
 
 def _disjoint(of: Any, corners: Array, t: NDArray[np.int32]) -> tuple[Any, NDArray[np.int64]]:
-    """A mesh of elements that share nothing, of corners (k, nt times their number), and the node of each degree of freedom."""
+    """Return a mesh of elements that share no nodes, from corners (k, nt times their number), and the node of each unknown."""
     own = np.arange(corners.shape[1], dtype=np.int32).reshape(-1, of.corners).T.copy()
     mesh = of.mesh(np.ascontiguousarray(corners), own, sort_t=False, validate=False)
     dofs = skfem.Dofs(mesh, of.element())
@@ -170,21 +170,24 @@ def _disjoint(of: Any, corners: Array, t: NDArray[np.int32]) -> tuple[Any, NDArr
 
 
 def element_axes(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike = "usual") -> Array:
-    """Orthonormal axes of the elements' own lines or surfaces: (nt, nq, d, k) at each point, or (nt, d, d), the global ones, where
-    they fill the space. The first is along the first reference coordinate (Gram-Schmidt)."""
+    """Return orthonormal axes of the elements' own lines or surfaces at each point, (nt, nq, d, k).
+
+    The first axis is along the first reference coordinate (Gram-Schmidt). Where the elements fill the space, the global axes
+    (nt, d, d) are returned.
+    """
     if KINDS[kind].k == len(p):
         return np.broadcast_to(np.eye(len(p)), (t.shape[1], len(p), len(p)))
     return _frames(p, t, kind, rule)[0]
 
 
 def simplex_axes(p: Array, t: NDArray[np.int32]) -> Array:
-    """(nt, d, k) the same of linear simplices, which have one point."""
+    """Return the axes (nt, d, k) of linear simplices, which have one point."""
     axes = element_axes(p, t, LINEAR[len(t) - 1])
     return axes if axes.ndim == 3 else axes[:, 0]
 
 
 def _frames(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike) -> tuple[Array, Array]:
-    """Axes (nt, nq, d, k) and upper triangles R (nt, nq, k, k) with `dX/dxi = axes R` and a positive diagonal (Gram-Schmidt)."""
+    """Return axes (nt, nq, d, k) and R (nt, nq, k, k), upper triangular with positive diagonal: `dX/dxi = axes R`."""
     x = p.T[t]
     spokes = np.einsum("qai,atc->tqci", derivatives(kind, rule), x - x[:1])
     k = spokes.shape[3]
@@ -202,6 +205,6 @@ def _frames(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike) -> tuple[
 
 
 def _laid_flat(p: Array, t: NDArray[np.int32], axes: Array) -> Array:
-    """(k, (k + 1) nt) coordinates of each simplex's vertices in its own axes, first vertex at the origin."""
+    """Return coordinates (k, (k + 1) nt) of each simplex's vertices in its own axes, first vertex at the origin."""
     x = p.T[t.T] - p.T[t[0]][:, None]
     return np.ascontiguousarray((x @ axes).reshape(-1, axes.shape[2]).T)

@@ -16,7 +16,7 @@ WITHIN = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}
 
 
 def isotropic_tensor(young: ArrayLike, poisson: ArrayLike, k: int, condensed: bool) -> Array:
-    """(n, k, k, k, k) of `S = lam tr(E) I + 2 mu E` in `k` dimensions; `condensed`: no stress across the simplex."""
+    """Return the tensors (n, k, k, k, k) of `S = lam tr(E) I + 2 mu E`; `condensed`: no stress across the simplex."""
     E = np.atleast_1d(np.asarray(young, dtype=float))
     if k == 1:
         return E.reshape(-1, 1, 1, 1, 1)
@@ -26,7 +26,7 @@ def isotropic_tensor(young: ArrayLike, poisson: ArrayLike, k: int, condensed: bo
 
 
 def lame_tensor(lam: ArrayLike, mu: ArrayLike, k: int) -> Array:
-    """(..., k, k, k, k) `lam d_ij d_kl + mu (d_ik d_jl + d_il d_jk)` of constants (...)."""
+    """Return `lam d_ij d_kl + mu (d_ik d_jl + d_il d_jk)` (..., k, k, k, k) of constants (...)."""
     one = np.eye(k)
     spherical = np.einsum("ij,kl->ijkl", one, one)
     symmetric = np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
@@ -34,7 +34,7 @@ def lame_tensor(lam: ArrayLike, mu: ArrayLike, k: int) -> Array:
 
 
 def engineering_matrix(young: Sequence[ArrayLike], poisson: Sequence[ArrayLike], shear: Sequence[ArrayLike]) -> Array:
-    """(n, 6, 6) Voigt matrix of `(E_1, E_2, E_3)`, `(nu_23, nu_13, nu_12)`, `(G_23, G_13, G_12)`, in closed form.
+    """Return Voigt matrices (n, 6, 6) of `(E_1, E_2, E_3)`, `(nu_23, nu_13, nu_12)`, `(G_23, G_13, G_12)`, in closed form.
 
     With `nu_ji = nu_ij E_j/E_i` and `D = 1 - nu_12 nu_21 - nu_23 nu_32 - nu_13 nu_31 - 2 nu_21 nu_32 nu_13`:
     `C_11 = E_1 (1 - nu_23 nu_32)/D`, `C_12 = E_1 (nu_21 + nu_31 nu_23)/D`, and so on round.
@@ -53,7 +53,7 @@ def engineering_matrix(young: Sequence[ArrayLike], poisson: Sequence[ArrayLike],
 
 
 def anisotropic_tensor(voigt: ArrayLike, frame: ArrayLike | None, axes: Array, condensed: bool) -> Array:
-    """(n, k, k, k, k) of the Voigt matrix (6, 6) or (n, 6, 6) in the simplices' own axes (n, d, k).
+    """Return tensors (n, k, k, k, k) of Voigt matrices (6, 6) or (n, 6, 6) in the simplices' own axes (n, d, k).
 
     The full tensor is rotated from the material frame into an orthonormal triad that begins with the simplices' axes. Where the
     stress across them vanishes, the strain across them is eliminated.
@@ -76,14 +76,14 @@ def anisotropic_tensor(voigt: ArrayLike, frame: ArrayLike | None, axes: Array, c
 
 
 def _tensor(matrix: Array) -> Array:
-    """(n, 3, 3, 3, 3) from (n, 6, 6)."""
+    """Return tensors (n, 3, 3, 3, 3) of Voigt matrices (n, 6, 6)."""
     row = np.empty((3, 3), dtype=int)
     row[FIRST, SECOND] = row[SECOND, FIRST] = range(6)
     return matrix[:, row[:, :, None, None], row]
 
 
 def _triad(axes: Array) -> Array:
-    """(n, 3, 3) orthonormal columns that begin with `axes` (n, d, k)."""
+    """Return orthonormal columns (n, 3, 3) that begin with `axes` (n, d, k)."""
     n, d, k = axes.shape
     triad = np.zeros((n, 3, 3))
     triad[:, :d, :k] = axes

@@ -177,6 +177,10 @@ def test_cells_that_may_have_another_order_of_nodes_are_taken_by_their_corners()
     assert taken.element is ELEMENTS["hexahedra"] and np.array_equal(taken.p[:, taken.t], mesh.p[:, mesh.corners])
 
 
+def test_nodes_elsewhere_than_on_edges_have_no_ends():
+    assert curved().ends() is None
+
+
 def test_quality_names_the_elements_that_fold():
     mesh = curved()
     assert mesh_quality(mesh).sound

@@ -242,6 +242,39 @@ def test_a_section_of_medits_that_ends_elsewhere_than_its_entries_is_refused(mor
         read_mesh(tmp_path / "mesh.meshb")
 
 
+def test_a_section_of_medits_that_is_there_twice_is_refused(tmp_path):
+    content = written("medit binary").content
+    end = int(np.frombuffer(content, "<i4", 1, 28)[0])
+    (tmp_path / "mesh.meshb").write_bytes(content[:end] + content[24:end] + content[end:])
+    with pytest.raises(MeshError, match="the section 4 stands twice"):
+        read_mesh(tmp_path / "mesh.meshb")
+
+
+def test_a_dimension_of_medits_that_there_is_not_is_refused(tmp_path):
+    content = bytearray(written("medit binary").content)
+    assert np.frombuffer(content, "<i4", 1, 20)[0] == 3
+    content[20:24] = np.int32(7).tobytes()
+    (tmp_path / "mesh.meshb").write_bytes(content)
+    with pytest.raises(MeshError, match="its dimension is 7; expected 2 or 3"):
+        read_mesh(tmp_path / "mesh.meshb")
+
+
+def test_binary_faces_with_more_than_their_corners_are_refused(tmp_path):
+    file = tmp_path / "mesh.ply"
+    meshio.write(file, meshio.Mesh(np.eye(3), [("triangle", np.arange(3)[None])]), binary=True)
+    file.write_bytes(file.read_bytes().replace(b"end_header", b"property uchar red\nend_header"))
+    with pytest.raises(MeshError, match="its faces have more than vertex_indices"):
+        read_mesh(file)
+
+
+def test_a_corner_of_stereolithography_without_one_coordinate_is_refused(tmp_path):
+    corners = ["vertex 0 0 0", "vertex 1 0 0", "vertex 0 1"]
+    text = "\n".join(["solid", "facet normal 0 0 1", "outer loop", *corners, "endloop", "endfacet", "endsolid", ""])
+    (tmp_path / "mesh.stl").write_text(text)
+    with pytest.raises(MeshError, match="its lines are not facets of three vertices each"):
+        read_mesh(tmp_path / "mesh.stl")
+
+
 SU2 = """NDIME= 3
 NELEM= 1
 10 0 1 2 3 0

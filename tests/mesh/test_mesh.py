@@ -299,3 +299,8 @@ def test_a_renumbered_mesh_is_the_same_body(name):
 def test_arrays_of_other_elements_are_told_how_they_are_given(d, shape, words):
     with pytest.raises(MeshError, match=words):
         ElementMesh(np.random.default_rng(0).random((d, 12)), np.zeros(shape, dtype=int))
+
+
+def test_a_vertex_among_the_middles_is_refused_with_its_element():
+    with pytest.raises(MeshError, match=r"^1 element \(1\): nodes are not numbered as scikit-fem"):
+        ElementMesh([[0.0, 2, 1, 4, 3]], [[0, 1], [1, 3], [2, 4]], element=ELEMENTS["quadratic segments"])

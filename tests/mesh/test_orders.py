@@ -258,6 +258,14 @@ def test_nodes_that_do_not_fit_together_are_refused_with_their_ids(cells, messag
         ElementMesh.of(meshio.Mesh(points, [("tetra10", np.array(cells))]))
 
 
+def test_segments_of_second_order_on_elements_of_second_are_in_the_order_of_their_middles():
+    cells = [("tetra10", np.arange(10)[None]), ("line3", np.array([[3, 2, 9], [1, 0, 4], [0, 2, 6]]))]
+    mesh = ElementMesh.of(meshio.Mesh(TEN, cells, cell_sets={"rope": [[], [0, 1, 2]]}))
+    rope = mesh.lines["rope"]
+    assert sorted(rope.T[:, :2].tolist()) == [[0, 2], [1, 0], [3, 2]] and (np.diff(rope[2]) > 0).all()
+    assert ElementMesh(mesh.p, rope, element=mesh.element.edge).nt == 3
+
+
 def test_facets_of_first_order_on_elements_of_second_get_their_middles_and_others_are_left_out():
     cells = [("tetra10", np.arange(10)[None]), ("triangle", np.array([[2, 1, 0], [0, 1, 3]]))]
     mesh = ElementMesh.of(meshio.Mesh(TEN, cells, cell_sets={"wall": [[], [0, 1]]}))

@@ -185,3 +185,10 @@ def test_the_facets_of_a_scikit_fem_mesh_are_not_looked_for_before_a_boundary_is
 def test_named_parts_of_a_mesh_may_be_left_out():
     assert ElementMesh(MESH.p, MESH.t, None, None, None).node_sets == {}
     assert issubclass(MeshError, ValueError)
+
+
+def test_degrees_of_freedom_with_unknowns_of_other_kinds_are_refused():
+    square = skfem.MeshTri()
+    both = skfem.Basis(square, skfem.ElementVector(skfem.ElementTriP1()) * skfem.ElementTriP0())
+    with pytest.raises(RegionError, match=r"expected those of linear vectors with 2 components, such as .*ElementTriP1"):
+        vertices_at(ElementMesh.of(square), both.get_dofs(lambda x: x[0] == 0))

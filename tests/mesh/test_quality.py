@@ -79,6 +79,11 @@ def test_every_element_has_qualities_that_no_unit_of_length_changes(name):
     assert len(one.extremes()) == (5 if mesh.k == 1 else 7)
 
 
+def test_the_aspect_ratio_of_a_segment_is_1_and_that_of_an_element_in_one_place_is_infinite():
+    assert (mesh_quality(([[0.0, 49.0, 50.0]], [[0, 1], [1, 2]])).aspect == 1).all()
+    assert mesh_quality(([[0.0, 1, 0, 2, 2, 2], [0.0, 0, 1, 3, 3, 3]], [[0, 3], [1, 4], [2, 5]])).aspect[1] == np.inf
+
+
 def test_the_worst_elements_come_first_and_by_their_ids():
     p = np.array([[0, 1, 1, 0, 2, 2.1], [0, 0, 1, 1, 0, 0.001]])
     quality = mesh_quality((p, [[0, 0, 1], [1, 2, 4], [2, 3, 5]]))

@@ -61,7 +61,7 @@ def time_contenders(results: Benchmark, specimen: Specimen) -> None:
 
 
 def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, Any]:
-    """The calls of a system, and the K that they fill."""
+    """Return the calls of a system, and the K that they fill."""
     K, operator = body.tangent(u), body.linear_operator(u)
     calls: dict[str, Callable[[], Any]] = {
         "W": partial(body.energy, u),
@@ -76,7 +76,7 @@ def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, An
 
 
 def _control_calls(specimen: Specimen) -> Calls:
-    """The calls of the C loop; a StvkError if there is no compiler, or what it makes cannot be used."""
+    """Return the calls of the C loop; a StvkError if there is no compiler, or what it makes cannot be used."""
     try:
         loop = Control(specimen.mesh.p, specimen.mesh.t, *lame(YOUNG, POISSON))
     except (OSError, np.linalg.LinAlgError) as error:
@@ -85,7 +85,7 @@ def _control_calls(specimen: Specimen) -> Calls:
 
 
 def reference_on(mesh: ElementMesh) -> ReferenceStVK:
-    """scikit-fem's standard assembly of the benchmark's material."""
+    """Return scikit-fem's standard assembly of the benchmark's material."""
     return ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(YOUNG, POISSON, 3, False))
 
 
@@ -115,7 +115,7 @@ def _time_peer(results: Benchmark, specimen: Specimen, name: str) -> None:
 
 
 def peer_on(name: str, mesh: ElementMesh) -> Any:
-    """A peer of the benchmark's material; a StvkError if it is not installed."""
+    """Return a peer of the benchmark's material; a StvkError if it is not installed."""
     return load(name)(mesh.p, mesh.t, YOUNG, POISSON)
 
 
@@ -135,7 +135,7 @@ def time_models(results: Benchmark, specimen: Specimen) -> None:
 
 
 def models_of(specimen: Specimen) -> dict[str, Any]:
-    """The models that are timed, by name, `MODELS`."""
+    """Return the models that are timed, by name, `MODELS`."""
     material: dict[str, Any] = {"young": YOUNG, "poisson": POISSON}
     network = EdgeNetwork.of(specimen.mesh, specimen.term)
     made = {
@@ -189,7 +189,7 @@ def compare_errors(results: Benchmark, specimen: Specimen) -> None:
 
 
 def _models(results: Benchmark, specimen: Specimen, piece: ElementMesh) -> dict[tuple[str, str], Any]:
-    """Every player that was timed, by name and precision."""
+    """Return every player that was timed, by name and precision."""
     models: dict[tuple[str, str], Any] = {(REFERENCE, "float64"): reference_on(piece)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces

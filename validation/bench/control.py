@@ -22,7 +22,7 @@ COMPILERS = ("gcc", "cc", "clang")
 
 
 def compiler() -> str | None:
-    """The path of the C compiler; None if there is none."""
+    """Return the path of the C compiler; None if there is none."""
     return next((found for name in COMPILERS if (found := shutil.which(name))), None)
 
 
@@ -59,14 +59,14 @@ class Control:
         return float(self._library.energy(ctypes.c_long(self.nt), *self._mesh, *self._material))
 
     def internal_force(self, u: Array) -> Array:
-        """Internal force (3 nv,) [N], in an array that the next call fills anew."""
+        """Return the internal force (3 nv,) [N], in an array that the next call overwrites."""
         self._move(u)
         sizes = ctypes.c_long(self.nt), ctypes.c_long(self.nv)
         self._library.force(*sizes, *self._mesh, *self._material, _at(self._f))
         return self._f
 
     def tangent(self, u: Array) -> bsr_matrix:
-        """Tangent stiffness [N/m], around values that the next call fills anew."""
+        """Return the tangent stiffness [N/m], around values that the next call overwrites."""
         self._move(u)
         sizes = ctypes.c_long(self.nt), ctypes.c_long(len(self._blocks))
         self._library.tangent(*sizes, *self._mesh, _at(self._positions), *self._material, _at(self._blocks))
@@ -82,7 +82,7 @@ def _at(array: NDArray[np.float64] | NDArray[np.int32]) -> ctypes.c_void_p:
 
 @cache
 def _library() -> ctypes.CDLL:
-    """The compiled loop; the file that it comes from is deleted once it is loaded."""
+    """Return the compiled loop; its file is deleted once it is loaded."""
     found = compiler()
     if found is None:
         raise StvkError(f"No C compiler ({', '.join(COMPILERS)}) is on the path; the control needs one. On Debian: apt install gcc")

@@ -43,7 +43,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def best_and_median(calls: Mapping[Key, Callable[[], Any]], seconds: float) -> dict[Key, Seconds]:
-    """The time of each call in caches that are warm from itself.
+    """Return the shortest and median time of each call in caches that are warm from itself.
 
     The calls take turns, so that whatever else the machine does meets all of them alike. A turn is one call that is not counted,
     because the one before it has filled the caches (a CSR product took twice as long after something else), and five that are. A
@@ -82,7 +82,7 @@ def threads(count: int) -> Iterator[None]:
 
 
 def most_threads() -> int:
-    """Largest number of threads that numba can have here."""
+    """Return the largest number of threads that numba can have here."""
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     return most
 
@@ -125,7 +125,7 @@ def weigh(results: Benchmark, specimen: Specimen) -> None:
 
 
 def least_bytes(body: System, K: csr_matrix) -> dict[str, int]:
-    """Bytes that each quantity must read and write once, from the sizes of the arrays of a system that has made all of them.
+    """Return the bytes that each quantity must read and write once, from the arrays of a system that has made all of them.
 
     - W, F: the simplices (vertices, coefficients, coordinates), u and F;
     - K: the simplices with their edges' ids and u, the edges' blocks written and read again, their positions in K, the values of K;
@@ -148,6 +148,6 @@ def least_bytes(body: System, K: csr_matrix) -> dict[str, int]:
 
 
 def copy_bandwidth(size: int = COPIED) -> float:
-    """Bytes read and written per second by one thread that copies an array of `size` bytes, at its best of five."""
+    """Return bytes read and written per second by one thread that copies an array of `size` bytes, the best of five."""
     source, target = np.ones(size // 8), np.zeros(size // 8)
     return 2 * source.nbytes / min(_clocked(partial(np.copyto, target, source), 5))

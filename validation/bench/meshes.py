@@ -48,12 +48,12 @@ class Specimen:
 
     @cached_property
     def mesh(self) -> ElementMesh:
-        """The mesh, which is made when it is first asked for; a StvkError if it is of a part, and Gmsh or its size is missing."""
+        """Mesh of the specimen, made at first use; a part raises StvkError if Gmsh or its size is missing."""
         return box(self.size) if self.kind == "box" else part(self.size)
 
     @cached_property
     def u(self) -> Array:
-        """(ndofs,) a smooth deformation with strains of about 0.6 [m]."""
+        """Smooth deformation (ndofs,) with strains of about 0.6 [m]."""
         p = self.mesh.p
         size = np.ptp(p, axis=1).max()
         waves = np.sin(2 * np.pi * p[[1, 2, 0]] / size)
@@ -61,17 +61,17 @@ class Specimen:
 
     @cached_property
     def v(self) -> Array:
-        """(ndofs,) a vector to multiply K with."""
+        """Random vector (ndofs,) that K is multiplied with."""
         return np.random.default_rng(1).standard_normal(self.mesh.p.size)
 
     @property
     def term(self) -> StVK:
-        """The material, the same everywhere."""
+        """Material, the same everywhere."""
         return StVK(young=YOUNG, poisson=POISSON)
 
 
 def box(size: int) -> ElementMesh:
-    """A grid of boxes of six tetrahedra each, in scikit-fem's own order, with about `size` tetrahedra.
+    """Return a grid of boxes of six tetrahedra each, in scikit-fem's own order, with about `size` tetrahedra.
 
     >>> [box(size).nt for size in (5_000, 40_000)]
     [4860, 38988]
@@ -83,14 +83,14 @@ def box(size: int) -> ElementMesh:
 
 
 def part(size: int) -> ElementMesh:
-    """An angle bracket that Gmsh meshes, with about `size` tetrahedra."""
+    """Return an angle bracket that Gmsh meshes, with about `size` tetrahedra."""
     if size not in EDGE_OF_PART:
         raise StvkError(f"A part of {size} tetrahedra was asked for; there are {', '.join(map(str, EDGE_OF_PART))}.")
     return bracket(EDGE_OF_PART[size])
 
 
 def bracket(size: float) -> ElementMesh:
-    """An angle bracket with a fillet, a bolt hole and a bushing, in tetrahedra of edges of about `size` [m].
+    """Return an angle bracket with a fillet, a bolt hole and a bushing, in tetrahedra of edges of about `size` [m].
 
     Subdomains 'bracket' and 'bushing' share their vertices; boundaries are 'bolt' and 'bore'. Gmsh makes positive elements only:
     half of them, picked at random but always the same, are turned round.
@@ -108,7 +108,7 @@ def bracket(size: float) -> ElementMesh:
 
 
 def _half_turned_round(t: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The same array `t` (4, nt), with two vertices of every second tetrahedron exchanged."""
+    """Return the same array `t` (4, nt), with two vertices of every second tetrahedron exchanged."""
     half = np.random.default_rng(0).permutation(t.shape[1])[: t.shape[1] // 2]
     t[:2, half] = t[1::-1, half]
     return t
@@ -116,7 +116,7 @@ def _half_turned_round(t: NDArray[np.int32]) -> NDArray[np.int32]:
 
 @contextmanager
 def gmsh_session() -> Iterator[Any]:
-    """Gmsh, silent, on one thread and writing MSH 2.2; errors name the line that installs what it lacks."""
+    """Yield Gmsh, silent, on one thread and writing MSH 2.2; errors name the line that installs a missing part."""
     try:
         import gmsh
     except ImportError as error:
@@ -134,7 +134,7 @@ def gmsh_session() -> Iterator[Any]:
 
 
 def draw(gmsh: Any) -> None:
-    """The solid bracket and its bushing, and their physical groups."""
+    """Draw the solid bracket and its bushing, and name their physical groups."""
     occ, groups = gmsh.model.occ, gmsh.model
     x, (z, inner, outer) = BOLT[0], BUSHING
     across = (-THICKNESS, z, 3 * THICKNESS)
@@ -154,7 +154,7 @@ def draw(gmsh: Any) -> None:
 
 
 def profile(occ: Any) -> int:
-    """The face of the angle in the plane y = 0, with its fillet in the inner corner."""
+    """Draw the face of the angle in the plane y = 0, with its fillet in the inner corner; return its tag."""
     a, b = THICKNESS, THICKNESS + FILLET
     outline = [(0, 0), (LENGTH, 0), (LENGTH, a), (b, a), (a, b), (a, HEIGHT), (0, HEIGHT)]
     points = [occ.addPoint(x, 0, z) for x, z in outline]
@@ -165,6 +165,6 @@ def profile(occ: Any) -> int:
 
 
 def walls(gmsh: Any, centre: tuple[float, ...], half: tuple[float, ...]) -> list[int]:
-    """Tags of the faces that lie in the box around `centre`."""
+    """Return the tags of the faces that lie in the box around `centre`."""
     low, high = np.subtract(centre, half) - 1e-5, np.add(centre, half) + 1e-5
     return [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*low, *high, dim=2)]

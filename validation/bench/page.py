@@ -43,7 +43,7 @@ scikit-fem in single precision, which it does not offer."""
 
 
 def rendered(results: Benchmark) -> RenderableType:
-    """The run for a rich console: head, tables, what is missing, and the targets at the end, where they are seen."""
+    """Return the run for a rich console: head, tables, missing results, and the targets at the end, where they are seen."""
     shown = tables(results)
     order = [*shown[1:], *shown[:1]] if shown and shown[0].title == "Targets" else shown
     parts: list[RenderableType] = [Text(head(results))]
@@ -53,7 +53,7 @@ def rendered(results: Benchmark) -> RenderableType:
 
 
 def head(results: Benchmark) -> str:
-    """Machine, bandwidth and versions in lines."""
+    """Return machine, bandwidth and versions in lines."""
     machine, versions = results.header["machine"], results.header["versions"]
     bandwidth = "" if results.bandwidth is None else f", a copy reads and writes {results.bandwidth / 1e9:.1f} GB/s on one thread"
     named = ", ".join(f"{name} {version}" for name, version in versions.items() if version != "not installed")
@@ -61,7 +61,7 @@ def head(results: Benchmark) -> str:
 
 
 def grid_of(table: FigureTable, title: str = "") -> RichTable:
-    """The table for a rich console, in the house style."""
+    """Return the table for a rich console, in the house style."""
     shown = grid(title, *map(escape, table.columns))
     for column in shown.columns[table.words :]:
         column.justify, column.no_wrap = "right", True
@@ -91,7 +91,7 @@ def save(results: Benchmark, folder: str | Path) -> None:
 
 
 def page(results: Benchmark) -> str:
-    """The run as a page in Markdown."""
+    """Return the run as a page in Markdown."""
     quick = "" if results.plan.name == "full" else f" --{results.plan.name}"
     command = f"python -m validation bench{quick} --out docs"
     warning = "**Interrupted**: the tables show what was measured before.\n\n" if results.interrupted else ""

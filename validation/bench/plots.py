@@ -27,7 +27,7 @@ PANELS = (("F", 1e-3), ("F", 1e-6), ("K", 1e-3))
 
 
 def speed_against_error(results: Benchmark) -> Figure:
-    """Errors of F at two strains and of K, each against the time of a call on the mesh that most players were timed on."""
+    """Draw errors of F at two strains and of K against the time of a call, on the mesh with most timed players."""
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, len(PANELS), sharey=True))
     mesh, shown = _mesh_of_most(results), []
@@ -60,7 +60,7 @@ def _scatter(axes: Axes, points: list[Point]) -> None:
 
 
 def _finish(axes: Axes, xlabel: str, title: str) -> None:
-    """Labels and a grid; logarithmic axes where there are points."""
+    """Add labels and a grid; make axes logarithmic where there are points."""
     axes.set(xlabel=xlabel, title=title)
     axes.grid(alpha=0.3)
     if axes.has_data():
@@ -68,7 +68,7 @@ def _finish(axes: Axes, xlabel: str, title: str) -> None:
 
 
 def _name(axes: Axes, points: list[Point]) -> None:
-    """The players' names above or below their points, the nearest place that is free."""
+    """Write the players' names above or below their points, at the nearest free place."""
     places = axes.transData.transform(np.array([point[:2] for point in points]).reshape(len(points), 2))
     taken = [Bbox.from_extents(x - 5, y - 5, x + 5, y + 5) for x, y in places]
     for time, error, player, _ in sorted(points):
@@ -83,14 +83,14 @@ def _name(axes: Axes, points: list[Point]) -> None:
 
 
 def _mesh_of_most(results: Benchmark) -> str:
-    """The largest box that as many players as possible were timed on."""
+    """Return the largest box that as many players as possible were timed on."""
     boxes = {mesh: facts["nt"] for mesh, facts in results.meshes.items() if mesh.startswith("box")}
     players = {mesh: len({t.player for t in results.timings if t.mesh == mesh}) for mesh in boxes}
     return max(boxes, key=lambda mesh: (players[mesh], boxes[mesh]), default="")
 
 
 def time_against_size(results: Benchmark) -> Figure:
-    """Times of the force and of the tangent per tetrahedron: boxes as lines, parts as open markers."""
+    """Draw times of the force and of the tangent per tetrahedron: boxes as lines, parts as open markers."""
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
     for axes, quantity, title in zip(panels, ("F", "K"), ("internal force F", "tangent stiffness K"), strict=True):
@@ -111,7 +111,7 @@ def time_against_size(results: Benchmark) -> Figure:
 
 
 def _line(axes: Axes, timings: list[Timing], colour: str, label: str) -> None:
-    """The times of one player in one precision: dashed in single precision, where parts are left out."""
+    """Draw the times of one player in one precision: dashed in single precision, where parts are left out."""
     boxes, parts = ([t for t in timings if t.mesh.startswith(kind)] for kind in ("box", "part"))
     single = "float32" in {t.dtype for t in timings}
     if boxes:

@@ -33,7 +33,7 @@ __all__ = ["CONTROL", "CSR", "MODELS", "OURS", "QUANTITIES", "REFERENCE", "TEXTB
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run measures; sizes are approximate numbers of tetrahedra.
+    """Content of a run; sizes are approximate numbers of tetrahedra.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Memory:
-    """What a system holds after it was asked for `quantity`, by part [bytes]."""
+    """Memory of a system by part after `quantity` was computed [bytes]."""
 
     mesh: str
     nt: int
@@ -160,17 +160,17 @@ class Benchmark:
         self.timings.append(Timing(specimen.name, specimen.mesh.nt, player, quantity, threads, dtype, *times, taken.repetitions))
 
     def timing(self, mesh: str, player: str, quantity: str, threads: int = 1, dtype: str = "float64") -> Timing | None:
-        """The time of a call; None if it was not measured."""
+        """Return the time of a call; None if it was not measured."""
         wanted = mesh, player, quantity, threads, dtype
         return next((t for t in self.timings if (t.mesh, t.player, t.quantity, t.threads, t.dtype) == wanted), None)
 
     def best(self, mesh: str, player: str, *quantities: str, threads: int = 1, dtype: str = "float64") -> float | None:
-        """Sum of the shortest times of calls [ns per tetrahedron]; None if one was not measured."""
+        """Return the sum of the shortest times of calls [ns per tetrahedron]; None if one was not measured."""
         found = [self.timing(mesh, player, quantity, threads, dtype) for quantity in quantities]
         return None if None in found else sum(t.best for t in found if t is not None)
 
     def optional(self, what: str, make: Callable[[], T]) -> T | None:
-        """What `make` returns, or None and the reason kept if it is not to be had here."""
+        """Return the result of `make`; None if it raises StvkError, whose text is kept under `not_measured`."""
         try:
             return make()
         except StvkError as error:
@@ -178,12 +178,12 @@ class Benchmark:
             return None
 
     def attempt(self, what: str, step: Callable[[], object]) -> None:
-        """Run a step; if it fails, what went wrong is kept, and the next ones run all the same."""
+        """Run a step and keep the error if it fails, so that the next steps run all the same."""
         try:
             step()
         except Exception as error:
             self.failures[what] = f"{type(error).__name__}: {error}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Plan and results in types that JSON has."""
+        """Return plan and results in types that JSON has."""
         return asdict(self)

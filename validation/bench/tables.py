@@ -26,13 +26,13 @@ class FigureTable:
 
 
 def tables(results: Benchmark) -> list[FigureTable]:
-    """The tables that hold something, the targets first."""
+    """Return the tables that have rows, the targets first."""
     every = (targets, ours, precisions, models, others, growth, setup, memory, memory_by_mesh, errors, missing)
     return [table for make in every if (table := make(results)).rows]
 
 
 def number(value: float | None) -> str:
-    """The number with three digits; None is empty.
+    """Return the number with three digits; None is empty.
 
     >>> number(0.1234), number(12.34), number(1234.5), number(None)
     ('0.123', '12.3', '1234', '')
@@ -161,7 +161,7 @@ def setup(results: Benchmark) -> FigureTable:
 
 
 def memory(results: Benchmark) -> FigureTable:
-    """Memory by part, on the largest mesh that is judged."""
+    """Return memory by part, on the largest mesh that is judged."""
     mesh = (judged(results) or [""])[-1]
     held = [m for m in results.memory if m.mesh == mesh]
     names = dict.fromkeys(name for m in held for name in m.parts)

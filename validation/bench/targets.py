@@ -16,7 +16,7 @@ Measure = Callable[[Benchmark, str], float | None]
 
 @dataclass(frozen=True)
 class Target:
-    """A number that shall be at most (`at_least`: at least) `limit`, or even `moonshot`.
+    """Target for a number: at most (`at_least`: at least) `limit`, or even `moonshot`.
 
     `measure` gives it for a mesh, by name; None where it was not measured. `where` says on which meshes: 'judged' for the sizes
     that the plan judges, 'largest' for the largest of them, or 'run' for once in the whole run, where the mesh's name is empty.
@@ -33,14 +33,14 @@ class Target:
         return value >= limit if self.at_least else value <= limit
 
     def missed_by(self, value: float) -> float:
-        """Distance from the limit as a fraction of it; 0 if it is met."""
+        """Return the distance from the limit as a fraction of it; 0 if it is met."""
         off = 1 - value / self.limit if self.at_least else value / self.limit - 1
         return max(off, 0.0)
 
 
 @dataclass(frozen=True)
 class TargetVerdict:
-    """A target and what was measured, by mesh; the worst value decides."""
+    """Target and its measured values by mesh; the worst value decides."""
 
     target: Target
     values: dict[str, float]
@@ -74,7 +74,7 @@ class TargetVerdict:
 
 
 def verdicts(results: Benchmark) -> list[TargetVerdict]:
-    """Each target against what was measured so far."""
+    """Return each target with the values that were measured so far."""
     found = []
     for target in TARGETS:
         measured = {mesh: target.measure(results, mesh) for mesh in _meshes(results, target)}
@@ -83,7 +83,7 @@ def verdicts(results: Benchmark) -> list[TargetVerdict]:
 
 
 def judged(results: Benchmark) -> list[str]:
-    """Names of the measured meshes that the targets are for."""
+    """Return the names of the measured meshes that the targets are for."""
     sizes = results.plan.judged
     names = [Specimen(kind, size).name for size in sizes for kind in ("box", "part")]
     return [name for name in names if name in results.meshes]
@@ -97,7 +97,7 @@ def _meshes(results: Benchmark, target: Target) -> list[str]:
 
 
 def over(above: tuple[str, ...], below: tuple[str, ...], threads: int = 1) -> Measure:
-    """The ratio of two times, each of a player and the sum of its quantities; the one below on this number of threads."""
+    """Return a measure: the ratio of two times, each a player's sum over quantities; `threads` holds for the one below."""
 
     def ratio(results: Benchmark, mesh: str) -> float | None:
         first, second = results.best(mesh, *above), results.best(mesh, *below, threads=threads)
@@ -107,13 +107,13 @@ def over(above: tuple[str, ...], below: tuple[str, ...], threads: int = 1) -> Me
 
 
 def bytes_per_tet(results: Benchmark, mesh: str, quantity: str) -> float | None:
-    """What a system in double precision holds besides the pattern of K."""
+    """Return the memory of a system in double precision besides the pattern of K, per tetrahedron."""
     wanted = mesh, quantity, "float64"
     return next((m.besides / m.nt for m in results.memory if (m.mesh, m.quantity, m.dtype) == wanted), None)
 
 
 def slope(sizes: Sequence[float], amounts: Sequence[float]) -> float | None:
-    """The exponent `s` of `amount ~ size^s`, fitted to logarithms; None if there are fewer than two sizes.
+    """Return the exponent `s` of `amount ~ size^s`, fitted to logarithms; None if there are fewer than two sizes.
 
     >>> round(slope([10, 100, 1000], [3, 300, 30000]), 12)
     2.0
@@ -122,14 +122,14 @@ def slope(sizes: Sequence[float], amounts: Sequence[float]) -> float | None:
 
 
 def of_time(results: Benchmark, quantity: str) -> float | None:
-    """Exponent of the growth of a call's time over the boxes: one thread, double precision."""
+    """Return the exponent of the growth of a call's time over the boxes: one thread, double precision."""
     found = [results.timing(mesh, OURS, quantity) for mesh in results.meshes if mesh.startswith("box")]
     times = [timing for timing in found if timing is not None]
     return slope([t.nt for t in times], [t.best * t.nt for t in times])
 
 
 def of_memory(results: Benchmark, quantity: str) -> float | None:
-    """Exponent of the growth, over the boxes, of what a system holds besides the pattern of K."""
+    """Return the exponent of the growth, over the boxes, of a system's memory besides the pattern of K."""
     held = [m for m in results.memory if m.mesh.startswith("box") and (m.quantity, m.dtype) == (quantity, "float64")]
     return slope([m.nt for m in held], [m.besides for m in held])
 

@@ -40,7 +40,7 @@ INCLUDE = re.compile(rb"^[ \t]*\*[ \t]*INCLUDE\b.*$", re.IGNORECASE | re.MULTILI
 
 
 def read(path: Path) -> meshio.Mesh:
-    """Nodes, elements, and their sets as `point_sets` and `cell_sets`.
+    """Read nodes, elements, and their sets as `point_sets` and `cell_sets`.
 
     Sets may be named by `*NODE, NSET=`, `*ELEMENT, ELSET=`, `*NSET` and `*ELSET`: of ids, ranges (`GENERATE`) or other sets.
     """
@@ -67,7 +67,7 @@ def included(path: Path) -> Iterator[Path]:
 
 
 def nodes_of(parts: list[Section]) -> tuple[Ids, NDArray[np.float64]]:
-    """Ids of the nodes and their coordinates."""
+    """Return ids of the nodes and their coordinates."""
     tables = [lines for keyword, _, lines in parts if keyword == "NODE"]
     if len(tables) != 1:
         raise Damaged(
@@ -83,7 +83,7 @@ def nodes_of(parts: list[Section]) -> tuple[Ids, NDArray[np.float64]]:
 
 
 def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]], list[Ids]]:
-    """Type and nodes of the elements of each section, and their ids."""
+    """Return type and nodes of the elements of each section, and their ids."""
     cells, ids = [], []
     for keyword, options, lines in parts:
         if keyword != "ELEMENT":
@@ -102,7 +102,7 @@ def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]]
 
 
 def middle_last(t: Ids, points: NDArray[np.float64]) -> Ids:
-    """Nodes (n, 3) of segments of second order with the middle as the last one: some programs write it between the ends.
+    """Return segments of second order (n, 3) with the middle last; some programs write it between the ends.
 
     The middle is the node that is nearest to the midpoint of the other two.
     """
@@ -113,7 +113,7 @@ def middle_last(t: Ids, points: NDArray[np.float64]) -> Ids:
 
 
 def records(lines: list[list[str]]) -> Iterator[list[str]]:
-    """An element goes on in the next line where a line ends with a comma, after which there is an empty word."""
+    """Yield the words of each element, which continues in the next line after a comma at the end of a line."""
     record: list[str] = []
     for line in lines:
         if line[-1]:
@@ -126,7 +126,7 @@ def records(lines: list[list[str]]) -> Iterator[list[str]]:
 
 
 def sets_of(parts: list[Section], kind: str, known: Ids) -> dict[str, Ids]:
-    """Ids of the members of each set by name."""
+    """Return ids of the members of each set by name."""
     sets: dict[str, Ids] = {}
     for keyword, options, lines in parts:
         members: Ids = np.empty(0, dtype=np.int64)
@@ -145,7 +145,7 @@ def sets_of(parts: list[Section], kind: str, known: Ids) -> dict[str, Ids]:
 
 
 def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets: dict[str, Ids], known: Ids) -> Ids:
-    """Ids of an `*ELSET` or `*NSET` section."""
+    """Return ids of an `*ELSET` or `*NSET` section."""
     what = "element" if kind == "ELSET" else "node"
     members = [np.empty(0, dtype=np.int64)]
     for line in lines:
@@ -169,7 +169,7 @@ def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets:
 
 
 def generated(words: list[str], what: str, known: Ids) -> Ids:
-    """Known ids from a first one to a last one, both known, in steps."""
+    """Return the known ids from a known first one to a known last one, in steps."""
     numbers = whole(words)
     first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, -1, 0)
     if last < first or step < 1:
@@ -179,12 +179,12 @@ def generated(words: list[str], what: str, known: Ids) -> Ids:
 
 
 def same_name(name: str, sets: dict[str, Ids]) -> str:
-    """The name as it was first written: upper and lower case count as the same."""
+    """Return the name as it was first written: upper and lower case count as the same."""
     return next((known for known in sets if known.upper() == name.upper()), name)
 
 
 def whole(words: list[str]) -> list[int]:
-    """Ids of at most 18 digits."""
+    """Return ids of at most 18 digits."""
     together = "".join("".join(words).split())
     if not (together.isascii() and together.isdigit() and max(map(len, words)) <= 18):
         raise Damaged(f"{', '.join(words)[:60]!r} stands where ids should")
@@ -198,7 +198,7 @@ class Files:
         self.path, self.count = path, 0
 
     def sections(self) -> Iterator[Section]:
-        """Sections of the file and of those that it includes, in their order."""
+        """Yield the sections of the file and of the files that it includes, in their order."""
         keyword, options, lines = "", dict[str, str](), list[list[str]]()
         for line in self.lines(self.path, 0):
             if not line.startswith("*"):
@@ -212,7 +212,7 @@ class Files:
         yield keyword, options, lines
 
     def lines(self, path: Path, depth: int) -> Iterator[str]:
-        """Lines that say something; of an included file in place of `*INCLUDE`."""
+        """Yield the lines that are no comments; `*INCLUDE` gives the lines of the included file."""
         self.enter(path, depth)
         with Source(path) as source:
             check_last_line(source.file)
@@ -242,7 +242,7 @@ class Files:
             raise Damaged(f"it includes files more than {DEEPEST} deep, or more than {MOST_FILES}: itself? {path.name[:60]}")
 
     def included(self, name: str) -> Path:
-        """A regular file in the folder of the mesh file, or below."""
+        """Return a regular file in the folder of the mesh file, or below."""
         folder = self.path.resolve().parent
         path = (folder / name).resolve()
         if not name or not path.is_relative_to(folder):
@@ -251,7 +251,7 @@ class Files:
 
 
 def head_of(line: str) -> tuple[str, dict[str, str]]:
-    """Keyword in upper case and options.
+    """Return the keyword in upper case, and the options.
 
     >>> head_of("*Element, type=C3D4, ELSET=Steel")
     ('ELEMENT', {'TYPE': 'C3D4', 'ELSET': 'Steel'})

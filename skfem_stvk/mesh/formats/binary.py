@@ -19,7 +19,7 @@ PLY |= {f"{word}{8 * size}": f"{word[:1]}{size}" for word in ("int", "uint", "fl
 
 
 def medit(path: Path) -> Counts:
-    """Number of vertices and cells of Medit's binary file, where each section says where the next one begins."""
+    """Return the number of vertices and cells of Medit's binary file, each section of which gives the start of the next."""
     with Source(path, binary=True) as source:
 
         def whole(kind: str) -> int:
@@ -49,7 +49,7 @@ def medit(path: Path) -> Counts:
 
 
 def ply(path: Path) -> Counts:
-    """Number of vertices and faces of a polygon file, as text or in binary, where each face says how many indices it has."""
+    """Return the number of vertices and faces of a polygon file, text or binary; each face gives its number of indices."""
     text = TEXTS[".ply"]
     with Source(path, comments=text.comments) as source:
         head = next((match for _, match in heads(source, text.sections)), None)
@@ -84,7 +84,7 @@ def faces_of(data: bytes, faces: int, length: np.dtype[Any], index: np.dtype[Any
 
 
 def stl(path: Path) -> Counts:
-    """Number of triangles of stereolithography, as text, or in binary with their number."""
+    """Return the number of triangles of stereolithography, as text, or in binary with their number."""
     size = path.stat().st_size
     with Source(path, binary=True) as source:
         source.file.seek(min(80, size))

@@ -18,7 +18,7 @@ LARGEST_TAG = 10_000_000
 
 
 def check(path: Path) -> tuple[int, int]:
-    """Number of nodes and of elements, each of which is there once and names nodes that are there."""
+    """Return the number of nodes and of elements; each must be there once, and elements name nodes that are there."""
     with Source(path) as source:
         return Sections(source).check()
 
@@ -80,7 +80,7 @@ class Sections:
         raise Damaged(f"${name[:60]} not closed by $End{name[:60]}")
 
     def head_of_data(self) -> None:
-        """Look at the numbers of tags and of values, which meshio takes for granted."""
+        """Check the numbers of tags and of values, which meshio takes for granted."""
         words: list[list[str]] = []
         for what in ("texts", "real tags", "whole tags"):
             words = self.source.rows(what, count_of(self.source.line(), what))
@@ -94,12 +94,12 @@ class Sections:
             raise Damaged(f"{' '.join(bad[0])[:60]} stands for a dimension, a tag and a name of a physical group")
 
     def counters(self, what: str, count: int) -> list[int]:
-        """Counts, such as of nodes: `size_t` in the words of the format."""
+        """Return counts, such as of nodes: `size_t` in the words of the format."""
         dtype = f"u{self.size}" if self.source.binary else np.int64
         return [int(value) for value in self.source.numbers(what, 1, count, dtype)[0]]
 
     def whole(self, what: str, rows: int, columns: int = 1) -> Ids:
-        """Whole numbers of 32 bits: `int` in the words of the format."""
+        """Return whole numbers of 32 bits: `int` in the words of the format."""
         return self.source.numbers(what, rows, columns, np.int32 if self.source.binary else np.int64).astype(np.int64)
 
     def entities(self) -> None:
@@ -130,7 +130,7 @@ class Sections:
         self.set_nodes(np.concatenate(parts), count)
 
     def node_ids(self, count: int) -> NDArray[Any]:
-        """Ids of the next nodes, each of which stands before its coordinates."""
+        """Return ids of the next nodes, each of which stands before its coordinates."""
         if self.source.binary:
             return self.source.numbers("nodes", count, 1, [("id", "i4"), ("x", "f8", 3)])["id"].ravel()
         return self.source.numbers("nodes", count, 4)[:, 0]
@@ -188,14 +188,14 @@ class Sections:
 
 
 def nodes_of(kind: int) -> int:
-    """Number of nodes of an element of the type."""
+    """Return the number of nodes of an element of the type."""
     if not (count := node_count(gmsh_to_meshio_type.get(kind, ""))):
         raise Damaged(f"it has elements of Gmsh's type {kind}, which is not known here")
     return count
 
 
 def by_type(rows: list[list[str]]) -> list[tuple[Ids, Ids]]:
-    """Ids and nodes of the elements, one row for each: id, type, number of tags, tags, nodes."""
+    """Return ids and nodes of the elements, one row for each: id, type, number of tags, tags, nodes."""
     numbers = np.array([int(word) for row in rows for word in row], dtype=np.int64)
     widths = np.array([len(row) for row in rows], dtype=np.int64)
     starts = np.cumsum(widths) - widths

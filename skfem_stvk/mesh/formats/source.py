@@ -44,7 +44,7 @@ class Source:
         return self.size - self.file.tell()
 
     def line(self) -> str:
-        """The next line that holds anything, without blanks around it; empty at the end of the file."""
+        """Return the next line that holds anything, without blanks around it; empty at the end of the file."""
         for raw in iter(self.file.readline, b""):
             text = raw.decode(errors="replace").strip()
             if text and not text.startswith(self.comments or "\0"):
@@ -52,7 +52,7 @@ class Source:
         return ""
 
     def numbers(self, what: str, rows: int, columns: int = 1, dtype: Any = np.float64) -> NDArray[Any]:
-        """(rows, columns) numbers; `Damaged` if there are fewer, or the file is too short for as many."""
+        """Return numbers (rows, columns); `Damaged` if there are fewer, or the file is too short for as many."""
         dtype = np.dtype(dtype)
         self.fits(what, rows, columns * (dtype.itemsize if self.binary else 2))
         with warnings.catch_warnings():
@@ -71,7 +71,7 @@ class Source:
             raise Damaged(f"{rows} {what} are declared, more than its {self.size} bytes can hold")
 
     def rows(self, what: str, count: int) -> list[list[str]]:
-        """The next lines that hold anything in words, one line for each row."""
+        """Return the words of the next lines that hold anything, one line for each row."""
         self.fits(what, count, 2)
         rows: list[list[str]] = []
         while len(rows) < count and (raw := self.file.readline()):
@@ -113,7 +113,7 @@ def check_last_line(file: Any) -> None:
 
 
 def count_of(text: str, what: str) -> int:
-    """A number of things that a file declares."""
+    """Return a number of things that a file declares."""
     if not text.isascii() or not text.isdigit() or len(text) > 18:
         raise Damaged(f"{text[:40]!r} stands for the number of {what}")
     return int(text)
@@ -133,5 +133,5 @@ def check_known(ids: NDArray[Any], known: NDArray[Any], what: str, of: str) -> N
 
 
 def _plain(ids: NDArray[Any]) -> NDArray[Any]:
-    """Whole numbers without the point of real ones, among which they stood."""
+    """Return whole numbers without the decimal point of real ones."""
     return ids.astype(np.int64) if np.all(np.abs(ids) < 2.0**53) and np.all(ids == np.floor(ids)) else ids

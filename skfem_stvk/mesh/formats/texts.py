@@ -54,7 +54,7 @@ class Text(NamedTuple):
 
 
 def count(what: str) -> str:
-    """An expression for a number of nodes, cells or others."""
+    """Return an expression for a number of nodes, cells or others."""
     return rf"(?P<{what}>\d{{1,18}})"
 
 
@@ -129,7 +129,7 @@ TEXTS = {
 
 
 def counted(path: Path) -> Counts:
-    """Number of nodes and of elements that a file of `TEXTS` declares, if it holds as many and nothing else."""
+    """Return the number of nodes and of elements that a file of `TEXTS` declares, if it holds as many and nothing else."""
     text = TEXTS[path.suffix.lower()]
     known, seen, found, repeats = Known(), set[str](), {"nodes": 0, "cells": 0, "others": 0}, 0
     with Source(path, comments=text.comments) as source:
@@ -190,7 +190,7 @@ def check_rows(rows: list[list[str]], by_first: Callable[[int], int]) -> None:
 
 
 def tetgen(path: Path) -> Counts:
-    """Number of nodes and of elements of TetGen's pair of files."""
+    """Return the number of nodes and of elements of TetGen's pair of files."""
     nodes, elements = map(counted, tetgen_files(path))
     return nodes[0], elements[1]
 
@@ -209,7 +209,7 @@ ELEMENTS = ("CTET", "CHEX", "CPEN", "CPYR", "CTRI", "CTRA", "CQUAD", "CBAR", "CB
 
 
 def nastran(path: Path) -> Counts:
-    """Number of nodes and of elements of bulk data of Nastran's, from BEGIN BULK to ENDDATA, without other coordinate systems."""
+    """Return the number of nodes and elements of Nastran's bulk data; refuse other coordinate systems."""
     with Source(path) as source:
         check_last_line(source.file)
     every = path.read_text(errors="replace").splitlines()

@@ -29,7 +29,7 @@ ATTRIBUTES = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_I
 
 
 def read(path: Path) -> meshio.Mesh:
-    """The mesh of an unstructured grid with its cell data of numbers."""
+    """Read an unstructured grid with its cell data of numbers."""
     with Source(path) as source:
         if not source.line().startswith("# vtk DataFile Version"):
             raise Damaged("it does not begin with '# vtk DataFile Version'")
@@ -90,11 +90,11 @@ class Grid:
             self.attribute(word, words)
 
     def given(self, words: list[str], place: int, what: str) -> int:
-        """A count on the line of a section."""
+        """Return a count on the line of a section."""
         return count_of(words[place] if len(words) > place else "", what)
 
     def array(self, what: str, rows: int, columns: int, kind: str) -> Array:
-        """(rows, columns) numbers of a type of VTK's."""
+        """Return numbers (rows, columns) of a type of VTK's."""
         kind = kind.lower()
         if kind not in TYPES:
             raise Damaged(f"its {what[:60]} are of the type {kind[:40]!r}, which is not known here")
@@ -108,7 +108,7 @@ class Grid:
         return self.source.numbers(what, rows, columns, dtype.newbyteorder(">")).astype(dtype)
 
     def cells(self, count: int, numbers: int) -> None:
-        """Version 5.1 has one offset more than cells, and two arrays; before it, each cell is its number of nodes and these."""
+        """Read the cells: of version 5.1 from offsets and connectivity, of earlier ones from rows that begin with their length."""
         start = self.source.file.tell()
         line = self.source.line().split()
         if line[:1] == ["OFFSETS"] and len(line) == 2:
@@ -133,7 +133,7 @@ class Grid:
         self.connectivity, self.ends = table[inner], np.cumsum(table[heads])
 
     def attribute(self, word: str, words: list[str]) -> None:
-        """An array of point or cell data, or of the whole grid."""
+        """Read an array of point or cell data, or of the whole grid."""
         if word == "FIELD":
             self.field(self.given(words, 2, "arrays"))
         elif word == "SCALARS":
@@ -174,7 +174,7 @@ class Grid:
             self.cell_data[name] = values[:, 0] if values.shape[1] == 1 else values
 
     def skip_strings(self, count: int) -> None:
-        """Text stands line by line; in binary after its length, whose first two bits tell how many bytes that has."""
+        """Skip text: a line each, or in binary after its length, whose first two bits give the size of the length."""
         self.source.fits("lines of text", count, 1)
         for _ in range(count):
             if not self.source.binary:
@@ -188,7 +188,7 @@ class Grid:
 
 
 def mesh_of(points: Array, connectivity: Array, ends: Array, types: Array, cell_data: dict[str, Array]) -> meshio.Mesh:
-    """The mesh whose cell `i` has the type `types[i]` and the nodes from `ends[i - 1]` to `ends[i]` of the connectivity."""
+    """Return the mesh whose cell `i` has the type `types[i]` and the nodes `connectivity[ends[i - 1]:ends[i]]`."""
     sizes = sizes_of(connectivity, ends, types)
     for name, values in cell_data.items():
         if len(values) != len(types):
@@ -201,7 +201,7 @@ def mesh_of(points: Array, connectivity: Array, ends: Array, types: Array, cell_
 
 
 def sizes_of(connectivity: Array, ends: Array, types: Array) -> NDArray[np.int64]:
-    """Number of nodes of each cell, as many as its type has."""
+    """Return the number of nodes of each cell, as many as its type has."""
     if len(ends) != len(types):
         raise Damaged(f"{len(types)} types of cells are there for {len(ends)} cells")
     sizes = np.diff(ends, prepend=0).astype(np.int64)
@@ -218,5 +218,5 @@ def sizes_of(connectivity: Array, ends: Array, types: Array) -> NDArray[np.int64
 
 
 def order(kind: int, size: int) -> Array:
-    """The order of a cell's nodes in meshio, where wedges are turned round."""
+    """Return the order of a cell's nodes in meshio, where wedges are turned round."""
     return np.array([0, 2, 1, 3, 5, 4]) if VTK[kind] == "wedge" else np.arange(size)

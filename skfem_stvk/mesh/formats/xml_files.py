@@ -33,7 +33,7 @@ MOST = 100
 
 
 def read(path: Path) -> meshio.Mesh:
-    """The mesh of all pieces with its cell data of numbers, and its node sets as `write_mesh` writes them."""
+    """Read all pieces with their cell data of numbers, and the node sets that `write_mesh` writes."""
     return Document(path.read_bytes()).mesh()
 
 
@@ -85,7 +85,7 @@ class Document:
         return mesh
 
     def piece(self, piece: ET.Element) -> tuple[Array, Array, Array, Array, dict[str, Array], dict[str, Array]]:
-        """Points, nodes of the cells, where those of each cell end, types, arrays of numbers by name, and node sets as masks."""
+        """Return points, connectivity, ends and types of cells, arrays of numbers by name, and node sets as masks."""
         nv, nt = (count_of(piece.get(f"NumberOf{what.title()}", "").strip(), what) for what in ("points", "cells"))
         points = [self.array(item, nv) for item in piece.iterfind("Points/DataArray")]
         cells = {item.get("Name"): self.array(item)[:, 0].astype(np.int64) for item in piece.iterfind("Cells/DataArray")}
@@ -106,7 +106,7 @@ class Document:
         return points[0], cells["connectivity"], ends, types, data, marked
 
     def array(self, item: ET.Element, rows: int | None = None) -> Array:
-        """(rows, components) numbers."""
+        """Return numbers (rows, components)."""
         name = item.get("Name", item.get("type", ""))[:60]
         kind = item.get("type", "")
         columns = count_of(item.get("NumberOfComponents") or "1", "components")
@@ -124,7 +124,7 @@ class Document:
         return values.reshape(-1, columns).astype(dtype.newbyteorder("="))
 
     def content(self, item: ET.Element, name: str) -> bytes:
-        """The bytes of an array in base64 or appended, unpacked."""
+        """Return the bytes of an array in base64 or appended, unpacked."""
         coded, data = True, (item.text or "").strip().encode()
         if item.get("format") == "appended":
             coded, data = not self.raw, self.appended[count_of(item.get("offset", "").strip(), "bytes before an array") :]
@@ -134,7 +134,7 @@ class Document:
             raise Damaged(f"its array {name!r} is not complete ({error})") from error
 
     def unpacked(self, data: bytes, coded: bool) -> bytes:
-        """What follows the header, which for packed data counts the blocks and gives all their sizes."""
+        """Return the bytes after the header, which for packed data counts the blocks and gives all their sizes."""
         width = self.header.itemsize
         first = int(np.frombuffer(decoded(data, 0, width, coded)[0], self.header)[0])
         if not self.packed:
@@ -160,13 +160,13 @@ class Document:
 
 
 def together(pieces: list[dict[str, Array]]) -> dict[str, Array]:
-    """Arrays that all pieces have, one after another."""
+    """Return the arrays that all pieces have, concatenated."""
     names = set.intersection(*(set(data) for data in pieces))
     return {name: np.concatenate([data[name] for data in pieces]) for name in pieces[0] if name in names}
 
 
 def decoded(data: bytes, start: int, count: int, coded: bool) -> tuple[bytes, int]:
-    """`count` bytes from a place in raw bytes or base64, and the place after them."""
+    """Return `count` bytes from a position in raw bytes or base64, and the position after them."""
     if count < 0 or count > len(data):
         raise ValueError(f"{count} bytes are declared, {len(data) - start} are there")
     end = start + (-(-count // 3) * 4 if coded else count)
@@ -177,7 +177,7 @@ def decoded(data: bytes, start: int, count: int, coded: bool) -> tuple[bytes, in
 
 
 def numbers(text: str, dtype: np.dtype, name: str) -> Array:
-    """Numbers that stand as text."""
+    """Return numbers from text."""
     words = text.split()
     try:
         return np.array(words, dtype="U").astype(dtype) if words else np.empty(0, dtype)
@@ -186,7 +186,7 @@ def numbers(text: str, dtype: np.dtype, name: str) -> Array:
 
 
 def root_of(path: Path) -> ET.Element:
-    """The outermost element."""
+    """Return the outermost element."""
     try:
         return ET.parse(path).getroot()
     except ET.ParseError as error:
@@ -194,7 +194,7 @@ def root_of(path: Path) -> ET.Element:
 
 
 def xdmf(path: Path) -> Counts:
-    """Every array in a regular file that is large enough, or in the text itself; the number of elements where it is given."""
+    """Check that every array has a regular file or a text of enough size; return the number of elements where it is given."""
     root = root_of(path)
     for item in root.iter("DataItem"):
         text, form = (item.text or "").strip(), item.get("Format", "XML")
