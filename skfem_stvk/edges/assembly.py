@@ -73,7 +73,7 @@ class ElementTerm(PairTerm):
 
     @in_turn
     def without(self, gone: NDArray[np.bool_]) -> ElementTerm:
-        """The term without the elements that are `gone` (nt,), in the order in which they were given.
+        """Return the term without the elements that are `gone` (nt,), in the order in which they were given.
 
         Their numbers are zero, as those of the lanes that only fill the last block: they have neither energy nor stiffness, and the
         pattern stays as it is. They have no volume that could be lost, and no stretch: both count as infinite.
@@ -112,7 +112,7 @@ class ElementTerm(PairTerm):
 
     @cached_property
     def pairs(self) -> PairBlocks:
-        """What is made of the blocks."""
+        """Products and matrices that are made of the blocks."""
         return PairBlocks(self.elements.own, self.elements.edges, self.elements.d)
 
     def _open(self, u: Array, force: Array | None) -> tuple[Shares, Array]:
@@ -141,7 +141,7 @@ class ElementTerm(PairTerm):
 
     @in_turn
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        """As in `PairTerm`: the blocks `K_ab` (9 ne,) of the edges, with room for what threads add to them."""
+        """Return, as in `PairTerm`, the blocks `K_ab` (9 ne,) of the edges, with room for the sums of threads."""
         elements = self.elements
         to, total = elements.blocks, elements.edges.total
         size = 9 * (total + len(to.extra))
@@ -164,7 +164,7 @@ class ElementTerm(PairTerm):
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
-        """As in `PairTerm`, without an array of all blocks."""
+        """Fill K as in `PairTerm`, without an array of all blocks."""
         shares, f = self._open(u, force)
         found, more = rows.fill(lambda to: self._linearize(shares, to, f, kept), data, add)
         self._close(f, force)
@@ -173,7 +173,7 @@ class ElementTerm(PairTerm):
 
     @abstractmethod
     def _linearize(self, shares: Shares, to: PairSlots | RowSlots, f: Array, kept: Tensions) -> list[Any]:
-        """As `_energy`, and the blocks of the edges go to `to`: what the kernel returns for each part, for `_total`."""
+        """Do what `_energy` does, and write the blocks of the edges to `to`; return the kernel's results by part, for `_total`."""
 
     def _total(self, found: list[Any]) -> tuple[float, float]:
         """The energy and the trace of K from all parts."""
@@ -272,13 +272,13 @@ class LawAssembly(ElementTerm):
 
         super().__init__(p, t, quadrature, stored, dtype, resistance)
         self._law_of, self._barrier = law.law, law.barrier
-        self.law = self._law_of(self._D)
         if law.barrier:  # which needs them for its messages
             self._ids = np.arange(t.shape[1]) if elements is None else elements
 
-    def _take_out(self, gone: NDArray[np.bool_]) -> None:
-        super()._take_out(gone)
-        self.law = self._law_of(self._D)
+    @property
+    def law(self) -> Any:
+        """The law of the kernels with its numbers."""
+        return self._law_of(self._D)
 
     def _energy(self, shares: Shares, f: Array) -> float:
         return self._checked(sum(run(element_kernels.energy_and_force, shares.parts, *self._arrays(shares), f)))
@@ -343,7 +343,7 @@ class TensionAssembly(EnergyAssembly):
 
     @in_turn
     def add_round_off(self, u: Array, out: Array) -> None:
-        """As `Assembly.add_round_off`, of the same strains with all of their stress."""
+        """Add what `Assembly.add_round_off` does, of the same strains with all of their stress."""
         shares, f = self._open(u, out)
         t, slots, points, law, X, own = self._arrays(shares)
         run(element_kernels.round_off, shares.parts, t, slots, points, IsotropicLaw(law.D), X, own, f)
@@ -440,16 +440,20 @@ class Assembly(LawAssembly):
 
         StvkError for other elements, whose strain is not the same everywhere.
         """
-        if self.points is not None:
-            raise StvkError(
-                f"{self.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of "
-                "their edges do not say it. Take degree=1 to look at edges and their pairs."
-            )
+        self._refuse_points()
         p, t, stiffness = self._mesh
         if self.gone is None:
             return EdgeForm(p, t, stiffness)
         kept = ~self.gone[:, None, None]
         return EdgeForm(p, t, GeneralStiffness(lambda: kept * stiffness.coefficients(p, t)))
+
+    def _refuse_points(self) -> None:
+        """Refuse elements that are no linear simplices, whose strain differs from point to point."""
+        if self.points is not None:
+            raise StvkError(
+                f"{self.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of "
+                "their edges do not say it. Take degree=1 to look at edges and their pairs."
+            )
 
     def _take_out(self, gone: NDArray[np.bool_]) -> None:
         super()._take_out(gone)
@@ -476,7 +480,7 @@ class Assembly(LawAssembly):
         return np.asarray(np.sum(run(element_kernels.along, elements.forces.parts, *arrays), axis=0))
 
     def strain_products(self, fields: Array, most: int) -> Iterator[Array]:
-        """As in `HasStrainProducts`; rows of zeros for elements that were taken out."""
+        """Yield rows as in `HasStrainProducts`; rows of zeros for elements that were taken out."""
         elements, X = self.elements, np.zeros((len(fields), 3))
         X[elements.own.vertices] = elements.X.reshape(-1, 3)
         k, nt = elements.k, len(elements.elements)
@@ -547,7 +551,11 @@ class Assembly(LawAssembly):
 
     @in_turn
     def tensions(self, u: Array) -> Array:
-        """(ne,) tensions `t = L zeta` [N/m] at `u` (nv, d) of the edges in lexicographic order: `form.tensions` without L."""
+        """Return the tensions `t = L zeta` (ne,) [N/m] at `u` (nv, d) of the edges in lexicographic order, without `form`.
+
+        StvkError for other elements than linear simplices.
+        """
+        self._refuse_points()
         self.elements.gather(u)
         return np.asarray(self._tensions()[self.elements.lexicographic])
 
@@ -565,7 +573,7 @@ class Assembly(LawAssembly):
 
     @in_turn
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        """As in `ElementTerm`: `K = 2 J' L J + sum g t Lap (x) I` with the factors `g` of the tensions `t` that are kept."""
+        """Return the blocks as in `ElementTerm`: `K = 2 J' L J + sum g t Lap (x) I`, `g` the factors of `kept` for tensions `t`."""
         W, blocks = super().blocks(u, force, out, kept)
         if kept.negative != kept.positive and self.points is None:
             less = kept.positive - kept.negative
@@ -573,14 +581,14 @@ class Assembly(LawAssembly):
         return W, blocks
 
     def by_rows(self, kept: Tensions) -> bool:
-        """As in `PairTerm`; tensions of linear simplices of both signs are known only when all elements have been added."""
+        """Return as in `PairTerm`; the signs of tensions of linear simplices are known only when all elements have been added."""
         return kept.negative == kept.positive or self.points is not None
 
     @in_turn
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
-        """As in `ElementTerm`; by the blocks of all pairs where not `by_rows`."""
+        """Fill K as in `ElementTerm`; by the blocks of all pairs where not `by_rows`."""
         if self.by_rows(kept):
             return super().fill(u, rows, data, add, force, kept)
         W, blocks = self.blocks(u, force, self._filled, kept)

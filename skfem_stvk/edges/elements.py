@@ -224,12 +224,12 @@ class OwnElements:
 
     @property
     def forces(self) -> Shares:
-        """How threads share what elements add to nodes."""
+        """Shares of threads in the sums of elements at nodes."""
         return self.own.share("F", lambda n: shares_of(self.t, len(self.own.vertices), self._work, n))
 
     @property
     def blocks(self) -> Shares:
-        """How threads share what elements add to pairs of nodes."""
+        """Shares of threads in the sums of elements at pairs of nodes."""
 
         def shares(n: int) -> Shares:
             made = shares_of(self.edges.t2e, self.edges.total, self._work, n)

@@ -73,7 +73,7 @@ class Network(PairTerm):
         self._blocks = PairBlocks(self.own, self._joined, self.d)
 
     def with_coefficients(self: Own, own: Array, between: Array) -> Own:
-        """The network with other coefficients (ne,) and (n,), in the order in which edges and pairs were given."""
+        """Return the network with other coefficients (ne,) and (n,), in the order in which edges and pairs were given."""
         other = copy(self)
         other._take(own, between)
         return other
@@ -114,18 +114,18 @@ class Network(PairTerm):
 
     @property
     def _forces(self) -> Shares:
-        """How threads share what blocks of edges add to vertices."""
+        """Shares of threads in the sums of blocks of edges at vertices."""
         blocks = self.edges.reshape(-1, 2 * EDGES)
         return self.own.share("F of edges", lambda n: shares_of(blocks, len(self.own.vertices), EDGE * EDGES, n))
 
     @property
     def _coupling(self) -> Shares:
-        """How threads share what pairs add to edges."""
+        """Shares of threads in the sums of pairs at edges."""
         return self.own.share("pairs", lambda n: shares_of(self.coupled, len(self.edges), PAIR, n))
 
     @property
     def _stiffening(self) -> Shares:
-        """How threads share what pairs add to blocks."""
+        """Shares of threads in the sums of pairs in blocks."""
 
         def shares(n: int) -> Shares:
             made = shares_of((self._to & ~TRANSPOSED).astype(np.int64), self._joined.total + SPARE, PAIR, n)
@@ -229,7 +229,7 @@ class Network(PairTerm):
         return self._pull(rate, self._tensions(rate), g, force)
 
     def _differences(self, v: Array) -> Array:
-        """(ne, 3) differences of a field `v` (nv, d) between the ends of the edges."""
+        """Return the differences (ne, 3) of a field `v` (nv, d) between the ends of the edges."""
         V = np.zeros((len(self.own.vertices), 3))
         V[:, : self.d] = v[self.own.vertices]
         a, b = self.edges.T
@@ -249,7 +249,7 @@ class ElementNetwork(Network):
         super().__init__(*network, **options)
 
     def without(self: Torn, gone: NDArray[np.bool_]) -> Torn:
-        """The network without the elements that are `gone` (n,), of the region in their order."""
+        """Return the network without the elements that are `gone` (n,), of the region in their order."""
         return self.with_coefficients(*self._left(gone))
 
     @property

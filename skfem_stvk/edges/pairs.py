@@ -80,7 +80,7 @@ class BlockPattern(Protocol):
 
 
 class Rows(NamedTuple):
-    """Where blocks stand in the values of K: the stars of vertices (`kernels.blocks.fill_rows`), or blocks one by one.
+    """Places of blocks in the values of K: the stars of vertices (`kernels.blocks.fill_rows`), or blocks one by one.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class PairBlocks:
 
     @property
     def size(self) -> int:
-        """How many numbers there are in the blocks."""
+        """Number of values in the blocks."""
         return 9 * self._edges.total
 
     @property
@@ -145,7 +145,7 @@ class PairBlocks:
         """Write what follows from the blocks that a term gave."""
 
     def rows(self, pattern: BlockPattern) -> Rows:
-        """Where the blocks stand in the values of a matrix of this pattern."""
+        """Return the places of the blocks in the values of a matrix of this pattern."""
         own, vertices = self._edges, self.own.vertices
         begin, others, entries = stars(own.edges[own.number].T, len(vertices))
         upper = entries >= 0
@@ -177,7 +177,7 @@ class PairBlocks:
 
     @property
     def products(self) -> Shares:
-        """How threads share what pairs add to vertices."""
+        """Shares of threads in the sums of pairs at vertices."""
         return self.own.share("K v", lambda n: shares_of(self._edges.edges, len(self.own.vertices), 0.25, n))
 
     def memory(self) -> int:
@@ -307,7 +307,7 @@ class BoundTerm(Protocol):
 
 @runtime_checkable
 class NarrowTerm(BoundTerm, Protocol):
-    """What a law owes at least: it adds the blocks of its pairs to arrays that it is handed."""
+    """A term with the fewest methods: it adds the blocks of its pairs to given arrays."""
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         """Add the blocks of K [N/m] at `u` (nv, d).
@@ -326,7 +326,7 @@ class PairTerm(ABC):
     @property
     @abstractmethod
     def pairs(self) -> PairBlocks:
-        """What is made of the blocks."""
+        """Products and matrices that are made of the blocks."""
 
     @abstractmethod
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
@@ -340,7 +340,7 @@ class PairTerm(ABC):
         """
 
     def rows(self, pattern: BlockPattern) -> Any:
-        """Where the blocks stand in the values of a matrix of this pattern: what `fill` asks for; its `size` is their number."""
+        """Return the places of the blocks in the values of a matrix of this pattern, for `fill`; `size` is their number."""
         return self.pairs.rows(pattern)
 
     @in_turn
@@ -376,7 +376,7 @@ class Coupled:
 
     @property
     def pairs(self) -> PairBlocks:
-        """What is made of the blocks."""
+        """Products and matrices that are made of the blocks."""
         version, (of, pairs) = version_of(self.term), self._known
         if of != version:
             pairs = blocks_between(self.term, *self._space)
@@ -384,7 +384,7 @@ class Coupled:
         return pairs
 
     def of(self: Own, term: Any) -> Own:
-        """The same pairs, with another term or load that couples them."""
+        """Return the same pairs, with another term or load that couples them."""
         other = copy(self)
         other.term = term
         return other
@@ -440,5 +440,5 @@ def joined(term: Any) -> NDArray[np.int32]:
 
 
 def version_of(term: Any) -> int:
-    """How often the pairs that a term couples have changed."""
+    """Return how often the pairs that a term couples have changed."""
     return int(getattr(term, "pattern_version", 0))

@@ -85,7 +85,7 @@ class PenaltyAssembly(ElementTerm):
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
-        """As in `PairTerm`. What `psi'` adds to K is skew and in no diagonal entry: if it overflows, so does the energy."""
+        """Fill K as in `PairTerm`. The part of `psi'` in K is skew, without diagonal: if it overflows, so does the energy."""
         W, total = super().fill(u, rows, data, add, force, kept)
         return Linearized(W, total + W)
 

@@ -42,11 +42,11 @@ class StoredLaw(Protocol):
 
     @property
     def moduli(self) -> int:
-        """How many of the numbers that are stored, the first ones, are moduli times a size, which must not over- or underflow."""
+        """Number of stored numbers, the first ones, that are moduli times a size, which must not over- or underflow."""
 
     @property
     def barrier(self) -> str:
-        """What is infinite where elements are inside out or flat, and what to take instead, for messages; "" if nothing is."""
+        """Part of messages: the quantity that is infinite where elements are inside out or flat, and the remedy; "" if none is."""
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
         """(m, n) what the law stores beside `Ri` of these `elements`, in their frames, per unit of the points' weights."""
@@ -137,7 +137,7 @@ class StretchesStiffness(IsotropicStiffness):
 
 
 def flat_of(k: int, d: int) -> Flat | None:
-    """What elements of dimension `k` in `d` are to laws of principal stretches: None if solid."""
+    """Return the kind of elements of dimension `k` in `d` for laws of principal stretches: None if solid."""
     return None if k == 3 else Flat(FLAT[k, k < d])
 
 
@@ -174,10 +174,7 @@ class AnisotropicStiffness:
         if self.hypothesis.condensed:
             inner = _condensed(C, axes)
         else:
-            pairs = np.array(VOIGT[at.k]).T
-            first, second = np.swapaxes(axes[:, :, pairs[0]], 1, 2), np.swapaxes(axes[:, :, pairs[1]], 1, 2)
-            dyads = first[..., :, None] * second[..., None, :]
-            strain = _voigt((dyads + np.swapaxes(dyads, -1, -2)) / 2, shear=2.0)
+            strain = unit_stresses(axes) * multiplicity(3) / multiplicity(at.k)[:, None]
             inner = strain @ C @ np.swapaxes(strain, 1, 2)
         return _upper_half(inner, at.k, at.size * self.section[elements] / 2)
 
@@ -283,7 +280,7 @@ def _condensed(C: Array, axes: Array) -> Array:
 
 
 def unit_stresses(axes: Array) -> Array:
-    """(n, s, 6) Voigt vectors of a unit of each stress component within elements, whose axes are columns (n, 3, k)."""
+    """Return the Voigt vectors (n, s, 6) of a unit of each stress component within elements with axes as columns (n, 3, k)."""
     i, j = np.array(VOIGT[axes.shape[2]]).T
     first, second = np.swapaxes(axes[:, :, i], 1, 2), np.swapaxes(axes[:, :, j], 1, 2)  # (n, s, 3)
     dyads = first[..., :, None] * second[..., None, :]
@@ -291,7 +288,7 @@ def unit_stresses(axes: Array) -> Array:
 
 
 def voigt_places(k: int) -> NDArray[np.int64]:
-    """(k, k) index of each component of a tensor in its Voigt vector."""
+    """Return the index (k, k) of each component of a tensor in its Voigt vector."""
     place = np.empty((k, k), dtype=np.int64)
     for number, (i, j) in enumerate(VOIGT[k]):
         place[i, j] = place[j, i] = number
@@ -299,7 +296,7 @@ def voigt_places(k: int) -> NDArray[np.int64]:
 
 
 def multiplicity(k: int) -> Array:
-    """(m,) number of times that a symmetric tensor has each component of its Voigt vector."""
+    """Return how often (m,) a symmetric tensor has each entry of its Voigt vector: 1 or 2."""
     return np.array([1.0 if i == j else 2.0 for i, j in VOIGT[k]])
 
 

@@ -28,7 +28,7 @@ IN_CACHE = 2**20
 
 
 class RowPlan(NamedTuple):
-    """How threads write the rows of K.
+    """Plan by which threads write the rows of K.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class RowPlan(NamedTuple):
 
 
 class ElementRows:
-    """Where the blocks of elements stand in the values of a matrix.
+    """Places of the blocks of elements in the values of a matrix.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class ElementRows:
 
     @cached_property
     def of_all_pairs(self) -> Rows:
-        """Where the blocks of all pairs go, for those that are made first."""
+        """Places of the blocks of all pairs, for terms that make these first."""
         return self._pairs.rows(self._pattern)
 
     def fill(self, linearize: Callable[[Any], list[Result]], data: Array, add: bool) -> tuple[list[Result], float]:
@@ -168,7 +168,7 @@ class ElementRows:
 
 
 class PartOfRows(ElementRows):
-    """Where the blocks of elements stand in a part of a matrix, such as that of free degrees of freedom.
+    """Places of the blocks of elements in a part of a matrix, such as that of free degrees of freedom.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ class PartOfRows(ElementRows):
         self._whole, self.places = whole, places
 
     def _made(self, shares: Shares) -> RowPlan:
-        """As for all of the matrix, but for the rows that the part has not, or not all of."""
+        """Return the plan of the whole matrix without the rows, and the entries of rows, that the part does not have."""
         whole = self._whole.plan
         slots, places = whole.slots, self.places
         first, last = np.searchsorted(places, slots.first), np.searchsorted(places, slots.first + slots.sizes)

@@ -49,7 +49,7 @@ ALONE = 0.05
 
 
 def front(pairs: Ids, n: int) -> int:
-    """How many of the `pairs` (2, m), `a < b` of `n` nodes, an order of nodes divides at most: `a` before it, `b` behind."""
+    """Return the largest number of the `pairs` (2, m), `a < b` of `n` nodes, that one cut of their order separates."""
     return int(np.cumsum(np.bincount(pairs[0], minlength=n) - np.bincount(pairs[1], minlength=n)).max(initial=0))
 
 
@@ -82,7 +82,7 @@ class OwnOrder(NamedTuple):
 
 
 def vertex_order(edges: Ids, n: int) -> Ids:
-    """Those of `n` nodes that pairs `edges` (2, ne), `a < b`, have: in their own order if that is good, else in that of
+    """Return the nodes of `n` that pairs `edges` (2, ne), `a < b`, have: in their own order if that is good, else in that of
     `OwnOrder`.
     """
     used = np.zeros(n, dtype=bool)

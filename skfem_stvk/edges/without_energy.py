@@ -21,15 +21,15 @@ class WithoutEnergy:
         self._of, self.nodes_paired = of, of.nodes_paired
 
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
-        """As those of the elements."""
+        """Return those of the elements."""
         return self._of.volume_ratios(u)
 
     def smallest_volume_ratio(self, u: Array) -> float:
-        """As that of the elements."""
+        """Return that of the elements."""
         return self._of.smallest_volume_ratio(u)
 
     def step_limit(self, u: Array, v: Array) -> float:
-        """As that of the elements."""
+        """Return that of the elements."""
         return self._of.step_limit(u, v)
 
 

@@ -1,4 +1,4 @@
-"""What all materials share: checked constants, a density, a frame, and whether they fit a region."""
+"""Base of all materials: checked constants, a density, a frame, and whether they fit a region."""
 
 from __future__ import annotations
 

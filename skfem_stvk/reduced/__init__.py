@@ -1,4 +1,4 @@
-"""What a body does, worked out before: St. Venant-Kirchhoff's energy in the span of some fields, or a table of answers."""
+"""Precomputed answers of a body: St. Venant-Kirchhoff's energy in the span of some fields, or a table of answers."""
 
 from .response import BetweenPoints, PrecomputedResponse
 from .system import ReducedSystem

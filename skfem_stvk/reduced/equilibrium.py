@@ -32,7 +32,7 @@ LEAST = 1e-8
 
 
 class OnBasis(Protocol):
-    """What a static solve and a motion ask of a body with displacements `u = columns z`, `z = (q, s)` (m,).
+    """Interface of static solves and motions to a body with displacements `u = columns z`, `z = (q, s)` (m,).
 
     The first `size` of the coordinates z are free, the others are the amounts of what is prescribed.
     """
@@ -126,7 +126,7 @@ class DenseFactors:
 
 
 class DenseSolver:
-    """What stands for the choice of a linear solver where matrices are full and small: Cholesky's factors."""
+    """The linear solver of small full matrices: Cholesky's factors."""
 
     name, iterative, matrix_free = "dense", False, False
 
@@ -245,7 +245,7 @@ class ReducedEquilibrium(DenseProblem):
         return True
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:
-        """As in `Problem`; asked before and after a solve, and answered once for each state."""
+        """Return as in `Problem`; a solve asks before and after, so the answer for a state is kept."""
         if self._looked is None or not np.array_equal(self._looked[0], u):
             with self._watch("assemble"):
                 self._looked = u.copy(), self.system.inside_out(self.states.expand(u))

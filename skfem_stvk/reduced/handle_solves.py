@@ -81,7 +81,7 @@ class DisplacementGrid:
 
 @dataclass
 class HandlePath:
-    """The way of a handle: a straight line from displacement `start` to `end` (d,) [m] as t goes from 0 to 1.
+    """The path of a handle: a straight line from displacement `start` to `end` (d,) [m] as t goes from 0 to 1.
 
     Loads and the body's own prescribed displacements stay as they are at t = 1, or, with `from_rest`, grow as the handle moves.
     """
@@ -91,11 +91,11 @@ class HandlePath:
     from_rest: bool = True
 
     def displacements(self, x: Array, t: float) -> Array:
-        """(d, n) displacements of nodes `x` (d, n) of the handle."""
+        """Return the displacements (d, n) of nodes `x` (d, n) of the handle."""
         return np.repeat(((1 - t) * self.start + t * self.end)[:, None], x.shape[1], axis=1)
 
     def loads_at(self, t: Time) -> Time:
-        """The load factor of the loads."""
+        """Return the load factor of the loads at `t`."""
         return t if self.from_rest else 1.0
 
 
@@ -118,7 +118,7 @@ class DrivenSystem(System):
 
     @classmethod
     def of(cls, body: System, handle: NDArray[np.int64]) -> DrivenSystem:
-        """The body, without the elements that were taken out of it, with the `handle` among its supports."""
+        """Return the body, without its removed elements, with the `handle` among its supports."""
         return cls(body, handle).without(body.removed)
 
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
@@ -137,7 +137,7 @@ class DrivenSystem(System):
 
 
 class HandleTask(NamedTuple):
-    """What is solved: the handle moves from `start`, where the displacements are `u0`, to `end`; None for from rest."""
+    """One solve: the handle moves from `start`, where the displacements are `u0` (None at rest), to `end`."""
 
     number: int
     start: Array
@@ -146,7 +146,7 @@ class HandleTask(NamedTuple):
 
 
 class HandleState(NamedTuple):
-    """What came of a displacement of the handle: `u` (ndofs,) [m], the `force` (d,) that holds it there [N].
+    """Result of a displacement of the handle: `u` (ndofs,) [m], the `force` (d,) that holds it there [N].
 
     If there is no stable equilibrium the `message` says why; `warning` has what is not to be trusted.
     """

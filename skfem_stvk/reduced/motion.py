@@ -175,7 +175,7 @@ class ReducedMotion(Motion):
         return vertices
 
     def ground_forces(self, u: Array, v: Array, t: float, since: float) -> Array:
-        """As those of the body; what the basis leaves at free degrees of freedom is carried to the ground by K at rest.
+        """Return those of the body; K at rest carries forces that the basis leaves at free degrees of freedom to the ground.
 
         That is `M a + D v + F - h` with the accelerations `a = V V' (h - D v - F)` of the basis.
         """

@@ -24,7 +24,7 @@ BLOCK = 32_000_000
 
 
 def coefficients(n: int) -> int:
-    """How many numbers a homogeneous quartic of n variables has."""
+    """Return the number of coefficients of a homogeneous quartic of n variables."""
     return n * (n + 1) * (n + 2) * (n + 3) // 24
 
 
@@ -36,7 +36,7 @@ def bytes_needed(size: int) -> int:
 
 
 def rows_of(term: BoundTerm, body: System) -> int:
-    """How many rows of strains a term gives, about: of all points of all elements."""
+    """Return the approximate number of rows of strains of a term: of all points of all elements."""
     if not isinstance(term, HasStrainProducts):
         return 0
     return len(body.rule.rule.weights) * body.mesh.nt * body.mesh.k * (body.mesh.k + 1) // 2
@@ -101,7 +101,7 @@ def quartic_of(
 
 
 def _row(d: int, c: int) -> int:
-    """Where the row of T for `d`, `c <= d` begins."""
+    """Return the index in T at which the row of `d`, `c <= d` begins."""
     return d * (d + 1) * (d + 2) * (d + 3) // 24 + c * (c + 1) * (c + 2) // 6
 
 
@@ -144,7 +144,7 @@ def _orders(*indices: int) -> int:
 
 
 class MeshPart:
-    """What some bound terms have in W, F and K over fields of displacements (ndofs, R), by those of their mesh: its cost is that of
+    """The part of bound terms in W, F and K over fields of displacements (ndofs, R), by those of their mesh: its cost is that of
     the mesh."""
 
     def __init__(self, mesh: ElementMesh, terms: Sequence[BoundTerm], fields: Array) -> None:

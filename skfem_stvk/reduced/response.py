@@ -78,7 +78,7 @@ class BetweenPoints:
 
 
 class PrecomputedResponse:
-    """What a body answers to displacements of a handle, from static solves on a grid of them: `answers(d) -> force, u`.
+    """Response of a body to displacements of a handle, from static solves on a grid of them: `answers(d) -> force, u`.
 
     The table has the force exactly and the displacements of all nodes in a basis of their singular vectors. Between the points
     polynomials of degree 3 go through the 4 nearest points of each axis (fewer on shorter axes): answers are exact at the points,
@@ -301,7 +301,7 @@ class PrecomputedResponse:
         self.error = BetweenPoints(points, of_force, of_u, tuple(lost))
 
     def _hold(self) -> None:
-        """What else is held, and where, known exactly; and whether there are holes."""
+        """Find the exact displacements of the body's own supports, and whether the table has holes."""
         supports = self._body.supports
         self._held, self._held_at, self._whole = supports.held, supports.values(1.0), bool(self._solved.all())
 

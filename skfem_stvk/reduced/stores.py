@@ -26,7 +26,7 @@ class ReducedFile(Store[Header]):
 
 
 class PointHeader(Header):
-    """The header of a file of one point: its number, and what `HandleState` says in words."""
+    """The header of a file of one point: its number, and the messages of its `HandleState`."""
 
     number: Count
     message: str
@@ -34,7 +34,7 @@ class PointHeader(Header):
 
 
 class TableHeader(Header):
-    """The header of the file of a table: what is not in its arrays."""
+    """The header of the file of a table: all of it but the arrays."""
 
     holes: dict[str, str]
     compression: Annotated[float, Field(ge=0)]
@@ -42,7 +42,7 @@ class TableHeader(Header):
 
 
 class PointsCheckpoint(FolderStore[PointHeader]):
-    """A folder with a file for each solve of a grid: what is there is not solved again, `kept` by number."""
+    """A folder with a file for each solve of a grid: states that it holds, `kept` by number, are not solved again."""
 
     known, name = ("point of a precomputed response of skfem-stvk", 1), "point_{:06d}.npz"
     schema = PointHeader

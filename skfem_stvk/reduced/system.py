@@ -34,8 +34,7 @@ from .sampled import Sampling, sampled_part
 MOST_MEMORY = 1e9
 #: Modes by default.
 MODES = 20
-#: Files of reduced bodies, and what to do with one that cannot be used.
-#: More modes, or sampled elements, than that nobody means; unknowns are limited by memory.
+#: Largest number of modes and of sampled elements; unknowns are limited by memory.
 MOST = 10_000
 
 
@@ -262,7 +261,7 @@ class ReducedSystem:
 
     @in_turn
     def energy_along_states(self, z: Array, v: Array) -> NDArray[np.float64]:
-        """As `energy_along`, along `z + s v` of all amounts `(q, s)`, (r + l,) both."""
+        """Return `energy_along` along `z + s v` of all amounts `(q, s)`, (r + l,) both."""
         x, y = np.concatenate([[1.0], z]), np.concatenate([[0.0], v])
         c = self._quartic.along(x, y)
         refuse_overflow(c, "W along a line", z)
@@ -399,7 +398,7 @@ def _refuse_without_energy(body: System) -> None:
 
 
 class _Stages(Progress):
-    """What a reduced body costs while it is made: said before, refused above a limit, shown while it is worked for.
+    """Cost of a reduced body while it is made: printed before, refused above a limit, shown as progress.
 
     `count` is the number of modes and derivatives.
     """

@@ -146,7 +146,7 @@ class Outlets:
 
     @classmethod
     def checked(cls, save: Any, checkpoint: Any, resume: Any, overwrite: Any, fields: Any = None) -> Outlets:
-        """Those that were asked for: paths that can be written, and a checkpoint if it is to be resumed."""
+        """Return the requested outputs: paths that can be written, and a checkpoint if it is to be resumed."""
         if save is not None:
             save = output_path(arguments.path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
         if checkpoint is not None:

@@ -68,7 +68,7 @@ class Monitors:
             refuse_other_laws(self._fields)
 
     def before(self) -> tuple[Finding, ...]:
-        """What the elements and their materials say without a state.
+        """Return the findings on elements and their materials, without a state.
 
         >>> import skfem
         >>> from skfem_stvk import StVK, System
@@ -95,7 +95,7 @@ class Monitors:
         return (self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what),)
 
     def at(self, u: Array) -> tuple[Finding, ...]:
-        """What there is to find at displacements `u` (ndofs,), a state that the system accepts."""
+        """Return the findings at displacements `u` (ndofs,), a state that the system accepts."""
         return tuple(self._found(u))
 
     def _found(self, u: Array) -> Iterator[Finding]:

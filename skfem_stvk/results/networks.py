@@ -1,4 +1,4 @@
-"""How good a spring network is for one mesh, material and state: shares of energy, errors and speed beside the elastic body."""
+"""Comparison of spring networks with the elastic body: shares of energy, errors and speed, for one mesh, material and state."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Row:
 
 @dataclass(frozen=True)
 class NetworkComparison:
-    """What `compare_networks` found; it prints itself as a table.
+    """Result of `compare_networks`; it prints itself as a table.
 
     Attributes
     ----------

@@ -54,8 +54,8 @@ class OneWriter:
             if error.errno not in NO_LOCKS:
                 remedy = "Choose another folder, or change its permissions."
                 raise StvkError(f"{self.path} cannot be locked: {error.strerror}. {remedy}") from error
-            self._process = os.getpid()
             warn(f"The disk of {self.path} has no locks: see to it that no other run writes there at the same time.")
+            self._process = os.getpid()
         except BaseException:
             self.__exit__()
             raise

@@ -1,4 +1,4 @@
-"""What pictures and films of a deformed body show, whoever draws them."""
+"""Content of pictures and films of a deformed body, for all programs that draw them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Picture:
 
 
 class View(NamedTuple):
-    """What pictures of a body have in common."""
+    """Common bounds of the pictures of a body."""
 
     box: Array  # (2, 3) the least and the largest coordinates of the body in all of them, and at rest [m]
     limits: tuple[float, float]  # least and largest colour value, a little apart
@@ -322,7 +322,7 @@ def visible_cells(mesh: MeshArrays) -> tuple[Ids, Ids]:
 
 
 def visible_faces(mesh: MeshArrays) -> tuple[tuple[Ids, Ids], Element]:
-    """As `visible_cells`, with all nodes of the faces: of solids their boundary facets; and the faces' element."""
+    """Return faces as `visible_cells`, with all of their nodes: of solids the boundary facets; and the faces' element."""
     element = mesh.element
     if mesh.k < 3:
         return (np.repeat(np.arange(element.n)[:, None], mesh.nt, axis=1), np.arange(mesh.nt)), element

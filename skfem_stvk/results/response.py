@@ -1,4 +1,4 @@
-"""How a body responds to displacements: strain, stress and energy density at the points of its elements, from its terms."""
+"""Response of a body to displacements: strain, stress and energy density at the points of its elements, from its terms."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Place(NamedTuple):
 
 
 class ElasticBody:
-    """What a mesh and its terms give for fields, whatever the displacements.
+    """A mesh and its terms, with all that fields need of them at any displacements.
 
     Attributes, parameters and errors as in `fields.Fields`.
     """

@@ -1,4 +1,4 @@
-"""Stores: a header and arrays in one .npz file, whole or absent, checked by a schema; and folders of them with one writer."""
+"""Stores: files .npz of a header and arrays, each whole or absent, checked by a schema; and folders of files with one writer."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Store(Generic[OfHeader]):
 
 
 class FolderStore(Store[OfHeader]):
-    """A folder of files, from which a later run goes on. It is used in a `with` block, during which nobody else can write them.
+    """A folder of files, from which a later run goes on. It is used in a `with` block, during which no other process can write.
 
     The folder is made if it is absent; its parent must exist. Each file has the signature of its problem.
     """

@@ -230,7 +230,7 @@ def _mask(count: int, ids: Any) -> NDArray[np.uint8]:
 
 
 def _ends_marked(mesh: ElementMesh, nodes: NDArray[Any]) -> NDArray[np.uint8]:
-    """Of segments, bit `j` for their end `j`, which is one of these nodes; of each node at one segment alone."""
+    """Return a bit `j` of each segment with end `j` at one of these nodes; a node marks one segment alone."""
     marked = np.zeros(mesh.nt, dtype=np.uint8)
     ends = mesh.corners.ravel()
     ids, first = np.unique(ends, return_index=True)

@@ -1,4 +1,4 @@
-"""Numbers by which files know their problem again: of its mesh, terms, supports and method."""
+"""Numbers by which files are matched to their problem: of its mesh, terms, supports and method."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Signature:
 
 
 class Fingerprint:
-    """What a problem is known by: it tells whether a file is one of its own.
+    """Numbers that identify a problem, and the check that a file is one of its own.
 
     `start` has what else the states depend on, such as `u0`: by name a few numbers, see `sums`. The others are as in `Signature`.
     """
@@ -67,7 +67,7 @@ class Fingerprint:
 
     @cached_property
     def signature(self) -> Signature:
-        """What its files say of the problem."""
+        """The signature in the files of the problem."""
         return Signature(kind=self._kind, method=self._method, moments=self._moments, numbers=self._numbers(self._moments))
 
     def differences(self, then: Signature) -> str:

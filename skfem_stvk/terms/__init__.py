@@ -1,4 +1,4 @@
-"""What a body is made of and what acts on it: specifications without a mesh, one a file."""
+"""Terms of a body and loads on it: specifications without a mesh, one a file."""
 
 from .body import Body
 from .corotated import Corotated

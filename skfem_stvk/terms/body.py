@@ -42,7 +42,7 @@ class HasSection(Protocol):
         """Name of a subdomain, element ids, or None for all elements."""
 
     def section(self, mesh: ElementMesh, n: int) -> Array:
-        """What turns the measure of an element into a volume, a number or (n,)."""
+        """Return the factor that makes a volume of the measure of an element, a number or (n,)."""
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
         """`lam + 2 mu` [Pa], a number or (n,)."""
@@ -69,8 +69,10 @@ class Body:
         self.gone, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
 
     def without(self, gone: NDArray[np.bool_], bare: NDArray[np.bool_]) -> Body:
-        """The body without the elements that are `gone` (nt,): they have no size, volume and mass, facets of theirs alone no area.
-        The nodes `bare` (nv,) are in no element any more."""
+        """Return the body without the elements that are `gone` (nt,): they have no size, volume and mass.
+
+        Facets of these elements alone have no area. The nodes `bare` (nv,) are in no element any more.
+        """
         left = copy(self)
         left.gone, left.bare = gone, bare
         for name in ("sizes", "mass", "lumped_mass"):

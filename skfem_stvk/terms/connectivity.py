@@ -119,7 +119,7 @@ def simplices_of(
 
 
 def _brings_elements(term: Any) -> bool:
-    """Whether a term acts within elements of its own; a load's are only where it acts."""
+    """Return whether a term acts within elements of its own; those of a load are only the place where it acts."""
     return getattr(term, "simplices", None) is not None and not is_load(term)
 
 
@@ -147,7 +147,7 @@ def _refuse_without_simplices(terms: Sequence[Any], bringing: Sequence[Any]) -> 
 
 
 def _placed(t: NDArray[np.int32], blocks: list[NDArray[np.int32]]) -> slice:
-    """Where simplices stand among those of their kind; they are added unless the same ones are there."""
+    """Return the places of simplices among those of their kind, to which they are added unless the same ones are there."""
     begin = 0
     for block in blocks:
         if block.shape == t.shape and np.array_equal(block, t):

@@ -100,7 +100,7 @@ class Corotated(ElasticLaw):
         return self.rotation == "element"
 
     def response(self, at: Deformation) -> PointResponse:
-        """As in `HasResponse`, by the rotation of each element; MaterialError where frames are at nodes, or given."""
+        """Return as in `HasResponse`, by the rotation of each element; raise MaterialError for frames at nodes or user-supplied."""
         if not self.has_stress:
             raise MaterialError(
                 "Corotated: stresses are known for rotation='element' alone; with other frames there are the forces on nodes."

@@ -170,7 +170,7 @@ class Traction(Load):
 
 
 def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | Together:
-    """What acts on all elements of a body, with these sizes (nt,), and on those beside."""
+    """Return the spread over all elements of a body, with these sizes (nt,), and over those beside."""
     own = Spread(body.mesh, body.mesh.element, body.mesh.t, sizes(body))
     if not body.beside:
         return own

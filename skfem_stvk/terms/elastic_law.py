@@ -1,4 +1,4 @@
-"""What all laws of elasticity on elements share: a material on a region, thickness or area, mass."""
+"""Base of all laws of elasticity on elements: a material on a region, thickness or area, mass."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class ElasticLaw(ABC):
         """The law of the kernels, and what it stores of each element of the region."""
 
     def lame(self, mesh: ElementMesh, hypothesis: Hypothesis | None = None) -> tuple[Array, Array]:
-        """`lam` and `mu` (n,) times section under a hypothesis, by default those that act within the elements' own dimensions.
+        """Return `lam` and `mu` (n,) times section under a hypothesis, by default that of the elements.
 
         MaterialError if the material is not isotropic, or does not fit the elements.
         """
@@ -158,7 +158,7 @@ class ElasticLaw(ABC):
         return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """What turns the measure of an element into a volume: thickness, area, or 1; a number or (n,)."""
+        """Return the factor that makes a volume of the measure of an element: thickness, area, or 1; a number or (n,)."""
         name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
         section = np.asarray(1.0 if value is None else value)
         check_length(section, n, name)

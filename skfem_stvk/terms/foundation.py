@@ -112,7 +112,7 @@ class Bedding:
         self.grounded = (len(self._k) * tied[:, None] + np.flatnonzero(self._k)).ravel()
 
     def without(self, gone: NDArray[np.bool_]) -> Bedding:
-        """The foundation without the facets whose elements are all `gone` (nt,); the pairs stay, with zeros."""
+        """Return the foundation without the facets whose elements are all `gone` (nt,); the pairs stay, with zeros."""
         left = copy(self)
         left._take(self._spread(gone))
         return left

@@ -102,7 +102,7 @@ class InvertibleStVK(ElasticLaw):
         return self.extend == "energy"
 
     def response(self, at: Deformation) -> PointResponse:
-        """As in `HasResponse`; MaterialError where the stress is extended, which has no energy."""
+        """Return as in `HasResponse`; raise MaterialError where the stress is extended, which has no energy."""
         if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)

@@ -57,7 +57,7 @@ class LinearElastic(ElasticLaw):
         return self._bound(LinearAssembly, body, dtype)
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """The stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one."""
+        """Return the stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one."""
         found = StVK(self.material, self.region, self.plane, self.thickness, self.area).stiffness(mesh)
         found.law = LINEAR[found.law]
         return found

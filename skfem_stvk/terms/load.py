@@ -1,4 +1,4 @@
-"""When loads are asked for, and how what a user gives for them becomes a function of place and time."""
+"""Moments of loads, and functions of place and time made of the values that users give for them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..errors import LoadError, StateError, StvkError, name_ids
 
 
 class Moment(NamedTuple):
-    """When: what functions of time are asked for, and the factor of everything that is given by constants.
+    """The time at which functions of time are evaluated, and the factor of everything that is given by constants.
 
-    Those ramp in statics, where `t` is the load factor, and are what they are in dynamics, where it is time: `Moment(t, 1.0)`.
+    Constants ramp in statics, where `t` is the load factor, and are what they are in dynamics, where it is time: `Moment(t, 1.0)`.
     There `mass` is that of the motion, "lumped" or "consistent": gravity pulls at the masses that it moves.
 
     >>> Moment.of(0.5), Moment.of(Moment(0.5, 1.0, "lumped"))
@@ -34,7 +34,7 @@ class Moment(NamedTuple):
 
     @classmethod
     def checked(cls, t: Time) -> Moment:
-        """As `of`, in finite numbers; anything else is a StateError."""
+        """Return `of`, in finite numbers; raise StateError for anything else."""
         if type(t) is float and isfinite(t):
             return cls(t, t)  # most often
         moment, expected = cls.of(t), "a finite load factor (in statics from 0 to 1) or time"

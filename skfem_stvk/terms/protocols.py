@@ -1,4 +1,4 @@
-"""What a term is: a specification that binds to a body, what it owes then, and what else it can be asked for."""
+"""Terms: specifications that bind to a body, and the methods that bound terms must and may have."""
 
 from __future__ import annotations
 
@@ -47,8 +47,7 @@ def is_load(term: Any) -> TypeGuard[Load]:
 
 
 class BoundLoad(Protocol):
-    """What acts on a body from outside, at displacements `u` (nv, d) and load factor or moment `t`. If it is not `dead` it is a
-    `TurningLoad`."""
+    """A load on a body at displacements `u` (nv, d) and load factor or moment `t`. If it is not `dead` it is a `TurningLoad`."""
 
     @property
     def has_potential(self) -> bool:
@@ -219,11 +218,11 @@ class CanRemove(Protocol):
     """A term that elements can be taken out of. Loads need no such method: they are bound again, to the body that is left."""
 
     def without(self, gone: NDArray[np.bool_]) -> Any:
-        """The term without the elements that are `gone` (n,), of its region in their order; of the mesh, if it has no region.
+        """Return the term without the elements that are `gone` (n,), of its region in their order; of the mesh, if it has none.
 
         This term stays as it is. `gone` names all elements that are out, those of earlier calls too. The new term couples the same
         pairs of nodes, with blocks of zeros; the pairs that it still holds together are its `nodes_joined` (2, m), if it has that
-        attribute. What a term remembers goes along.
+        attribute. The new term has the memory of this one.
         """
 
 
@@ -243,7 +242,7 @@ class HasStress(Protocol):
         """Which components of strain or stress vanish across the elements of this mesh."""
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """What turns the measure of an element into a volume, a number or (n,)."""
+        """Return the factor that makes a volume of the measure of an element, a number or (n,)."""
 
 
 def has_stress(term: HasStress) -> bool:
@@ -260,7 +259,7 @@ class HoldsShape(Protocol):
 
 
 class Deformation(NamedTuple):
-    """How elements are deformed at a point of each.
+    """Deformation of elements at a point of each.
 
     Attributes
     ----------
@@ -279,7 +278,7 @@ class Deformation(NamedTuple):
 
 
 class PointResponse(NamedTuple):
-    """What a law says at a point of each of n elements, in a frame of their axes, then the normals.
+    """Response of a law at a point of each of n elements, in a frame of their axes, then the normals.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How what acts on elements or facets goes to their nodes."""
+"""Spread of loads on elements or facets to their nodes."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ class SpringNetwork:
         return self.law.mass(mesh, sizes)
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """What turns the measure of an element into a volume: thickness, area, or 1; a number or (n,)."""
+        """Return the factor that makes a volume of the measure of an element: thickness, area, or 1; a number or (n,)."""
         return self.law.section(mesh, n)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
@@ -144,7 +144,7 @@ class SpringNetwork:
         return np.asarray(mesh.elements(self.region))[sprung[edge_topology(self._simplices(mesh))[1]].all(axis=0)]
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> SpringAssembly:
-        """The springs on a body's mesh that have a stiffness; of given stiffness one stays as long as an element around it does."""
+        """Return the springs on a body's mesh that have a stiffness; a user-supplied one stays as long as an element around it."""
         mesh = body.mesh if isinstance(body, Body) else body
         whole = self._springs(mesh)
         # pairs are of springs that all have a stiffness
@@ -232,7 +232,7 @@ class Rest(NamedTuple):
 
     @classmethod
     def of(cls, mesh: ElementMesh, t: NDArray[np.int32], springs: SpringNetwork) -> Rest:
-        """What the rules ask for, of the simplices `t` (k + 1, n)."""
+        """Return the data of the rules for the simplices `t` (k + 1, n)."""
         n, law = t.shape[1], springs.law
         L = law.coefficients(mesh)
         a, b = np.array(LOCAL_EDGES[mesh.k]).T

@@ -77,7 +77,7 @@ class StVK(ElasticLaw):
 
     @property
     def response(self) -> Callable[[Deformation], PointResponse] | None:
-        """As in `HasResponse`, with wrinkling; otherwise None, for then the law is `S = C : E`."""
+        """The method of `HasResponse` with wrinkling; otherwise None, for then the law is `S = C : E`."""
         return self._relaxed if self.wrinkling else None
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness | AnisotropicStiffness:

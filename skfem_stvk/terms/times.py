@@ -29,7 +29,7 @@ class InTime(ABC):
 
     @abstractmethod
     def factor(self, t: float) -> float:
-        """What the value is multiplied by at `t`."""
+        """Return the factor of the value at `t`."""
 
     def __call__(self, t: float) -> float | tuple[float, ...]:
         factor = self.factor(number("t", t, "a finite load factor or time", error=LoadError))

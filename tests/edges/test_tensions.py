@@ -4,11 +4,11 @@ semi-definite.
 
 import numpy as np
 import pytest
-from bodies import BODIES, MESHES, state
+from bodies import BODIES, MESHES, boxes, state
 from kernels.parts import in_parts
 from scipy.spatial import Delaunay
 
-from skfem_stvk import Anisotropic, ElementMesh, StVK, System
+from skfem_stvk import Anisotropic, ElementMesh, StVK, StvkError, System
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.system import Pattern, TangentOperator
 
@@ -171,3 +171,10 @@ def test_the_operator_without_negative_tensions_is_the_clamped_tangent(name):
     assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max()
     operator.prepare(u)
     assert np.abs(operator @ v - body.tangent(u) @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - K @ v).max()
+
+
+def test_elements_without_an_edge_form_have_no_tensions():
+    mesh = boxes(2)
+    (term,) = System(mesh, StVK(young=1.0, poisson=0.3)).bound_terms
+    with pytest.raises(StvkError, match="quadrilaterals have no edge form"):
+        term.tensions(np.zeros((mesh.nv, 2)))

@@ -220,6 +220,13 @@ def test_modes_of_the_basis_are_those_of_the_body(count):
     assert vectors.shape == (body.ndofs - len(body.supports.held), count)
 
 
+def test_masses_of_a_torn_body_without_density_are_those_of_density_1():
+    light, heavy = (System(upright(), StVK(young=2.0, poisson=0.3, density=density)) for density in (None, 1.0))
+    wanted = masses_of(heavy.without([3, 7, 30]))
+    assert masses_of(heavy).sum() > 1.01 * wanted.sum()
+    np.testing.assert_allclose(masses_of(light.without([3, 7, 30])), wanted, rtol=1e-13)
+
+
 def test_modal_derivatives_are_how_modes_change_with_the_amplitude_of_others():
     """`K(u) phi` at small amplitudes, by differences of the tangent: two ways to the second derivative of F."""
     body = cube()

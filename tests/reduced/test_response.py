@@ -151,6 +151,16 @@ def test_loads_and_displacements_of_the_body_act_in_full():
         assert u[1 + 2 * np.unique(BEAM.boundaries["left"])] == pytest.approx(0.05)
 
 
+def test_loads_grow_from_rest_and_act_in_full_on_the_way_from_a_neighbour():
+    body = System(BODY, [StVK(young=1e3, poisson=0.3, density=1.0), Gravity((0.0, 0.0, -9.0))])
+    driven, u = handle_solves.DrivenSystem.of(body, np.array([0])), np.zeros(body.ndofs)
+    full = body.external_force(u)
+    assert np.abs(full).max() > 0
+    np.testing.assert_allclose(driven.external_force(u, 0.25), full / 4, rtol=1e-13)
+    driven.path.from_rest = False
+    np.testing.assert_array_equal(driven.external_force(u, 0.25), full)
+
+
 def test_elements_that_were_taken_out_are_not_in_the_answers():
     body = solid(BEAM)
     whole = PrecomputedResponse(body, GRIP, ([0.0], [-0.1, 0.0]), checks=0, quiet=True).forces

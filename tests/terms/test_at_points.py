@@ -1,11 +1,11 @@
-"""Stress and energy density of the compiled laws at points: against the readable ones, at small strain, and in thin sheets."""
+"""Stress and energy density of the compiled laws at points: against the readable ones, at small strain, in flat elements."""
 
 import numpy as np
 import pytest
 from bodies import CURVED, MESHES, state
 from kernels.parts import on_twins
 
-from skfem_stvk import Corotated, InvertibleStVK, NeoHookean, StVK, System
+from skfem_stvk import Corotated, InvertibleStVK, NeoHookean, StVK, StvkWarning, System
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields
 
@@ -92,3 +92,30 @@ def test_the_stretch_across_stretched_sheets_and_cables_is_that_of_linear_elasti
     strain = np.linalg.eigvalsh(fields_of(mesh, law(young=2.0, poisson=0.3), 0.4 * mesh.p.ravel("F"))["green_strain"])
     across = ((1 - share * 0.4) ** 2 - 1) / 2
     assert strain[:, 0] == pytest.approx(across, rel=1e-12) and strain[:, -1] == pytest.approx((1.4**2 - 1) / 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name, mesh in EVERY.items() if mesh.k < 3])
+def test_taut_tension_fields_have_the_fields_of_stvk(name):
+    """The strain across, which follows from the stress, included."""
+    mesh = EVERY[name]
+    term = next(law for (kind, _), law in laws_on(mesh).items() if kind == "wrinkling")
+    u = states_for("wrinkling", mesh)["wide"]
+    wanted, found = fields_of(mesh, StVK(term.material, plane=term.plane), u), fields_of(mesh, term, u)
+    for field in FIELDS:
+        size = np.abs(wanted[field]).max()
+        assert size > 0.1 and np.abs(found[field] - wanted[field]).max() < 1e-13 * size, field
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "hexahedra"])
+@pytest.mark.parametrize("law", [Corotated, InvertibleStVK])
+def test_flat_elements_have_an_energy_density_and_no_finite_stress(law, name):
+    """Only one of their stretches is zero."""
+    mesh = EVERY[name]
+    body = System(mesh, law(young=2.0, poisson=0.3))
+    flat = np.zeros((mesh.nv, mesh.d))
+    flat[:, 0] = -mesh.p[0]
+    now = Fields.of(body).at(flat.ravel())
+    with pytest.warns(StvkWarning, match="stress is infinite"):
+        assert np.ma.getmaskarray(now["pk2_stress"]).all()
+    assert not np.ma.is_masked(now["strain_energy_density"])
+    assert now["strain_energy_density"] @ now.fields.volume == pytest.approx(body.energy(flat.ravel()), rel=1e-12)

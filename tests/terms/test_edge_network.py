@@ -195,6 +195,8 @@ def test_elements_can_be_taken_out_of_the_network_of_a_law(part):
     assert system.energy(u) == pytest.approx(rest.energy(u), rel=1e-12)
     assert abs(system.tangent(u) - rest.tangent(u)).max() < 1e-12 * abs(rest.tangent(u)).max()
     assert system.mass().vertex == pytest.approx(rest.mass().vertex, rel=1e-12)
+    joined, left = (set(map(tuple, one.bound_terms[0].nodes_joined.T)) for one in (system, rest))
+    assert joined == left < set(map(tuple, system.bound_terms[0].nodes_paired.T))
 
 
 def test_elements_cannot_be_taken_out_of_coefficients_that_no_law_gave():

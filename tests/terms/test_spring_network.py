@@ -414,9 +414,11 @@ def test_elements_can_be_taken_out(rule):
         given = {"stiffness": np.ones(SPRINGS.edges(mesh).shape[1]), "density": 1.0}
     system = System(mesh, SpringNetwork(**given))
     whole = system.energy(u := 0.1 * state(mesh))
-    system = system.without(out)
+    system, edges = system.without(out), SpringNetwork(young=1.0, poisson=0.25, region=kept).edges(mesh)
+    (term,) = system.bound_terms
+    assert set(map(tuple, term.nodes_joined.T)) == set(map(tuple, edges.T)) < set(map(tuple, term.nodes_paired.T))
     if rule == "own":
-        given["stiffness"] = np.ones(SpringNetwork(young=1.0, poisson=0.25, region=kept).edges(mesh).shape[1])
+        given["stiffness"] = np.ones(edges.shape[1])
     rest = System(mesh, [SpringNetwork(**given, region=kept), StVK(young=1e-30, poisson=0.3)])
     W, F = rest.energy_and_force(u)
     assert system.energy(u) == pytest.approx(W, rel=1e-12) and 0.95 * whole > W
