@@ -53,7 +53,7 @@ def measures(p: Reals, t: Ids) -> Reals:
 
 
 def _to_the_letter(function):
-    return kernel(function, forceinline=True, fastmath=False)
+    return inlined(function, fastmath=False)
 
 
 @_to_the_letter

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from .compiled import Ids, Reals, by_type, inlined, kernel, options_of_kernels
+from .compiled import OPTIONS_OF_PIECES, Ids, Reals, by_type, inlined, kernel
 
 #: Elements in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
 #: cache.
@@ -81,10 +81,7 @@ def _put_parts(a, out, at):
     put(a[15:], out, at + I(15 * LANES))
 
 
-INLINED: Any = options_of_kernels | {"forceinline": True}
-
-
-@overload(put, jit_options=INLINED, strict=False)
+@overload(put, jit_options=OPTIONS_OF_PIECES, strict=False)
 def _put_of_length(a, out, at):
     return _put_parts if len(a) > 15 else put
 

@@ -202,7 +202,7 @@ def _put_block(block, out, at, stride, d, add):
 
 def _in_order(function):
     """Compile without regrouping of sums: a row is the same to the last bit whichever way it is written."""
-    return kernel(function, forceinline=True, fastmath={"contract", "nsz"})
+    return inlined(function, fastmath={"contract", "nsz"})
 
 
 @_in_order
@@ -255,7 +255,7 @@ def _put_part(to, row, stage):
     whole = len(stage) - to.widest
     for i in range(to.d * to.strides[row]):
         stage[I(whole + i)] = 0
-    trace = _put_row(to, row, stage, I(whole), to.d, False)
+    trace = _put_row(to, row, stage, I(whole), to.d, np.bool_(False))
     _pick(to, row, stage, to.data, to.first[row], to.add)
     return trace
 
@@ -278,7 +278,7 @@ def _stage_row(to, stage, at, row):
         base, high = first - low, low
     picked = to.picked[row] < to.picked[row + 1]
     where = I(len(stage) - to.widest if picked else high)
-    trace += _put_row(to, row, stage, where, 3, False) if to.d == 3 else _put_row(to, row, stage, where, to.d, False)
+    trace += _put_row(to, row, stage, where, to.d, np.bool_(False))
     if picked:
         _pick(to, row, stage, stage, high, False)
     high += to.sizes[row]
@@ -346,7 +346,7 @@ def _add_to_rows(to, points, stage, at, block, values):
             at = Staged(at.base, at.low, at.high, at.trace + _put_part(to, row, stage))
         else:
             first = I(to.first[row])
-            more = _put_row(to, row, to.data, first, 3, to.add) if to.d == 3 else _put_row(to, row, to.data, first, to.d, to.add)
+            more = _put_row(to, row, to.data, first, to.d, to.add)
             at = Staged(at.base, at.low, at.high, at.trace + more)
     if to.ahead and block + 2 < len(to.done):
         _have_brought(to, block + 1)

@@ -29,7 +29,9 @@ def _counting_sort(keys, order, n):
 @kernel
 def lexicographic_order(rows: Ids, n: int) -> Ids:
     """(items,) order of the columns of `rows` (m, items), with entries in 0 ... n - 1, first row first."""
-    order = np.arange(rows.shape[1]).astype(np.int32)
+    order = np.empty(rows.shape[1], np.int32)
+    for item in range(len(order)):
+        order[item] = item
     for row in range(len(rows) - 1, -1, -1):
         order = _counting_sort(rows[row], order, n)
     return order
@@ -46,7 +48,7 @@ def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
     for i in range(m):
         for e in range(nt):
             a, b = t[local[i, 0], e], t[local[i, 1], e]
-            ends[0, i * nt + e], ends[1, i * nt + e] = min(a, b), max(a, b)
+            ends[0, i * nt + e], ends[1, i * nt + e] = (a, b) if a < b else (b, a)
     order = lexicographic_order(ends, n)
     t2e = np.empty((m, nt), np.int32)
     edges = np.empty((2, m * nt), np.int32)
@@ -63,7 +65,8 @@ def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
 @kernel
 def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
     """New numbers (count,) of the ids in `blocks` (n, m) by first use, and how many (n + 1,) blocks 0 ... i - 1 use."""
-    number, marks = np.full(count, -1, np.int32), np.zeros(len(blocks) + 1, np.int64)
+    number, marks = np.empty(count, np.int32), np.zeros(len(blocks) + 1, np.int64)
+    number[:] = -1
     used = 0
     for block in range(len(blocks)):
         for item in blocks[block]:

@@ -11,7 +11,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import types
 from numba.extending import intrinsic, overload
 
-from .compiled import Ids, Reals
+from .compiled import OPTIONS_OF_PIECES, Ids, Reals
 from .lanes import LANES, TRANSPOSED
 
 #: Bytes in a line of the caches, and of memory that is written at once.
@@ -20,8 +20,6 @@ LINE = 64
 _TURNED = (0, 3, 6, 1, 4, 7, 2, 5)
 #: Lanes that are turned round at once.
 WIDE = 8
-
-INLINED: Any = {"forceinline": True}
 
 _WORD, _INDEX = ir.IntType(32), ir.IntType(64)
 
@@ -201,22 +199,22 @@ def _fence(typing: Any) -> Any:
     return types.void(), generate
 
 
-@overload(add_lanes, jit_options=INLINED, strict=False)
+@overload(add_lanes, jit_options=OPTIONS_OF_PIECES, strict=False)
 def _of_add_lanes(values: Any, at: Any, slots: Any, first: Any, eights: Any, ninths: Any) -> Any:
     return lambda values, at, slots, first, eights, ninths: _add_lanes(values, at, slots, first, eights, ninths)
 
 
-@overload(add_turned_lanes, jit_options=INLINED, strict=False)
+@overload(add_turned_lanes, jit_options=OPTIONS_OF_PIECES, strict=False)
 def _of_add_turned_lanes(values: Any, at: Any, slots: Any, first: Any, eights: Any, ninths: Any) -> Any:
     return lambda values, at, slots, first, eights, ninths: _add_turned_lanes(values, at, slots, first, eights, ninths)
 
 
-@overload(store_line, jit_options=INLINED, strict=False)
+@overload(store_line, jit_options=OPTIONS_OF_PIECES, strict=False)
 def _of_store_line(data: Any, to: Any, stage: Any, at: Any) -> Any:
     return lambda data, to, stage, at: _store_line(data, to, stage, at)
 
 
-@overload(bring, jit_options=INLINED, strict=False)
+@overload(bring, jit_options=OPTIONS_OF_PIECES, strict=False)
 def _of_bring(data: Any, at: Any, count: Any) -> Any:
     width = LINE // (data.dtype.bitwidth // 8)
 
@@ -227,11 +225,11 @@ def _of_bring(data: Any, at: Any, count: Any) -> Any:
     return lines
 
 
-@overload(prefetch, jit_options=INLINED, strict=False)
+@overload(prefetch, jit_options=OPTIONS_OF_PIECES, strict=False)
 def _of_prefetch(data: Any, at: Any) -> Any:
     return lambda data, at: _prefetch(data, at)
 
 
-@overload(fence, jit_options=INLINED, strict=False)
+@overload(fence, jit_options=OPTIONS_OF_PIECES, strict=False)
 def _of_fence() -> Any:
     return lambda: _fence()

@@ -1,5 +1,6 @@
 """Compilation: once a machine, said when it happens, and nothing that a machine without a cache cannot do."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 
 from skfem_stvk.kernels import compiled
 
@@ -58,19 +60,48 @@ def no_cache(monkeypatch):
     monkeypatch.setattr(numba, "njit", refuse)
 
 
-@pytest.mark.parametrize("decorate", [compiled.kernel, compiled.inlined])
-def test_without_a_cache_kernels_are_compiled_in_every_process(decorate, no_cache):
+def test_without_a_cache_kernels_are_compiled_in_every_process(no_cache):
     def total(x):
         s = 0.0
         for i in range(len(x)):
             s += x[i]
         return s
 
-    kernel = decorate(total)
+    kernel = compiled.kernel(total)
     assert kernel(np.arange(5.0)) == 10.0
     assert kernel.stats.cache_path is None and kernel.nopython_signatures
     options = kernel.targetoptions
     assert options["fastmath"] == compiled.FASTMATH and options["nogil"] and options["error_model"] == "numpy"
+
+
+def test_a_piece_that_python_calls_is_refused_and_kernels_call_it():
+    @compiled.inlined
+    def twice(x):
+        return 2 * x
+
+    @compiled.kernel
+    def doubled(x):
+        return twice(x)
+
+    with pytest.raises(TypeError, match=r"twice is a piece of kernels; .* or twice\.py_func"):
+        twice(1.0)
+    assert doubled(1.5) == twice.py_func(1.5) == 3.0
+
+
+def test_python_searches_for_cycles_again_after_a_kernel_is_compiled():
+    @compiled.kernel
+    def half(x):
+        return x / 2
+
+    assert half(1.0) == 0.5 and gc.isenabled()
+    with pytest.raises(TypingError):
+        half("text")
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        assert half(np.float32(3.0)) == 1.5 and not gc.isenabled()
+    finally:
+        gc.enable()
 
 
 @pytest.mark.slow
