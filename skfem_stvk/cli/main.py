@@ -15,7 +15,7 @@ from rich.console import Console
 
 from ..errors import AnalysisError, StvkError, StvkWarning
 from ..terminal import console, printable
-from . import referee, scenes
+from . import referee, scenes, warm_up
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,6 +83,7 @@ COMMANDS = {
     "bench": Command(
         referee.name_the_benchmark, "the command of the benchmark, which is in a checkout of the project", referee.bench_arguments
     ),
+    "warm-up": Command(warm_up.warm_up, "compile kernels ahead, on all cores", warm_up.add_arguments),
     "info": Command(
         scenes.info, "what would be built of a scene or a mesh, and what is wrong with it; alone: versions", scenes.info_arguments
     ),

@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from time import monotonic
 from typing import Any, TypeAlias, TypeVar
 
 import numba
@@ -42,23 +43,49 @@ LENGTH = sha256().digest_size
 _said: set[str] = set()
 
 
-class _Announcement(Listener):
-    """A message, once per process, why a first call takes long."""
+class FirstUse(Listener):
+    """Says once per process why a first call takes long, and every few seconds how far it is.
 
-    kept = "for their first use; they are kept on disk"
+    Attributes
+    ----------
+    count : kernels that were compiled in this process.
+    quiet : whether nothing is said.
+    """
+
+    #: Kernels of a body of linear tetrahedra, its W, F and K; seconds that they take (AMD EPYC); seconds from line to line.
+    KERNELS, TIME, EVERY = 21, 8, 5.0
 
     def __init__(self) -> None:
-        self.made = False
+        self.count, self.quiet = 0, False
+        self.kept = "they are kept on disk; `skfem-stvk warm-up` compiles ahead, on all cores"
+        self._began = self._said = 0.0
 
     def on_start(self, event: Any) -> None:
-        package = __name__.partition(".")[0]
-        if not self.made and event.data["dispatcher"].py_func.__module__.startswith(package):
-            self.made = True
-            text = f"{package}: compiling kernels {self.kept}"
-            Console(stderr=True, highlight=False).print(f"[dim]{text}[/]", soft_wrap=True)
+        if not self._began and _is_kernel(event):
+            self._began = self._said = monotonic()
+            self._say(
+                f"compiling kernels for their first use: W, F and K of one kind of element have {self.KERNELS} and take some "
+                f"{self.TIME} s; {self.kept}"
+            )
 
     def on_end(self, event: Any) -> None:
-        pass
+        if _is_kernel(event):
+            self.count += 1
+            if monotonic() > self._said + self.EVERY:
+                self._said = monotonic()
+                self._say(f"{self.count} kernels compiled, {self._said - self._began:.0f} s after the first")
+
+    def _say(self, text: str) -> None:
+        if not self.quiet:
+            console = Console(stderr=True, highlight=False)
+            console.print(f"{__name__.partition('.')[0]}: {text}", style="dim", markup=False, soft_wrap=True)
+
+
+def _is_kernel(event: Any) -> bool:
+    """Whether a function that numba compiles is a kernel of this package, and no piece of one."""
+    dispatcher = event.data["dispatcher"]
+    ours = dispatcher.py_func.__module__.startswith(__name__.partition(".")[0])
+    return ours and not dispatcher.targetoptions.get("forceinline")
 
 
 @contextmanager
@@ -97,6 +124,9 @@ class _Lowering(Listener):
             self._waiting.pop().__exit__(None, None, None)
 
 
+first_use = FirstUse()
+
+
 class _NoCollection(Listener):
     """Python's search for cycles rests while numba compiles: a sixth of the time went into it, and found next to nothing."""
 
@@ -128,7 +158,7 @@ def kernel(function: Function) -> Function:
         compiled: Function = numba.njit(cache=True, **OPTIONS_OF_KERNELS)(function)
     except RuntimeError:  # no folder for the cache
         compiled = numba.njit(**OPTIONS_OF_KERNELS)(function)
-        _Announcement.kept = "in every process: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
+        first_use.kept = "so it is in every process: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
     else:
         if compiled is not function:  # as it is where numba is switched off
             keep_with_care(compiled, stamp_of(function.__module__.rpartition(".")[2]))
@@ -183,7 +213,7 @@ def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type
 # Machine code that returns arrays asks this function for their type each time. In a function of Python's Ctrl-C takes effect, and
 # machine code loses the exception: SystemError. Answers that are known come without one.
 serialize._numba_unpickle = cache(serialize._numba_unpickle)
-register("numba:compile", _Announcement())
+register("numba:compile", first_use)
 register("numba:compile", _NoCollection())
 register("numba:run_pass", _Lowering())
 

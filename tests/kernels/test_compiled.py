@@ -31,10 +31,17 @@ def run(code, cache):
 
 def test_compiling_is_said_once_and_done_once_a_machine(tmp_path):
     first, second = run(TWO_KERNELS, tmp_path), run(TWO_KERNELS, tmp_path)
-    assert first.stderr.count("skfem_stvk: compiling kernels for their first use; they are kept on disk") == 1
+    assert first.stderr.count("skfem_stvk: compiling kernels for their first use") == 1
+    assert "`skfem-stvk warm-up` compiles ahead" in first.stderr and "kernels compiled" not in first.stderr
     assert "compiling" not in second.stderr
     assert first.stdout == second.stdout == ""
     assert list(tmp_path.rglob("*.nbc"))
+
+
+def test_a_long_first_use_says_how_many_kernels_are_compiled(tmp_path):
+    early = "from skfem_stvk.kernels.compiled import FirstUse\nFirstUse.EVERY = 0.0\n"
+    said = run(early + TWO_KERNELS, tmp_path).stderr.splitlines()
+    assert [int(line.split()[1]) for line in said[1:]] == [1, 2, 3] and all("kernels compiled" in line for line in said[1:])
 
 
 def test_kernels_of_others_are_compiled_in_silence(tmp_path):

@@ -1,0 +1,66 @@
+"""Kernels that are compiled ahead are those that a first run needs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from skfem_stvk.cli import warm_up
+from skfem_stvk.cli.main import main
+from skfem_stvk.kernels.compiled import FirstUse
+
+ROOT = Path(__file__).parents[2]
+FIRST_RUN = """
+import numpy as np, skfem
+from skfem_stvk import Gravity, LinearBackwardEuler, StVK, System, simulate, solve_static
+from skfem_stvk.kernels.compiled import first_use
+mesh = skfem.MeshTet().refined(1)
+body = System(mesh, [StVK(young=1e5, poisson=0.3, density=1e3), Gravity((0, 0, -1))], fixed={lambda x: x[0] == 0: "xyz"})
+(W, F), K = body.energy_and_force(np.zeros(body.ndofs)), body.tangent(np.zeros(body.ndofs))
+counts = [first_use.count]
+solve_static(body, quiet=True)
+simulate(body, LinearBackwardEuler(dt=1e-3), until=1e-3, quiet=True)
+print(*counts, first_use.count)
+"""
+
+
+def run(cache, *arguments):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, cwd=cache, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.mark.slow
+def test_after_warming_up_a_first_run_compiles_nothing(tmp_path):
+    cold, warm = tmp_path / "cold", tmp_path / "warm"
+    for folder in (cold, warm):
+        folder.mkdir()
+    before, _ = map(int, run(cold, "-c", FIRST_RUN).stdout.split())
+    assert before == FirstUse.KERNELS
+    said = run(warm, "-m", "skfem_stvk.cli", "warm-up")
+    assert int(said.stdout.split()[0]) > before and said.stderr == ""
+    assert run(warm, "-m", "skfem_stvk.cli", "warm-up").stdout.startswith("0 kernels compiled")
+    assert run(warm, "-c", FIRST_RUN).stdout.split() == ["0", "0"]
+
+
+def test_a_law_that_an_element_does_not_take_is_named_and_left_out(capsys, monkeypatch):
+    monkeypatch.setattr(warm_up, "ROWS", ({"bodies": lambda body: None},))
+    assert main(["warm-up", "--elements", "segments", "--laws", "stvk", "neo-hookean"]) == 0
+    left_out, total = capsys.readouterr().out.splitlines()
+    assert left_out.startswith("segments, neo-hookean: NeoHookean is for solids and surfaces") and "kernels compiled in" in total
+
+
+@pytest.mark.parametrize("option", ["--elements", "--laws"])
+def test_unknown_names_are_refused_with_those_that_there_are(option, capsys):
+    assert main(["warm-up", option, "tetrahedrons"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"{option} 'tetrahedrons'" in said and ("tetrahedra" if option == "--elements" else "neo-hookean") in said
+
+
+@pytest.mark.parametrize("element", warm_up.ELEMENTS)
+def test_each_element_has_a_body_that_moves(element):
+    body = warm_up.body_of(element, "stvk")
+    assert 0 < len(body.supports.held) < body.ndofs and body.mesh.element.name == element
