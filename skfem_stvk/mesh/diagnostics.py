@@ -7,14 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..elements import rule_of
 from ..errors import MeshError, name_ids, warn
 from ..kernels.geometry import measures
 from ..kernels.topology import lexicographic_order
-from .facets import Cells, MeshArrays
+from .facets import Cells, MeshArrays, linked
 from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
 from .points import extremes, signed, spokes_at
@@ -269,8 +267,7 @@ def parts(meshes: Sequence[ElementMesh]) -> NDArray[np.int32]:
     """Return the number of the connected part of each node (nv,) of meshes on the same nodes; one shared node connects parts."""
     a = np.concatenate([np.tile(mesh.t[0], len(mesh.t) - 1) for mesh in meshes])
     b = np.concatenate([mesh.t[1:].ravel() for mesh in meshes])
-    links = coo_matrix((np.ones(len(a)), (a, b)), shape=(meshes[0].nv,) * 2)
-    return connected_components(links, directed=False)[1]
+    return linked(a, b, meshes[0].nv)
 
 
 def _on_elements(meshes: Sequence[ElementMesh]) -> NDArray[np.bool_]:

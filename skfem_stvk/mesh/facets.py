@@ -322,10 +322,19 @@ def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDAr
     front, back = np.arange(n), np.arange(n, 2 * n)  # the two sides of each triangle, linked to those of its neighbours
     rows = np.concatenate([front[one], back[one]])
     columns = np.concatenate([np.where(against, front[other], back[other]), np.where(against, back[other], front[other])])
-    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * n, 2 * n))
-    side = connected_components(graph, directed=False)[1]
+    side = linked(rows, columns, 2 * n)
     _, first, piece = np.unique(np.minimum(side[:n], side[n:]), return_index=True, return_inverse=True)
     return side[:n] != side[first][piece], side[:n] != side[n:]
+
+
+def linked(a: NDArray[Any], b: NDArray[Any], n: int) -> NDArray[np.int32]:
+    """Return the number (n,) of the part of each of `n` things, of which links join each of `a` to that of `b`.
+
+    >>> linked(np.array([0, 3]), np.array([1, 4]), 5)
+    array([0, 0, 1, 2, 2], dtype=int32)
+    """
+    links = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1])
 
 
 def _neighbours(t: NDArray[np.int32], nv: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_matrix
 
 from ..arguments import Array
 from ..edges.pairs import joined
@@ -17,7 +16,7 @@ from ..elements import Element, linear_simplex
 from ..errors import SupportError, name_ids
 from ..kernels.topology import pieces_of_simplices
 from ..mesh import ElementMesh
-from ..mesh.facets import facets_of
+from ..mesh.facets import facets_of, linked
 from ..terms import BoundTerm
 from .constraints import Block, compressed, free_motions
 from .rigid import centred, motions, name_part, parts_of, rigid_modes_left
@@ -169,8 +168,7 @@ def pieces(t: Ids, nv: int, element: Element) -> Ids:
         return pieces_of_simplices(np.ascontiguousarray(t[: element.corners]), nv)
     t2f = facets_of(t, nv, element)[1]
     elements, facets = np.tile(np.arange(t.shape[1]), len(t2f)), t2f.ravel() + t.shape[1]
-    graph = coo_matrix((np.ones(t2f.size, dtype=np.int8), (elements, facets)), shape=(int(facets.max()) + 1,) * 2)
-    return np.asarray(connected_components(graph, directed=False)[1][: t.shape[1]])
+    return linked(elements, facets, int(facets.max()) + 1)[: t.shape[1]]
 
 
 def _corners(t: Ids, piece: Ids) -> Corners:
@@ -234,8 +232,7 @@ def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
     one, other = piece[:-1][same], piece[1:][same]
     turning = np.abs(turns[one] - turns[other]).max(axis=(1, 2), initial=0) * np.minimum(size[one], size[other])
     alike = turning <= ALIKE
-    links = coo_matrix((np.ones(alike.sum(), dtype=np.int8), (one[alike], other[alike])), shape=(len(size), len(size)))
-    return np.asarray(connected_components(links, directed=False)[1])
+    return linked(one[alike], other[alike], len(size))
 
 
 def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements: Ids) -> list[tuple[int, Ids]]:

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..arguments import Array
 from ..errors import name_ids
+from ..mesh.facets import linked
 
 #: Below this part of the largest, what resists a motion is rounding: supports that are closer together than 3e-7 of a body are one.
 NOTHING = 1e-13
@@ -77,8 +76,7 @@ def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any], word: str
 def parts_of(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
     """(nv,) number of the part of each node: parts are what `edges` (2, ne) connect."""
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
-    links = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(nv, nv))
-    return np.asarray(connected_components(links, directed=False)[1])
+    return linked(a, b, nv)
 
 
 def name_part(part: NDArray[Any], i: int, word: str = "vertex") -> str:
