@@ -17,6 +17,7 @@ from skfem_stvk import StVK, System
 from skfem_stvk.arguments import Array
 from skfem_stvk.edges import ALL, NONE, TENSILE, Assembly, Linearized, Tensions
 from skfem_stvk.terminal import grid
+from skfem_stvk.terms import Quartic
 
 YOUNG = 1e5
 #: Iterations after which it is given up.
@@ -79,7 +80,7 @@ def iterations(body: System, held: Array, ends: Array, pairs: bool) -> str:
     it.
     """
     free, (term,) = body.free_dofs(held), body.bound_terms
-    assert isinstance(term, Assembly)
+    assert isinstance(term, Quartic)
     u = ends.ravel().copy()
     with patch.object(Assembly, "fill", by_pairs if pairs else _usual):
         u[free.free] = -spsolve(

@@ -18,7 +18,6 @@ from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.threads import Turn, threads
 from ..kernels.topology import lexicographic_order
 from ..mesh.points import are_straight, sizes_of, spokes_at
-from .stiffness import Frames
 from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_edges, shares_of
 
 
@@ -96,6 +95,38 @@ class Quadrature(NamedTuple):
 def simplex_quadrature(k: int) -> Quadrature:
     """Linear simplices of dimension `k`, with their one point."""
     return Quadrature.of(linear_simplex(k))
+
+
+class Frames(NamedTuple):
+    """Frames at points of elements, one for each of n.
+
+    Attributes
+    ----------
+    k : dimension of the elements.
+    spokes : (n, k, d) at rest [m].
+    Ri : (6, n) in the order 11, 12, 13, 22, 23, 33 [1/m].
+    size : (n,) determinant of R [m^k].
+    local : (k + 1, n) which vertices of the simplices as given the vertices are that the spokes go to; for linear simplices.
+    """
+
+    k: int
+    spokes: Array
+    Ri: Array
+    size: Array
+    local: NDArray[np.int64] | None
+
+    @property
+    def axes(self) -> Array:
+        """(n, d, k) the frame as columns `Q_j = sum_i Ri_ij P_i`."""
+        return np.einsum("nid,nij->ndj", self.spokes, self.upper(self.Ri)[:, : self.k, : self.k])
+
+    @staticmethod
+    def upper(six: Array) -> Array:
+        """(n, 3, 3) upper triangles of the numbers 11, 12, 13, 22, 23, 33 (6, n)."""
+        out = np.zeros((six.shape[1], 3, 3))
+        rows, columns = np.triu_indices(3)
+        out[:, rows, columns] = six.T
+        return out
 
 
 def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadrature, order: OwnOrder) -> Iterator[Frames]:

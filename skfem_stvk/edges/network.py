@@ -26,7 +26,6 @@ from .topology import Ids, OwnEdges, Shares, shares_of, vertex_order
 EDGE, PAIR = 0.25, 0.1
 
 
-Own = TypeVar("Own", bound="Network")
 Torn = TypeVar("Torn", bound="ElementNetwork")
 
 
@@ -72,13 +71,8 @@ class Network(PairTerm):
         self._joined, self._to = self._find_blocks()
         self._blocks = PairBlocks(self.own, self._joined, self.d)
 
-    def with_coefficients(self: Own, own: Array, between: Array) -> Own:
-        """Return the network with other coefficients (ne,) and (n,), in the order in which edges and pairs were given."""
-        other = copy(self)
-        other._take(own, between)
-        return other
-
     def _take(self, own: Array, between: Array) -> None:
+        """Use coefficients (ne,) and (n,), in the order in which edges and pairs were given."""
         filling = len(self.edges) - len(self.order)
         self._own = np.pad(own[self.order], (0, filling)).astype(self.own.dtype)
         self._between = between[self._sorting].astype(self.own.dtype)
@@ -250,7 +244,9 @@ class ElementNetwork(Network):
 
     def without(self: Torn, gone: NDArray[np.bool_]) -> Torn:
         """Return the network without the elements that are `gone` (n,), of the region in their order."""
-        return self.with_coefficients(*self._left(gone))
+        other = copy(self)
+        other._take(*self._left(gone))
+        return other
 
     @property
     def nodes_joined(self) -> NDArray[np.int32]:
@@ -276,7 +272,7 @@ class QuarticNetwork(Network):
         return np.array([z @ s / 2, s @ first, s @ second + t @ first / 2, t @ second, w @ second / 2])
 
 
-class HookeanNetwork(Network):
+class HookeanNetwork(ElementNetwork):
     """A network with `z = l - L` and `A = k`: springs that resist changes of length, `W = 1/2 sum k_ij z_i z_j`."""
 
     by_length = True

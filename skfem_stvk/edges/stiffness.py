@@ -10,8 +10,9 @@ Source: Kikuuwe, Tabuchi, Yamamoto (2009) (isotropic tetrahedra); Delingette (20
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -24,6 +25,8 @@ from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat, FramedLaw
 from ..kernels.stvk import TensionLaw
 from ..materials import FramedMaterial, Hypothesis
 from ..mesh.geometry import Geometry
+from .elements import Frames, Quadrature, frames_at
+from .topology import OwnOrder
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
 VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
@@ -33,71 +36,61 @@ FLAT = {(1, False): LINE, (1, True): CABLE, (2, False): SHEET, (2, True): MEMBRA
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
-class StoredLaw(Protocol):
-    """A law on elements, as assembly sees it."""
+class StoredLaw(ABC):
+    """A law on elements, as assembly sees it.
 
-    @property
-    def law(self) -> Callable[[Any], Any]:
-        """The law of the kernels, made of its numbers `D`: the type by which they choose its formulas."""
+    Attributes
+    ----------
+    law : the law of the kernels, made of its numbers `D`: the type by which they choose its formulas.
+    barrier : part of messages: the quantity that is infinite where elements are inside out or flat, and the remedy; "" if none is.
+    """
 
-    @property
-    def moduli(self) -> int:
-        """Number of stored numbers, the first ones, that are moduli times a size, which must not over- or underflow."""
+    law: Any
+    barrier: str = ""
 
-    @property
-    def barrier(self) -> str:
-        """Part of messages: the quantity that is infinite where elements are inside out or flat, and the remedy; "" if none is."""
+    @abstractmethod
+    def numbers(self, p: Array, quadrature: Quadrature, order: OwnOrder, dtype: DTypeLike) -> Array:
+        """Return the numbers (m, nq, nt) that the kernels read at the points of elements in their own order, in double."""
 
+
+class LawInFrames(StoredLaw):
+    """A law on elements with formulas in frames at their points.
+
+    Attributes
+    ----------
+    moduli : number of stored numbers, the first ones, that are moduli times a size, which must not over- or underflow.
+    """
+
+    moduli: int
+
+    @abstractmethod
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
         """(m, n) what the law stores beside `Ri` of these `elements`, in their frames, per unit of the points' weights."""
 
+    def numbers(self, p: Array, quadrature: Quadrature, order: OwnOrder, dtype: DTypeLike) -> Array:
+        found = []
+        for frames in frames_at(p, order.vertices[order.t], quadrature, order):
+            numbers = self.stored(frames, order.elements)
+            check_range(numbers[: self.moduli], frames, order.elements, dtype)
+            found.append(np.concatenate([frames.Ri, numbers]))
+        return np.stack(found, axis=1)
 
-class Stiffness(StoredLaw, Protocol):
+
+class Stiffness(LawInFrames):
     """The stiffness of elements for St. Venant-Kirchhoff's law: on linear simplices, an edge form."""
 
+    @abstractmethod
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
         """(n, m, m) `L` of linear simplices with vertices `t` (k + 1, n), for the pairs of their edges [J/m^4]."""
 
 
-class Frames(NamedTuple):
-    """Frames at points of elements, one for each of n.
-
-    Attributes
-    ----------
-    k : dimension of the elements.
-    spokes : (n, k, d) at rest [m].
-    Ri : (6, n) in the order 11, 12, 13, 22, 23, 33 [1/m].
-    size : (n,) determinant of R [m^k].
-    local : (k + 1, n) which vertices of the simplices as given the vertices are that the spokes go to; for linear simplices.
-    """
-
-    k: int
-    spokes: Array
-    Ri: Array
-    size: Array
-    local: NDArray[np.int64] | None
-
-    @property
-    def axes(self) -> Array:
-        """(n, d, k) the frame as columns `Q_j = sum_i Ri_ij P_i`."""
-        return np.einsum("nid,nij->ndj", self.spokes, self.upper(self.Ri)[:, : self.k, : self.k])
-
-    @staticmethod
-    def upper(six: Array) -> Array:
-        """(n, 3, 3) upper triangles of the numbers 11, 12, 13, 22, 23, 33 (6, n)."""
-        out = np.zeros((six.shape[1], 3, 3))
-        rows, columns = np.triu_indices(3)
-        out[:, rows, columns] = six.T
-        return out
-
-
-class IsotropicStiffness:
+class IsotropicStiffness(Stiffness):
     """Lame constants times section, (n,) each: those that act within the elements' own dimensions."""
 
-    moduli, barrier = 2, ""
+    law: Any = IsotropicLaw
+    moduli = 2
 
     def __init__(self, lam: Array, mu: Array) -> None:
-        self.law: Callable[[Any], Any] = IsotropicLaw
         self.lam, self.mu = lam, mu
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
@@ -114,9 +107,7 @@ class IsotropicStiffness:
 class TensionStiffness(IsotropicStiffness):
     """Lame constants as in `IsotropicStiffness`, of elements that bear no compression."""
 
-    def __init__(self, lam: Array, mu: Array) -> None:
-        super().__init__(lam, mu)
-        self.law = TensionLaw
+    law = TensionLaw
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
         raise MaterialError(
@@ -133,7 +124,11 @@ class StretchesStiffness(IsotropicStiffness):
 
     def __init__(self, lam: Array, mu: Array, kind: Callable[..., Any], flat: Flat | None, *more: float) -> None:
         super().__init__(lam, mu)
-        self.law = lambda D: kind(D, flat, *more)
+        self._kind, self._numbers = kind, (flat, *more)
+
+    def law(self, D: Array) -> Any:
+        """Return the law of the kernels, made of its numbers `D`."""
+        return self._kind(D, *self._numbers)
 
 
 def flat_of(k: int, d: int) -> Flat | None:
@@ -142,24 +137,29 @@ def flat_of(k: int, d: int) -> Flat | None:
 
 
 class FramedStiffness(IsotropicStiffness):
-    """Lame constants as in `IsotropicStiffness`, and a rotation for each element, which is none at first."""
+    """Lame constants as in `IsotropicStiffness`, and a rotation for each element, which is none at first.
 
-    def __init__(self, lam: Array, mu: Array) -> None:
+    `frames` gives rotations (nt, 3, 3) for a time or load factor, checked.
+    """
+
+    law = FramedLaw
+
+    def __init__(self, lam: Array, mu: Array, frames: Callable[[Any], Array]) -> None:
         super().__init__(lam, mu)
-        self.law = FramedLaw
+        self.frames = frames
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
         """`lam/2` and `mu` times the size, and nine numbers of the rotation, row by row."""
         return np.concatenate([super().stored(at, elements), np.repeat(np.eye(3).reshape(9, 1), len(elements), axis=1)])
 
 
-class AnisotropicStiffness:
+class AnisotropicStiffness(Stiffness):
     """A material with a stiffness in its own axes, times section (n,)."""
 
-    moduli, barrier = 21, ""
+    law: Any = GeneralLaw
+    moduli = 21
 
     def __init__(self, material: FramedMaterial, hypothesis: Hypothesis, section: Array) -> None:
-        self.law: Callable[[Any], Any] = GeneralLaw
         self.material, self.hypothesis, self.section = material, hypothesis, section
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
@@ -179,10 +179,11 @@ class AnisotropicStiffness:
         return _upper_half(inner, at.k, at.size * self.section[elements] / 2)
 
 
-class GeneralStiffness:
+class GeneralStiffness(Stiffness):
     """Any coefficients `L` (n, m, m) of the edges of each linear simplex, symmetric; computed when they are needed."""
 
-    law, moduli, barrier = GeneralLaw, 21, ""
+    law: Any = GeneralLaw
+    moduli = 21
 
     def __init__(self, compute: Callable[[], Array]) -> None:
         self._compute = compute

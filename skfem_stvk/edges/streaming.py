@@ -45,6 +45,27 @@ class RowPlan(NamedTuple):
     sources: NDArray[np.int64]
 
 
+class RowOrder(NamedTuple):
+    """Nodes (n,) in the order of their rows, how many rows threads write by themselves, and how many are done before each block."""
+
+    nodes: NDArray[np.int64]
+    in_work: int
+    done: NDArray[np.int64]
+
+
+class RowBlocks(NamedTuple):
+    """Blocks of the rows: where those of each begin, their pair of nodes, -1 for the node itself, and their places.
+
+    `first` is the place of the first value of each row, `columns` are places of blocks from there, `strides` as in `Rows`.
+    """
+
+    begin: NDArray[np.int64]
+    pair_of: NDArray[np.int32]
+    first: NDArray[np.int64]
+    columns: NDArray[Any]
+    strides: NDArray[np.int32]
+
+
 class ElementRows:
     """Places of the blocks of elements in the values of a matrix.
 
@@ -102,52 +123,62 @@ class ElementRows:
         return part
 
     def _made(self, shares: Shares) -> RowPlan:
-        elements, pairs, pattern, parts = self._elements, self._elements.edges, self._pattern, shares.parts
-        vertices = elements.own.vertices
-        n, d = len(vertices), elements.d
-        part_of, last = last_uses(elements.t, parts, n)
-        nodes = np.argsort(part_of, kind="stable")  # of the rows
-        row_of = np.empty(n, dtype=np.int64)
-        row_of[nodes] = np.arange(n)
-        in_work = int(np.count_nonzero(part_of < len(parts) - 1))
-        complete = np.maximum.accumulate(last[nodes[:in_work]])  # one after the other, as they are written
-        done = np.searchsorted(complete, np.arange(len(elements.t) + 1))
+        order = self._order(shares)
+        blocks = self._blocks(order)
+        return self._table(shares, order, blocks)
 
-        star, others, entries = stars(np.ascontiguousarray(pairs.edges[pairs.number].T), n)
+    def _order(self, shares: Shares) -> RowOrder:
+        """Order the rows by the part and the block of lanes after which their nodes are complete."""
+        n = len(self._elements.own.vertices)
+        part_of, last = last_uses(self._elements.t, shares.parts, n)
+        nodes = np.argsort(part_of, kind="stable")
+        in_work = int(np.count_nonzero(part_of < len(shares.parts) - 1))
+        complete = np.maximum.accumulate(last[nodes[:in_work]])  # one after the other, as they are written
+        return RowOrder(nodes, in_work, np.searchsorted(complete, np.arange(len(self._elements.t) + 1)))
+
+    def _blocks(self, order: RowOrder) -> RowBlocks:
+        """Place the blocks of each row, its own and those of pairs, in the values of the matrix."""
+        pairs, pattern, vertices = self._elements.edges, self._pattern, self._elements.own.vertices
+        star, others, entries = stars(np.ascontiguousarray(pairs.edges[pairs.number].T), len(vertices))
         others_too = entries != OWN
         pair_of = np.where(others_too, pairs.number[np.where(entries >= 0, entries, -1 - entries) * others_too], -1)
-        counts = np.diff(star)[nodes]
+        counts = np.diff(star)[order.nodes]
         begin = np.concatenate([[0], np.cumsum(counts)])
-        gathered = np.arange(begin[-1]) + np.repeat(star[nodes] - begin[:-1], counts)
-        others, pair_of = others[gathered], pair_of[gathered].astype(np.int32)
-        own = np.flatnonzero(pair_of < 0)
-        slots, fresh, marks, slot, targets, size = assign_slots(pairs.t2e, pairs.edges, parts, row_of, done, begin, pair_of)
+        gathered = np.arange(begin[-1]) + np.repeat(star[order.nodes] - begin[:-1], counts)
+        mine = vertices[order.nodes]
+        first = pattern.indptr[self._elements.d * mine.astype(np.int64)].astype(np.int64)
+        columns = pattern.places(np.repeat(mine, counts), vertices[others[gathered]]) - np.repeat(first, counts)
+        return RowBlocks(begin, pair_of[gathered].astype(np.int32), first, columns, pattern.strides[mine])
 
-        mine = vertices[nodes]
-        first = pattern.indptr[d * mine.astype(np.int64)].astype(np.int64)
-        strides = pattern.strides[mine]
-        columns = pattern.places(np.repeat(mine, counts), vertices[others]) - np.repeat(first, counts)
-        sizes = d * strides
+    def _table(self, shares: Shares, order: RowOrder, blocks: RowBlocks) -> RowPlan:
+        """Give each pair a slot for as long as it is needed; the table of the kernels."""
+        elements, pairs, parts, in_work = self._elements, self._elements.edges, shares.parts, order.in_work
+        first, strides, sizes = blocks.first, blocks.strides, elements.d * blocks.strides
+        row_of = np.empty(len(order.nodes), dtype=np.int64)
+        row_of[order.nodes] = np.arange(len(order.nodes))
+        slots, fresh, marks, slot, targets, size = assign_slots(
+            pairs.t2e, pairs.edges, parts, row_of, order.done, blocks.begin, blocks.pair_of
+        )
+        if pairs.turned.size:
+            slots |= pairs.turned
         apart = np.count_nonzero(first[1:in_work] != (first + sizes)[: max(in_work - 1, 0)])
-        order = np.argsort(targets, kind="stable")
-        lasting = int(slot[(row_of[pairs.edges] >= in_work).any(axis=1)].max(initial=-1)) + 1
         table = RowSlots(
             slots=slots,
             fresh=fresh,
             marks=marks,
-            done=done,
-            begin=begin,
-            own=own,
-            entries=np.where(pair_of < 0, 0, slot[pair_of]).astype(np.uint32),
-            columns=columns.astype(np.uint32 if strides.max(initial=0) > np.iinfo(np.uint16).max else np.uint16),
+            done=order.done,
+            begin=blocks.begin,
+            own=np.flatnonzero(blocks.pair_of < 0),
+            entries=np.where(blocks.pair_of < 0, 0, slot[blocks.pair_of]).astype(np.uint32),
+            columns=blocks.columns.astype(np.uint32 if strides.max(initial=0) > np.iinfo(np.uint16).max else np.uint16),
             first=first,
             strides=strides,
             sizes=sizes.astype(np.int64),
-            picked=np.zeros(n + 1, dtype=np.int64),
+            picked=np.zeros(len(order.nodes) + 1, dtype=np.int64),
             picks=np.empty(0, dtype=np.uint32),
             eights=on_lines(8 * size, self._dtype),
             ninths=np.zeros(size, dtype=self._dtype),
-            d=d,
+            d=elements.d,
             data=np.empty(0, dtype=self._dtype),
             add=False,
             staged=False,
@@ -155,10 +186,10 @@ class ElementRows:
             large=8 * size * self._dtype.itemsize > IN_CACHE,
             widest=int(sizes.max(initial=0)),
         )
-        if pairs.turned.size:
-            slots |= pairs.turned
-        starts = np.searchsorted(targets[order], np.arange(lasting + 1))
-        return RowPlan(parts, table, in_work, starts, lasting + order)
+        lasting = int(slot[(row_of[pairs.edges] >= in_work).any(axis=1)].max(initial=-1)) + 1
+        ascending = np.argsort(targets, kind="stable")
+        starts = np.searchsorted(targets[ascending], np.arange(lasting + 1))
+        return RowPlan(parts, table, in_work, starts, lasting + ascending)
 
     @property
     def nbytes(self) -> int:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..mesh import ElementMesh
-from .assembly import LawAssembly
+from .assembly import Assembly
 from .elements import Quadrature
 from .pairs import ALL, NodeBlocks, Tensions
 
@@ -17,20 +17,9 @@ class WithoutEnergy:
 
     symmetric = has_energy = False
 
-    def __init__(self, of: LawAssembly) -> None:
+    def __init__(self, of: Assembly) -> None:
         self._of, self.nodes_paired = of, of.nodes_paired
-
-    def volume_ratios(self, u: Array) -> NDArray[np.float64]:
-        """Return those of the elements."""
-        return self._of.volume_ratios(u)
-
-    def smallest_volume_ratio(self, u: Array) -> float:
-        """Return that of the elements."""
-        return self._of.smallest_volume_ratio(u)
-
-    def step_limit(self, u: Array, v: Array) -> float:
-        """Return that of the elements."""
-        return self._of.step_limit(u, v)
+        self.volume_ratios, self.smallest_volume_ratio, self.step_limit = of.volume_ratios, of.smallest_volume_ratio, of.step_limit
 
 
 class VertexWarping(WithoutEnergy):
@@ -48,7 +37,7 @@ class VertexWarping(WithoutEnergy):
 
     balanced = False
 
-    def __init__(self, mesh: ElementMesh, t: NDArray[np.int32], of: LawAssembly) -> None:
+    def __init__(self, mesh: ElementMesh, t: NDArray[np.int32], of: Assembly) -> None:
         super().__init__(of)
         self.nodes, d, p = np.unique(of.nodes_paired).astype(np.int32), mesh.d, mesh.p
         points = gradients_at_points(mesh, t, of.quadrature)
@@ -80,10 +69,7 @@ class VertexWarping(WithoutEnergy):
         x, d, row, column = self._X + u[self.nodes], self._X.shape[1], self._row, self._column
         F = np.zeros((len(x), 3, 3)) + np.diag([0.0] * d + [1.0] * (3 - d))
         np.add.at(F[:, :d, :d], row, (x[column] - x[row])[:, :, None] * self._g[:, None, :])
-        U, s, V = np.linalg.svd(F)
-        mirrored = np.sign(np.linalg.det(U @ V))
-        U[:, :, 2] *= mirrored[:, None]
-        s[:, 2] *= mirrored
+        U, s, V = _signed_svd(F)
         R, S = U @ V, np.swapaxes(V, 1, 2) @ (s[..., None] * V)
         T = R[row, :d, :d]
         K = T @ self._K @ np.swapaxes(T, 1, 2)
@@ -152,9 +138,7 @@ class StressExtension(WithoutEnergy):
 
     balanced = passes_inversion = True
 
-    def __init__(
-        self, mesh: ElementMesh, t: NDArray[np.int32], lame: tuple[Array, Array], threshold: float, of: LawAssembly
-    ) -> None:
+    def __init__(self, mesh: ElementMesh, t: NDArray[np.int32], lame: tuple[Array, Array], threshold: float, of: Assembly) -> None:
         super().__init__(of)
         points = gradients_at_points(mesh, t, of.quadrature)
         self._t, self._X, self._a = t, mesh.p.T, threshold
@@ -171,11 +155,8 @@ class StressExtension(WithoutEnergy):
     def _now(self, u: Array) -> tuple[Array, ...]:
         """`U`, `V`, `s`, `c`, `E`, whether stretches lie above the threshold, and `p`: (q, nt, d) at each point."""
         x = (self._X + u)[self._t]
-        U, s, Vt = np.linalg.svd(np.einsum("anx,qnad->qnxd", x, self._g))
+        U, s, Vt = _signed_svd(np.einsum("anx,qnad->qnxd", x, self._g))
         V = np.swapaxes(Vt, 2, 3)
-        mirrored = np.sign(np.linalg.det(U) * np.linalg.det(V))
-        U[..., -1] *= mirrored[..., None]
-        s[..., -1] *= mirrored
         c = np.maximum(s, self._a)
         E = (c**2 - 1) / 2
         lam, mu = self._lam[..., None], self._mu[..., None]
@@ -235,7 +216,16 @@ def gradients_at_points(mesh: ElementMesh, t: NDArray[np.int32], quadrature: Qua
     return found
 
 
-def _blocks_at_rest(of: LawAssembly, d: int) -> Array:
+def _signed_svd(F: Array) -> tuple[Array, Array, Array]:
+    """Return `U`, `s` and `V'` of F (..., d, d); `U V'` is a rotation, and the smallest of `s` has the sign of det F."""
+    U, s, V = np.linalg.svd(F)
+    mirrored = np.sign(np.linalg.det(U @ V))
+    U[..., -1] *= mirrored[..., None]
+    s[..., -1] *= mirrored
+    return U, s, V
+
+
+def _blocks_at_rest(of: Assembly, d: int) -> Array:
     """(n, d, d) blocks of K at rest of its pairs of nodes, in their order."""
     _, blocks = of.blocks(np.zeros((int(of.nodes_paired.max()) + 1, d)))
     pairs, own = of.pairs, of.elements.own.vertices

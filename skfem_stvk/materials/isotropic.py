@@ -84,7 +84,7 @@ class Isotropic(Material):
         narrowing = 1 - nu if hypothesis is Hypothesis.PLANE_STRESS else 1 - 2 * nu
         return young * nu / ((1 + nu) * narrowing), young / (2 * (1 + nu))
 
-    def strain_across(self, stress: Array) -> Array:
+    def strain_across(self, trace: Array) -> Array:
         """Return the strain (n,) across elements without stress there, `-nu/E tr S`; a missing Poisson's ratio counts as zero."""
         nu = np.asarray(0.0 if self.poisson is None else self.poisson)
-        return -nu / np.asarray(self.young) * np.trace(stress, axis1=1, axis2=2)
+        return -nu / np.asarray(self.young) * trace

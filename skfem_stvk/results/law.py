@@ -75,7 +75,7 @@ def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tu
     if not hypothesis.condensed:
         return E, lam * trace * np.eye(3) + 2 * mu * E
     S = embedded(lam * trace * np.eye(k) + 2 * mu * strain)
-    E[:, range(k, 3), range(k, 3)] = material.strain_across(S)[:, None]
+    E[:, range(k, 3), range(k, 3)] = material.strain_across(np.trace(S, axis1=1, axis2=2))[:, None]
     return E, S
 
 

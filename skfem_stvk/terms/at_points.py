@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..edges.stiffness import Frames, StoredLaw, StretchesStiffness, flat_of
+from ..edges.elements import Frames
+from ..edges.stiffness import LawInFrames, StretchesStiffness, flat_of
 from ..edges.topology import in_lanes
 from ..kernels import at_points as point_kernels
 from ..materials import Hypothesis, Isotropic
@@ -18,7 +19,7 @@ from .protocols import Deformation, PointResponse
 FLAT = 1e-9
 
 
-def stress_and_density(stiffness: StoredLaw, at: Deformation) -> tuple[Array, Array]:
+def stress_and_density(stiffness: LawInFrames, at: Deformation) -> tuple[Array, Array]:
     """Return the stress (n, 3, 3) [Pa] and the energy density (n,) of a law that is a function of strain (`by_strain`)."""
     M, (n, _, k) = 2 * embedded(at.strain), at.gradient.shape
     S, W = np.empty((n, 3, 3)), np.empty(n)
@@ -46,8 +47,7 @@ def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[.
     pull = np.where(infinite[:, None], 0, p / np.where(none, 1, 1 + e))
     strain = embedded(at.strain)
     if at.hypothesis.condensed:
-        nu = np.broadcast_to(0.0 if material.poisson is None else material.poisson, n)
-        narrower = -(nu if k == 1 else nu / (1 - nu)) * e.sum(axis=1)
+        narrower = material.strain_across((k * lam + 2 * mu) * e.sum(axis=1))
         strain[:, range(k, 3), range(k, 3)] = (narrower * (1 + narrower / 2))[:, None]
     return PointResponse(strain, (V * pull[:, None]) @ np.swapaxes(V, 1, 2), W, infinite)
 
@@ -59,7 +59,7 @@ def embedded(tensor: Array) -> Array:
     return solid
 
 
-def _at_points(stiffness: StoredLaw, k: int, n: int) -> Any:
+def _at_points(stiffness: LawInFrames, k: int, n: int) -> Any:
     """Return the law of the kernels with its numbers at n points, per unit of rest volume, in the axes of the elements."""
     Ri = np.repeat(np.array([1.0, 0.0, 0.0, k > 1, 0.0, k > 2])[:, None], n, axis=1)
     frames = Frames(k, np.broadcast_to(np.eye(k), (n, k, k)), Ri, np.ones(n), None)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from ..arguments import Array, Quantity, choice, real_array, shown
-from ..edges.assembly import FramedAssembly, StretchesAssembly
+from ..edges import Assembly
+from ..edges.abilities import FRAMED, STRETCHES
 from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness, flat_of
 from ..edges.without_energy import VertexWarping
 from ..errors import MaterialError, name_ids
@@ -80,19 +80,21 @@ class Corotated(ElasticLaw):
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
         """The assembly of this law on a body's mesh."""
+        bound, mesh = super().bind(body, dtype), body.mesh if isinstance(body, Body) else body
         if callable(self.rotation):
-            mesh = body.mesh if isinstance(body, Body) else body
-            return self._bound(partial(FramedAssembly, self._frames(mesh)), body, dtype)
-        bound = self._bound(StretchesAssembly, body, dtype)
-        if self.rotation == "element":
+            bound.at(0.0)
+        if self.rotation != "vertex":
             return bound
-        mesh = body.mesh if isinstance(body, Body) else body
         if mesh.k < 2 or mesh.k < mesh.d:
             raise MaterialError(
                 f"Corotated(rotation='vertex'): the mesh has {mesh.kind}, around whose nodes there is no mean of F. It is for "
                 "solids and for elements in the plane; take rotation='element'."
             )
         return VertexWarping(mesh, mesh.t[:, mesh.elements(self.region)], bound)
+
+    @property
+    def assembly(self) -> type[Assembly]:
+        return FRAMED if callable(self.rotation) else STRETCHES
 
     @property
     def has_stress(self) -> bool:
@@ -111,7 +113,7 @@ class Corotated(ElasticLaw):
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""
         if callable(self.rotation):
-            return FramedStiffness(*self.lame(mesh))
+            return FramedStiffness(*self.lame(mesh), self._frames(mesh))
         return StretchesStiffness(*self.lame(mesh), CorotatedLaw, flat_of(mesh.k, mesh.d))
 
     def _frames(self, mesh: ElementMesh) -> Callable[[Time], Array]:

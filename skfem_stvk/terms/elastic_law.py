@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from copy import copy
 from dataclasses import InitVar, dataclass, field
 from typing import Any, TypeVar
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, choice, own, shown
-from ..edges import LawAssembly
+from ..edges import Assembly
 from ..edges.stiffness import StoredLaw
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
@@ -20,7 +19,6 @@ from ..materials.material import check_length, constant
 from ..mesh import ElementMesh
 from .body import Body
 
-Bound = TypeVar("Bound", bound=LawAssembly)
 Law = TypeVar("Law", bound="ElasticLaw")
 
 
@@ -97,19 +95,20 @@ class ElasticLaw(ABC):
             raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> LawAssembly:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
         """The assembly of this law on a body's mesh."""
-        return self._bound(LawAssembly, body, dtype)
-
-    def _bound(self, kind: Callable[..., Bound], body: Body | ElementMesh, dtype: DTypeLike) -> Bound:
-        """An assembly of this kind, with what `stiffness(mesh)` says."""
         body = body if isinstance(body, Body) else Body(body, [])
         mesh, elements, hourglass = body.mesh, body.mesh.elements(self.region), body.quadrature.hourglass
         t = mesh.t if self.region is None else mesh.t[:, elements]
         n, resistance = t.shape[1], None
         if hourglass is not None:
             resistance = np.broadcast_to(hourglass / 16 * self.confined_modulus(mesh, n) * self.section(mesh, n), n)
-        return kind(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, resistance, elements=elements)
+        return self.assembly(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, resistance, elements=elements)
+
+    @property
+    def assembly(self) -> type[Assembly]:
+        """The assembly with the functions that the law registers in addition to W, F and K (`edges.offering`)."""
+        return Assembly
 
     @abstractmethod
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from ..arguments import Quantity, choice, number
-from ..edges.assembly import StretchesAssembly
+from ..edges.abilities import STRETCHES
 from ..edges.stiffness import StretchesStiffness, flat_of
 from ..edges.without_energy import StressExtension
 from ..errors import MaterialError
@@ -64,6 +64,7 @@ class InvertibleStVK(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
+    assembly = STRETCHES
 
     threshold: Annotated[float, Quantity(None, "Principal stretch below which it is continued.", gt=LEAST, lt=1)] = field(
         default=0.6, kw_only=True
@@ -81,7 +82,7 @@ class InvertibleStVK(ElasticLaw):
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
         """The assembly of this law on a body's mesh."""
-        bound = self._bound(StretchesAssembly, body, dtype)
+        bound = super().bind(body, dtype)
         if self.extend == "energy":
             return bound
         mesh = body.mesh if isinstance(body, Body) else body

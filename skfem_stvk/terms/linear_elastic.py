@@ -6,16 +6,40 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges import LawAssembly
+from ..edges import Assembly
+from ..edges.assembly import offering
 from ..edges.stiffness import StoredLaw
 from ..kernels.linear_elastic import LINEAR
 from ..mesh import ElementMesh
-from .body import Body
 from .elastic_law import ElasticLaw
 from .stvk import StVK
+
+
+def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
+    """(5,) coefficients of the energy along `u + s v`, both (nv, d): the last two are zero."""
+    force = np.zeros(u.shape, dtype=term.dtype)
+    W = term.energy_and_force(u, force)
+    return np.array([W, np.vdot(force, v), term.energy_and_force(v), 0.0, 0.0])
+
+
+def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+    """Add `K (w0 u0 + w1 u1)` to `force` (nv, d); `R = W(u1 - u0)`, as in `HasMeanForce`."""
+    term.energy_and_force(weights[0] * u0 + weights[1] * u1, force)
+    return term.energy_and_force(u1 - u0)
+
+
+def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
+    """Add `K v` to `force` (nv, d), which resists turning, too; half the power that it takes [W]."""
+    return term.energy_and_force(v, force)
+
+
+#: A force that is linear in displacements: all between two states is known from the force alone.
+LINEAR_FORCE = offering(
+    __name__, "LINEAR_FORCE", constant_tangent=True, along=along, mean_force=mean_force, damping_force=damping_force
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,35 +75,10 @@ class LinearElastic(ElasticLaw):
 
     #: Its stress is that of the small strain.
     small_strain: ClassVar[bool] = True
-
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> LinearAssembly:
-        """The assembly of this material on a body's mesh."""
-        return self._bound(LinearAssembly, body, dtype)
+    assembly = LINEAR_FORCE
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """Return the stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one."""
         found = StVK(self.material, self.region, self.plane, self.thickness, self.area).stiffness(mesh)
         found.law = LINEAR[found.law]
         return found
-
-
-class LinearAssembly(LawAssembly):
-    """A law whose force is linear in displacements: all between two states is known from the force alone."""
-
-    #: K is the same at all displacements.
-    constant_tangent = True
-
-    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
-        """(5,) coefficients of the energy along `u + s v`, both (nv, d): the last two are zero."""
-        force = np.zeros(u.shape, dtype=self.dtype)
-        W = self.energy_and_force(u, force)
-        return np.array([W, np.vdot(force, v), self.energy_and_force(v), 0.0, 0.0])
-
-    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add `K (w0 u0 + w1 u1)` to `force` (nv, d); `R = W(u1 - u0)`, as in `HasMeanForce`."""
-        self.energy_and_force(weights[0] * u0 + weights[1] * u1, force)
-        return self.energy_and_force(u1 - u0)
-
-    def damping_force(self, u: Array, v: Array, force: Array) -> float:
-        """Add `K v` to `force` (nv, d), which resists turning, too; half the power that it takes [W]."""
-        return self.energy_and_force(v, force)

@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges import EnergyAssembly
+from ..edges.abilities import OF_STRAIN
 from ..edges.assembly import refuse_inside_out
-from ..edges.stiffness import Frames, StoredLaw
+from ..edges.elements import Frames
+from ..edges.stiffness import LawInFrames, StoredLaw
 from ..errors import MaterialError, name_ids
 from ..kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
 from .at_points import embedded, stress_and_density
-from .body import Body
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
@@ -60,10 +60,7 @@ class NeoHookean(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
-
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> EnergyAssembly:
-        """The assembly of this material on a body's mesh."""
-        return self._bound(EnergyAssembly, body, dtype)
+    assembly = OF_STRAIN
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """The law of the kernels, and what it stores of each element of the region."""
@@ -95,10 +92,11 @@ class NeoHookean(ElasticLaw):
         return PointResponse(strain, stress, density, np.zeros(n, dtype=bool))
 
 
-class NeoHookeanStiffness:
+class NeoHookeanStiffness(LawInFrames):
     """Lame constants times section, (n,) each, and whether stress vanishes across."""
 
-    moduli, barrier = 2, BARRIER
+    moduli = 2
+    barrier = BARRIER
 
     def __init__(self, lam: Array, mu: Array, condensed: bool) -> None:
         self.lam, self.mu, self.law = lam, mu, NeoHookeanSheet if condensed else NeoHookeanLaw

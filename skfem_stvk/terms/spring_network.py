@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, array, choice, own
-from ..edges.network import ElementNetwork, HookeanNetwork
+from ..edges.network import HookeanNetwork
 from ..edges.topology import edge_topology
 from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, StvkWarning, name_ids, warn
@@ -143,7 +143,7 @@ class SpringNetwork:
         sprung = self._springs(mesh).own > 0
         return np.asarray(mesh.elements(self.region))[sprung[edge_topology(self._simplices(mesh))[1]].all(axis=0)]
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> SpringAssembly:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> HookeanNetwork:
         """Return the springs on a body's mesh that have a stiffness; a user-supplied one stays as long as an element around it."""
         mesh = body.mesh if isinstance(body, Body) else body
         whole = self._springs(mesh)
@@ -159,7 +159,7 @@ class SpringNetwork:
             return springs.own[used], springs.between
 
         own, edges = whole.own[used], whole.edges[:, used]
-        return SpringAssembly(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, left=left)
+        return HookeanNetwork(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, left=left)
 
     def _springs(self, mesh: ElementMesh, kept: NDArray[np.bool_] | None = None) -> Springs:
         """The springs, by a rule those of the elements that are `kept` (n,); others, and edges of no element, have no stiffness."""
@@ -200,10 +200,6 @@ class Springs(NamedTuple):
     pairs: NDArray[np.int32]
     own: Array
     between: Array
-
-
-class SpringAssembly(ElementNetwork, HookeanNetwork):
-    """Springs of elements."""
 
 
 class Rest(NamedTuple):

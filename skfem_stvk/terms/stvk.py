@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Quantity, flag
-from ..edges import Assembly, TensionAssembly
+from ..edges import Assembly
+from ..edges.abilities import STVK, TENSION
 from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, TensionStiffness
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
 from .at_points import embedded, stress_and_density
-from .body import Body
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
@@ -71,9 +71,10 @@ class StVK(ElasticLaw):
                 "or leave wrinkling out."
             )
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """The assembly of this material on a body's mesh; its `form` is the edge form, which there is none of with wrinkling."""
-        return self._bound(TensionAssembly if self.wrinkling else Assembly, body, dtype)
+    @property
+    def assembly(self) -> type[Assembly]:
+        """The assembly; its `form` is the edge form, which does not exist with wrinkling."""
+        return TENSION if self.wrinkling else STVK
 
     @property
     def response(self) -> Callable[[Deformation], PointResponse] | None:
@@ -110,5 +111,5 @@ class StVK(ElasticLaw):
         lam, mu = (np.broadcast_to(value, n) for value in self.material.lame(at.hypothesis))
         stress, density = stress_and_density(TensionStiffness(lam, mu), at)
         strain = embedded(at.strain)
-        strain[:, range(k, 3), range(k, 3)] = self.material.strain_across(stress)[:, None]
+        strain[:, range(k, 3), range(k, 3)] = self.material.strain_across(np.trace(stress, axis1=1, axis2=2))[:, None]
         return PointResponse(strain, stress, density, np.zeros(n, dtype=bool))

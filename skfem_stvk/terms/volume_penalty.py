@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, Quantity, choice, own
-from ..edges import PenaltyAssembly
+from ..edges import Assembly
 from ..edges.assembly import refuse_inside_out
-from ..edges.penalty import BARRIER_IS_INFINITE
+from ..edges.penalty import BARRIER_IS_INFINITE, PENALTY, PenaltyStiffness
 from ..errors import MaterialError, name_ids
 from ..materials.material import check_length, constant
 from ..mesh import ElementMesh
@@ -79,14 +79,13 @@ class VolumePenalty:
             object.__setattr__(self, "stiffness", constant(self.stiffness, "VolumePenalty: stiffness", low=0.0))
         own(self)
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> PenaltyAssembly:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
         """The penalty of a body; of a mesh alone with thickness or area 1, and only with a stiffness."""
         body = body if isinstance(body, Body) else Body(body, [])
         mesh = body.mesh
         elements, k = mesh.elements(self.region), self.moduli(body)
-        stiffness = k * body.section[elements]
-        t, kind = mesh.t[:, elements], ENERGIES[self.kind].number
-        return PenaltyAssembly(mesh.p, t, stiffness, kind, elements, dtype, quadrature=body.quadrature)
+        stiffness = PenaltyStiffness(k * body.section[elements], ENERGIES[self.kind].number)
+        return PENALTY(mesh.p, mesh.t[:, elements], stiffness, body.quadrature, dtype, elements=elements)
 
     def moduli(self, body: Body) -> Array:
         """(n,) stiffness of the elements of the region [Pa]. Errors as when it is bound."""

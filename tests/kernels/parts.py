@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numba
 from kernels import readable, readable_networks
 
-from skfem_stvk.edges import assembly, elements, network, pairs, penalty, streaming, topology
+from skfem_stvk.edges import abilities, assembly, elements, network, pairs, penalty, streaming, topology
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
 from skfem_stvk.system import pattern
@@ -31,8 +31,10 @@ def in_parts(monkeypatch, n):
 
 def on_twins(monkeypatch):
     """From now on nothing compiled is called."""
-    for name in ("element_kernels", "gradient_kernels", "volume_kernels", "stretch_kernels"):
+    for name in ("element_kernels", "volume_kernels"):
         monkeypatch.setattr(assembly, name, readable)
+    for name in ("element_kernels", "gradient_kernels", "stretch_kernels"):
+        monkeypatch.setattr(abilities, name, readable)
     monkeypatch.setattr(penalty, "penalty_kernels", readable)
     monkeypatch.setattr(at_points, "point_kernels", readable)
     monkeypatch.setattr(network, "network_kernels", readable_networks)

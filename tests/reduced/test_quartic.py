@@ -6,7 +6,7 @@ from bodies import BODIES, CURVED, MESHES, STRAIGHT, box, some_voigt
 from kernels import readable_reduced
 
 from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, LinearElastic, StVK, System
-from skfem_stvk.edges import assembly
+from skfem_stvk.edges import abilities
 from skfem_stvk.kernels import reduced as kernels
 from skfem_stvk.reduced import quartic as of_quartic
 from skfem_stvk.reduced.quartic import coefficients, quartic_of
@@ -69,7 +69,7 @@ def test_elements_that_were_taken_out_are_not_in_it():
 
 @pytest.mark.parametrize("name", ["tetrahedra, anisotropic", "membrane, isotropic", "cable, area"])
 def test_it_is_the_same_on_the_readable_kernels(name, monkeypatch):
-    for module in (assembly, of_quartic):
+    for module in (abilities, of_quartic):
         monkeypatch.setattr(module, "reduced_kernels", readable_reduced)
     assert max(errors(System(*BODIES[name]))) < 1e-13
 

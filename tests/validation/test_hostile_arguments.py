@@ -104,7 +104,7 @@ WITHOUT = {
         "names",
     ),
     # within: arrays that `System` has checked
-    *("Assembly", "EdgeForm", "EnergyAssembly", "LawAssembly", "NodeBlocks", "PenaltyAssembly", "TensionAssembly", "Tensions"),
+    *("Assembly", "EdgeForm", "NodeBlocks", "Tensions"),
     # files, which the family "meshes" and tests/scene are for
     *("read_mesh", "Scene"),
     # a user's function and a few numbers, which tests/referee/test_solvers_judged.py and test_integrators_judged.py hold

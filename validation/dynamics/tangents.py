@@ -25,7 +25,7 @@ from skfem_stvk import System
 from skfem_stvk.dynamics import EnergyMomentum, simulate
 from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.forces import add_mean_force
-from skfem_stvk.edges import ALL, NONE, Assembly, EdgeForm
+from skfem_stvk.edges import ALL, NONE, EdgeForm
 
 from ..statics.study import Study
 from .scenes import Array, cantilever
@@ -47,9 +47,7 @@ class Exact:
     def __init__(self, system: System, symmetric: bool) -> None:
         self._system, self._symmetric = system, symmetric
         (term,) = system.elastic_terms
-        assembly = term.bind(system.mesh)
-        assert isinstance(assembly, Assembly)
-        self._form: EdgeForm = assembly.form
+        self._form: EdgeForm = term.bind(system.mesh).form
         self._free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
         edges, ne = self._form.edges, self._form.edges.shape[1]
         rows = np.tile(np.arange(ne), 2)

@@ -1,0 +1,261 @@
+"""Functions that laws register beside W, F and K: of strains that are quadratic in displacements, mean forces, round-off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..errors import StvkError
+from ..kernels import discrete_gradient as gradient_kernels
+from ..kernels import elements as element_kernels
+from ..kernels import reduced as reduced_kernels
+from ..kernels import stretches as stretch_kernels
+from ..kernels.lanes import LANES, MeanPoints
+from ..kernels.laws import IsotropicLaw, numbers_in
+from ..kernels.stvk import TensionLaw
+from ..kernels.threads import in_turn, run
+from .assembly import Assembly, offering
+from .elements import Frames
+from .form import EdgeForm
+from .stiffness import FramedStiffness, GeneralStiffness, Stiffness
+from .topology import in_lanes, out_of_lanes
+
+#: Places of the strains of elements of so many dimensions in the order 11, 22, 33, 12, 13, 23.
+PLACES = {1: (0,), 2: (0, 1, 3), 3: (0, 1, 2, 3, 4, 5)}
+
+
+@in_turn
+def add_round_off(term: Assembly, u: Array, out: Array) -> None:
+    """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N].
+
+    Times eps it is the size of the force's rounding error, of which that of `u` itself is a part. The errors of sheets and cables
+    that bear no compression are at most those of the same strains with all of their stress.
+    """
+    term.elements.gather(u)
+    law = IsotropicLaw(term.law.D) if isinstance(term.law, TensionLaw) else term.law
+    term.run(element_kernels.round_off, out, law=law)
+
+
+def add_sizes_thrice(term: Assembly, u: Array, out: Array) -> None:
+    """Add three times what `add_sizes` does to `out` (nv, d) [N]: stretches, and frames that are rotated, have errors of several
+    eps."""
+    sizes = np.zeros(u.shape)
+    term.add_sizes(u, sizes)
+    out += 3 * sizes
+
+
+def _change(term: Assembly, u0: Array, u1: Array) -> Array:
+    """Gather the state `u0` (nv, d); the change to `u1` in the order of the kernels."""
+    term.elements.gather(u0)
+    change = term.elements.own.gathered("direction", u1, np.float64)
+    change -= term.elements.u
+    return change
+
+
+@in_turn
+def discrete_mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+    """Add to `force` (nv, d) [N] what stresses between two states `u0`, `u1` (nv, d) pull, as in `HasMeanForce`.
+
+    It is a discrete gradient of the energy (`kernels.discrete_gradient`): forces and torques about `X + (1 - theta) u0 + theta
+    u1` balance, and for `w0 = w1 = theta = 1/2` the work over `u1 - u0` is `W(u1) - W(u0)` to rounding of these two.
+    """
+    states = _change(term, u0, u1), term.elements.k == term.elements.d, *map(float, weights), float(theta)
+    R = float(sum(term.run(gradient_kernels.discrete_mean_force, force, *states)))
+    if not np.isfinite(R):
+        term.energy_and_force(u1)  # which says why
+    return R
+
+
+@in_turn
+def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+    """Add to `force` (nv, d) [N] what mean tensions of two states `u0`, `u1` (nv, d) pull along the edges as they are in between.
+
+        f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p at (1 - theta) u0 + theta u1
+
+    Forces and torques about `p` balance. The work over `u1 - u0` is `W(u1) - W(u0)` for `w0 = w1 = theta = 1/2`, and with other
+    weights of sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never
+    negative.
+    """
+    states = _change(term, u0, u1), *map(float, weights), float(theta)
+    return float(sum(term.run(element_kernels.mean_force, force, *states)))
+
+
+@in_turn
+def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
+    """Add to `force` (nv, d) the resistance of the edges to velocities `v` at `u` (nv, d), for a relaxation time of 1 s.
+
+        f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
+
+    It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt`
+    [W], which is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
+    """
+    term.elements.gather(u)
+    return float(sum(term.run(element_kernels.damping_force, force, term.elements.own.gathered("direction", v, np.float64))))
+
+
+@in_turn
+def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
+    """(5,) coefficients `c` [J] of the energy along `u + s v`, both (nv, d): exactly `c_0 + c_1 s + ... + c_4 s^4`, at any `s`."""
+    elements = term.elements
+    elements.gather(u)
+    V = elements.own.gathered("direction", v, np.float64)
+    arrays = elements.t.ravel(), term.points, term.law, elements.X, elements.u, V
+    return np.asarray(np.sum(run(element_kernels.along, elements.forces.parts, *arrays), axis=0))
+
+
+def smallest_stretches(term: Assembly, u: Array) -> NDArray[np.float64]:
+    """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they were
+    given."""
+    own = np.empty(len(term.elements.t) * LANES)
+    _smallest_stretch(term, u, own)
+    return term.of_elements(own)
+
+
+def smallest_stretch(term: Assembly, u: Array) -> float:
+    """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
+    return _smallest_stretch(term, u, np.empty(0)) if term.gone is None else float(smallest_stretches(term, u).min())
+
+
+@in_turn
+def _smallest_stretch(term: Assembly, u: Array, out: Array) -> float:
+    elements = term.elements
+    elements.gather(u)
+    arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
+    return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))
+
+
+@in_turn
+def tensions(term: Assembly, u: Array) -> Array:
+    """Return the tensions `t = L zeta` (ne,) [N/m] at `u` (nv, d) of the edges in lexicographic order, without `form`.
+
+    StvkError for other elements than linear simplices.
+    """
+    _refuse_points(term)
+    term.elements.gather(u)
+    return np.asarray(term.own_tensions()[term.elements.lexicographic])
+
+
+def edge_form(term: Assembly) -> EdgeForm:
+    """Return the edge form of linear simplices; StvkError for other elements."""
+    _refuse_points(term)
+    (p, t), stiffness = term.simplices, term.stored
+    assert isinstance(stiffness, Stiffness)
+    L = stiffness.coefficients
+    if term.gone is None:
+        return EdgeForm(p, t, stiffness)
+    kept = ~term.gone[:, None, None]
+    return EdgeForm(p, t, GeneralStiffness(lambda: kept * L(p, t)))
+
+
+def _refuse_points(term: Assembly) -> None:
+    """Refuse elements that are no linear simplices, whose strain differs from point to point."""
+    if term.points is not None:
+        raise StvkError(
+            f"{term.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of "
+            "their edges do not say it. Take degree=1 to look at edges and their pairs."
+        )
+
+
+def strain_products(term: Assembly, fields: Array, most: int) -> Iterator[Array]:
+    """Yield rows as in `HasStrainProducts`; rows of zeros for elements that were taken out."""
+    elements, X = term.elements, np.zeros((len(fields), 3))
+    X[elements.own.vertices] = elements.X.reshape(-1, 3)
+    k, nt = elements.k, len(elements.elements)
+    fields = np.concatenate([X[:, : elements.d, None], fields], axis=2)  # with x_0 = 1 the place where a node is
+    n, s = fields.shape[2], k * (k + 1) // 2
+    pairs, at_once = n * (n + 1) // 2, max(1, most // s)
+    work, out = np.empty((s, pairs)), np.empty((min(at_once, nt) * s, pairs))
+    nodes = elements.own.vertices[out_of_lanes(elements.t, nt)]
+    tables = [None] if term.points is None else term.points.B
+    for q, B in enumerate(tables if not isinstance(term.points, MeanPoints) else [term.points.B]):
+        for first in range(0, nt, at_once):
+            ids = np.arange(first, min(first + at_once, nt))
+            own = nodes[: elements.element.n, ids]
+            spokes = (fields[own[1:]] - fields[own[:1]]).transpose(1, 0, 2, 3)  # (n, nodes - 1, d, R + 1)
+            Ri, L = _factors(term, ids, q)
+            if B is not None:
+                of = B[None, : spokes.shape[1], :k] if B.ndim == 2 else _of_elements(B, ids)[:, : spokes.shape[1], :k]
+                spokes = np.einsum("nai,nadr->nidr", np.broadcast_to(of, (len(ids), *of.shape[1:])), spokes)
+            G = np.matmul(np.swapaxes(Ri, 1, 2), spokes[:, :k].reshape(len(ids), k, -1)).reshape(spokes.shape)
+            rows = out[: len(ids) * s]
+            reduced_kernels.strain_rows(np.ascontiguousarray(G), L, work, rows)
+            yield rows
+
+
+def _factors(term: Assembly, ids: NDArray[np.int64], q: int) -> tuple[Array, Array]:
+    """`Ri` (n, k, k) at a point of elements in their own order, and `L` (n, s, s) with `W = 1/2 |L M|^2` there."""
+    m, k, (block, lane) = numbers_in(term.law), term.elements.k, np.divmod(ids, LANES)
+    at, weight = block * m * LANES, 1.0
+    if term.points is not None:
+        sets = np.diff(term.points.starts)[block] // (m * LANES)
+        at, weight = term.points.starts[block] + np.minimum(q, sets - 1) * m * LANES, float(term.points.weights[q])
+    numbers = term.law.D[(at + lane)[:, None] + LANES * np.arange(m)].astype(np.float64)
+    kept = np.array(PLACES[k])
+    return Frames.upper(numbers[:, :6].T)[:, :k, :k], square_roots(weight * _forms(numbers[:, 6:])[:, kept[:, None], kept])
+
+
+def _forms(numbers: Array) -> Array:
+    """(n, 6, 6) `C` with `W = 1/2 M' C M` for strains in the order of the kernels, from the numbers of a law of StVK (n, m)."""
+    twice = np.array([1.0, 1, 1, 2, 2, 2])
+    if numbers.shape[1] == 2:
+        trace = np.outer(*[np.array([1.0, 1, 1, 0, 0, 0])] * 2)
+        return np.asarray((numbers[:, :1, None] * trace + numbers[:, 1:, None] * np.diag(twice)) / 2)
+    rows, columns = np.triu_indices(6)
+    C = np.zeros((len(numbers), 6, 6))
+    C[:, rows, columns] = C[:, columns, rows] = numbers
+    return np.asarray(C * twice[:, None] * twice / 2)
+
+
+def square_roots(C: Array) -> Array:
+    """(n, s, s) L with `L' L = C`, symmetric and positive semi-definite but for rounding."""
+    try:
+        return np.ascontiguousarray(np.swapaxes(np.linalg.cholesky(C), 1, 2))
+    except np.linalg.LinAlgError:  # no stiffness in some direction
+        values, vectors = np.linalg.eigh(C)
+        return np.ascontiguousarray(np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2))
+
+
+def _of_elements(B: Array, ids: NDArray[np.int64]) -> Array:
+    """(n, m, 3) of elements from a table (blocks, m, 3, LANES)."""
+    block, lane = np.divmod(ids, LANES)
+    return np.asarray(B[block, :, :, lane])
+
+
+@in_turn
+def rotate_frames(term: Assembly, t: Any) -> None:
+    """Rotate the frames to where they are at load factor or moment `t`."""
+    elements, m = term.elements, numbers_in(term.law)
+    assert isinstance(term.stored, FramedStiffness)
+    R = in_lanes(term.stored.frames(t).reshape(-1, 9)[elements.elements].T.astype(term.dtype)).reshape(-1, 9, LANES)
+    counts = 1 if term.points is None else np.diff(term.points.starts) // (m * LANES)
+    term.law.D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
+
+
+#: St. Venant-Kirchhoff's law: on linear simplices an edge form, and much is known exactly.
+STVK = offering(
+    __name__,
+    "STVK",
+    by_edges=True,
+    form=cached_property(edge_form),
+    tensions=tensions,
+    along=along,
+    strain_products=strain_products,
+    mean_force=mean_force,
+    damping_force=damping_force,
+    smallest_stretches=smallest_stretches,
+    smallest_stretch=smallest_stretch,
+    add_round_off=add_round_off,
+)
+#: An energy of the strain.
+OF_STRAIN = offering(__name__, "OF_STRAIN", mean_force=discrete_mean_force)
+#: Sheets and cables that bear no compression.
+TENSION = offering(__name__, "TENSION", mean_force=discrete_mean_force, add_round_off=add_round_off)
+#: An energy of principal stretches, whose decomposition rounds more than a sum does.
+STRETCHES = offering(__name__, "STRETCHES", passes_inversion=True, add_round_off=add_sizes_thrice)
+#: Linear elasticity in user-supplied frames: energy that the body gains or loses as these rotate is work from outside.
+FRAMED = offering(__name__, "FRAMED", has_energy=False, at=rotate_frames, add_round_off=add_sizes_thrice)
