@@ -12,7 +12,7 @@ where it is no more than rounding of the energies it is left out: `a` would be n
 to be no more than `4 |dM| (|S0 - S| + |S1 - S|)`, of which the integral of `1/2 (S(t) - S) : dM` is a small part.
 
 Laws see frames, not strains: of `1 + M` the triangular one is taken, `L L' = 1 + M` (Cholesky, without cancellation), handed as
-the frame of the body is. From its `s_j` follows S. A law that knows S for strains says so itself (`by_strain`).
+the frame of the body is. From its `s_j` follows S (`by_frames`). A law that knows S for strains registers that (`by_strain`).
 
 Source: Gonzalez (2000), with the stress of the mean strain.
 """
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from .compiled import Ids, Reals, by_type, inlined, kernel
+from .compiled import Ids, Reals, inlined, kernel
 from .hourglass import resist
 from .lanes import (
     LANES,
@@ -47,7 +47,6 @@ from .lanes import (
     weight_of,
 )
 from .laws import FORMULAS, contracted, in_frame, numbers_in, on_spokes, pulled, respond, strain
-from .neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 
 #: Of the energies: what their difference is known to.
 ROUNDING = 32
@@ -71,10 +70,8 @@ def by_strain(law: Any, at: Any, weight: Any, M: Any, rest: Any, hand: Any, seco
     return FORMULAS["by_strain", type(law)](law, at, weight, M, rest, hand, second, third, one)
 
 
-@by_type(by_strain, NeoHookeanLaw, FORMULAS)
-@by_type(by_strain, NeoHookeanSheet, FORMULAS)
-def _by_frames(law, at, weight, M, rest, hand, second, third, one):
-    """By the triangular frame of `1 + M`."""
+def by_frames(law, at, weight, M, rest, hand, second, third, one):
+    """By the triangular frame of `1 + M`: what laws that see frames register as `by_strain`."""
     a1 = _more(M[0], one)
     l1 = one + a1
     l21, l31 = M[3] / l1, M[4] / l1

@@ -37,6 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .compiled import Reals, by_type, inlined
+from .discrete_gradient import by_frames, by_strain
 from .lanes import LANES, I, add, cross, dot, put, times, vector, vectors
 from .laws import FORMULAS, combination, numbers_in, numbers_kept, on_spokes, respond, spoke_stiffness, strain, weigh
 
@@ -51,6 +52,10 @@ class NeoHookeanSheet(NamedTuple):
     """As `NeoHookeanLaw` of sheets; the orientation of those in space is 0."""
 
     D: Reals
+
+
+by_type(by_strain, NeoHookeanLaw, FORMULAS)(by_frames)
+by_type(by_strain, NeoHookeanSheet, FORMULAS)(by_frames)
 
 
 @by_type(numbers_in, NeoHookeanLaw, FORMULAS)
