@@ -137,15 +137,15 @@ def choice(name: str, given: Any, known: Iterable[str], error: type[StvkError] =
     return str(given)
 
 
-def text(name: str, given: Any, expected: str = "a text", most: int = 1000, error: type[StvkError] = StvkError) -> str:
-    """Text that can be shown: at most so many characters, none of them for control.
+def text(name: str, given: Any) -> str:
+    """Return text that can be shown: at most 1000 characters, none of them for control.
 
     >>> text("label", "stress" + chr(0))
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: label = 'stress\\x00'; expected a text of at most 1000 characters that can be printed.
     """
-    if not isinstance(given, str) or len(given) > most or not given.replace("\n", "").isprintable():
-        raise error(f"{name} = {shown(given)}; expected {expected} of at most {most} characters that can be printed.")
+    if not isinstance(given, str) or len(given) > 1000 or not given.replace("\n", "").isprintable():
+        raise StvkError(f"{name} = {shown(given)}; expected a text of at most 1000 characters that can be printed.")
     return str(given)
 
 

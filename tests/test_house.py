@@ -34,6 +34,24 @@ def _python(arguments):
     return subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True)
 
 
+def test_type_checkers_know_the_public_names_and_no_others():
+    """In a program of a user: classes, functions with their arguments even where their file has the same name, and the version."""
+    program = """
+import skfem_stvk
+from skfem_stvk import StVK, modes, simulate
+from skfem_stvk.results import Series
+skfem_stvk.StVK(young=1.0, poisson=0.3), skfem_stvk.__version__.split("."), Series, modes(None, 2)
+reveal_type(StVK(young=1.0, poisson=0.3))
+simulate(nothing=1)
+from skfem_stvk import Nobody
+"""
+    done = _python(["-m", "mypy", "--config-file=", "--ignore-missing-imports", "-c", program])
+    wrong = [line for line in done.stdout.splitlines() if line.startswith("<string>") and ": error:" in line]
+    assert 'Revealed type is "skfem_stvk.terms.stvk.StVK"' in done.stdout, done.stdout + done.stderr
+    assert {line.split(":")[1] for line in wrong} == {"5", "7", "8"} and 'Argument 1 to "modes"' in wrong[0], wrong
+    assert 'no attribute "Nobody"' in wrong[-1], wrong
+
+
 def test_importing_the_package_imports_no_optional_package():
     optional = "('matplotlib', 'gmsh', 'h5py', 'jinja2', 'hypothesis')"
     code = f"import sys; from skfem_stvk import *; print([m for m in {optional} if m in sys.modules])"

@@ -73,7 +73,7 @@ USES = {
     ),
     "a scene": (
         BODY + "from skfem_stvk import Scene\nScene.of(system, {'type': 'static'}).system()",
-        "pydantic meshio filelock",
+        "pydantic meshio",
     ),
     "a picture": (STATIC + "result.plot(path='body.png')", "matplotlib"),
 }

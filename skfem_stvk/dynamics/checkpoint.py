@@ -9,12 +9,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AllowInfNan, Field
+from pydantic import AllowInfNan, Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
 from ..arguments import Array
 from ..errors import StvkError, name_ids, warn
 from ..nonlinear.problem import Tangent
-from ..results.files import NotOurs, output_path
+from ..results.files import NotOurs, output_folder, output_path
 from ..results.state_files import MOTION, MOTION_FILE
 from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
@@ -40,24 +40,22 @@ SHORTEST = 1e-9
 #: Columns of which, with the strain energy, the total energy and the closure error are sums.
 PARTS = "kinetic_energy", "potential_energy", "external_work", "dissipated_work"
 
-Count = Annotated[int, Field(ge=0)]
-NotNegative = Annotated[float, Field(ge=0)]
 #: A step, or its bound: infinite where nothing has stiffness.
-Bound = Annotated[float, Field(ge=0), AllowInfNan(True)]
+Bound = Annotated[NonNegativeFloat, AllowInfNan(True)]
 
 
 class ClockRecord(Record):
     """A `Clock` as checkpoints hold it."""
 
     start: float
-    dt: Annotated[float, Field(gt=0)]
-    count: Count
+    dt: PositiveFloat
+    count: NonNegativeInt
 
 
 class ReviewsRecord(Record):
     """The `Reviews` of a critical step as checkpoints hold them."""
 
-    next: Count
+    next: NonNegativeInt
     interval: Annotated[int, Field(ge=FEWEST, le=MOST)]
     seen: Bound
     step: Bound
@@ -72,28 +70,28 @@ class MomentRecord(Record):
     t: float
     clock: ClockRecord
     looks: ReviewsRecord
-    steps: Count
-    cuts: Count
-    rows: Annotated[int, Field(ge=1)]
+    steps: NonNegativeInt
+    cuts: NonNegativeInt
+    rows: PositiveInt
 
 
 class OriginRecord(Record):
     """`HierarchyOrigin`, but for its arrays."""
 
     t: float
-    c: NotNegative
-    g: NotNegative
+    c: NonNegativeFloat
+    g: NonNegativeFloat
     tangent: Literal[tuple(one.value for one in Tangent)]  # type: ignore[valid-type]
     with_tensions: bool
-    pace: NotNegative | None
+    pace: NonNegativeFloat | None
     slow: bool
 
 
 class StepperRecord(Record):
     """The `Counts` of a run as checkpoints hold them."""
 
-    iterations: Count
-    clamped: Count
+    iterations: NonNegativeInt
+    clamped: NonNegativeInt
 
 
 class IntegratorRecord(Record):
@@ -107,9 +105,9 @@ class IntegratorRecord(Record):
 class DampingRecord(Record):
     """Factors of the damping as checkpoints hold them."""
 
-    alpha: NotNegative
-    beta: NotNegative
-    tau: NotNegative
+    alpha: NonNegativeFloat
+    beta: NonNegativeFloat
+    tau: NonNegativeFloat
 
 
 class MethodRecord(Record):
@@ -132,36 +130,29 @@ class MotionHeader(Header):
     reactions: list[str]
     columns: list[str]
     save: str | None  # the name of its series, as the run was given it; nothing is written there: a checkpoint does not say where
-    every: Annotated[int, Field(ge=1)]  # steps from one saved state to the next
+    every: PositiveInt  # steps from one saved state to the next
     hierarchy: OriginRecord | None = None  # that multigrid keeps
 
 
 class MotionCheckpoint(FolderStore[MotionHeader]):
     """The file `motion.npz` in a folder, which is replaced as a motion goes on: a run that is killed finds the last one whole.
 
-    Until 1.0 `place` may be a .npz file in a folder that exists, and the argument that gave it, `named`, "resume".
+    Until 1.0 `place` may be a .npz file in a folder that exists, and a motion goes on from another place, `older`.
     """
 
     known = MOTION
     schema = MotionHeader
     remedy = ANEW
 
-    def __init__(self, place: Path, named: str = "checkpoint") -> None:
-        super().__init__(place)
-        self._is_file = place.suffix.lower() == ".npz" and not place.is_dir()
-        self.file = place if self._is_file else place / MOTION_FILE
-        self._next = -np.inf
-        if self._is_file:
-            output_path(self.file, ".npz")
-        if self._is_file or named == "resume":
-            folder = str(place.with_suffix("") if self._is_file else place)
-            warn(
-                f"{named} = {str(place)!r} is taken until 1.0. Name a folder: "
-                f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}; what it holds is {MOTION_FILE}."
-            )
-
-    def writable(self) -> Path:
-        return self.file if self._is_file else super().writable()
+    def __init__(self, place: Path, resume: bool = False, older: Path | None = None) -> None:
+        self.file, self._next = _file_of(place), -np.inf
+        super().__init__(output_path(place, ".npz") if self.file == place else output_folder(place))
+        #: The file to go on from; None to begin with a first state.
+        self.source = _file_of(older) if older else self.file if resume and self.file.exists() else None
+        if older:
+            _warn_of_old_form("resume", older)
+        if self.file == place != older:
+            _warn_of_old_form("checkpoint", place)
 
     def belongs_to(self, problem: Fingerprint, overwrite: bool) -> None:
         """Write the signature of this problem from here on; refuse to replace a file of another one."""
@@ -179,6 +170,17 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
         self.write_file(self.file, self.problem, {"columns": ledger.names, **about}, {**arrays, "ledger": ledger.rows()})
         end = time.perf_counter()
         self._next = end + max(EVERY, (end - begin) / SHARE)
+
+
+def _file_of(place: Path) -> Path:
+    """Return the file of a checkpoint: in the folder `place`, or `place` itself."""
+    return place if place.suffix.lower() == ".npz" and not place.is_dir() else place / MOTION_FILE
+
+
+def _warn_of_old_form(named: str, place: Path) -> None:
+    folder = str(place.with_suffix("") if _file_of(place) == place else place)
+    form = f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}"
+    warn(f"{named} = {str(place)!r} is taken until 1.0. Name a folder: {form}; what it holds is {MOTION_FILE}.")
 
 
 class Saved(NamedTuple):

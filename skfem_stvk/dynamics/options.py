@@ -34,7 +34,7 @@ FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 
 @dataclass(frozen=True)
 class Options:
-    """The arguments of `simulate`, but for the system. What a run begins with may be given again where it is resumed."""
+    """Arguments of `simulate` for the run. Those that a run begins with may be given again where it is resumed."""
 
     until: float
     integrator: Integrator | None
@@ -47,11 +47,7 @@ class Options:
     reactions: Mapping[str, Where] | None
     remove: Rule | None
     outlets: Outlets
-    every: int | None
-    checkpoint: MotionCheckpoint | None  # what is written
-    source: Path | None  # the file to go on from, None to begin anew
-    quiet: bool
-    raise_on_failure: bool
+    checkpoint: MotionCheckpoint | None
 
     def start(self, system: System) -> dict[str, list[float]]:
         """Numbers by which a first state is known again, of what is given of it."""

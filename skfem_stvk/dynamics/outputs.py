@@ -59,16 +59,16 @@ class Outputs:
             options.checkpoint.belongs_to(problem, overwrite)
         if save is not None:
             series = stack.enter_context(Series(save, options.outlets.fields, problem=problem, overwrite=overwrite))
-        return cls(setup, record, series, options.every or EVERY, options.checkpoint)
+        return cls(setup, record, series, options.outlets.every or EVERY, options.checkpoint)
 
     @classmethod
     def resumed(
         cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
     ) -> Outputs:
         """Open the files of a run that goes on: the series is where the caller says, or beside the checkpoint."""
-        checkpoint, every, t = options.checkpoint, options.every or then.every, record.state.t
+        checkpoint, every, t = options.checkpoint, options.outlets.every or then.every, record.state.t
         assert checkpoint is not None
-        checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or options.source != checkpoint.file)
+        checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or checkpoint.source != checkpoint.file)
         save = options.outlets.save or _beside(then, checkpoint.folder)
         if save is None:
             return cls(setup, record, None, every, checkpoint)

@@ -13,27 +13,18 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import StvkError, StvkWarning, name_ids
 from ..linear.choose import solver_names
-from ..results.files import NotOurs, Outlets
+from ..results.files import NotOurs
 from ..results.store import refusing_damage
 from ..system import System
 from ..system.protocol import ReducedLike
 from ..system.signature import Fingerprint
-from .checkpoint import ANEW, IntegratorRecord, MotionCheckpoint, load, refuse_inconsistent
+from .checkpoint import ANEW, IntegratorRecord, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
 from .motion import motion_of
 from .options import BASIS, Options, Setup, basis_of, checked_integrator, described, too_early
 from .outputs import Outputs
 from .record import SLACK, RunRecord
-
-
-def checkpoints(named: Path | None, outlets: Outlets) -> tuple[MotionCheckpoint, Path | None]:
-    """The checkpoint that is written, and the file to go on from, None to begin anew; `named` is a path given to `resume`."""
-    older = None if named is None else MotionCheckpoint(named, "resume")
-    kept = MotionCheckpoint(outlets.checkpoint) if outlets.checkpoint is not None else older
-    assert kept is not None
-    source = older or (kept if outlets.resume and kept.file.exists() else None)
-    return kept, None if source is None else source.file
 
 
 def resumed(body: System | ReducedLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:

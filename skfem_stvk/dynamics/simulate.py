@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, flag, number, path, whole
+from ..arguments import Array, flag, number, path
 from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
@@ -124,42 +124,41 @@ def simulate(
     if checked_system(body).dtype != np.float64:
         raise StvkError(f"The system is in {body.dtype}; expected float64: System(..., dtype=np.float64).")
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
-    if every is not None:
-        every = whole("every", every, "a whole number of steps, at least 1", least=1)
-    named = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None
-    outlets = Outlets.checked(save, checkpoint, False if named or resume is None else resume, overwrite, fields)
-    kept, source = None, None
-    if named is not None or outlets.checkpoint is not None:
-        from .resumed import checkpoints  # and pydantic, only where there is one
-
-        kept, source = checkpoints(named, outlets)
-    options = Options(
-        until=until,
-        integrator=integrator,
-        u0=u0,
-        v0=v0,
-        t0=t0,
-        mass=mass,
-        damping=damping,
-        probes=probes,
-        reactions=reactions,
-        remove=checked_rule(remove),
-        outlets=outlets,
+    older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # taken until 1.0
+    outlets = Outlets.checked(
+        save=save,
+        fields=fields,
+        checkpoint=older if checkpoint is None else checkpoint,
+        resume=False if older or resume is None else resume,
+        overwrite=overwrite,
         every=every,
-        checkpoint=kept,
-        source=source,
-        quiet=quiet,
-        raise_on_failure=raise_on_failure,
     )
+    rule, kept = checked_rule(remove), None
     with ExitStack() as stack:
-        if kept is not None:
-            stack.enter_context(kept)
-        if options.source is None:
+        if outlets.checkpoint is not None:
+            from .checkpoint import MotionCheckpoint  # and pydantic, only where there is one
+
+            kept = stack.enter_context(MotionCheckpoint(outlets.checkpoint, outlets.resume, older))
+        options = Options(
+            until=until,
+            integrator=integrator,
+            u0=u0,
+            v0=v0,
+            t0=t0,
+            mass=mass,
+            damping=damping,
+            probes=probes,
+            reactions=reactions,
+            remove=rule,
+            outlets=outlets,
+            checkpoint=kept,
+        )
+        if kept is None or kept.source is None:
             start = _begun(system, options, stack)
         else:
             from .resumed import resumed
 
-            start = resumed(system, options, stack, options.source)
+            start = resumed(system, options, stack, kept.source)
         return Loop(*start, quiet).run(raise_on_failure)
 
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ..elements import rule_of
 from ..errors import MeshError, name_ids, warn
 from ..kernels.geometry import measures
-from ..kernels.topology import lexicographic_order
-from .facets import Cells, MeshArrays, linked
+from .facets import Cells, MeshArrays, grouped, linked
 from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
 from .points import extremes, signed, spokes_at
@@ -60,17 +59,14 @@ def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
     StvkWarning
         of vertices in the same place, and of parts that are not connected.
     """
-    for number, one in enumerate((mesh, *beside)):
-        for fault in faults(one, (*beside, mesh)) if number == 0 else _of_elements(faults(one, (*beside, mesh))):
+    for one in (mesh, *beside):
+        for fault in faults(one, (*beside, mesh)):
+            if one is not mesh and fault.name not in ("collapsed", "flat", "folded", "duplicates"):
+                continue  # a fault of nodes, which is reported once
             text = f"The {one.element.name}: {fault.text}" if beside else fault.text
             if fault.refused:
                 raise MeshError(text)
             warn(text)
-
-
-def _of_elements(every: Iterator[MeshFault]) -> Iterator[MeshFault]:
-    """Yield the faults of elements, not of nodes, which are reported once."""
-    return (fault for fault in every if fault.name in ("collapsed", "flat", "folded", "duplicates"))
 
 
 def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[MeshFault]:
@@ -93,9 +89,8 @@ def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[
         yield from _faults_of_shapes(sound, kept)
         yield from _faults_of_range(sound)
     ordered = ordered if mesh.element.degree == 1 else np.sort(mesh.corners, axis=0)
-    order = lexicographic_order(ordered, mesh.nv)
-    if len(same := np.flatnonzero((ordered[:, order[1:]] == ordered[:, order[:-1]]).all(axis=0))):
-        bad = np.sort(order[same + 1])
+    order, new = grouped(ordered, mesh.nv)
+    if len(bad := np.sort(order[~new])):
         text = (
             f"{name_ids(bad, 'element')}: the same vertices as an earlier element, so the stiffness would count twice. Two "
             "overlapping physical groups, or a part exported twice? Remove the copies."

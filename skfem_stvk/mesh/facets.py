@@ -97,20 +97,19 @@ def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids
     (array([[0, 1, 2]], dtype=int32), array([[1, 2],
            [0, 1]], dtype=int32))
     """
-    element = element or linear_simplex(len(t) - 1)
-    if not element.is_simplex:
-        every, m = _listed(t, element), named(element.facet).corners
-        if element.k == 2:
-            every[:m].sort(axis=0)
-        place, first = _numbered(np.sort(every[:m], axis=0), nv)
-        return every[:, first], place.reshape(len(element.facets), -1)
-    corners = t[: element.corners]
-    corner = np.argsort(corners, axis=0)
-    every = _opposite(np.take_along_axis(corners, corner, axis=0))
-    place, first = _numbered(every, nv)
-    t2f = np.empty(corners.shape, dtype=np.int32)
-    np.put_along_axis(t2f, corner, place.reshape(corners.shape), axis=0)
-    return np.concatenate([every[:, first], _middles(t, element, first)]), t2f
+    element, t = element or linear_simplex(len(t) - 1), t.astype(np.int32, copy=False)
+    if element.is_simplex:
+        t, corner = _ascending(t, element)
+    every, ordered = _listed(t, element)
+    if element.k == 2:
+        every[:2].sort(axis=0)
+    place, first = _numbered(ordered, nv)
+    t2f = place.reshape(len(element.facets), -1)
+    if element.is_simplex:
+        opposite = [min(set(range(element.corners)) - set(ids)) for ids in element.cell.facets]
+        of_ascending, t2f = t2f, np.empty_like(t2f)
+        np.put_along_axis(t2f, corner[opposite], of_ascending, axis=0)
+    return every[:, first], t2f
 
 
 def facet_ids(mesh: MeshArrays) -> Ids:
@@ -129,26 +128,21 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
     array([[0, 2, 1],
            [1, 0, 2]], dtype=int32)
     """
-    if not mesh.element.is_simplex:
-        every = _listed(mesh.t, mesh.element)
-        alone = _alone(np.sort(every[: mesh.facet.corners], axis=0), mesh.nv)
-        facets = every[:, alone]
-        if mesh.k == mesh.d:
-            local, element = np.divmod(alone, mesh.nt)
-            positive = orientations(mesh.p, mesh.t[:, element], mesh.element) > 0
-            _turn(facets, positive != _outwards(mesh.element)[local], mesh)
-        return facets
-    every = _opposite(np.sort(mesh.corners, axis=0))
-    alone = _alone(every, mesh.nv)
-    facets = np.concatenate([every[:, alone], _middles(mesh.t, mesh.element, alone)])
+    return outer_facets(mesh)[0]
+
+
+def outer_facets(mesh: MeshArrays) -> tuple[Ids, NDArray[np.integer]]:
+    """Return the boundary facets (m, n) as `boundary_facets` does, and the element (n,) of each."""
+    element, t = mesh.element, mesh.t
+    if element.is_simplex:
+        t, _ = _ascending(t, element)
+    every, ordered = _listed(t, element)
+    alone = _alone(ordered, mesh.nv)
+    facets, (local, elements) = every[:, alone], np.divmod(alone, mesh.nt)
     if mesh.k == mesh.d > 1:
-        corner, element = np.divmod(alone, mesh.nt)
-        # outwards is (1, 2, 3) of a positive tetrahedron, (1, 2) of a triangle: facet, then the vertex opposite to it
-        locals_ = np.argsort(mesh.corners[:, element], axis=0)
-        odd = sum(locals_[i] > locals_[j] for j in range(len(locals_)) for i in range(j)) % 2 == 1
-        positive = orientations(mesh.p, mesh.t[:, element], mesh.element) > 0
-        _turn(facets, positive == (odd ^ (corner % 2 == 1)), mesh)
-    return facets
+        positive = orientations(mesh.p, t[:, elements], element) > 0
+        _turn(facets, positive != _outwards(element)[local], mesh)
+    return facets, elements
 
 
 def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
@@ -158,7 +152,7 @@ def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
     array([ 1, -1])
     """
     count = facets.shape[1]
-    order, new = _grouped(np.sort(np.concatenate([facets, wanted], axis=1), axis=0), nv)
+    order, new = grouped(np.sort(np.concatenate([facets, wanted], axis=1), axis=0), nv)
     first = np.empty(len(order), dtype=np.int64)
     first[order] = order[new][np.cumsum(new) - 1]
     return np.where(first[count:] < count, first[count:], -1)
@@ -216,29 +210,27 @@ def with_middles(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -
     return np.concatenate([facets, *further]).astype(np.int32)
 
 
-def _middles(t: Ids, element: Element, which: NDArray[Any]) -> Ids:
-    """Return the middles of facets of simplices in the order of the facet's element; `which` counts as `_opposite` does."""
-    facet = named(element.facet)
-    if facet.k == 0 or element.degree == 1:
-        return np.empty((0, len(which)), dtype=np.int32)
-    corner, ids = np.divmod(which, t.shape[1])
-    nodes, n = t[:, ids], element.corners
-    kept = np.array([np.delete(np.arange(n), i) for i in range(n)])[corner].T
-    local = np.take_along_axis(np.argsort(nodes[:n], axis=0), kept, axis=0)  # local corners of each facet, ascending in the mesh
-    table = np.zeros((n, n), dtype=np.int64)
-    for i, (a, b) in enumerate(element.edges):
-        table[a, b] = table[b, a] = n + i
-    return np.take_along_axis(nodes, np.array([table[local[a], local[b]] for a, b in facet.edges]), axis=0)
+def _ascending(t: Ids, element: Element) -> tuple[Ids, NDArray[np.integer]]:
+    """Return simplices with their corners in ascending order and their middles accordingly, and the local numbers of corners."""
+    corner = nodes = np.argsort(t[: element.corners], axis=0)
+    if element.means:
+        a, b = np.transpose(element.means)
+        middle = np.zeros((element.corners, element.corners), dtype=np.int64)
+        middle[a, b] = middle[b, a] = element.corners + np.arange(len(a))
+        nodes = np.concatenate([corner, middle[corner[a], corner[b]]])
+    return np.take_along_axis(t, nodes, axis=0), corner
 
 
-def _listed(t: Ids, element: Element) -> Ids:
-    """Return the first, second, ... facets (m, f nt) of elements, as `element.facets` lists them."""
-    return np.concatenate([t[list(facet)] for facet in element.facets], axis=1)
+def _listed(t: Ids, element: Element) -> tuple[Ids, Ids]:
+    """Return the first, second, ... facets (m, f nt) of elements, as `element.facets` lists them, and their corners, ascending."""
+    every = np.concatenate([t[list(facet)] for facet in element.facets], axis=1)
+    corners = every[: named(element.facet).corners]
+    return every, corners if element.is_simplex else np.sort(corners, axis=0)  # those of ascending simplices ascend
 
 
 def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
     """Return the number of each facet in lexicographic order, and where each number first occurs; vertices of facets ascend."""
-    order, new = _grouped(ordered, nv)
+    order, new = grouped(ordered, nv)
     place = np.empty(len(order), dtype=np.int32)
     place[order] = np.cumsum(new) - 1
     return place, order[new]
@@ -246,7 +238,7 @@ def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
 
 def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
     """Return columns of the facets that only one element has; each is given with ascending vertices."""
-    order, new = _grouped(ordered, nv)
+    order, new = grouped(ordered, nv)
     return order[new & np.append(new[1:], True)]
 
 
@@ -263,13 +255,8 @@ def _turn(facets: Ids, which: NDArray[np.bool_], mesh: MeshArrays) -> None:
     facets[:, which] = facets[mesh.facet.reversed][:, which]
 
 
-def _opposite(ordered: NDArray[Any]) -> Ids:
-    """Return the facets (k, (k + 1) nt) opposite to the first, second, ... vertex of simplices with ascending vertices."""
-    return np.concatenate([np.delete(ordered, i, axis=0) for i in range(len(ordered))], axis=1).astype(np.int32, copy=False)
-
-
-def _grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
-    """Return the lexicographic order of facets, stable, and whether each differs from the one before it in that order."""
+def grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
+    """Return the lexicographic order of columns, stable, and whether each differs from the one before it in that order."""
     order = lexicographic_order(facets, nv)
     facets = facets[:, order]
     new = np.ones(len(order), dtype=bool)
@@ -340,9 +327,8 @@ def linked(a: NDArray[Any], b: NDArray[Any], n: int) -> NDArray[np.int32]:
 def _neighbours(t: NDArray[np.int32], nv: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
     """Return pairs of faces at edges that no other face has, and whether both run along the edge in opposite directions."""
     ends = np.concatenate([t[[i, (i + 1) % len(t)]] for i in range(len(t))], axis=1).astype(np.int32)
-    both = np.sort(ends, axis=0)
-    order = lexicographic_order(both, nv)
-    same = (both[:, order[1:]] == both[:, order[:-1]]).all(axis=0)
-    pair = np.flatnonzero(same & ~np.append(False, same[:-1]) & ~np.append(same[1:], False))
+    order, new = grouped(np.sort(ends, axis=0), nv)
+    starts = np.flatnonzero(new)
+    pair = starts[np.diff(starts, append=len(order)) == 2]
     one, other = order[pair], order[pair + 1]
     return one % t.shape[1], other % t.shape[1], ends[0, one] != ends[0, other]

@@ -56,13 +56,8 @@ def box(size: Any, cells: Any, element: str | None = None, origin: Any = None) -
     grid = named(kind).mesh.init_tensor(*axes)
     p, t = grid.p, turned(grid.p, grid.t, named(kind))
     mesh = ElementMesh(p, t, element=named(kind))
-    sides = {side: p[axis] == coordinates[end] for axis, coordinates in enumerate(axes) for side, end in _ends(axis)}
-    return mesh.with_boundaries(sides)
-
-
-def _ends(axis: int) -> tuple[tuple[str, int], tuple[str, int]]:
-    low, high = SIDES[axis]
-    return (low, 0), (high, -1)
+    ends = [(axis, SIDES[axis][end], axes[axis][-end]) for axis in range(d) for end in (0, 1)]
+    return mesh.with_boundaries({side: p[axis] == end for axis, side, end in ends})
 
 
 def bar(length: float, width: float, cells: Any, element: str = "tetrahedra") -> ElementMesh:
@@ -145,14 +140,10 @@ def _disc(radius: float, rings: int) -> tuple[Array, Array, dict[str, Array]]:
         outer, inner = 6 * (ring + 1), max(6 * ring, 1)
         sector = np.arange(6)[:, None]
         out, step = np.arange(ring + 1), np.arange(ring)
-
-        def at(ids: Array, count: int, ring: int = ring) -> Array:
-            return np.asarray(ids % count)
-
-        first = starts[ring + 1] + at(sector * (ring + 1) + out, outer), starts[ring + 1] + at(sector * (ring + 1) + out + 1, outer)
-        triangles.append(np.stack([starts[ring] + at(sector * ring + out, inner), *first]).reshape(3, -1))
-        second = starts[ring] + at(sector * ring + step, inner), starts[ring] + at(sector * ring + step + 1, inner)
-        triangles.append(np.stack([*second, starts[ring + 1] + at(sector * (ring + 1) + step + 1, outer)]).reshape(3, -1))
+        first = [starts[ring + 1] + (sector * (ring + 1) + out + i) % outer for i in (0, 1)]
+        triangles.append(np.stack([starts[ring] + (sector * ring + out) % inner, *first]).reshape(3, -1))
+        second = [starts[ring] + (sector * ring + step + i) % inner for i in (0, 1)]
+        triangles.append(np.stack([*second, starts[ring + 1] + (sector * (ring + 1) + step + 1) % outer]).reshape(3, -1))
     return flat, np.concatenate(triangles, axis=1), {"side": np.arange(starts[-2], starts[-1])}
 
 

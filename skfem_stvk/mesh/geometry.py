@@ -28,15 +28,10 @@ class Geometry:
     """
 
     def __init__(self, p: NDArray[np.float64], t: NDArray[np.int32]) -> None:
-        d, k = p.shape[0], t.shape[0] - 1
         x = p.T[t.T]
-        spokes = np.swapaxes(x[:, 1:] - x[:, :1], 1, 2)  # (nt, d, k), column i = X_(i+1) - X_0
-        if k == d:
-            self.axes = np.broadcast_to(np.eye(d), spokes.shape)
-        else:
-            self.axes, spokes = np.linalg.qr(spokes)
-        inner = np.linalg.inv(spokes)
-        self.volume: NDArray[np.float64] = np.abs(np.linalg.det(spokes)) / factorial(k)
+        self.axes, within = _axes(np.swapaxes(x[:, 1:] - x[:, :1], 1, 2))
+        inner = np.linalg.inv(within)
+        self.volume: NDArray[np.float64] = np.abs(np.linalg.det(within)) / factorial(len(t) - 1)
         self.gradients: NDArray[np.float64] = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
 
     @property
@@ -71,16 +66,17 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
         return [PointGeometry(volume, means, points[0].axes)]
     found: list[Geometry | PointGeometry] = []
     for xi, weight in zip(*rule_of(mesh.element, kind), strict=True):
-        spokes = np.swapaxes(
-            np.ascontiguousarray(spokes_at(mesh.p, mesh.t, mesh.element, xi[None])[:, 0]), 1, 2
-        )  # (nt, d, k) as columns
-        if mesh.k == mesh.d:
-            axes, within = np.broadcast_to(np.eye(mesh.d), spokes.shape), spokes
-        else:
-            axes, within = np.linalg.qr(spokes)
+        spokes = np.ascontiguousarray(spokes_at(mesh.p, mesh.t, mesh.element, xi[None])[:, 0])
+        axes, within = _axes(np.swapaxes(spokes, 1, 2))
         gradients = mesh.element.derivatives(xi[None])[0] @ np.linalg.inv(within)
         found.append(PointGeometry(weight * np.abs(np.linalg.det(within)), gradients, axes))
     return found
+
+
+def _axes(spokes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return an orthonormal basis (nt, d, k) of base vectors (nt, d, k), given as columns, and these in that basis (nt, k, k)."""
+    d, k = spokes.shape[1:]
+    return (np.broadcast_to(np.eye(d), spokes.shape), spokes) if d == k else np.linalg.qr(spokes)
 
 
 def edge_differences(mesh: MeshArrays, x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,10 +27,21 @@ SAME_PLACE = 1e-6
 class PlaceShape(ABC):
     """A place by its shape: a predicate of coordinates `x` (d, n) that can be written down, good wherever a place is."""
 
+    points: ClassVar[tuple[str, ...]]  # names of the fields that have one coordinate for each dimension
+
+    def __post_init__(self) -> None:
+        kind = type(self).__name__
+        for name in self.points:
+            object.__setattr__(self, name, _point(f"{kind}: {name}", getattr(self, name)))
+        counts = [len(getattr(self, name)) for name in self.points]
+        if len(set(counts)) > 1:
+            (one, other), (n, m) = self.points, counts
+            raise RegionError(f"{kind}: {one} has {n} components and {other} {m}; expected as many of both.")
+
     @property
-    @abstractmethod
     def dimension(self) -> int:
         """Number of components of its coordinates."""
+        return len(getattr(self, self.points[0]))
 
     @property
     @abstractmethod
@@ -69,21 +80,14 @@ class Box(PlaceShape):
     (array([0, 1]), array([0]))
     """
 
+    points = "low", "high"
     low: tuple[float, ...]
     high: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        low, high = _point("Box: low", self.low), _point("Box: high", self.high)
-        if len(low) != len(high):
-            raise RegionError(f"Box: low has {len(low)} components and high {len(high)}; expected as many of both.")
-        if wrong := [axis for axis, a, b in zip("xyz", low, high, strict=False) if a > b]:
-            raise RegionError(f"Box: low = {low} is above high = {high} along {', '.join(wrong)}. Exchange them there.")
-        object.__setattr__(self, "low", low)
-        object.__setattr__(self, "high", high)
-
-    @property
-    def dimension(self) -> int:
-        return len(self.low)
+        super().__post_init__()
+        if wrong := [axis for axis, a, b in zip("xyz", self.low, self.high, strict=False) if a > b]:
+            raise RegionError(f"Box: low = {self.low} is above high = {self.high} along {', '.join(wrong)}. Exchange them there.")
 
     @property
     def words(self) -> str:
@@ -115,25 +119,18 @@ class Plane(PlaceShape):
     array([1, 2])
     """
 
+    points = "point", "normal"
     point: tuple[float, ...]
     normal: tuple[float, ...]
     within: float | None = None
 
     def __post_init__(self) -> None:
-        point, normal = _point("Plane: point", self.point), _point("Plane: normal", self.normal)
-        if len(point) != len(normal):
-            raise RegionError(f"Plane: point has {len(point)} components and normal {len(normal)}; expected as many of both.")
-        if not any(normal):
-            raise RegionError(f"Plane: normal = {normal} has no direction; expected one that is not zero, such as (0, 0, 1).")
-        object.__setattr__(self, "point", point)
-        object.__setattr__(self, "normal", normal)
+        super().__post_init__()
+        if not any(self.normal):
+            raise RegionError(f"Plane: normal = {self.normal} has no direction; expected one that is not zero, such as (0, 0, 1).")
         if self.within is not None:
             within = number("Plane: within", self.within, "a positive distance, or None", 0.0, error=RegionError)
             object.__setattr__(self, "within", within)
-
-    @property
-    def dimension(self) -> int:
-        return len(self.point)
 
     @property
     def words(self) -> str:
@@ -168,14 +165,8 @@ class NearestNode(PlaceShape):
     large. Is the point in the units of the mesh?
     """
 
+    points = ("point",)
     point: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point", _point("NearestNode: point", self.point))
-
-    @property
-    def dimension(self) -> int:
-        return len(self.point)
 
     @property
     def words(self) -> str:

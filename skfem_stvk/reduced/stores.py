@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import NonNegativeFloat, NonNegativeInt
 
 from ..arguments import Array
+from ..results.files import output_folder
 from ..results.store import FolderStore, Header, Store, expect, refusing_damage
 from ..system.signature import Fingerprint
 from .handle_solves import HandleState
-
-Count = Annotated[int, Field(ge=0)]
 
 
 class ReducedFile(Store[Header]):
@@ -28,7 +26,7 @@ class ReducedFile(Store[Header]):
 class PointHeader(Header):
     """The header of a file of one point: its number, and the messages of its `HandleState`."""
 
-    number: Count
+    number: NonNegativeInt
     message: str
     warning: str
 
@@ -37,7 +35,7 @@ class TableHeader(Header):
     """The header of the file of a table: all of it but the arrays."""
 
     holes: dict[str, str]
-    compression: Annotated[float, Field(ge=0)]
+    compression: NonNegativeFloat
     unsolved: list[str]
 
 
@@ -49,12 +47,12 @@ class PointsCheckpoint(FolderStore[PointHeader]):
     remedy = "Remove it: its point is solved anew then."
 
     def __init__(self, folder: Path, problem: Fingerprint, size: tuple[int, int], last: int) -> None:
-        super().__init__(folder)
+        super().__init__(output_folder(folder))
         self.problem, self._size, self._last = problem, size, last
         self.kept: dict[int, HandleState] = {}
 
     def opened(self) -> None:
-        for file in sorted(self.folder.glob("point_*.npz")):
+        for file in self.existing():
             header, arrays = self.read_ours(file, "Name another folder, or remove what is there.")
             with refusing_damage(file, self.remedy):
                 if header.number > self._last or file != self.numbered(header.number):

@@ -15,7 +15,6 @@ in space are left out: under any compression they move across themselves, which 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,24 +64,16 @@ def refuse_other_laws(fields: ElasticBody) -> None:
             )
 
 
-class AtPoints(Protocol):
-    """A state of elements with one or several points."""
-
-    @property
-    def responses(self) -> Sequence[Response]:
-        """Strains and stresses at each of their points."""
-
-
-def without_ellipticity(state: AtPoints) -> tuple[Ids, Array]:
+def without_ellipticity(responses: Sequence[Response]) -> tuple[Ids, Array]:
     """Ids (n,) of the elements where strong ellipticity is lost, ascending, and their `smallest_acoustic_eigenvalue` (n,) [Pa].
 
-    Of elements with several points it is lost where it is at one of them, and the smallest counts. That is worked out only where it
-    may be lost, which takes a fraction of the time unless the body is compressed all over.
+    `responses` are those at each point of the elements. It is lost where it is at one of them, and the smallest counts. That is
+    worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
 
     It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of
     the elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B`, `B` the symmetric part of `F'a (x) N`: `|B|^2 >= |F'a|^2/2`.
     """
-    found = [_lost(response) for response in state.responses]
+    found = [_lost(response) for response in responses]
     every, lowest = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     ids, place = np.unique(every, return_inverse=True)
     least = np.full(len(ids), np.inf)

@@ -136,21 +136,24 @@ def output_folder(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Outlets:
-    """Files of an analysis, as `solve_static` and `simulate` are asked for them."""
+    """Options of `solve_static` and `simulate` for their files."""
 
     save: Path | None  # the .pvd file of a series of states
     checkpoint: Path | None  # its folder
     resume: bool  # whether to go on with what the checkpoint holds
     overwrite: bool  # whether to replace what belongs to another problem
     fields: Any = None  # names of what its states hold beside displacements and velocities, None for the usual ones
+    every: int | None = None  # steps from one state of the series to the next, None for the usual number
 
     @classmethod
-    def checked(cls, save: Any, checkpoint: Any, resume: Any, overwrite: Any, fields: Any = None) -> Outlets:
-        """Return the requested outputs: paths that can be written, and a checkpoint if it is to be resumed."""
+    def checked(cls, *, save: Any, fields: Any, checkpoint: Any, resume: Any, overwrite: Any, every: Any = None) -> Outlets:
+        """Return the options of these keywords: paths that can be written, and a checkpoint if it is to be resumed."""
+        if every is not None:
+            every = arguments.whole("every", every, "a whole number of steps, at least 1", least=1)
         if save is not None:
             save = output_path(arguments.path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
         if checkpoint is not None:
             checkpoint = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'flag'")
         if arguments.flag("resume", resume) and checkpoint is None:
             raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
-        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields)
+        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields, every)

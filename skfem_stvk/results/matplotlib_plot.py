@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..arguments import Array
-from .picture import Film, Picture, View
+from ..elements import linear_simplex
+from .picture import Film, Picture, View, subdivided
 
 MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
 #: Yellow to red without the palest tenth, which white paper would swallow.
@@ -172,27 +173,13 @@ def _pieces(points: Array, values: Array) -> tuple[Array, Array]:
     """Cells (m, n, d) with values (m, n) at their corners, cut in equal pieces (pieces, m, d), with one value each."""
     m, n, d = points.shape
     cuts = int(np.clip((PIECES / n) ** (1 / (m - 1)), 1, 8))
-    lattice = _lattice(m, cuts)  # (pieces, m, m)
+    face = linear_simplex(m - 1)
+    grid, cells = subdivided(face, cuts)
+    lattice = face.values(grid)[cells.T]  # (pieces, m, m)
     cut = np.einsum("pcm,mnd->npcd", lattice, points).reshape(-1, m, d)
     missing: NDArray[np.bool_] = np.asarray(np.ma.getmaskarray(values).any(axis=0))
     mean = np.einsum("pm,mn->np", lattice.mean(axis=1), np.ma.filled(values, 0.0))
     return cut, np.ma.MaskedArray(mean, np.repeat(missing[:, None], len(lattice), axis=1)).ravel()
-
-
-def _lattice(m: int, cuts: int) -> Array:
-    """(pieces, m, m) barycentric coordinates of the corners of the pieces of a segment or triangle."""
-    if m == 2:
-        s = np.linspace(0, 1, cuts + 1)
-        ends = np.stack([s[:-1], s[1:]], axis=1)
-        return np.stack([1 - ends, ends], axis=2)
-    pieces = []
-    for i in range(cuts):
-        for j in range(cuts - i):
-            pieces.append([(i, j), (i + 1, j), (i, j + 1)])
-            if i + j < cuts - 1:
-                pieces.append([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
-    ij = np.array(pieces) / cuts
-    return np.concatenate([ij, 1 - ij.sum(axis=2, keepdims=True)], axis=2)
 
 
 def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:

@@ -110,7 +110,7 @@ class Monitors:
             )
             yield self._finding("compressed", system.compressed(u, SOFTENING), stretch, what)
         if self._fields is not None:
-            ids, lowest = without_ellipticity(self._fields.at(u))
+            ids, lowest = without_ellipticity(self._fields.at(u).responses)
             if len(ids):
                 what = (
                     f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest.min():.3g} Pa): the "

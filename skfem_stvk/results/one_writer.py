@@ -9,14 +9,15 @@ import socket
 import time
 from contextlib import suppress
 from pathlib import Path
-
-from filelock import FileLock, Timeout
+from typing import Any, TypeVar
 
 from ..errors import StvkError, warn
 from .files import content_of
 
 #: Error numbers by which systems report that a disk has no locks, such as some network disks.
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
+
+Entered = TypeVar("Entered", bound="OneWriter")
 
 
 class OneWriter:
@@ -28,34 +29,22 @@ class OneWriter:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, folder = path, path.is_dir()
-        place, name = Path(os.path.realpath(path if folder else path.parent)), "." if folder else f".{path.name}."
-        self._said, self._file = place / f"{name}writer", place / f"{name}lock"
-        self._lock = FileLock(self._file, thread_local=False, fallback_to_soft=False)
+        self.path = path
+        self._lock: Any = None  # of filelock
         self._process = 0
+
+    def opened(self) -> None:
+        """Read the existing files, if a subclass needs them: no other process can write now."""
 
     @property
     def held(self) -> bool:
         """Whether this process may write."""
         return self._process == os.getpid()
 
-    def __enter__(self) -> OneWriter:
+    def __enter__(self: Entered) -> Entered:
         try:
-            self._lock.acquire(blocking=False)
-            self._process = os.getpid()
-            with suppress(OSError):  # the lock alone decides
-                self._said.unlink(missing_ok=True)  # a symbolic link would have its target overwritten
-                now = time.strftime("%Y-%m-%d %H:%M:%S")
-                self._said.write_text(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": now}))
-        except Timeout:
-            remedy = "Wait until that has ended, or name another."
-            raise StvkError(f"{self.path} is being written by {self._holder()}. {remedy}") from None
-        except OSError as error:
-            if error.errno not in NO_LOCKS:
-                remedy = "Choose another folder, or change its permissions."
-                raise StvkError(f"{self.path} cannot be locked: {error.strerror}. {remedy}") from error
-            warn(f"The disk of {self.path} has no locks: see to it that no other run writes there at the same time.")
-            self._process = os.getpid()
+            self._acquire()
+            self.opened()
         except BaseException:
             self.__exit__()
             raise
@@ -67,8 +56,33 @@ class OneWriter:
         finally:
             self._release()  # again, where Ctrl-C has interrupted it
 
+    def _acquire(self) -> None:
+        """Lock the path, and name the holder."""
+        from filelock import FileLock, Timeout  # only where something is written
+
+        path = self.path
+        place, name = Path(os.path.realpath(path if path.is_dir() else path.parent)), "." if path.is_dir() else f".{path.name}."
+        self._said, self._file = place / f"{name}writer", place / f"{name}lock"
+        self._lock = FileLock(self._file, thread_local=False, fallback_to_soft=False)
+        try:
+            self._lock.acquire(blocking=False)
+            self._process = os.getpid()
+            with suppress(OSError):  # the lock alone decides
+                self._said.unlink(missing_ok=True)  # a symbolic link would have its target overwritten
+                now = time.strftime("%Y-%m-%d %H:%M:%S")
+                self._said.write_text(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": now}))
+        except Timeout:
+            remedy = "Wait until that has ended, or name another."
+            raise StvkError(f"{path} is being written by {self._holder()}. {remedy}") from None
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                remedy = "Choose another folder, or change its permissions."
+                raise StvkError(f"{path} cannot be locked: {error.strerror}. {remedy}") from error
+            warn(f"The disk of {path} has no locks: see to it that no other run writes there at the same time.")
+            self._process = os.getpid()
+
     def _release(self) -> None:
-        if self.held or self._lock.is_locked:
+        if self._lock is not None and (self.held or self._lock.is_locked):
             for file in (self._said, self._file):  # while the lock is held: the next writer makes a new one
                 with suppress(OSError):
                     file.unlink()

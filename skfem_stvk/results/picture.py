@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, number, real_array, shown, text
-from ..elements import Element
-from ..elements.element import named
+from ..elements import Element, linear_simplex
 from ..errors import StvkError
-from ..mesh.facets import Cells, MeshArrays, facet_ids
+from ..mesh.facets import Cells, MeshArrays, outer_facets
 from .fields import NodalAverage, State, checked_state, masked, split_nodes
 from .law import in_space
 from .table import FIELDS, VECTORS, find
@@ -141,17 +140,14 @@ class Sight:
         left, kept = mesh, np.arange(mesh.nt)
         if gone is not None and gone.any():
             left, kept = Cells(mesh.p, mesh.t[:, ~gone], mesh.element), np.flatnonzero(~gone)
+        (nodes, elements), face = visible_faces(left)
+        self._seen = nodes, kept[elements]
+        self._nodes = mesh.t[self._seen]  # (m, n)
         if mesh.element.is_linear_simplex:
-            corners, elements = visible_cells(left)
-            self._seen = corners, kept[elements]
-            self._nodes = mesh.t[self._seen]
             self._rest: Array = x
             self._cells: NDArray[np.integer] = self._nodes
             self._lines = outline(x, self._cells)
             return
-        (corners, elements), face = visible_faces(left)
-        self._seen = corners, kept[elements]
-        self._nodes = mesh.t[self._seen]  # (m, n)
         self._lattice = Lattice(face, self._nodes.shape[1], mesh.d)
         self._rest = self._lattice.points(x[self._nodes])
         self._cells = self._lattice.cells
@@ -211,23 +207,9 @@ class Lattice:
 
     def __init__(self, face: Element, n: int, d: int) -> None:
         cuts = 2 if d == 1 else next(cuts for most, cuts in CUTS if n <= most)
-        self._face, self._n, self._cuts = face, n, cuts
-        if face.k == 1:
-            grid = np.arange(cuts + 1)[:, None]
-            cells = np.array([np.arange(cuts), np.arange(1, cuts + 1)])
-        else:
-            grid = np.array([(i, j) for i in range(cuts + 1) for j in range(cuts + 1 - i if face.is_simplex else cuts + 1)])
-            number = {(i, j): k for k, (i, j) in enumerate(grid.tolist())}
-            low = [
-                [number[i, j], number[i + 1, j], number[i, j + 1]]
-                for i, j in number
-                if (i + 1, j) in number and (i, j + 1) in number
-            ]
-            high = [[number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]] for i, j in number if (i + 1, j + 1) in number]
-            cells = np.array(low + high).T
-        self._N = face.values(grid / cuts)  # (points, m)
-        self._local = cells
-        self.cells = (cells[:, :, None] + len(grid) * np.arange(n)).reshape(len(cells), -1)
+        self._grid, self._local = subdivided(face, cuts)
+        self._face, self._cuts, self._N = face, cuts, face.values(self._grid)  # (points, m)
+        self.cells = (self._local[:, :, None] + len(self._grid) * np.arange(n)).reshape(len(self._local), -1)
 
     def points(self, x: Array) -> Array:
         """(points of all faces, 3) what is interpolated between nodes (m, n, 3), face by face."""
@@ -240,24 +222,28 @@ class Lattice:
         return masked(found.reshape(len(self._local), -1).T, np.tile(missing, self._local.shape[1])).T
 
     def lines(self, x: Array, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
-        """Pieces (2, n) of the edges where faces with `nodes` (m, n) at `x` (m, n, 3) end, branch or bend by more than 30
-        degrees.
-        """
+        """Pieces (2, n) of the edges that outline faces with `nodes` (m, n) at `x` (m, n, 3), see `drawn`."""
         face, count = self._face, len(self._N)
-        ends = np.array(face.edges)
-        middles = face.nodes[ends].mean(axis=1)
-        spokes = np.einsum("eai,anc->neic", face.derivatives(middles), x)  # (n, edges, 2, 3)
-        normals = np.cross(spokes[:, :, 0], spokes[:, :, 1]).reshape(-1, 3)
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        normals /= np.where(length > 0, length, 1.0)
-        pairs = np.sort(nodes[ends.T].transpose(0, 2, 1).reshape(2, -1), axis=0)  # face by face
-        first = drawn(pairs, normals)
-        of_face, edge = np.divmod(first, len(ends))
+        of_face, edge = drawn(face, nodes, x)
         s = np.linspace(0, 1, self._cuts + 1)[:, None]
-        grid = self._N @ face.nodes  # the points of the lattice again
-        along = [[np.abs(grid - ((1 - r) * face.nodes[a] + r * face.nodes[b])).sum(axis=1).argmin() for r in s] for a, b in ends]
+        along = [
+            [np.abs(self._grid - ((1 - r) * face.nodes[a] + r * face.nodes[b])).sum(axis=1).argmin() for r in s]
+            for a, b in face.edges
+        ]
         chain = np.array(along)[edge] + count * of_face[:, None]  # (n, cuts + 1)
         return np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()])
+
+
+def subdivided(face: Element, cuts: int) -> tuple[Array, NDArray[np.integer]]:
+    """Return reference points (n, k) of a lattice with so many pieces to an edge, and the segments or triangles between them."""
+    if face.k == 1:
+        return np.arange(cuts + 1)[:, None] / cuts, np.array([np.arange(cuts), np.arange(1, cuts + 1)])
+    grid = [(i, j) for i in range(cuts + 1) for j in range(cuts + 1 - i if face.is_simplex else cuts + 1)]
+    number = {place: k for k, place in enumerate(grid)}
+    low = [[(i, j), (i + 1, j), (i, j + 1)] for i, j in grid]
+    high = [[(i + 1, j), (i + 1, j + 1), (i, j + 1)] for i, j in grid]
+    cells = [[number[place] for place in cell] for cell in low + high if number.keys() >= set(cell)]
+    return np.array(grid) / cuts, np.array(cells).T
 
 
 def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str]:
@@ -305,49 +291,40 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
     return 10.0**-power, PREFIXES[power] + unit.replace("^3", "³")
 
 
-def visible_cells(mesh: MeshArrays) -> tuple[Ids, Ids]:
-    """(m, n) corners and (n,) elements of what is drawn of linear simplices: the boundary facets of tetrahedra, others as they are.
+def visible_faces(mesh: MeshArrays) -> tuple[tuple[NDArray[Any], NDArray[Any]], Element]:
+    """Return local nodes (m, n) and elements (n,) of the visible faces, and the kind of faces.
 
-    `mesh.t[corners, elements]` are the vertices; facets are counterclockwise when seen from outside.
+    `mesh.t[nodes, elements]` are the nodes: of solids those of the boundary facets, of other elements all.
     """
     if mesh.k < 3:
-        return np.repeat(np.arange(mesh.k + 1)[:, None], mesh.nt, axis=1), np.arange(mesh.nt)
-    ids = facet_ids(mesh)
-    opposite, elements = np.nonzero(np.bincount(ids.ravel())[ids] == 1)
-    corners = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])[opposite].T
-    a, b, c, inside = mesh.p.T[mesh.t[np.vstack([corners, opposite]), elements]]
-    inwards = (np.cross(b - a, c - a) * (inside - a)).sum(axis=1) > 0
-    corners[:2, inwards] = corners[1::-1, inwards]
-    return corners, elements
+        return (np.repeat(np.arange(mesh.element.n)[:, None], mesh.nt, axis=1), np.arange(mesh.nt)), mesh.element
+    facets, elements = outer_facets(mesh)
+    return ((mesh.t[:, elements] == facets[:, None]).argmax(axis=1), elements), mesh.facet
 
 
-def visible_faces(mesh: MeshArrays) -> tuple[tuple[Ids, Ids], Element]:
-    """Return faces as `visible_cells`, with all of their nodes: of solids the boundary facets; and the faces' element."""
-    element = mesh.element
-    if mesh.k < 3:
-        return (np.repeat(np.arange(element.n)[:, None], mesh.nt, axis=1), np.arange(mesh.nt)), element
-    nodes = np.concatenate([np.sort(mesh.t[list(facet)], axis=0) for facet in element.facets], axis=1)
-    _, first, count = np.unique(nodes, axis=1, return_index=True, return_counts=True)
-    local, elements = np.divmod(np.sort(first[count == 1]), mesh.nt)
-    return (np.array(element.facets)[local].T, elements), named(element.facet)
+def drawn(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Return face (n,) and local edge (n,) of each edge that outlines faces with `nodes` (m, nf) at `x` (m, nf, 3), each once.
 
-
-def drawn(pairs: NDArray[np.integer], normals: Array) -> Ids:
-    """One place (n,) of each edge among `pairs` (2, m), with unit `normals` (m, 3) of the faces there, that outlines a body."""
+    There faces end, branch or bend by more than 30 degrees.
+    """
+    ends = np.array(face.edges)
+    spokes = np.einsum("eai,anc->neic", face.derivatives(face.nodes[ends].mean(axis=1)), x)  # (nf, edges, 2, 3)
+    normals = np.cross(spokes[:, :, 0], spokes[:, :, 1]).reshape(-1, 3)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.where(length > 0, length, 1.0)
+    pairs = np.sort(nodes[ends.T].transpose(0, 2, 1).reshape(2, -1), axis=0)  # face by face
     _, place, count = np.unique(pairs, axis=1, return_inverse=True, return_counts=True)
     by_edge = np.argsort(place.reshape(-1), kind="stable")
     start = np.cumsum(count) - count
     one, other = by_edge[start], by_edge[start + (count == 2)]
     flat = np.abs((normals[one] * normals[other]).sum(axis=1)) > SHARP
-    return one[(count != 2) | ~flat]
+    return np.divmod(one[(count != 2) | ~flat], len(ends))
 
 
 def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Edges (2, n) where triangles of `points` (nv, 3) end, branch or bend by more than 30 degrees; segments as they are."""
+    """Edges (2, n) that outline triangles of `points` (nv, 3), see `drawn`; segments as they are."""
     if len(cells) == 2:
         return cells
-    a, b, c = points[cells]
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    edges = np.sort(np.concatenate([cells[[0, 1]], cells[[1, 2]], cells[[0, 2]]], axis=1), axis=0)
-    return edges[:, drawn(edges, np.tile(normals, (3, 1)))]
+    triangle = linear_simplex(2)
+    of_face, edge = drawn(triangle, cells, points[cells])
+    return cells[np.array(triangle.edges)[edge].T, of_face]

@@ -167,7 +167,8 @@ class Response:
     @cached_property
     def gradient(self) -> Array:
         """(nt, d, k) derivatives of the displacement along the elements' axes; 0 where there are none any more, as at rest."""
-        found = displacement_gradient(self.u, self.fields.mesh.t, self.place.geometry.gradients)
+        corners = self.u[self.fields.mesh.t.T]
+        found = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ self.place.geometry.gradients[:, 1:]  # sum (u_a - u_0) (x) g_a
         found[self.fields.gone] = 0
         return found
 
@@ -204,7 +205,9 @@ class Response:
     def _added_up(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         fields, k = self.fields, self.fields.mesh.k
         axes, frames = self.place.geometry.axes, self.place.frames
-        within, small = strain_within(self.gradient, axes), small_strain_within(self.gradient, axes)
+        along = np.swapaxes(axes, 1, 2) @ self.gradient
+        small = (along + np.swapaxes(along, 1, 2)) / 2  # (A'H + H'A)/2 in the axes A: the strain of linear elasticity
+        within = small + np.swapaxes(self.gradient, 1, 2) @ self.gradient / 2  # Green-Lagrange's, without cancellation
         strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
         shrunk = np.zeros(len(within), dtype=bool)
         for part in (part for part in fields.parts if part.known):
@@ -237,20 +240,3 @@ class Response:
         """A tensor (nt, 3, 3) of the elements' frames in global axes."""
         frames, mesh = self.place.frames, self.fields.mesh
         return tensor if mesh.k == mesh.d else frames @ tensor @ np.swapaxes(frames, 1, 2)
-
-
-def displacement_gradient(u: Array, t: NDArray[np.int32], gradients: Array) -> Array:
-    """(nt, d, k) derivatives of the displacement (nv, d) along the elements' own axes: `sum_a (u_a - u_0) (x) g_a`."""
-    corners = u[t.T]
-    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ gradients[:, 1:]
-
-
-def strain_within(gradient: Array, axes: Array) -> Array:
-    """Green-Lagrange strain `(A'H + H'A + H'H)/2` (nt, k, k) in the elements' axes `A`, without cancellation."""
-    return small_strain_within(gradient, axes) + np.swapaxes(gradient, 1, 2) @ gradient / 2
-
-
-def small_strain_within(gradient: Array, axes: Array) -> Array:
-    """The strain `(A'H + H'A)/2` (nt, k, k) of linear elasticity in the elements' axes `A`."""
-    within = np.swapaxes(axes, 1, 2) @ gradient
-    return (within + np.swapaxes(within, 1, 2)) / 2

@@ -18,6 +18,7 @@ from ..errors import StvkError, warn
 from ..system.signature import Fingerprint, Signature
 from .fields import State
 from .files import cannot_write, output_path, replacing
+from .one_writer import OneWriter
 from .table import find_all
 from .vtu import DEFAULT, write_vtu
 
@@ -25,7 +26,7 @@ from .vtu import DEFAULT, write_vtu
 PROBLEM = "skfem_stvk_problem"
 
 
-class Series:
+class Series(OneWriter):
     """Results of one run: `NAME_0000.vtu`, `NAME_0001.vtu`, ... beside `NAME.pvd`, which after each step lists all of them.
 
     A run that is killed leaves a series that opens, with all steps but the one it was writing. In a `with` block nobody else can
@@ -60,31 +61,20 @@ class Series:
         problem: Fingerprint | None = None,
         overwrite: bool = False,
     ) -> None:
-        from .one_writer import OneWriter  # and its package, only where something is written
-
+        super().__init__(output_path(path, ".pvd"))
         self.fields = tuple(field.name for field in find_all(DEFAULT if fields is None else fields))
-        self.path, self.resume = output_path(path, ".pvd"), flag("resume", resume)
+        self.resume = flag("resume", resume)
         self._until = np.inf if isinstance(until, float) and until == np.inf else number("until", until, "a time, or infinity")
         self.steps: list[tuple[float, Path]] = []
         self._problem, self._overwrite = problem, overwrite
-        self._writer = OneWriter(self.path)
         self._begun = False
         if resume:
             self._read()
 
-    def __enter__(self) -> Series:
-        try:
-            self._writer.__enter__()
-            self._refuse_other()
-            if self.resume:
-                self.steps = self._kept()
-            return self
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
-
-    def __exit__(self, *error: object) -> None:
-        self._writer.__exit__(*error)
+    def opened(self) -> None:
+        self._refuse_other()
+        if self.resume:
+            self.steps = self._kept()
 
     def add(self, state: State, t: float) -> Path:
         """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
@@ -99,7 +89,7 @@ class Series:
             if the disk is full, for example.
         """
         t = number("t", t, "a finite load factor or time")
-        with nullcontext() if self._writer.held else self._writer:
+        with nullcontext() if self.held else self:
             return self._add(state, float(t))
 
     def _add(self, state: State, t: float) -> Path:

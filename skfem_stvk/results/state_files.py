@@ -19,7 +19,7 @@ from ..mesh.places import SAME_PLACE
 from ..system.signature import SAME, sums
 from .files import NotOurs
 from .series import listed_states
-from .store import Header, Record, expect, read_archive, refusing_damage
+from .store import Header, Record, expect, pattern, read_archive, refusing_damage
 from .vtu import read_vtu
 
 if TYPE_CHECKING:
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 #: A state is at the time that is asked for, up to this part of the largest time of its series.
 SAME_TIME = 1e-9
-#: Checkpoints of motions and of paths of equilibria: format and version, and their files.
+#: Checkpoints of motions and of paths of equilibria: format and version, and names of their files.
 MOTION, PATH = ("motion of skfem-stvk", 4), ("path of skfem-stvk", 2)
-MOTION_FILE, PATH_FILES = "motion.npz", "state_*.npz"
+MOTION_FILE, PATH_FILE = "motion.npz", "state_{:05d}.npz"
 #: What to do where a checkpoint cannot be read.
 OTHER = "Take another file of the run, such as its .pvd."
 
@@ -140,15 +140,13 @@ def _chosen(path: Path, ascending: list[float], time: float | None) -> int:
 
 def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[Array, Array | None]:
     """Displacements, and velocities if it is of a motion."""
-    files = [path] if path.is_file() else [*path.glob(MOTION_FILE), *sorted(path.glob(PATH_FILES))]
+    files = [path] if path.is_file() else [*path.glob(MOTION_FILE)] or sorted(path.glob(pattern(PATH_FILE)))
     if not files:
-        raise StvkError(f"The folder {path} is no checkpoint: it has neither {MOTION_FILE} nor {PATH_FILES}. {OTHER}")
-    if files[0].name == MOTION_FILE:
-        files = files[:1]
-    known = [PATH if file.match(PATH_FILES) else MOTION for file in files]
-    headers = [read_archive(file, StateInCheckpoint, one, OTHER, True)[0] for file, one in zip(files, known, strict=True)]
+        raise StvkError(f"The folder {path} is no checkpoint: it has neither {MOTION_FILE} nor {pattern(PATH_FILE)}. {OTHER}")
+    known = PATH if files[0].match(pattern(PATH_FILE)) else MOTION
+    headers = [read_archive(file, StateInCheckpoint, known, OTHER, True)[0] for file in files]
     chosen = _chosen(path, [header.moment.t for header in headers], time)
-    header, arrays = read_archive(files[chosen], StateInCheckpoint, known[chosen], OTHER)
+    header, arrays = read_archive(files[chosen], StateInCheckpoint, known, OTHER)
     then, now = header.problem.numbers.get("the mesh", []), [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)]
     if len(then) != len(now):
         raise NotOurs(f"{files[chosen]} is damaged: it does not say of which mesh it is. {OTHER}")
@@ -159,7 +157,7 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
         raise StvkError(f"{files[chosen]} is of another mesh: its {mesh.words} are elsewhere, or its elements have others.")
     with refusing_damage(path, OTHER):
         u = expect(arrays, "u", (mesh.p.size,))
-        v = expect(arrays, "v", (mesh.p.size,)) if known[chosen] == MOTION else None
+        v = expect(arrays, "v", (mesh.p.size,)) if known == MOTION else None
     _warn_of_lost(path, arrays.get("removed", np.empty(0)).size, mesh)
     return u, v
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ..arguments import Array
 from ..npz import arrays_of
 from ..system.signature import Fingerprint, Signature
-from .files import NotOurs, output_folder, replacing
+from .files import NotOurs, replacing
 from .one_writer import OneWriter
 
 
@@ -34,7 +35,6 @@ class Header(Record):
 
 
 OfHeader = TypeVar("OfHeader", bound=Header)
-Opened = TypeVar("Opened", bound="FolderStore[Any]")
 
 #: Prefix of the names of arrays in a file.
 ARRAY = "array "
@@ -59,39 +59,22 @@ class Store(Generic[OfHeader]):
         return read_archive(file, cls.schema, cls.known, cls.remedy)
 
 
-class FolderStore(Store[OfHeader]):
+class FolderStore(Store[OfHeader], OneWriter):
     """A folder of files, from which a later run goes on. It is used in a `with` block, during which no other process can write.
 
-    The folder is made if it is absent; its parent must exist. Each file has the signature of its problem.
+    `folder` can be written, see `output_folder`. Each file has the signature of its problem.
     """
 
     problem: Fingerprint
-    name: ClassVar[str] = ""  # of the file of a number, such as "state_{:05d}.npz"
+    name: ClassVar[str]  # of a file, such as "state_{:05d}.npz" with a number
 
     def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
         self.folder = folder
-        self._writer: OneWriter | None = None
 
-    def writable(self) -> Path:
-        """Return the folder, or the file, that only this process may write."""
-        return output_folder(self.folder)
-
-    def __enter__(self: Opened) -> Opened:
-        try:
-            self._writer = OneWriter(self.writable())
-            self._writer.__enter__()
-            self.opened()
-            return self
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
-
-    def __exit__(self, *error: object) -> None:
-        if self._writer is not None:
-            self._writer.__exit__(*error)
-
-    def opened(self) -> None:
-        """Read the existing files, if the subclass needs them."""
+    def existing(self) -> list[Path]:
+        """Return the existing files in ascending order."""
+        return sorted(self.folder.glob(pattern(self.name)))
 
     def numbered(self, number: int) -> Path:
         """Return the path of the file of a number."""
@@ -108,6 +91,15 @@ class FolderStore(Store[OfHeader]):
         remedy = "Name another folder, or replace it with overwrite=True."
         header, _ = read_archive(file, self.schema, self.known, remedy, only_header=True)
         self.problem.refuse_other(header.problem, file, remedy)
+
+
+def pattern(name: str) -> str:
+    """Return the pattern of the names of files with any number.
+
+    >>> pattern("state_{:05d}.npz")
+    'state_*.npz'
+    """
+    return re.sub(r"\{.*\}", "*", name)
 
 
 OfRecord = TypeVar("OfRecord", bound=Record)

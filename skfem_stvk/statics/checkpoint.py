@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AllowInfNan, Field
+from pydantic import AllowInfNan, Field, NonNegativeFloat, NonNegativeInt
 
 from ..arguments import Array
 from ..errors import StvkError
 from ..nonlinear.newton import End, Iterations
 from ..nonlinear.outcome import Status
-from ..results.files import Outlets
+from ..results.files import Outlets, output_folder
 from ..results.monitors import Finding
-from ..results.state_files import PATH, PATH_FILES
+from ..results.state_files import PATH, PATH_FILE
 from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
 from ..system.signature import Fingerprint
@@ -31,7 +31,6 @@ ENERGY, LOOSER = 1e-6, 10.0
 #: What to do about states of another problem.
 AGAIN = "Give the same again to resume it, or name another folder; overwrite=True without resume replaces what is there."
 
-Count = Annotated[int, Field(ge=0)]
 Measured = Annotated[float, AllowInfNan(True)]
 
 
@@ -41,9 +40,9 @@ class IterationsRecord(Record):
     residuals: Annotated[list[Measured], Field(min_length=1)]
     lengths: list[Measured]
     tangents: list[str]
-    linear: list[Count]
-    negative_pivots: Count | None
-    restarted: Count | None
+    linear: list[NonNegativeInt]
+    negative_pivots: NonNegativeInt | None
+    restarted: NonNegativeInt | None
     detail: str
 
 
@@ -66,14 +65,14 @@ class CriticalRecord(Record):
 class WalkRecord(Record):
     """State with which a walk goes on, see `Walk.saved`; entries that may be None belong to one method."""
 
-    size: Annotated[float, Field(ge=0)]
-    first: Annotated[float, Field(ge=0)]
+    size: NonNegativeFloat
+    first: NonNegativeFloat
     reached: bool
-    largest: Annotated[float, Field(ge=0)]
+    largest: NonNegativeFloat
     straight: bool | None = None
     full_first: bool | None = None
-    turns: Count | None = None
-    states: Count | None = None
+    turns: NonNegativeInt | None = None
+    states: NonNegativeInt | None = None
     rate: float | None = None
     goal: list[list[float]] | None = None
 
@@ -92,13 +91,13 @@ class StepRecord(Record):
     jump: Annotated[Measured, Field(ge=0)] | None
     findings: list[FindingRecord]
     critical: list[CriticalRecord]
-    seconds: Annotated[float, Field(ge=0)]
+    seconds: NonNegativeFloat
 
 
 class StateHeader(Header):
     """The header of a file of one state: its number on the path, the state, and what the walk was about to do."""
 
-    number: Count
+    number: NonNegativeInt
     step: StepRecord
     walk: WalkRecord
 
@@ -110,12 +109,12 @@ class PathCheckpoint(FolderStore[StateHeader]):
     first state replaces what is there, states of another problem only if they are to be overwritten.
     """
 
-    known, name = PATH, "state_{:05d}.npz"
+    known, name = PATH, PATH_FILE
     schema = StateHeader
     remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
 
     def __init__(self, folder: Path, system: System, problem: Fingerprint, outlets: Outlets) -> None:
-        super().__init__(folder)
+        super().__init__(output_folder(folder))
         self.problem, self._system, self._outlets = problem, system, outlets
         self._count = 0
         self._former: list[Path] = []
@@ -123,7 +122,7 @@ class PathCheckpoint(FolderStore[StateHeader]):
         self.saved: dict[str, Any] = {}
 
     def opened(self) -> None:
-        files = sorted(self.folder.glob(PATH_FILES))
+        files = self.existing()
         if self._outlets.resume:
             self._load(files)
             return

@@ -130,7 +130,7 @@ def solve_static(
         t0=t0,
         stability=stability,
         ellipticity=ellipticity,
-        outlets=Outlets.checked(save, checkpoint, resume, overwrite, fields),
+        outlets=Outlets.checked(save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite),
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )

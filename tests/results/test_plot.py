@@ -10,7 +10,7 @@ from bodies import MESHES, state
 
 from skfem_stvk import ElementMesh, StVK, StvkError, embedded_mesh
 from skfem_stvk.results import Fields, plot, plotting
-from skfem_stvk.results.picture import outline, picture_of, visible_cells
+from skfem_stvk.results.picture import outline, picture_of, visible_faces
 
 matplotlib.use("Agg")
 
@@ -99,7 +99,7 @@ def test_colours_do_not_run_from_one_material_into_another():
     terms = [StVK(young=1.0, poisson=0.3, region=left), StVK(young=1000.0, poisson=0.3, region=~left)]
     u = state(mesh, 0.05)
     both, alone = (picture_of(Fields(mesh, some).at(u), "von_mises", 1.0, "x").values for some in (terms, terms[:1]))
-    _, elements = visible_cells(mesh)
+    (_, elements), _ = visible_faces(mesh)
     mine = left[elements]
     assert np.allclose(both[:, mine], alone[:, mine]) and np.ma.getmaskarray(alone)[:, ~mine].all()
 
@@ -156,7 +156,7 @@ def test_a_scene_without_pyvista_is_refused_with_the_line_that_installs_it(monke
 
 def test_the_surface_is_closed_and_seen_from_outside():
     mesh = embedded_mesh()
-    corners, elements = visible_cells(mesh)
+    (corners, elements), _ = visible_faces(mesh)
     cells = mesh.t[corners, elements]
     a, b, c = mesh.p.T[cells]
     enclosed = (np.cross(a, b) * c).sum() / 6
@@ -167,7 +167,7 @@ def test_the_surface_is_closed_and_seen_from_outside():
 
 def test_the_outline_of_a_cube_is_its_twelve_edges():
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)
-    corners, elements = visible_cells(ElementMesh(mesh.p, mesh.t))
+    (corners, elements), _ = visible_faces(ElementMesh(mesh.p, mesh.t))
     lines = outline(mesh.p.T, mesh.t[corners, elements])
     assert lines.shape == (2, 36)
     on_sides = np.isin(np.round(mesh.p[:, lines], 12), (0, 1)).sum(axis=0)

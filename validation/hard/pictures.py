@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
-from skfem_stvk.results.picture import visible_cells
+from skfem_stvk.results.picture import visible_faces
 
 from .case import Array
 from .judge import volume_ratios
@@ -70,7 +70,7 @@ def _draw(axes: Any, row: Row, method: str) -> None:
     mesh, art = row.system.mesh, import_module("mpl_toolkits.mplot3d.art3d")
     u, caption = _state(row, method)
     x = mesh.p.T + u.reshape(mesh.p.T.shape)
-    corners, elements = visible_cells(mesh)
+    (corners, elements), _ = visible_faces(mesh)
     triangles = x[mesh.t[corners, elements]].swapaxes(0, 1)
     colours = COLOURS(RATIOS(volume_ratios(row.system, u)[elements]))
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])

@@ -74,11 +74,8 @@ class Source:
         """Return the words of the next lines that hold anything, one line for each row."""
         self.fits(what, count, 2)
         rows: list[list[str]] = []
-        while len(rows) < count and (raw := self.file.readline()):
-            text = raw.decode(errors="replace")
-            words = text.split()
-            if words and not words[0].startswith(self.comments or "\0"):
-                rows.append(words)
+        while len(rows) < count and (line := self.line()):
+            rows.append(line.split())
         if len(rows) < count:
             raise Damaged(f"{count} {what} are declared, {len(rows)} are there")
         return rows
