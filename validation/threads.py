@@ -211,7 +211,7 @@ def frames() -> list[Call]:
 
 def solves_with(solver: LinearSolver) -> list[Call]:
     one, u = body(), np.zeros(135)
-    tangent = FreeTangent(one, solver, Kind.SYMMETRIC, lambda: u)
+    tangent = FreeTangent(one, solver, Kind.SYMMETRIC)
     K = FreeOperator(one.linear_operator(u), tangent.free) if solver.matrix_free else tangent.free_matrix(u, 1.0)
     factors = tangent.factorise(K)
     return [lambda b=b: factors.solve(b[tangent.free.free], 1e-8).x for b in states(one.ndofs)]  # type: ignore[misc]
@@ -230,7 +230,7 @@ def motions() -> list[Call]:
 
 NEO_HOOKEAN = NeoHookean(young=1e5, poisson=0.3, density=1e2)
 CASES = {
-    "ReducedSystem: energy, force, tangent": Case("reduced/system.py", unknowns),
+    "ReducedSystem: energy, force, tangent": Case("coordinates.py", unknowns),
     "the same, of a law on the mesh": Case("reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN)),
     "the same, of sampled elements": Case("reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN, sampled=20)),
     "ReducedSystem: what is prescribed": Case("reduced/basis.py", amounts),

@@ -15,6 +15,7 @@ from ..errors import StvkError
 from ..mesh.places import Where, vertices_at
 from ..results.reactions import held_vertices
 from ..system import System
+from ..system.coordinates import Coordinates
 from .ledger import Ledger
 from .motion import Motion, last_step
 from .record import MotionState
@@ -53,16 +54,9 @@ class Balance(NamedTuple):
 
 
 def column_names(
-    system: System,
-    probes: Iterable[str] = (),
-    reactions: Iterable[str] = (),
-    *,
-    removing: bool = False,
-    by_term: bool = True,
+    body: System | Coordinates, probes: Iterable[str] = (), reactions: Iterable[str] = (), *, removing: bool = False
 ) -> tuple[str, ...]:
     """The columns of a motion's ledger, in their order; `removing`: whether elements may be taken out of the body.
-
-    `by_term`: whether the energies of several elastic terms are told apart; those of a reduced system are not.
 
     ===================================  ====================================================================================
     `time`                               [s]
@@ -84,13 +78,13 @@ def column_names(
     `reaction B x`, ...                  force of supports and foundations at `B` at this moment, see `Run.reaction` [N]
     ===================================  ====================================================================================
     """
-    axes = "xyz"[: system.mesh.d]
-    terms = system.elastic_names
+    axes = "xyz"[: body.mesh.d]
+    terms = body.elastic_names
     return (
         "time",
         "kinetic_energy",
         "strain_energy",
-        *(f"strain_energy {name}" for name in terms if len(terms) > 1 and by_term),
+        *(f"strain_energy {name}" for name in terms if len(terms) > 1),
         "potential_energy",
         "external_work",
         "dissipated_work",
@@ -150,8 +144,11 @@ class Books:
     """
 
     def __init__(self, motion: Motion, places: LedgerPlaces, ledger: Ledger, dt: float) -> None:
-        self.motion, self._places, self.ledger, self._dt = motion, places, ledger, dt
+        self.motion, self.ledger, self._dt = motion, ledger, dt
+        self._reactions = list(places.reactions.values())
         mesh = motion.system.mesh
+        dofs = [(mesh.d * vertices[:, None] + np.arange(mesh.d)).ravel() for vertices in places.probes.values()]
+        self._probes = [motion.states.entries(one) for one in dofs]
         self._turning = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
         self._sums = np.zeros(8)
         self.external = self.dissipated = self.removed = 0.0
@@ -206,13 +203,13 @@ class Books:
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
         row += [potential, self.external, self.dissipated, *([self.removed] if self._removing else []), *balance, inside_out]
         row += [*sums[1 : 1 + mesh.d], *sums[self._turning]]
-        for vertices in self._places.probes.values():
-            row += list(motion.mean(state.u, vertices))
-        if self._places.reactions:
+        for displacements in self._probes:
+            row += list(displacements(state.u).reshape(-1, mesh.d).mean(axis=0))
+        if self._reactions:
             since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
             u, v = motion.states.expand(state.u), motion.states.expand(state.v)
             forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
-            for vertices in self._places.reactions.values():
+            for vertices in self._reactions:
                 row += list(forces[vertices].sum(axis=0))
         for column in self._without_value:
             row[column] = nan

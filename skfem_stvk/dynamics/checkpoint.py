@@ -264,7 +264,7 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
     places = LedgerPlaces.checked(system, probes, reactions)
     removing = saved.method.remove is not None
-    if ledger.names != column_names(system, *places, removing=removing, by_term=motion.by_term):
+    if ledger.names != column_names(motion.body, *places, removing=removing):
         raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")
     if ledger.steps != header.now.rows:
         raise ValueError(f"its ledger has {ledger.steps} rows for {header.now.rows}")

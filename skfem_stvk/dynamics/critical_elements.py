@@ -104,11 +104,8 @@ def _steps(system: System, terms: list[Any], x: Array) -> Array:
         term.fill(u, term.rows(pattern), values, True, None, ALL)
     d, order = apart.d, np.argsort(apart.t, axis=0, kind="stable")  # columns of a row of K are in the order of the nodes
     nodes, own = np.take_along_axis(apart.t, order, axis=0), np.take_along_axis(t, order, axis=0)  # apart, and in the body
-    is_free = np.ones(system.ndofs, dtype=bool)
-    is_free[system.supports.held] = False
-    is_free.reshape(-1, d)[system.bare] = False
-    mass = system.mass().vertex
-    inverse = is_free.reshape(-1, d) * np.divide(1.0, np.sqrt(mass), out=np.zeros(len(mass)), where=mass > 0)[:, None]
+    mass, is_free = system.mass().vertex, system.mass().free
+    inverse = is_free * np.divide(1.0, np.sqrt(mass), out=np.zeros(len(mass)), where=mass > 0)[:, None]
     scale = inverse[own].transpose(1, 0, 2).reshape(t.shape[1], -1)  # (nt, n d)
     dofs = (d * nodes.T[:, :, None] + np.arange(d)).reshape(t.shape[1], -1)
     full = pattern.indptr[dofs[:, 0] + 1] - pattern.indptr[dofs[:, 0]] == dofs.shape[1]

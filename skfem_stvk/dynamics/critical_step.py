@@ -74,11 +74,8 @@ class LargestFrequency:
         checked_system(system)
         self._system, self._mass, self._damping = system, system.mass(), damping_factors(damping)
         self._operator: TangentOperator | None = None
-        self._products, d = 0, system.mesh.d
-        self._is_free = np.ones(system.ndofs, dtype=bool)
-        self._is_free[system.supports.held] = False
-        self._is_free.reshape(-1, d)[system.bare] = False
-        self._vertex = np.where(self._is_free.reshape(-1, d).any(axis=1), self._mass.vertex, 0.0)
+        self._products, self._is_free = 0, self._mass.free.ravel()
+        self._vertex = np.where(self._mass.free.any(axis=1), self._mass.vertex, 0.0)
         self._at_rest: TangentOperator | None = None
 
     def at(self, u: ArrayLike, t: float = 0.0) -> CriticalStep:

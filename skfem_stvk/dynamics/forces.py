@@ -1,4 +1,4 @@
-"""Forces and energies of a system that only motions ask for: between two states, against rates, of what drives the body."""
+"""Forces of a system that only motions have: between two states, and against rates."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from ..mesh.displacements import by_vertex
 from ..system import System, TangentOperator
 from ..system.operator import refuse_overflow
 from ..system.system import array_to_fill
-from ..terms import BoundLoad, HasDampingForce, HasMeanForce, HasVolume, TakesTime
-from ..terms.load import Moment, Time
-from ..terms.protocols import tell
+from ..terms import HasDampingForce, HasMeanForce, HasVolume
+from ..terms.load import Time
 
 
 def add_mean_force(
@@ -95,42 +94,6 @@ def damping_is_of_edges(system: System) -> bool:
 def passes_inversion(system: System) -> bool:
     """Return whether all elements have finite forces that push them back where they are inverted."""
     return all(getattr(term, "passes_inversion", False) for term in system.bound_terms if isinstance(term, HasVolume))
-
-
-def driven(system: System) -> bool:
-    """Whether the energy of the moving body is not kept: a load changes with time, or has no potential, or a term no energy."""
-    return bool(system.without_energy) or not all(map(_keeps_energy, system.bound_loads))
-
-
-def constant_loads(system: System) -> bool:
-    """Whether the loads are the same at any time, wherever the body is, and terms need not be told the time."""
-    changing = any(isinstance(term, TakesTime) for term in system.bound_terms)
-    return not changing and all(load.steady and load.dead for load in system.bound_loads)
-
-
-def driving_force(system: System, u: Array, moment: Moment) -> Array:
-    """(ndofs,) force [N] at a moment of loads that change with time or have no potential, and of terms without energy."""
-    x, force = by_vertex(system.mesh, u), np.zeros(system.mesh.p.T.shape)
-    tell(system.bound_terms, moment)
-    for load in system.bound_loads:
-        if not _keeps_energy(load):
-            load.add_force(x, moment, force)
-    for term in system.bound_terms:
-        if not term.has_energy:
-            internal = np.zeros_like(force)
-            term.energy_and_force(x, internal)
-            force -= internal
-    return force.ravel()
-
-
-def steady_potential(system: System, u: Array, moment: Moment) -> float:
-    """Potential of the loads that are given by constants and have one, at a moment of a motion [J]."""
-    x = by_vertex(system.mesh, u)
-    return sum(load.potential(x, moment) for load in system.bound_loads if _keeps_energy(load))
-
-
-def _keeps_energy(load: BoundLoad) -> bool:
-    return load.steady and load.has_potential
 
 
 class StartTensions:

@@ -102,7 +102,7 @@ class Inversions:
         return self._motion.system.resists_inversion
 
     def _elements(self, state: MotionState) -> NDArray[np.int64]:
-        return self._motion.inside_out(state.u)
+        return self._motion.body.inside_out(state.u)
 
     def _advice(self) -> str:
         if self.resisted:
@@ -153,13 +153,20 @@ class Jumps:
             return
         t, sizes = found
         self._looking = False
-        jumping = sizes > 0
-        vertices = self._motion.vertices_held(fast[jumping])
+        vertices = self._vertices(fast[sizes > 0])
         warn(
             f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that "
             f"puts in depends on dt: let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in "
             "u0=solve_static(...).u."
         )
+
+    def _vertices(self, jumping: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Vertices that the jumping ones of the held degrees of freedom move."""
+        motion, held = self._motion, self._motion.system.supports.held
+        unit = np.zeros(motion.states.n)
+        unit[motion.free.fixed[jumping]] = 1
+        vertices: NDArray[np.int64] = np.unique(held[motion.states.expand(unit)[held] != 0] // motion.system.mesh.d)
+        return vertices
 
     def _first_jump(
         self, times: tuple[float, float], ends: tuple[Array, Array], fast: NDArray[np.intp], most: Array, halvings: int

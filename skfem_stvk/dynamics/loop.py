@@ -49,14 +49,14 @@ class Loop:
             self._stepper.rebuild(record.origin)
         self._inversions = Inversions(motion, self._looks())
         self._books.count_inside_out(self._inversions.at_first(record))
-        self._cutting = Cutting(self._stepper, self._arrived, motion.restore)
+        self._cutting = Cutting(self._stepper, self._arrived, lambda: motion.body.restore())
         self._jumps = Jumps(motion, record.state)
         self._removal = None if setup.rule is None else Removal(motion, setup.rule)
         self._stepping = False
 
     def _looks(self) -> int:
         """Steps from one count of the elements that are inside out to the next; on a basis those between saved states."""
-        if self.setup.motion.on_mesh is not self.setup.motion:
+        if self.setup.motion.body is not self.setup.motion.system:
             return self._outputs.saved_every
         return EXPLICIT if self.setup.integrator.explicit else IMPLICIT
 
@@ -78,7 +78,7 @@ class Loop:
         setup, record = self.setup, self.record
         for finding in self._monitors.before():
             warn(finding.text)
-        header = f"{setup.motion.described}, {len(setup.motion.free.free)} of them free; {setup.integrator}"
+        header = f"{setup.motion.body!r}, {len(setup.motion.free.free)} of them free; {setup.integrator}"
         with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
             try:
                 self._outputs.frame_in_turn()
@@ -168,7 +168,7 @@ class Loop:
 
     def _arrived(self, state: MotionState) -> None:
         self._books.work(state)
-        self.setup.motion.commit(state.u)
+        self.setup.motion.body.commit(state.u)
 
     def _goes_on(self) -> bool:
         """Return to the last good state after a motion has blown up; whether it can go on from there, with shorter steps."""

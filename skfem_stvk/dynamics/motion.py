@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import isnan
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..kernels import motion as kernels
 from ..linear.space import Space
-from ..nonlinear.stopwatch import Stopwatch
-from ..system import System, TangentOperator
-from ..system.protocol import ReducedLike
+from ..mesh.displacements import by_vertex
+from ..system import System
+from ..system.coordinates import CoordinateMass, Coordinates
+from ..terms import BoundLoad, TakesTime
 from ..terms.load import Moment
+from ..terms.protocols import tell
+from .at_rest import AtRest
 from .damping import Damping, damping_factors
-from .forces import add_damping_force, add_secant_damping, constant_loads, driven, driving_force, steady_potential
+from .forces import add_damping_force, add_secant_damping
 from .record import MotionState
 
 #: A step that is shorter than this part of the one before is too short for differences.
@@ -32,124 +34,92 @@ class Motion:
 
     `K_GN = 2 J'LJ` is K without tensions; `moving`: whether any of the held degrees of freedom move.
 
-    States and velocities are displacements (ndofs,) and their rates here. Those of a motion on a basis are coordinates: what the
-    loop over the steps and its ledger ask for is asked of the motion, and `states.expand` of them is written and returned.
+    The body answers in its states `u`, of the space `states`; `states.expand(u)` are displacements (ndofs,). For a `System` states
+    are displacements, so that vectors are (ndofs,). For a body on a basis they are coordinates (m,); a step costs as much as its
+    m x m matrices then, whatever the mesh, if loads are the same at any time and place. `system` is the body with all its
+    displacements.
     """
 
-    #: Whether the ledger tells the energies of several elastic terms apart.
-    by_term: ClassVar[bool] = True
-
-    def __init__(self, system: System, mass: str, damping: Damping | None) -> None:
-        self.system, self.mass = system, system.mass(mass)
+    def __init__(self, body: System | Coordinates, mass: str | None, damping: Damping | None) -> None:
+        self.body, self._damping = body, damping
+        self.system = body if isinstance(body, System) else body.system
+        self.mass: Any = body.mass("lumped" if mass is None else mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)
-        self.free = system.free_dofs(system.supports.held)
-        self.moving = system.supports.prescribed.size > 0
-        self._several = len(system.elastic_terms) > 1
-        self._force, self._Mv = np.zeros(system.ndofs), np.zeros(system.ndofs)
+        self.free: Any = body.free_dofs(body.supports.held) if isinstance(body, System) else body.free
+        self.moving = self.system.supports.prescribed.size > 0
+        self._several = len(body.elastic_names) > 1
+        self._force, self._Mv = np.zeros(self.states.n), np.zeros(self.states.n)
 
     @property
     def states(self) -> Space:
-        """The space of states and their rates; those on the mesh are `states.expand(x)`."""
-        return self.system.space
-
-    @property
-    def on_mesh(self) -> Motion:
-        """The motion whose states are displacements."""
-        return self
-
-    @property
-    def described(self) -> str:
-        """The body in words that fit on one line, for headers."""
-        return repr(self.system)
-
-    @property
-    def basis(self) -> list[float]:
-        """A few numbers by which files know the basis again, empty if states are displacements."""
-        return []
-
-    def refuse_other(self, integrator: Any, removing: bool) -> None:
-        """Refuse an integrator that does not take this motion, or that elements are taken out; this one takes all."""
-
-    def step_problem(self, integrator: Any, watch: Stopwatch) -> Any:
-        """The equation of an implicit step if the motion has its own; None if it is that of `StepProblem`."""
-        return None
+        """The space of states and their rates."""
+        return self.body.space
 
     def take_out(self, elements: Any) -> None:
         """Go on with the body without these elements."""
-        self.system = self.system.without(elements)
-        self.mass, self.free = self.system.mass(self.mass.kind), self.free.of(self.system)
+        self.body = self.system = self.system.without(elements)
+        self.mass, self.free = self.body.mass(self.mass.kind), self.free.of(self.body)
         for name in ("at_rest", "constant_loads"):
             self.__dict__.pop(name, None)
 
-    def state(self, x: Array, t: float) -> Array:
-        """The state of displacements (ndofs,), or the rate of their velocities; what is held has to be set to what it is."""
-        return x
-
     def energy(self, u: Array) -> float:
         """Strain energy of the terms that have one [J]."""
-        return sum((energy for energy in self.system.elastic_energies(u) if not isnan(energy)), 0.0)
+        return sum((energy for energy in self.body.elastic_energies(u) if not isnan(energy)), 0.0)
 
     def energy_and_force(self, u: Array, out: Array) -> float:
-        """The strain energy of `energy` [J]; the internal force [N] is written to `out` (ndofs,)."""
-        if not self.system.without_energy:
-            return self.system.energy_and_force(u, out=out)[0]
-        np.copyto(out, self.system.internal_force(u))
+        """The strain energy of `energy` [J]; the internal force [N] is written to `out`."""
+        if not self.body.without_energy:
+            return self.body.energy_and_force(u, out=out)[0]
+        np.copyto(out, self.body.internal_force(u))
         return self.energy(u)
 
     def term_energies(self, u: Array) -> list[float]:
         """Strain energies of the elastic terms, if they are several and told apart [J]; NaN for one without an energy."""
-        return self.system.elastic_energies(u) if self._several else []
-
-    def inside_out(self, u: Array) -> NDArray[np.int64]:
-        """Elements that are inside out or flat."""
-        return self.system.inside_out(self.states.expand(u))
-
-    def mean(self, u: Array, vertices: NDArray[np.int64]) -> Array:
-        """(d,) mean displacements of these vertices [m]."""
-        means: Array = u.reshape(-1, self.system.mesh.d)[vertices].mean(axis=0)
-        return means
-
-    def vertices_held(self, which: NDArray[np.intp]) -> NDArray[np.int64]:
-        """Vertices of those of the held degrees of freedom."""
-        vertices: NDArray[np.int64] = np.unique(self.free.fixed[which] // self.system.mesh.d)
-        return vertices
-
-    def commit(self, u: Array) -> None:
-        """Tell terms with a memory that this is the next state."""
-        self.system.commit(u)
-
-    def restore(self) -> None:
-        """Tell terms with a memory that the motion goes on from the state that was committed last."""
-        self.system.restore()
-
-    def ground_forces(self, u: Array, v: Array, t: float, since: float) -> Array:
-        """(ndofs,) forces of supports and foundations at displacements and velocities (ndofs,), see `ground_forces` [N]."""
-        return ground_forces(self, u, v, t, since)
+        return self.body.elastic_energies(u) if self._several else []
 
     @property
     def driven(self) -> bool:
-        """Whether loads or terms change the energy, see `driving_force`."""
-        return driven(self.system)
+        """Whether the energy of the body is not kept: a load changes with time, or has no potential, or a term has no energy."""
+        return bool(self.system.without_energy) or not all(map(_keeps_energy, self.system.bound_loads))
 
     def driving_force(self, u: Array, t: float) -> Array:
         """Force of loads that change with time or have no potential, and of terms without energy [N]."""
-        return driving_force(self.system, u, self.moment(t))
+        if self.constant_loads is not None and not self.driven:
+            return np.zeros(self.states.n)
+        system, moment = self.system, self.moment(t)
+        x, force = by_vertex(system.mesh, self.states.expand(u)), np.zeros(system.mesh.p.T.shape)
+        tell(system.bound_terms, moment)
+        for load in system.bound_loads:
+            if not _keeps_energy(load):
+                load.add_force(x, moment, force)
+        for term in system.bound_terms:
+            if not term.has_energy:
+                internal = np.zeros_like(force)
+                term.energy_and_force(x, internal)
+                force -= internal
+        return self.states.restrict(force.ravel())
 
     def add_up(self, state: MotionState, sums: Array) -> float:
         """Twice the kinetic energy, linear and angular momentum, to `sums` (8,); returns the potential of steady loads [J]."""
-        u, v, mesh = state.u, state.v, self.system.mesh
-        if self.mass.kind == "lumped" and self.constant_loads is not None:
-            kernels.lumped_momenta(mesh.p, u, v, self.mass.vertex, self.constant_loads, sums)
+        u, v, mesh, loads = state.u, state.v, self.system.mesh, self.constant_loads
+        if isinstance(self.mass, CoordinateMass):
+            self.mass.momenta(u, v, sums)
+            if loads is not None:
+                return -self.states.dot(loads, u)
+        elif self.mass.kind == "lumped" and loads is not None:
+            kernels.lumped_momenta(mesh.p, u, v, self.mass.vertex, loads, sums)
             return -float(sums[7])
-        self.mass.multiply(v, out=self._Mv)
-        shape = mesh.nv, mesh.d
-        kernels.momenta(mesh.p, u.reshape(shape), v.reshape(shape), self._Mv.reshape(shape), sums)
-        return steady_potential(self.system, u, self.moment(state.t))
+        else:
+            self.mass.multiply(v, out=self._Mv)
+            shape = mesh.nv, mesh.d
+            kernels.momenta(mesh.p, u.reshape(shape), v.reshape(shape), self._Mv.reshape(shape), sums)
+        x, moment = by_vertex(mesh, self.states.expand(u)), self.moment(state.t)
+        return sum(load.potential(x, moment) for load in self.system.bound_loads if _keeps_energy(load))
 
     @cached_property
-    def at_rest(self) -> TangentOperator:
-        """Tangent stiffness K(0) of the body at rest, as an operator."""
-        return self.system.linear_operator(np.zeros(self.system.ndofs))
+    def at_rest(self) -> Any:
+        """Tangent stiffness K(0) of the body at rest, for products `K @ v`."""
+        return self.body.linear_operator(np.zeros(self.states.n))
 
     @property
     def damped(self) -> bool:
@@ -161,8 +131,9 @@ class Motion:
         return Moment(t, 1.0, self.mass.kind)
 
     def held(self, t: float) -> Array:
-        """Displacements of the held degrees of freedom [m]."""
-        return self.system.supports.values(Moment(t, 1.0))
+        """Displacements of the constrained degrees of freedom, or the prescribed coordinates [m]."""
+        body, moment = self.body, Moment(t, 1.0)
+        return body.supports.values(moment) if isinstance(body, System) else body.held_values(moment)
 
     def held_velocities(self, t: float, dt: float) -> Array:
         """Velocities of the held degrees of freedom [m/s], by forward differences."""
@@ -174,19 +145,20 @@ class Motion:
 
     @cached_property
     def constant_loads(self) -> Array | None:
-        """(ndofs,) the loads, if they are the same at any time and place [N]."""
-        if not constant_loads(self.system):
+        """The loads, if they are the same at any time and place [N]."""
+        changing = any(isinstance(term, TakesTime) for term in self.system.bound_terms)
+        if changing or not all(load.steady and load.dead for load in self.system.bound_loads):
             return None
-        loads = self.system.external_force(np.zeros(self.system.ndofs), self.moment(0.0))
+        loads = self.body.external_force(np.zeros(self.states.n), self.moment(0.0))
         loads.flags.writeable = False
         return loads
 
     def loads(self, u: Array, t: float) -> Array:
-        """(ndofs,) external forces [N]; the same array every time if they are constant."""
-        return self.system.external_force(u, self.moment(t)) if self.constant_loads is None else self.constant_loads
+        """External forces [N]; the same array every time if they are constant."""
+        return self.body.external_force(u, self.moment(t)) if self.constant_loads is None else self.constant_loads
 
     def add_damping(self, u: Array, v: Array, out: Array) -> None:
-        """Add `D v` [N] at displacements `u` to `out`, all (ndofs,)."""
+        """Add `D v` [N] at displacements `u` to `out`."""
         self.add_linear_damping(v, out)
         if self.tau:
             self._force[:] = 0
@@ -198,18 +170,52 @@ class Motion:
         if self.alpha:
             out += self.alpha * self.mass.multiply(v)
         if self.beta:
-            out += self.beta * self.at_rest.matvec(v)
+            out += self.beta * (self.at_rest @ v)
 
     def force(self, u: Array, v: Array, t: float) -> Array:
-        """(ndofs,) `h - D v - F` [N], the force that moves the body."""
-        force = self.loads(u, t) - self.system.internal_force(u)
+        """`h - D v - F` [N], the force that moves the body."""
+        force = self.loads(u, t) - self.body.internal_force(u)
         damping = np.zeros_like(force)
         self.add_damping(u, v, damping)
         return force - damping
 
     def accelerations(self, u: Array, v: Array, t: float) -> Array:
-        """(ndofs,) `M^-1 (h - D v - F)` [m/s^2], 0 where degrees of freedom are held."""
+        """`M^-1 (h - D v - F)` [m/s^2], 0 where degrees of freedom are held."""
         return self.mass.solve(self.force(u, v, t))
+
+    def ground_forces(self, u: Array, v: Array, t: float, since: float) -> Array:
+        """(ndofs,) forces of supports and foundations on the body at displacements and velocities (ndofs,), at a moment [N].
+
+            M a + D v + F(u) - h(u, t)    of supports, where degrees of freedom are held
+            -K_f (u + beta v)             of foundations, whose stiffness counts in Rayleigh's damping too
+
+        Accelerations `a` are those of the equation of motion at this moment; where supports move, theirs: see `held_accelerations`.
+        Forces that a basis leaves at free degrees of freedom are carried to the ground by K at rest.
+        """
+        whole = self if self.body is self.system else self._of_all
+        fixed, mass = whole.free.fixed, whole.mass
+        moving = whole.force(u, v, t)
+        a = np.zeros_like(moving)
+        if self.moving:
+            a[fixed] = held_accelerations(whole, t, since)
+        if mass.kind == "consistent":  # what is held is coupled to what is not
+            a += mass.solve(moving - mass.multiply(a))
+        forces = self.system.foundation_force(u + self.beta * v)
+        forces[fixed] += (mass.multiply(a) - moving)[fixed]
+        if isinstance(self.body, Coordinates):
+            basis = self.body.columns[:, : self.body.size]
+            left = mass.multiply(basis @ (basis.T @ moving)) - moving  # `M a + D v + F - h` with the accelerations of the basis
+            forces[fixed] -= (whole.at_rest @ self._rest.solve(left))[fixed]
+        return forces
+
+    @cached_property
+    def _of_all(self) -> Motion:
+        """The motion of the body with all its displacements, of one on a basis."""
+        return Motion(self.system, self.mass.kind, self._damping)
+
+    @cached_property
+    def _rest(self) -> AtRest:
+        return AtRest(self.system)
 
     def dissipated(self, u0: Array, u1: Array, dt: float) -> float:
         """Energy that damping takes from the body between `u0` and `u1` [J]: `dt v' D v` at the mean velocity."""
@@ -225,32 +231,8 @@ class Motion:
         return lost
 
 
-def motion_of(body: System | ReducedLike, mass: str | None, damping: Damping | None) -> Motion:
-    """The motion of a body, or of one on a basis; masses are lumped unless others are asked for."""
-    if isinstance(body, ReducedLike):
-        motion: Motion = body.motion(mass, damping)
-        return motion
-    return Motion(body, "lumped" if mass is None else mass, damping)
-
-
-def ground_forces(motion: Motion, u: Array, v: Array, t: float, since: float) -> Array:
-    """(ndofs,) forces of supports and foundations on the body at a moment [N].
-
-        M a + D v + F(u) - h(u, t)    of supports, where degrees of freedom are held
-        -K_f (u + beta v)             of foundations, whose stiffness counts in Rayleigh's damping too
-
-    Accelerations `a` are those of the equation of motion at this moment; where supports move, theirs: see `held_accelerations`.
-    """
-    fixed, mass = motion.free.fixed, motion.mass
-    moving = motion.force(u, v, t)
-    a = np.zeros_like(moving)
-    if motion.moving:
-        a[fixed] = held_accelerations(motion, t, since)
-    if mass.kind == "consistent":  # what is held is coupled to what is not
-        a += mass.solve(moving - mass.multiply(a))
-    forces = motion.system.foundation_force(u + motion.beta * v)
-    forces[fixed] += (mass.multiply(a) - moving)[fixed]
-    return forces
+def _keeps_energy(load: BoundLoad) -> bool:
+    return load.steady and load.has_potential
 
 
 def last_step(times: Sequence[float], dt: float) -> float:

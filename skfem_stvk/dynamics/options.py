@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 
 from ..arguments import shown
 from ..errors import StvkError
+from ..linear.choose import is_auto
 from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.files import Outlets
 from ..system import System
+from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint, sums
 from .books import LedgerPlaces
 from .damping import Damping
@@ -87,7 +89,26 @@ class Setup:
 
 def basis_of(motion: Motion) -> dict[str, list[float]]:
     """Numbers by which the basis of a motion is known again, if it has one."""
-    return {BASIS: motion.basis} if motion.basis else {}
+    return {BASIS: motion.body.signature} if isinstance(motion.body, Coordinates) else {}
+
+
+def refuse_on_basis(motion: Motion, integrator: Integrator, removing: bool) -> None:
+    """Refuse damping, integrators and rules of removal that the motion of a body on a basis does not take."""
+    if not isinstance(motion.body, Coordinates):
+        return
+    if motion.tau:
+        raise StvkError("EdgeDamping resists at each edge, which a reduced system does not see. Take Rayleigh(alpha, beta).")
+    if integrator.conserves_reduced is None:
+        known = ", ".join(name for name, one in INTEGRATORS.items() if one.conserves_reduced is not None)
+        raise StvkError(f"{integrator.name} does not work on a reduced system; expected one of {known}.")
+    tangent, solver = getattr(integrator, "tangent", "exact"), getattr(integrator, "solver", "auto")
+    if tangent != "exact" or not is_auto(solver):
+        raise StvkError(
+            f"{integrator.name}(tangent={tangent!r}, solver={solver!r}) for a reduced system, whose tangent is exact, small and "
+            "full: leave both out."
+        )
+    if removing:
+        raise StvkError("remove: a reduced system was made of all its elements. Simulate its body: reduced.body.")
 
 
 def described(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:

@@ -16,18 +16,18 @@ from ..linear.choose import solver_names
 from ..results.files import NotOurs
 from ..results.store import refusing_damage
 from ..system import System
-from ..system.protocol import ReducedLike
+from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint
 from .checkpoint import ANEW, IntegratorRecord, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
-from .motion import motion_of
-from .options import BASIS, Options, Setup, basis_of, checked_integrator, described, too_early
+from .motion import Motion
+from .options import BASIS, Options, Setup, basis_of, checked_integrator, described, refuse_on_basis, too_early
 from .outputs import Outputs
 from .record import SLACK, RunRecord
 
 
-def resumed(body: System | ReducedLike, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
+def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was."""
     saved = load(file)
     header, method = saved.header, saved.method
@@ -35,12 +35,11 @@ def resumed(body: System | ReducedLike, options: Options, stack: ExitStack, file
     integrator = resumed_integrator(method.integrator, file) if given is None else checked_integrator(given)
     kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
     damping = kept if options.damping is None else options.damping
-    motion = motion_of(body, method.mass if options.mass is None else options.mass, damping)
-    motion.refuse_other(integrator, options.remove is not None)
+    motion = Motion(body, method.mass if options.mass is None else options.mass, damping)
+    refuse_on_basis(motion, integrator, options.remove is not None)
     system, then = motion.system, header.problem.numbers
-    start = {name: then.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system) | basis_of(motion)
-    if BASIS in then:
-        start[BASIS] = motion.basis
+    start = {name: then.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
+    start |= ({BASIS: []} if BASIS in then else {}) | basis_of(motion)
     removed, removed_at = saved.removed
     if not (removed.ndim == removed_at.ndim == 1 and removed.dtype.kind == "i" and np.unique(removed).size == removed_at.size):
         raise NotOurs(f"{file} is damaged: the elements that it took out are none. {ANEW}")

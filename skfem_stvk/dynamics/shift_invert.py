@@ -47,9 +47,9 @@ class ShiftedProblem:
                 f"Got mass = {mass.kind!r} with solver '{solver.name}', which forms no matrix; expected 'lumped' or another solver."
             )
         self.system, self.mass, self.kind, self.u, self.shift, self._t = system, mass, kind, u, 0.0, t
-        self._tangent = FreeTangent(system, solver, kind, lambda: u)
-        self.free = self._tangent.free
-        self.space = system.space.on(self.free.free)
+        self._tangent = FreeTangent(system, solver, kind)
+        self._tangent.position = u
+        self.free, self.space = self._tangent.free, self._tangent.space
 
     @property
     def iterative(self) -> bool:
@@ -102,7 +102,7 @@ def lowest_vectors(problem: ShiftedProblem, n: int) -> Array:
         return np.asarray(eigh(K, M, subset_by_index=[0, n - 1])[1])
     for shift in first_shift(problem) * GROWTH ** np.arange(MOST):
         try:
-            return _all_lowest(problem, problem.inverse(shift), n)
+            return _all_nearest(problem, problem.inverse(shift), n)
         except Indefinite:
             continue
     raise StvkError("Modes: K has eigenvalues below anything that could be shifted. Is `u` a state of equilibrium?")
@@ -113,21 +113,6 @@ def first_shift(problem: ShiftedProblem) -> float:
     mesh = problem.system.mesh
     bound = bound_on_eigenvalues(problem.system.linear_operator(problem.u), problem.mass.vertex)
     return SHIFT * bound / mesh.nv ** (2 / mesh.k)
-
-
-def _all_lowest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
-    """Vectors that span the n lowest modes and some more.
-
-    From one vector Lanczos' method sees one direction of the space of a multiple eigenvalue, and the others by what rounding leaves
-    of them. So it is asked again for what is across all that it has found, until nothing there belongs to the n lowest.
-    """
-    values, vectors = krylov(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
-    while True:
-        value, vector = krylov(problem, inverse, 1, vectors)
-        last = np.sort(values)[n - 1] + problem.shift  # above zero, however many rigid modes there are
-        if value[0] + problem.shift >= (1 - SAME) * last:
-            return vectors
-        values, vectors = np.append(values, value), np.hstack([vectors, vector])
 
 
 def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
@@ -142,18 +127,22 @@ def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
 
 
 def _all_nearest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
-    """Vectors as in `nearest_vectors`; searched again across all that was found until nothing there is nearer.
+    """Vectors that span the n modes nearest to the shift, and some more.
 
-    What is found spans an invariant subspace, so that the eigenvalues which are left are those of the operator across it in M.
+    From one vector Lanczos' method sees one direction of the space of a multiple eigenvalue, and the others by what rounding leaves
+    of them. So the search is repeated across all vectors that were found, until no mode there is nearer. These span an invariant
+    subspace, so that the eigenvalues which are left are those of the operator across it in M.
     """
+    general = problem.kind is Kind.GENERAL
     values, vectors = krylov(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
-    basis, distances = _real_basis(problem, vectors), np.abs(values + problem.shift)
+    basis, distances = _real_basis(problem, vectors) if general else vectors, np.abs(values + problem.shift)
     while True:
         value, vector = krylov(problem, inverse, 1, basis)
         distance = np.abs(value + problem.shift)
         if distance[0] >= (1 - SAME) * np.sort(distances)[n - 1]:
             return basis
-        basis, distances = _real_basis(problem, np.hstack([basis, vector])), np.append(distances, distance)
+        more, distances = np.hstack([basis, vector]), np.append(distances, distance)
+        basis = _real_basis(problem, more) if general else more
 
 
 def _real_basis(problem: ShiftedProblem, vectors: Array) -> Array:

@@ -15,14 +15,16 @@ from ..mesh.displacements import by_vertex
 from ..mesh.places import Where
 from ..results.files import Outlets
 from ..system import System
+from ..system.coordinates import Coordinates
 from ..system.protocol import ReducedLike, checked_system
+from ..terms.load import Moment
 from .books import LedgerPlaces, column_names
 from .damping import Damping
 from .integrators import Integrator
 from .ledger import Ledger
 from .loop import Loop
-from .motion import Motion, motion_of
-from .options import Options, Setup, checked_integrator, too_early
+from .motion import Motion
+from .options import Options, Setup, checked_integrator, refuse_on_basis, too_early
 from .outputs import Outputs
 from .record import Clock, MotionState, RunRecord
 from .removal import Rule, checked_rule
@@ -120,8 +122,8 @@ def simulate(
     ('finished', True)
     """
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
-    body = system.body if isinstance(system, ReducedLike) else system
-    if checked_system(body).dtype != np.float64:
+    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
+    if isinstance(body, System) and body.dtype != np.float64:
         raise StvkError(f"The system is in {body.dtype}; expected float64: System(..., dtype=np.float64).")
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
     older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # taken until 1.0
@@ -154,29 +156,29 @@ def simulate(
             checkpoint=kept,
         )
         if kept is None or kept.source is None:
-            start = _begun(system, options, stack)
+            start = _begun(body, options, stack)
         else:
             from .resumed import resumed
 
-            start = resumed(system, options, stack, kept.source)
+            start = resumed(body, options, stack, kept.source)
         return Loop(*start, quiet).run(raise_on_failure)
 
 
-def _begun(system: System | ReducedLike, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
+def _begun(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
     """A run from a first state."""
     integrator = checked_integrator(options.integrator)
-    body = system.body if isinstance(system, ReducedLike) else system
-    places = LedgerPlaces.checked(body, options.probes, options.reactions)
-    motion = motion_of(system, options.mass, options.damping)
-    motion.refuse_other(integrator, options.remove is not None)
+    system = body.system if isinstance(body, Coordinates) else body
+    places = LedgerPlaces.checked(system, options.probes, options.reactions)
+    motion = Motion(body, options.mass, options.damping)
+    refuse_on_basis(motion, integrator, options.remove is not None)
     if not options.until > options.t0:
         raise too_early(options.until, options.t0)
     dt = min(integrator.dt or 1e-6, options.until - options.t0)
     state = first_state(motion, options.u0, options.v0, options.t0, dt)
     setup = Setup(motion, integrator, places, options.until, options.remove)
-    names = column_names(body, *places, removing=options.remove is not None, by_term=motion.by_term)
+    names = column_names(body, *places, removing=options.remove is not None)
     record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))
-    record.take_out(body.removed, np.nan)
+    record.take_out(system.removed, np.nan)
     return setup, record, Outputs.opened(setup, record, options, stack)
 
 
@@ -190,7 +192,7 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     """
     system = motion.system
     u, v = (_vector(name, x, system) for name, x in (("u0", u0), ("v0", v0)))
-    fixed, held = motion.on_mesh.free.fixed, motion.on_mesh.held(t0)
+    fixed, held, moment = system.supports.held, system.supports.values(Moment(t0, 1.0)), motion.moment(t0)
     gap = np.abs(held - u[fixed])
     far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
     if len(far):
@@ -199,10 +201,11 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
             f"{gap.max():.3g} m from where u0 has them. In dynamics constants do not ramp: prescribe a function of t that begins "
             "at u0, or begin in an equilibrium: u0=solve_static(...).u."
         )
-    state = MotionState.at(t0, motion.state(u, t0), motion.state(v, t0))
-    fixed = motion.free.fixed
-    state.u[fixed] = motion.held(t0)
-    state.v[fixed] = motion.held_velocities(t0, dt)
+    body = motion.body
+    if isinstance(body, Coordinates):
+        u, v = body.state(u, moment), body.state(v, moment)
+    state = MotionState.at(t0, body.prescribe(u, moment), v)
+    state.v[motion.free.fixed] = motion.held_velocities(t0, dt)
     if not (state.u.any() or state.v.any() or motion.moving or system.loads):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     return state

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from .choose import direct
-from .solver import Kind, LinearSolver, Unknowns
+from .solver import Kind, Unknowns
 from .superlu import SuperLU
 
 #: Unknowns up to which a factorisation is worth a count: 0.1 s for triangles, 4 s for a cube of tetrahedra by SuperLU.
@@ -44,8 +44,8 @@ def inertia(K: csr_matrix, unknowns: Unknowns) -> Inertia | None:
 
 def eigenvalues_below(K: csr_matrix, shift: float, unknowns: Unknowns) -> int | None:
     """How many eigenvalues of a symmetric matrix are below `shift`; None if no direct solver can tell."""
-    moved = shifted(K, shift)
-    for solver in _solvers(unknowns):
+    moved, first = shifted(K, shift), direct(unknowns.n)
+    for solver in (first,) if first.name == SuperLU.name else (first, SuperLU()):  # PARDISO may replace pivots: no signs then
         count = solver.analyse(unknowns).factorise(moved, Kind.SYMMETRIC).negative_pivots
         if count is not None:
             return count
@@ -70,9 +70,3 @@ def _scaled(K: csr_matrix) -> csr_matrix:
     size, row = np.abs(K.diagonal()), np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
     scale = 1 / np.sqrt(np.where(size > 0, size, size.max() if size.max() > 0 else 1.0))
     return csr_matrix((K.data * scale[row] * scale[K.indices], K.indices, K.indptr), shape=K.shape)
-
-
-def _solvers(unknowns: Unknowns) -> list[LinearSolver]:
-    """The direct solver for so many unknowns, then SuperLU: PARDISO may replace pivots, whose signs say nothing."""
-    first = direct(unknowns.n)
-    return [first] if first.name == SuperLU.name else [first, SuperLU()]

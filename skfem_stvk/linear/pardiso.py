@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 from ..errors import StvkError, name_ids
 from ..kernels.threads import in_turn
 from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
-from .solver import Kind, Outcome, Solution, Unknowns, Vector
+from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
 
 SYMMETRIC, GENERAL = -2, 11  # mtype
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33  # phase
@@ -192,9 +192,7 @@ class _Memory:
 
 def _structure(unknowns: Unknowns, mtype: int) -> tuple[Any, Any, Any]:
     """Rows, columns, and which values are kept: for symmetric matrices those of the upper triangle."""
-    indptr, indices = unknowns.indptr, unknowns.indices
-    if indptr is None or indices is None:
-        raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
+    indptr, indices = structure_of(unknowns)
     row = np.repeat(np.arange(unknowns.n, dtype=np.int32), np.diff(indptr))
     bare = np.setdiff1d(np.arange(unknowns.n), row[row == indices])
     if len(bare):

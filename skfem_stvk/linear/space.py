@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +55,10 @@ class Space:
     def restrict(self, f: Array) -> Array:
         """The transpose of `expand`: forces (n,) on the coordinates of this space."""
         return f
+
+    def entries(self, dofs: NDArray[np.integer]) -> Callable[[Array], Array]:
+        """The function that gives the entries `dofs` of `expand(x)` alone, such as the displacements of a few nodes."""
+        return lambda x: self.expand(x)[dofs]
 
     def dot(self, x: Array, y: Array) -> float:
         """`x . y` without BLAS, whose threads wait for ours: 0.05 ms instead of 5 for 50 000 entries on a busy machine."""
@@ -127,3 +132,7 @@ class Span(Space):
     def restrict(self, f: Array) -> Array:
         part: Array = f @ self._V
         return part
+
+    def entries(self, dofs: NDArray[np.integer]) -> Callable[[Array], Array]:
+        V = self._V[dofs]
+        return lambda x: V @ x

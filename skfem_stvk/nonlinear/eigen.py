@@ -81,7 +81,7 @@ def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
     first = int(np.argmin(values))
     value, x = float(values[first]), _unit(problem, vectors[:, first])
     y = K @ x - value * x
-    return Mode(value, problem.space.expand(x), float(np.sqrt(problem.space.dot(y, y))))
+    return Mode(value, problem.space.expand(x), problem.space.norm(y))
 
 
 def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, floor: float) -> Mode:
@@ -98,4 +98,4 @@ def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, f
 
 
 def _unit(problem: EigenProblem, x: Array) -> Array:
-    return x / np.sqrt(problem.space.dot(x, x))
+    return x / problem.space.norm(x)

@@ -120,53 +120,6 @@ class EigenProblem(Problem, Protocol):
         """What no eigenvalue of the Jacobian at `u` is much larger than [N/m]."""
 
 
-class PathProblem(EigenProblem, Protocol):
-    """A problem whose states form a path as the load factor t grows."""
-
-    #: The largest of the forces on the path so far [N].
-    largest: float
-
-    @property
-    def dead(self) -> bool:
-        """Whether no load depends on where the body goes, so that the Jacobian without displacements is that of the body alone."""
-
-    def state(self, u: Array, t: Time) -> Array:
-        """The state that belongs to displacements (ndofs,), as near as there is one; what is held is where it belongs at `t`."""
-
-    def place(self, u: Array, t: float) -> Array:
-        """`u`, in place, with held degrees of freedom where they belong at `t`."""
-
-    def rate(self, u: Array, t: float) -> tuple[Array, Array]:
-        """(n,) `-dr/dt` and how what is held moves, a direction; by the tangent that was made last."""
-
-    def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
-        """The change to `later`: (n,) forces [N], by the tangent that was made last, and how what is held moves, a direction."""
-
-    def force_of(self, w: Array) -> Array:
-        """(n,) what a motion `w` of what is held does to the unknowns [N], by the tangent that was made last."""
-
-    def accept(self, u: Array, t: Time) -> None:
-        """Note that `u` is a state of the path: its forces are something that others are small against."""
-
-    def forget(self) -> None:
-        """Drop what a solver keeps from the steps before, so that a path resumed here has the same numbers."""
-
-    def commit(self, u: Array) -> None:
-        """Tell what has a memory, such as friction, that `u` is the next state of the path."""
-
-    def restore(self) -> None:
-        """Tell what has a memory that the path goes on from the state that was committed last."""
-
-    def energies(self, u: Array, t: Time) -> tuple[float, float]:
-        """Strain energy and potential [J]; NaN if a term has no energy, or a load no potential."""
-
-    def elastic_along(self, u: Array, v: Array) -> Array | None:
-        """(5,) coefficients of the strain energy along `u + s v`; None if that is no quartic."""
-
-    def smallest_volume_ratio(self, u: Array) -> float:
-        """The smallest ratio of volumes now and at rest."""
-
-
 def slope(problem: Problem, residual: Residual, v: Array) -> float:
     """`r . v` [J]: how the potential, if there is one, changes along a direction."""
     return problem.space.dot(residual.vector, problem.space.restrict(v))

@@ -9,12 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, array
+from ..dynamics.at_rest import AtRest
 from ..errors import StvkError, SupportError
-from ..linear import Factors, Kind, LinearSolver, choose
-from ..linear.choose import direct
-from ..nonlinear.newton import usable
 from ..system import System
-from ..system.free_tangent import FreeTangent
 from ..terms import Body
 from ..terms.body import HasMass, HasSection
 from ..terms.load import Moment
@@ -27,12 +24,10 @@ EXACT = 1e-10
 TIMES, MOST_LIFTS = tuple(np.linspace(0.0, 1.0, 33).tolist()), 12
 #: Number of unknowns by default.
 SIZE = 30
-#: Residual of linear solves, and of modes.
-PRECISION, CONVERGED = 1e-8, 1e-5
+#: Residual of modes.
+CONVERGED = 1e-5
 #: Modes are looked for in a Krylov space of blocks of so many more than asked for; so many blocks at most.
 MORE, MOST_BLOCKS = 8, 12
-#: Up to so many unknowns a direct solver is taken: it factorises once and solves hundreds of times.
-MANY = 200_000
 #: The largest displacement of fields whose second derivative of F is taken: of a quartic energy as a part of the body's size; of
 #: others, where it is not exact, as a part of the least distance of two nodes of an element.
 LARGE, SMALL = 0.3, 1e-3
@@ -61,48 +56,6 @@ def _of_unit_density(body: Body) -> Body:
     terms = [_UnitDensity(term) for term in body.terms if isinstance(term, HasSection)]
     dense = Body(body.mesh, terms, body.quadrature, [_of_unit_density(one) for one in body.beside])
     return dense.without(body.gone, body.bare)
-
-
-class AtRest:
-    """K at rest over the free degrees of freedom, factorised once."""
-
-    def __init__(self, body: System) -> None:
-        self._body, n = body, body.ndofs - len(body.supports.held)
-        self.solver: LinearSolver = direct(n) if n <= MANY else choose("auto", n, Kind.SYMMETRIC)
-        self._tangent = FreeTangent(body, self.solver, Kind.SYMMETRIC, lambda: np.zeros(body.ndofs))
-        self.free = self._tangent.free.free
-        self.K = self._tangent.restricted(self._tangent.matrix(np.zeros(body.ndofs), None))
-        self._factors: Factors = self._tangent.factorise(self.K)
-
-    def solve(self, force: Array) -> Array:
-        """Displacements (ndofs,) under a force (ndofs,), 0 where the body is held."""
-        u = np.zeros(self._body.ndofs)
-        u[self.free] = self.solve_free(force[self.free][:, None])[:, 0]
-        return u
-
-    def solve_free(self, forces: Array) -> Array:
-        """Displacements (n, m) of the free degrees of freedom under forces (n, m) on them."""
-        if hasattr(self._factors, "solve_many"):
-            X = self._factors.solve_many(forces)
-            misfit = np.abs(self.K @ X - forces).max(axis=0) / np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
-            if np.isfinite(X).all() and misfit.max(initial=0.0) <= PRECISION:
-                return np.asarray(X)
-        return np.array([self._solve_one(force) for force in forces.T]).T.reshape(forces.shape)
-
-    def _solve_one(self, force: Array) -> Array:
-        solution = self._factors.solve(force, PRECISION / 100)
-        if not usable(solution):
-            raise SupportError(
-                f"The linear solver '{self.solver.name}' failed with K at rest: {solution.outcome.value}. Expected a body that is "
-                "held so that nothing moves without strain; is a part of it held too little?"
-            )
-        return solution.x
-
-    def follow(self, w: Array) -> Array:
-        """Displacements (ndofs,) where those that are held are `w`, and nothing else acts."""
-        force = np.zeros(self._body.ndofs)
-        force[self.free] = -self._tangent.force_of(w)
-        return self.solve(force) + w
 
 
 class Lifts:

@@ -12,11 +12,9 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_matrix
+from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges import ALL, Tensions
 from ..errors import StvkError, StvkWarning
 from ..linear import LinearSolver
 from ..mesh import MeshLike
@@ -24,8 +22,7 @@ from ..nonlinear.outcome import finishing_steps, stop_if_asked
 from ..nonlinear.processes import Crashed, in_processes
 from ..statics import solve_static
 from ..system import System
-from ..system.pattern import FreeDofs
-from ..terms.load import Time
+from ..terms.load import Moment, Time
 
 
 class DisplacementGrid:
@@ -121,19 +118,8 @@ class DrivenSystem(System):
         """Return the body, without its removed elements, with the `handle` among its supports."""
         return cls(body, handle).without(body.removed)
 
-    def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        return super().external_force(u, self.path.loads_at(t))
-
-    def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
-        return super().potential(u, self.path.loads_at(t))
-
-    def jacobian(
-        self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
-    ) -> csr_matrix:
-        return super().jacobian(u, self.path.loads_at(t), out, kept=kept, free=free)
-
-    def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
-        return super().load_stiffness(u, self.path.loads_at(t))
+    def _moment(self, t: Time) -> Moment:
+        return super()._moment(self.path.loads_at(t))
 
 
 class HandleTask(NamedTuple):

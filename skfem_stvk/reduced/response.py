@@ -18,12 +18,13 @@ from .. import arguments
 from ..arguments import Array, array, number, shown, whole
 from ..errors import StateError, StvkError, SupportError, name_ids, warn
 from ..kernels.threads import threads
-from ..linear import LinearSolver, choose
+from ..linear import LinearSolver
 from ..mesh.places import Where, describe, vertices_at
 from ..nonlinear.processes import is_started_for_work
 from ..results.files import output_path
 from ..system import System
-from ..system.free_tangent import entries_of, kind_of
+from ..system.free_tangent import solver_for
+from ..system.protocol import checked_system
 from ..system.signature import Fingerprint, sums
 from ..terminal import LINES, Progress, duration
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
@@ -152,8 +153,7 @@ class PrecomputedResponse:
         checkpoint: str | os.PathLike[str] | None = None,
         quiet: bool = False,
     ) -> None:
-        if not isinstance(body, System):
-            raise StvkError(f"body = {shown(body)}; expected a System: System(mesh, terms, fixed=...).")
+        checked_system(body, "body")
         nodes = vertices_at(body.mesh, handle, "handle")
         grid = DisplacementGrid(_axes(displacements, body.mesh.d))
         number("tolerance", tolerance, "a part of the largest displacement, such as 1e-5", 0.0, 1.0)
@@ -170,7 +170,7 @@ class PrecomputedResponse:
                     "This is a process that was started for solves. Make the response under `if __name__ == ...:` alone."
                 )
             work.refuse_processes()
-        chosen = _chosen(_driven(body, nodes, describe(handle)), solver)
+        chosen = solver_for(_driven(body, nodes, describe(handle)), solver)
         options = {"axes": [axis.tolist() for axis in grid.axes], "steps": steps, "rtol": float(rtol), "solver": chosen.name}
         self._body = body
         self._problem = _fingerprint(body, options, nodes)
@@ -230,8 +230,7 @@ class PrecomputedResponse:
         from .stores import TableFile, check_table, nodes_of
 
         path = arguments.path("path", path, "the path of an .npz file that save() wrote")
-        if not isinstance(body, System):
-            raise StvkError(f"body = {shown(body)}; expected the System that the response is of.")
+        checked_system(body, "body")
         header, arrays = TableFile.read_file(path)
         self = cls.__new__(cls)
         self._body, self.nodes = body, nodes_of(path, arrays)
@@ -420,11 +419,6 @@ def _driven(body: System, nodes: NDArray[np.int64], where: str) -> DrivenSystem:
     driven = DrivenSystem.of(body, nodes)
     driven.check_held()
     return driven
-
-
-def _chosen(driven: DrivenSystem, solver: str | LinearSolver) -> LinearSolver:
-    free = driven.ndofs - len(driven.supports.held)
-    return choose(solver, free, kind_of(driven), False, entries_of(driven))
 
 
 def _fingerprint(body: System, options: Mapping[str, Any], nodes: NDArray[np.int64]) -> Fingerprint:

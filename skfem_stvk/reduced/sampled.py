@@ -66,13 +66,11 @@ def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[M
     A, b = _equations(apart, _states(body, columns, apart, rng), chosen)
     rows = FITTED * columns.shape[1]
     own, weights = _greedy(A[:rows], b[:rows], min(count, len(chosen)))
-    errors = [np.linalg.norm(A[part][:, own] @ weights - b[part]) / np.linalg.norm(b[part]) for part in _parts(rows)]
+    errors = [
+        np.linalg.norm(A[part][:, own] @ weights - b[part]) / np.linalg.norm(b[part]) for part in (slice(rows), slice(rows, None))
+    ]
     found = Sampling(ids[chosen[own]], weights, *map(float, errors))
     return _part(body, term, chosen[own], found, columns), found
-
-
-def _parts(rows: int) -> tuple[slice, slice]:
-    return slice(0, rows), slice(rows, None)
 
 
 class _Apart:

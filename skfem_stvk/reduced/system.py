@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rich.progress import BarColumn, TimeElapsedColumn
 
-from ..arguments import Array, array, flag, number, shown, whole
+from ..arguments import Array, array, flag, number, whole
 from ..arguments import path as path_of
-from ..dynamics.damping import Damping
+from ..dynamics.at_rest import AtRest
 from ..errors import StvkError
-from ..kernels.threads import Turn, in_turn
 from ..mesh.displacements import finite_vector
-from ..nonlinear.stopwatch import Stopwatch
+from ..results.files import output_path
 from ..system import System
-from ..system.operator import refuse_overflow
+from ..system.protocol import checked_system
 from ..system.signature import Fingerprint, sums
 from ..terminal import Progress, duration
 from ..terms import Quartic
-from ..terms.load import Moment, Time
-from ..terms.protocols import tell
-from .basis import SIZE, AtRest, Lifts, candidates_of, checked_snapshots, departure, masses_of, reduced_to
-from .equilibrium import ReducedEquilibrium
-from .motion import ReducedMotion
-from .quartic import MeshPart, ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
-from .sampled import Sampling, sampled_part
+from ..terms.load import Time
+from .basis import SIZE, Lifts, candidates_of, checked_snapshots, departure, masses_of, reduced_to
+from .coordinates import PrecomputedCoordinates
+from .quartic import ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
 
 #: Bytes that a reduced body may need while it is made, by default.
 MOST_MEMORY = 1e9
@@ -106,7 +101,7 @@ class ReducedSystem:
         most_memory: float = MOST_MEMORY,
         quiet: bool = False,
     ) -> None:
-        _refuse_no_system(body)
+        checked_system(body, "body")
         size = None if size is None else whole("size", size, "a number of unknowns", 1)
         if modes is None:
             modes = min(MODES, body.ndofs - len(body.supports.held))
@@ -119,7 +114,9 @@ class ReducedSystem:
             raise StvkError("times are empty; expected at least one, or None for 33 between 0 and 1.")
         if not modes and snapshots is None:
             raise StvkError("modes = 0 without snapshots; expected at least one of them, for there is nothing to make a basis of.")
-        _refuse_without_energy(body)
+        if body.without_energy:
+            names = ", ".join(body.without_energy)
+            raise StvkError(f"{names}: its force is the gradient of no energy; expected terms that have one, such as StVK.")
         body.check_held()
         if body.dtype != np.float64:
             raise StvkError("The body is in float32; expected float64: coefficients of a quartic are sums over all elements.")
@@ -141,22 +138,9 @@ class ReducedSystem:
 
     def _take(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:
         columns.flags.writeable = False
-        self.body, self.size, self.columns = body, size, columns
+        self.in_coordinates = inner = PrecomputedCoordinates(body, columns, size, quartic, sampled)
+        self.body, self.size, self.columns, self.masses, self.sampling = body, size, columns, inner.masses, inner.sampling
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
-        self._lifts, self._quartic, self.masses = Lifts(body, self.lifts), quartic, masses_of(body)
-        others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
-        self._others = [MeshPart(body.mesh, others, columns)] if others and not sampled else []
-        self.sampling: dict[str, Sampling] = {}
-        if sampled:
-            for name, term, bound in zip(body.elastic_names, body.elastic_terms, body.bound_terms, strict=True):
-                if not isinstance(bound, Quartic):
-                    part, self.sampling[name] = sampled_part(body, term, columns, sampled)
-                    self._others.append(part)
-        self._steady = [load for load in body.bound_loads if load.dead and load.steady]
-        self._changing = [load for load in body.bound_loads if not (load.dead and load.steady)]
-        self._steady_forces: dict[str, Array] = {}
-        self._turn = Turn()
-        self._at: tuple[Array, tuple[float, Array, Array]] | None = None
 
     def save(self, path: str | Path) -> Path:
         """Write the fields and the coefficients to a file (.npz), from which `load` makes this again within a second.
@@ -165,10 +149,10 @@ class ReducedSystem:
         """
         from .stores import ReducedFile  # pydantic is imported only where there are files
 
-        file = npz("path", path)
+        file = output_path(path, ".npz")
         if self.sampling:
             raise StvkError("Sampled elements are not kept in files; expected a body without them. Leave sampled out.")
-        arrays = {"basis": self.basis, "lifts": self.lifts, "T": self._quartic.T}
+        arrays = {"basis": self.basis, "lifts": self.lifts, "T": self.in_coordinates.coefficients}
         ReducedFile.write_file(file, _fingerprint(self.body, self.masses), {}, arrays)
         return file
 
@@ -190,82 +174,61 @@ class ReducedSystem:
         from ..results.store import expect, refusing_damage
         from .stores import ReducedFile
 
-        _refuse_no_system(body)
-        file, masses, remedy = npz("path", path), masses_of(body), ReducedFile.remedy
+        checked_system(body, "body")
+        file, masses = path_of("path", path, "the path of an .npz file that save() wrote"), masses_of(body)
         header, arrays = ReducedFile.read_file(file)
-        _fingerprint(body, masses).refuse_other(header.problem, file, remedy)
-        with refusing_damage(file, remedy):
+        _fingerprint(body, masses).refuse_other(header.problem, file, ReducedFile.remedy)
+        with refusing_damage(file, ReducedFile.remedy):
             V, Phi = (expect(arrays, name, (body.ndofs, None)) for name in ("basis", "lifts"))
             n = V.shape[1] + Phi.shape[1] + 1
             quartic = ReducedQuartic(n, expect(arrays, "T", (coefficients(n),)))
         if not departure(masses, V) < 1e-11:
-            raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {remedy}")
+            raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {ReducedFile.remedy}")
         made: ReducedSystem = cls.__new__(cls)
         made._take(body, np.ascontiguousarray(np.concatenate([V, Phi], axis=1)), V.shape[1], quartic)
         return made
 
     def amounts(self, t: Time = 1.0) -> Array:
         """`s(t)` (l,) [m] of the lifts. SupportError if what is held at `t` is off their span."""
-        return self._lifts.amounts(Moment.checked(t)).copy()
+        return self.in_coordinates.held_values(t)
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
         """Strain energy `W` [J] at the unknowns `q` (r,).
 
         StateError if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
         """
-        return self._response(self.unknowns(q, t))[0]
+        return self.in_coordinates.linearize(self.unknowns(q, t))[0]
 
     def internal_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`F = dW/dq` (r,), which is `V' F(u)` of the body. Errors as in `energy`."""
-        return self._response(self.unknowns(q, t))[1][: self.size].copy()
+        return self.in_coordinates.linearize(self.unknowns(q, t))[1][: self.size].copy()
 
     def tangent(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`K = d2W/dq2` (r, r), which is `V' K(u) V` of the body. Errors as in `energy`."""
-        return self._response(self.unknowns(q, t))[2][: self.size, : self.size].copy()
+        return self.in_coordinates.linearize(self.unknowns(q, t))[2][: self.size, : self.size].copy()
 
     def linearize(self, q: ArrayLike, t: Time = 1.0) -> tuple[float, Array, Array]:
         """W, F and K, for the price of one of them. Errors as in `energy`."""
-        W, F, K = self._response(self.unknowns(q, t))
+        W, F, K = self.in_coordinates.linearize(self.unknowns(q, t))
         return W, F[: self.size].copy(), K[: self.size, : self.size].copy()
 
     def lift_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`dW/ds` (l,) [N]: what it takes to hold the lifts where they are. Errors as in `energy`."""
-        return self._response(self.unknowns(q, t))[1][self.size :].copy()
-
-    @property
-    def signature(self) -> list[float]:
-        """A few numbers by which files know the fields again."""
-        return [float(self.size), *sums(self.columns)]
-
-    def equilibrium(self, watch: Stopwatch) -> ReducedEquilibrium:
-        """The equilibrium of this body as a problem for `solve_static`."""
-        return ReducedEquilibrium(self, watch)
-
-    def motion(self, mass: str | None, damping: Damping | None) -> ReducedMotion:
-        """The motion of this body for `simulate`."""
-        return ReducedMotion(self, mass, damping)
+        return self.in_coordinates.linearize(self.unknowns(q, t))[1][self.size :].copy()
 
     @property
     def quartic(self) -> bool:
         """Whether the energy is a quartic altogether, which costs nothing of the mesh."""
-        return not self._others
+        return self.in_coordinates.quartic
 
     def energy_along(self, q: ArrayLike, v: ArrayLike, t: Time = 1.0) -> NDArray[np.float64]:
         """(5,) coefficients of the strain energy along `q + s v` [J], exactly. Errors as in `energy`, and StvkError if there is a
         term whose energy is no quartic."""
-        if self._others:
+        if not self.quartic:
             raise StvkError("The strain energy along a line is no quartic with such terms; ask for energy(q + s v) instead.")
         direction = np.zeros(self.columns.shape[1])
         direction[: self.size] = finite_vector("v", v, self.size, "unknown")
-        return self.energy_along_states(self.unknowns(q, t), direction)
-
-    @in_turn
-    def energy_along_states(self, z: Array, v: Array) -> NDArray[np.float64]:
-        """Return `energy_along` along `z + s v` of all amounts `(q, s)`, (r + l,) both."""
-        x, y = np.concatenate([[1.0], z]), np.concatenate([[0.0], v])
-        c = self._quartic.along(x, y)
-        refuse_overflow(c, "W along a line", z)
-        return c
+        return self.in_coordinates.energy_along(self.unknowns(q, t), direction)
 
     def displacements(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`u = V q + Phi s(t)` (ndofs,) [m], with what is held exactly where it belongs."""
@@ -275,12 +238,7 @@ class ReducedSystem:
 
     def coordinates(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """`q = V' M (u - Phi s(t))` (r,): the unknowns nearest to displacements `u` (ndofs,), by mass."""
-        return self.state(u, t)[: self.size]
-
-    def state(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """`z = (q, s(t))` (r + l,), with the `coordinates` of displacements `u` (ndofs,)."""
-        x, s = finite_vector("u", u, self.body.ndofs), self.amounts(t)
-        return np.concatenate([self.basis.T @ (self.masses * (x - self.lifts @ s)), s])
+        return self.in_coordinates.state(u, t)[: self.size]
 
     def unknowns(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`z = (q, s(t))` (r + l,). Errors as in `energy`."""
@@ -289,33 +247,12 @@ class ReducedSystem:
     def external_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`V' f_ext` (r,) of the loads; those that are dead and given by constants cost nothing of the mesh. Errors as in
         `energy`."""
-        return self.loads(self.unknowns(q, t), t)[: self.size]
+        return self.in_coordinates.external_force(self.unknowns(q, t), t)[: self.size]
 
     def load_stiffness(self, q: ArrayLike, t: Time = 1.0) -> Array | None:
         """`-V' df_ext/du V` (r, r); None if all loads are dead. Errors as in `energy`."""
-        K = self.load_stiffness_of(self.unknowns(q, t), t)
+        K = self.in_coordinates.load_stiffness(self.unknowns(q, t), t)
         return None if K is None else K[: self.size, : self.size]
-
-    def loads(self, z: Array, t: Time) -> Array:
-        """(r + l,) loads on all amounts `z = (q, s)`."""
-        force = self._dead_force(t)
-        if self._changing:
-            u, moment = (self.columns @ z).reshape(-1, self.body.mesh.d), Moment.checked(t)
-            full = np.zeros(u.shape)
-            tell(self.body.bound_terms, moment)
-            for load in self._changing:
-                load.add_force(u, moment, full)
-            refuse_overflow(full, "The external force", u)
-            force = force + self.columns.T @ full.ravel()
-        return force
-
-    def load_stiffness_of(self, z: Array, t: Time) -> Array | None:
-        """(r + l, r + l) minus the derivative of `loads`; None if all loads are dead."""
-        if all(load.dead for load in self._changing):
-            return None
-        u = self.columns @ z
-        full = self.body.jacobian(u, t) - self.body.tangent(u)
-        return np.asarray(self.columns.T @ (full @ self.columns))
 
     def residual(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """`F - V' f_ext` (r,). Errors as in `energy`."""
@@ -328,73 +265,19 @@ class ReducedSystem:
 
     def potential(self, q: ArrayLike, t: Time = 1.0) -> float:
         """Strain energy and the potentials of the loads [J]; LoadError if one has none."""
-        if self.quartic and not self._changing:
-            return self.energy(q, t) - float(self._dead_force(t) @ self.unknowns(q, t))
-        u = self.displacements(q, t)
-        return self.energy(q, t) + self.body.potential(u, t) - self.body.energy(u)
-
-    def _dead_force(self, t: Time) -> Array:
-        """(r + l,) the projected force of what is dead and given by constants."""
-        moment = Moment.checked(t)
-        if moment.mass not in self._steady_forces:
-            force, x = np.zeros(self.body.mesh.p.T.shape), np.zeros(self.body.mesh.p.T.shape)
-            for load in self._steady:
-                load.add_force(x, moment._replace(factor=1.0), force)
-            self._steady_forces[moment.mass] = self.columns.T @ force.ravel()
-        return moment.factor * self._steady_forces[moment.mass]
+        return self.in_coordinates.potential(self.unknowns(q, t), t)
 
     def response(self, z: Array) -> tuple[float, Array, Array]:
         """W, `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at all amounts `z = (q, s)`; read only. Errors as in `energy`."""
-        return self._response(finite_vector("z", z, self.columns.shape[1], "amount"))
-
-    @in_turn
-    def _response(self, z: Array) -> tuple[float, Array, Array]:
-        """Return `response`, and remember it for the last `z`. Python threads take turns, since the parts work in shared arrays."""
-        if self._at is not None and np.array_equal(self._at[0], z):
-            return self._at[1]
-        W, G, H = self._quartic.linearize(np.concatenate([[1.0], z]))
-        F, K = G[1:], H[1:, 1:]
-        for part in self._others:
-            more, f, k = part.linearize(z)
-            W, F, K = W + more, F + f, K + k
-        refuse_overflow(W, "W", z)
-        refuse_overflow(F, "F", z)
-        F.flags.writeable = K.flags.writeable = False
-        self._at = z.copy(), (W, F, K)
-        return self._at[1]
+        return self.in_coordinates.linearize(finite_vector("z", z, self.columns.shape[1], "amount"))
 
     def __repr__(self) -> str:
-        lifts = f", {self.lifts.shape[1]} lifts" if self.lifts.shape[1] else ""
-        cost = "" if self.quartic else "; a term is no quartic: each evaluation costs as much as on the mesh"
-        if self.sampling:
-            error = max(one.unseen for one in self.sampling.values())
-            cost = f"; {sum(len(one.elements) for one in self.sampling.values())} sampled elements, error {error:.1e}"
-        return f"ReducedSystem: {self.size} unknowns{lifts}, of {self.body!r}{cost}"
+        return repr(self.in_coordinates)
 
 
 def _fingerprint(body: System, masses: Array) -> Fingerprint:
     """A reduced body depends on the mesh, the elastic terms, on what is held and on masses; not on loads."""
     return Fingerprint("path of equilibria", body, {}, [], {"masses": sums(masses)})
-
-
-def npz(name: str, given: Any) -> Path:
-    """The path of an .npz file."""
-    file = path_of(name, given, "the path of an .npz file")
-    if file.suffix != ".npz":
-        raise StvkError(f"{name} = {shown(given)} does not end in .npz; expected the path of an .npz file.")
-    return file
-
-
-def _refuse_no_system(body: Any) -> None:
-    if not isinstance(body, System):
-        raise StvkError(f"body = {shown(body)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
-
-
-def _refuse_without_energy(body: System) -> None:
-    """Refuse terms whose force is the gradient of no energy."""
-    if body.without_energy:
-        names = ", ".join(body.without_energy)
-        raise StvkError(f"{names}: its force is the gradient of no energy; expected terms that have one, such as StVK.")
 
 
 class _Stages(Progress):

@@ -19,14 +19,13 @@ from ..arguments import path as checked_path
 from ..dynamics import Integrator
 from ..dynamics.motion import Motion
 from ..errors import RegionError, StvkError, name_known
-from ..linear.choose import choose
 from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh
 from ..mesh.places import Box, Where, vertices_at
 from ..results.state_files import read_state
 from ..results.table import find
 from ..system import System
-from ..system.free_tangent import entries_of, kind_of, with_loads
+from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
 from ..terms import Body, is_load
 from .complaints import Complaints
@@ -136,9 +135,7 @@ class Built:
                 return ""
             motion = Motion(system, analysis.mass, None)  # type: ignore[union-attr]
             return str(self.integrator.linear_solver(motion).name)  # type: ignore[attr-defined]
-        free = system.ndofs - len(system.supports.held)
-        indefinite = isinstance(analysis, ArcLengthAnalysis | ModesAnalysis)
-        return str(with_loads(choose(asked, free, kind_of(system), indefinite, entries_of(system)), system).name)
+        return str(solver_for(system, asked, isinstance(analysis, ArcLengthAnalysis | ModesAnalysis)).name)
 
 
 def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..arguments import Array
 from ..nonlinear.newton import End, Iterations
-from ..nonlinear.problem import PathProblem
 from .continuation import Heading, Hyperplane, correct, heading
 from .critical import CriticalPoint, Point, find, turning_point
+from .equilibrium import Equilibrium
 from .history import Attempt, Step
 from .stop import Goal
 from .walk import SMALLEST, Course, Walk
@@ -41,7 +41,7 @@ class ArcLength(Walk):
 
     name: ClassVar[str] = "arc-length"
 
-    def __init__(self, problem: PathProblem, u0: Array, t0: float, course: Course, goal: Goal) -> None:
+    def __init__(self, problem: Equilibrium, u0: Array, t0: float, course: Course, goal: Goal) -> None:
         super().__init__(problem, u0, t0, course)
         self._goal = goal
         self._first_load, self._first, self._size = course.first, 0.0, 0.0
@@ -70,7 +70,7 @@ class ArcLength(Walk):
         return outcome
 
     def _start(self, t: float) -> Array:
-        return self.problem.place(self.u.copy(), t)
+        return self.problem.body.prescribe(self.u.copy(), t)
 
     def _advance(self) -> Step | Attempt | None:
         if self._heading is None:
@@ -119,7 +119,7 @@ class ArcLength(Walk):
             return Attempt(t, End.NO_DESCENT, Iterations(record.residuals, detail=ahead))
         ahead = ahead.along(way.direction, problem)
         chord = u - self.u
-        dot, reach = problem.states.dot, float(np.sqrt(problem.states.dot(chord, chord)))
+        dot, reach = problem.states.dot, problem.states.norm(chord)
         cosine = min(dot(ahead.direction, way.direction), dot(way.direction, chord) / reach, dot(ahead.direction, chord) / reach)
         if cosine < SHARPEST:
             return Attempt(t, End.TOO_SHARP, record)
@@ -180,7 +180,6 @@ class ArcLength(Walk):
         factor = float(np.clip(np.sqrt(ITERATIONS / max(iterations, 1)), 1 / GROWTH, GROWTH))
         if cosine < SHARP:
             factor = min(factor, 1 / GROWTH)
-        so_far = self.u - self._from
-        part = PARTS * self._first_load * float(np.sqrt(self.problem.states.dot(so_far, so_far)))
+        part = PARTS * self._first_load * self.problem.states.norm(self.u - self._from)
         longest, shortest = max(LARGEST * self._first, part), SMALLEST * self._first  # only what fails ends the path
         self._size = max(min(factor * self._size, longest), shortest)

@@ -10,7 +10,7 @@ import numpy as np
 from ..arguments import Array
 from ..errors import StateError
 from ..nonlinear.newton import End, Iterations, arrived, usable
-from ..nonlinear.problem import PathProblem
+from .equilibrium import Equilibrium
 
 #: Iterations at most; a step that needs more is too long.
 MOST_IN_PLANE = 12
@@ -30,12 +30,12 @@ class Heading:
         """The heading that goes the other way."""
         return Heading(-self.direction, -self.rate, self.negative)
 
-    def along(self, v: Array, problem: PathProblem) -> Heading:
+    def along(self, v: Array, problem: Equilibrium) -> Heading:
         """This heading or the reversed one, whichever does not point against `v` (ndofs,)."""
         return self if problem.states.dot(self.direction, v) >= 0 else self.reversed()
 
 
-def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) -> Heading | str:
+def heading(problem: Equilibrium, u: Array, t: float, singular: bool = False) -> Heading | str:
     """Towards growing t at an equilibrium: `K du = -dr/dt dt`; or why there is none. `singular` as in `usable`."""
     factors = problem.factorise(u, t)
     forces, held = problem.rate(u, t)
@@ -43,7 +43,7 @@ def heading(problem: PathProblem, u: Array, t: float, singular: bool = False) ->
     if not usable(solution, singular):
         return solution.outcome.value
     rate = held + problem.space.expand(solution.x)
-    length = float(np.sqrt(problem.states.dot(rate, rate)))
+    length = problem.states.norm(rate)
     if length == 0:
         return "nothing moves as the load grows"
     return Heading(rate / length, 1 / length, problem.negative_pivots())
@@ -62,13 +62,13 @@ class Hyperplane:
     value: float
     reach: float  # how far it is from the state before, in the units of `value`
 
-    def miss(self, u: Array, t: float, problem: PathProblem) -> float:
+    def miss(self, u: Array, t: float, problem: Equilibrium) -> float:
         """How far the state is from it."""
         return self.value - problem.states.dot(self.normal, u) - self.weight * t
 
 
 def correct(
-    problem: PathProblem, u: Array, t: float, plane: Hyperplane, rtol: float, watch: Callable[[float, Iterations], None]
+    problem: Equilibrium, u: Array, t: float, plane: Hyperplane, rtol: float, watch: Callable[[float, Iterations], None]
 ) -> tuple[Array, float, End, Iterations]:
     """The equilibrium in the plane, from `u` (ndofs,) and `t` near it, by full steps of the exact tangent.
 
@@ -78,7 +78,7 @@ def correct(
     record, before = Iterations(), None
     try:
         while True:
-            u = problem.place(u.copy(), t)
+            u = problem.body.prescribe(u.copy(), t)
             residual = problem.residual(u, t)
             record.residuals.append(residual.relative)
             watch(t, record)

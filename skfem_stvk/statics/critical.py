@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode, nearest_mode
-from ..nonlinear.problem import PathProblem
 from .continuation import Hyperplane, correct, heading
+from .equilibrium import Equilibrium
 
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 #: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.
@@ -68,7 +68,7 @@ class _Lost(Exception):
     """The path between two states is not found, or does not do what it was expected to."""
 
 
-def find(problem: PathProblem, before: Point, after: Point, turned: bool, rtol: float) -> tuple[CriticalPoint, ...]:
+def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: float) -> tuple[CriticalPoint, ...]:
     """The critical points on the step from `before` to `after`; `turned`: the load factor turned back on it.
 
     Where it turns, `dt/ds` has a root; where otherwise an eigenvalue of K changes its sign, that has one.
@@ -98,12 +98,12 @@ def find(problem: PathProblem, before: Point, after: Point, turned: bool, rtol: 
     return tuple(_on_mesh(problem, points[i]) for i in order)
 
 
-def _on_mesh(problem: PathProblem, point: CriticalPoint) -> CriticalPoint:
+def _on_mesh(problem: Equilibrium, point: CriticalPoint) -> CriticalPoint:
     """The point with displacements in place of states of the problem."""
     return replace(point, u=problem.states.expand(point.u), mode=_scaled(problem.states.expand(point.mode)))
 
 
-def turning_point(problem: PathProblem, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:
+def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:
     """The state between two others at which the load factor turns back; None if it is not found."""
     chord = _Chord(problem, before, after, rtol)
     f = chord.root(chord.rate)
@@ -137,7 +137,7 @@ def _scaled(mode: Array) -> Array:
 class _Chord:
     """The path between two states, by equilibria in planes across the straight line from one to the other."""
 
-    def __init__(self, problem: PathProblem, before: Point, after: Point, rtol: float) -> None:
+    def __init__(self, problem: Equilibrium, before: Point, after: Point, rtol: float) -> None:
         self._problem, self.before, self.after, self._rtol = problem, before, after, rtol
         self.direction, self._fewest = after.u - before.u, 0
 
@@ -154,8 +154,7 @@ class _Chord:
 
     def _corrected(self, f: float) -> tuple[Array, float] | None:
         """The equilibrium in the plane across the line there, if Newton's method finds it: K may be singular to the last digit."""
-        dot = self._problem.states.dot
-        length = float(np.sqrt(dot(self.direction, self.direction)))
+        dot, length = self._problem.states.dot, self._problem.states.norm(self.direction)
         if not length:
             return None
         u = self.before.u + f * self.direction

@@ -10,7 +10,8 @@ import numpy as np
 from ..arguments import Array
 from ..errors import StateError
 from ..nonlinear.newton import MOST_FULL, NewtonOptions, newton, usable
-from ..nonlinear.problem import PathProblem, Tangent
+from ..nonlinear.problem import Tangent
+from .equilibrium import Equilibrium
 from .history import JUMPED, Attempt, Step
 from .walk import SMALLEST, Course, Walk
 
@@ -35,7 +36,7 @@ class LoadSteps(Walk):
 
     name: ClassVar[str] = "load-steps"
 
-    def __init__(self, problem: PathProblem, u0: Array, t0: float, course: Course) -> None:
+    def __init__(self, problem: Equilibrium, u0: Array, t0: float, course: Course) -> None:
         super().__init__(problem, u0, t0, course)
         self._first = self._size = course.first
         self._before: tuple[float, Array] | None = None
@@ -48,7 +49,7 @@ class LoadSteps(Walk):
         start = self.t, self.u
         super().resume(steps, saved)
         self._full_first = saved["full_first"]
-        before = (steps[-2].t, self.problem.state(steps[-2].u, steps[-2].t)) if len(steps) > 1 else start
+        before = (steps[-2].t, steps[-2].u) if len(steps) > 1 else start
         self._before = before if saved["straight"] else None
 
     def _advance(self) -> Step | Attempt | None:
@@ -77,7 +78,7 @@ class LoadSteps(Walk):
     def _equilibrium(self, before: OnPath, start: Array, t: float) -> Array | None:
         """The state at `t` on the way from one before, to the precision that telling a jump takes."""
         if len(self.problem.inside_out(start)) > self._allowed or not self.problem.on_this_side(before.u, start):
-            start = self.problem.place(before.u.copy(), t)
+            start = self.problem.body.prescribe(before.u.copy(), t)
         u, end, _ = newton(self.problem, start, t, NewtonOptions(max(self._rtol, LOOSE), self._allowed))
         return u if end.converged else None
 
@@ -91,10 +92,10 @@ class LoadSteps(Walk):
     def _start(self, t: float) -> Array:
         u = self._pointed(t)
         if u is not None:
-            self.problem.place(u, t)
+            self.problem.body.prescribe(u, t)
             if len(self.problem.inside_out(u)) <= self._allowed and self.problem.on_this_side(self.u, u):
                 return u
-        move = self.problem.place(self.u.copy(), t) - self.u
+        move = self.problem.body.prescribe(self.u.copy(), t) - self.u
         return self.u + move if not move.any() else self._carried(move, t)
 
     def _carried(self, move: Array, t: float) -> Array:
@@ -128,7 +129,7 @@ class Between:
     those before first.
     """
 
-    def __init__(self, problem: PathProblem, solve: Solve) -> None:
+    def __init__(self, problem: Equilibrium, solve: Solve) -> None:
         self._problem, self._solve, self._left = problem, solve, MOST
 
     def jump(self, before: OnPath, after: OnPath) -> float | None:
@@ -142,8 +143,11 @@ class Between:
 
     def _is_straight(self, before: OnPath, after: OnPath) -> bool:
         """Whether the elastic force along the straight way, a cubic, is about linear: no load had to fall on it."""
-        c = self._problem.elastic_along(before.u, after.u - before.u)
-        return c is not None and bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
+        body = self._problem.body
+        if not body.quartic:
+            return False
+        c = body.energy_along(before.u, after.u - before.u)
+        return bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
 
     def _jump(self, before: OnPath, after: OnPath, halved: int, most: float = 0.0) -> float | None:
         """`most`: how far off states were in the longer parts of the step that hold this one."""
@@ -168,7 +172,7 @@ class Between:
     def _middle(self, before: OnPath, after: OnPath, forward: Array) -> OnPath | None:
         self._left -= 1
         t = (before.t + after.t) / 2
-        u = self._solve(before, self._problem.place(before.u + forward / 2, t), t)
+        u = self._solve(before, self._problem.body.prescribe(before.u + forward / 2, t), t)
         return None if u is None else OnPath(t, u)
 
     def _answer(self, state: OnPath, t: float) -> Array | None:

@@ -15,7 +15,7 @@ from ..nonlinear.stability import Verdict
 from ..results.monitors import point_of
 from ..system import System
 from .arc_length import ArcLength
-from .equilibrium import StaticProblem
+from .equilibrium import Equilibrium
 from .history import History
 
 GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
@@ -165,7 +165,7 @@ def _found(history: History) -> str:
     return "".join(f" {finding.text}" for finding in history[-1].findings) if len(history) else ""
 
 
-def branch_end(problem: StaticProblem, start: Array, t0: float, u: Array, t: float) -> str:
+def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
     """Words on the last state `u` of a path that began at `start`; empty if K is as stiff as ever, or not symmetric."""
     try:
         before = _lowest(problem, start, t0)
@@ -181,13 +181,13 @@ def branch_end(problem: StaticProblem, start: Array, t0: float, u: Array, t: flo
     return f"the stable branch ends here. There {fallen}, and the body gives way most in {_where(problem, u, mode)}."
 
 
-def _lowest(problem: StaticProblem, u: Array, t: float) -> tuple[float, Array] | None:
+def _lowest(problem: Equilibrium, u: Array, t: float) -> tuple[float, Array] | None:
     """The lowest eigenvalue, or of a direct solver the one nearest to zero, and its mode; None if there is none to speak of."""
     mode = lowest_mode(problem, u, t) if problem.iterative else nearest_mode(problem, u, t)
     return None if mode is None or not problem.symmetric else (mode.value, mode.vector)
 
 
-def _where(problem: StaticProblem, u: Array, mode: Array) -> str:
+def _where(problem: Equilibrium, u: Array, mode: Array) -> str:
     """The elements that the mode deforms most, by the change of their edges."""
     mesh = problem.system.mesh
     v = problem.states.expand(mode).reshape(-1, mesh.d)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, choice, flag, number, shown, whole
 from ..errors import LoadError, StvkError, warn
-from ..linear import LinearSolver, choose
+from ..linear import LinearSolver
 from ..linear.choose import is_auto
 from ..mesh.displacements import by_vertex
 from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
@@ -21,11 +21,12 @@ from ..nonlinear.stopwatch import Stopwatch
 from ..results.files import Outlets
 from ..results.monitors import Monitors
 from ..system import System
-from ..system.free_tangent import entries_of, kind_of, with_loads
+from ..system.coordinates import Coordinates
+from ..system.free_tangent import solver_for
 from ..system.protocol import ReducedLike, checked_system
 from ..system.signature import sums
 from .arc_length import ArcLength
-from .equilibrium import Equilibrium, StaticProblem
+from .equilibrium import Equilibrium
 from .history import Attempt, History, Step
 from .load_steps import LoadSteps
 from .message import Ending, branch_end, reason
@@ -134,9 +135,8 @@ def solve_static(
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
-    if isinstance(system, ReducedLike):
-        return _Solve(system.body, _start(system.body, u0), options, system).result()
-    return _Solve(system, _start(system, u0), options).result()
+    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
+    return _Solve(body, u0, options).result()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,8 +175,10 @@ class StaticOptions:
         """Whether the path is followed by its length."""
         return self.method == ArcLength.name
 
-    def refuse_what_reduced_systems_have_not(self) -> None:
-        """Refuse what belongs to a solve with all displacements."""
+    def solver_for(self, body: System | Coordinates) -> LinearSolver | None:
+        """The linear solver for a body, None for one on a basis; refuses options that a body on a basis does not take."""
+        if isinstance(body, System):
+            return solver_for(body, self.solver, self.arc_length)
         if not is_auto(self.solver):
             raise StvkError(f"solver = {shown(self.solver)} for a reduced system, whose matrices are small and full: leave it out.")
         if self.outlets.checkpoint is not None:
@@ -184,6 +186,7 @@ class StaticOptions:
                 "checkpoint: solves of a reduced system take less time than a file would, and are not resumed. Leave checkpoint "
                 "and resume out; save=... writes the states."
             )
+        return None
 
     def signature(self, solver: str) -> dict[str, Any]:
         """StaticOptions by which a checkpoint knows its problem again."""
@@ -198,7 +201,7 @@ class StaticOptions:
 
 def _start(system: System, u0: ArrayLike | None) -> Array:
     """The displacements to start from; refuses a system on which nothing acts, or that moves without strain."""
-    if checked_system(system).dtype != np.float64:
+    if system.dtype != np.float64:
         raise StvkError(
             f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
@@ -215,26 +218,20 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
 class _Solve:
     """One solve: the walk along the path, what is written on the way, and what is said of it in the end."""
 
-    def __init__(self, system: System, start: Array, options: StaticOptions, reduced: ReducedLike | None = None) -> None:
-        self._system, self._start, self._options, self._reduced = system, start, options, reduced
-        self._watch, self._history = Stopwatch(), History()
-        self._problem: StaticProblem
-        if reduced is None:
-            free = system.ndofs - len(system.supports.held)
-            chosen = choose(options.solver, free, kind_of(system), options.arc_length, entries_of(system))
-            self._problem = Equilibrium(system, with_loads(chosen, system), self._watch)
-        else:
-            options.refuse_what_reduced_systems_have_not()
-            self._problem = reduced.equilibrium(self._watch)
-        self._asked = self._problem.solver.name
+    def __init__(self, body: System | Coordinates, u0: ArrayLike | None, options: StaticOptions) -> None:
+        self._system = system = body.system if isinstance(body, Coordinates) else body
+        self._options, self._watch, self._history = options, Stopwatch(), History()
+        self._start = _start(system, u0)
+        self._problem = Equilibrium(body, options.solver_for(body), self._watch)
+        self._asked = self._problem.tangent.solver.name
         self._verdict, self._branch = Verdict(True, None), ""
         self._cause: BaseException | None = None
 
     def result(self) -> StaticResult:
         """The result, or what is raised instead."""
-        options, history, problem = self._options, self._history, self._problem
-        header = f"{self._reduced or self._system!r}, {problem.space.n} of them free; solver '{self._asked}'"
-        start = {"u0": sums(self._start)} | ({} if self._reduced is None else {"the basis": self._reduced.signature})
+        options, history, problem, body = self._options, self._history, self._problem, self._problem.body
+        header = f"{body!r}, {problem.space.n} of them free; solver '{self._asked}'"
+        start = {"u0": sums(self._start)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
         files = opened(options.outlets, self._system, options.signature(self._asked), start)
         with files as (write, kept), PathProgress(header, options.quiet) as report:
             monitors = Monitors(self._system, options.ellipticity)
@@ -259,9 +256,9 @@ class _Solve:
             raise SolveError(result) from self._cause
         return result
 
-    def _walk(self, problem: StaticProblem, course: Course) -> Walk:
-        options, t0 = self._options, float(self._options.t0)
-        start = problem.state(self._start, t0)
+    def _walk(self, problem: Equilibrium, course: Course) -> Walk:
+        options, t0, body = self._options, float(self._options.t0), problem.body
+        self._first = start = body.state(self._start, t0) if isinstance(body, Coordinates) else self._start
         if not options.arc_length:
             return LoadSteps(problem, start, t0, course)
         return ArcLength(problem, start, t0, course, Goal(options.stop or Stop(load=1.0), self._system, problem.states))
@@ -287,12 +284,12 @@ class _Solve:
         if isinstance(outcome, Step):
             write(len(self._history) if self._options.arc_length else outcome.t, outcome)
 
-    def _judge(self, problem: StaticProblem, walk: Walk) -> None:
+    def _judge(self, problem: Equilibrium, walk: Walk) -> None:
         """What is known of the stability of the last state; of a path that stopped, whether its branch ends there."""
         history, t0 = self._history, float(self._options.t0)
         if not walk.reached:
             if len(history) and not history[-1].negative:
-                self._branch = branch_end(problem, problem.state(self._start, t0), t0, walk.u, walk.t)
+                self._branch = branch_end(problem, self._first, t0, walk.u, walk.t)
             return
         last = history[-1]
         if self._options.arc_length and last.negative is not None and problem.symmetric:
@@ -302,7 +299,7 @@ class _Solve:
         else:
             self._verdict = judged(problem, walk.u, last.t)
 
-    def _ended(self, problem: StaticProblem, walk: Walk) -> StaticResult:
+    def _ended(self, problem: Equilibrium, walk: Walk) -> StaticResult:
         t, u, history = walk.t, problem.states.expand(walk.u), self._history
         inverted = problem.inside_out(walk.u)
         if self._cause is not None:
@@ -327,10 +324,10 @@ class _Solve:
                 cause=self._cause,
             )
         )
-        if problem.solver.name != self._asked:
-            message += f" '{self._asked}' met its round-off in this body, and '{problem.solver.name}' took over."
-        projected, parts = self._reduced is not None, self._watch.parts()
-        return StaticResult(self._system, u, t, status, message, history, problem.solver.name, parts, projected)
+        solver, parts = problem.tangent.solver.name, self._watch.parts()
+        if solver != self._asked:
+            message += f" '{self._asked}' met its round-off in this body, and '{solver}' took over."
+        return StaticResult(self._system, u, t, status, message, history, solver, parts, problem.body is not self._system)
 
 
 def _new_findings(history: History) -> Iterator[str]:

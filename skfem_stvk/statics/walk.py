@@ -13,10 +13,10 @@ from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode
 from ..nonlinear.newton import End, Iterations, NewtonOptions, newton
 from ..nonlinear.outcome import Status
-from ..nonlinear.problem import PathProblem
 from ..nonlinear.stability import judged
 from ..results.monitors import Monitors
 from .critical import CriticalPoint, Point, find
+from .equilibrium import Equilibrium
 from .history import Attempt, Step
 
 #: Steps are shortened down to this part of the first one.
@@ -39,7 +39,7 @@ class Walk(ABC):
 
     name: ClassVar[str]
 
-    def __init__(self, problem: PathProblem, u0: Array, t0: float, course: Course) -> None:
+    def __init__(self, problem: Equilibrium, u0: Array, t0: float, course: Course) -> None:
         self.problem, self._course, self._rtol = problem, course, course.rtol
         self.t, self.u, self.reached = t0, u0, False
         self._first = self._size = 0.0  # of steps, in the measure of the walk
@@ -55,7 +55,7 @@ class Walk(ABC):
 
         Membranes and cables move across themselves without any then: pivots have the sign of rounding, so they are confirmed.
         """
-        if self.problem.dead:
+        if self.problem.system.dead:
             return 0
         self.problem.factorise(self.u, self.t)
         found = self.problem.negative_pivots()
@@ -73,7 +73,7 @@ class Walk(ABC):
             if outcome is None:
                 return
             if isinstance(outcome, Attempt):
-                self.problem.restore()
+                self.problem.body.restore()
             yield outcome
 
     def _begin(self) -> Step | Attempt | None:
@@ -109,7 +109,7 @@ class Walk(ABC):
         """Stand where another walk stood when it had found these states."""
         last, t0 = steps[-1], self.t
         self._size, self._first, self.problem.largest = saved["size"], saved["first"], saved["largest"]
-        self.reached, self.t, self.u = saved["reached"], last.t, self.problem.state(last.u, last.t)
+        self.reached, self.t, self.u = saved["reached"], last.t, last.u
         self._allowed = len(self.problem.inside_out(self.u))
         self._point = Point(self.u, last.t, last.negative, last.lowest)
         if len(steps) == 1 and last.t == t0:
@@ -136,7 +136,7 @@ class Walk(ABC):
         """A state of the path, with what there is to say of it; `critical`: the points before it, if they have been looked for."""
         problem, before = self.problem, self._point
         problem.accept(u, t)
-        problem.commit(u)
+        problem.body.commit(u)
         inverted, full = problem.inside_out(u), problem.states.expand(u)
         if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
@@ -148,7 +148,7 @@ class Walk(ABC):
         if critical is None:
             critical = () if before is None else find(problem, before, point, False, self._rtol)
         status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
-        energies, smallest, findings = problem.energies(u, t), problem.smallest_volume_ratio(u), self._course.monitors.at(full)
-        now, clock = perf_counter(), self._clock
+        energies, smallest = problem.energies(u, t), problem.system.smallest_volume_ratio(full)
+        findings, now, clock = self._course.monitors.at(full), perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
         return Step(t, full, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)

@@ -100,11 +100,11 @@ class BoundTerms:
 
     def _refuse_terms_that_keep_elements(self) -> None:
         """Refuse to take elements out of terms that know nothing of it."""
-        keeping = [type(term).__name__ for term, bound in self._on_mesh if not _can(bound)]
+        keeping = [type(term).__name__ for term, bound in self._on_mesh if not isinstance(bound, CanRemove)]
         keeping += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not _can(bound) and (isinstance(bound, HasState) or hasattr(bound, "pattern_version"))
+            if not isinstance(bound, CanRemove) and (isinstance(bound, HasState) or hasattr(bound, "pattern_version"))
         ]
         if keeping:
             raise StvkError(
@@ -264,11 +264,6 @@ class BoundTerms:
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Displacements as (nv, d)."""
         return by_vertex(self.mesh, u, name)
-
-
-def _can(bound: Any) -> bool:
-    """Whether elements can be taken out of a term."""
-    return isinstance(bound, CanRemove)
 
 
 def checked_terms(given: Any) -> tuple[Any, ...]:

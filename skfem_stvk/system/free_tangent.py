@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,13 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array
 from ..edges import ALL, Tensions
 from ..errors import StvkError
-from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns
+from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns, choose
 from ..linear.amg import AmgAnalysis
 from ..linear.inertia import transposition
 from ..terms.load import Time
 from .operator import FreeOperator, TangentOperator
 from .rigid import rigid_modes
+from .round_off import below, largest_error
 from .system import System
 
 #: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
@@ -28,17 +29,23 @@ SYMMETRIC = 1e-12
 
 
 class FreeTangent:
-    """What problems on one system share: the free degrees of freedom, the analysis of K, and K itself, always in the same place.
+    """The tangent of a system over its free degrees of freedom: the analysis of K, and K itself, always in the same place.
 
-    A problem makes K by `matrix` or, if its solver takes no matrix, by `operator`, adds its own parts (masses, damping), and has it
-    factorised. Where `kind` says that K need not be symmetric, the values of each matrix tell whether it is: `symmetric` is that of
-    the last one. `displacements` gives (ndofs,) where the body is now [m], for solvers that ask for its rigid motions. `exact` are
-    the factors of the last Jacobian that nothing stood in for.
+    An equation makes K by `at`, or by `matrix` or `operator` if it adds parts of its own (masses, damping), and has it factorised.
+    Where `kind` says that K need not be symmetric, the values of each matrix tell whether it is: `symmetric` is that of the last
+    one. `exact` are the factors of the last Jacobian that nothing stood in for.
+
+    Attributes
+    ----------
+    space, held : the spaces of the free and of the constrained degrees of freedom.
+    position : (ndofs,) displacements of the body now [m], for solvers that use its rigid motions; `at` sets it.
     """
 
-    def __init__(self, system: System, solver: LinearSolver, kind: Kind, displacements: Callable[[], Array]) -> None:
-        self.system, self.kind, self._displacements = system, kind, displacements
+    def __init__(self, system: System, solver: LinearSolver, kind: Kind) -> None:
+        self.system, self.kind = system, kind
         self.free = system.free_dofs(system.supports.held)
+        self.space, self.held = system.space.on(self.free.free), system.space.on(self.free.fixed)
+        self.position = np.zeros(system.ndofs)
         self.symmetric = kind is not Kind.GENERAL
         self._operator: TangentOperator | None = None
         self.take(solver)
@@ -59,6 +66,7 @@ class FreeTangent:
         """Go on with the torn system, which has the same pattern of K: the analysis of the solver stays."""
         self.system, self.free = system, self.free.of(system)
         self._operator = self._made_for = None
+        self.__dict__.pop("_largest_error", None)
 
     def unknowns(self) -> Unknowns:
         """The unknowns; with the structure of K unless it is never formed."""
@@ -71,7 +79,22 @@ class FreeTangent:
     def rigid_modes(self) -> Array:
         """(n, r) rigid motions of the body as it is deformed now."""
         mesh = self.system.mesh
-        return rigid_modes(mesh.p.T + self._displacements().reshape(-1, mesh.d))[self.free.free]
+        return rigid_modes(mesh.p.T + self.position.reshape(-1, mesh.d))[self.free.free]
+
+    def at(self, u: Array, t: Time, kept: Tensions, shifted: bool) -> csr_matrix | FreeOperator:
+        """The Jacobian at `u` (ndofs,) over the free degrees of freedom, for `factorise`, with the tensions that are `kept`.
+
+        `shifted`: with a little stiffness on the diagonal, so that it is positive definite.
+        """
+        self.position = u
+        if self.solver.matrix_free:
+            operator = self.operator(u, kept)
+            diagonal = np.einsum("vcc->vc", operator.diagonal_blocks()).ravel()[self.free.free] if shifted else None
+            return FreeOperator(operator, self.free, None if diagonal is None else self.shift(diagonal))
+        K = self.free_matrix(u, t, kept)
+        if shifted:
+            K.setdiag(K.diagonal() + self.shift(K.diagonal()))
+        return K
 
     def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
         """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, the elastic K.
@@ -128,10 +151,6 @@ class FreeTangent:
         np.maximum.at(largest, vertex, diagonal)
         return SHIFT * np.where(largest > 0, largest, largest.max())[vertex]
 
-    def diagonal_of(self, operator: TangentOperator) -> Array:
-        """(n,) diagonal of K over the free degrees of freedom."""
-        return np.asarray(np.einsum("vcc->vc", operator.diagonal_blocks()).ravel()[self.free.free])
-
     def factorise(self, K: Any, exact: bool = True) -> Factors:
         """Factors of `K` over the free degrees of freedom, a matrix or an operator; `exact`: nothing stands in for it."""
         factors = self._analysis.factorise(K, self._kind_of(K, exact))
@@ -170,9 +189,17 @@ class FreeTangent:
         K = self.system.jacobian(u, t, free=self.free)
         return K, Unknowns(*np.divmod(self.free.free, self.system.mesh.d), K.indptr, K.indices)
 
-    def operator_beside(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
-        """The Jacobian at `u` over the free degrees of freedom for products, of its own; a matrix where loads have a stiffness."""
-        return FreeOperator(self.system.linear_operator(u), self.free) if self.system.dead else self.beside(u, t)[0]
+    def scale(self, loads: Array, left: Array) -> float:
+        """Norm of the loads plus that of the reactions, which are in `left` (ndofs,) [N]."""
+        return self.system.space.norm(loads) + self.held.norm(self.held.restrict(left))
+
+    def round_off(self, u: Array) -> Array:
+        """(ndofs,) sums as in `System.round_off`, 0 where they say nothing [N]."""
+        return below(self._largest_error, self.system.round_off(u))
+
+    @cached_property
+    def _largest_error(self) -> Array:
+        return largest_error(self.system)
 
     def _kind_of(self, K: Any, exact: bool) -> Kind:
         """What K is: with loads that follow the body symmetric, too, where the rim of their surface is held or they are closed."""
@@ -206,3 +233,9 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
             "depends on where the body goes, and its stiffness is added to a matrix."
         )
     return replace(solver, assembled=True)
+
+
+def solver_for(system: System, solver: str | LinearSolver, indefinite: bool = False) -> LinearSolver:
+    """The linear solver that is asked for, as `choose` has it, for the Jacobian of a system over its free degrees of freedom."""
+    free = system.ndofs - len(system.supports.held)
+    return with_loads(choose(solver, free, kind_of(system), indefinite, entries_of(system)), system)

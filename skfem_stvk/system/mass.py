@@ -44,6 +44,7 @@ class Mass(ABC):
     ----------
     kind : "lumped" or "consistent".
     vertex : (nv,) lumped masses of the nodes [kg]; unless elements are quadratic the row sums of either.
+    free : (nv, d) whether a degree of freedom is free, and of a node that has elements.
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -78,7 +79,7 @@ class Mass(ABC):
         self.vertex: Array = self._body.lumped_mass
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
         is_free[self._held] = False
-        self._free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
+        self.free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
         self._places: tuple[int, NDArray[np.intp]] | None = None
         self._part: tuple[NDArray[np.int32], NDArray[np.intp], Array] | None = None
         self._refuse_bare()
@@ -150,10 +151,10 @@ class Mass(ABC):
 
     def _vector(self, name: str, given: Any) -> Array:
         """(ndofs,) finite numbers in double precision."""
-        return finite_vector(name, given, self._free.size).astype(np.float64, copy=False)
+        return finite_vector(name, given, self.free.size).astype(np.float64, copy=False)
 
     def _refuse_bare(self) -> None:
-        bare = np.flatnonzero((self.vertex <= 0) & self._free.any(axis=1))
+        bare = np.flatnonzero((self.vertex <= 0) & self.free.any(axis=1))
         if len(bare):
             raise MaterialError(
                 f"{name_ids(bare, self._word)} of {len(self.vertex)}: can move, but without mass, because in no element with a "
@@ -172,7 +173,7 @@ class LumpedMass(Mass):
     def _weigh(self) -> None:
         super()._weigh()
         self._dofs = np.repeat(self.vertex, self._d)
-        self._inverse = _inverse(self.vertex, self._free).ravel()
+        self._inverse = _inverse(self.vertex, self.free).ravel()
 
     @property
     def matrix(self) -> csr_matrix:
@@ -216,7 +217,7 @@ class ConsistentMass(Mass):
             parts.append(_scalar_matrix(t, Spread(mesh, mesh.element, t, body.mass[heavy]).matrices(), mesh.nv))
         self._scalar = reduce(add, parts)
         self._scalar.sort_indices()
-        self._inverse = _inverse(self._scalar.diagonal(), self._free)
+        self._inverse = _inverse(self._scalar.diagonal(), self.free)
 
     @property
     def matrix(self) -> csr_matrix:
@@ -225,7 +226,7 @@ class ConsistentMass(Mass):
         return M
 
     def multiply(self, v: Array, out: Array | None = None) -> Array:
-        product: Array = (self._scalar @ np.reshape(self._vector("v", v), self._free.shape)).ravel()
+        product: Array = (self._scalar @ np.reshape(self._vector("v", v), self.free.shape)).ravel()
         if out is None:
             return product
         out[:] = product
@@ -234,7 +235,7 @@ class ConsistentMass(Mass):
     def solve(self, f: Array) -> Array:
         low, high = self._bounds
         centre, half, ratio = (high + low) / 2, (high - low) / 2, sqrt(high / low)
-        r = np.array(self._vector("f", f)).reshape(self._free.shape)
+        r = np.array(self._vector("f", f)).reshape(self.free.shape)
         x, step, rho = np.zeros_like(r), self._inverse * r / centre, half / centre
         for _ in range(ceil(log(2 / np.finfo(float).eps) / log((ratio + 1) / (ratio - 1)))):
             x += step

@@ -220,6 +220,11 @@ class System(BoundTerms):
         """The space of displacements of all degrees of freedom."""
         return Space(self.ndofs)
 
+    def prescribe(self, u: Array, t: Time) -> Array:
+        """Write the displacements of supports at load factor `t`, or at a `Moment`, to `u` (ndofs,), in place."""
+        u[self.supports.held] = self.supports.values(t)
+        return u
+
     @property
     def ndofs(self) -> int:
         """Number of degrees of freedom, `d * nv`."""
@@ -348,7 +353,7 @@ class System(BoundTerms):
         Terms that change with it, as frames that are given, are from now on what they are at `t`; so they are after `jacobian`.
         StateError as in `energy`, for `t` too, and LoadError if a load that is given as a function does not return finite values.
         """
-        x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), Moment.checked(t)
+        x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
         tell(self.bound_terms, moment)
         for load in self.bound_loads:
             load.add_force(x, moment, force)
@@ -360,7 +365,7 @@ class System(BoundTerms):
 
         Errors as in `energy` and `external_force`, and LoadError if a load has no potential, such as follower pressure.
         """
-        moment, energy = Moment.checked(t), self.energy(u)
+        moment, energy = self._moment(t), self.energy(u)
         loads = zip(self.loads, self.bound_loads, strict=True)
         without = [type(load).__name__ for load, bound in loads if not bound.has_potential]
         if without:
@@ -387,7 +392,7 @@ class System(BoundTerms):
         `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K
         indefinite, what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
         """
-        moment, factors, x = Moment.checked(t), _factors(kept), self._state(u)
+        moment, factors, x = self._moment(t), _factors(kept), self._state(u)
         tell(self.bound_terms, moment)
         if free is not None:
             return self._part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
@@ -399,7 +404,7 @@ class System(BoundTerms):
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
         """`-df_ext/du` (ndofs, ndofs) [N/m] of loads with a potential that are not dead; else None. Errors as in `jacobian`."""
-        x, moment = self._state(u), Moment.checked(t)
+        x, moment = self._state(u), self._moment(t)
         turning = [of for load, of in self._turning if load.symmetric]
         if not turning:
             return None
@@ -414,7 +419,7 @@ class System(BoundTerms):
 
         NaN for an elastic term without an energy.
         """
-        x, moment = self._state(u), Moment.checked(t)
+        x, moment = self._state(u), self._moment(t)
         elastic = iter(self.elastic_energies(u))
         loads = iter([load.potential(x, moment) if load.has_potential else None for load in self.bound_loads])
         values = {name: next(loads if is_load(term) else elastic) for name, term in self._named}
@@ -538,6 +543,10 @@ class System(BoundTerms):
         parts["product"] = self._operator.memory() if self._operator is not None else 0
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
+
+    def _moment(self, t: Time) -> Moment:
+        """The moment of the loads at load factor `t`."""
+        return Moment.checked(t)
 
     def _refuse_without_energy(self) -> None:
         """Refuse to return one energy for terms of which some have none."""

@@ -18,7 +18,7 @@ from skfem_stvk import (
     modes,
     simulate,
 )
-from skfem_stvk.dynamics.motion import Motion, ground_forces
+from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.system.signature import Fingerprint
 from skfem_stvk.terms.load import Moment
 
@@ -135,7 +135,7 @@ def test_the_ground_carries_the_weight_and_what_accelerates_upwards(name, mass):
     a = motion.accelerations(u, run.v, 0.0)
     weight = motion.loads(u, 0.0).reshape(-1, mesh.d).sum(axis=0)
     assert weight == pytest.approx(-9.81 * system.mass(mass).total * np.arange(1.0, mesh.d + 1), rel=1e-12)
-    ground = ground_forces(motion, u, run.v, 0.0, 1e-3).reshape(-1, mesh.d).sum(axis=0)
+    ground = motion.ground_forces(u, run.v, 0.0, 1e-3).reshape(-1, mesh.d).sum(axis=0)
     rate = motion.mass.multiply(a).reshape(-1, mesh.d).sum(axis=0)
     assert ground + weight == pytest.approx(rate, abs=1e-10 * np.abs(weight).max())
 

@@ -33,8 +33,8 @@ def begun(integrator, d=3, mass="lumped", damping=None, size=0.1):
     loads = [NodalLoad((1, 5), lambda t: [0.4 * f for f in pushed(t)[:d]]), Gravity((0.3, -1.0, 0.5)[:d])]
     system = System(mesh, [material(mesh), *loads], fixed={"left": "xyz"[:d]})
     stepper = ImplicitStepper(Motion(system, mass, damping), integrator)
-    free = stepper.problem.free.vector
-    u, w, p = (size * free(rng.standard_normal(len(stepper.problem.free.free))) for _ in range(3))
+    free = stepper.problem.tangent.free.vector
+    u, w, p = (size * free(rng.standard_normal(len(stepper.problem.tangent.free.free))) for _ in range(3))
     state = MotionState.at(0.5, u, velocities(mesh))
     stepper.start(state)
     stepper.problem.begin(state, integrator.coefficients(state, DT, stepper))
@@ -50,7 +50,7 @@ def test_the_slope_of_what_a_step_costs_is_the_residual(d, integrator, damping, 
     assert problem.quartic
     cost = np.polynomial.Polynomial(problem.energy_along(w, p, AT_END))
     for s in (-0.7, 0.0, 0.4, 1.0):
-        slope = problem.residual(w + s * p, AT_END).vector @ p[problem.free.free]
+        slope = problem.residual(w + s * p, AT_END).vector @ p[problem.tangent.free.free]
         assert cost.deriv()(s) == pytest.approx(slope, rel=1e-9)
 
 
@@ -61,10 +61,12 @@ def test_what_has_no_potential_along_a_line_is_not_taken_for_a_quartic():
 
 def test_elements_turn_inside_out_where_the_body_is_not_where_the_step_began():
     problem, u, w, p = begun(BackwardEuler(DT), size=0.2)
-    assert problem.step_limit(w, p) == problem.system.step_limit(u + w, p) != problem.system.step_limit(w, p)
+    assert problem.step_limit(w, p) == problem.motion.system.step_limit(u + w, p) != problem.motion.system.step_limit(w, p)
     far = u + 5 * p
-    assert list(problem.inside_out(5 * p)) == list(problem.system.inside_out(far)) and len(problem.system.inside_out(far))
-    np.testing.assert_array_equal(problem.inside_out(0 * u), problem.system.inside_out(u))
+    assert list(problem.inside_out(5 * p)) == list(problem.motion.system.inside_out(far)) and len(
+        problem.motion.system.inside_out(far)
+    )
+    np.testing.assert_array_equal(problem.inside_out(0 * u), problem.motion.system.inside_out(u))
 
 
 @pytest.mark.parametrize("integrator", [BackwardEuler(DT), EnergyMomentum(DT), Newmark(DT)], ids=lambda one: one.name)
@@ -98,9 +100,12 @@ def test_nothing_stands_in_for_the_tangent_at_rest(solver):
     problem, _, w, p = begun(BackwardEuler(DT, tangent="rest", solver=solver))
     first, *others = (problem.factorise(at, AT_END, tangent) for at, tangent in zip((w, 3 * w, -w), Tangent, strict=True))
     assert all(other is first for other in others)
-    b, free = p[problem.free.free], problem.free.free
+    b, free = p[problem.tangent.free.free], problem.tangent.free.free
     x = problem.solve(first, b, 1e-12).x
-    K = problem.system.tangent(0 * w) @ problem.free.vector(x) + problem.system.mass().multiply(problem.free.vector(x)) / DT**2
+    K = (
+        problem.motion.system.tangent(0 * w) @ problem.tangent.free.vector(x)
+        + problem.motion.system.mass().multiply(problem.tangent.free.vector(x)) / DT**2
+    )
     np.testing.assert_allclose(K[free], b, atol=1e-9 * np.abs(b).max())
 
 
@@ -132,5 +137,5 @@ def test_at_rest_there_is_one_factorisation_whatever_rounding_makes_of_times(mak
 def test_multigrid_is_told_how_the_body_turns_where_it_is():
     problem, u, w, _ = begun(BackwardEuler(DT, solver="amg-cg"))
     problem.factorise(w, AT_END)
-    where = problem.system.mesh.p.T + (u + w).reshape(-1, 3)
-    np.testing.assert_array_equal(problem.tangent.rigid_modes(), rigid_modes(where)[problem.free.free])
+    where = problem.motion.system.mesh.p.T + (u + w).reshape(-1, 3)
+    np.testing.assert_array_equal(problem.tangent.rigid_modes(), rigid_modes(where)[problem.tangent.free.free])

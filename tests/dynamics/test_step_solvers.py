@@ -19,7 +19,7 @@ from skfem_stvk.dynamics import (
     simulate,
 )
 from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.step_problem import StepTangent
+from skfem_stvk.dynamics.step_matrix import StepTangent
 from skfem_stvk.linear import BlockJacobiCg, SsorCg, SuperLU
 
 MESHES = {2: MeshTri.init_tensor(*(np.linspace(0, x, n) for x, n in ((0.3, 13), (0.1, 5)))), 3: MeshTet().refined(3)}

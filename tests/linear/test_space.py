@@ -29,6 +29,13 @@ def test_restricting_is_the_transpose_of_expanding(name):
     assert space.dot(x, space.restrict(f)) == pytest.approx(float(space.expand(x) @ f), rel=1e-13)
 
 
+@pytest.mark.parametrize("name", SPACES)
+def test_a_few_entries_are_those_of_the_expanded_vector(name):
+    space, x = SPACES[name], RNG.standard_normal(SPACES[name].n)
+    some = np.array([3, 0, 1])
+    np.testing.assert_allclose(space.entries(some)(x), space.expand(x)[some], rtol=1e-14)
+
+
 def test_entries_know_their_numbers_in_the_whole():
     assert SPACES["some entries of some"].numbers.tolist() == [1, 11] and SPACES["some coordinates"].numbers.tolist() == [0, 1, 2]
 

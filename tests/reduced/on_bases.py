@@ -5,8 +5,7 @@ import skfem
 from scipy.linalg import eigh
 
 from skfem_stvk import Gravity, StVK, System, Traction
-from skfem_stvk.reduced.equilibrium import ReducedEquilibrium
-from skfem_stvk.reduced.motion import ReducedMotion
+from skfem_stvk.system.coordinates import Coordinates
 
 LOADS = (Traction(lambda x: x[0] > 1.99, (0.0, -40.0, 25.0)), Gravity((0.0, -3.0, 1.0)))
 
@@ -25,35 +24,30 @@ def column(load):
     return System(mesh, terms, fixed={lambda x: x[0] == 0: "xy"})
 
 
-class OnModes:
+class OnModes(Coordinates):
     """`u = V q + Phi s` with `size` modes (all by default), and one unit displacement for each prescribed degree of freedom."""
 
     quartic = True
+    in_coordinates = property(lambda self: self)
 
     def __init__(self, body, size=None):
         self.body = body
         held, moving = body.supports.held, body.supports.prescribed
         free = np.setdiff1d(np.arange(body.ndofs), held)
-        self.size = len(free) if size is None else size
+        size = len(free) if size is None else size
         m = np.repeat(body.mass().vertex, body.mesh.d)
         K = body.tangent(np.zeros(body.ndofs)).toarray()
-        V, Phi = np.zeros((body.ndofs, self.size)), np.zeros((body.ndofs, len(moving)))
-        V[free] = eigh(K[np.ix_(free, free)], np.diag(m[free]))[1][:, : self.size]
+        V, Phi = np.zeros((body.ndofs, size)), np.zeros((body.ndofs, len(moving)))
+        V[free] = eigh(K[np.ix_(free, free)], np.diag(m[free]))[1][:, :size]
         Phi[moving, np.arange(len(moving))] = 1
         Phi[free] = -np.linalg.solve(K[np.ix_(free, free)], K[np.ix_(free, moving)])
         Phi -= V @ (V.T @ (m[:, None] * Phi))
-        self.columns, self._m = np.hstack([V, Phi]), m
+        super().__init__(body, np.hstack([V, Phi]), size, m)
         self._moving = np.searchsorted(held, moving)
-        self.signature = [float(self.columns.sum()), float(self.size)]
         self.count = 0
 
-    def amounts(self, t):
+    def held_values(self, t):
         return self.body.supports.values(t)[self._moving]
-
-    def state(self, u, t):
-        s = self.amounts(t)
-        V = self.columns[:, : self.size]
-        return np.concatenate([V.T @ (self._m * (u - self.columns[:, self.size :] @ s)), s])
 
     def response(self, z):
         self.count += 1
@@ -61,21 +55,15 @@ class OnModes:
         energy, force = self.body.energy_and_force(u)
         return energy, force @ B, B.T @ (self.body.tangent(u) @ B)
 
-    def energy_along_states(self, z, v):
+    def energy_along(self, z, v):
         return self.body.energy_along(self.columns @ z, self.columns @ v)
 
-    def loads(self, z, t):
+    def external_force(self, z, t):
         return self.body.external_force(self.columns @ z, t) @ self.columns
 
-    def load_stiffness_of(self, z, t):
+    def load_stiffness(self, z, t):
         u, B = self.columns @ z, self.columns
         return None if self.body.dead else B.T @ ((self.body.jacobian(u, t) - self.body.tangent(u)) @ B)
-
-    def equilibrium(self, watch):
-        return ReducedEquilibrium(self, watch)
-
-    def motion(self, mass, damping):
-        return ReducedMotion(self, mass, damping)
 
     def __repr__(self):
         return f"{self.size} modes of {self.body!r}"

@@ -105,9 +105,9 @@ def test_energy_and_momentum_keeps_the_energy_on_a_basis():
 
 
 def test_one_point_in_place_of_two_loses_the_energy(monkeypatch):
-    from skfem_stvk.reduced import motion
+    from skfem_stvk.dynamics import step_matrix
 
-    monkeypatch.setattr(motion, "GAUSS", (0.5, 0.5))
+    monkeypatch.setattr(step_matrix, "GAUSS", (0.5, 0.5))
     reduced = OnModes(bar(loads=GENTLE), 6)
     ledger = simulate(reduced, EnergyMomentum(0.05), until=2.0, v0=reduced.columns @ np.linspace(1, 0.1, 6), quiet=True).ledger
     assert largest(ledger["closure_error"]) > 1e-4 * ledger["kinetic_energy"].max()
@@ -140,7 +140,6 @@ def test_steps_do_not_ask_the_body(integrator, monkeypatch):
     reduced = OnModes(bar(loads=GENTLE), 9)
     inner, asked = OnModes(bar(loads=GENTLE), 9), []
     reduced.response = inner.response  # stands for precomputed coefficients
-    motion = reduced.motion(None, Rayleigh(0.1, 1e-3))
     for name in ("energy", "internal_force", "energy_and_force", "inside_out", "tangent", "external_force", "foundation_force"):
         method = getattr(reduced.body, name)
         monkeypatch.setattr(
@@ -152,7 +151,7 @@ def test_steps_do_not_ask_the_body(integrator, monkeypatch):
         inner.count = 0
         run = simulate(reduced, integrator, until=until, damping=Rayleigh(0.1, 1e-3), probes={"tip": [17]}, quiet=True)
         counts.append(len(asked))
-    assert counts[0] == counts[1] < 30 and motion.states.n == 9
+    assert counts[0] == counts[1] < 30 and run.motion.states.n == 9
     evaluations = 2 if isinstance(integrator, EnergyMomentum) else 1
     assert inner.count <= evaluations * (run.iterations + run.ledger.steps) + run.ledger.steps
 
@@ -202,25 +201,27 @@ def test_what_a_reduced_motion_does_not_take_is_refused(integrator, options, sai
 
 @pytest.mark.parametrize("fault", ["masses", "damping", "reactions of what is prescribed"])
 def test_faults_show_in_the_motion_or_in_its_ledger(fault, monkeypatch):
-    from skfem_stvk.reduced.motion import ReducedMotion, ReducedStep
+    from skfem_stvk.dynamics.motion import Motion
+    from skfem_stvk.dynamics.step_problem import StepProblem
+    from skfem_stvk.system.coordinates import CoordinateMass
 
     body = BODIES["prescribed"]()
     options = {"until": 0.2, "quiet": True, "damping": Rayleigh(0.3, 1e-3)}
     right = simulate(OnModes(body, 20), BackwardEuler(dt=0.02), **options)
     if fault == "masses":
-        monkeypatch.setattr(ReducedMotion, "_momenta_of", wrong_masses(ReducedMotion._momenta_of))
+        monkeypatch.setattr(CoordinateMass, "__init__", wrong_masses(CoordinateMass.__init__))
     elif fault == "damping":
-        monkeypatch.setattr(ReducedMotion, "add_linear_damping", lambda self, v, out: None)
+        monkeypatch.setattr(Motion, "add_linear_damping", lambda self, v, out: None)
     else:
-        monkeypatch.setattr(ReducedStep, "full", property(lambda self: 0 * self._u0, lambda self, value: None), raising=False)
+        monkeypatch.setattr(StepProblem, "full", property(lambda self: 0 * self._u0, lambda self, value: None), raising=False)
     wrong = simulate(OnModes(body, 20), BackwardEuler(dt=0.02), **options)
     closure = [largest(one.ledger["closure_error"] - right.ledger["closure_error"]) for one in (wrong,)]
     assert largest(wrong.u - right.u) > 1e-3 * largest(right.u) or closure[0] > 1e-3 * right.ledger["kinetic_energy"].max()
 
 
 def wrong_masses(made):
-    def momenta_of(self, reduced):
-        made(self, reduced)
-        self.mass.matrix[0, 0] *= 1.1
+    def mass_of(self, body):
+        made(self, body)
+        self.matrix[0, 0] *= 1.1
 
-    return momenta_of
+    return mass_of

@@ -65,6 +65,21 @@ def test_reactions_balance_the_loads_however_small_the_basis(size):
     assert largest(bare.resultant - full.resultant) > 0.1 * largest(full.resultant)
 
 
+@pytest.mark.parametrize("t", [0.0, 0.3, 1.0])
+def test_what_is_prescribed_is_written_to_states_and_nothing_else(t):
+    """On the mesh and on a basis alike: the body is where its supports are, and free entries stay what they were."""
+    body = BODIES["prescribed"]()
+    whole = OnModes(body)
+    held = body.supports.held
+    u, z = (np.random.default_rng(3).standard_normal(space.n) for space in (body.space, whole.space))
+    there, on_basis = body.prescribe(u.copy(), t), whole.prescribe(z.copy(), t)
+    np.testing.assert_array_equal(there[held], body.supports.values(t))
+    np.testing.assert_array_equal(np.delete(there, held), np.delete(u, held))
+    np.testing.assert_array_equal(on_basis[: whole.size], z[: whole.size])
+    np.testing.assert_allclose(whole.space.expand(on_basis)[held], body.supports.values(t), atol=1e-14)
+    assert largest(whole.space.expand(whole.state(there, t)) - there) < 1e-12 * largest(u)
+
+
 def test_arc_length_reaches_the_same_displacement_at_the_same_load():
     body = BODIES["dead loads"]()
     stop = Stop(displacement=(tip, "y", -0.15))
@@ -110,7 +125,7 @@ def test_iterations_do_not_ask_the_body(monkeypatch):
         )
     inner = OnModes(bar(loads=GENTLE), 9)
     reduced.response = inner.response  # stands for precomputed coefficients
-    reduced.loads = lambda z, t: coefficients.setdefault("loads", inner.loads(z, 1.0)) * t
+    reduced.external_force = lambda z, t: coefficients.setdefault("loads", inner.external_force(z, 1.0)) * t
     result = solve_static(reduced, steps=2, quiet=True)
     assert result.history.iterations > 7
     assert "tangent" not in asked and asked.count("step_limit") == 0
@@ -144,8 +159,8 @@ def test_faults_are_caught(fault):
     if fault == "a lift that is forgotten":
         reduced.columns[:, -1] = 0
     elif fault == "the sign of the loads":
-        loads = reduced.loads
-        reduced.loads = lambda z, t: -loads(z, t)
+        loads = reduced.external_force
+        reduced.external_force = lambda z, t: -loads(z, t)
     else:
         response = reduced.response
         reduced.response = lambda z: (*response(z)[:2], response(0 * z)[2])

@@ -20,8 +20,9 @@ from skfem_stvk import (
     VolumePenalty,
     modes,
 )
+from skfem_stvk.dynamics.at_rest import AtRest
 from skfem_stvk.linear import Kind, Pardiso, SuperLU
-from skfem_stvk.reduced.basis import AtRest, masses_of, second_derivatives, vibration_modes
+from skfem_stvk.reduced.basis import masses_of, second_derivatives, vibration_modes
 
 LAW = StVK(young=2.0, poisson=0.3, density=1.5)
 

@@ -23,9 +23,9 @@ def test_reduced_bodies_pass(name):
 def altered(change):
     """A reduced body whose quartic is changed."""
     reduced = reduced_of(cube())
-    T = reduced._quartic.T
-    change(T, reduced)
-    reduced._at = None
+    inner = reduced.in_coordinates
+    change(inner.coefficients, reduced)
+    inner._known = {}
     return reduced
 
 

@@ -131,9 +131,9 @@ def test_the_line_search_minimises_the_potential_of_springs_too():
     """Their energy along a line is no quartic, and their force not the same all along it."""
     problem, u = equilibrium(tied(length=2.0, stiffness=3e3)), np.zeros(MESH.p.size)
     residual = problem.residual(u, 1.0)
-    v = problem.free.vector(-residual.vector / 300)
+    v = problem.tangent.free.vector(-residual.vector / 300)
     s = length_along(problem, u, v, 1.0, residual, np.inf)
-    slopes = [problem.residual(u + length * v, 1.0).vector @ v[problem.free.free] for length in (0.0, s)]
+    slopes = [problem.residual(u + length * v, 1.0).vector @ v[problem.tangent.free.free] for length in (0.0, s)]
     assert not problem.quartic and slopes[0] < 0 and abs(slopes[1]) <= 0.1 * abs(slopes[0])
 
 

@@ -187,7 +187,7 @@ def test_a_soft_part_beside_a_stiff_one_has_a_sign():
 
 def test_negative_curvature_at_the_round_off_of_cg_is_no_verdict(bent):
     problem = Equilibrium(bent.system, AmgCg(), Stopwatch())
-    force = np.random.default_rng(0).standard_normal(len(problem.free.free))
+    force = np.random.default_rng(0).standard_normal(len(problem.tangent.free.free))
     assert problem.solve(problem.factorise(bent.u, 1.0), force, 1e-4).outcome is Outcome.NEGATIVE_CURVATURE
     assert judged(problem, bent.u, 1.0) == (True, 0, "")
 

@@ -9,7 +9,8 @@ from springs import PointSpring
 from terms.toys import Vortex
 
 from skfem_stvk import BodyForce, ElementMesh, Gravity, LoadError, NodalLoad, Pressure, StVK, System, Traction
-from skfem_stvk.dynamics.forces import constant_loads, driven, steady_potential
+from skfem_stvk.dynamics.motion import Motion
+from skfem_stvk.dynamics.record import MotionState
 from skfem_stvk.edges.pairs import Coupled
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import Body, TurningLoad
@@ -153,8 +154,10 @@ def test_a_system_with_it_knows(name):
     system, u = System(case.mesh, [ELASTIC, case.load]), two_states(case)[0]
     assert (system.conservative, system.dead) == (case.has_potential, case.dead)
     kept = case.steady and case.has_potential
-    assert constant_loads(system) == (case.steady and case.dead) and driven(system) != kept
-    assert steady_potential(system, u.ravel(), Moment(0.4, 1.0)) == (bound(case).potential(u, Moment(1.0, 1.0)) if kept else 0)
+    motion = Motion(system, "lumped", None)
+    assert (motion.constant_loads is not None) == (case.steady and case.dead) and motion.driven != kept
+    potential = motion.add_up(MotionState.at(0.4, u.ravel(), 0 * u.ravel()), np.zeros(8))
+    assert potential == pytest.approx(bound(case).potential(u, motion.moment(0.4)) if kept else 0, rel=1e-13)
 
 
 @pytest.mark.parametrize("name", NOT_DEAD)

@@ -200,8 +200,8 @@ def in_a_step(motion, u):
 EQUATIONS = {
     "equilibrium": lambda body, u: (Equilibrium(body, SuperLU(), Stopwatch("write")), u),
     "step": lambda body, u: in_a_step(Motion(body, "lumped", None), u),
-    "equilibrium on a basis": lambda body, u: (OnModes(body).equilibrium(Stopwatch("write")), OnModes(body).state(u, 1.0)),
-    "step on a basis": lambda body, u: in_a_step(OnModes(body).motion("lumped", None), OnModes(body).state(u, 1.0)),
+    "equilibrium on a basis": lambda body, u: (Equilibrium(OnModes(body), None, Stopwatch("write")), OnModes(body).state(u, 1.0)),
+    "step on a basis": lambda body, u: in_a_step(Motion(OnModes(body), "lumped", None), OnModes(body).state(u, 1.0)),
 }
 
 

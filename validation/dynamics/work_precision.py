@@ -31,7 +31,7 @@ from skfem_stvk.dynamics import (
 )
 from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.modes import modes
-from skfem_stvk.dynamics.step_problem import StepTangent
+from skfem_stvk.dynamics.step_matrix import StepTangent
 
 from ..statics.study import Study
 from .flight import SPIN

@@ -16,7 +16,7 @@ from ...terms.load import Moment
 from ..forces import damping_is_of_edges
 from ..motion import Motion
 from ..record import MotionState
-from ..step_problem import Coefficients, StepTangent
+from ..step_matrix import Coefficients, StepTangent
 from .implicit import Implicit, ImplicitStepper
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, StepFailed
 

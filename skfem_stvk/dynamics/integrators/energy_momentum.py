@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arguments import Array
 from ..record import MotionState
-from ..step_problem import Coefficients
+from ..step_matrix import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
 

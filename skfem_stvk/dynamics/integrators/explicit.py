@@ -10,11 +10,10 @@ import numpy as np
 from ...arguments import Array
 from ...errors import StvkError
 from ...kernels import motion as kernels
-from ...nonlinear.stopwatch import Stopwatch
 from ...terms.protocols import tell
 from ..motion import Motion
-from ..record import Counts, HierarchyOrigin, MotionState
-from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, checked_step
+from ..record import MotionState
+from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, Stepper, checked_step
 
 
 @dataclass(frozen=True)
@@ -37,27 +36,16 @@ class Explicit(Integrator):
         object.__setattr__(self, "dt", checked_step(self.dt, optional=True))
 
 
-class ExplicitStepper:
+class ExplicitStepper(Stepper):
     """Evaluate the forces on the body, `h - D v` and `F`, on arrays that are made once."""
 
     def __init__(self, motion: Motion, name: str) -> None:
         if motion.mass.kind != "lumped":
             raise StvkError(f"{name} takes no {motion.mass.kind} mass: it would need a solve each step. Leave mass='lumped'.")
-        self.motion, self.watch, self.counts = motion, Stopwatch("write"), Counts()
+        super().__init__(motion)
         n = motion.system.ndofs
         self.inverse = np.zeros(n)
         self.internal, self._damped = np.zeros(n), np.zeros(n)
-        self.energy = 0.0
-
-    @property
-    def remark(self) -> str:
-        """Empty: an explicit step is worth no remark."""
-        return ""
-
-    origin: ClassVar[None] = None
-
-    def rebuild(self, origin: HierarchyOrigin) -> None:
-        """Do nothing: there is no multigrid."""
 
     def start(self, state: MotionState) -> None:
         """Evaluate the internal force at the first state, and take over the masses."""

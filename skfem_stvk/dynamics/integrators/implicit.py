@@ -12,15 +12,16 @@ from ...arguments import Array, choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...nonlinear.newton import Iterations, NewtonOptions, newton
-from ...nonlinear.stopwatch import Stopwatch
 from ...system import System
+from ...system.coordinates import Coordinates
 from ...system.free_tangent import entries_of, with_loads
 from ...terms.load import Moment
 from ..forces import passes_inversion
 from ..motion import Motion
-from ..record import SLACK, Counts, HierarchyOrigin, MotionState
-from ..step_problem import Coefficients, StepProblem, StepTangent, kind_of_step
-from .integrator import Integrator, StepFailed, checked_step
+from ..record import SLACK, HierarchyOrigin, MotionState
+from ..step_matrix import Coefficients, DenseStepMatrix, StepMatrix, StepTangent, kind_of_step
+from ..step_problem import StepProblem
+from .integrator import Integrator, StepFailed, Stepper, checked_step
 
 
 @dataclass(frozen=True)
@@ -89,35 +90,29 @@ class Implicit(Integrator):
         return ImplicitStepper(motion, self)
 
 
-class ImplicitStepper:
+class ImplicitStepper(Stepper):
     """Make steps by Newton's method, one equation per step; `room` (ndofs,) is to work in."""
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
-        self.motion, self.integrator, self.watch = motion, integrator, Stopwatch("write")
-        own: StepProblem | None = motion.step_problem(integrator, self.watch)
-        self.problem = self._on_mesh() if own is None else own
+        super().__init__(motion)
+        self.integrator = integrator
+        self.problem = StepProblem(motion, self._matrix(), self.watch, integrator.mean, integrator.secant)
         self._most_inside_out = motion.system.mesh.nt if passes_inversion(motion.system) else None
-        self.energy, self.counts = 0.0, Counts()
         self.room = np.zeros(motion.states.n)
 
-    def _on_mesh(self) -> StepProblem:
+    def _matrix(self) -> StepMatrix | DenseStepMatrix:
         motion, integrator = self.motion, self.integrator
+        if isinstance(motion.body, Coordinates):
+            return DenseStepMatrix(motion, motion.body, integrator.mean, self.watch)
         solver, tangent = integrator.linear_solver(motion), StepTangent(integrator.tangent)
-        return StepProblem(motion, solver, tangent, self.watch, integrator.mean, integrator.secant)
-
-    @property
-    def remark(self) -> str:
-        """Empty: Newton's method is worth no remark."""
-        return ""
+        return StepMatrix(motion, solver, tangent, integrator.mean, self.watch)
 
     @property
     def origin(self) -> HierarchyOrigin | None:
-        """The origin of the hierarchy that multigrid keeps; None where there is none."""
-        return self.problem.origin
+        return self.problem.matrix.origin
 
     def rebuild(self, origin: HierarchyOrigin) -> None:
-        """Build the hierarchy of multigrid again that another run kept."""
-        self.problem.rebuild(origin)
+        self.problem.matrix.rebuild(origin)
 
     def start(self, state: MotionState) -> None:
         """Evaluate the strain energy, and the acceleration if the integrator needs it."""

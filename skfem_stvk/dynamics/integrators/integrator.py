@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 from ...arguments import number
 from ...nonlinear.stopwatch import Stopwatch
@@ -18,35 +18,37 @@ class StepFailed(Exception):
     """A step found no state; the message says why. The state is as it was before."""
 
 
-class Stepper(Protocol):
-    """An integrator at work on one motion, with the arrays it needs."""
+class Stepper(ABC):
+    """An integrator at work on one motion, with the arrays it needs.
 
-    @property
-    def energy(self) -> float:
-        """Strain energy of the last state [J], of the terms that have one."""
+    Attributes
+    ----------
+    energy : strain energy of the last state [J], of the terms that have one.
+    counts : iterations that its steps took so far.
+    watch : the stopwatch of its steps.
+    """
 
-    @property
-    def counts(self) -> Counts:
-        """Iterations that its steps took so far."""
+    def __init__(self, motion: Motion) -> None:
+        self.motion, self.watch, self.counts, self.energy = motion, Stopwatch("write"), Counts(), 0.0
 
     @property
     def remark(self) -> str:
-        """A remark on the steps so far, for the message of the run; may be empty."""
-
-    @property
-    def watch(self) -> Stopwatch:
-        """The stopwatch of its steps."""
+        """A remark on the steps so far, for the message of the run; empty by default."""
+        return ""
 
     @property
     def origin(self) -> HierarchyOrigin | None:
         """The origin of the hierarchy that multigrid keeps; None where there is none."""
+        return None
 
-    def rebuild(self, origin: HierarchyOrigin) -> None:
+    def rebuild(self, origin: HierarchyOrigin) -> None:  # noqa: B027
         """Build the hierarchy of multigrid again that another run kept."""
 
+    @abstractmethod
     def start(self, state: MotionState) -> None:
         """Prepare for the first step from a state: what is not in it is computed. Again, after elements were taken out."""
 
+    @abstractmethod
     def step(self, state: MotionState, t: float) -> None:
         """Go on to time `t`, in place; raises StepFailed if there is no state then, or StateError where numbers overflow."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...arguments import Array, number
 from ...errors import StvkError
 from ..record import MotionState
-from ..step_problem import Coefficients
+from ..step_matrix import Coefficients
 from .implicit import Implicit, ImplicitStepper
 from .integrator import LINEAR_MOMENTUM
 

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from ...dynamics import EdgeDamping, Integrator, PrincipalStressLimit, Rayleigh
 from ...dynamics.integrators import INTEGRATORS
-from ...dynamics.step_problem import StepTangent
+from ...dynamics.step_matrix import StepTangent
 from ...linear.choose import solver_names
 from ...statics import Stop
 from .places import PlaceOrName

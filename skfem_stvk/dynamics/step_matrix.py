@@ -1,0 +1,319 @@
+"""The matrix of one implicit step: sparse, without forming it, or full; and what may stand in for it."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from ..arguments import Array
+from ..edges import ALL, NONE, TENSILE, WARPED, Tensions
+from ..linear import Factors, Kind, LinearSolver, Outcome, Solution, Unknowns
+from ..linear.amg import Pace
+from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
+from ..linear.cg import EdgeFactors
+from ..linear.dense import DenseFactors
+from ..nonlinear.problem import Tangent
+from ..nonlinear.stopwatch import Stopwatch
+from ..system import FreeOperator, System, TangentOperator
+from ..system.coordinates import Coordinates
+from ..system.dense_tangent import DenseTangent
+from ..system.free_tangent import FreeTangent, kind_of
+from ..terms import HasMeanForce
+from ..terms.load import Moment, Time
+from .forces import StartTensions, add_mean_force
+from .motion import Motion
+from .record import HierarchyOrigin
+
+#: The points of Gauss at which the force over a step of a body on a basis is averaged: exact for a cubic.
+GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
+
+
+class StepTangent(Enum):
+    """What stands in for the tangent stiffness in an implicit integrator, by its name in the integrator's options.
+
+    exact           K
+    clamped         without negative tensions of edges: positive semi-definite
+    gauss-newton    without any tension: 2 J'LJ
+    warped          K(0), turned with each element: without the derivative of its rotation (stiffness warping, Mueller 2004)
+    diagonal        the diagonal blocks alone (Debunne 2001, Mueller 2001): no solve, but forces reach one vertex per step
+    rest            K(0), made and factorised once: wrong under rotation
+    """
+
+    EXACT = "exact"
+    CLAMPED = "clamped"
+    GAUSS_NEWTON = "gauss-newton"
+    WARPED = "warped"
+    DIAGONAL = "diagonal"
+    REST = "rest"
+
+    @property
+    def kept(self) -> Tensions:
+        """The tensions that stay in it."""
+        return {StepTangent.CLAMPED: TENSILE, StepTangent.GAUSS_NEWTON: NONE, StepTangent.WARPED: WARPED}.get(self, ALL)
+
+
+class Coefficients(NamedTuple):
+    """The equation of motion as an integrator has it, `M (c w - m) + D (g w - d) + F - h + rest = 0`, for `w = u_1 - u_0`."""
+
+    c: float  # of the acceleration, as is m (ndofs,)
+    m: Array
+    g: float  # of the velocity, as is d (ndofs,) or 0
+    d: Array | float
+    rest: Array | float = 0.0  # (ndofs,) forces that do not depend on `w`
+
+
+def kind_of_step(system: System, tangent: StepTangent) -> Kind:
+    """The kind of the tangent of a step: diagonal blocks and K(0) are symmetric, without loads that follow the body."""
+    return Kind.SYMMETRIC if tangent in (StepTangent.DIAGONAL, StepTangent.REST) else kind_of(system)
+
+
+class StepMatrix:
+    """The matrix of a step from `u0`, `c M + g D + K` over the free degrees of freedom, with the chosen substitute for K.
+
+    `K` is that at the end of the step. With `mean` the force is twice the mean over the step, whose tangent is not symmetric.
+    `2 J'LJ` at the middle and the tensions of the beginning replace it, the latter for as long as the iteration converges fast: in
+    stiff bodies that vibrate faster than the steps they say nothing. K at the middle, where a rotating body has shrunk, does not
+    do: a spinning block of 1e9 Pa took 20 times the iterations. If no term has a force between two states, all act at the middle,
+    and K there is exact.
+
+    Attributes
+    ----------
+    tangent : the `FreeTangent` of the body.
+    with_tensions : whether the tensions of the beginning are in it.
+    """
+
+    def __init__(self, motion: Motion, solver: LinearSolver, chosen: StepTangent, mean: bool, watch: Stopwatch) -> None:
+        self._motion, self._system, self._watch = motion, motion.system, watch
+        self._chosen, self._mean = chosen, mean
+        self._u0, self._at = np.zeros(motion.states.n), np.zeros(motion.states.n)
+        self._rest: Any = None  # K(0)
+        between = mean and any(isinstance(term, HasMeanForce) for term in motion.system.bound_terms)
+        self._tensions = StartTensions(motion.system) if between and chosen is not StepTangent.REST else None
+        self.with_tensions = True
+        self._lasting_factors: tuple[Any, Factors] | None = None
+        self._free_operator: FreeOperator | None = None
+        self._origin: HierarchyOrigin | None = None
+        with watch("factor"):
+            self.tangent = FreeTangent(motion.system, solver, kind_of_step(motion.system, chosen))
+        blocks = Unknowns(*np.divmod(self.tangent.free.free, motion.system.mesh.d))
+        self._diagonal = BlockJacobiAnalysis(BlockJacobiCg(), blocks) if chosen is StepTangent.DIAGONAL else None
+
+    def begin(self, u0: Array, c: float, g: float) -> None:
+        """Begin a step from `u0` (ndofs,), which is not copied, with these factors of M and D."""
+        self._u0 = u0
+        if self._tensions is not None:
+            self._tensions.begin(u0)
+        self._c, self._g, self.with_tensions = c, g, True
+
+    def add_mean_force(self, w: Array, out: Array) -> None:
+        """Add the mean internal force over the step by `w` to `out`, both (ndofs,) [N]."""
+        add_mean_force(self._system, self._u0, self._u0 + w, out)
+
+    def round_off(self, w: Array) -> Array:
+        """(ndofs,) sums as in `FreeTangent.round_off`, at the end of the step."""
+        return self.tangent.round_off(self._u0 + w)
+
+    def factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
+        """The tangent that was chosen, or one that Newton's method falls back on, as in statics; K(0) stays what it is, and so does
+        K of a body that is linear."""
+        linear = self._system.constant_tangent and tangent is Tangent.EXACT
+        if not linear and self._chosen is not StepTangent.REST:
+            return self._factorise(w, t, tangent)
+        key = self._c, self._g, self._system.pattern_version
+        if self._lasting_factors is None or self._lasting_factors[0] != key:
+            self._lasting_factors = key, self._factorise(w, t, Tangent.EXACT)
+        return self._lasting_factors[1]
+
+    def _factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
+        K: Any
+        exact = tangent is Tangent.EXACT
+        kept, multigrid = self._chosen.kept if exact else TENSILE, self.tangent.multigrid
+        if self._diagonal is not None and exact:
+            with self._watch("factor"):
+                return _Diagonal(self._diagonal.factorise(self._operator(w, kept), self.tangent.kind))
+        with self._watch("assemble"):
+            if self.tangent.solver.matrix_free:
+                K = self._operator(w, kept)
+            else:
+                K = self._matrix(w, t, kept)
+                if tangent is Tangent.SHIFTED:
+                    K.setdiag(K.diagonal() + self.tangent.shift(K.diagonal()))
+        with self._watch("factor"):
+            if multigrid is None:
+                return self.tangent.factorise(K, exact)
+            before, self.tangent.position = multigrid.hierarchy, self._u0 + w
+            factors = self.tangent.factorise(K, exact)
+            if multigrid.hierarchy is not before:
+                at = self._u0.copy(), w.copy(), Moment.of(t).time
+                self._origin = HierarchyOrigin(*at, self._c, self._g, tangent.value, self.with_tensions)
+            return factors
+
+    @property
+    def origin(self) -> HierarchyOrigin | None:
+        """The origin of the hierarchy that multigrid keeps; None where there is none."""
+        multigrid = self.tangent.multigrid
+        if multigrid is None or multigrid.hierarchy is None or self._origin is None:
+            return None
+        return self._origin._replace(pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
+
+    def forget(self) -> None:
+        """Drop the hierarchy of multigrid, so that the next matrix gets a new one.
+
+        Follow the motion to its present body: if that is torn, drop the matrices and factors of the body with more elements.
+        """
+        self.tangent.forget()
+        system = self._motion.system
+        if self._system is system:
+            return
+        self._system = system
+        self.tangent.follow(system)
+        if self._tensions is not None:
+            self._tensions = StartTensions(system)
+        self._rest = self._lasting_factors = self._free_operator = None
+
+    def rebuild(self, origin: HierarchyOrigin) -> None:
+        """Build the hierarchy of multigrid again that another run kept."""
+        if self.tangent.multigrid is None:
+            return
+        self.begin(origin.u0, origin.c, origin.g)
+        self.with_tensions = origin.with_tensions
+        self._factorise(origin.w, self._motion.moment(origin.t), Tangent(origin.tangent))
+        self.tangent.multigrid.pace = Pace(origin.pace, origin.slow)
+
+    @property
+    def _inertia_factor(self) -> float:
+        return self._c + self._motion.alpha * self._g
+
+    def _parts(self, kept: Tensions) -> tuple[float, Tensions, Tensions]:
+        """The factor of K and the tensions within, and tensions of the beginning beside it, as far as they are `kept`.
+
+        Edge damping, a part of `2 J'LJ`, is the factor: `factor (2 J'LJ + tensions / factor)`.
+        """
+        factor = 1 + self._motion.tau * self._g
+        if kept.warped:
+            return factor, WARPED, NONE
+        if self._tensions is not None:
+            return factor, NONE, kept if self.with_tensions else NONE
+        return factor, Tensions(kept.positive / factor, kept.negative / factor), NONE
+
+    def _where(self, w: Array) -> Array:
+        """(ndofs,) displacements at which the tangent is taken [m]."""
+        if self._chosen is StepTangent.REST:
+            return np.zeros_like(w)
+        return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
+
+    def _matrix(self, w: Array, t: Time, kept: Tensions) -> csr_matrix:
+        """The matrix of the step over the free degrees of freedom."""
+        factor, within, kept = self._parts(kept)
+        at_rest = self._chosen is StepTangent.REST  # loads follow the body, and change: they are not in K(0)
+        where, moment = self._where(w), None if at_rest else t
+        if self.tangent.straight and self._tensions is None and not self._motion.beta:
+            Kff = self.tangent.free_matrix(where, moment, within)
+            if factor != 1:
+                Kff.data *= factor
+            self._motion.mass.add_to(Kff, self._inertia_factor, self.tangent.free)
+            return Kff
+        K = self.tangent.matrix(where, moment, within)
+        if factor != 1:
+            K.data *= factor
+        if self._tensions is not None and kept != NONE:
+            K.data += self._tensions.values(t, kept)
+        if self._motion.beta:
+            if self._rest is None:
+                self._rest = self._system.tangent(np.zeros(self._system.ndofs))
+            K.data += self._motion.beta * self._g * self._rest.data
+        self._motion.mass.add_to(K, self._inertia_factor)
+        return self.tangent.restricted(K)
+
+    def _operator(self, w: Array, kept: Tensions) -> FreeOperator:
+        """K for products; with the mass on its diagonal it needs no other shift."""
+        operator = self._prepared(w, kept)
+        if self._free_operator is None:
+            free = self.tangent.free.free
+            self._lumped = self._motion.mass.vertex[free // self._system.mesh.d]
+            self._free_operator = FreeOperator(operator, self.tangent.free, np.zeros(len(free)))
+        np.multiply(self._lumped, self._inertia_factor, out=self._free_operator.shift)
+        return self._free_operator
+
+    def _prepared(self, w: Array, kept: Tensions) -> TangentOperator:
+        factor, within, kept = self._parts(kept)
+        operator = self.tangent.operator(self._where(w), within)
+        others = [(self._motion.beta * self._g, self._motion.at_rest)] if self._motion.beta else []
+        if self._tensions is not None and kept != NONE:
+            others += self._tensions.operators(kept)
+        if factor != 1 or others:
+            operator.scale_and_add(factor, others)
+        return operator
+
+
+class DenseStepMatrix:
+    """The matrix of a step from `z0` of a body in coordinates, `c M + g D + K`, with the methods of `StepMatrix`; it is exact.
+
+    With `mean` the force over the step is `1/2 F(z0 + a w) + 1/2 F(z0 + b w)` at the two points of Gauss. Its work is
+    `W(z0 + w) - W(z0)` for a cubic force, and twice its tangent, `a K(z0 + a w) + b K(z0 + b w)`, is symmetric.
+    """
+
+    with_tensions = False
+    origin: ClassVar[None] = None
+
+    def __init__(self, motion: Motion, body: Coordinates, mean: bool, watch: Stopwatch) -> None:
+        self._motion, self._body, self._mean, self._watch = motion, body, mean, watch
+        self._u0, self.tangent = np.zeros(motion.states.n), DenseTangent(body)
+        self._key: tuple[float, float] | None = None
+        self._inertia = np.zeros((motion.states.n,) * 2)
+
+    def begin(self, u0: Array, c: float, g: float) -> None:
+        """Begin a step from `u0` (m,), which is not copied, with these factors of M and D."""
+        self._u0 = u0
+        if self._key != (c, g):
+            motion = self._motion
+            damping = motion.alpha * motion.mass.matrix + motion.beta * motion.at_rest
+            self._key, self._inertia = (c, g), c * motion.mass.matrix + g * damping
+
+    def add_mean_force(self, w: Array, out: Array) -> None:
+        """Add the mean internal force over the step by `w` to `out`, both (m,)."""
+        for part in GAUSS:
+            out += self._body.linearize(self._u0 + part * w)[1] / 2
+
+    def _stiffness(self, w: Array) -> Array:
+        """(m, m) derivative of the internal force of the equation by `w`."""
+        if not self._mean:
+            return self._body.linearize(self._u0 + w)[2]
+        a, b = GAUSS
+        return a * self._body.linearize(self._u0 + a * w)[2] + b * self._body.linearize(self._u0 + b * w)[2]
+
+    def round_off(self, w: Array) -> Array:
+        """(m,) sums as in `DenseTangent.round_off`, at the end of the step."""
+        return self.tangent.round_off(self._u0 + w, self._stiffness(w))
+
+    def factorise(self, w: Array, t: Time, tangent: Tangent) -> DenseFactors:
+        """Factors of the exact matrix; unless it is asked for, with the absolute values of its eigenvalues."""
+        with self._watch("assemble"):
+            K = self._inertia + self._stiffness(w)
+            follows = self._body.load_stiffness(self._u0 + w, t)
+            if follows is not None:
+                K += follows
+        with self._watch("factor"):
+            return self.tangent.factorise(K, tangent is Tangent.EXACT)
+
+    def forget(self) -> None:
+        """Do nothing: nothing is kept from one matrix to the next."""
+
+    def rebuild(self, origin: HierarchyOrigin) -> None:
+        """Do nothing: there is no multigrid."""
+
+
+class _Diagonal:
+    """Inverted diagonal blocks; nobody counts their negative eigenvalues."""
+
+    negative_pivots = None
+
+    def __init__(self, factors: BlockJacobiFactors | EdgeFactors) -> None:
+        self._factors = factors
+
+    def solve(self, b: Array, rtol: float = 1e-10, x0: Array | None = None, out: Array | None = None) -> Solution:
+        """Exact, of the diagonal blocks."""
+        return Solution(self._factors.precondition(b), 0, 0.0, Outcome.SOLVED)

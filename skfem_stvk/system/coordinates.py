@@ -1,0 +1,200 @@
+"""Bodies whose displacements are those of a few coordinates, and their masses in these."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import Array
+from ..errors import StvkError
+from ..kernels.threads import Turn, in_turn
+from ..linear.dense import DenseFactors
+from ..mesh import ElementMesh
+from ..mesh.displacements import finite_vector
+from ..terms.load import Time
+from .signature import sums
+from .system import System
+
+#: States whose energy, force and stiffness are kept: a step has two points of Gauss and its end.
+KEPT = 3
+
+
+class FreeCoordinates(NamedTuple):
+    """Indices of the free and of the prescribed coordinates."""
+
+    free: NDArray[np.int64]
+    fixed: NDArray[np.int64]
+
+
+class Coordinates(ABC):
+    """A body with displacements `u = columns z`, which answers in the coordinates `z` as a `System` does in displacements.
+
+    The first `size` of the coordinates `z = (q, s)` (m,) are free, the others are prescribed. The body must not have terms with a
+    memory.
+
+    Attributes
+    ----------
+    system : the body with all its displacements; results are on its mesh.
+    columns : (ndofs, m) displacements for each of the coordinates; the first `size` are orthonormal by the masses.
+    masses : (ndofs,) lumped masses.
+    free : `FreeCoordinates`.
+    """
+
+    constant_tangent: ClassVar[bool] = False
+    #: Names of terms without an energy: there are none, and the energies of terms are not told apart.
+    without_energy: ClassVar[tuple[str, ...]] = ()
+    elastic_names: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, system: System, columns: Array, size: int, masses: Array) -> None:
+        self.system, self.columns, self.size, self.masses = system, columns, size, masses
+        self.space = system.space.spanned_by(columns)
+        self.free = FreeCoordinates(np.arange(size), np.arange(size, columns.shape[1]))
+        self._known: dict[bytes, tuple[float, Array, Array]] = {}
+        self._looked: tuple[Array, NDArray[np.int64]] | None = None
+        self._turn = Turn()
+
+    @property
+    @abstractmethod
+    def quartic(self) -> bool:
+        """Whether the strain energy is a quartic along any line."""
+
+    @abstractmethod
+    def held_values(self, t: Time) -> Array:
+        """(l,) prescribed coordinates `s` at load factor `t`, or at a `Moment`."""
+
+    @abstractmethod
+    def response(self, z: Array) -> tuple[float, Array, Array]:
+        """Strain energy [J], its gradient (m,) and its second derivatives (m, m)."""
+
+    @abstractmethod
+    def energy_along(self, z: Array, v: Array) -> Array:
+        """(5,) coefficients of the strain energy along `z + s v`, where that is quartic."""
+
+    @abstractmethod
+    def external_force(self, z: Array, t: Time) -> Array:
+        """(m,) loads on the coordinates, `columns' f_ext`."""
+
+    @abstractmethod
+    def load_stiffness(self, z: Array, t: Time) -> Array | None:
+        """(m, m) minus the derivative of the loads; None if all of them are dead."""
+
+    @property
+    def mesh(self) -> ElementMesh:
+        """The mesh of the body."""
+        return self.system.mesh
+
+    @property
+    def signature(self) -> list[float]:
+        """A few numbers by which files know the basis again."""
+        return [float(self.size), *sums(self.columns)]
+
+    def state(self, u: ArrayLike, t: Time) -> Array:
+        """(m,) coordinates nearest to displacements (ndofs,) by mass, with the prescribed ones at `t`."""
+        x, s = finite_vector("u", u, self.system.ndofs), self.held_values(t)
+        basis, lifts = self.columns[:, : self.size], self.columns[:, self.size :]
+        return np.concatenate([basis.T @ (self.masses * (x - lifts @ s)), s])
+
+    def prescribe(self, z: Array, t: Time) -> Array:
+        """Write the prescribed coordinates at `t` to `z`, in place."""
+        z[self.size :] = self.held_values(t)
+        return z
+
+    @in_turn
+    def linearize(self, z: Array) -> tuple[float, Array, Array]:
+        """Return `response`, which is kept for the last three states. The arrays must not be changed."""
+        key = z.tobytes()
+        if key not in self._known:
+            if len(self._known) == KEPT:
+                del self._known[next(iter(self._known))]  # the oldest
+            self._known[key] = self.response(z)
+        return self._known[key]
+
+    def elastic_energies(self, z: Array) -> list[float]:
+        """The strain energy, of all terms together [J]."""
+        return [self.linearize(z)[0]]
+
+    def internal_force(self, z: Array) -> Array:
+        """(m,) `dW/dz`."""
+        return self.linearize(z)[1].copy()
+
+    def energy_and_force(self, z: Array, out: Array) -> tuple[float, Array]:
+        """The strain energy, and `dW/dz`, which is written to `out`."""
+        energy, out[:], _ = self.linearize(z)
+        return energy, out
+
+    def jacobian(self, z: Array, t: Time) -> Array:
+        """(m, m) derivative of the residual."""
+        K, follows = self.linearize(z)[2], self.load_stiffness(z, t)
+        return K if follows is None else K + follows
+
+    def linear_operator(self, z: Array) -> Array:
+        """(m, m) `d2W/dz2`, for products `K @ x`."""
+        return self.linearize(z)[2]
+
+    def potential(self, z: Array, t: Time) -> float:
+        """Strain energy and the potentials of the loads [J]."""
+        u = self.space.expand(z)
+        return self.linearize(z)[0] + (self.system.potential(u, t) - self.system.energy(u))
+
+    def mass(self, kind: str) -> CoordinateMass:
+        """The lumped mass; StvkError if another `kind` is asked for."""
+        if kind != CoordinateMass.kind:
+            raise StvkError(f"mass = {kind!r} for a reduced system; expected 'lumped': its basis is orthonormal in those masses.")
+        return CoordinateMass(self)
+
+    def inside_out(self, z: Array) -> NDArray[np.int64]:
+        """Ids of the elements that are inside out or flat; the answer for the last state is kept."""
+        looked = self._looked  # read once, since other threads write it
+        if looked is None or not np.array_equal(looked[0], z):
+            looked = self._looked = z.copy(), self.system.inside_out(self.space.expand(z))
+        return looked[1]
+
+    def commit(self, z: Array) -> None:  # noqa: B027
+        """Do nothing: there is no memory."""
+
+    def restore(self) -> None:  # noqa: B027
+        """Do nothing, as in `commit`."""
+
+
+class CoordinateMass:
+    """`columns' M columns` (m, m) of lumped masses M, and momenta in coordinates and their rates."""
+
+    kind: ClassVar[str] = "lumped"
+
+    def __init__(self, body: Coordinates) -> None:
+        d, B, X, masses = body.mesh.d, body.columns, body.mesh.p, body.system.mass(self.kind).vertex
+        along = [np.ascontiguousarray(B[i::d]) for i in range(d)]  # (nv, m) displacements by component
+        weighed = [masses[:, None] * one for one in along]
+        m, self._free = B.shape[1], body.size
+        self.matrix: Array = np.add.reduce([a.T @ b for a, b in zip(along, weighed, strict=True)])
+        self._factors = DenseFactors(self.matrix[: self._free, : self._free].copy())
+        linear, turning = np.zeros((6, m)), np.zeros((3, m, m))
+        for i in range(d):
+            linear[i] = weighed[i].sum(axis=0)
+        for k, (i, j) in enumerate([(1, 2), (2, 0), (0, 1)]):
+            if i < d and j < d:
+                linear[3 + k] = X[i] @ weighed[j] - X[j] @ weighed[i]
+                one = along[i].T @ weighed[j]
+                turning[k] = one - one.T
+        self._sums = np.vstack([self.matrix, linear, turning.reshape(3 * m, m)])
+
+    def multiply(self, v: Array, out: Array | None = None) -> Array:
+        """`M v` (m,)."""
+        product: Array = np.dot(self.matrix, v, out=out)
+        return product
+
+    def solve(self, f: Array) -> Array:
+        """Accelerations (m,) under forces (m,), zero in prescribed coordinates: their columns are orthogonal to the others in M."""
+        a = np.zeros_like(f)
+        a[: self._free] = self._factors.solve(f[: self._free]).x
+        return a
+
+    def momenta(self, z: Array, v: Array, sums: Array) -> None:
+        """Write `v' M v`, and linear and angular momentum, to `sums` (8,)."""
+        products, m = self._sums @ v, len(v)
+        sums[0] = v @ products[:m]
+        sums[1:7] = products[m : m + 6]
+        sums[4:7] += products[m + 6 :].reshape(3, m) @ z
