@@ -10,6 +10,7 @@ from scenes import beam, bent, block, column
 from skfem_stvk import ElementMesh, NodalLoad, Pressure, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StateError, StvkError
 from skfem_stvk.linear import SuperLU
+from skfem_stvk.linear.space import Space
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.statics import CriticalPoint, SolveError, Status
 from skfem_stvk.statics.arc_length import ArcLength
@@ -438,7 +439,7 @@ def test_a_step_stays_on_the_path_if_its_critical_points_explain_the_change(befo
 def test_steps_that_succeed_are_never_too_short_to_go_on():
     """A path that turned sharply at each of twenty states ended for its short steps, and said that nothing was reached."""
     walk = object.__new__(ArcLength)
-    walk.problem, walk.u, walk._from = SimpleNamespace(states=SimpleNamespace(dot=np.dot)), np.zeros(2), np.zeros(2)
+    walk.problem, walk.u, walk._from = SimpleNamespace(states=Space(2)), np.zeros(2), np.zeros(2)
     walk._first, walk._first_load, walk._size = 1.0, 0.1, 1.0
     for _ in range(20):
         walk._adapt(iterations=4, cosine=0.6)
