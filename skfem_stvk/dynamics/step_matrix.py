@@ -18,8 +18,7 @@ from ..linear.dense import DenseFactors
 from ..nonlinear.problem import Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..system import FreeOperator, System, TangentOperator
-from ..system.coordinates import Coordinates
-from ..system.dense_tangent import DenseTangent
+from ..system.coordinates import Coordinates, DenseTangent
 from ..system.free_tangent import FreeTangent, kind_of
 from ..terms import HasMeanForce
 from ..terms.load import Moment, Time

@@ -16,8 +16,7 @@ from ..nonlinear.problem import Residual, Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.monitors import named_elements
 from ..system import FreeOperator, System
-from ..system.coordinates import Coordinates
-from ..system.dense_tangent import DenseTangent
+from ..system.coordinates import Coordinates, DenseTangent
 from ..system.equation import Equation
 from ..system.free_tangent import FreeTangent, kind_of
 from ..system.round_off import EPS

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..linear import Factors, Solution
-from .coordinates import Coordinates
-from .dense_tangent import DenseTangent
+from .coordinates import Coordinates, DenseTangent
 from .free_tangent import FreeTangent
 from .system import System
 
