@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rich.progress import BarColumn, TimeElapsedColumn
 
-from ..arguments import Array, array, flag, number, whole
+from ..arguments import Array, array, flag, number, shown, whole
 from ..arguments import path as path_of
 from ..dynamics.at_rest import AtRest
 from ..errors import StvkError
 from ..mesh.displacements import finite_vector
-from ..results.files import output_path
 from ..system import System
 from ..system.protocol import checked_system
 from ..system.signature import Fingerprint, sums
@@ -149,7 +149,7 @@ class ReducedSystem:
         """
         from .stores import ReducedFile  # pydantic is imported only where there are files
 
-        file = output_path(path, ".npz")
+        file = npz("path", path)
         if self.sampling:
             raise StvkError("Sampled elements are not kept in files; expected a body without them. Leave sampled out.")
         arrays = {"basis": self.basis, "lifts": self.lifts, "T": self.in_coordinates.coefficients}
@@ -175,7 +175,7 @@ class ReducedSystem:
         from .stores import ReducedFile
 
         checked_system(body, "body")
-        file, masses = path_of("path", path, "the path of an .npz file that save() wrote"), masses_of(body)
+        file, masses = npz("path", path), masses_of(body)
         header, arrays = ReducedFile.read_file(file)
         _fingerprint(body, masses).refuse_other(header.problem, file, ReducedFile.remedy)
         with refusing_damage(file, ReducedFile.remedy):
@@ -278,6 +278,14 @@ class ReducedSystem:
 def _fingerprint(body: System, masses: Array) -> Fingerprint:
     """A reduced body depends on the mesh, the elastic terms, on what is held and on masses; not on loads."""
     return Fingerprint("path of equilibria", body, {}, [], {"masses": sums(masses)})
+
+
+def npz(name: str, given: Any) -> Path:
+    """The path of an .npz file."""
+    file = path_of(name, given, "the path of an .npz file")
+    if file.suffix != ".npz":
+        raise StvkError(f"{name} = {shown(given)} does not end in .npz; expected the path of an .npz file.")
+    return file
 
 
 class _Stages(Progress):
