@@ -16,7 +16,7 @@ from ..arguments import Array
 from ..errors import StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import Turn, in_turn, parts_of, run, threads
-from ..kernels.topology import OWN, lexicographic_order, stars
+from ..kernels.topology import lexicographic_order
 from .elements import OwnVertices, nbytes
 from .topology import OwnEdges, Shares, shares_of
 
@@ -146,13 +146,10 @@ class PairBlocks:
 
     def rows(self, pattern: BlockPattern) -> Rows:
         """Return the places of the blocks in the values of a matrix of this pattern."""
-        own, vertices = self._edges, self.own.vertices
-        begin, others, entries = stars(own.edges[own.number].T, len(vertices))
-        upper = entries >= 0
-        number = own.number[np.where(upper, entries, -1 - entries) * (entries != OWN)]
-        entries = np.where(entries == OWN, OWN, np.where(upper, number, -1 - number))
+        vertices = self.own.vertices
+        begin, others, entries = self._edges.stars(len(vertices))
         mine = np.repeat(vertices, np.diff(begin))
-        return Rows(begin, entries.astype(np.int32), pattern.places(mine, vertices[others]), pattern.strides[vertices])
+        return Rows(begin, entries, pattern.places(mine, vertices[others]), pattern.strides[vertices])
 
     def fill(self, rows: Rows, blocks: Array, add: bool, data: Array) -> float:
         """Write K [N/m] to the CSR values `data`, or add it to them; a sum that is not finite if any value is not."""

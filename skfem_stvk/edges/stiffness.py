@@ -163,19 +163,13 @@ class AnisotropicStiffness(Stiffness):
         self.material, self.hypothesis, self.section = material, hypothesis, section
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
-        L = general_coefficients(Geometry(p, t), self.material, self.hypothesis)
-        return np.asarray(L * self.section[:, None, None])
+        geometry = Geometry(p, t)
+        C = own_stiffness(self.material, self.hypothesis, geometry.axes, np.arange(t.shape[1]))
+        return general_coefficients(geometry, C * self.section[:, None, None])
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
         """`C/2` times the size, in the frames."""
-        axes = _in_material_axes(at.axes, self.material, elements)
-        C = self.material.stiffness()
-        C = C[elements] if C.ndim == 3 else C
-        if self.hypothesis.condensed:
-            inner = _condensed(C, axes)
-        else:
-            strain = unit_stresses(axes) * multiplicity(3) / multiplicity(at.k)[:, None]
-            inner = strain @ C @ np.swapaxes(strain, 1, 2)
+        inner = own_stiffness(self.material, self.hypothesis, at.axes, elements)
         return _upper_half(inner, at.k, at.size * self.section[elements] / 2)
 
 
@@ -247,37 +241,31 @@ def isotropic_coefficients(geometry: Geometry, lam: Array, mu: Array) -> Array:
     return geometry.volume[:, None, None] / 2 * (lam * volumetric + mu * deviatoric)
 
 
-def general_coefficients(geometry: Geometry, material: FramedMaterial, hypothesis: Hypothesis) -> Array:
-    """(nt, m, m) from the elasticity tensor, in material axes or, if stresses across vanish, in the simplex's own."""
+def general_coefficients(geometry: Geometry, C: Array) -> Array:
+    """(nt, m, m) from the elasticity tensor `C` (nt, s, s) in the simplex's own axes, in Voigt order."""
     a, b = np.array(LOCAL_EDGES[geometry.gradients.shape[1] - 1]).T
-    axes = _in_material_axes(geometry.axes, material)  # (nt, 3, k)
-    C, g = material.stiffness(), geometry.gradients
-    if hypothesis.condensed:
-        C = _condensed(C, axes)
-    else:
-        g = g @ np.swapaxes(axes, 1, 2)  # (nt, k + 1, 3)
+    g = geometry.gradients
     M = -0.25 * (g[:, a, :, None] * g[:, b, None, :] + g[:, b, :, None] * g[:, a, None, :])
     strain = _voigt(M, shear=2.0)  # (nt, m, s)
-    return 2 * geometry.volume[:, None, None] * (strain @ C @ np.swapaxes(strain, 1, 2))
+    return np.asarray(2 * geometry.volume[:, None, None] * (strain @ C @ np.swapaxes(strain, 1, 2)))
 
 
-def _in_material_axes(axes: Array, material: FramedMaterial, elements: NDArray[Any] | slice = slice(None)) -> Array:
-    """The own axes (n, d, k) of these `elements` as columns (n, 3, k) in material axes."""
-    solid = np.zeros((axes.shape[0], 3, axes.shape[2]))
-    solid[:, : axes.shape[1]] = axes
-    if material.frame is None:
-        return solid
-    frame = np.asarray(material.frame)
-    return np.swapaxes(frame if frame.ndim == 2 else frame[elements], -1, -2) @ solid
+def own_stiffness(material: FramedMaterial, hypothesis: Hypothesis, axes: Array, elements: NDArray[Any]) -> Array:
+    """(n, s, s) the elasticity tensor of these `elements` in their own axes (n, d, k), in Voigt order.
 
-
-def _condensed(C: Array, axes: Array) -> Array:
-    """(nt, s, s) stiffness within the simplices when the stress across them vanishes.
-
-    The compliance acts on what stress there is: `C_own = (N' C^-1 N)^-1` with `N` the simplex's own stresses in material axes.
+    Where the stress across elements vanishes the compliance acts on the other stresses: `C_own = (N' C^-1 N)^-1` with `N` the units
+    of stress within elements, in material axes.
     """
-    N = unit_stresses(axes)
-    return np.asarray(np.linalg.inv(N @ np.linalg.inv(C) @ np.swapaxes(N, 1, 2)))
+    solid, C = np.zeros((len(elements), 3, axes.shape[2])), material.stiffness()
+    solid[:, : axes.shape[1]] = axes
+    if material.frame is not None:
+        frame = np.asarray(material.frame)
+        solid = np.swapaxes(frame if frame.ndim == 2 else frame[elements], -1, -2) @ solid
+    C, N = C[elements] if C.ndim == 3 else C, unit_stresses(solid)
+    if hypothesis.condensed:
+        return np.asarray(np.linalg.inv(N @ np.linalg.inv(C) @ np.swapaxes(N, 1, 2)))
+    strain = N * multiplicity(3) / multiplicity(axes.shape[2])[:, None]
+    return np.asarray(strain @ C @ np.swapaxes(strain, 1, 2))
 
 
 def unit_stresses(axes: Array) -> Array:

@@ -13,7 +13,7 @@ from ..arguments import Array
 from ..kernels import rows as row_kernels
 from ..kernels.rows import RowSlots
 from ..kernels.threads import parts_of, run, threads
-from ..kernels.topology import OWN, assign_slots, last_uses, stars
+from ..kernels.topology import OWN, assign_slots, last_uses
 from ..kernels.wide import LINE
 from .elements import OwnElements, nbytes
 from .pairs import BlockPattern, PairBlocks, Rows
@@ -138,17 +138,16 @@ class ElementRows:
 
     def _blocks(self, order: RowOrder) -> RowBlocks:
         """Place the blocks of each row, its own and those of pairs, in the values of the matrix."""
-        pairs, pattern, vertices = self._elements.edges, self._pattern, self._elements.own.vertices
-        star, others, entries = stars(np.ascontiguousarray(pairs.edges[pairs.number].T), len(vertices))
-        others_too = entries != OWN
-        pair_of = np.where(others_too, pairs.number[np.where(entries >= 0, entries, -1 - entries) * others_too], -1)
+        pattern, vertices = self._pattern, self._elements.own.vertices
+        star, others, entries = self._elements.edges.stars(len(vertices))
+        pair_of = np.where(entries == OWN, -1, np.where(entries >= 0, entries, -1 - entries))
         counts = np.diff(star)[order.nodes]
         begin = np.concatenate([[0], np.cumsum(counts)])
         gathered = np.arange(begin[-1]) + np.repeat(star[order.nodes] - begin[:-1], counts)
         mine = vertices[order.nodes]
         first = pattern.indptr[self._elements.d * mine.astype(np.int64)].astype(np.int64)
         columns = pattern.places(np.repeat(mine, counts), vertices[others[gathered]]) - np.repeat(first, counts)
-        return RowBlocks(begin, pair_of[gathered].astype(np.int32), first, columns, pattern.strides[mine])
+        return RowBlocks(begin, pair_of[gathered], first, columns, pattern.strides[mine])
 
     def _table(self, shares: Shares, order: RowOrder, blocks: RowBlocks) -> RowPlan:
         """Give each pair a slot for as long as it is needed; the table of the kernels."""

@@ -13,7 +13,7 @@ from ..elements import Element
 from ..elements.element import LOCAL_EDGES
 from ..kernels.lanes import LANES, TRANSPOSED
 from ..kernels.threads import parts_of
-from ..kernels.topology import edges_of_simplices, lexicographic_order, numbers_by_first_use, stars
+from ..kernels.topology import OWN, edges_of_simplices, lexicographic_order, numbers_by_first_use, stars
 
 Ids = NDArray[np.int32]
 
@@ -137,6 +137,12 @@ class OwnEdges(NamedTuple):
     def total(self) -> int:
         """Number of edges."""
         return len(self.edges)
+
+    def stars(self, n: int) -> tuple[NDArray[np.int64], Ids, Ids]:
+        """Return `begin`, others and entries as `kernels.topology.stars` of `n` nodes, with the numbers of pairs in this order."""
+        begin, others, entries = stars(np.ascontiguousarray(self.edges[self.number].T), n)
+        number = self.number[np.where(entries >= 0, entries, -1 - entries) * (entries != OWN)]
+        return begin, others, np.where(entries == OWN, OWN, np.where(entries >= 0, number, -1 - number)).astype(np.int32)
 
 
 def own_edges(t: Ids, element: Element) -> OwnEdges:

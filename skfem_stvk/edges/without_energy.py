@@ -147,10 +147,9 @@ class StressExtension(WithoutEnergy):
         n = len(mesh.p.T)
         ends = np.array([(a, b) for a in range(len(t)) for b in range(len(t)) if a != b])
         first, second = t[ends.T].astype(np.int64)
-        key, order = self.nodes_paired[0].astype(np.int64) * n + self.nodes_paired[1], None
-        order = np.argsort(key)
+        key = self.nodes_paired[0].astype(np.int64) * n + self.nodes_paired[1]
         low, high = np.minimum(first, second), np.maximum(first, second)
-        self._ends, self._place, self._turned = ends, order[np.searchsorted(key[order], low * n + high)], first > second
+        self._ends, self._place, self._turned = ends, np.searchsorted(key, low * n + high), first > second
 
     def _now(self, u: Array) -> tuple[Array, ...]:
         """`U`, `V`, `s`, `c`, `E`, whether stretches lie above the threshold, and `p`: (q, nt, d) at each point."""
@@ -228,15 +227,10 @@ def _signed_svd(F: Array) -> tuple[Array, Array, Array]:
 def _blocks_at_rest(of: Assembly, d: int) -> Array:
     """(n, d, d) blocks of K at rest of its pairs of nodes, in their order."""
     _, blocks = of.blocks(np.zeros((int(of.nodes_paired.max()) + 1, d)))
-    pairs, own = of.pairs, of.elements.own.vertices
-    ends = own[pairs.edges] if pairs.edges is not None else np.empty((0, 2))
-    every = np.asarray(blocks, dtype=np.float64)[: pairs.size].reshape(-1, 3, 3)[:, :d, :d]
-    swapped = ends[:, 0] > ends[:, 1]
-    every = np.where(swapped[:, None, None], every.transpose(0, 2, 1), every)
-    low, high = np.sort(ends, axis=1).T
-    mine, n = np.lexsort((high, low)), int(own.max()) + 1
-    place = np.searchsorted((low * n + high)[mine], of.nodes_paired[0].astype(np.int64) * n + of.nodes_paired[1])
-    return np.asarray(every[mine][place])
+    every = np.asarray(blocks, dtype=np.float64)[: of.pairs.size].reshape(-1, 3, 3)[:, :d, :d]
+    first, second = of.elements.own.vertices[of.elements.edges.edges].T
+    every = np.where((first > second)[:, None, None], every.transpose(0, 2, 1), every)
+    return np.asarray(every[of.elements.lexicographic])
 
 
 def _in_space(x: Array) -> Array:

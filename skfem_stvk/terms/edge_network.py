@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from scipy.sparse import csr_matrix, issparse, triu
 from ..arguments import Array, choice, own, shown, whole_array
 from ..edges.form import EdgeForm, meet
 from ..edges.network import ElementNetwork, QuarticNetwork
+from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import edge_topology
-from ..elements.element import LOCAL_EDGES
 from ..errors import MeshError, StvkError, name_ids
 from ..linear.inertia import COUNTED, inertia
 from ..linear.solver import Unknowns
@@ -87,16 +88,9 @@ class EdgeNetwork:
                 f"EdgeNetwork.of: the mesh has {body.kind}, whose strain is not the same everywhere, so the lengths of their edges "
                 "do not say it. Take linear simplices (degree=1)."
             )
-        forms = [EdgeForm(body.p, body.t[:, body.elements(each.region)], each.stiffness(body)) for each in laws]
-        if len(forms) == 1:
-            return cls(forms[0].edges, forms[0].L, laws)
-        edges, _ = edge_topology(np.concatenate([form.t for form in forms], axis=1))
-        codes, L = edges[0].astype(np.int64) * body.nv + edges[1], csr_matrix((edges.shape[1],) * 2)
-        for form in forms:
-            places = np.searchsorted(codes, form.edges[0].astype(np.int64) * body.nv + form.edges[1])
-            own = form.L.tocoo()
-            L = L + csr_matrix((own.data, (places[own.row], places[own.col])), shape=L.shape)
-        return cls(edges, L, laws)
+        elements = np.concatenate([body.elements(each.region) for each in laws])
+        edges = edge_topology(body.t[:, elements])[0]
+        return cls(edges, _coefficients(body, laws, edges, np.ones(body.nt, dtype=bool)), laws)
 
     @property
     def pairs(self) -> NDArray[np.int64]:
@@ -152,7 +146,7 @@ class EdgeNetwork:
         own, between = self.L.diagonal() / 2, np.asarray(triu(self.L, 1).tocoo().data) / 2
         if not self.laws:
             return QuarticNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
-        return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, left=lambda gone: self._left(mesh, gone))
+        return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, left=partial(self._left, mesh))
 
     def _refuse_another(self, mesh: ElementMesh) -> None:
         """Refuse a mesh whose edges, in the regions of the laws, are not those of the network."""
@@ -172,24 +166,12 @@ class EdgeNetwork:
 
     def _left(self, mesh: ElementMesh, gone: NDArray[np.bool_]) -> tuple[Array, Array]:
         """`L_ii/2` and the `L_ij/2` of the pairs, less what the elements (n,) of the region that are `gone` have in them."""
-        out, ne = np.zeros(mesh.nt, dtype=bool), self.edges.shape[1]
+        out = np.zeros(mesh.nt, dtype=bool)
         out[mesh.elements(self.region)] = gone
-        upper = triu(self.L, 1).tocoo()
-        own, between = self.L.diagonal(), np.array(upper.data)
-        size = np.sqrt(np.abs(own))
-        codes, order = self.edges[0] * mesh.nv + self.edges[1], np.lexsort((upper.col, upper.row))
-        keys = (upper.row.astype(np.int64) * ne + upper.col)[order]
-        a, b = np.array(LOCAL_EDGES[mesh.k]).T
-        i, j = np.triu_indices(len(a), 1)
-        for law in self.laws:
-            ids = mesh.elements(law.region)
-            t, L = mesh.t[:, ids[out[ids]]].astype(np.int64), law.coefficients(mesh)[out[ids]]
-            ends = np.sort(np.stack([t[a], t[b]]), axis=0)
-            e, known = _found(codes, ends[0] * mesh.nv + ends[1])
-            np.subtract.at(own, e[known], np.diagonal(L, axis1=1, axis2=2).T[known])
-            n, known_pair = _found(keys, np.minimum(e[i], e[j]) * ne + np.maximum(e[i], e[j]))
-            known_pair &= known[i] & known[j]
-            np.subtract.at(between, order[n[known_pair]], L[:, i, j].T[known_pair])
+        lost, upper = _coefficients(mesh, self.laws, self.edges, out), triu(self.L, 1).tocoo()
+        size = np.sqrt(np.abs(self.L.diagonal()))
+        own = self.L.diagonal() - lost.diagonal()
+        between = upper.data - np.asarray(lost[upper.row, upper.col]).ravel()
         own[np.abs(own) < ROUNDED * size**2] = 0  # where no element is left, rounding of sums is
         between[np.abs(between) < ROUNDED * size[upper.row] * size[upper.col]] = 0
         return own / 2, between / 2
@@ -264,10 +246,20 @@ def _checked_coefficients(given: Any) -> csr_matrix:
     return L
 
 
-def _found(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Places of numbers among ascending ones, and whether they are there."""
-    places = np.minimum(np.searchsorted(known, wanted), max(len(known) - 1, 0))
-    return places, (known[places] == wanted) if len(known) else np.zeros(wanted.shape, dtype=bool)
+def _coefficients(mesh: ElementMesh, laws: Sequence[StVK], edges: NDArray[Any], chosen: NDArray[np.bool_]) -> csr_matrix:
+    """Return `L` (ne, ne) for `edges` (2, ne) in lexicographic order: the sum over the `chosen` elements (nt,) of the laws."""
+    codes, ne = edges[0].astype(np.int64) * mesh.nv + edges[1], edges.shape[1]
+    rows, columns, values = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)], [np.empty(0)]
+    for law in laws:
+        ids, L = mesh.elements(law.region), law.coefficients(mesh)
+        own = chosen[ids]
+        if own.any():
+            form = EdgeForm(mesh.p, mesh.t[:, ids[own]], GeneralStiffness(partial(np.compress, own, L, axis=0)))
+            places, entries = np.searchsorted(codes, form.edges[0].astype(np.int64) * mesh.nv + form.edges[1]), form.L.tocoo()
+            rows.append(places[entries.row])
+            columns.append(places[entries.col])
+            values.append(entries.data)
+    return csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(ne, ne))
 
 
 class LawNetwork(ElementNetwork, QuarticNetwork):

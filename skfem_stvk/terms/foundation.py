@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from typing import Annotated
@@ -73,36 +72,26 @@ class ElasticFoundation:
                 f"{what}: stiffness has shape {k.shape}; expected a number, or {d} components ({', '.join('xyz'[:d])})."
             )
         facets = facets_at(body.mesh, self.where, what)
-
-        def spread(gone: NDArray[np.bool_]) -> Spread:
-            return Spread(body.mesh, body.facet, facets, body.without(gone, body.bare).facet_areas(facets))
-
-        return Bedding(spread, body.gone, np.broadcast_to(k, d), dtype)
+        return Bedding(body, facets, np.broadcast_to(k, d), dtype)
 
 
 class Bedding:
     """A foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
-    It pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground. `spread` gives
-    the facets of the body without the elements that are `gone` (nt,).
+    It pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground.
     """
 
     symmetric = has_energy = constant_tangent = True
     balanced = False
 
-    def __init__(
-        self,
-        spread: Callable[[NDArray[np.bool_]], Spread],
-        gone: NDArray[np.bool_],
-        stiffness: NDArray[np.float64],
-        dtype: DTypeLike,
-    ) -> None:
-        self._k, self._spread, self._dtype = stiffness, spread, dtype
-        facets = spread(gone)
-        self.nodes = facets.vertices
-        self._take(facets)
+    def __init__(self, body: Body, facets: NDArray[np.int32], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
+        self._k, self._body, self._facets, self._dtype = stiffness, body, facets, dtype
+        self._take(body)
 
-    def _take(self, spread: Spread) -> None:
+    def _take(self, body: Body) -> None:
+        """Use the areas of the facets of a body."""
+        spread = Spread(body.mesh, body.facet, self._facets, body.facet_areas(self._facets))
+        self.nodes = spread.vertices
         local, self._between, self._own = _masses(spread, self._dtype)
         self.nodes_paired = spread.vertices[local].astype(np.int32)
         self.nodes_joined = self.nodes_paired[:, self._between > 0]
@@ -114,7 +103,7 @@ class Bedding:
     def without(self, gone: NDArray[np.bool_]) -> Bedding:
         """Return the foundation without the facets whose elements are all `gone` (nt,); the pairs stay, with zeros."""
         left = copy(self)
-        left._take(self._spread(gone))
+        left._take(self._body.without(gone, self._body.bare))
         return left
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:

@@ -16,6 +16,7 @@ from ..kernels.topology import edges_of_simplices
 from ..mesh import ElementMesh
 from ..mesh.facets import find_facets, turned_alike
 from ..mesh.places import Where, describe, facets_at, in_order
+from ..mesh.points import normals_of, spokes_at
 from .body import Body
 from .connectivity import simplices_of
 from .load import Time, Value
@@ -130,8 +131,8 @@ class FollowerPressure:
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the force [N] to `out` (nv, d)."""
-        areas, weights = _areas(self._rest + self._spokes(u)), self._weights(t)
-        sums = [self._spread.add(np.einsum("aqn,qn->an", weights, area)) for area in areas]
+        areas, weights = normals_of((self._rest + self._spokes(u)).transpose(3, 2, 1, 0)), self._weights(t)
+        sums = [self._spread.add(np.einsum("aqn,qn->an", weights, area)) for area in areas.transpose(2, 1, 0)]
         out[self._spread.vertices] -= np.stack(sums, axis=1)
 
     def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
@@ -161,8 +162,7 @@ class FollowerPressure:
 
     def _spokes(self, x: Array) -> Array:
         """(d, k, nq, n) spokes of the facets at the points, from `x` (nv, d)."""
-        nodes = x.T[:, self._surface]
-        return np.einsum("qak,dan->dkqn", self._slopes[:, 1:], nodes[:, 1:] - nodes[:, :1])
+        return spokes_at(x.T, self._surface, self._spread.element, self._rule.points).transpose(3, 2, 1, 0)
 
 
 def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
@@ -194,14 +194,6 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
         )
     t[:, turned] = t[mesh.element.reversed][:, turned]
     return t, ids
-
-
-def _areas(spokes: Array) -> Array:
-    """(d, nq, n) area vectors, of edges per thickness, from spokes (d, k, nq, n)."""
-    if len(spokes) == 2:
-        (x,), (y,) = spokes
-        return np.stack([y, -x])
-    return np.asarray(np.cross(spokes[:, 0], spokes[:, 1], axis=0))
 
 
 def _axial(slopes: Array, spokes: Array, axis: int) -> Array:

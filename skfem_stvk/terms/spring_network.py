@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,15 +152,16 @@ class SpringNetwork:
         used = np.arange(len(whole.own)) if whole.pairs.size else np.flatnonzero(whole.own)
         if not len(used):
             raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
-
-        def left(gone: NDArray[np.bool_]) -> tuple[Array, Array]:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
-                springs = self._springs(mesh, ~gone)
-            return springs.own[used], springs.between
-
         own, edges = whole.own[used], whole.edges[:, used]
+        left = partial(self._left, mesh, used)
         return HookeanNetwork(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, left=left)
+
+    def _left(self, mesh: ElementMesh, used: NDArray[Any], gone: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """The stiffness of the `used` springs, and of pairs, without the elements (n,) of the region that are `gone`."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
+            springs = self._springs(mesh, ~gone)
+        return springs.own[used], springs.between
 
     def _springs(self, mesh: ElementMesh, kept: NDArray[np.bool_] | None = None) -> Springs:
         """The springs, by a rule those of the elements that are `kept` (n,); others, and edges of no element, have no stiffness."""

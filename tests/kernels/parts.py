@@ -16,8 +16,8 @@ from skfem_stvk.terms import at_points
 BY_NAME = {
     elements: ("lexicographic_order", "frames", "frames_of_spokes"),
     network: ("lexicographic_order",),
-    pairs: ("lexicographic_order", "stars"),
-    streaming: ("assign_slots", "last_uses", "stars"),
+    pairs: ("lexicographic_order",),
+    streaming: ("assign_slots", "last_uses"),
     topology: ("edges_of_simplices", "lexicographic_order", "numbers_by_first_use", "stars"),
     pattern: ("expand", "first_places", "lexicographic_order", "stars"),
 }

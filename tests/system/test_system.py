@@ -6,7 +6,23 @@ import pytest
 from bodies import BODIES, MESHES, reference_of, state
 from hypothesis import given, settings
 
-from skfem_stvk import ElementMesh, MeshError, StateError, StVK, StvkError, StvkWarning, System
+from skfem_stvk import (
+    Corotated,
+    EdgeNetwork,
+    ElasticFoundation,
+    ElementMesh,
+    InvertibleStVK,
+    LinearElastic,
+    MeshError,
+    NeoHookean,
+    SpringNetwork,
+    StateError,
+    StVK,
+    StvkError,
+    StvkWarning,
+    System,
+    VolumePenalty,
+)
 
 TERM = StVK(young=2.0, poisson=0.3)
 SOLID = System(MESHES["tetrahedra"], TERM)
@@ -257,6 +273,28 @@ def test_a_system_can_be_sent_to_another_process():
     u = state(SOLID.mesh)
     there = pickle.loads(pickle.dumps(SOLID))
     assert np.array_equal(there.internal_force(u), SOLID.internal_force(u))
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        LinearElastic(young=2.0, poisson=0.3),
+        NeoHookean(young=2.0, poisson=0.3),
+        Corotated(young=2.0, poisson=0.3),
+        Corotated(young=2.0, poisson=0.3, rotation="vertex"),
+        InvertibleStVK(young=2.0, poisson=0.3),
+        VolumePenalty(1.5),
+        SpringNetwork(young=2.0, poisson=0.3),
+        EdgeNetwork.of(MESHES["tetrahedra"], TERM),
+        ElasticFoundation(np.arange(MESHES["tetrahedra"].nv), 3.0),
+    ],
+    ids=lambda term: type(term).__name__,
+)
+def test_a_system_of_any_law_can_be_sent_to_another_process(term):
+    body = System(MESHES["tetrahedra"], [TERM, term])
+    u, there = state(body.mesh, 0.1), pickle.loads(pickle.dumps(body))
+    own = body.internal_force(u) - SOLID.internal_force(u)
+    assert np.abs(own).max() > 1e-3 and np.array_equal(there.internal_force(u), body.internal_force(u))
 
 
 def test_whole_numbers_are_displacements_too():
