@@ -15,8 +15,8 @@ from ..errors import StateError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels import elements as element_kernels
 from ..kernels import volumes as volume_kernels
+from ..kernels.corotated import WarpedLaw
 from ..kernels.lanes import LANES, MeanPoints, Points
-from ..kernels.principal import WarpedLaw
 from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import in_turn, run
 from .elements import OwnElements, Quadrature, nbytes, simplex_quadrature

@@ -20,9 +20,10 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
+from ..kernels.corotated import FramedLaw
 from ..kernels.laws import GeneralLaw, IsotropicLaw
-from ..kernels.principal import CABLE, LINE, MEMBRANE, SHEET, Flat, FramedLaw
 from ..kernels.stvk import TensionLaw
+from ..kernels.svd import CABLE, LINE, MEMBRANE, SHEET, Flat
 from ..materials import FramedMaterial, Hypothesis
 from ..mesh.geometry import Geometry
 from .elements import Frames, Quadrature, frames_at

@@ -11,7 +11,8 @@ from .compiled import Reals, inlined, kernel
 from .discrete_gradient import by_strain
 from .lanes import LANES, I, add
 from .laws import numbers_in, strain
-from .principal import answer, decompose
+from .principal import answer
+from .svd import decompose
 
 
 @inlined

@@ -15,7 +15,7 @@ from ..edges.abilities import FRAMED, STRETCHES
 from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness, flat_of
 from ..edges.without_energy import VertexWarping
 from ..errors import MaterialError, name_ids
-from ..kernels.principal import CorotatedLaw
+from ..kernels.corotated import CorotatedLaw
 from ..materials import Isotropic
 from ..mesh import ElementMesh
 from .at_points import response_of_stretches

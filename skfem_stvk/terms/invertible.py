@@ -13,7 +13,7 @@ from ..edges.abilities import STRETCHES
 from ..edges.stiffness import StretchesStiffness, flat_of
 from ..edges.without_energy import StressExtension
 from ..errors import MaterialError
-from ..kernels.principal import InvertibleLaw
+from ..kernels.invertible import InvertibleLaw
 from ..materials import Isotropic
 from ..mesh import ElementMesh
 from .at_points import response_of_stretches

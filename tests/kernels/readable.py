@@ -19,14 +19,16 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
 from skfem_stvk.kernels.compiled import Ids, Reals
+from skfem_stvk.kernels.corotated import CorotatedLaw
+from skfem_stvk.kernels.invertible import InvertibleLaw
 from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.linear_elastic import LinearGeneralLaw, LinearIsotropicLaw
 from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
 from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
-from skfem_stvk.kernels.principal import LINE, SHEET, CorotatedLaw, InvertibleLaw
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.stvk import TensionLaw
+from skfem_stvk.kernels.svd import LINE, SHEET
 from skfem_stvk.kernels.topology import OWN
 from skfem_stvk.terms.neo_hookean import thickening
 
