@@ -1,4 +1,4 @@
-"""Functions that laws register beside W, F and K: of strains that are quadratic in displacements, mean forces, round-off."""
+"""Methods that laws register in addition to W, F and K: of strains quadratic in displacements, mean forces, round-off."""
 
 from __future__ import annotations
 

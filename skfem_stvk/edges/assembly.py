@@ -1,4 +1,4 @@
-"""W, F and K of energies that are a sum over elements, and the volumes of those; what a law can do beside is registered by it."""
+"""W, F and K of energies that are a sum over elements, and the volumes of those elements; laws register further methods."""
 
 from __future__ import annotations
 

@@ -22,7 +22,6 @@ from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
 from ..kernels.corotated import FramedLaw
 from ..kernels.laws import GeneralLaw, IsotropicLaw
-from ..kernels.stvk import TensionLaw
 from ..kernels.svd import CABLE, LINE, MEMBRANE, SHEET, Flat
 from ..materials import FramedMaterial, Hypothesis
 from ..mesh.geometry import Geometry
@@ -86,13 +85,16 @@ class Stiffness(LawInFrames):
 
 
 class IsotropicStiffness(Stiffness):
-    """Lame constants times section, (n,) each: those that act within the elements' own dimensions."""
+    """Lame constants times section, (n,) each: those that act within the elements' own dimensions.
 
-    law: Any = IsotropicLaw
+    `law` makes the law of the kernels of numbers that are these two: St. Venant-Kirchhoff's, which alone has coefficients, or
+    another one.
+    """
+
     moduli = 2
 
-    def __init__(self, lam: Array, mu: Array) -> None:
-        self.lam, self.mu = lam, mu
+    def __init__(self, lam: Array, mu: Array, law: Callable[[Any], Any] = IsotropicLaw) -> None:
+        self.lam, self.mu, self.law = lam, mu, law
 
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
         return isotropic_coefficients(Geometry(p, t), self.lam, self.mu)
@@ -103,33 +105,6 @@ class IsotropicStiffness(Stiffness):
         if at.k == 1:  # one strain: lam + 2 mu is all there is, and mu may be zero
             lam, mu = 0 * lam, mu + lam / 2
         return np.stack([at.size * lam / 2, at.size * mu])
-
-
-class TensionStiffness(IsotropicStiffness):
-    """Lame constants as in `IsotropicStiffness`, of elements that bear no compression."""
-
-    law = TensionLaw
-
-    def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
-        raise MaterialError(
-            "StVK(wrinkling=True) has no coefficients of edges: where a membrane wrinkles, its energy is not quadratic in squared "
-            "lengths. Leave wrinkling out."
-        )
-
-
-class StretchesStiffness(IsotropicStiffness):
-    """Lame constants as in `IsotropicStiffness`, of an energy of principal stretches.
-
-    `kind` is its law in the kernels, made of its numbers, `flat` as from `flat_of`, and numbers `more`.
-    """
-
-    def __init__(self, lam: Array, mu: Array, kind: Callable[..., Any], flat: Flat | None, *more: float) -> None:
-        super().__init__(lam, mu)
-        self._kind, self._numbers = kind, (flat, *more)
-
-    def law(self, D: Array) -> Any:
-        """Return the law of the kernels, made of its numbers `D`."""
-        return self._kind(D, *self._numbers)
 
 
 def flat_of(k: int, d: int) -> Flat | None:
@@ -143,10 +118,8 @@ class FramedStiffness(IsotropicStiffness):
     `frames` gives rotations (nt, 3, 3) for a time or load factor, checked.
     """
 
-    law = FramedLaw
-
     def __init__(self, lam: Array, mu: Array, frames: Callable[[Any], Array]) -> None:
-        super().__init__(lam, mu)
+        super().__init__(lam, mu, FramedLaw)
         self.frames = frames
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:

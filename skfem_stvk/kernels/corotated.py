@@ -1,4 +1,4 @@
-"""Corotated linear elasticity: frames that turn with the elements, those that are given, and the tangent at rest, turned."""
+"""Corotated linear elasticity: frames that rotate with elements, user-supplied frames, and K at rest rotated with elements."""
 
 from __future__ import annotations
 

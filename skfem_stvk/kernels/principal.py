@@ -12,8 +12,8 @@ negative can be left out. Of the spokes, with `Z = Ri V` of rows `z_a`,
                          G_ij = H_ij z_ai z_bj + (f_ij - t_ij)/2 z_aj z_bi
 
 Where elements of fewer dimensions lack a stretch, flip and twist with it are both `p_i/s_i`, tension over stretch. A law is a type
-with its numbers `D` and the `flat` elements that it is on, and gives `w`, `p`, `H` and the flips (`answer`); `of_stretches` makes
-the formulas of the kernels of these.
+with its numbers `D` and the kind `flat` of its elements. It gives `w`, `p`, `H` and the flips (`answer`), of which `of_stretches`
+makes the formulas of the kernels.
 
 Source: Smith, de Goes, Kim, "Analytic eigensystems for isotropic distortion energies" (2019).
 """

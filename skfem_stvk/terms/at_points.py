@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..arguments import Array
 from ..edges.elements import Frames
-from ..edges.stiffness import LawInFrames, StretchesStiffness, flat_of
+from ..edges.stiffness import IsotropicStiffness, LawInFrames, flat_of
 from ..edges.topology import in_lanes
 from ..kernels import at_points as point_kernels
 from ..materials import Hypothesis, Isotropic
@@ -27,16 +28,16 @@ def stress_and_density(stiffness: LawInFrames, at: Deformation) -> tuple[Array, 
     return S, W
 
 
-def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[..., Any], *more: float) -> PointResponse:
+def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[..., Any]) -> PointResponse:
     """Return the response of a law of principal stretches: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
 
-    `kind` is its type in the kernels, with numbers `more`. In plane stress the strain across the elements is that of linear
+    `kind` makes it of its numbers and `flat`. In plane stress the strain across the elements is that of linear
     elasticity of the `material` in their frame.
     """
     n, d, k = at.gradient.shape
     lam, mu = (np.broadcast_to(value, n) for value in material.lame(at.hypothesis))
     flat = flat_of(k, d)
-    law = StretchesStiffness(lam, mu, kind, None if at.hypothesis is Hypothesis.PLANE_STRAIN else flat, *more)
+    law = IsotropicStiffness(lam, mu, partial(kind, flat=None if at.hypothesis is Hypothesis.PLANE_STRAIN else flat))
     Q, h, V = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.empty((n, 3, 3))
     p, W = np.empty((n, 3)), np.empty(n)
     e: Array = np.empty((n, 3))

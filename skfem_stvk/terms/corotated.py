@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from ..arguments import Array, Quantity, choice, real_array, shown
 from ..edges import Assembly
 from ..edges.abilities import FRAMED, STRETCHES
-from ..edges.stiffness import FramedStiffness, StoredLaw, StretchesStiffness, flat_of
+from ..edges.stiffness import FramedStiffness, IsotropicStiffness, StoredLaw, flat_of
 from ..edges.without_energy import VertexWarping
 from ..errors import MaterialError, name_ids
 from ..kernels.corotated import CorotatedLaw
@@ -114,7 +115,7 @@ class Corotated(ElasticLaw):
         """The law of the kernels, and what it stores of each element of the region."""
         if callable(self.rotation):
             return FramedStiffness(*self.lame(mesh), self._frames(mesh))
-        return StretchesStiffness(*self.lame(mesh), CorotatedLaw, flat_of(mesh.k, mesh.d))
+        return IsotropicStiffness(*self.lame(mesh), partial(CorotatedLaw, flat=flat_of(mesh.k, mesh.d)))
 
     def _frames(self, mesh: ElementMesh) -> Callable[[Time], Array]:
         """The rotations (n, 3, 3) at a load factor or moment, checked."""

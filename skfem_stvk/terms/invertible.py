@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from ..arguments import Quantity, choice, number
 from ..edges.abilities import STRETCHES
-from ..edges.stiffness import StretchesStiffness, flat_of
+from ..edges.stiffness import IsotropicStiffness, flat_of
 from ..edges.without_energy import StressExtension
 from ..errors import MaterialError
 from ..kernels.invertible import InvertibleLaw
@@ -93,9 +94,10 @@ class InvertibleStVK(ElasticLaw):
             )
         return StressExtension(mesh, mesh.t[:, mesh.elements(self.region)], self.lame(mesh), self.threshold, bound)
 
-    def stiffness(self, mesh: ElementMesh) -> StretchesStiffness:
+    def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness:
         """The law of the kernels, and what it stores of each element of the region."""
-        return StretchesStiffness(*self.lame(mesh), InvertibleLaw, flat_of(mesh.k, mesh.d), self.threshold)
+        law = partial(InvertibleLaw, flat=flat_of(mesh.k, mesh.d), threshold=self.threshold)
+        return IsotropicStiffness(*self.lame(mesh), law)
 
     @property
     def has_stress(self) -> bool:
@@ -107,4 +109,4 @@ class InvertibleStVK(ElasticLaw):
         if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)
-        return response_of_stretches(at, self.material, InvertibleLaw, self.threshold)
+        return response_of_stretches(at, self.material, partial(InvertibleLaw, threshold=self.threshold))

@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Quantity, flag
 from ..edges import Assembly
 from ..edges.abilities import STVK, TENSION
-from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness, TensionStiffness
+from ..edges.stiffness import AnisotropicStiffness, IsotropicStiffness
 from ..errors import MaterialError
+from ..kernels.laws import IsotropicLaw
+from ..kernels.stvk import TensionLaw
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
 from .at_points import embedded, stress_and_density
@@ -92,7 +94,7 @@ class StVK(ElasticLaw):
                 f"{mesh.kind}{' in plane strain' * flat}. {remedy}."
             )
         if isinstance(self.material, Isotropic):
-            return (TensionStiffness if self.wrinkling else IsotropicStiffness)(*self.lame(mesh))
+            return IsotropicStiffness(*self.lame(mesh), TensionLaw if self.wrinkling else IsotropicLaw)
         if isinstance(self.material, FramedMaterial):
             n = len(mesh.elements(self.region))
             self.material.check(n, hypothesis)
@@ -102,6 +104,11 @@ class StVK(ElasticLaw):
 
     def coefficients(self, mesh: ElementMesh) -> NDArray[np.float64]:
         """(n, m, m) coefficients `L` of each linear simplex of the region, for the pairs of its edges [J/m^4]."""
+        if self.wrinkling:
+            raise MaterialError(
+                "StVK(wrinkling=True) has no coefficients of edges: where a membrane wrinkles, its energy is not quadratic in "
+                "squared lengths. Leave wrinkling out."
+            )
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
 
     def _relaxed(self, at: Deformation) -> PointResponse:
@@ -109,7 +116,7 @@ class StVK(ElasticLaw):
         assert isinstance(self.material, Isotropic)
         n, _, k = at.gradient.shape
         lam, mu = (np.broadcast_to(value, n) for value in self.material.lame(at.hypothesis))
-        stress, density = stress_and_density(TensionStiffness(lam, mu), at)
+        stress, density = stress_and_density(IsotropicStiffness(lam, mu, TensionLaw), at)
         strain = embedded(at.strain)
         strain[:, range(k, 3), range(k, 3)] = self.material.strain_across(np.trace(stress, axis1=1, axis2=2))[:, None]
         return PointResponse(strain, stress, density, np.zeros(n, dtype=bool))
