@@ -45,6 +45,8 @@ class Quantity:
     sentence : one sentence about it.
     gt, ge, lt, le : limits of each of its numbers.
     values : the texts that it may be, if these are few.
+    components : whether it is a vector: one to three numbers.
+    otherwise : the value that a default of None stands for; None if it stands for no value.
     """
 
     dimension: str | None
@@ -54,6 +56,8 @@ class Quantity:
     lt: float | None = None
     le: float | None = None
     values: tuple[str, ...] = ()
+    components: bool = False
+    otherwise: Any = None
 
 
 def shown(value: Any) -> str:

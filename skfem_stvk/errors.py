@@ -12,9 +12,27 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from heapq import nsmallest
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+
+class Remark(NamedTuple):
+    """A fault of a mesh or of a scene, or a doubt about it.
+
+    Attributes
+    ----------
+    name : in a few words, such as "duplicates".
+    ids : of the elements or nodes, ascending; empty if it is about none.
+    text : with the first of these, the likely cause and the next step.
+    refused : whether no body can be made of it; else it is probably not what was meant.
+    """
+
+    name: str
+    ids: Any  # (n,) whole numbers
+    text: str
+    refused: bool = True
 
 
 class StvkError(ValueError):

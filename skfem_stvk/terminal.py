@@ -13,6 +13,9 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 WIDTH = 124
+#: Exit codes of the commands: all went well; a check did not pass, or a solve did not converge; bad input; a scene is not as
+#: expected; Ctrl-C.
+DONE, NOT_PASSED, BAD_INPUT, NOT_AS_EXPECTED, INTERRUPTED = 0, 1, 2, 3, 130
 #: Time from one line of progress to the next where there is no terminal [s].
 LINES = 5.0
 

@@ -1,26 +1,51 @@
-"""What a new integrator, linear solver, peer, command or hard case takes: a file, such as those in `extensions`, and a row.
+"""Files and rows that a new law, element, load, integrator, linear solver, key, peer, command or hard case takes.
 
-Toy laws and loads are in `terms/toys.py`; `terms/test_toys.py` takes them through whole analyses.
+`extensions/package.py` adds the rows and names the files of the package that would have them. More toy laws and loads are in
+`terms/toys.py`; `terms/test_toys.py` takes them through whole analyses, `elements/test_a_new_element.py` the element.
 """
 
+import re
 import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
 from bodies import box
-from extensions import command, hard_case, integrator, peer, solver
+from extensions import command, hard_case, peer
+from extensions.integrator import DriftKick
+from extensions.law import Damaged
+from extensions.load import SharedForce
+from extensions.package import EXTENSIONS, Package
 
-from skfem_stvk import Gravity, StVK, System, Traction, VelocityVerlet, modes, simulate, solve_static
+from skfem_stvk import (
+    BodyForce,
+    Gravity,
+    StVK,
+    System,
+    Traction,
+    VelocityVerlet,
+    modes,
+    simulate,
+    solve_static,
+    verify,
+    verify_integrator,
+    verify_law,
+    verify_solver,
+)
+from skfem_stvk.arguments import Quantity
 from skfem_stvk.cli.main import COMMANDS, Command, main
-from skfem_stvk.dynamics import INTEGRATORS
 from skfem_stvk.errors import SceneError
-from skfem_stvk.linear import SOLVERS
+from skfem_stvk.mesh import box as box_mesh
 from skfem_stvk.peers import PEERS, available, load
-from skfem_stvk.peers.peer import Package
+from skfem_stvk.peers.peer import Package as Peer
 from skfem_stvk.scene import Scene
-from skfem_stvk.scene.templates import json_schema
+from skfem_stvk.scene.templates import json_schema, page
+from skfem_stvk.testing import Inconsistent, assert_consistent
 from validation import hard
 from validation.bench import Plan, bench
+from validation.textbook_laws import LAM, LAWS, MU
 
 STEEL = StVK(young=1e5, poisson=0.3, density=1000.0)
 #: A scene that each of these changes.
@@ -31,6 +56,15 @@ BAR = {
     "fixed": {"left": "xyz"},
     "analysis": {"type": "static", "steps": 2},
 }
+#: Most files of the package that one edits, beside the new ones.
+MOST = {"law": 2, "element": 2, "load": 2, "integrator": 1, "linear solver": 1, "key of scenes": 1}
+
+
+@dataclass(frozen=True)
+class Slowed(DriftKick):
+    """An integrator with an option."""
+
+    drag: Annotated[float, Quantity(None, "Part of the velocity that is lost.", ge=0)] = 0.5
 
 
 def bar(*loads):
@@ -38,29 +72,124 @@ def bar(*loads):
 
 
 @pytest.fixture
-def drift_kick(monkeypatch):
-    monkeypatch.setitem(INTEGRATORS, "DriftKick", integrator.DriftKick)
-    return integrator.DriftKick
+def package(monkeypatch):
+    return Package(monkeypatch)
 
 
-def test_an_integrator_is_a_file_and_a_row(drift_kick, tmp_path):
+def edited(monkeypatch, kind):
+    """The files of the package that a toy of this kind would edit."""
+    with monkeypatch.context() as rows:
+        package = Package(rows)
+        EXTENSIONS[kind](package)
+    return list(package.edited)
+
+
+def test_the_table_of_the_files_that_one_edits_is_that_of_the_docs(monkeypatch):
+    """It is printed here; no kind of extension takes more files than it should."""
+    table = {kind: edited(monkeypatch, kind) for kind in EXTENSIONS}
+    lines = [f"| {kind} | {len(files)} | {', '.join(f'`{name}`' for name in files)} |" for kind, files in table.items()]
+    print("\n".join(lines))
+    assert {kind: len(files) for kind, files in table.items()} == MOST
+    docs = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert "\n".join(lines) in docs
+
+
+@pytest.mark.parametrize("kind", EXTENSIONS)
+def test_the_rest_of_the_package_names_no_other_place_for_it(monkeypatch, kind):
+    """Without its rows nothing of the toy is left: scenes have the same keys as before."""
+    before = page()
+    edited(monkeypatch, kind)
+    assert page() == before
+
+
+def test_a_law_moves_a_body_in_python_in_a_scene_and_before_the_referee(package):
+    EXTENSIONS["law"](package)
+    pull = Traction("right", (0.0, 0.0, -2e3))
+    system = System(box_mesh((2.0, 1.0, 1.0), (2, 1, 1)), [Damaged(young=1e5, poisson=0.3, damage=0.2), pull], {"left": "xyz"})
+    found = solve_static(system, steps=2, quiet=True)
+    whole = solve_static(System(system.mesh, [StVK(young=0.8e5, poisson=0.3), pull], {"left": "xyz"}), steps=2, quiet=True)
+    assert found.success and np.abs(found.u - whole.u).max() < 1e-10 * np.abs(found.u).max()
+    law = {"type": "damaged", "material": "steel", "damage": 0.2}
+    assert np.array_equal(Scene.of_data(BAR | {"terms": [law, BAR["terms"][1]]}).solve(quiet=True).result.u, found.u)
+    assert Scene.of(system, BAR["analysis"]).data["terms"][0] == {"type": "damaged", "material": "isotropic-1", "damage": 0.2}
+    with pytest.raises(SceneError, match=r"terms\[0\]\.damage: got 1.0; expected a value less than 1"):
+        Scene.of_data(BAR | {"terms": [law | {"damage": 1.0}, BAR["terms"][1]]})
+    assert "## damaged" in page() and "Part of the stiffness that is lost" in json_schema()
+    claims, mesh = Damaged(young=1e5, poisson=0.3), box(2)
+    assert assert_consistent(System(mesh, claims), mesh).passed
+    assert_consistent(System(mesh, claims), mesh, young=0.5e5, poisson=0.3)
+    with pytest.raises(Inconsistent, match=r"W, F, K x 0\.5"):
+        assert_consistent(System(mesh, claims), mesh, young=1e5, poisson=0.3)
+    textbook = LAWS["St. Venant-Kirchhoff"]
+    claims = Damaged(young=MU * (3 * LAM + 2 * MU) / (LAM + MU), poisson=LAM / 2 / (LAM + MU), damage=0.0)
+    assert verify_law(energy=textbook.W, claims=claims, quiet=True).passed
+    assert not verify_law(energy=lambda F: 2 * textbook.W(F), claims=claims, quiet=True).passed
+
+
+def test_a_load_acts_in_python_in_a_scene_and_before_the_referee(package):
+    """On linear elements a constant force is shared out as `BodyForce` shares it, and what varies converges with their order."""
+    EXTENSIONS["load"](package)
+    weight = (30.0, 0.0, -2e2)
+    found, other = (solve_static(bar(of(weight)), steps=2, quiet=True).u for of in (SharedForce, BodyForce))
+    assert np.abs(found).max() > 1e-3 and np.abs(found - other).max() < 1e-10 * np.abs(found).max()
+    ramp = {"type": "ramp", "until": 0.5}
+    ours, theirs = (
+        Scene.of_data(BAR | {"terms": [BAR["terms"][0], {"type": kind, "force": list(weight), "time": ramp}]})
+        for kind in ("shared-force", "body-force")
+    )
+    u, v = (scene.solve(quiet=True).result.u for scene in (ours, theirs))
+    assert np.abs(u).max() > 1e-3 and np.abs(u - v).max() < 1e-10 * np.abs(u).max()
+    again = Scene.of(ours.system(), BAR["analysis"]).data["terms"][1]
+    assert again["type"] == "shared-force" and again["time"] | {"start": 0.0} == ramp | {"start": 0.0}
+    with pytest.raises(SceneError, match=r"terms\[1\]\.force: has 2 components; expected 3"):
+        Scene.of_data(BAR | {"terms": [BAR["terms"][0], {"type": "shared-force", "force": [1.0, 2.0]}]}).system()
+
+    def solve(mesh, material, body_force, boundary, factor=1.0):
+        prescribed = {tuple(boundary.nodes): lambda x, t: t * boundary.values.T}
+        force = SharedForce(lambda x, t: factor * t * body_force(x))
+        return solve_static(System(mesh, [StVK(material), force], prescribed=prescribed), steps=2, quiet=True).u
+
+    assert verify_solver(solve, young=1e5, poisson=0.3, dimension=2, quiet=True).passed
+    wrong = verify_solver(lambda *problem: solve(*problem, factor=0.9), young=1e5, poisson=0.3, dimension=2, quiet=True)
+    assert wrong.named.names == ["load x 0.900"]
+
+
+def test_an_element_is_judged_by_the_referee(package):
+    EXTENSIONS["element"](package)
+    mesh = box_mesh((2.0, 1.0, 0.9), (2, 1, 1), "hexahedra").with_degree(2)
+    assert mesh.element.name == "triquadratic hexahedra" and verify(mesh, young=5e6, poisson=0.3, quiet=True).passed
+
+
+def test_an_integrator_is_a_file_and_a_row(package, tmp_path):
     """It moves a body with the order that it declares, finds its critical step, and goes on from a checkpoint."""
+    EXTENSIONS["integrator"](package)
     mesh = box(2)
     system, push = System(mesh, STEEL), 0.5 * np.sin(3 * mesh.p[::-1]).ravel("F")
-    ends = [simulate(system, drift_kick(dt=dt), until=0.016, v0=push, quiet=True).v for dt in (2e-4, 1e-4)]
+    ends = [simulate(system, DriftKick(dt=dt), until=0.016, v0=push, quiet=True).v for dt in (2e-4, 1e-4)]
     truth = simulate(system, VelocityVerlet(dt=2e-5), until=0.016, v0=push, quiet=True).v
     errors = [np.abs(v - truth).max() for v in ends]
     assert errors[0] / errors[1] == pytest.approx(2, rel=0.1) and errors[1] < 0.1 * np.abs(truth).max()
-    run = simulate(system, drift_kick(), until=0.02, v0=push, quiet=True, checkpoint=tmp_path / "run")
+    run = simulate(system, DriftKick(), until=0.02, v0=push, quiet=True, checkpoint=tmp_path / "run")
     momenta = [run.ledger[f"linear_momentum_{x}"] for x in "xyz"]
     assert run.success and np.ptp(momenta, axis=1).max() < 1e-12 * np.abs(momenta).max()
     longer = simulate(system, checkpoint=tmp_path / "run", resume=True, until=0.03, quiet=True)
-    assert np.array_equal(longer.u, simulate(system, drift_kick(), until=0.03, v0=push, quiet=True).u)
+    assert np.array_equal(longer.u, simulate(system, DriftKick(), until=0.03, v0=push, quiet=True).u)
 
 
-def test_a_linear_solver_is_a_file_and_a_row(monkeypatch):
-    """Statics, arc length, implicit steps and modes take it by its name."""
-    monkeypatch.setattr(sys.modules["skfem_stvk.linear.choose"], "SOLVERS", (*SOLVERS, solver.Dense()))
+def test_the_referee_judges_an_integrator_by_what_it_declares(package):
+    def step(system, u, v, dt):
+        run = simulate(system, DriftKick(dt=dt), until=dt, u0=u, v0=v, quiet=True, raise_on_failure=False)
+        return run.u, run.v
+
+    EXTENSIONS["integrator"](package)
+    conserves = [one.replace("_", " ") for one in DriftKick.conserves]
+    assert verify_integrator(step, order=DriftKick.order, conserves=conserves, stable=2.0, quiet=True).passed
+    assert not verify_integrator(step, order=2, conserves=conserves, stable=2.0, quiet=True).passed
+
+
+def test_a_linear_solver_is_a_file_and_a_row(package):
+    """Statics, arc length, implicit steps and modes take it by its name; the referee judges what it solves."""
+    EXTENSIONS["linear solver"](package)
     system = bar(Traction(lambda x: x[0] > 0.9, (0, 0, -2e3)))
     by, right = (solve_static(system, steps=2, solver=name, quiet=True) for name in ("dense", "superlu"))
     assert by.success and by.solver == "dense" and np.abs(by.u - right.u).max() < 1e-7 * np.abs(right.u).max()
@@ -68,22 +197,56 @@ def test_a_linear_solver_is_a_file_and_a_row(monkeypatch):
     assert np.abs(path.u - right.u).max() < 1e-7 * np.abs(right.u).max() and path.history[-1].negative == 0
     assert modes(system, 2, solver="dense").frequencies == pytest.approx(modes(system, 2, solver="superlu").frequencies)
 
+    def solve(mesh, material, body_force, boundary):
+        prescribed = {tuple(boundary.nodes): lambda x, t: t * boundary.values.T}
+        made = System(mesh, [StVK(material), BodyForce(lambda x, t: t * body_force(x))], prescribed=prescribed)
+        return solve_static(made, steps=2, solver="dense", quiet=True).u
 
-def test_a_scene_takes_an_integrator_and_a_linear_solver_by_their_row(drift_kick, monkeypatch):
+    assert verify_solver(solve, young=1e5, poisson=0.3, dimension=2, quiet=True).passed
+
+
+def test_a_scene_takes_an_integrator_and_a_linear_solver_by_their_row(package):
     """Those that are registered when it is checked, with the same results as in Python; others are named beside them."""
-    monkeypatch.setattr(sys.modules["skfem_stvk.linear.choose"], "SOLVERS", (*SOLVERS, solver.Dense()))
+    EXTENSIONS["integrator"](package)
+    EXTENSIONS["linear solver"](package)
     free = System(box(2), [STEEL, Gravity((0, 0, -9.81))])
     moved = Scene.of(free, {"type": "dynamic", "integrator": "drift-kick", "dt": 1e-6, "until": 1e-4})
-    assert np.array_equal(moved.solve(quiet=True).result.u, simulate(free, drift_kick(dt=1e-6), until=1e-4, quiet=True).u)
+    assert np.array_equal(moved.solve(quiet=True).result.u, simulate(free, DriftKick(dt=1e-6), until=1e-4, quiet=True).u)
     assert Scene.of_data(BAR | {"solver": {"name": "dense"}}).solve(quiet=True).result.solver == "dense"
     with pytest.raises(SceneError, match=r"solver\.name: 'dence' is not known here; did you mean 'dense'\?"):
         Scene.of_data(BAR | {"solver": {"name": "dence"}})
     assert "dense" in json_schema() and "drift-kick" in json_schema()
 
 
+def test_options_of_an_integrator_are_keys_as_soon_as_it_is_registered(package):
+    """With its type, limits and sentence; of another integrator the key is refused."""
+    EXTENSIONS["integrator"](package)
+    package.add("skfem_stvk.dynamics.integrators", "INTEGRATORS", "Slowed", Slowed)
+    motion = {"type": "dynamic", "integrator": "slowed", "dt": 1e-6, "until": 1e-5, "drag": 0.25}
+    terms = [BAR["terms"][0]]
+    dense = {"steel": BAR["materials"]["steel"] | {"density": 1e3}}
+    scene = Scene.of_data(BAR | {"materials": dense, "terms": terms, "analysis": motion})
+    assert scene.built.integrator == Slowed(dt=1e-6, drag=0.25)
+    assert re.search(r"`drag` \| number >= 0 \|.*Of slowed: part of the velocity that is lost, by default 0.5", page())
+    for wrong, said in (({"drag": -1.0}, "greater than or equal to 0"), ({"integrator": "drift-kick"}, "is an option of slowed")):
+        with pytest.raises(SceneError, match=rf"analysis\.drag: .*{said}"):
+            Scene.of_data(BAR | {"materials": dense, "terms": terms, "analysis": motion | wrong})
+
+
+def test_a_key_of_a_scene_is_checked_printed_and_kept(package):
+    with pytest.raises(SceneError, match="author: unknown key"):
+        Scene.of_data(BAR | {"author": "Lame"})
+    EXTENSIONS["key of scenes"](package)
+    scene = Scene.of_data(BAR | {"author": "Lame"})
+    assert scene.sections.author == scene.data["author"] == "Lame"
+    assert "| `author` | text |" in page() and "Who wrote it" in json_schema()
+    with pytest.raises(SceneError, match="author: got 3; expected text"):
+        Scene.of_data(BAR | {"author": 3})
+
+
 def test_a_peer_is_a_file_and_a_row(monkeypatch):
     """It is listed, loaded by its name, and timed and compared by the benchmark beside the others."""
-    monkeypatch.setitem(PEERS, "Toy", Package("numpy", "numpy", "pip install numpy"))
+    monkeypatch.setitem(PEERS, "Toy", Peer("numpy", "numpy", "pip install numpy"))
     monkeypatch.setitem(sys.modules, "skfem_stvk.peers.numpy", peer)
     assert available()["Toy"] == np.__version__ and load("Toy") is peer.Toy
     plan = Plan("quick", boxes=(50,), parts=(), judged=(), referenced=(), peers={"Toy": ("box 50",)}, seconds=0.0)

@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from ..errors import AnalysisError, StvkError, StvkWarning
-from ..terminal import console, printable
+from ..terminal import BAD_INPUT, INTERRUPTED, console, printable
 from . import referee, scenes, warm_up
 
 
@@ -36,10 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise
     except (StvkError, OSError) as error:
         notes.print(f"[bold red]error[/] {printable(str(error))}", soft_wrap=True)
-        return 2
+        return BAD_INPUT
     except KeyboardInterrupt:
         notes.print("[yellow]interrupted[/]")
-        return 130
+        return INTERRUPTED
 
 
 def _show(notes: Console, otherwise: Callable[..., None], message: Warning | str, *details: Any, **more: Any) -> None:

@@ -23,26 +23,32 @@ from ..referee.law_readings import MEASURES, ORDERS, TANGENTS
 from ..referee.players import users_function
 from ..referee.read_back import folders_of_results, verify_results
 from ..referee.rendering import rendered
+from ..referee.report import Report
 from ..referee.self_test import self_test
 from ..referee.vectors import PUBLISHED, export_vectors, published_vectors
 from ..referee.verification import verify
-from ..terminal import WIDTH, console, printable
+from ..terminal import BAD_INPUT, DONE, NOT_PASSED, WIDTH, console, printable
 from ..terms import StVK
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
 EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
 
 
-def verify_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `skfem-stvk verify`."""
-    parser.add_argument("mesh", nargs="?", help="mesh file; by default an embedded bracket of two materials")
+def _add_body(parser: argparse.ArgumentParser, without: str) -> None:
+    """Add the arguments of a mesh with one material; `without` says what is done without a mesh."""
+    parser.add_argument("mesh", nargs="?", help=f"mesh file; by default {without}")
     parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, help="Poisson's ratio")
     parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")
+    parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
+
+
+def verify_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `skfem-stvk verify`."""
+    _add_body(parser, "an embedded bracket of two materials")
     parser.add_argument("--quadrature", help="exact, or one-point for quadrilaterals and hexahedra; by default the usual rule")
     parser.add_argument("--hourglass", type=float, help="coefficient of the hourglass control of one-point elements")
     parser.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
-    parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
     parser.add_argument(
         "--self-test",
         action="store_true",
@@ -76,8 +82,7 @@ def check(options: argparse.Namespace) -> int:
         report = verify(mesh, terms, **how, candidate=candidate, seed=options.seed)
     report.header["candidate"] = [line] if line else []
     report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
-    give(partial(rendered, report), WIDTH, report.save, options.out, "report.json and report.html")
-    return 0 if report.passed else 1
+    return _given(report, options.out)
 
 
 def _opponent(options: argparse.Namespace, mesh: ElementMesh) -> AbstractContextManager[tuple[Any, str]]:
@@ -96,7 +101,7 @@ def _check_the_referee(options: argparse.Namespace) -> int:
     _refuse_a_body(options, "--self-test: faults are planted in small bodies of its own", "results", "vectors", "against", "python")
     found = self_test(seed=options.seed)
     give(found.rendered, WIDTH, found.save, options.out, "self-test.json and self-test.html")
-    return 0 if found.passed else 1
+    return DONE if found.passed else NOT_PASSED
 
 
 def _refuse_a_body(options: argparse.Namespace, beside: str, *others: str) -> None:
@@ -119,9 +124,14 @@ def _check_results(options: argparse.Namespace) -> int:
             vectors = own if own.is_dir() else options.vectors
         report = verify_results(folder, vectors)
         out = options.out if options.out is None or len(folders) == 1 else str(Path(options.out) / folder.name)
-        give(partial(rendered, report), WIDTH, report.save, out, "report.json and report.html")
-        passed = passed and report.passed
-    return 0 if passed else 1
+        passed = _given(report, out) == DONE and passed
+    return DONE if passed else NOT_PASSED
+
+
+def _given(report: Report, folder: str | None) -> int:
+    """Write a report and print it; exit code 0 if all passed."""
+    give(partial(rendered, report), WIDTH, report.save, folder, "report.json and report.html")
+    return DONE if report.passed else NOT_PASSED
 
 
 def verify_law_arguments(parser: argparse.ArgumentParser) -> None:
@@ -156,18 +166,13 @@ def check_law(options: argparse.Namespace) -> int:
     functions: dict[str, Any] = {name: users_function(name, given) for name, given in named.items() if given is not None}
     how = {name: getattr(options, name) for name in ("dimension", "measure", "tangent", "voigt", "engineering", "seed")}
     report = verify_law(**functions, **how, claims=claims)
-    give(partial(rendered, report), WIDTH, report.save, options.out, "report.json and report.html")
-    return 0 if report.passed else 1
+    return _given(report, options.out)
 
 
 def export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk export`."""
-    parser.add_argument("mesh", nargs="?", help="mesh file; by default the five published sets are written")
-    parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
-    parser.add_argument("--poisson", type=float, help="Poisson's ratio")
-    parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")
+    _add_body(parser, "the five published sets are written")
     parser.add_argument("--quadrature", help="exact; by default the usual rule")
-    parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
     parser.add_argument("--out", metavar="FOLDER", required=True, help="write the vectors there")
 
 
@@ -189,7 +194,7 @@ def export(options: argparse.Namespace) -> int:
         folders = [made.save(options.out)]
     for folder in folders:
         print_line(f"vectors.npz, vectors.txt and README.txt are in {folder}")
-    return 0
+    return DONE
 
 
 def bench_arguments(parser: argparse.ArgumentParser) -> None:
@@ -202,7 +207,7 @@ def name_the_benchmark(options: argparse.Namespace) -> int:
     """Print the command that runs the benchmark in a checkout of the project; exit code 2, as nothing is measured here."""
     quick, out = ["--quick"] * options.quick, [] if options.out is None else ["--out", options.out]
     print_line(shlex.join(["python", "-m", "validation", "bench", *quick, *out]))
-    return 2
+    return BAD_INPUT
 
 
 def _body(options: argparse.Namespace) -> tuple[ElementMesh, list[StVK]]:

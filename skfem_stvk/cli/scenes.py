@@ -18,8 +18,8 @@ from ..peers import PEERS
 from ..scene import Scene, sweep, templates
 from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
-from ..scene.outcome import DONE, INTERRUPTED, NOT_CONVERGED, SceneOutcome, as_printed
-from ..terminal import WIDTH, console, printable
+from ..scene.outcome import SceneOutcome, as_printed
+from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_PASSED, WIDTH, console, printable
 
 #: Options that make the material of a mesh.
 MATERIAL = ("young", "poisson", "density")
@@ -54,7 +54,7 @@ def init(options: argparse.Namespace) -> int:
     """Print a commented example of a scene: `skfem-stvk init --type static > scene.toml`."""
     text = templates.page() if options.keys else templates.json_schema() if options.schema else templates.example(options.type)
     sys.stdout.write(text)
-    return 0
+    return DONE
 
 
 def solve_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +118,7 @@ def sweep_arguments(parser: argparse.ArgumentParser) -> None:
 def solve_product(options: argparse.Namespace) -> int:
     """Solve a scene with the product of values, into a table; exit code 0 if all runs are done, 1 if one failed."""
     rows = sweep(options.scene, options.set, options.out, jobs=options.jobs, force=options.force, quiet=options.quiet)
-    return DONE if all(row.done for row in rows) else NOT_CONVERGED
+    return DONE if all(row.done for row in rows) else NOT_PASSED
 
 
 def info_arguments(parser: argparse.ArgumentParser) -> None:
@@ -151,18 +151,18 @@ def info(options: argparse.Namespace) -> int:
     else:
         out = console(WIDTH)
         out.print(found.rendered(out.width))
-    return 2 if found.refused else 0
+    return BAD_INPUT if found.refused else DONE
 
 
 def _of_installation(options: argparse.Namespace) -> int:
     facts = machine() | {"kernels run on": f"{threads()} threads"} | _caches() | versions() | _optional()
     if options.json:
         print(json.dumps(facts, indent=1))
-        return 0
+        return DONE
     out = console()
     for name, value in facts.items():
         out.print(f"{name:>16}  {printable(str(value))}", soft_wrap=True)
-    return 0
+    return DONE
 
 
 def _optional() -> dict[str, str]:
@@ -198,7 +198,7 @@ def _footprint(options: argparse.Namespace) -> int:
         print(json.dumps([row._asdict() for row in rows], indent=1))
     else:
         console(WIDTH).print(table(rows))
-    return 0
+    return DONE
 
 
 def _of_mesh(options: argparse.Namespace) -> Inspection:

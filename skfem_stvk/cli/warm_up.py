@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from itertools import product
 from time import perf_counter
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -18,19 +18,14 @@ from ..errors import MaterialError, StvkError
 from ..kernels.compiled import first_use
 from ..mesh import ElementMesh
 from ..nonlinear.processes import Crashed, in_processes
-from ..scene.schema.terms import TERMS
 from ..statics import solve_static
 from ..system import System
 from ..terminal import CountedProgress, duration
-from ..terms import Gravity
+from ..terms import TERMS, Gravity
 from ..terms.elastic_law import ElasticLaw
 
 #: The laws of elasticity by their `type` in scenes.
-LAWS: dict[str, Any] = {
-    get_args(one.model_fields["type"].annotation)[0]: one.library
-    for one in TERMS
-    if isinstance(one.library, type) and issubclass(one.library, ElasticLaw)
-}
+LAWS: dict[str, Any] = {kind: law for kind, law in TERMS.items() if isinstance(law, type) and issubclass(law, ElasticLaw)}
 
 
 def _solve(body: System) -> None:

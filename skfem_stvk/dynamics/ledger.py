@@ -197,7 +197,7 @@ def _lines(rows: Iterable[Iterable[Any]]) -> bytes:
     return text.getvalue().encode()
 
 
-class _Panel(NamedTuple):
+class Panel(NamedTuple):
     """Lines over time: the columns with their words and colours, and the panel's height over that of the least."""
 
     label: str
@@ -206,43 +206,48 @@ class _Panel(NamedTuple):
 
 
 def _draw(ledger: Mapping[str, Array], path: Path | None) -> Any:
-    """The figure; written to `path` if there is one, else known to pyplot, which can show it."""
-    from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when a picture is asked for
-
-    panels = [panel for panel in _panels(ledger) if panel.lines]
-    figure = new_figure((7.5, 1.2 * sum(panel.height for panel in panels) + 0.8), interactive=path is None)
-    heights = [panel.height for panel in panels]
-    rows: list[Any] = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
-    for axes, panel in zip(rows, panels, strict=True):
-        _fill(axes, panel, ledger)
-    rows[-1].set_xlabel("time [s]")
-    figure.align_ylabels()
+    """Draw all panels; write them to `path` if there is one."""
+    figure = draw(ledger, _panels(ledger), interactive=path is None)
     if path is not None:
         figure.savefig(path, dpi=160)
     return figure
 
 
-def energy_lines(ledger: Mapping[str, Array]) -> Lines:
-    """Columns of energies that are not zero throughout, with their words and colours; "-" for energies that do not exist."""
-    return [
+def draw(ledger: Mapping[str, Array], panels: Sequence[Panel], xlabel: str = "time [s]", *, interactive: bool = False) -> Any:
+    """Draw the panels that have lines; `interactive`: into a figure that pyplot can show."""
+    from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when a picture is asked for
+
+    panels = [panel for panel in panels if panel.lines]
+    figure = new_figure((7.5, 1.2 * sum(panel.height for panel in panels) + 0.8), interactive=interactive)
+    heights = [panel.height for panel in panels]
+    rows: list[Any] = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    for axes, panel in zip(rows, panels, strict=True):
+        _fill(axes, panel, ledger)
+    rows[-1].set_xlabel(xlabel)
+    figure.align_ylabels()
+    return figure
+
+
+def energy_panels(ledger: Mapping[str, Array], unit: str = "J") -> list[Panel]:
+    """Return panels of energies that are not zero throughout, "-" for those that do not exist, and of the closure error."""
+    energies = [
         (name, name.replace("_", " ") + ": -" * bool(np.isnan(ledger[name]).all()), colour)
         for name, colour in ENERGIES.items()
         if name in ledger and ledger[name].any()
     ]
+    closure = [(name, "", "#000000") for name in ledger if name == "closure_error"]
+    return [Panel(f"energy [{unit}]", energies, 2.6), Panel(f"closure\nerror [{unit}]", closure, 1.0)]
 
 
-def _panels(ledger: Mapping[str, Array]) -> list[_Panel]:
-    """Panels of energies that are not zero throughout, the closure error, momenta, displacements of probes, and reactions."""
-    panels = [
-        _Panel("energy [J]", energy_lines(ledger), 2.6),
-        _Panel("closure\nerror [J]", [(name, "", "#000000") for name in ledger if name == "closure_error"], 1.0),
-    ]
+def _panels(ledger: Mapping[str, Array]) -> list[Panel]:
+    """Panels of energies, the closure error, momenta, displacements of probes, and reactions."""
+    panels = energy_panels(ledger)
     for quantity, label in MOMENTA.items():
-        panels.append(_Panel(label, _along_axes(ledger, f"{quantity}_"), 1.2))
+        panels.append(Panel(label, _along_axes(ledger, f"{quantity}_"), 1.2))
     probes = dict.fromkeys(name[:-2] for name in ledger if name[-2:] in (" x", " y", " z"))
     for probe in probes:
         label = f"{probe} [N]" if probe.startswith("reaction ") else f"displacement\nof {probe} [m]"
-        panels.append(_Panel(label, _along_axes(ledger, f"{probe} "), 1.2))
+        panels.append(Panel(label, _along_axes(ledger, f"{probe} "), 1.2))
     return panels
 
 
@@ -250,7 +255,7 @@ def _along_axes(ledger: Mapping[str, Array], prefix: str) -> Lines:
     return [(prefix + axis, axis, colour) for axis, colour in AXES.items() if prefix + axis in ledger]
 
 
-def _fill(axes: Any, panel: _Panel, ledger: Mapping[str, Array]) -> None:
+def _fill(axes: Any, panel: Panel, ledger: Mapping[str, Array]) -> None:
     for name, words, colour in panel.lines:
         total = name == "total_energy"
         axes.plot(*thinned(ledger["time"], ledger[name]), color=colour, lw=1.6 if total else 1.0, label=words)

@@ -119,7 +119,9 @@ class Orthotropic(FramedMaterial):
 
 @dataclass(frozen=True, eq=False)
 class TransverselyIsotropic(FramedMaterial):
-    """Fibres along material axis 1, the first column of `frame`; every constant a number or one value per element.
+    """Fibres along material axis 1, the first column of `frame`.
+
+    Every constant is a number, or an array with one value per element.
 
     Parameters
     ----------

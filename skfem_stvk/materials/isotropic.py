@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, Quantity
 from ..errors import MaterialError
-from .material import Hypothesis, Material, check_length, constant
+from .material import Density, Hypothesis, Material, check_length, constant
 
 
 @dataclass(frozen=True, eq=False)
 class Isotropic(Material):
-    """`S = lam tr(E) I + 2 mu E`; every constant is a number, or an array with one value per element.
+    """The same in all directions: `S = lam tr(E) I + 2 mu E`.
+
+    Every constant is a number, or an array with one value per element.
 
     Parameters
     ----------
@@ -53,9 +55,9 @@ class Isotropic(Material):
         lam: Annotated[ArrayLike, Quantity("stress", "First Lame constant.")],
         mu: Annotated[ArrayLike, Quantity("stress", "Shear modulus.", gt=0)],
         *,
-        density: ArrayLike | None = None,
+        density: Density = None,
     ) -> Isotropic:
-        """The material with these Lame constants [Pa]: `mu > 0` and `3 lam + 2 mu > 0`."""
+        """Return the isotropic material with these Lame constants [Pa]: `mu > 0` and `3 lam + 2 mu > 0`."""
         lam, mu = constant(lam, "lam"), constant(mu, "mu", low=0.0)
         bulk = constant(3 * lam + 2 * mu, "3 lam + 2 mu", low=0.0)
         return cls(mu * bulk / (lam + mu), lam / (2 * (lam + mu)), density=density)

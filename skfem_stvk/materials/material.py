@@ -28,13 +28,15 @@ class Hypothesis(Enum):
         return self in (Hypothesis.PLANE_STRESS, Hypothesis.UNIAXIAL_STRESS)
 
 
+#: The parameter that all materials have.
+Density = Annotated[ArrayLike | None, Quantity("density", "Mass density; motion, modes and gravity need it.", gt=0)]
+
+
 @dataclass(frozen=True, eq=False)
 class Material:
     """A linear relation `S = C : E` of second Piola-Kirchhoff stress and Green-Lagrange strain, without a mesh."""
 
-    density: Annotated[ArrayLike | None, Quantity("density", "Mass density; motion, modes and gravity need it.", gt=0)] = field(
-        default=None, kw_only=True
-    )
+    density: Density = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if self.density is not None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..elements import rule_of
-from ..errors import MeshError, name_ids, warn
+from ..errors import MeshError, Remark, name_ids, warn
 from ..kernels.geometry import measures
 from .facets import Cells, MeshArrays, grouped, linked
 from .geometry import aspect_ratios, edge_differences
@@ -22,23 +21,6 @@ LARGEST_EXPONENT = 50
 ROUND_OFF = 1e-14
 #: Elements that are looked at together, at all of their points: some 40 of 9 numbers each, which stay in cache.
 CHUNK = 512
-
-
-class MeshFault(NamedTuple):
-    """Fault of a mesh, or doubt about it.
-
-    Attributes
-    ----------
-    name : in a few words, such as "duplicates".
-    ids : of the elements or nodes, ascending.
-    text : with the first of these, the likely cause and the next step.
-    refused : whether no body can be made of it; else it is probably not what was meant.
-    """
-
-    name: str
-    ids: NDArray[np.integer]
-    text: str
-    refused: bool = True
 
 
 def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
@@ -69,7 +51,7 @@ def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
             warn(text)
 
 
-def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[MeshFault]:
+def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[Remark]:
     """Yield all faults of a mesh, refused ones first; each is searched for when it is asked for.
 
     Meshes `together` with it on the same nodes say which nodes are on elements, and what is connected.
@@ -78,12 +60,12 @@ def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(mesh.p).all(axis=0))
     if len(bad := np.flatnonzero(~finite)):
         text = f"{name_ids(bad, mesh.word)}: coordinates that are not finite. Was the mesh exported or scaled wrongly?"
-        yield MeshFault("not finite", bad, text)
+        yield Remark("not finite", bad, text)
     ordered = np.sort(mesh.t, axis=0)
     collapsed = (ordered[1:] == ordered[:-1]).any(axis=0)
     if len(bad := np.flatnonzero(collapsed)):
         text = f"{name_ids(bad, 'element')}: the same {mesh.word} twice, so no volume. Collapsed cells of a converter? Remove them."
-        yield MeshFault("collapsed", bad, text)
+        yield Remark("collapsed", bad, text)
     sound, kept = sound_elements(mesh, finite, collapsed)
     if len(kept):
         yield from _faults_of_shapes(sound, kept)
@@ -95,13 +77,13 @@ def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[
             f"{name_ids(bad, 'element')}: the same vertices as an earlier element, so the stiffness would count twice. Two "
             "overlapping physical groups, or a part exported twice? Remove the copies."
         )
-        yield MeshFault("duplicates", bad, text)
+        yield Remark("duplicates", bad, text)
     if len(unused := np.flatnonzero(~_on_elements(together))):
         text = (
             f"{name_ids(unused, mesh.word)}: on no element, so K would have zero rows. Remove them: mesh.remove_unused_nodes() in "
             "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
         )
-        yield MeshFault("unused", unused, text)
+        yield Remark("unused", unused, text)
     if len(kept):
         yield from _coincident_vertices(mesh, sound, finite)
     yield from _parts_apart(mesh, together)
@@ -118,7 +100,7 @@ def sound_elements(
     return Cells(np.where(finite, mesh.p, somewhere), np.ascontiguousarray(mesh.t[:, kept]), mesh.element), kept
 
 
-def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[MeshFault]:
+def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Remark]:
     """Yield simplices without volume, and elements whose Jacobian vanishes or changes its sign."""
     if mesh.element.is_linear_simplex:
         if len(bad := ids[flat_elements(mesh)]):
@@ -126,7 +108,7 @@ def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Mesh
                 f"{name_ids(bad, 'element')}: no volume, all vertices lie in one {('point', 'line', 'plane')[mesh.k - 1]} to "
                 "within rounding. Remesh or remove these slivers."
             )
-            yield MeshFault("flat", bad, text)
+            yield Remark("flat", bad, text)
     elif len(bad := ids[folded_elements(mesh)]):
         quadratic = mesh.element.degree == 2
         order = "middles of edges" if quadratic else "vertices"
@@ -137,7 +119,7 @@ def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Mesh
             f"over themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? "
             f"Look at them, or {advice}."
         )
-        yield MeshFault("folded", bad, text)
+        yield Remark("folded", bad, text)
 
 
 def element_order(mesh: MeshArrays) -> str:
@@ -192,7 +174,7 @@ def scale_of(p: NDArray[np.float64]) -> float:
     return 2.0 ** np.clip(np.floor(np.log2(largest)), -1021, 1022) if largest > 0 else 1.0
 
 
-def _faults_of_range(mesh: MeshArrays) -> Iterator[MeshFault]:
+def _faults_of_range(mesh: MeshArrays) -> Iterator[Remark]:
     """Yield elements of a size at which squares of volumes leave the range of double precision."""
     scale = scale_of(mesh.p)
     longest = longest_edges(mesh, mesh.p / scale)
@@ -206,7 +188,7 @@ def _faults_of_range(mesh: MeshArrays) -> Iterator[MeshFault]:
             f"volumes, are beyond the range of double precision; expected lengths from 1e-{LARGEST_EXPONENT} to "
             f"1e{LARGEST_EXPONENT}. Choose another unit of length."
         )
-        yield MeshFault("range", np.empty(0, dtype=np.int64), text)
+        yield Remark("range", np.empty(0, dtype=np.int64), text)
 
 
 def longest_edges(mesh: MeshArrays, p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -226,7 +208,7 @@ def warn_of_flat_elements(mesh: ElementMesh) -> None:
         )
 
 
-def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[np.bool_]) -> Iterator[MeshFault]:
+def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[np.bool_]) -> Iterator[Remark]:
     """Yield nodes closer than 1e-6 of the median longest edge: seams that do not hold together."""
     near = 1e-6 * float(np.median(longest_edges(sound, sound.p)))
     nodes = np.flatnonzero(finite)
@@ -247,7 +229,7 @@ def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[n
             f"{name_ids(bad, mesh.word)}: in the same place as another one, so parts that touch there are not "
             "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem."
         )
-        yield MeshFault("coincident", bad, text, refused=False)
+        yield Remark("coincident", bad, text, refused=False)
 
 
 def _close_along_a_line(x: NDArray[np.float64], near: float) -> NDArray[np.intp]:
@@ -283,7 +265,7 @@ def sizes_of_parts(meshes: Sequence[ElementMesh]) -> tuple[NDArray[np.int32], ND
     return part, np.bincount(part[used], minlength=int(part.max()) + 1).astype(np.int64)
 
 
-def _parts_apart(mesh: ElementMesh, together: Sequence[ElementMesh]) -> Iterator[MeshFault]:
+def _parts_apart(mesh: ElementMesh, together: Sequence[ElementMesh]) -> Iterator[Remark]:
     """Yield a fault if parts are not connected, with the nodes of all but the largest."""
     part, count = sizes_of_parts(together)
     sizes = np.sort(count[count > 0])[::-1]
@@ -293,4 +275,4 @@ def _parts_apart(mesh: ElementMesh, together: Sequence[ElementMesh]) -> Iterator
             f"The mesh is in {len(sizes)} parts that are not connected ({shown} {mesh.words}): each needs its own supports. If "
             "they should hold together, merge the vertices of their common faces."
         )
-        yield MeshFault("parts", np.flatnonzero((part != count.argmax()) & (count[part] > 0)), text, refused=False)
+        yield Remark("parts", np.flatnonzero((part != count.argmax()) & (count[part] > 0)), text, refused=False)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, choice, whole
 from ..elements import Element
-from ..errors import name_ids
+from ..errors import Remark, name_ids
 from . import points
-from .diagnostics import MeshFault, faults, scale_of, sizes_of_parts, sound_elements
+from .diagnostics import faults, scale_of, sizes_of_parts, sound_elements
 from .facets import Cells
 from .geometry import aspect_ratios, edge_lengths
 from .mesh import ElementMesh, MeshLike
@@ -70,7 +70,7 @@ class MeshQuality:
     edges: Array
     turned: NDArray[np.bool_]
     parts: NDArray[np.int64]
-    faults: tuple[MeshFault, ...]
+    faults: tuple[Remark, ...]
 
     @property
     def sound(self) -> bool:
@@ -195,7 +195,7 @@ def _corners_of_angles(element: Element) -> Iterator[tuple[int, int, int, int]]:
                 yield at, along, one, other
 
 
-def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[MeshFault]:
+def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[Remark]:
     """Yield faults of elements that a body can be made of, but none that is fast and good."""
     flat = np.flatnonzero((aspect > FLAT) & np.isfinite(aspect))
     if len(flat):
@@ -204,7 +204,7 @@ def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[MeshFaul
             f"{name_ids(worst, 'element')}: flatter than 1:{FLAT:g}, the flattest 1:{aspect[worst[0]]:.3g}. They are too stiff, "
             "their stresses are poor, and explicit steps short. Remesh there, or let the mesher optimise (Gmsh: Mesh.Optimize = 1)."
         )
-        yield MeshFault("slivers", flat, text, refused=False)
+        yield Remark("slivers", flat, text, refused=False)
     usual = float(np.nanmedian(edges[1])) if not np.isnan(edges[1]).all() else 0.0
     short = np.flatnonzero(edges[0] < SHORT * usual)
     if len(short):
@@ -214,4 +214,4 @@ def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[MeshFaul
             f"{edges[0, worst[0]]:.3g}. It makes explicit steps short. A detail of the CAD model that nobody needs? Remove it, or "
             "set a least size of elements (Gmsh: Mesh.MeshSizeMin)."
         )
-        yield MeshFault("short edges", short, text, refused=False)
+        yield Remark("short edges", short, text, refused=False)

@@ -33,5 +33,5 @@ def load(name: str) -> type[Peer]:
     """
     if not isinstance(name, str) or name not in PEERS:
         raise StvkError(f"There is no peer {shown(name)}; there are {', '.join(PEERS)}.")
-    peer: type[Peer] = getattr(import_module(f".{PEERS[name].module}", __name__), name)
+    peer: type[Peer] = getattr(import_module(f".{PEERS[name].file or PEERS[name].module}", __name__), name)
     return peer

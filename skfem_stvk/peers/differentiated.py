@@ -1,4 +1,4 @@
-"""Bodies whose energy density a library of automatic differentiation differentiates, element by element."""
+"""JAX and PyTorch, which differentiate an energy density that is written in their own arrays, element by element."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
 from ..arguments import Array
-from .peer import lame
+from .peer import lame, require
 
 #: The energy per volume at rest of a deformation gradient F (3, 3), in the library's own arrays [Pa].
 Density = Callable[[Any], Any]
 
 
 class Library(NamedTuple):
-    """What is needed of a library: its arrays from NumPy's; and of a function of arrays, the function, its first and its second
-    derivative with respect to the first of them, over all elements at once."""
+    """Functions of a library: its arrays from NumPy's; the first and the second derivative of a function by its first argument;
+    and a function over all elements at once."""
 
     array: Callable[[Array], Any]
-    over_elements: Callable[[Callable[..., Any], int], Callable[..., Any]]
+    gradient: Callable[..., Any]
+    hessian: Callable[..., Any]
+    over_elements: Callable[..., Any]
 
 
 class Differentiated:
@@ -44,7 +46,8 @@ class Differentiated:
         def of_element(u: Any, g: Any, volume: Any) -> Any:
             return volume * law(one + u.T @ g)
 
-        self._derivatives = [library.over_elements(of_element, order) for order in range(3)]
+        each = of_element, library.gradient(of_element), library.hessian(of_element)
+        self._derivatives = [library.over_elements(one) for one in each]
         dofs = (3 * t.T[:, :, None] + np.arange(3)).reshape(-1, 12)
         self._rows, self._columns = (one.ravel() for one in np.broadcast_arrays(dofs[:, :, None], dofs[:, None]))
 
@@ -71,3 +74,35 @@ def _st_venant_kirchhoff(one: Any, lam: float, mu: float) -> Density:
         return lam / 2 * E.trace() ** 2 + mu * (E * E).sum()
 
     return density
+
+
+class JAX(Differentiated):
+    """`jax.grad` and `jax.hessian` of each element's energy, compiled by XLA; see `Peer`.
+
+    `density(F)` in the place of St. Venant-Kirchhoff's is what a user has written: of F (3, 3), with all its constants, in
+    `jax.numpy`. Double precision is set for the whole process.
+    """
+
+    name = "JAX"
+
+    def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, *, density: Density | None = None) -> None:
+        jax = require("JAX")
+        jax.config.update("jax_enable_x64", True)
+        self.version: str = jax.__version__
+        library = Library(jax.numpy.asarray, jax.grad, jax.hessian, lambda one: jax.jit(jax.vmap(one)))
+        super().__init__(library, p, t, (young, poisson), density)
+
+
+class PyTorch(Differentiated):
+    """`torch.func.grad` and `torch.func.hessian` of each element's energy, in double precision on the processor; see `Peer`.
+
+    `density(F)` in the place of St. Venant-Kirchhoff's is what a user has written: of F (3, 3), with all its constants, in `torch`.
+    """
+
+    name = "PyTorch"
+
+    def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, *, density: Density | None = None) -> None:
+        torch = require("PyTorch")
+        self.version: str = torch.__version__
+        library = Library(torch.from_numpy, torch.func.grad, torch.func.hessian, torch.func.vmap)
+        super().__init__(library, p, t, (young, poisson), density)

@@ -76,8 +76,9 @@ class Reordering:
 class Package:
     """An optional package: the name it is imported by, its name where it is installed from, and the line that installs it.
 
-    The file in this folder that wraps it is named like the module. `least` is the first major version that computes this model, and
-    `why` says what is wrong with those before: the class of such a peer takes `any_version`, to be judged all the same.
+    The `file` in this folder that wraps it is named like the module, if no other is named. `least` is the first major version
+    that computes this model, and `why` says what is wrong with those before: the class of such a peer takes `any_version`,
+    to be judged all the same.
 
     `elements` are those that it is made of, `gives` which of W, F and K it has, `deviates` is what it is known to do otherwise, and
     `tried` the versions that were judged (docs/peers.md).
@@ -92,6 +93,7 @@ class Package:
     gives: str = "W, F and K"
     deviates: str = ""
     tried: str = ""
+    file: str = ""
 
     def version(self) -> str | None:
         """The installed version; None if it is missing or too old."""
@@ -139,8 +141,16 @@ PEERS = {
         "pip install jax",
         deviates="it computes in single precision, to 1e-7, until jax_enable_x64 is set, which this class does",
         tried="0.10.2",
+        file="differentiated",
     ),
-    "PyTorch": Package("torch", "torch", "pip install torch", deviates="nothing, in torch.float64", tried="2.15.0"),
+    "PyTorch": Package(
+        "torch",
+        "torch",
+        "pip install torch",
+        deviates="nothing, in torch.float64",
+        tried="2.15.0",
+        file="differentiated",
+    ),
 }
 
 

@@ -14,7 +14,7 @@ from ..mesh.diagnostics import check_mesh
 from ..peers import PEERS, load
 from ..peers.elsewhere import Elsewhere
 from ..terms import StVK
-from .players import METHODS, Foul, fairly, users_function
+from .players import made, users_function
 
 ARGUMENT = "--against"
 #: Peers that take the user's own energy density.
@@ -84,10 +84,7 @@ def _users(name: str, mesh: ElementMesh, young: float, poisson: float, python: s
     def of(p: Array, t: Array) -> Any:
         return make(p, t, young, poisson)
 
-    model = _made(name, of, mesh)
-    if model is None:
-        raise StvkError(f"{name} gave None; expected an object that has any of {', '.join(METHODS.values())}.")
-    return _on(mesh, model, of), f"what {name} gives"
+    return _on(mesh, _made(name, of, mesh), of), f"what {name} gives"
 
 
 def _on(mesh: ElementMesh, model: Any, of: Callable[[Array, Array], Any]) -> Callable[[ElementMesh], Any]:
@@ -96,10 +93,5 @@ def _on(mesh: ElementMesh, model: Any, of: Callable[[Array, Array], Any]) -> Cal
 
 
 def _made(name: str, of: Callable[[Array, Array], Any], mesh: ElementMesh) -> Any:
-    """What is made of copies, which it may change; a StvkError says what went wrong by itself."""
-    try:
-        return fairly(name, lambda: of(mesh.p.copy(), mesh.t.copy()))
-    except Foul as foul:
-        if isinstance(foul.__cause__, StvkError):
-            raise foul.__cause__ from None
-        raise StvkError(f"{foul}. It is to be made of (p, t, young, poisson).") from foul
+    """Return what is made of copies, which it may change."""
+    return made(name, lambda: of(mesh.p.copy(), mesh.t.copy()), " It is to be made of (p, t, young, poisson).")

@@ -105,6 +105,11 @@ def voigt_matrix(material: Material | None) -> Array:
     raise MaterialError(f"The referee has no reference for a {type(material).__name__}; add its matrix to referee/bodies.py.")
 
 
+def with_material(term: StVK, material: Material | None) -> StVK:
+    """Return the term with another material."""
+    return StVK(material, term.region, plane=term.plane, thickness=term.thickness, area=term.area)
+
+
 def section_of(mesh: ElementMesh, term: StVK) -> Array | None:
     """Thickness of surfaces, area of segments, as they were given."""
     value = {1: term.area, 2: term.thickness}.get(mesh.k)

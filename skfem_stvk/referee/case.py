@@ -188,13 +188,13 @@ class Case:
 
 def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) -> Array:
     """(d, d) rotation by this angle, about a random axis in space; the identity on a line."""
-    if d == 1:
-        return np.eye(1)
-    angle = np.deg2rad(degrees)
-    if d == 2:
-        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    axis = rng.standard_normal(3)
-    return np.asarray(Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix())
+    return rotation(d, degrees, rng.standard_normal(3) if d == 3 else np.array([0.0, 0.0, 1.0]))
+
+
+def rotation(d: int, degrees: float, axis: Array) -> Array:
+    """Return the (d, d) rotation by this angle, in space about an axis, in the plane about its normal; the identity on a line."""
+    R = np.asarray(Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix())
+    return R[:d, :d] if d > 1 else np.eye(1)
 
 
 def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[str, Array]:

@@ -245,7 +245,7 @@ class Truth:
         self.exact = flattest[shape.aspect[flattest] > FLAT]
         others = np.setdiff1d(np.arange(mesh.nt), self.exact)
         self._models: list[Any] = []
-        for make, elements in ((_reference, others), (ExactStVK, self.exact)):
+        for make, elements in ((reference_on, others), (ExactStVK, self.exact)):
             if len(elements):
                 own = tensor if len(tensor) == 1 else tensor[elements]
                 self._models.append(make(mesh.p, mesh.t[:, elements], own, how, None if control is None else control[elements]))
@@ -277,10 +277,6 @@ def _straightened(p: Array, t: NDArray[np.int32], kind: str) -> Exact:
     for middle, (a, b) in middles(kind):
         X[:, middle, straight] = (X[:, a, straight] + X[:, b, straight]) / 2
     return X
-
-
-def _reference(p: Array, t: NDArray[np.int32], tensor: Array, how: Discretisation, control: Array | None) -> Any:
-    return reference_on(p, t, tensor, how, control)
 
 
 def _decimal(array: Array) -> Exact:

@@ -20,10 +20,9 @@ from ..materials import Anisotropic
 from ..mesh import ElementMesh
 from ..system import System
 from ..terms import StVK
+from . import element_model as strains
 from . import faulty_elements as elements
 from . import faulty_systems as systems
-from . import strains
-from .element_model import green_lagrange
 
 Terms = Sequence[StVK]
 
@@ -156,12 +155,12 @@ FAULTS: dict[str, Fault] = {
     ),
     "S F for F S": Fault(
         "P = S F in the force, and K derived from it",
-        partial(elements.strained, green_lagrange, strains.times_F_on_the_right, True),
+        partial(elements.strained, strains.green_lagrange, strains.times_F_on_the_right, True),
         named="S F for F S",
     ),
     "P = S": Fault(
         "the second Piola-Kirchhoff stress taken for the first in the force, and K derived from it",
-        partial(elements.strained, green_lagrange, strains.S_alone, True),
+        partial(elements.strained, strains.green_lagrange, strains.S_alone, True),
         named="P = S",
     ),
     "one tet skipped": Fault(
@@ -265,7 +264,7 @@ FAULTS: dict[str, Fault] = {
     ),
     "twice lambda in a region": Fault(
         "lambda doubled in one of two regions",
-        lambda mesh, terms: System(mesh, [systems.with_lame_of(terms[0], 2.0), terms[1]]),
+        lambda mesh, terms: System(mesh, [systems.with_lame_of(terms[0], lambda lam, mu: (2 * lam, mu)), terms[1]]),
         "two materials",
         "lambda doubled",
     ),

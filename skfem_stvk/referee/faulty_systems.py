@@ -21,6 +21,7 @@ from ..materials import Anisotropic, FramedMaterial, Hypothesis, Isotropic
 from ..mesh import ElementMesh
 from ..system import System
 from ..terms import Body, Corotated, StVK
+from .bodies import with_material
 from .checks.precision import Textbook
 
 Terms = Sequence[StVK]
@@ -87,14 +88,9 @@ def refuse_other_bodies(mesh: ElementMesh, terms: Terms) -> None:
         raise StvkError(f"This fault is for isotropic tetrahedra; got {mesh.kind} of {kinds}.")
 
 
-def with_lame(change: Callable[[float, float], tuple[float, float]], mesh: ElementMesh, terms: Terms) -> System:
+def with_lame(change: Callable[[Any, Any], tuple[Any, Any]], mesh: ElementMesh, terms: Terms) -> System:
     refuse_other_bodies(mesh, terms)
-    altered = []
-    for term in terms:
-        assert isinstance(term.material, Isotropic)
-        lam, mu = (float(value) for value in term.material.lame(Hypothesis.SOLID))
-        altered.append(StVK(Isotropic.from_lame(*change(lam, mu)), term.region))
-    return System(mesh, altered)
+    return System(mesh, [with_lame_of(term, change) for term in terms])
 
 
 def exchanged_materials(mesh: ElementMesh, terms: Terms) -> System:
@@ -109,7 +105,7 @@ def frames(change: Callable[[Array], Array], mesh: ElementMesh, terms: Terms) ->
         material = term.material
         if isinstance(material, FramedMaterial) and material.frame is not None:
             material = replace(material, frame=change(np.asarray(material.frame)))
-        altered.append(StVK(material, term.region, plane=term.plane, thickness=term.thickness, area=term.area))
+        altered.append(with_material(term, material))
     return System(mesh, altered)
 
 
@@ -358,7 +354,6 @@ def unit(mesh: ElementMesh, vertex: int, component: int) -> Array:
     return unit
 
 
-def with_lame_of(term: StVK, factor: float) -> StVK:
+def with_lame_of(term: StVK, change: Callable[[Any, Any], tuple[Any, Any]]) -> StVK:
     assert isinstance(term.material, Isotropic)
-    lam, mu = term.material.lame(Hypothesis.SOLID)
-    return StVK(Isotropic.from_lame(factor * lam, mu), term.region)
+    return with_material(term, Isotropic.from_lame(*change(*term.material.lame(Hypothesis.SOLID))))

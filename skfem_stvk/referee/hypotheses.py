@@ -19,7 +19,7 @@ from ..errors import StvkError
 from ..materials import Anisotropic
 from ..reference.kinds import middles
 from ..terms import StVK
-from .bodies import elasticity, hourglass_control, reference_on
+from .bodies import elasticity, hourglass_control, reference_on, with_material
 from .case import Case
 from .element_model import model_of, of_model
 from .evidence import Evidence, Model, Values
@@ -136,7 +136,7 @@ def _remade(evidence: Evidence, terms: Sequence[StVK], change: Callable[[Array],
         if not isinstance(term.material, Anisotropic):
             raise StvkError("Only anisotropic materials are given as matrices; got another.")
         material = Anisotropic(change(np.asarray(term.material.voigt)), frame=term.material.frame)
-        altered.append(StVK(material, term.region, plane=term.plane, thickness=term.thickness, area=term.area))
+        altered.append(with_material(term, material))
     control = hourglass_control(case.mesh, altered, case.how) if case.how.is_one_point else None
     model = reference_on(case.mesh.p, case.mesh.t, elasticity(case.mesh, altered, case.how), case.how, control)
     return evidence.values(Player("altered", model, case.mesh.p.size), u, quantities)

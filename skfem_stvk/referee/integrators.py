@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ..about import PACKAGES, circumstances
 from ..arguments import Array, flag, number, whole
 from ..errors import StvkError
 from ..mesh import ElementMesh
@@ -20,8 +18,8 @@ from ..system import System
 from ..terms import StVK
 from .manufactured import fitted_order
 from .players import Foul, Player, fairly
-from .report import Report, carry_out
-from .results import CheckOutcome, Explanation, Naming, Result, Task, largest
+from .report import Report, judge
+from .results import CheckOutcome, Explanation, Naming, Task, largest
 
 #: Young's moduli of the two bodies [Pa], a bar of length 1.3 m and section 2e-4 m^2 with half of its mass at each end.
 YOUNG = {"soft": 1e4, "stiff": 1e10}
@@ -87,7 +85,6 @@ def verify_integrator(
     >>> verify_integrator(verlet, order=2, conserves=("linear momentum", "angular momentum"), stable=2.0, quiet=True).passed
     True
     """
-    started = time.perf_counter()
     if not callable(step):
         raise StvkError(f"step is a {type(step).__name__}; expected a function step(system, u, v, dt) -> (u, v).")
     density = number("density", density, "a density in kg/m^3, a positive number", low=0.0)
@@ -101,16 +98,10 @@ def verify_integrator(
         f"claims: order {claimed or 'none'}, conserves {', '.join(conserves) or 'nothing'}, "
         f"stable up to omega dt = {'no claim' if limit is None else f'{limit:g}'}",
     ]
-    report = Report(circumstances(PACKAGES) | {"lines": lines})
-    tasks = _tasks(step, density, claimed, conserves, limit)
-
-    def name_what_failed() -> None:
-        if report.failures():
-            report.named = _named(step, density, (claimed, conserves, limit), report.failures())
-
-    carry_out(report, "verify integrator", tasks, quiet, {"what it is": name_what_failed})
-    report.seconds = time.perf_counter() - started
-    return report
+    claims = claimed, conserves, limit
+    return judge(
+        "verify integrator", {"lines": lines}, _tasks(step, density, *claims), quiet, partial(_explain, step, density, claims)
+    )
 
 
 def _tasks(step: Step, density: float, order: int | None, conserves: Sequence[str], stable: float | None) -> list[Task]:
@@ -238,10 +229,10 @@ def _drift(body: _Body, quantity: str, claimed: bool) -> dict[str, Any]:
     if claimed or max(drifts) <= NO_DRIFT:
         reason = "claimed to be conserved" if claimed else "no drift is seen"
         return {"measured": float(np.max(drifts)), "limit": NO_DRIFT, "scale": f"what there is of it; {told}", "reason": reason}
-    order = fitted_order(1 / np.array(STEPS), drifts) if np.isfinite(drifts).all() and min(drifts) > 0 else np.nan
+    order = fitted_order(1 / np.array(STEPS), drifts)
     reason = "a drift that does not fall with the step is damping, or a force that is not the energy's derivative"
-    return {"measured": max(1 - order, 0.0) if np.isfinite(order) else np.nan, "limit": SLACK, "reason": reason,
-            "scale": f"order 1 at least; fitted {order:.2f}, drifts {told}"}  # fmt: skip
+    scale = f"order 1 at least; fitted {order:.2f}, drifts {told}"
+    return {"measured": np.maximum(1 - order, 0.0), "limit": SLACK, "scale": scale, "reason": reason}
 
 
 def _growth(body: _Body, omega_dt: float) -> float:
@@ -282,8 +273,11 @@ def _stability(body: _Body, claimed: float | None) -> dict[str, Any]:
     return {"measured": max(asked, 0.0), "limit": NO_GROWTH, "scale": scale, "reason": reason}
 
 
-def _named(step: Step, density: float, claims: tuple[int | None, Sequence[str], float | None], failures: list[Result]) -> Naming:
-    """The repairs of the step with which it passes every check."""
+def _explain(step: Step, density: float, claims: tuple[int | None, Sequence[str], float | None], report: Report) -> None:
+    """Name the repairs of the step with which it passes every check."""
+    failures = report.failures()
+    if not failures:
+        return
     naming, soft = Naming(before=largest(failures)), _Body(step, YOUNG["soft"], density)
 
     def repaired() -> Iterator[Explanation]:
@@ -299,7 +293,7 @@ def _named(step: Step, density: float, claims: tuple[int | None, Sequence[str], 
     if not naming.explanations:
         least = {result.check: result.reason for result in failures}
         naming.smallest = " ".join(f"By {check}: {reason}." for check, reason in least.items())
-    return naming
+    report.named = naming
 
 
 Repair = Callable[[Step, System, Array, Array, float], Any]

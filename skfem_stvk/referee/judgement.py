@@ -69,15 +69,13 @@ def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, limits: csr_m
 
 def as_a_whole(error: float, scale: float, limit: float, words: str, reason: str) -> Measurement:
     """A measurement of one number of the whole body."""
-    if limit > LIMIT:
-        reason += f"; up to {limit:.0e}, {FLAT}"
-    return {
-        "measured": error / scale if scale else np.inf,  # a body that does not resist is none
-        "limit": limit,
-        "scale": f"{scale:.3e} ({words})",
-        "reason": reason,
-        "worst": {},
-    }
+    return relative(error, scale, limit, words, reason + (f"; up to {limit:.0e}, {FLAT}" if limit > LIMIT else ""))
+
+
+def relative(error: float, scale: float, limit: float, words: str, reason: str) -> Measurement:
+    """Return the measurement of an error that is relative to a scale, in `words`; infinite without a scale: a body resists."""
+    measured = error / scale if scale > 0 else np.inf
+    return {"measured": measured, "limit": limit, "scale": f"{scale:.3e} ({words})", "reason": reason}
 
 
 def largest_rows(K: spmatrix, d: int) -> Array:

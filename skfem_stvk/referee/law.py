@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..about import PACKAGES, circumstances
 from ..arguments import Array, choice, flag, real_array, shown, whole
 from ..errors import MaterialError, StvkError
 from ..materials import FramedMaterial, Hypothesis, Isotropic
-from ..terms import Corotated, InvertibleStVK, LinearElastic, NeoHookean, StVK
+from ..terms import StVK
+from ..terms.elastic_law import ElasticLaw
 from .bodies import tensor_in, voigt_matrix
 from .case import random_rotation
 from .checks.law import LawChecks
 from .law_naming import named_law
 from .law_readings import MEASURES, ORDERS, TANGENTS, JudgedLaw, Told
-from .report import Report, carry_out
+from .report import Report, judge
 
-Claims = StVK | NeoHookean | LinearElastic | Corotated | InvertibleStVK
 Measurement = dict[str, Any]
 
 
@@ -31,7 +29,7 @@ def verify_law(
     stress: Callable[[Array], Any] | None = None,
     elasticity: Callable[[Array], Any] | None = None,
     at: ArrayLike | None = None,
-    claims: Claims | None = None,
+    claims: ElasticLaw | None = None,
     dimension: int | None = None,
     measure: str | None = None,
     tangent: str | None = None,
@@ -86,7 +84,6 @@ def verify_law(
 
     Source: Bonet, Wood, "Nonlinear Continuum Mechanics for Finite Element Analysis" (2008), chapters 5 and 6.
     """
-    began = time.monotonic()
     functions = {name: f for name, f in (("W", energy), ("P", stress), ("A", elasticity)) if f is not None}
     for name, f in (("energy", energy), ("stress", stress), ("elasticity", elasticity)):
         if f is not None and not callable(f):
@@ -110,15 +107,12 @@ def verify_law(
     lines = law.read(told, tensor, isinstance(claims, StVK))
     checks = LawChecks(law, states, tensor, claims, rng)
     lines = [f"a law in {d} dimensions: {', '.join(functions)} of F", *lines]
-    report = Report(circumstances(PACKAGES) | {"seed": seed, "lines": lines})
 
-    def name_what_failed() -> None:
+    def explain(report: Report) -> None:
         report.named = named_law(law, checks, told, report.results)
         lines.extend(checks.facts())
 
-    carry_out(report, "verify law", list(checks.tasks()), quiet, {"what it is": name_what_failed})
-    report.seconds = time.monotonic() - began
-    return report
+    return judge("verify law", {"seed": seed, "lines": lines}, list(checks.tasks()), quiet, explain)
 
 
 def _gradients(at: ArrayLike) -> Array:
@@ -151,7 +145,7 @@ def _dimension(dimension: int | None, gradients: Array | None, claims: Any) -> i
 
 def _tensor(claims: Any, d: int) -> Array:
     """(d, d, d, d) moduli at rest of the law that is claimed."""
-    if not isinstance(claims, Claims):
+    if not isinstance(claims, ElasticLaw):
         raise StvkError(f"claims = {shown(claims)}; expected a law such as StVK(young=1e5, poisson=0.3).")
     material, condensed = claims.material, d == 2 and claims.plane == "stress"
     if isinstance(material, Isotropic):

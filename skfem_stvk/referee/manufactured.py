@@ -87,21 +87,22 @@ def _phase(x: Array) -> Array:
     return phase
 
 
-def moved_box(d: int, n: int, amount: float = 0.2, seed: int = 1) -> ElementMesh:
-    """The unit cube, square or line in `n^d` cells, inner vertices moved by up to `amount` of a cell, half of all turned round."""
-    lines, rng = [np.linspace(0, 1, n + 1)] * d, np.random.default_rng(seed)
+def moved_box(d: int, n: int) -> ElementMesh:
+    """The unit cube, square or line in `n^d` cells, inner vertices moved by up to a fifth of a cell, half of all turned round."""
+    lines, rng = [np.linspace(0, 1, n + 1)] * d, np.random.default_rng(1)
     mesh = skfem.MeshLine(lines[0]) if d == 1 else {2: skfem.MeshTri, 3: skfem.MeshTet}[d].init_tensor(*lines)
     inner = ((mesh.p > 0) & (mesh.p < 1)).all(axis=0)
-    p, t = mesh.p + amount / n * inner * rng.uniform(-1, 1, mesh.p.shape), mesh.t.copy()
+    p, t = mesh.p + 0.2 / n * inner * rng.uniform(-1, 1, mesh.p.shape), mesh.t.copy()
     half = rng.random(t.shape[1]) < 0.5
     t[:2, half] = t[1::-1, half]
     return ElementMesh(p, t)
 
 
 def fitted_order(sizes: ArrayLike, errors: ArrayLike) -> float:
-    """Slope of the straight line through `log(errors)` over `log(sizes)`, by least squares.
+    """Slope of the straight line through `log(errors)` over `log(sizes)`, by least squares; NaN if an error is zero or not finite.
 
     >>> round(fitted_order([1, 1 / 2, 1 / 4], [3, 3 / 4, 3 / 16]), 12)
     2.0
     """
-    return float(np.polyfit(np.log(np.asarray(sizes)), np.log(np.asarray(errors)), 1)[0])
+    x, y = np.asarray(sizes, dtype=float), np.asarray(errors, dtype=float)
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0]) if np.isfinite(y).all() and (y > 0).all() else np.nan

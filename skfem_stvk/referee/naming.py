@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.sparse import issparse
 
 from ..arguments import Array
 from ..materials import Isotropic
@@ -177,12 +176,7 @@ def _is_rounding(evidence: Evidence) -> bool:
     except Foul:  # values that were computed before are known in no other state
         return False
     large = [quantity for quantity in evidence.quantities if there[quantity][1] > VANISHES]
-    return bool(large) and all(
-        abs(beside[q][0] - there[q][0]).max() > 0.1 * abs(there[q][0]).max()
-        if issparse(there[q][0])
-        else np.abs(beside[q][0] - there[q][0]).max() > 0.1 * np.abs(there[q][0]).max()
-        for q in large
-    )
+    return bool(large) and all(np.max(abs(beside[q][0] - there[q][0])) > 0.1 * np.max(abs(there[q][0])) for q in large)
 
 
 def _differences(evidence: Evidence, u: Array) -> dict[str, tuple[Any, float]]:

@@ -40,6 +40,23 @@ def fairly(name: str, call: Callable[[], Value]) -> Value:
         raise Foul(f"{name} raised {type(error).__name__}: {_words(error)}") from error
 
 
+def made(name: str, make: Callable[[], Any], more: str = "") -> Any:
+    """Return the candidate that a user's class or function makes.
+
+    Raises
+    ------
+    StvkError
+        that it raised itself; or if it failed otherwise, or gave None; `more` says what was expected.
+    """
+    try:
+        candidate = fairly(name, make)
+    except Foul as foul:
+        raise (foul.__cause__ if isinstance(foul.__cause__, StvkError) else StvkError(f"{foul}.{more}")) from foul
+    if candidate is None:
+        raise StvkError(f"{name} gave None; expected an object that has any of {', '.join(METHODS.values())}.")
+    return candidate
+
+
 def users_function(argument: str, given: str) -> Callable[..., Any]:
     """A user's function by `module:function`, with modules of the working folder too, or by `file.py:function`.
 

@@ -16,9 +16,8 @@ from .case import CANDIDATE, REFERENCE, Case
 from .checks.agreement import agreement
 from .checks.rigid_motions import balance
 from .exact import Truth
-from .header import header
 from .players import Player
-from .report import Report
+from .report import Report, header
 from .results import Task
 from .shape import Shape
 from .vector_files import read, type_of

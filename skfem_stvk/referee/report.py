@@ -1,18 +1,29 @@
-"""The report: what was found, as text and as files."""
+"""The report: its head, what was found, as text and as files."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from ..about import PACKAGES, circumstances
 from ..arguments import path
 from ..errors import StvkError
+from ..materials import FramedMaterial, Isotropic
+from ..mesh import ElementMesh
 from ..results.files import cannot_write, replacing
 from ..terminal import CountedProgress, as_text
+from ..terms import StVK
 from .rendering import rendered
 from .results import Findings, Task
+from .shape import Shape
 
 
 class Report(Findings):
@@ -45,6 +56,17 @@ class Report(Findings):
                 f"{os.environ.get('MPLBACKEND', '')!r}; 'agg' always works. report.json is written."
             ) from error
         return page(self)
+
+
+def judge(command: str, head: Mapping[str, Any], tasks: Sequence[Task], quiet: bool, explain: Callable[[Report], None]) -> Report:
+    """Return the report on a candidate without a mesh: carry out the tasks, then let `explain` say what is wrong.
+
+    `head` has the `lines` on the candidate.
+    """
+    started, report = time.perf_counter(), Report(circumstances(PACKAGES) | dict(head))
+    carry_out(report, command, tasks, quiet, {"what it is": partial(explain, report)})
+    report.seconds = time.perf_counter() - started
+    return report
 
 
 def carry_out(
@@ -82,3 +104,68 @@ def write(path: Path, text: str) -> None:
     """Write a file under another name first and then rename it."""
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+# the head
+
+
+def mesh_facts(shape: Shape) -> dict[str, Any]:
+    """Hash, counts and shape of a mesh, and the rule that it is integrated by; the hash covers coordinates and elements."""
+    mesh, aspect = shape.mesh, shape.aspect
+    a, b = np.array(mesh.element.edges).T
+    lengths = np.linalg.norm(mesh.p[:, mesh.t[a]] - mesh.p[:, mesh.t[b]], axis=0)
+    facts: dict[str, Any] = {
+        "sha256": hashlib.sha256(mesh.p.tobytes() + mesh.t.tobytes()).hexdigest()[:16],
+        "elements": f"{mesh.nt} {mesh.kind}",
+        "curved elements": int(shape.curved.sum()),
+        "rule": shape.how.described(),
+        "nodes": mesh.nv,
+        "dofs": mesh.p.size,
+        "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],
+        "edges": {"shortest": float(lengths.min()), "median": float(np.median(lengths)), "longest": float(lengths.max())},
+        "aspect ratio": f"{np.median(aspect):.3g} median, {aspect.max():.3g} in element {aspect.argmax()} "
+        "(longest edge/smallest height)",
+        "measure": float(shape.volume.sum()),
+        "subdomains": {name: len(ids) for name, ids in mesh.subdomains.items()},
+        "boundaries": {name: facets.shape[1] for name, facets in mesh.boundaries.items()},
+    }
+    if mesh.k == mesh.d:
+        facts["negative elements"] = int((shape.orientation < 0).sum())
+    return facts
+
+
+def material_facts(mesh: ElementMesh, term: StVK) -> str:
+    """A term in one line."""
+    material = term.material
+    if isinstance(material, Isotropic):
+        words = f"isotropic, E = {_range(material.young)}, nu = {'-' if material.poisson is None else _range(material.poisson)}"
+    elif isinstance(material, FramedMaterial):
+        stiffness = np.einsum("...ii->...i", material.stiffness())
+        frames = {0: "", 2: ", a frame", 3: ", a frame per element"}[np.ndim(material.frame) if material.frame is not None else 0]
+        words = f"{type(material).__name__}, diagonal of the elasticity matrix {_range(stiffness)}{frames}"
+    else:
+        words = type(material).__name__
+    extras, sections = [f"plane {term.plane}"] if term.plane else [], {"thickness": term.thickness, "area": term.area}
+    extras += [f"{name} {_range(value)}" for name, value in sections.items() if value is not None]
+    return _region(mesh, term) + ", ".join([words, *extras])
+
+
+def _region(mesh: ElementMesh, term: StVK) -> str:
+    if term.region is None:
+        return ""
+    return f"{term.region!r}: " if isinstance(term.region, str) else f"{len(mesh.elements(term.region))} elements: "
+
+
+def _range(values: Any) -> str:
+    array = np.asarray(values, dtype=float)
+    return f"{array.min():.6g}" if array.min() == array.max() else f"{array.min():.6g} ... {array.max():.6g}"
+
+
+def header(shape: Shape, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
+    """The head of a report on this body; `source` says where the mesh is from."""
+    facts = {
+        "mesh": {"source": source} | mesh_facts(shape),
+        "material": [material_facts(shape.mesh, term) for term in terms],
+        "seed": seed,
+    }
+    return circumstances(PACKAGES) | facts

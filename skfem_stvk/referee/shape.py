@@ -77,11 +77,6 @@ class Shape:
         """(nt,) which elements have curved edges."""
         return curved_elements(self.mesh.p, self.mesh.t, self.how.kind)
 
-    def deformation(self, u: Array) -> Array:
-        """(nt, nq, d, k) deformation gradient at displacements `u` (d, nv)."""
-        x = (self.mesh.p.T[self.mesh.t] - self.mesh.p.T[self.mesh.t[:1]]) + (u.T[self.mesh.t] - u.T[self.mesh.t[:1]])
-        return np.einsum("atc,tqai->tqci", x, self.gradients, optimize=True)
-
 
 def facet_ids(mesh: ElementMesh) -> NDArray[np.int64]:
     """(m, nt) the number of each facet of each element; elements that share all corners of a facet share its number."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -13,16 +12,20 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from ..about import PACKAGES, circumstances
 from ..arguments import Array, flag, number, whole
 from ..errors import StvkError
 from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
+from ..reference import lame_tensor
+from ..terms import StVK
+from .case import rotation
 from .discretisation import Discretisation
+from .element_model import S_alone, model_of, small_strain
+from .judgement import relative
 from .manufactured import Manufactured, fitted_order, moved_box
 from .players import Foul, Player, fairly
-from .report import Report, carry_out
-from .results import CheckOutcome, Explanation, Naming, Result, Task
+from .report import Report, judge
+from .results import Explanation, Naming, Task
 from .shape import Shape
 
 #: Cells along each side of the ladder's meshes, by dimension; the first of the second row is the mesh of all other checks.
@@ -33,6 +36,8 @@ ORDERS, SLACK = {"L2": 2.0, "H1": 1.0}, 0.25
 #: Displacement gradients: of the patch test, and of rigid motions the angles [degrees].
 STRAINED = np.array([[0.25, 0.10, -0.05], [-0.07, -0.15, 0.12], [0.04, 0.09, 0.20]])
 ANGLES = (30.0, 60.0)
+#: Axes of rotations: none of the coordinates' in space.
+AXIS = {2: np.array([0.0, 0.0, 1.0]), 3: np.array([1.0, 2.0, -2.0])}
 #: Constant body forces, as parts of Young's modulus over the length of the body; small ones for reciprocity.
 LOAD, SMALL_LOAD = np.array([0.6, -0.4, 0.5]), 0.02
 #: A hypothesis holds if it leaves this part of the load, or this multiple of what rounding of the solver may leave.
@@ -121,7 +126,6 @@ def verify_solver(
     >>> verify_solver(solve, young=1e5, poisson=0.3, dimension=2, quiet=True).passed
     True
     """
-    started = time.perf_counter()
     if not callable(solve):
         raise StvkError(f"solve is a {type(solve).__name__}; expected a function solve(mesh, material, body_force, boundary) -> u.")
     young = number("young", young, "Young's modulus in Pa, a positive number", low=0.0)
@@ -134,12 +138,7 @@ def verify_solver(
         f"linear {'tetrahedra' if d == 3 else 'triangles, plane strain'}, E = {young:g}, nu = {poisson:g}, "
         f"equations solved to {rtol:g}",
     ]
-    report, tasks = Report(circumstances(PACKAGES) | {"lines": lines}), list(_tasks(trial))
-    carry_out(report, "verify solver", tasks, quiet)
-    if not (report.passed or report.interrupted):
-        report.named = _named(trial, report.results)
-    report.seconds = time.perf_counter() - started
-    return report
+    return judge("verify solver", {"lines": lines}, list(_tasks(trial)), quiet, partial(_explain, trial))
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,7 @@ def _tasks(trial: _Trial) -> Iterator[Task]:
     task = partial(Task, player=trial.player, needs="")
     yield task("boundary values", quantity="u", state="constant load", measure=partial(_boundary, trial))
     for angle in ANGLES:
-        gradient = _rotation(d, angle) - np.eye(d)
+        gradient = rotation(d, angle, AXIS[d]) - np.eye(d)
         measure = partial(_affine, trial, f"turned by {angle:g} degrees", gradient, True)
         yield task("rigid motion", quantity="u", state=f"{angle:g} degrees", measure=measure)
     for free, gradient in ((False, trial.strained), (True, _free_at_x(trial))):
@@ -253,8 +252,8 @@ def _affine(trial: _Trial, name: str, gradient: Array, free: bool) -> dict[str, 
 
 def _equilibrium(trial: _Trial) -> dict[str, Any]:
     evidence = _Evidence(trial)
-    off = np.abs((evidence.force(evidence.stvk) - evidence.load)[evidence.free]).max()
-    size = np.abs(evidence.force(evidence.stvk)).max()
+    off = np.abs((evidence.force() - evidence.load)[evidence.free]).max()
+    size = np.abs(evidence.force()).max()
     words = "largest force at a node; a solver's rtol counts 10 times, as forces are stiffer than displacements"
     return _relative(off, size, 10 * trial.rtol, words)
 
@@ -289,10 +288,10 @@ def _order(trial: _Trial, norm: str) -> dict[str, Any]:
         problem = trial.manufactured(n)
         errors.append(trial.exact.errors(problem.mesh, trial.answer(f"manufactured {n}", problem).ravel()))
     of_norm = [error[list(ORDERS).index(norm)] for error in errors]
-    order = fitted_order(1 / np.array(LADDER[trial.d]), of_norm) if np.isfinite(of_norm).all() and min(of_norm) > 0 else np.nan
+    order = fitted_order(1 / np.array(LADDER[trial.d]), of_norm)
     told = " -> ".join(f"{error:.1e}" for error in of_norm)
     return {
-        "measured": max(ORDERS[norm] - order, 0.0) if np.isfinite(order) else np.nan,
+        "measured": np.maximum(ORDERS[norm] - order, 0.0),
         "limit": SLACK,
         "scale": f"order {ORDERS[norm]:g}; fitted {order:.2f}, relative errors {told}",
         "reason": "the order of linear elements; meshes are too coarse for the last quarter",
@@ -300,22 +299,7 @@ def _order(trial: _Trial, norm: str) -> dict[str, Any]:
 
 
 def _relative(off: float, size: float, limit: float, words: str) -> dict[str, Any]:
-    return {
-        "measured": off / size if size > 0 else np.inf,
-        "limit": limit,
-        "scale": f"{size:.3e} ({words})",
-        "reason": "the solver's tolerance, rtol",
-    }
-
-
-def _rotation(d: int, degrees: float) -> Array:
-    """A rotation about an axis that is none of the coordinates'."""
-    angle = np.radians(degrees)
-    if d == 2:
-        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    n = np.array([1.0, 2.0, -2.0]) / 3
-    W = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W)
+    return relative(off, size, limit, words, "the solver's tolerance, rtol")
 
 
 def _free_at_x(trial: _Trial) -> Array:
@@ -327,7 +311,7 @@ def _free_at_x(trial: _Trial) -> Array:
     E[0, :] = E[:, 0] = 0
     E[0, 0] = -trial.lam / (trial.lam + 2 * trial.mu) * np.trace(E)
     values, vectors = np.linalg.eigh(np.eye(d) + 2 * E)
-    return np.asarray(_rotation(d, 20.0) @ (vectors * np.sqrt(values)) @ vectors.T - np.eye(d))
+    return np.asarray(rotation(d, 20.0, AXIS[d]) @ (vectors * np.sqrt(values)) @ vectors.T - np.eye(d))
 
 
 def _symmetries(d: int) -> dict[str, Array]:
@@ -355,42 +339,21 @@ class _Evidence:
     def __init__(self, trial: _Trial, name: str = "loaded", problem: _Problem | None = None) -> None:
         problem = problem or trial.loaded()
         self.u = trial.answer(name, problem)
-        self.mesh, self.shape, self.boundary = problem.mesh, _shape(problem.mesh), problem.boundary
-        self.free = np.setdiff1d(np.arange(len(self.u)), problem.boundary.nodes)
-        self.b, self.lam, self.mu = trial.young * LOAD[: trial.d], trial.lam, trial.mu
-        self.F = self.shape.deformation(self.u.T)[:, 0]
-        self.load = _at_nodes(self.mesh, self.shape.volume)[:, None] * self.b
-        self.I = np.eye(trial.d)
+        self.boundary, self.free = problem.boundary, np.setdiff1d(np.arange(len(self.u)), problem.boundary.nodes)
+        self.shape, self.lam, self.mu = _shape(problem.mesh), trial.lam, trial.mu
+        self.model = model_of(self.shape.mesh, [StVK(trial.material)])
+        self.b = trial.young * LOAD[: trial.d]
+        self.load = _at_nodes(problem.mesh, self.shape.volume)[:, None] * self.b
 
-    def force(self, stress: Callable[[Array], Array]) -> Array:
-        """(nv, d) forces of the nominal stress `stress(F)` (nt, d, d)."""
-        force = np.zeros(self.u.shape)
-        each = np.einsum("e,eiJ,eaJ->aei", self.shape.volume, stress(self.F), self.shape.gradients[:, 0])
-        np.add.at(force, self.mesh.t, each)
-        return force
+    def force(self, lam: float = 1.0, mu: float = 1.0, **changes: Any) -> Array:
+        """(nv, d) forces of a law with these parts of lambda and mu, by default those of St. Venant-Kirchhoff."""
+        tensor = lame_tensor(lam * self.lam, mu * self.mu, self.u.shape[1])[None]
+        return replace(self.model, tensor=tensor, **changes).internal_force(self.u.ravel()).reshape(self.u.shape)
 
     def per_deformed_volume(self) -> Array:
         """(nv, d) the load where it is one per deformed volume."""
-        return _at_nodes(self.mesh, self.shape.volume * np.linalg.det(self.F))[:, None] * self.b
-
-    def parts(self, F: Array) -> tuple[Array, Array]:
-        """The nominal stresses of lambda and of mu alone."""
-        E = 0.5 * (np.einsum("eiM,eiN->eMN", F, F) - self.I)
-        trace = np.einsum("eMM->e", E)[:, None, None]
-        return self.lam * trace * F, 2 * self.mu * F @ E
-
-    def stvk(self, F: Array) -> Array:
-        """Nominal stress of St. Venant-Kirchhoff."""
-        return sum(self.parts(F), np.zeros_like(F))
-
-    def linear(self, F: Array) -> Array:
-        """Stress of linear elasticity."""
-        e = 0.5 * (F + F.transpose(0, 2, 1)) - self.I
-        return np.asarray(self.lam * np.einsum("eMM->e", e)[:, None, None] * self.I + 2 * self.mu * e)
-
-    def second(self, F: Array) -> Array:
-        """The second Piola-Kirchhoff stress in the place of the nominal one."""
-        return np.asarray(np.linalg.solve(F, self.stvk(F)))
+        F = np.eye(self.u.shape[1]) + self.model.displacement_gradient(self.u.ravel())[:, 0]
+        return _at_nodes(self.shape.mesh, self.shape.volume * np.linalg.det(F))[:, None] * self.b
 
     def fitted(self, columns: list[Array], right: Array) -> tuple[Array, float]:
         """Factors of the columns by least squares at free nodes, and the part of the right-hand side that they leave."""
@@ -399,14 +362,16 @@ class _Evidence:
         return factors, float(np.linalg.norm(A @ factors - f) / np.linalg.norm(f))
 
 
-def _named(trial: _Trial, results: list[Result]) -> Naming:
-    """What explains the failures: by the solution under a constant load, or else in words by which checks failed."""
-    bad = {r.check for r in results if r.outcome is CheckOutcome.FAILED}
+def _explain(trial: _Trial, report: Report) -> None:
+    """Name what explains the failures: by the solution under a constant load, or else in words by which checks failed."""
+    if report.passed:
+        return
+    bad = {result.check for result in report.failures()}
     naming, limit = Naming(), max(VANISHES, 100 * trial.rtol)
     with suppress(Foul, np.linalg.LinAlgError):
         evidence = _Evidence(trial)
         if np.isfinite(evidence.u).all():
-            off = (evidence.force(evidence.stvk) - evidence.load)[evidence.free]
+            off = (evidence.force() - evidence.load)[evidence.free]
             naming.before = float(np.linalg.norm(off) / np.linalg.norm(evidence.load[evidence.free]))
             naming.explain(_of_boundary(trial, evidence, limit))
             for some in _by_forces(evidence, limit):
@@ -418,7 +383,7 @@ def _named(trial: _Trial, results: list[Result]) -> Naming:
         naming.explain(_other_equilibria(trial))
     if not naming.explanations and not naming.smallest:
         naming.smallest = " ".join(f"Likely, by {check}: {WORDS[check]}." for check in WORDS if check in bad)
-    return naming
+    report.named = naming
 
 
 #: What a failure most often means where no hypothesis explains it, in the order of trust.
@@ -435,23 +400,23 @@ WORDS = {
 
 def _by_forces(e: _Evidence, limit: float) -> Iterator[list[Explanation]]:
     """Hypotheses on the forces at free nodes, the simplest first; none if they are right, to `limit`."""
-    inner, load = e.force(e.stvk), np.linalg.norm(e.load[e.free])
+    inner, load = e.force(), np.linalg.norm(e.load[e.free])
     yield [Explanation("no load", "the solution is that without the body force", float(np.linalg.norm(inner[e.free]) / load))]
     (c,), rest = e.fitted([e.load], inner)
     if rest <= limit and abs(c - 1) <= limit:
         return
     words = f"the load is {c:.3f} x what was asked for, or lambda and mu are both {1 / c:.3f} x"
     yield [Explanation(f"load x {c:.3f}", words, rest)]
-    (lam, mu), rest = e.fitted([e.force(lambda F: e.parts(F)[0]), e.force(lambda F: e.parts(F)[1])], e.load)
+    (lam, mu), rest = e.fitted([e.force(mu=0.0), e.force(lam=0.0)], e.load)
     words = f"your lambda is {lam:.3f} x and your mu {mu:.3f} x what was asked for"
     yield [Explanation(f"lambda x {lam:.3f}, mu x {mu:.3f}", words, rest)]
     others = []
-    for name, words, stress, right in (
-        ("linear strain", "the solution is that of linear elasticity", e.linear, e.load),
-        ("S for P", "the force lacks the deformation gradient: S stands in the place of P = F S", e.second, e.load),
-        ("load per deformed volume", "it is integrated over the deformed body, or follows it", e.stvk, e.per_deformed_volume()),
+    for name, words, force, right in (
+        ("linear strain", "the solution is that of linear elasticity", e.force(strain=small_strain, stress=S_alone), e.load),
+        ("S for P", "the force lacks the deformation gradient: S stands in the place of P = F S", e.force(stress=S_alone), e.load),
+        ("load per deformed volume", "it is integrated over the deformed body, or follows it", inner, e.per_deformed_volume()),
     ):
-        (c,), rest = e.fitted([right], e.force(stress))
+        (c,), rest = e.fitted([right], force)
         others.append(Explanation(name, words + (f"; and the load is {c:.3f} x" if abs(c - 1) > limit else ""), rest))
     yield others
 
@@ -463,7 +428,7 @@ def _other_equilibria(trial: _Trial) -> Iterator[Explanation]:
         e = _Evidence(trial, f"manufactured {n}", problem)
         far = trial.exact.errors(problem.mesh, e.u.ravel())[1]
         fine, coarse = (_load(problem, order) for order in (LOAD_ORDER, 1))
-        size, inner = np.linalg.norm(fine[e.free]), e.force(e.stvk)
+        size, inner = np.linalg.norm(fine[e.free]), e.force()
         rest, rounded = (float(np.linalg.norm((fine - other)[e.free]) / size) for other in (inner, coarse))
         if far > FAR and rest <= max(rounded, VANISHES, 100 * trial.rtol):
             words = (

@@ -8,9 +8,9 @@ over edges and pairs of edges; of other elements the points, and what their defo
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from decimal import Decimal, localcontext
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.resources import as_file, files
 from itertools import combinations
 from pathlib import Path
@@ -156,27 +156,18 @@ class Vectors:
         """
         values = self.arrays if returned is None else returned
         of = {self.states[name].tobytes(): i for i, name in enumerate(values.get("states", self.arrays["states"]).tolist())}
-        make = {"W": self._energy, "F": self._force, "K_blocks": self._from_blocks, "K_values": self._from_values}
+        n, own = self.arrays["u"].shape[1], self.arrays
+        make: dict[str, Callable[[Array], Any]] = {
+            "W": float,
+            "F": np.copy,
+            "K_blocks": lambda blocks: of_blocks(own["K_node_pairs"].T, blocks, n),
+            "K_values": lambda values: csr_matrix((values, own["K_columns"], own["K_row_starts"]), shape=(n, n), copy=True),
+        }
         model = SimpleNamespace()
         for name, take in make.items():
             if name in values:
-                setattr(model, METHODS[name[0]], _Lookup(of, values[name], take))
+                setattr(model, METHODS[name[0]], partial(_looked_up, of, values[name], take))
         return model
-
-    @staticmethod
-    def _energy(value: Array) -> float:
-        return float(value)
-
-    @staticmethod
-    def _force(value: Array) -> Array:
-        return value.copy()
-
-    def _from_values(self, value: Array) -> csr_matrix:
-        n = self.arrays["u"].shape[1]
-        return csr_matrix((value, self.arrays["K_columns"], self.arrays["K_row_starts"]), shape=(n, n), copy=True)
-
-    def _from_blocks(self, value: Array) -> csr_matrix:
-        return of_blocks(self.arrays["K_node_pairs"].T, value, self.arrays["u"].shape[1])
 
     def save(self, folder: str | Path) -> Path:
         """Write `vectors.npz`, `vectors.txt` and `README.txt`, which says what is in them, into a folder; it is made if missing.
@@ -193,17 +184,12 @@ class Vectors:
         return folder
 
 
-class _Lookup:
-    """A function of states that are known, and of no others."""
-
-    def __init__(self, of: dict[bytes, int], values: Array, take: Any) -> None:
-        self._of, self._values, self._take = of, values, take
-
-    def __call__(self, u: Array) -> Any:
-        i = self._of.get(u.tobytes())
-        if i is None:
-            raise StvkError("there is no value for this state: values are known in the states of the vectors alone")
-        return self._take(self._values[i])
+def _looked_up(of: dict[bytes, int], values: Array, take: Callable[[Array], Any], u: Array) -> Any:
+    """Return the value in a state that is known; raise StvkError for another one."""
+    i = of.get(u.tobytes())
+    if i is None:
+        raise StvkError("there is no value for this state: values are known in the states of the vectors alone")
+    return take(values[i])
 
 
 def export_vectors(

@@ -26,10 +26,9 @@ from .checks.precision import error_table, precision, speed_table
 from .checks.rigid_motions import balance, invariance, zero_modes
 from .discretisation import Discretisation
 from .exact import Truth
-from .header import header
 from .naming import name_the_fault
-from .players import METHODS, Foul, Player, fairly
-from .report import Report, carry_out
+from .players import METHODS, Player, made
+from .report import Report, carry_out, header
 from .results import CheckOutcome, Naming, NotApplicable, Result, Task
 from .shape import Shape
 
@@ -156,17 +155,6 @@ def _makes_candidates(candidate: Any) -> bool:
     return callable(candidate) and (isinstance(candidate, type) or not any(hasattr(candidate, name) for name in METHODS.values()))
 
 
-def _made(make: Callable[[ElementMesh], Any], mesh: ElementMesh) -> Any:
-    """What the user's class or function makes; a StvkError says what went wrong by itself."""
-    try:
-        made = fairly("candidate(mesh)", lambda: make(mesh))
-    except Foul as foul:
-        raise (foul.__cause__ if isinstance(foul.__cause__, StvkError) else StvkError(f"{foul}.")) from foul
-    if made is None:
-        raise StvkError(f"candidate(mesh) gave None; expected an object that has any of {', '.join(METHODS.values())}.")
-    return made
-
-
 def failures_of(
     make: Callable[[ElementMesh, Sequence[StVK]], Any], mesh: ElementMesh, terms: Sequence[StVK], given: dict[str, Any], seed: int
 ) -> list[Result]:
@@ -260,7 +248,7 @@ def _case(mesh: MeshLike, terms: Sequence[StVK], given: dict[str, Any], candidat
     """
     system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
     if candidate is not None and _makes_candidates(candidate):
-        candidate = _made(candidate, system.mesh)
+        candidate = made("candidate(mesh)", partial(candidate, system.mesh))
     hourglass = given.get("hourglass")  # which the system has looked at
     how = Discretisation(system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else float(hourglass))
     shape, ndofs = Shape(system.mesh, how), system.ndofs

@@ -30,20 +30,29 @@ from ..system.supports import Supports, fixed_dofs
 from ..terms import Body, is_load
 from .complaints import Complaints
 from .schema import SceneTables
-from .schema.analyses import OPTIONS, ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis
-from .schema.outputs import Expectation
+from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
 from .schema.places import BoxPlace, where_of
-from .schema.sections import Prescribed
-from .schema.terms import in_time
+from .schema.sections import Expectation, Prescribed
+from .schema.terms import given_by, in_elements, in_time
 from .source import SceneSource
 
 _LAST = ("energy.strain", "displacement.largest", "volume_ratio.smallest", "steps")
-_ENERGIES = tuple(f"energy.{name}" for name in ("kinetic", "potential", "total", "dissipated", "external", "removed", "closure"))
+#: Results of a motion by their columns in its ledger.
+ENERGIES = {
+    "kinetic": "kinetic_energy",
+    "strain": "strain_energy",
+    "potential": "potential_energy",
+    "total": "total_energy",
+    "dissipated": "dissipated_work",
+    "external": "external_work",
+    "removed": "removed_energy",
+    "closure": "closure_error",
+}
 #: Names of results by the type of analysis, beside those of probes and reactions.
 RESULTS = {
     "static": ("load", *_LAST),
     "arc-length": ("load", *_LAST),
-    "dynamic": ("time", *_ENERGIES, "energy_gained", "blow_ups", *_LAST),
+    "dynamic": ("time", *(f"energy.{name}" for name in ENERGIES), "energy_gained", "blow_ups", *_LAST),
     "modes": ("modes.rigid", "modes.unstable"),
 }
 #: Results that need an energy of each term.
@@ -133,7 +142,7 @@ class Built:
         if self.integrator is not None:
             if self.integrator.explicit:
                 return ""
-            motion = Motion(system, analysis.mass, None)  # type: ignore[union-attr]
+            motion = Motion(system, analysis.mass, None)
             return str(self.integrator.linear_solver(motion).name)  # type: ignore[attr-defined]
         return str(solver_for(system, asked, isinstance(analysis, ArcLengthAnalysis | ModesAnalysis)).name)
 
@@ -177,10 +186,9 @@ def _check_files(sections: SceneTables, source: SceneSource, complaints: Complai
 def _check_materials(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
     used = set()
     dense = isinstance(sections.analysis, DynamicAnalysis | ModesAnalysis)
+    dense |= any(getattr(term.library, "needs_density", False) for term in sections.terms)
     for number, term in enumerate(sections.terms):
         name = getattr(term, "material", None)
-        if term.type == "gravity":
-            dense = True
         if name is None:
             continue
         used.add(name)
@@ -209,9 +217,9 @@ def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Comp
                 complaints.add(
                     ("solver", name), f"{analysis.integrator} solves no linear systems, so it has no use for it; remove it"
                 )
-        others = [name for name, integrator in OPTIONS.items() if integrator != analysis.integrator]
-        for name in sorted(analysis.model_fields_set.intersection(others)):
-            complaints.add(("analysis", name), f"is an option of {OPTIONS[name]}, not of {analysis.integrator}; remove it")
+        for name, having in sorted(options().items()):
+            if name in analysis.model_fields_set and analysis.integrator not in having:
+                complaints.add(("analysis", name), f"is an option of {', '.join(having)}, not of {analysis.integrator}; remove it")
         return
     if solver.tangent is not None:
         complaints.add(("solver", "tangent"), f"is for implicit integrators, not for type = {analysis.type!r}; remove it")
@@ -401,16 +409,16 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
         with complaints.at("terms", number, "region"):
             mesh.elements(names.region(term.region))
             fits["region"] = True
-    if getattr(term, "on", None) is not None and not (term.type == "pressure" and mesh.k < mesh.d):
+    if getattr(term, "on", None) is not None and not in_elements(term.library, mesh):
         fits["on"] = False
         with complaints.at("terms", number, "on"):
             vertices_at(mesh, names.place(term.on), "on")
             fits["on"] = True
-    for name in ("g", "force", "traction"):
-        given = getattr(term, name, None)
-        if given is not None and len(given) != mesh.d:
-            complaints.add(("terms", number, name), f"has {len(given)} components; expected {mesh.d}: {', '.join('xyz'[: mesh.d])}")
-            fits[name] = False
+    name = given_by(term.library)
+    given = getattr(term, name, None)
+    if isinstance(given, list) and len(given) != mesh.d:
+        complaints.add(("terms", number, name), f"has {len(given)} components; expected {mesh.d}: {', '.join('xyz'[: mesh.d])}")
+        fits[name] = False
     return all(fits.values())
 
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from ..arguments import shown
 from ..errors import SceneError, StvkError
 from .schema.quantities import bare, is_union, literals, members
-from .source import SceneSource
+from .source import SceneSource, refuse_all
 from .syntax import Loc, path_of
 
 #: Expected values in words of TOML, by pydantic's type of error; others are in pydantic's words.
@@ -87,16 +87,13 @@ class Complaints:
 
     def refuse(self) -> None:
         """Raise SceneError with all complaints, in the order of the lines, if there are any."""
-        if not self._found:
-            return
         rows = [(path_of(loc), self._source.line(loc), self._source.setting(loc), message) for loc, message in self._found]
         rows.sort(key=lambda row: (row[1] is None, row[1] or 0))
         texts = []
         for path, line, setting, message in rows:
             where = f", line {line}" if line is not None else f", from --set {setting}" if setting else ""
             texts.append(f"{path}{where}: {message}" if path else message)
-        head = f"{self._source.name}: " if len(texts) == 1 else f"{self._source.name} has {len(texts)} errors:\n  "
-        raise SceneError(head + "\n  ".join(texts), [(path, line, message) for path, line, _, message in rows])
+        refuse_all(texts, self._source.name, [(path, line, message) for path, line, _, message in rows])
 
 
 def _in_words(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:

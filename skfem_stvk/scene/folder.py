@@ -17,11 +17,12 @@ from pydantic import BaseModel, ValidationError
 from ..about import machine, versions
 from ..errors import AnalysisError, SceneError, StvkError
 from ..results.files import content_of, replacing, try_to_write
-from .outcome import BAD_INPUT, Judged, SceneOutcome
+from ..terminal import BAD_INPUT
+from .outcome import Judged, SceneOutcome
 from .report import plot_files
 from .schema import SceneTables
 from .schema.analyses import ModesAnalysis
-from .schema.outputs import Output
+from .schema.sections import Output
 from .source import SceneSource
 
 #: Status of a run that was refused before it began, so that nothing is lost where its folder is taken again.
@@ -70,11 +71,7 @@ class Folder:
             as `refuse_other`; if the folder cannot be written.
         """
         self.refuse_other(sections)
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            try_to_write(self.path)
-        except OSError as error:
-            raise StvkError(f"--out {self.path} cannot be written: {error.strerror}. Choose another folder.") from error
+        make(self.path)
 
     def refuse_other(self, sections: SceneTables) -> None:
         """Refuse a folder with results of another run.
@@ -85,13 +82,7 @@ class Folder:
             if it holds results and they are neither to be resumed nor to be replaced; if there is nothing to resume; if it holds
             other files than results.
         """
-        path = self.path
-        names = visible(path)
-        if names and SUMMARY not in names:
-            raise StvkError(
-                f"--out {path}: it holds {len(names)} files (such as {names[0]}), and no {SUMMARY}: it is no folder of results. "
-                "Name another, or empty it."
-            )
+        path, names = self.path, names_with(self.path, SUMMARY, "results")
         if self.resume:
             self._refuse_nothing(sections, names)
         elif names and not self.force and self.summary()["status"] != REFUSED:
@@ -189,6 +180,26 @@ def visible(folder: Path) -> list[str]:
     if folder.exists() and not folder.is_dir():
         raise StvkError(f"--out {folder}: it is a file; expected a folder, which is made if it is missing.")
     return sorted(one.name for one in folder.iterdir() if not one.name.startswith(".")) if folder.exists() else []
+
+
+def names_with(folder: Path, wanted: str, what: str) -> list[str]:
+    """Return the names in a folder. Raise StvkError if it holds files, but not the one that every folder of this kind has."""
+    names = visible(folder)
+    if names and wanted not in names:
+        raise StvkError(
+            f"--out {folder}: it holds {len(names)} files (such as {names[0]}), and no {wanted}: it is no folder of {what}. Name "
+            "another, or empty it."
+        )
+    return names
+
+
+def make(folder: Path) -> None:
+    """Make a folder, and try whether files can be written there. Raise StvkError if they cannot."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        try_to_write(folder)
+    except OSError as error:
+        raise StvkError(f"--out {folder} cannot be written: {error.strerror}. Choose another folder.") from error
 
 
 def _written_names(path: Path) -> list[str]:

@@ -20,10 +20,11 @@ from ..dynamics import EdgeDamping, Rayleigh, critical_elements, critical_step, 
 from ..dynamics.motion import Motion
 from ..dynamics.simulate import first_state
 from ..dynamics.stable_step import SAFETY
-from ..errors import MaterialError, StvkError, StvkWarning, name_ids
+from ..errors import MaterialError, Remark, StvkError, StvkWarning, name_ids
 from ..kernels.threads import threads
 from ..kernels.topology import edges_of_simplices
 from ..linear.choose import choose, why
+from ..materials import Isotropic
 from ..mesh import ElementMesh, MeshQuality, mesh_quality
 from ..mesh.facets import facet_ids
 from ..mesh.quality import Extreme
@@ -37,7 +38,7 @@ from .run import on_threads
 from .scene import Scene
 from .schema import SceneTables
 from .schema.analyses import DynamicAnalysis
-from .schema.materials import IsotropicModel
+from .schema.terms import material_table
 from .units import UNITS, implausible
 
 #: Bodies with more rigid motions than this, such as bodies in many pieces, get no eigenfrequencies.
@@ -67,14 +68,6 @@ class Fact(NamedTuple):
         """The value with its unit."""
         parts = self.value if isinstance(self.value, list | tuple) else [self.value]
         return f"{', '.join(map(_shown, parts))} {self.unit}".strip()
-
-
-class Remark(NamedTuple):
-    """A fault or a doubt, in a sentence with the remedy; `refused` if nothing can be run."""
-
-    name: str
-    text: str
-    refused: bool = False
 
 
 @dataclass
@@ -108,7 +101,7 @@ class Inspection:
     def remark(self, name: str, text: str, refused: bool = False) -> None:
         """Add a remark once, refusals before the others."""
         if text not in [remark.text for remark in self.remarks]:
-            self.remarks.append(Remark(name, text, refused))
+            self.remarks.append(Remark(name, (), text, refused))
             self.remarks.sort(key=lambda remark: not remark.refused)
 
     @contextmanager
@@ -136,7 +129,8 @@ class Inspection:
             one.name: {"median": _plain(one.median), "elements": list(one.elements), "values": _plain(one.values)}
             for one in self.extremes
         }
-        return {"units": self.units, **facts, "worst elements": worst, "remarks": [remark._asdict() for remark in self.remarks]}
+        remarks = [{"name": one.name, "text": one.text, "refused": one.refused} for one in self.remarks]
+        return {"units": self.units, **facts, "worst elements": worst, "remarks": remarks}
 
     def rendered(self, width: int) -> RenderableType:
         """Return tables for a rich console of this width; remarks are at the end, where they are seen."""
@@ -181,7 +175,8 @@ def inspect_mesh(
     _mesh(found, mesh)
     constants: dict[str, Any] = {name: value for name, value in (("young", young), ("density", density)) if value is not None}
     with found.part("units"):
-        given = SceneTables.model_construct(materials={"given": IsotropicModel.model_construct(**constants)})
+        model = material_table("isotropic", Isotropic)
+        given = SceneTables.model_construct(materials={"given": model.model_construct(**constants)})
         for text in implausible(given, mesh):
             found.remark("implausible", text.replace("materials.given.", "--"))
     if young is None:

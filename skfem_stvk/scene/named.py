@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from itertools import count
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,10 @@ from ..mesh.places import Box, DofsView, NearestNode, Plane, describe, vertices_
 from ..system import System
 from ..system.supports import fixed_dofs
 from ..terms import EdgeNetwork, Ramp, Sine, Table
-from .schema import materials, terms
 from .schema.derived import KEYS
-from .schema.terms import LOADS
+from .schema.quantities import bare, literals, members
+from .schema.terms import given_by, in_elements, material_tables, term_tables
 
-#: The tables of a scene for terms and materials, by the class of the library that they stand for.
-TERMS = {one.library: one for one in terms.TERMS}
-MATERIALS = {one.library: one for one in materials.MODELS.values()}
 #: Shapes of constants that are no numbers.
 SHAPES = {"frame": (3, 3), "voigt": (6, 6)}
 #: The mesh, beside the scene.
@@ -113,7 +110,7 @@ class SceneNames:
 
     def term(self, term: Any) -> dict[str, Any]:
         """Return the table of a term."""
-        model = _model(TERMS, term, "term")
+        model = _model(term_tables(), term, "term")
         if hasattr(term, "laws"):
             return self._network(term, model)
         table = {"type": _kind(model, "type")}
@@ -123,7 +120,7 @@ class SceneNames:
                 table |= self._entry(model, name, value)
         return table
 
-    def _entry(self, model: type[BaseModel], name: str, value: Any) -> dict[str, Any]:
+    def _entry(self, model: Any, name: str, value: Any) -> dict[str, Any]:
         """Return the key of a term with its value, and the keys that belong to it."""
         if name not in model.model_fields:
             raise Nameless(f"{name} has no key in a scene")
@@ -134,36 +131,33 @@ class SceneNames:
         if name == "simplices":
             return {name: self.simplices(value)}
         if name == "on":
-            surface = self.mesh.k < self.mesh.d and "pressure" in model.model_fields  # which is its elements
-            return {name: self._marked_elements(value) if surface else self.place(value)}
-        if name in LOADS:
-            value, time = in_time(value, name, () if name == "pressure" else (self.mesh.d,))
+            return {name: self._marked_elements(value) if in_elements(model.library, self.mesh) else self.place(value)}
+        if name == given_by(model.library):
+            value, time = in_time(value, name, *self._shapes(model, name))
             return {name: value} if time is None else {name: value, "time": time}
         if isinstance(value, str | bool):
             return {name: value}
-        return {name: plain(value, name, (), *([(self.mesh.d,)] if "on" in model.model_fields else []))}
+        return {name: plain(value, name, *self._shapes(model, name))}
 
-    def _network(self, network: Any, model: type[BaseModel]) -> dict[str, Any]:
+    def _shapes(self, model: Any, name: str) -> list[tuple[int, ...]]:
+        """Return the shapes that the value of a key may have."""
+        kinds = [bare(kind)[0] for _, kind in members(model.model_fields[name].annotation)]
+        return [(self.mesh.d,) if get_origin(kind) is list else () for kind in kinds]
+
+    def _network(self, network: Any, model: Any) -> dict[str, Any]:
         """Return the table of a network of edges of one law, with all its pairs of edges or with one kind of them."""
         if len(network.laws) != 1:
             raise Nameless(f"it is made of {len(network.laws)} laws, not of one")
         (law,) = network.laws
-        whole = EdgeNetwork.of(self.mesh, law)
-        kinds = {
-            "all": lambda: whole,
-            "none": whole.diagonal,
-            "adjacent": lambda: whole.without("opposite"),
-            "opposite": lambda: whole.without("adjacent"),
-        }
-        for pairs, made in kinds.items():
-            other = made()
+        for pairs in literals(model.model_fields["pairs"].annotation):
+            other = EdgeNetwork.of(self.mesh, law, pairs)
             if np.array_equal(other.edges, network.edges) and not (other.L != network.L).nnz:
                 return self.term(law) | {"type": _kind(model, "type"), "pairs": pairs}
         raise Nameless("its coefficients are not those of its law")
 
     def material(self, material: Any) -> str:
         """Return the name of a material, the same for the same constants."""
-        model = _model(MATERIALS, material, "material")
+        model = _model(material_tables(), material, "material")
         table = {"model": _kind(model, "model")}
         for one in fields(material):
             value = getattr(material, one.name)
@@ -268,11 +262,12 @@ class SceneNames:
         return next(name for number in count(1) if (name := f"{kind}-{number}") not in taken)
 
 
-def _model(tables: Mapping[Any, type[BaseModel]], given: Any, what: str) -> type[BaseModel]:
+def _model(tables: Sequence[Any], given: Any, what: str) -> Any:
     """Return the table for an object of the library; Nameless for an object of another class."""
-    if type(given) not in tables:
+    model = next((one for one in tables if one.library is type(given)), None)
+    if model is None:
         raise Nameless(f"{type(given).__name__} is a {what} that scenes do not have")
-    return tables[type(given)]
+    return model
 
 
 def _kind(model: type[BaseModel], key: str) -> str:
@@ -298,8 +293,8 @@ def shape_of(where: Any) -> Any:
     return None
 
 
-def in_time(value: Any, name: str, shape: tuple[int, ...] = ()) -> tuple[Any, dict[str, Any] | None]:
-    """Return constants of this shape, and the function of time that multiplies them. Raise Nameless for other functions."""
+def in_time(value: Any, name: str, *shapes: tuple[int, ...]) -> tuple[Any, dict[str, Any] | None]:
+    """Return constants of these shapes, and the function of time that multiplies them. Raise Nameless for other functions."""
     time: dict[str, Any] | None = None
     if type(value) in (Ramp, Sine, Table):
         others = {one.name: getattr(value, one.name) for one in fields(value) if one.name != "value"}
@@ -308,7 +303,7 @@ def in_time(value: Any, name: str, shape: tuple[int, ...] = ()) -> tuple[Any, di
         value = value.value
     elif callable(value):
         raise Nameless(f"{name} is a function that is no Ramp, Sine or Table")
-    return plain(value, name, shape), time
+    return plain(value, name, *shapes), time
 
 
 def plain(value: Any, name: str, *shapes: tuple[int, ...]) -> Any:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..arguments import Array
+from ..terminal import DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED
 from .build import Built
 
 
@@ -32,10 +33,6 @@ class Judged(NamedTuple):
 def as_printed(value: float | None) -> str:
     """Return a result with nine digits; "-" for one that does not exist."""
     return "-" if value is None or isnan(value) else f"{value:.9g}"
-
-
-#: Exit codes of the command.
-DONE, NOT_CONVERGED, BAD_INPUT, NOT_AS_EXPECTED, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,5 +69,5 @@ class SceneOutcome:
         if self.status == "interrupted":
             return INTERRUPTED
         if not self.success:
-            return NOT_CONVERGED
+            return NOT_PASSED
         return DONE if all(one.passed for one in self.judged) else NOT_AS_EXPECTED

@@ -19,7 +19,7 @@ import numpy as np
 from ..about import machine, versions
 from ..arguments import Array
 from ..dynamics import Modes, Run
-from ..dynamics.ledger import AXES, energy_lines, thinned
+from ..dynamics.ledger import AXES, draw, energy_panels, thinned
 from ..results import animate, write_vtu
 from ..results.files import replacing
 from ..results.picture import Picture, View, picture_of
@@ -109,9 +109,9 @@ def _save_last_state(folder: Path, outcome: SceneOutcome) -> None:
 
 def _drawn(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator[Drawing]:
     """Draw and write what is wanted; what fails is added to the troubles."""
-    for title, name, draw in _wanted(outcome):
+    for title, name, drawing in _wanted(outcome):
         try:
-            figure = draw()
+            figure = drawing()
             with replacing(folder / f"{name}.png") as part:
                 figure.savefig(part, format="png", dpi=DOTS_PER_INCH, bbox_inches="tight")
             yield Drawing(title, folder / f"{name}.png")
@@ -236,17 +236,16 @@ def _times(scale: float) -> str:
 # plots
 
 
-def _axes(xlabel: str, rows: tuple[float, ...] = (1.0,)) -> tuple[Any, list[Any]]:
-    """Make a figure with axes below each other that share their abscissa."""
+def _axes(xlabel: str, height: float = 1.0) -> tuple[Any, Any]:
+    """Make a figure with axes."""
     from ..results.matplotlib_plot import new_figure
 
-    figure = new_figure((7.0, 1.2 + 2.4 * sum(rows)), interactive=False)
-    panels = list(figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=rows)[:, 0])
-    for axes in panels:
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.axhline(0, color=GREY, lw=0.6, zorder=0)
-    panels[-1].set_xlabel(xlabel)
-    return figure, panels
+    figure = new_figure((7.0, 1.2 + 2.4 * height), interactive=False)
+    axes = figure.subplots()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.axhline(0, color=GREY, lw=0.6, zorder=0)
+    axes.set_xlabel(xlabel)
+    return figure, axes
 
 
 def _along(outcome: SceneOutcome) -> str:
@@ -254,27 +253,18 @@ def _along(outcome: SceneOutcome) -> str:
     return f"time [{_symbol(outcome, 'time')}]" if isinstance(outcome.result, Run) else "load factor"
 
 
-def _line(axes: Any, t: Array, values: Array, **style: Any) -> None:
-    """Draw a line, with a dot for each of few points."""
-    axes.plot(*thinned(t, values), marker="." if len(t) <= 40 else "", **style)
-
-
-def _legend(axes: Any) -> None:
-    axes.legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-
-
 def _curve(outcome: SceneOutcome, name: str) -> Any:
     """Draw the components of a mean displacement or of a force."""
     curve: Curve = outcome.curves[name]
-    figure, (axes,) = _axes(_along(outcome))
+    figure, axes = _axes(_along(outcome))
     t, components = curve.t, curve.values
     if isinstance(outcome.result, StaticResult) and curve.dimension == "length" and _from_rest(outcome):
         t, components = np.append(0.0, t), np.concatenate([np.zeros((1, components.shape[1])), components])
     for (axis, colour), values in zip(AXES.items(), components.T, strict=False):
-        _line(axes, t, values, color=colour, lw=1.2, label=axis)
+        axes.plot(*thinned(t, values), marker="." if len(t) <= 40 else "", color=colour, lw=1.2, label=axis)
     words = "displacement of" if curve.dimension == "length" else "force of supports at"
     axes.set_ylabel(f"{words} {name} [{_symbol(outcome, curve.dimension)}]")
-    _legend(axes)
+    axes.legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
@@ -285,16 +275,8 @@ def _from_rest(outcome: SceneOutcome) -> bool:
 
 def _ledger(outcome: SceneOutcome) -> Any:
     """Draw the energies of a motion that are not zero throughout, and the error of their sum."""
-    ledger, unit = outcome.result.ledger, _symbol(outcome, "energy")
-    figure, (above, below) = _axes(_along(outcome), (1.3, 0.6))
-    for name, words, colour in energy_lines(ledger):
-        _line(above, ledger["time"], ledger[name], color=colour, lw=1.6 if name == "total_energy" else 1.0, label=words)
-    _legend(above)
-    above.set_ylabel(f"energy [{unit}]")
-    _line(below, ledger["time"], ledger["closure_error"], color="black", lw=1.0)
-    below.set_ylabel(f"closure error [{unit}]")
-    figure.align_ylabels()
-    return figure
+    ledger = outcome.result.ledger
+    return draw(ledger, energy_panels(ledger, _symbol(outcome, "energy")), _along(outcome))
 
 
 def _path(outcome: SceneOutcome) -> Any:
@@ -305,7 +287,7 @@ def _path(outcome: SceneOutcome) -> Any:
     def largest(u: Array) -> float:
         return _largest(u.reshape(-1, d))
 
-    figure, (axes,) = _axes(f"largest displacement [{_symbol(outcome, 'length')}]", (1.5,))
+    figure, axes = _axes(f"largest displacement [{_symbol(outcome, 'length')}]", 1.5)
     t = [outcome.built.sections.initial.t0, *result.history.t]
     axes.plot([largest(begin), *map(largest, result.history.u)], t, ".-", color="#0072B2", lw=1.2)
     for point in result.critical_points:
@@ -332,7 +314,7 @@ def _label(outcome: SceneOutcome, field: str) -> str | None:
 
 def _unit_of_result(outcome: SceneOutcome, name: str) -> str:
     first = name.partition(".")[0]
-    dimension = outcome.curves[first].dimension if first in outcome.curves else RESULTS.get(first)
+    dimension = ({one: curve.dimension for one, curve in outcome.curves.items()} | RESULTS).get(first)
     return "" if dimension is None else _symbol(outcome, dimension)
 
 

@@ -20,7 +20,7 @@ from ..mesh.places import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
 from ..results.reactions import ground_forces_at_rest, held_vertices
 from ..statics import SolveError, StaticResult, solve_static
-from .build import Built, expectations
+from .build import ENERGIES, Built, expectations
 from .complaints import Complaints
 from .folder import Folder
 from .outcome import Curve, Judged, SceneOutcome
@@ -220,19 +220,6 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
     critical = {f"critical.{number}": float(point.t) for number, point in enumerate(result.critical_points)}
     energy = {"energy.strain": float(sum(result.system.elastic_energies(result.u)))}
     return {"load": result.t, "steps": float(len(result.history))} | energy | critical | common
-
-
-#: Results of a motion by their columns in its ledger.
-ENERGIES = {
-    "kinetic": "kinetic_energy",
-    "strain": "strain_energy",
-    "potential": "potential_energy",
-    "total": "total_energy",
-    "dissipated": "dissipated_work",
-    "external": "external_work",
-    "removed": "removed_energy",
-    "closure": "closure_error",
-}
 
 
 def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[Judged, ...]:

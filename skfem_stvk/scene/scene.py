@@ -26,8 +26,8 @@ from .named import NamedSystem
 from .outcome import SceneOutcome
 from .report import write_report
 from .run import RTOL, solve
-from .schema import SceneTables
-from .schema.analyses import OPTIONS
+from .schema import SceneTables, scene_tables
+from .schema.analyses import options
 from .source import SceneSource
 from .syntax import written
 from .units import implausible
@@ -124,10 +124,11 @@ class Scene:
     @classmethod
     def _checked(cls, source: SceneSource, mesh: ElementMesh | None = None, left_out: tuple[str, ...] = ()) -> Scene:
         complaints = Complaints(source)
+        schema = scene_tables()
         try:
-            sections = SceneTables.model_validate(source.data)
+            sections = schema.model_validate(source.data)
         except ValidationError as error:
-            complaints.of_pydantic(error, SceneTables)
+            complaints.of_pydantic(error, schema)
             complaints.refuse()
             raise
         check(sections, source, mesh)
@@ -198,14 +199,14 @@ class Scene:
         if built.solver:
             data["solver"]["name"] = built.solver
         if built.integrator is not None:
-            data["analysis"] |= {name: value for name, value in vars(built.integrator).items() if name in OPTIONS}
+            data["analysis"] |= {name: value for name, value in vars(built.integrator).items() if name in options()}
             data["solver"] |= {name: value for name, value in vars(built.integrator).items() if name in ("rtol", "tangent")}
         elif built.solver and self.sections.analysis.type != "modes":
             data["solver"].setdefault("rtol", RTOL)
         for table in ("mesh", "initial"):
             if "file" in data[table] and folder is not None:
                 data[table]["file"] = os.path.relpath(self.source.folder / data[table]["file"], folder)
-        tables = _tables(SceneTables.model_validate(data))
+        tables = _tables(scene_tables().model_validate(data))
         if not built.solver:
             del tables["solver"]  # explicit integrators solve nothing
         return tables

@@ -109,8 +109,9 @@ def setting_of(given: str) -> tuple[Loc, Any]:
     >>> setting_of("terms[1].g=[0, 0, -1]"), setting_of("mesh.file=2nd.msh"), setting_of("fixed.'left wall'=xy")
     ((('terms', 1, 'g'), [0, 0, -1]), (('mesh', 'file'), '2nd.msh'), (('fixed', 'left wall'), 'xy'))
     """
-    path, equals, text = _parted(given)
-    if not equals or not path or not text:
+    path, *values = split(given, "=", 1)
+    text = "".join(values)
+    if not path or not text:
         raise _not_set(given, "expected KEY=VALUE, such as analysis.dt=1e-5 or 'terms[1].g=[0,0,-1]'")
     loc: list[str | int] = []
     place = 0
@@ -133,17 +134,6 @@ def setting_of(given: str) -> tuple[Loc, Any]:
             given, f"the value {shown(text)} has several lines with keys; expected one value. Set each key by its own --set"
         )
     return tuple(loc), found["value"]
-
-
-def _parted(given: str) -> tuple[str, str, str]:
-    """Return the text before and behind the first equals sign outside of quotation marks."""
-    quote = ""
-    for place, one in enumerate(given):
-        if one in "\"'" and quote in ("", one):
-            quote = "" if quote else one
-        if one == "=" and not quote:
-            return given[:place].strip(), "=", given[place + 1 :].strip()
-    return given.strip(), "", ""
 
 
 def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> list[Loc]:
@@ -248,21 +238,22 @@ def _given(settings: Mapping[str, Iterable[Any]] | Sequence[str], wrong: list[st
                 yield str(key), [value_text(one) for one in listed]
         return
     for given in [settings] if isinstance(settings, str) else settings:
-        key, *rest = split(given, "=")
-        texts = split("=".join(rest), ",")
-        if not rest or not all(texts):
+        key, *rest = split(given, "=", 1)
+        texts = split("".join(rest), ",")
+        if not all(texts):
             wrong.append(f"--set {given}: expected KEY=VALUE,VALUE,..., such as analysis.steps=5,10, and no value that is empty")
         else:
             yield key, texts
 
 
-def split(text: str, mark: str) -> list[str]:
-    """Return the parts of a text between marks that stand outside of quotation marks, brackets and braces.
+def split(text: str, mark: str, most: int | None = None) -> list[str]:
+    """Return the parts of a text between marks, at most so many, that stand outside of quotation marks, brackets and braces.
 
     >>> split("[0, 0, -1], 'a,b', {x = 1, y = 2}", ",")
     ['[0, 0, -1]', "'a,b'", '{x = 1, y = 2}']
     """
-    parts, begin, depth, quote, skipped = [], 0, 0, "", False
+    parts: list[str] = []
+    begin, depth, quote, skipped = 0, 0, "", False
     for place, one in enumerate(text):
         if skipped:
             skipped = False
@@ -275,14 +266,14 @@ def split(text: str, mark: str) -> list[str]:
             depth += 1
         elif one in "]}":
             depth -= 1
-        elif one == mark and depth == 0:
+        elif one == mark and depth == 0 and len(parts) != most:
             parts.append(text[begin:place].strip())
             begin = place + 1
     return [*parts, text[begin:].strip()]
 
 
-def refuse_all(wrong: Sequence[str], name: str) -> None:
-    """Raise SceneError with all that is wrong, if anything is."""
+def refuse_all(wrong: Sequence[str], name: str, complaints: Sequence[tuple[str, int | None, str]] | None = None) -> None:
+    """Raise SceneError with all that is wrong, if anything is; `complaints` are the same with keys and lines."""
     if wrong:
         head = f"{name}: " if len(wrong) == 1 else f"{name} has {len(wrong)} errors:\n  "
-        raise SceneError(head + "\n  ".join(wrong), [("", None, one) for one in wrong])
+        raise SceneError(head + "\n  ".join(wrong), [("", None, one) for one in wrong] if complaints is None else complaints)

@@ -25,10 +25,10 @@ from ..kernels.threads import threads
 from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
 from ..results.files import content_of, replacing
 from ..results.one_writer import OneWriter
-from ..terminal import console, printable
+from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED, console, printable
 from .build import expectations
-from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, visible
-from .outcome import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_CONVERGED, as_printed
+from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, make, names_with, visible
+from .outcome import as_printed
 from .report import DOTS_PER_INCH, RESULTS
 from .scene import Scene
 from .schema import SceneTables
@@ -40,7 +40,7 @@ TABLE, PLOT = "table.csv", "sweep.png"
 #: Columns between the values and the results.
 COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
 #: Exit codes of runs that came to an end: they are not solved again unasked.
-ENDED = (DONE, NOT_CONVERGED, NOT_AS_EXPECTED)
+ENDED = (DONE, NOT_PASSED, NOT_AS_EXPECTED)
 #: Runs of one sweep at most: each has a folder and a line of the table.
 MOST_RUNS = 10_000
 #: A longer name of a folder is cut.
@@ -274,13 +274,7 @@ def in_short(value: Any) -> str:
 
 def _open(folder: Path) -> None:
     """Make the folder; refuse one that holds something else than a sweep."""
-    names = visible(folder)
-    if names and TABLE not in names:
-        raise StvkError(
-            f"--out {folder}: it holds {len(names)} files (such as {names[0]}), and no {TABLE}: it is no folder of a sweep. "
-            "Name another, or empty it."
-        )
-    if names:
+    if names_with(folder, TABLE, "a sweep"):
         try:
             lines = content_of(folder / TABLE, LARGEST_TABLE).decode(errors="replace").splitlines()
             head = next(csv.reader(lines), [])
@@ -288,10 +282,7 @@ def _open(folder: Path) -> None:
             raise StvkError(f"--out {folder}: its {TABLE} cannot be read ({error}). Name another.") from error
         if not set(COLUMNS) <= set(head):
             raise StvkError(f"--out {folder}: its {TABLE} is not one of a sweep, as its columns are {shown(head)}. Name another.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StvkError(f"--out {folder} cannot be written: {error.strerror}. Choose another folder.") from error
+    make(folder)
 
 
 def _what_there_is(folder: Path, runs: Sequence[Planned], force: bool) -> dict[str, str | None]:
@@ -433,7 +424,8 @@ def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: 
     for row in sorted(rows, key=lambda row: row.values[axis.path]):
         label = ", ".join(f"{one.loc[-1]} = {in_short(row.values[one.path])}" for one in others if len(one.values) > 1)
         lines.setdefault(label, []).append(row)
-    columns = min(len(names), 2)
+    output, columns = sections.output, min(len(names), 2)
+    dimensions = RESULTS | dict.fromkeys(output.probes, "length") | dict.fromkeys(output.reactions, "force")
     high = -(-len(names) // columns)
     figure = new_figure((1.5 + 4.0 * columns, 0.6 + 2.6 * high), interactive=False)
     panels = list(figure.subplots(high, columns, squeeze=False).flat)
@@ -442,7 +434,7 @@ def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: 
             held = [row for row in of_it if name in row.results]
             panel.plot([row.values[axis.path] for row in held], [row.results[name] for row in held], ".-", lw=1.2, label=label)
         panel.spines[["top", "right"]].set_visible(False)
-        panel.set_ylabel(_with_unit(name, _dimension_of_result(sections, name), sections))
+        panel.set_ylabel(_with_unit(name, dimensions.get(name.partition(".")[0]), sections))
         panel.set_xlabel(_with_unit(axis.path, _dimension(sections, axis.loc), sections))
         if min(axis.values) > 0 and max(axis.values) >= WIDE * min(axis.values):
             panel.set_xscale("log")
@@ -457,13 +449,6 @@ def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: 
 
 def _with_unit(name: str, dimension: str | None, sections: SceneTables) -> str:
     return f"{name} [{UNITS[sections.units].symbol(dimension)}]" if dimension else name
-
-
-def _dimension_of_result(sections: SceneTables, name: str) -> str | None:
-    first = name.partition(".")[0]
-    if first in sections.output.probes:
-        return "length"
-    return "force" if first in sections.output.reactions else RESULTS.get(first)
 
 
 def _dimension(sections: SceneTables, loc: Loc) -> str | None:

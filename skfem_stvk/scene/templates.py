@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from textwrap import fill
 from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from ..arguments import choice
-from .schema import SceneTables
+from .schema import scene_tables
 from .schema.quantities import bare, is_union, literals, members
 from .syntax import Loc, lines_of, parsed, value_text
 from .units import UNITS, UnitSystem, dimension_of
 
 #: Column in which sentences begin behind the values of examples.
 COLUMN = 40
+#: Characters in a line of the page of keys, but for its tables.
+WIDEST = 128
 #: Words for types of values.
 WORDS = {float: "number", int: "whole number", bool: "true or false", str: "text", list: "list", dict: "table"}
 BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
@@ -172,7 +175,7 @@ def example(kind: str) -> str:
     data, lines, rows = parsed(text, kind), lines_of(text), text.splitlines()
     units = UNITS[data["units"]]
     added: dict[int, list[str]] = {}
-    for loc, model, table in _tables_in(data, SceneTables, ()):
+    for loc, model, table in _tables_in(data, scene_tables(), ()):
         keys = {row.name: row for row in rows_of(model)}
         own = {name: line for name in table if name in keys and (line := lines.get((*loc, name)))}
         written = {name: line for name, line in own.items() if rows[line - 1].startswith(name)}
@@ -294,7 +297,7 @@ def tables() -> list[type[BaseModel]]:
             for one in get_args(annotation):
                 visit(one)
 
-    visit(SceneTables)
+    visit(scene_tables())
     return list(found)
 
 
@@ -306,11 +309,12 @@ def page() -> str:
         'Schema for editors. Units are those of `units = "SI"`. [Scenes](scenes.md) says how they go together.\n',
     ]
     for model in tables():
-        parts.append(f"## {title_of(model)}\n\n{' '.join((model.__doc__ or '').split())}\n")
+        parts.append(f"## {title_of(model)}\n\n{fill(model.__doc__ or '', WIDEST, break_on_hyphens=False)}\n")
         parts.append("| key | type | default | unit | |\n|---|---|---|---|---|")
         for row in rows_of(model):
             unit = "" if row.dimension is None else UNITS["SI"].symbol(row.dimension)
-            parts.append(f"| `{row.name}` | {row.type} | {_default(row.default)} | {unit} | {row.sentence} |")
+            sentence = row.sentence.replace("|", r"\|")
+            parts.append(f"| `{row.name}` | {row.type} | {_default(row.default)} | {unit} | {sentence} |")
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
 
@@ -325,4 +329,4 @@ def _default(value: Any) -> str:
 
 def json_schema() -> str:
     """Return JSON Schema of scenes, by which editors complete and check them."""
-    return json.dumps(SceneTables.model_json_schema(), indent=1) + "\n"
+    return json.dumps(scene_tables().model_json_schema(), indent=1) + "\n"

@@ -1,5 +1,7 @@
 """Terms of a body and loads on it: specifications without a mesh, one a file."""
 
+from typing import Any
+
 from .body import Body
 from .corotated import Corotated
 from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
@@ -40,7 +42,26 @@ from .stvk import StVK
 from .times import Ramp, Sine, Table
 from .volume_penalty import VolumePenalty
 
+#: Terms that scenes know, by their `type`.
+TERMS: dict[str, Any] = {
+    "stvk": StVK,
+    "neo-hookean": NeoHookean,
+    "linear-elastic": LinearElastic,
+    "corotated": Corotated,
+    "invertible-stvk": InvertibleStVK,
+    "spring-network": SpringNetwork,
+    "edge-network": EdgeNetwork,
+    "volume-penalty": VolumePenalty,
+    "elastic-foundation": ElasticFoundation,
+    "gravity": Gravity,
+    "body-force": BodyForce,
+    "nodal-load": NodalLoad,
+    "traction": Traction,
+    "pressure": Pressure,
+}
+
 __all__ = [
+    "TERMS",
     "Body",
     "BodyForce",
     "BoundLoad",

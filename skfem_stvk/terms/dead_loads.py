@@ -45,9 +45,9 @@ class Gravity(Load):
     array([     0.,      0., -26487.])
     """
 
-    given_by = "g"
+    given_by, needs_density = "g", True
 
-    g: Annotated[Any, Quantity("acceleration", "Acceleration.")]
+    g: Annotated[Any, Quantity("acceleration", "Acceleration.", components=True)]
 
     def bind(self, body: Body) -> Weight:
         spread = spread_over(body, lambda one: one.mass)
@@ -81,7 +81,7 @@ class BodyForce(Load):
 
     given_by = "force"
 
-    force: Annotated[Any, Quantity("force per volume", "Force per volume at rest.")]
+    force: Annotated[Any, Quantity("force per volume", "Force per volume at rest.", components=True)]
     region: Annotated[str | NDArray[Any] | None, Quantity(None, "Elements it acts on; by default all.")] = None
 
     def bind(self, body: Body) -> DeadLoad:
@@ -120,7 +120,7 @@ class NodalLoad(Load):
     given_by = "force"
 
     where: Annotated[Where, Quantity(None, "Place of the nodes.")]
-    force: Annotated[Any, Quantity("force", "Force on each node.")]
+    force: Annotated[Any, Quantity("force", "Force on each node.", components=True)]
 
     def bind(self, body: Body) -> DeadLoad:
         what = f"NodalLoad on {describe(self.where)}"
@@ -160,7 +160,7 @@ class Traction(Load):
     given_by = "traction"
 
     where: Annotated[Where, Quantity(None, "Place of the boundary facets.")]
-    traction: Annotated[Any, Quantity("stress", "Force per area at rest.")]
+    traction: Annotated[Any, Quantity("stress", "Force per area at rest.", components=True)]
 
     def bind(self, body: Body) -> DeadLoad:
         what = f"Traction on {describe(self.where)}"

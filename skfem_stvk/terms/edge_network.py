@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix, issparse, triu
 
-from ..arguments import Array, choice, own, shown, whole_array
+from ..arguments import Array, Quantity, choice, own, shown, whole_array
 from ..edges.form import EdgeForm, meet
 from ..edges.network import ElementNetwork, QuarticNetwork
 from ..edges.stiffness import GeneralStiffness
@@ -25,11 +25,13 @@ from .stvk import StVK
 
 #: What is left of sums of coefficients by this part of them is rounding.
 ROUNDED = 1e-13
+#: The pairs of edges that a network may have.
+PAIRS = ("all", "none", "adjacent", "opposite")
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeNetwork:
-    """`W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j` over edges and pairs of edges, literally.
+    """The sum over edges and pairs of edges itself: `W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j`.
 
     `zeta = |p|^2 - |P|^2` of each edge [m^2]. With the `L` of linear simplices (`EdgeNetwork.of`) it is the finite-element model,
     and the pairs are those that share a simplex (TSEPs); its first sum alone (`diagonal`) is a network of quartic springs. Any
@@ -77,8 +79,19 @@ class EdgeNetwork:
         own(self)
 
     @classmethod
-    def of(cls, mesh: MeshLike, law: StVK | Sequence[StVK]) -> EdgeNetwork:
-        """The network of a St. Venant-Kirchhoff body of linear simplices, of one law or of several on their regions."""
+    def of(
+        cls,
+        mesh: MeshLike,
+        law: StVK | Sequence[StVK],
+        pairs: Annotated[
+            str, Quantity(None, "Pairs of edges that count: those that meet in a vertex, or do not.", values=PAIRS)
+        ] = "all",
+    ) -> EdgeNetwork:
+        """Return the network of a St. Venant-Kirchhoff body of linear simplices, of one law or of several on their regions.
+
+        `pairs` are those that count: "all", "none", or the "adjacent" or the "opposite" ones.
+        """
+        choice("EdgeNetwork.of: pairs", pairs, PAIRS)
         body = ElementMesh.of(mesh)
         laws = tuple(law) if isinstance(law, list | tuple) else (law,)
         if not laws or not all(isinstance(each, StVK) for each in laws):
@@ -90,7 +103,13 @@ class EdgeNetwork:
             )
         elements = np.concatenate([body.elements(each.region) for each in laws])
         edges = edge_topology(body.t[:, elements])[0]
-        return cls(edges, _coefficients(body, laws, edges, np.ones(body.nt, dtype=bool)), laws)
+        return cls(edges, _coefficients(body, laws, edges, np.ones(body.nt, dtype=bool)), laws)._with(pairs)
+
+    def _with(self, pairs: str) -> EdgeNetwork:
+        """Return the network with these pairs alone."""
+        if pairs == "all":
+            return self
+        return self.diagonal() if pairs == "none" else self.without("opposite" if pairs == "adjacent" else "adjacent")
 
     @property
     def pairs(self) -> NDArray[np.int64]:

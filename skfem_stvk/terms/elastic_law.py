@@ -5,12 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import InitVar, dataclass, field
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import Array, choice, own, shown
+from ..arguments import Array, Quantity, choice, own, shown
 from ..edges import Assembly
 from ..edges.stiffness import StoredLaw
 from ..errors import MaterialError
@@ -20,6 +20,13 @@ from ..mesh import ElementMesh
 from .body import Body
 
 Law = TypeVar("Law", bound="ElasticLaw")
+
+#: Parameters of all laws and networks on elements.
+OfMaterial = Annotated[Material | None, Quantity(None, "Name of its material.")]
+OfRegion = Annotated[str | NDArray[Any] | None, Quantity(None, "Elements it is on; by default all.")]
+OfPlane = Annotated[str | None, Quantity(None, "Of elements in the plane; by default plane strain.", values=("strain", "stress"))]
+OfThickness = Annotated[ArrayLike | None, Quantity("length", "Of elements in the plane and surfaces; by default 1.", gt=0)]
+OfArea = Annotated[ArrayLike | None, Quantity("area", "Cross-section of segments; by default 1.", gt=0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +39,22 @@ class ElasticLaw(ABC):
         if a constant is missing, given twice or out of range; when it is bound, if it does not fit the mesh.
     """
 
-    material: Material | None = None
-    region: str | NDArray[Any] | None = None
-    plane: str | None = None
-    thickness: ArrayLike | None = None
-    area: ArrayLike | None = None
+    material: OfMaterial = None
+    region: OfRegion = None
+    plane: OfPlane = None
+    thickness: OfThickness = None
+    area: OfArea = None
     young: InitVar[ArrayLike | None] = None
     poisson: InitVar[ArrayLike | None] = None
     density: InitVar[ArrayLike | None] = None
-    simplices: str | ArrayLike | None = field(default=None, kw_only=True)
+    simplices: Annotated[
+        str | ArrayLike | None,
+        Quantity(
+            None,
+            "Elements of its own on the nodes of the mesh: a boundary or lines by name, or the nodes of each, from 0: "
+            "[[0, 5], [5, 9]] are two segments.",
+        ),
+    ] = field(default=None, kw_only=True)
 
     def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
         if self.material is None:

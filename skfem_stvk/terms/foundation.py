@@ -47,7 +47,9 @@ class ElasticFoundation:
     """
 
     where: Annotated[Where, Quantity(None, "Place whose boundary facets are bedded.")]
-    stiffness: Annotated[ArrayLike, Quantity("stiffness per area", "Stiffness per area, of all components or of each.")]
+    stiffness: Annotated[
+        float | ArrayLike, Quantity("stiffness per area", "Stiffness per area, of all components or of each.", components=True)
+    ]
 
     def __post_init__(self) -> None:
         k = real_array(self.stiffness)

@@ -44,7 +44,8 @@ LINEAR_FORCE = offering(
 
 @dataclass(frozen=True, eq=False)
 class LinearElastic(ElasticLaw):
-    """Elastic body of small strain: `W = integral of 1/2 eps : C : eps`, `eps = (H + H')/2` of the displacement gradient `H`.
+    """Elastic body of small strain, wrong under rotation: `W = integral of 1/2 eps : C : eps`, with `eps = (H + H')/2` of the
+    displacement gradient `H`.
 
     Its stiffness K is the same at all displacements, that of `StVK` at rest. Where all of a body is linear and loads are dead, it
     is factorised once: `solve_static` takes one iteration then, and steps of constant length one factorisation for a whole run.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, Quantity
 from ..edges import NodeBlocks
 from ..elements import rule_of
 from ..errors import LoadError, name_ids
@@ -62,11 +62,11 @@ class Pressure(Load):
     array([-3000000.,        0.,        0.])
     """
 
-    given_by = "pressure"
+    given_by, on_elements = "pressure", True
 
-    where: Where | None
-    pressure: Any
-    simplices: Any = None
+    where: Annotated[Where | None, Quantity(None, "Place of the boundary facets; of surfaces in space a subdomain, or all.")]
+    pressure: Annotated[Any, Quantity("stress", "Force per deformed area, positive inwards.")]
+    simplices: Annotated[Any, Quantity(None, "A surface in space beside the mesh that it acts on: as those of its law.")] = None
 
     def bind(self, body: Body) -> FollowerPressure:
         mesh, gone = body.mesh, body.gone

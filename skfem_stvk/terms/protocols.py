@@ -30,6 +30,10 @@ class Load(ABC):
     external: ClassVar[bool] = True
     #: Name of the attribute that holds its values, for those that are checked before there is a mesh.
     given_by: ClassVar[str] = ""
+    #: Whether it is of no use without densities of the materials.
+    needs_density: ClassVar[bool] = False
+    #: Whether `where` means elements on meshes whose elements are a surface in space.
+    on_elements: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         own(self)

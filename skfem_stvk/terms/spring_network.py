@@ -6,12 +6,12 @@ import warnings
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import Array, array, choice, own
+from ..arguments import Array, Quantity, array, choice, own
 from ..edges.network import HookeanNetwork
 from ..edges.topology import edge_topology
 from ..elements.element import LOCAL_EDGES
@@ -20,6 +20,7 @@ from ..materials import Hypothesis, Isotropic, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry
 from .body import Body
+from .elastic_law import OfArea, OfMaterial, OfPlane, OfRegion, OfThickness
 from .stvk import StVK
 
 #: Springs that are negative by less than this part of the stiffness are zero, but for rounding.
@@ -76,13 +77,15 @@ class SpringNetwork:
     True
     """
 
-    material: Material | None = None
-    rule: str | None = None
+    material: OfMaterial = None
+    rule: Annotated[str | None, Quantity(None, "How their stiffness is made.", values=tuple(RULES), otherwise="least-squares")] = (
+        None
+    )
     stiffness: ArrayLike | None = None
-    region: str | NDArray[Any] | None = None
-    plane: str | None = None
-    thickness: ArrayLike | None = None
-    area: ArrayLike | None = None
+    region: OfRegion = None
+    plane: OfPlane = None
+    thickness: OfThickness = None
+    area: OfArea = None
     young: InitVar[ArrayLike | None] = None
     poisson: InitVar[ArrayLike | None] = None
     density: InitVar[ArrayLike | None] = None

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from skfem_stvk import Corotated, InvertibleStVK, Sine, VolumePenalty
+from skfem_stvk import Corotated, InvertibleStVK, LinearElastic, NeoHookean, Sine, SpringNetwork, StVK, VolumePenalty
 from skfem_stvk.arguments import Quantity
+from skfem_stvk.dynamics.integrators import INTEGRATORS, GeneralizedAlpha, Newmark
 from skfem_stvk.errors import StvkError
 from skfem_stvk.materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from skfem_stvk.mesh import box
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.build import Names
 from skfem_stvk.scene.schema.derived import derived
-from skfem_stvk.scene.schema.materials import MODELS
-from skfem_stvk.scene.schema.terms import TERMS, AnyTerm, Time
+from skfem_stvk.scene.schema.terms import AnyTerm, Time, material_tables, term_tables
 from skfem_stvk.scene.templates import rows_of
 from skfem_stvk.scene.units import DIMENSIONS
 
@@ -36,7 +36,7 @@ class Glue:
     inner: float = 1.0
 
 
-GLUE = derived("GlueTerm", AnyTerm, Glue, "Glue between a surface and the ground.", ("type", "glue"))
+GLUE = derived("type", "glue", Glue, AnyTerm)
 
 
 def test_a_table_has_a_key_for_each_parameter_that_is_declared():
@@ -86,14 +86,20 @@ def test_the_object_of_the_library_has_the_values_of_the_keys():
 
 
 def test_every_declared_dimension_is_one_of_units():
-    dimensions = {row.dimension for table in (*TERMS, *MODELS.values()) for row in rows_of(table)}
+    dimensions = {row.dimension for table in (*term_tables(), *material_tables()) for row in rows_of(table)}
     assert {"stress", "density", "acceleration"} <= dimensions <= {None, *DIMENSIONS}
 
 
+#: Good arguments of a law on elements.
+ON_ELEMENTS = {"young": 1.0, "poisson": 0.3, "plane": "strain", "thickness": 1.0, "area": 1.0}
 #: Good arguments of all that declares limits or texts.
 GOOD = {
+    **dict.fromkeys((StVK, NeoHookean, LinearElastic), ON_ELEMENTS),
+    SpringNetwork: ON_ELEMENTS | {"rule": "lloyd"},
+    Newmark: {"dt": 1e-3, "beta": 0.25, "gamma": 0.5},
+    GeneralizedAlpha: {"dt": 1e-3, "rho": 0.8},
     Isotropic: {"young": 1.0, "poisson": 0.3, "density": 1.0},
-    Isotropic.from_lame: {"lam": 1.0, "mu": 0.7},
+    Isotropic.from_lame: {"lam": 1.0, "mu": 0.7, "density": 1.0},
     Orthotropic: {"young": (2.0, 1.0, 1.5), "poisson": (0.2, 0.1, 0.3), "shear": (0.5, 0.6, 0.7), "density": 1.0},
     TransverselyIsotropic: {
         "young_axial": 2.0,
@@ -104,8 +110,8 @@ GOOD = {
         "density": 1.0,
     },
     Anisotropic: {"voigt": np.eye(6), "density": 1.0},
-    Corotated: {"young": 1.0, "poisson": 0.3, "rotation": "vertex"},
-    InvertibleStVK: {"young": 1.0, "poisson": 0.3, "threshold": 0.7, "extend": "stress"},
+    Corotated: ON_ELEMENTS | {"rotation": "vertex"},
+    InvertibleStVK: ON_ELEMENTS | {"threshold": 0.7, "extend": "stress"},
     VolumePenalty: {"stiffness": 1.0, "kind": "quadratic"},
     Sine: {"value": 1.0, "frequency": 2.0, "phase": 0.1},
 }
@@ -119,19 +125,27 @@ def declared(made):
                 yield name, one
 
 
+def is_limited(quantity):
+    return bool(quantity.values) or any(limit is not None for limit in (quantity.gt, quantity.ge, quantity.lt, quantity.le))
+
+
 def wrong_arguments():
     """A row for each limit and for each list of texts that is declared."""
     for made, good in GOOD.items():
         for name, quantity in declared(made):
-            for limit in (one for one in (quantity.gt, quantity.lt) if one is not None):
+            beyond = [
+                quantity.ge - 0.1 if quantity.ge is not None else None,
+                quantity.le + 0.1 if quantity.le is not None else None,
+            ]
+            for limit in (one for one in (quantity.gt, quantity.lt, *beyond) if one is not None):
                 yield made, name, (*good[name][:2], limit) if isinstance(good[name], tuple) else limit
             if quantity.values:
                 yield made, name, "other"
 
 
 def test_all_that_declares_limits_has_good_arguments():
-    made = {table.library for table in (*TERMS, *MODELS.values(), *get_args(get_args(Time)[0]))}
-    limited = {one for one in made if any(found.gt is not None or found.values for _, found in declared(one))}
+    made = {table.library for table in (*term_tables(), *material_tables(), *get_args(get_args(Time)[0]))} | {*INTEGRATORS.values()}
+    limited = {one for one in made if any(is_limited(found) for _, found in declared(one))}
     assert limited == GOOD.keys() and len(list(wrong_arguments())) >= 20
 
 

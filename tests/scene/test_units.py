@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from skfem_stvk import StvkError
 from skfem_stvk.mesh import box
 from skfem_stvk.scene import Scene
-from skfem_stvk.scene.schema import SceneTables
+from skfem_stvk.scene.schema import scene_tables
 from skfem_stvk.scene.units import DIMENSIONS, KEYS, LOADS, UNITS, implausible
 
 
@@ -168,7 +168,7 @@ def keys_with_dimensions(schema):
 
 def test_the_keys_that_are_looked_at_are_those_of_the_schema():
     """A key that is renamed there would be looked at no more; a dimension that is unknown here has no symbol."""
-    found = set(keys_with_dimensions(SceneTables.model_json_schema()))
+    found = set(keys_with_dimensions(scene_tables().model_json_schema()))
     assert {dimension for _, dimension in found} <= set(DIMENSIONS) and len(found) > 30
     assert {(name, usual.dimension) for name, usual in KEYS.items()} <= found
     assert {(name, "stress") for name in LOADS} <= found
@@ -198,7 +198,7 @@ BAR = {
 def test_a_scene_in_other_units_is_told_so_once(change, beginning):
     scene = Scene.of_data(BAR)
     assert scene.implausible() == []
-    told = implausible(SceneTables.model_validate(scene.source.changed(change).data), scene.built.mesh)
+    told = implausible(scene_tables().model_validate(scene.source.changed(change).data), scene.built.mesh)
     assert [text for text in told if text.startswith(beginning)] and len({text.split(" = ")[0] for text in told}) == len(told)
 
 

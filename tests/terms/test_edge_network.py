@@ -202,3 +202,15 @@ def test_elements_can_be_taken_out_of_the_network_of_a_law(part):
 def test_elements_cannot_be_taken_out_of_coefficients_that_no_law_gave():
     with pytest.raises(StvkError, match="EdgeNetwork"):
         System(MESH, EdgeNetwork(NETWORK.edges, NETWORK.L)).without([3])
+
+
+def test_a_network_of_a_law_is_made_with_one_kind_of_pairs():
+    """They are those that are left when the others are taken out."""
+    law, whole = StVK(young=9.0, poisson=0.4, density=2.0), NETWORK
+    parts = {"none": whole.diagonal(), "adjacent": whole.without("opposite"), "opposite": whole.without("adjacent")}
+    for pairs, part in parts.items():
+        made = EdgeNetwork.of(MESH, law, pairs)
+        assert not (made.L != part.L).nnz and made.L.nnz < whole.L.nnz and np.array_equal(made.edges, part.edges)
+    assert not (EdgeNetwork.of(MESH, law, "all").L != whole.L).nnz
+    with pytest.raises(StvkError, match=r"EdgeNetwork\.of: pairs = 'angular'; known: 'adjacent', 'all', 'none', 'opposite'"):
+        EdgeNetwork.of(MESH, law, "angular")

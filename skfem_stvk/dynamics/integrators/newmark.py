@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from ...arguments import Array, number
+from ...arguments import Array, Quantity, number
 from ...errors import StvkError
 from ..record import MotionState
 from ..step_matrix import Coefficients
@@ -32,8 +32,8 @@ class Newmark(Implicit):
     conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM})
     needs_acceleration: ClassVar[bool] = True
 
-    beta: float = 0.25
-    gamma: float = 0.5
+    beta: Annotated[float, Quantity(None, "Weight of the new acceleration in the displacement.", ge=0)] = 0.25
+    gamma: Annotated[float, Quantity(None, "Weight of the new acceleration in the velocity.", ge=0)] = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -75,7 +75,7 @@ class GeneralizedAlpha(Implicit):
     conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM})
     needs_acceleration: ClassVar[bool] = True
 
-    rho: float = 0.8
+    rho: Annotated[float, Quantity(None, "Spectral radius at infinity.", ge=0, le=1)] = 0.8
 
     def __post_init__(self) -> None:
         super().__post_init__()

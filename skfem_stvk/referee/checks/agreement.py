@@ -18,13 +18,13 @@ from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, issparse
 
 from ...arguments import Array
 from ...system import System
 from ..case import EPS, STRETCH, Case
 from ..judgement import LIMIT, as_a_whole, by_entry, by_node, largest_component, largest_rows
+from ..manufactured import fitted_order
 from ..players import Player
 from ..results import CannotTell, NotApplicable, Task
 
@@ -161,7 +161,8 @@ def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str
     round_off = 1e3 * EPS * max(float(np.abs(start).max()), float(np.abs(claimed).max()))
     usable = np.flatnonzero(~(remainders <= round_off))
     if len(usable) >= 3:
-        order = _fitted_order(steps[usable], remainders[usable])
+        half = usable[len(usable) // 2 if len(usable) >= 6 else 0 :]  # where the leading term rules
+        order = fitted_order(steps[half], remainders[half])
         words = f"fitted to {len(usable)} of {len(steps)} steps, above round-off"
     elif round_off < 1e-6 * steps[0] * float(np.abs(claimed).max()):
         order, words = 2.0, "linear along the line: no remainder above round-off"
@@ -181,12 +182,6 @@ def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str
 def _badness(measurement: dict[str, Any]) -> float:
     """The measured value over its limit; not a number is worse than any."""
     return float(measurement["measured"]) / measurement["limit"] if np.isfinite(measurement["measured"]) else np.inf
-
-
-def _fitted_order(steps: NDArray[Any], remainders: NDArray[Any]) -> float:
-    """Slope of the last half of the usable steps, where the leading term rules."""
-    half = slice(len(steps) // 2 if len(steps) >= 6 else 0, None)
-    return float(np.polyfit(np.log(steps[half]), np.log(remainders[half]), 1)[0])
 
 
 @runtime_checkable

@@ -12,6 +12,7 @@ from ...arguments import Array
 from ...materials import Isotropic
 from ...terms import StVK
 from ..case import random_rotation
+from ..judgement import relative
 from ..law_readings import (
     SIXTH,
     JudgedLaw,
@@ -26,6 +27,7 @@ from ..law_readings import (
 )
 from ..players import Foul, Player
 from ..results import CannotTell, NotApplicable, Task
+from .agreement import taylor_order
 
 LAW = "law"
 Measurement = dict[str, Any]
@@ -49,15 +51,16 @@ class LawChecks:
 
     def tasks(self) -> Iterator[Task]:
         """Every check in every state."""
+        one = np.eye(self.law.d)
         for name, F in self.states.items():
             for what in ("P", "A"):
                 if what in self.has and ("W" in self.has or (what == "A" and "P" in self.has)):
                     yield self._task("derivatives", what, name, self._taylor, what, F)
                     yield self._task("exact derivatives", what, name, self._exactly, what, F)
             for what in self.has:
-                yield self._task("objectivity", what, name, self._objectivity, what, F)
+                yield self._task("objectivity", what, name, self._rotated, what, F, self.turn, one)
                 if self.isotropic:
-                    yield self._task("isotropy", what, name, self._isotropy, what, F)
+                    yield self._task("isotropy", what, name, self._rotated, what, F, one, self.turn)
                 if self.stvk:
                     yield self._task("agreement", what, name, self._agreement, what, F)
             if "P" in self.has:
@@ -65,7 +68,6 @@ class LawChecks:
             if "A" in self.has:
                 yield self._task("major symmetry", "A", name, self._major, F)
                 yield self._task("minor symmetries", "C", name, self._minor, F)
-        one = np.eye(self.law.d)
         for what in self.has:
             if what != "A":
                 yield self._task("rest", what, "rest", self._rest, what)
@@ -115,20 +117,9 @@ class LawChecks:
         return lambda s: self._value("P", F + s * D), np.einsum("ijkl,kl->ij", self.law.A(F), D)
 
     def _taylor(self, what: str, F: Array) -> Measurement:
-        """2 minus the order of remainders, for the worst pair of steps above round-off."""
+        """2 minus the order of remainders, from steps of 0.02 on."""
         line, slope = self._derivative(what, F)
-        steps, start = 0.02 * 0.25 ** np.arange(7), line(0.0)
-        scale = self._scale(self._lower(what)) + float(np.abs(slope).max())
-        remainders = np.array([np.abs(line(h) - start - h * slope).max() for h in steps])
-        reason = "remainders of Taylor's formula have order 2; between the smallest steps above round-off it is at least 1.9"
-        result = {"limit": 0.1, "scale": "1 (2 minus the order)", "reason": reason}
-        if not np.isfinite(remainders).all():
-            return {"measured": float("nan"), **result}
-        seen = remainders[remainders > 1e-11 * scale]
-        if len(seen) < 2:
-            return {"measured": 0.0, **result}
-        orders = np.log(seen[:-1] / seen[1:]) / np.log(4)
-        return {"measured": max(0.0, 2 - float(orders[-2:].max())), **result}
+        return taylor_order(lambda s: line(0.08 * s), 0.08 * slope)
 
     def _exactly(self, what: str, F: Array) -> Measurement:
         """By the five-point stencil, which is exact if the function is a quartic along lines."""
@@ -151,19 +142,12 @@ class LawChecks:
             "reason": "round-off of a stencil that is exact for polynomials of degree four",
         }
 
-    def _objectivity(self, what: str, F: Array) -> Measurement:
-        Q = self.turn
-        turned, value = self._value(what, Q @ F), self._value(what, F)
+    def _rotated(self, what: str, F: Array, Q: Array, R: Array) -> Measurement:
+        """The value at `Q F R` against that at F, whose first indices `Q` rotates, and `R` the others."""
+        rotated, value = self._value(what, Q @ F @ R), self._value(what, F)
         if what != "W":
-            value = Q @ value if what == "P" else np.einsum("ai,bk,ijkl->ajbl", Q, Q, value)
-        return self._relative(what, turned - value, self._limit(what), _ROUND)
-
-    def _isotropy(self, what: str, F: Array) -> Measurement:
-        Q = self.turn
-        turned, value = self._value(what, F @ Q), self._value(what, F)
-        if what != "W":
-            value = value @ Q if what == "P" else np.einsum("ijkl,ja,lb->iakb", value, Q, Q)
-        return self._relative(what, turned - value, self._limit(what), _ROUND)
+            value = Q @ value @ R if what == "P" else np.einsum("ai,bk,ijkl,jc,ld->acbd", Q, Q, value, R, R)
+        return self._relative(what, rotated - value, self._limit(what), _ROUND)
 
     def _limit(self, what: str) -> float:
         """Round-off; of a C whose geometric part is a derivative by differences, what those leave."""
@@ -209,10 +193,9 @@ class LawChecks:
 
     def _moduli(self, what: str) -> Measurement:
         assert self.tensor is not None
-        scale = float(np.abs(self.tensor).max())
-        error = float(np.abs(self.moduli(what) - self.tensor).max()) / scale
+        error, scale = float(np.abs(self.moduli(what) - self.tensor).max()), float(np.abs(self.tensor).max())
         reason = "differences of sixth order" if what != "A" else "round-off, and of a C stresses by differences"
-        return {"measured": error, "limit": 1e-7, "scale": f"{scale:.3e} (largest modulus of the claim)", "reason": reason}
+        return relative(error, scale, 1e-7, "largest modulus of the claim", reason)
 
     def _inversion(self, what: str) -> Measurement:
         """St. Venant-Kirchhoff is defined there; another law is either defined with its stress and tangent, or none is."""

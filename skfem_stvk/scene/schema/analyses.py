@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field
+from pydantic import create_model
 
 from ...dynamics import EdgeDamping, Integrator, PrincipalStressLimit, Rayleigh
 from ...dynamics.integrators import INTEGRATORS
 from ...dynamics.step_matrix import StepTangent
 from ...linear.choose import solver_names
 from ...statics import Stop
+from .derived import declared, type_of
 from .places import PlaceOrName
 from .quantities import OneOf, Part, key
 
 if TYPE_CHECKING:
     from ...reduced import ReducedSystem
     from ...system import System
-
-Count = Annotated[int, Field(ge=1)]
-Fraction = Annotated[float, Field(gt=0, lt=1)]
 
 
 class Solver(Part):
@@ -124,16 +121,16 @@ def integrators() -> dict[str, type[Integrator]]:
     return {re.sub(r"(?<!^)(?=[A-Z])", "-", name).lower(): one for name, one in INTEGRATORS.items()}
 
 
-#: Options that one integrator alone has, and the name of this integrator.
-OPTIONS = {
-    one.name: name
-    for name, integrator in integrators().items()
-    for one in fields(integrator)
-    if one.name not in ("dt", "tangent", "solver", "rtol")
-}
+def options() -> dict[str, list[str]]:
+    """Return the names of the integrators that have an option, by the name of the option."""
+    found: dict[str, list[str]] = {}
+    for name, integrator in integrators().items():
+        for parameter, _, _ in declared(integrator):
+            found.setdefault(parameter.name, []).append(name)
+    return found
 
 
-class DynamicAnalysis(Part):
+class MotionAnalysis(Part):
     """Motion from a first state."""
 
     type: Literal["dynamic"]
@@ -143,9 +140,6 @@ class DynamicAnalysis(Part):
     )
     until: Annotated[float, key("When it ends.", "time")]
     mass: Annotated[Literal["lumped", "consistent"], key("Mass matrix.")] = "lumped"
-    beta: Annotated[float | None, key("Of newmark, by default 1/4.", ge=0)] = None
-    gamma: Annotated[float | None, key("Of newmark, by default 1/2.", ge=0)] = None
-    rho: Annotated[float | None, key("Of generalized-alpha: spectral radius at infinity, by default 0.8.", ge=0, le=1)] = None
     damping: Annotated[Damping, key("Damping; by default none.")] = Damping()
     remove: Annotated[Tearing | None, key("Elements that tear; by default none.")] = None
 
@@ -156,10 +150,33 @@ class DynamicAnalysis(Part):
 
     def method(self, solver: Solver) -> Integrator:
         """Return the integrator of the library."""
-        own = self.model_dump(include={"dt", *OPTIONS}, exclude_none=True)
+        own = self.model_dump(include={"dt", *options()}, exclude_none=True)
         if not self.explicit:
             own |= solver.model_dump(include={"rtol", "tangent"}, exclude_none=True) | {"solver": solver.name}
         return integrators()[self.integrator](**own)
+
+
+def with_options(analysis: type[MotionAnalysis]) -> type[MotionAnalysis]:
+    """Return the analysis with keys for the options of all integrators that are registered."""
+    more: dict[str, Any] = {}
+    for integrator in INTEGRATORS.values():
+        for parameter, annotation, quantity in declared(integrator):
+            if parameter.name not in analysis.model_fields:
+                said = quantity.sentence[0].lower() + quantity.sentence[1:].rstrip(".")
+                sentence = f"Of {' and '.join(options()[parameter.name])}: {said}, by default {parameter.default}."
+                kind, limits = type_of(parameter.name, annotation, quantity)
+                more[parameter.name] = Annotated[kind | None, key(sentence, quantity.dimension, **limits)], None
+    if not more:
+        return analysis
+    made = create_model("DynamicAnalysis", __base__=analysis, __module__=__name__, **more)
+    made.__doc__ = analysis.__doc__
+    return made
+
+
+if TYPE_CHECKING:
+    DynamicAnalysis: TypeAlias = MotionAnalysis
+else:
+    DynamicAnalysis = with_options(MotionAnalysis)
 
 
 class ModesAnalysis(Part):
@@ -171,8 +188,9 @@ class ModesAnalysis(Part):
     load: Annotated[float, key("Load factor of the first state, for loads that depend on where the body goes.")] = 1.0
 
 
-Path: TypeAlias = StaticAnalysis | ArcLengthAnalysis
-Analysis = Annotated[StaticAnalysis | ArcLengthAnalysis | DynamicAnalysis | ModesAnalysis, Field(discriminator="type")]
+def analyses() -> list[Any]:
+    """Return all analyses."""
+    return [StaticAnalysis, ArcLengthAnalysis, with_options(DynamicAnalysis), ModesAnalysis]
 
 
 def stop_of(rule: StopRule, where: object) -> Stop:

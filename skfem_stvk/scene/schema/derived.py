@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Iterable, Mapping
-from inspect import signature
+from collections.abc import Iterable, Iterator, Mapping
+from inspect import Parameter, getdoc, signature
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import Field, create_model
 
 from ...arguments import Quantity
-from .places import PlaceOrName, Region
-from .quantities import Components, Part, bare, is_union, key
+from .places import PlaceOrName, Region, Simplices
+from .quantities import Components, Name, Part, bare, is_union, key
 
 #: Names of keys, by the names of their parameters that differ.
 KEYS = {"where": "on"}
@@ -20,10 +20,13 @@ KEYS = {"where": "on"}
 TYPES: dict[str, Any] = {
     "where": PlaceOrName,
     "region": Region,
-    **dict.fromkeys(("g", "force", "traction"), Components),
+    "simplices": Simplices,
+    "material": Name,
     "frame": Annotated[list[Annotated[list[float], Field(min_length=2, max_length=3)]], Field(min_length=2, max_length=3)],
     "voigt": Annotated[list[Annotated[list[float], Field(min_length=2, max_length=6)]], Field(min_length=6, max_length=6)],
 }
+#: Parameters with a shorthand in the library that scenes do not have.
+REQUIRED = ("material",)
 
 
 class Derived(Part):
@@ -32,42 +35,54 @@ class Derived(Part):
     library: ClassVar[Any]
 
 
-def derived(name: str, base: Any, library: Any, sentence: str, kind: tuple[str, str] | None = None, **more: tuple[Any, Any]) -> Any:
-    """Return the table `name` for a class of the library, or for a function that makes an object of one.
+def derived(
+    tag: str, kind: str, library: Any, base: type[Derived] = Derived, keys: Mapping[str, tuple[Any, Any]] | None = None
+) -> Any:
+    """Return the table of a class of the library, or of a function that makes an object of one.
 
     Parameters
     ----------
-    base : table whose keys it has as well.
-    sentence : about the table.
-    kind : the key that tells this table from others, and the value of this key: ("type", "gravity").
-    more : types and defaults of keys in addition to those of the class, or in place of them.
+    tag, kind : the key that tells this table from others, and its value: "type", "gravity".
+    base : class with the methods of the table.
+    keys : types and defaults of its keys, by default those of the declared parameters.
     """
-    own = {one: key for one, key in keys_of(library).items() if one not in base.model_fields}
-    told = {} if kind is None else {kind[0]: (Literal[kind[1]], ...)}
-    model: Any = create_model(name, __base__=base, __module__=__name__, **told, **(own | more))  # type: ignore[call-overload]
-    model.__doc__, model.library = sentence, library
+    name = "".join(word.capitalize() for word in kind.split("-")) + base.__name__.removeprefix("Any")
+    keys = keys_of(library) if keys is None else keys
+    model: Any = create_model(  # type: ignore[call-overload]
+        name, __base__=base, __module__=__name__, **{tag: (Literal[kind], ...)}, **keys
+    )
+    model.__doc__, model.library = " ".join((getdoc(library) or "").split("\n\n")[0].split()), library
     return model
 
 
-def one_of(tables: Iterable[Any], kind: str) -> Any:
-    """Return the union of these tables, which the key `kind` tells apart."""
-    return Annotated[functools.reduce(operator.or_, tables), Field(discriminator=kind)]
+def one_of(tables: Iterable[Any], tag: str) -> Any:
+    """Return the union of these tables, which the key `tag` tells apart."""
+    return Annotated[functools.reduce(operator.or_, tables), Field(discriminator=tag)]
+
+
+def declared(library: Any) -> Iterator[tuple[Parameter, Any, Quantity]]:
+    """Yield the parameters of a class or function that declare a `Quantity`, each with its type and declaration."""
+    hints = get_type_hints(library, include_extras=True)
+    for name, parameter in signature(library).parameters.items():
+        annotation, metadata = bare(hints.get(name))
+        yield from ((parameter, annotation, one) for one in metadata if isinstance(one, Quantity))
 
 
 def keys_of(library: Any) -> dict[str, tuple[Any, Any]]:
-    """Return types and defaults of the keys for the parameters of a class or function that declare a `Quantity`."""
-    hints, keys = get_type_hints(library, include_extras=True), {}
-    for name, parameter in signature(library).parameters.items():
-        annotation, metadata = bare(hints.get(name))
-        for quantity in (one for one in metadata if isinstance(one, Quantity)):
-            default = ... if parameter.default is parameter.empty else parameter.default
-            kind, limits = _type_of(name, annotation, quantity)
-            kind = kind | None if default is None else kind
-            keys[KEYS.get(name, name)] = Annotated[kind, key(quantity.sentence, quantity.dimension, **limits)], default
+    """Return types and defaults of the keys for the declared parameters of a class or function."""
+    keys = {}
+    for parameter, annotation, quantity in declared(library):
+        name, default = parameter.name, parameter.default
+        if default is parameter.empty:
+            default = None if is_union(annotation) and type(None) in get_args(annotation) else ...
+        default = ... if name in REQUIRED else quantity.otherwise if default is None else default
+        kind, limits = type_of(name, annotation, quantity)
+        kind = kind | None if default is None else kind
+        keys[KEYS.get(name, name)] = Annotated[kind, key(quantity.sentence, quantity.dimension, **limits)], default
     return keys
 
 
-def _type_of(name: str, annotation: Any, quantity: Quantity) -> tuple[Any, Mapping[str, Any]]:
+def type_of(name: str, annotation: Any, quantity: Quantity) -> tuple[Any, Mapping[str, Any]]:
     """Return the type of a key without its default, and its limits; those of the entries of a list are in its type."""
     limits = {limit: value for limit in ("gt", "ge", "lt", "le") if (value := getattr(quantity, limit)) is not None}
     kinds = [one for one in get_args(annotation) if one is not type(None)] if is_union(annotation) else [annotation]
@@ -76,6 +91,8 @@ def _type_of(name: str, annotation: Any, quantity: Quantity) -> tuple[Any, Mappi
         return TYPES[name], limits
     if quantity.values:
         return Literal[quantity.values], {}
+    if quantity.components:
+        return float | Components if annotation is float else Components, limits
     if annotation in (bool, int, str):
         return annotation, limits
     if get_origin(annotation) is not tuple:

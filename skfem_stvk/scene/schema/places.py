@@ -91,6 +91,9 @@ Region = Annotated[
     _told("name", "a name, or a table with type = one of box, elements"),
 ]
 
+#: Elements that a term brings on the nodes of the mesh: a boundary or lines of the mesh by name, or the nodes of each element.
+Simplices: TypeAlias = Name | Annotated[list[list[Annotated[int, Field(ge=0)]]], Field(min_length=1)]
+
 
 def where_of(place: Any) -> Where:
     """Return a place as `System` takes it; a name is returned as it is, and the caller looks it up."""

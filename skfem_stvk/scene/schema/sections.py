@@ -1,19 +1,23 @@
-"""The whole schema of a scene."""
+"""The whole schema of a scene: where it begins, what it writes, and what it is expected to give."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag, create_model
 
+from ...dynamics.integrators import INTEGRATORS
+from ...materials import MATERIALS
+from ...terms import TERMS
 from ..units import UNITS
-from .analyses import Analysis, ReducedBasis, Solver
-from .materials import Material
+from .analyses import ReducedBasis, Solver, analyses
+from .derived import one_of
 from .mesh import Mesh
-from .outputs import Expect, Initial, Output
 from .places import Place, PlaceOrName
-from .quantities import Name, Part, key
-from .terms import Term, Time
+from .quantities import Components, Name, Part, key
+from .terms import Time, material_tables, term_tables
 
 
 class Prescribed(Part):
@@ -27,9 +31,62 @@ class Prescribed(Part):
     ] = None
 
 
+class Initial(Part):
+    """The first state of a motion, of a path, or the state that modes are about; by default rest."""
+
+    file: Annotated[
+        str | None, key("Result file (.vtu, .pvd) whose displacements and velocities are the first ones, relative to the scene.")
+    ] = None
+    at: Annotated[float | None, key("Which state of a .pvd file, by its time or load factor; by default the last.", "time")] = None
+    velocity: Annotated[Components | None, key("Velocity of all nodes, in place of those of the file.", "velocity")] = None
+    t0: Annotated[float, key("Time, or load factor of a path, of the first state.", "time")] = 0.0
+
+
+class Output(Part):
+    """What is written into the folder of results, beside summary.json, resolved.toml and report.html."""
+
+    file: Annotated[str | None, key("States on the way (.pvd), or the last one (.vtu), for ParaView.", pattern=r"\.(pvd|vtu)$")] = (
+        None
+    )
+    every: Annotated[int, key("Steps of a motion from one saved state to the next.", ge=1)] = 10
+    fields: Annotated[list[Name] | None, key("Fields in these files beside displacements; by default stresses and strains.")] = None
+    probes: Annotated[dict[Name, PlaceOrName], key("Places by name whose mean displacements are followed.")] = {}
+    reactions: Annotated[dict[Name, PlaceOrName], key("Places by name whose forces of supports are followed.")] = {}
+    plots: Annotated[
+        list[Name], key("Curves to draw: names of probes and reactions, `ledger` (energies of a motion), `path` (load and size).")
+    ] = []
+    picture: Annotated[str, key("Field that colours the picture of the deformed body; empty for no picture.")] = "von_mises_stress"
+    animation: Annotated[str | None, key("Animated picture (.gif or .mp4) of the states in `file`.", pattern=r"\.(gif|mp4)$")] = (
+        None
+    )
+    checkpoint: Annotated[bool, key("Keep what --resume needs.")] = True
+
+
+class Expectation(Part):
+    """A result that the scene is expected to give."""
+
+    value: Annotated[float, key("The value.")]
+    rtol: Annotated[float | None, key("Largest difference, as a part of the value.", ge=0)] = None
+    atol: Annotated[float | None, key("Largest difference.", ge=0)] = None
+
+
+def _kind(given: Any) -> str:
+    if isinstance(given, Expectation) or not isinstance(given, Mapping):
+        return "value"
+    return "value" if given.keys() & Expectation.model_fields.keys() else "components"
+
+
+#: By result, as `energy.strain` or `tip.z`.
+Expect = dict[
+    Name,
+    Annotated[Annotated[Expectation, Tag("value")] | Annotated[dict[Name, Expectation], Tag("components")], Discriminator(_kind)],
+]
+
+
 class SceneTables(Part):
     """A scene: the tables and keys of its file."""
 
+    # the types of materials, terms and analysis are filled in by `scene_tables`
     title: Annotated[str, key("What it is, for reports.")] = ""
     units: Annotated[
         Literal[tuple(UNITS)],  # type: ignore[valid-type]
@@ -38,19 +95,37 @@ class SceneTables(Part):
     threads: Annotated[int | None, key("Threads that kernels run on; by default one for each core.", ge=1)] = None
     mesh: Annotated[Mesh, key("The mesh: a file, or one that is generated.")]
     places: Annotated[dict[Name, Place], key("Places by name, beside the boundaries and node sets of the mesh.")] = {}
-    materials: Annotated[dict[Name, Material], key("Materials by name.")] = {}
-    terms: Annotated[list[Term], key("What the body is made of, and what acts on it.", min_length=1)]
+    materials: Annotated[dict[Name, Any], key("Materials by name.")] = {}
+    terms: Annotated[list[Any], key("What the body is made of, and what acts on it.")]
     fixed: Annotated[
         dict[Name, Annotated[str, Field(pattern="^[xyz]+$")]], key("Components that do not move, by name of the place.")
     ] = {}
     prescribed: Annotated[dict[Name, Prescribed], key("Displacements, by name of the place.")] = {}
     initial: Annotated[Initial, key("The first state; by default rest.")] = Initial()
-    analysis: Annotated[Analysis, key("What is solved.")]
+    analysis: Annotated[Any, key("What is solved.")]
     reduced: Annotated[ReducedBasis | None, key("A basis of few unknowns, on which that is solved; by default none.")] = None
     solver: Annotated[Solver, key("How linear systems are solved, and to which residual.")] = Solver()
     output: Annotated[Output, key("What is written.")] = Output()
     expect: Annotated[Expect, key("Results that the scene is expected to give; the command fails if it does not.")] = {}
 
 
-#: Places that keys of a scene take.
-__all__ = ["PlaceOrName", "Prescribed", "SceneTables"]
+def scene_tables() -> type[SceneTables]:
+    """Return the tables of a scene, with all materials, terms and integrators that are registered."""
+    return _filled(SceneTables, tuple(MATERIALS.items()), tuple(TERMS.items()), tuple(INTEGRATORS.items()))
+
+
+@cache
+def _filled(base: type[SceneTables], *registered: tuple[tuple[str, Any], ...]) -> type[SceneTables]:
+    """Return the tables with the kinds of materials, terms and analyses, made once for the objects that are registered."""
+    kinds: dict[str, tuple[Any, Any, dict[str, Any]]] = {
+        "materials": (dict[Name, one_of(material_tables(), "model")], {}, {}),  # type: ignore[misc]
+        "terms": (list[one_of(term_tables(), "type")], ..., {"min_length": 1}),  # type: ignore[misc]
+        "analysis": (one_of(analyses(), "type"), ..., {}),
+    }
+    filled: Any = {
+        name: (Annotated[kind, key(base.model_fields[name].description or "", **limits)], default)
+        for name, (kind, default, limits) in kinds.items()
+    }
+    made = create_model(base.__name__, __base__=base, __module__=__name__, **filled)
+    made.__doc__ = base.__doc__
+    return made

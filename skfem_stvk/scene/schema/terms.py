@@ -1,24 +1,43 @@
-"""Terms of a scene: laws, networks, penalties and loads, told apart by `type`, with the keys that the library declares."""
+"""Materials and terms of a scene: those that the library registers, with the keys that it declares."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, TypeAlias
+from functools import cache
+from inspect import signature
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
 import numpy as np
-from pydantic import Field
 
-from ... import terms
+from ... import materials, terms
 from ...arguments import shown
 from ...errors import MeshError
-from ...materials import Material
 from ...mesh import ElementMesh
 from ...mesh.places import Where
-from ...terms.spring_network import RULES
+from ...terms.elastic_law import ElasticLaw
 from ...terms.times import Ramp, Sine, Table
-from .derived import KEYS, Derived, derived, one_of
-from .places import PlaceOrName, Region
-from .quantities import Components, Name, key
+from .derived import KEYS, Derived, derived, keys_of, one_of
+from .quantities import key
+
+
+class AnyModel(Derived):
+    """A material of the library, whose constants are the keys."""
+
+    def material(self) -> materials.Material:
+        """Return the material of the library."""
+        constants = {name: value for name, value in self if name != "model"}
+        made: materials.Material = self.library(**constants)
+        return made
+
+
+@cache
+def material_table(model: str, library: Any) -> Any:
+    """Return the table of a material."""
+    return derived("model", model, library, AnyModel)
+
+
+def material_tables() -> list[Any]:
+    """Return the tables of all materials that are registered."""
+    return [material_table(model, library) for model, library in materials.MATERIALS.items()]
 
 
 class Known(Protocol):
@@ -26,7 +45,7 @@ class Known(Protocol):
 
     mesh: ElementMesh
 
-    def material(self, name: str) -> Material:
+    def material(self, name: str) -> materials.Material:
         """Return a material by its name."""
 
     def place(self, where: Any) -> Where:
@@ -49,35 +68,34 @@ if TYPE_CHECKING:
     Time: TypeAlias = AnyTime
 else:
     #: How a load or a prescribed displacement changes with time; in statics with the load factor.
-    Time = one_of(
-        (
-            derived(f"{library.__name__}Time", AnyTime, library, sentence, ("type", library.__name__.lower()))
-            for library, sentence in (
-                (Ramp, "A factor that grows from 0 to 1 at a constant rate, and stays 1."),
-                (Sine, "The factor `sin(2 pi frequency t + phase)`."),
-                (Table, "A factor by times and values, linear between them, constant before and after."),
-            )
-        ),
-        "type",
-    )
-TIME = "Factor of time; by default constants ramp with the load factor in statics, and are what they are in motion."
-
-
-#: Elements that a term brings on the nodes of the mesh: a boundary or lines of the mesh by name, or the nodes of each element.
-Simplices: TypeAlias = Name | Annotated[list[list[Annotated[int, Field(ge=0)]]], Field(min_length=1)]
-OWN = (
-    "Elements of its own on the nodes of the mesh: a boundary or lines by name, or the nodes of each, from 0: "
-    "[[0, 5], [5, 9]] are two segments."
+    Time = one_of((derived("type", one.__name__.lower(), one, AnyTime) for one in (Ramp, Sine, Table)), "type")
+#: The key of loads that are given by values.
+TIME = (
+    Annotated[
+        Time | None,
+        key("Factor of time; by default constants ramp with the load factor in statics, and are what they are in motion."),
+    ],
+    None,
 )
 
 
 def in_columns(given: Any) -> Any:
     """Return the nodes of elements (n, nt), from a list of the nodes of each; a name is returned as it is."""
-    if given is None or isinstance(given, str):
+    if isinstance(given, str):
         return given
     if len({len(nodes) for nodes in given}) > 1:
         raise MeshError(f"simplices = {shown(given)}; expected elements with as many nodes each.")
     return np.array(given).T
+
+
+def in_time(value: Any, time: Any) -> Any:
+    """Return a function of time, or without `time` the constant itself."""
+    return value if time is None else time.function(value)
+
+
+def in_elements(library: Any, mesh: ElementMesh) -> bool:
+    """Return whether the `where` of a term means elements, which are a surface in space."""
+    return mesh.k < mesh.d and getattr(library, "on_elements", False)
 
 
 class AnyTerm(Derived):
@@ -85,19 +103,20 @@ class AnyTerm(Derived):
 
     def given(self, known: Known) -> dict[str, Any]:
         """Return the arguments of the library's term."""
-        given = {name: one for name, one in self if name not in ("type", "time") and one is not None}
-        for name, found in (("material", known.material), ("region", known.region), ("on", self.located(known))):
-            if name in given:
-                given[name] = found(given[name])
-        if "simplices" in given:
-            given["simplices"] = in_columns(given["simplices"])
-        for name in LOADS & given.keys():
-            given[name] = in_time(given[name], getattr(self, "time", None))
-        return {NAMES.get(name, name): one for name, one in given.items()}
-
-    def located(self, known: Known) -> Callable[[Any], Any]:
-        """Return the function that looks up the value of `on`."""
-        return known.place
+        by_name = known.region if in_elements(self.library, known.mesh) else known.place
+        looked_up = {
+            "material": known.material,
+            "region": known.region,
+            "on": lambda where: by_name(where) if isinstance(where, str) else known.place(where),
+            "simplices": in_columns,
+            given_by(self.library): lambda value: in_time(value, getattr(self, "time", None)),
+        }
+        given = {}
+        for one, value in self:
+            name = NAMES.get(one, one)
+            if one not in ("type", "time") and (value is not None or name in needed(self.library)):
+                given[name] = looked_up[one](value) if one in looked_up and value is not None else value
+        return given
 
     def term(self, known: Known) -> Any:
         """Return the term of the library."""
@@ -108,120 +127,35 @@ class AnyTerm(Derived):
 NAMES = {key: name for name, key in KEYS.items()}
 
 
-class AnyLaw(AnyTerm):
-    """Keys of all laws on elements."""
-
-    region: Annotated[Region | None, key("Elements it is on; by default all.")] = None
-    material: Annotated[Name, key("Name of its material.")]
-    plane: Annotated[Literal["strain", "stress"] | None, key("Of elements in the plane; by default plane strain.")] = None
-    thickness: Annotated[float | None, key("Of elements in the plane and surfaces; by default 1.", "length", gt=0)] = None
-    area: Annotated[float | None, key("Cross-section of segments; by default 1.", "area", gt=0)] = None
-
-
-class LawOnElements(AnyLaw):
-    """Keys of laws that may bring elements of their own."""
-
-    simplices: Annotated[Simplices | None, key(OWN)] = None
-
-
-class SpringNetworkTerm(AnyLaw):
-    """Springs along the edges of linear simplices, made from a material by a rule."""
-
-    library: ClassVar[Any] = terms.SpringNetwork
-    type: Literal["spring-network"]
-    rule: Annotated[Literal[tuple(RULES)], key("How their stiffness is made.")] = "least-squares"  # type: ignore[valid-type]
-
-
-class EdgeNetworkTerm(AnyLaw):
-    """The literal sum over edges and pairs of edges of linear simplices, of St. Venant-Kirchhoff's law."""
-
-    library: ClassVar[Any] = terms.EdgeNetwork
-    type: Literal["edge-network"]
-    pairs: Annotated[
-        Literal["all", "none", "adjacent", "opposite"], key("Pairs of edges that count: those that meet in a vertex, or do not.")
-    ] = "all"
+class EdgeNetworkOfLaw(AnyTerm):
+    """A network that a mesh and the law of St. Venant-Kirchhoff make."""
 
     def term(self, known: Known) -> Any:
         """Return the term of the library."""
         arguments = self.given(known)
-        del arguments["pairs"]
-        network = terms.EdgeNetwork.of(known.mesh, terms.StVK(**arguments))
-        if self.pairs == "all":
-            return network
-        return network.diagonal() if self.pairs == "none" else network.without(OTHERS[self.pairs])
+        pairs = arguments.pop("pairs")
+        return self.library.of(known.mesh, terms.StVK(**arguments), pairs)
 
 
-#: The pairs of edges that are left out where only one kind is kept.
-OTHERS = {"adjacent": "opposite", "opposite": "adjacent"}
+def needed(library: Any) -> list[str]:
+    """Return the names of the parameters without a default, of which some may be None."""
+    return [name for name, one in signature(library).parameters.items() if one.default is one.empty]
 
 
-class PressureTerm(AnyTerm):
-    """Pressure on the deformed surface, which turns with it."""
-
-    library: ClassVar[Any] = terms.Pressure
-    type: Literal["pressure"]
-    on: Annotated[PlaceOrName | None, key("Place of the boundary facets; of surfaces in space a subdomain, or all.")] = None
-    simplices: Annotated[Simplices | None, key("A surface in space beside the mesh that it acts on: as those of its law.")] = None
-    pressure: Annotated[float, key("Force per deformed area, positive inwards.", "stress")]
-    time: Annotated[Time | None, key(TIME)] = None
-
-    def given(self, known: Known) -> dict[str, Any]:
-        """Return the arguments of the library's term."""
-        return {"where": None} | super().given(known)
-
-    def located(self, known: Known) -> Callable[[Any], Any]:
-        """Return the function that looks up the value of `on`; names on a surface in space are those of its elements."""
-        return known.region if known.mesh.k < known.mesh.d and isinstance(self.on, str) else known.place
+def given_by(library: Any) -> str:
+    """Return the name of the key that holds the values of a load; empty for other terms."""
+    return getattr(library, "given_by", "")
 
 
-def in_time(value: Any, time: Any) -> Any:
-    """Return a function of time, or without `time` the constant itself."""
-    return value if time is None else time.function(value)
+@cache
+def term_table(kind: str, library: Any) -> Any:
+    """Return the table of a term."""
+    if library is terms.EdgeNetwork:
+        law = {name: one for name, one in keys_of(ElasticLaw).items() if name != "simplices"}
+        return derived("type", kind, library, EdgeNetworkOfLaw, law | keys_of(library.of))
+    return derived("type", kind, library, AnyTerm, keys_of(library) | ({"time": TIME} if given_by(library) else {}))
 
 
-#: Keys whose values may be functions of time.
-LOADS = {"g", "force", "traction", "pressure"}
-_IN_TIME = {"time": (Annotated[Time | None, key(TIME)], None)}
-_STIFFNESS = {
-    "stiffness": (
-        Annotated[float | Components, key("Stiffness per area, of all components or of each.", "stiffness per area")],
-        ...,
-    )
-}
-
-
-def _table(kind: str, library: Any, sentence: str, base: Any = LawOnElements, **more: tuple[Any, Any]) -> Any:
-    return derived(f"{library.__name__}Term", base, library, sentence, ("type", kind), **more)
-
-
-#: Tables of terms; a new law, penalty or load is a row.
-TERMS = (
-    _table("stvk", terms.StVK, "St. Venant-Kirchhoff's law: energy quadratic in the Green-Lagrange strain."),
-    _table("neo-hookean", terms.NeoHookean, "Neo-Hookean law, which does not give way when it is crushed."),
-    _table("linear-elastic", terms.LinearElastic, "Linear elasticity of small strain, wrong under rotation."),
-    _table("corotated", terms.Corotated, "Linear elasticity in frames that turn with the elements."),
-    _table(
-        "invertible-stvk",
-        terms.InvertibleStVK,
-        "St. Venant-Kirchhoff's law, continued so that elements which are inside out come back.",
-    ),
-    SpringNetworkTerm,
-    EdgeNetworkTerm,
-    _table("volume-penalty", terms.VolumePenalty, "Resistance of elements to the loss of volume.", AnyTerm),
-    _table(
-        "elastic-foundation",
-        terms.ElasticFoundation,
-        "Springs between a surface of the body and the ground.",
-        AnyTerm,
-        **_STIFFNESS,
-    ),
-    _table("gravity", terms.Gravity, "Weight, by the densities of the materials.", AnyTerm, **_IN_TIME),
-    _table("body-force", terms.BodyForce, "Dead force on the volume.", AnyTerm, **_IN_TIME),
-    _table("nodal-load", terms.NodalLoad, "Dead force on each node of a place.", AnyTerm, **_IN_TIME),
-    _table("traction", terms.Traction, "Dead force on the surface.", AnyTerm, **_IN_TIME),
-    PressureTerm,
-)
-if TYPE_CHECKING:
-    Term: TypeAlias = Any
-else:
-    Term = one_of(TERMS, "type")
+def term_tables() -> list[Any]:
+    """Return the tables of all terms that are registered."""
+    return [term_table(kind, library) for kind, library in terms.TERMS.items()]
