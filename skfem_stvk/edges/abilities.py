@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..kernels import discrete_gradient as gradient_kernels
 from ..kernels import elements as element_kernels
 from ..kernels import reduced as reduced_kernels
 from ..kernels import stretches as stretch_kernels
+from ..kernels.discrete_gradient import DiscreteGradient
+from ..kernels.elements import MeanStress, StressOfRates
 from ..kernels.lanes import LANES, MeanPoints
 from ..kernels.laws import IsotropicLaw, numbers_in
 from ..kernels.stvk import TensionLaw
@@ -64,8 +65,8 @@ def discrete_mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[flo
     It is a discrete gradient of the energy (`kernels.discrete_gradient`): forces and torques about `X + (1 - theta) u0 + theta
     u1` balance, and for `w0 = w1 = theta = 1/2` the work over `u1 - u0` is `W(u1) - W(u0)` to rounding of these two.
     """
-    states = _change(term, u0, u1), term.elements.k == term.elements.d, *map(float, weights), float(theta)
-    R = float(sum(term.run(gradient_kernels.discrete_mean_force, force, *states)))
+    rule = DiscreteGradient(float(weights[0]), float(weights[1]), float(theta), term.elements.k == term.elements.d)
+    R = float(sum(term.run(element_kernels.forces_along, force, _change(term, u0, u1), rule)))
     if not np.isfinite(R):
         term.energy_and_force(u1)  # which says why
     return R
@@ -81,8 +82,8 @@ def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float
     weights of sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never
     negative.
     """
-    states = _change(term, u0, u1), *map(float, weights), float(theta)
-    return float(sum(term.run(element_kernels.mean_force, force, *states)))
+    rule = MeanStress(float(weights[0]), float(weights[1]), float(theta))
+    return float(sum(term.run(element_kernels.forces_along, force, _change(term, u0, u1), rule)))
 
 
 @in_turn
@@ -95,7 +96,8 @@ def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
     [W], which is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
     """
     term.elements.gather(u)
-    return float(sum(term.run(element_kernels.damping_force, force, term.elements.own.gathered("direction", v, np.float64))))
+    V = term.elements.own.gathered("direction", v, np.float64)
+    return float(sum(term.run(element_kernels.forces_along, force, V, StressOfRates())))
 
 
 @in_turn

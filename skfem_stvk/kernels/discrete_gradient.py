@@ -19,34 +19,14 @@ Source: Gonzalez (2000), with the stress of the mean strain.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .compiled import Ids, Reals, inlined, kernel
-from .hourglass import resist
-from .lanes import (
-    LANES,
-    I,
-    Points,
-    add,
-    at_point,
-    cross,
-    dot,
-    find_spokes,
-    gather,
-    points_of,
-    put,
-    room,
-    scatter,
-    six,
-    spokes,
-    spread,
-    times,
-    vectors,
-    weight_of,
-)
-from .laws import FORMULAS, contracted, in_frame, numbers_in, on_spokes, pulled, respond, strain
+from .compiled import by_type, inlined
+from .elements import pulls_along, share_of_resistance
+from .lanes import LANES, I, add, cross, dot
+from .laws import FORMULAS, between, contracted, pulled, respond, strain, weighted_sum
 
 #: Of the energies: what their difference is known to.
 ROUNDING = 32
@@ -91,99 +71,47 @@ def by_frames(law, at, weight, M, rest, hand, second, third, one):
     return energy, ((s1[0] - S12 * l21 - S13 * l31) / l1, S22, S33, S12, S13, S23)
 
 
-@inlined
-def _sum(x, a, y, b):
-    """`x a + y b` of six numbers each."""
-    return (
-        x * a[0] + y * b[0],
-        x * a[1] + y * b[1],
-        x * a[2] + y * b[2],
-        x * a[3] + y * b[3],
-        x * a[4] + y * b[4],
-        x * a[5] + y * b[5],
-    )
+class DiscreteGradient(NamedTuple):
+    """Stresses whose work is the difference of the energies; `oriented`: whether elements fill their space."""
+
+    w0: float
+    w1: float
+    theta: float
+    oriented: bool
 
 
-@kernel
-def discrete_mean_force(
-    begin: int,
-    end: int,
-    t: Ids,
-    slots: Ids,
-    points: Points | None,
-    law: Any,
-    X: Reals,
-    u: Reals,
-    v: Reals,
-    oriented: bool,
-    w0: float,
-    w1: float,
-    theta: float,
-    f: Reals,
-) -> float:
-    """Add to the slots `f` the forces of the stresses between `u` and `u + v`, along the frames at `u + theta v`.
+@by_type(share_of_resistance, DiscreteGradient, FORMULAS)
+def _mean_share(rule):
+    return rule.w0 + rule.w1, rule.theta
 
-    Returns what the work is more by for weights that are `w1 - w0 = 1` apart. `oriented`: whether elements fill their space.
-    """
-    D, count = law.D, numbers_in(law)
-    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, V, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
-    both, apart, part = D.dtype.type(w0 + w1), D.dtype.type(w1 - w0), D.dtype.type(theta)
-    one, half, rounding = D.dtype.type(1), D.dtype.type(0.5), D.dtype.type(ROUNDING * np.finfo(D.dtype).eps)
-    zero, smallest = D.dtype.type(0), np.finfo(D.dtype).tiny
-    dR = 0.0
-    for block in range(begin, end):
-        gather(points, t, block, X, x)
-        gather(points, t, block, u, y)
-        gather(points, t, block, v, z)
-        r = zero
-        if points is not None:
-            total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
-            spokes(points, block, point, z, V)
-            for i in range(LANES):
-                lane, at = I(i), I(first + i)
-                R = six(D, at)
-                P1, P2, P3 = vectors(P, lane)
-                U1, U2, U3 = vectors(U, lane)
-                V1, V2, V3 = vectors(V, lane)
-                (Q1, Q2, Q3), (h1, h2, h3) = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
-                H1, H2, H3 = in_frame(R, V1, V2, V3)
-                q1, q2, q3 = add(Q1, h1), add(Q2, h2), add(Q3, h3)
-                e1, e2, e3 = add(q1, H1), add(q2, H2), add(q3, H3)
-                M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
-                dM = strain(H1, H2, H3, q1, q2, q3, e1, e2, e3)
-                second, third = one if R[3] != 0 else zero, one if R[5] != 0 else zero
-                rest, before, after = one, one, one
-                if oriented:
-                    rest, before, after = (
-                        _hand(Q1, Q2, Q3, third, one),
-                        _hand(q1, q2, q3, third, one),
-                        _hand(e1, e2, e3, third, one),
-                    )
-                W0, S0 = by_strain(law, at, weight, M, rest, before, second, third, one)
-                W1, S1 = by_strain(law, at, weight, _sum(one, M, one, dM), rest, after, second, third, one)
-                _, S = by_strain(law, at, weight, _sum(one, M, half, dM), rest, before, second, third, one)
-                change = half * contracted(dM, dM)
-                error = (W1 - W0) / 4 - half * contracted(S, dM)
-                noise = rounding * (abs(W0) + abs(W1)) / 4
-                known = error * error / (error * error + noise * noise + smallest)
-                early, late = _sum(one, S, -one, S0), _sum(one, S, -one, S1)
-                most = np.sqrt(contracted(dM, dM)) * (np.sqrt(contracted(early, early)) + np.sqrt(contracted(late, late)))
-                error = min(max(error, -4 * most), 4 * most)
-                more = max(zero, (contracted(S1, dM) - contracted(S0, dM)) / 4)
-                r += more + (W1 - W1)  # what is not a number stays that
-                a = D.dtype.type((both * error * known + apart * more) / change) if change > 0 else zero
-                g1, g2, g3 = add(q1, times(part, H1)), add(q2, times(part, H2)), add(q3, times(part, H3))
-                s1, s2, s3 = pulled(_sum(both, S, a, dM), g1, g2, g3)
-                f1, f2, f3 = on_spokes(R, s1, s2, s3)
-                put(f1, forces, lane)
-                put(f2, forces, lane + I(3 * LANES))
-                put(f3, forces, lane + I(6 * LANES))
-            resist(points, block, x, y, U, both, forces, total)
-            resist(points, block, x, z, V, both * part, forces, total)
-            spread(points, block, point, forces, total)
-        dR += r
-        scatter(points, slots, block, total, f)
-    return dR
+
+@by_type(pulls_along, DiscreteGradient, FORMULAS)
+def _pull_of_gradient(rule, law, at, weight, Q, h, q, H):
+    number = law.D.dtype.type
+    one, zero, half = number(1), number(0), number(0.5)
+    e1, e2, e3 = add(q[0], H[0]), add(q[1], H[1]), add(q[2], H[2])
+    M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
+    dM = strain(H[0], H[1], H[2], q[0], q[1], q[2], e1, e2, e3)
+    second, third = one if law.D[at + I(3 * LANES)] != 0 else zero, one if law.D[at + I(5 * LANES)] != 0 else zero
+    rest, before, after = one, one, one
+    if rule.oriented:
+        rest, before, after = (
+            _hand(Q[0], Q[1], Q[2], third, one),
+            _hand(q[0], q[1], q[2], third, one),
+            _hand(e1, e2, e3, third, one),
+        )
+    W0, S0 = by_strain(law, at, weight, M, rest, before, second, third, one)
+    W1, S1 = by_strain(law, at, weight, weighted_sum(one, M, one, dM), rest, after, second, third, one)
+    _, S = by_strain(law, at, weight, weighted_sum(one, M, half, dM), rest, before, second, third, one)
+    change = half * contracted(dM, dM)
+    error = (W1 - W0) / 4 - half * contracted(S, dM)
+    noise = number(ROUNDING * np.finfo(law.D.dtype).eps) * (abs(W0) + abs(W1)) / 4
+    known = error * error / (error * error + noise * noise + np.finfo(law.D.dtype).tiny)
+    early, late = weighted_sum(one, S, -one, S0), weighted_sum(one, S, -one, S1)
+    most = np.sqrt(contracted(dM, dM)) * (np.sqrt(contracted(early, early)) + np.sqrt(contracted(late, late)))
+    error = min(max(error, -4 * most), 4 * most)
+    more = max(zero, (contracted(S1, dM) - contracted(S0, dM)) / 4)
+    both, apart = number(rule.w0 + rule.w1), number(rule.w1 - rule.w0)
+    a = number((both * error * known + apart * more) / change) if change > 0 else zero
+    S = weighted_sum(both, S, a, dM)
+    return more + (W1 - W1), pulled(S, *between(q, number(rule.theta), H))  # what is not a number stays that

@@ -25,11 +25,11 @@ Blocks of lanes and the arrays that all kernels share: `lanes`. Threads take run
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .compiled import Ids, Reals, inlined, kernel
+from .compiled import Ids, Reals, by_type, inlined, kernel
 from .hourglass import add_sizes_of_resistance, resist, resistance_along
 from .lanes import (
     LANES,
@@ -51,11 +51,12 @@ from .lanes import (
     six,
     spokes,
     spread,
-    times,
     vectors,
     weight_of,
 )
 from .laws import (
+    FORMULAS,
+    between,
     conjugated,
     contracted,
     in_frame,
@@ -70,6 +71,7 @@ from .laws import (
     strain,
     stress,
     weigh,
+    weighted_sum,
 )
 from .node_pairs import put_edges, put_pairs, put_spokes, room_for_pairs
 from .rows import add_blocks, close_rows, open_rows
@@ -280,43 +282,67 @@ def along(
     return c0 / 4, c1 / 2, c2 / 4, c3 / 4, c4 / 16
 
 
-@inlined
-def _between(w, S, w1, T):
-    return (
-        w * S[0] + w1 * T[0],
-        w * S[1] + w1 * T[1],
-        w * S[2] + w1 * T[2],
-        w * S[3] + w1 * T[3],
-        w * S[4] + w1 * T[4],
-        w * S[5] + w1 * T[5],
+class MeanStress(NamedTuple):
+    """Stresses `w0 S + w1 (S + dS)` pull along `q_i + theta H_i`, of a law that is linear in M."""
+
+    w0: float
+    w1: float
+    theta: float
+
+
+class StressOfRates(NamedTuple):
+    """`S'` pulls along `q_i`."""
+
+
+def pulls_along(rule: Any, law: Any, at: Any, weight: Any, rest: Any, moved: Any, now: Any, change: Any) -> Any:
+    """What a rule says of frames `Q`, `h`, `q = Q + h` and the change H of h: a sum over all points, and what pulls on the axes."""
+    return FORMULAS["pulls_along", type(rule)](rule, law, at, weight, rest, moved, now, change)
+
+
+def share_of_resistance(rule: Any) -> tuple[float, float]:
+    """What resists hourglass modes counts by the first number, at `u + theta v` with the second."""
+    return FORMULAS["share_of_resistance", type(rule)](rule)
+
+
+@by_type(share_of_resistance, MeanStress, FORMULAS)
+def _mean_share(rule):
+    return rule.w0 + rule.w1, rule.theta
+
+
+@by_type(share_of_resistance, StressOfRates, FORMULAS)
+def _no_share(rule):
+    return 0.0, 0.0
+
+
+@by_type(pulls_along, MeanStress, FORMULAS)
+def _pull_of_means(rule, law, at, weight, Q, h, q, H):
+    number = law.D.dtype.type
+    S = stress(law, at, weight, strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2]))
+    N = strain(H[0], H[1], H[2], q[0], q[1], q[2], add(q[0], H[0]), add(q[1], H[1]), add(q[2], H[2]))
+    T = stress(law, at, weight, N)
+    return contracted(T, N) / 4, pulled(
+        weighted_sum(number(rule.w0 + rule.w1), S, number(rule.w1), T), *between(q, number(rule.theta), H)
     )
 
 
-@kernel
-def mean_force(
-    begin: int,
-    end: int,
-    t: Ids,
-    slots: Ids,
-    points: Points | None,
-    law: Any,
-    X: Reals,
-    u: Reals,
-    v: Reals,
-    w0: float,
-    w1: float,
-    theta: float,
-    f: Reals,
-) -> float:
-    """Add to the slots `f` what the stresses `w0` at `u` and `w1` at `u + v` pull along the frames at `u + theta v`.
+@by_type(pulls_along, StressOfRates, FORMULAS)
+def _pull_of_rates(rule, law, at, weight, Q, h, q, H):
+    N = strain(H[0], H[1], H[2], q[0], q[1], q[2], q[0], q[1], q[2])
+    T = stress(law, at, weight, N)
+    return contracted(T, N) / 4, pulled(T, q[0], q[1], q[2])
 
-    Returns `1/4 dS:dM` of the blocks `begin` to `end`, the energy of the change of all squared elongations.
-    """
+
+@kernel
+def forces_along(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, rule: Any, f: Reals
+) -> float:
+    """Add to the slots `f` what a rule says that pulls at `u` and `u + v`; its sum over the points of blocks `begin` to `end`."""
     D, count = law.D, numbers_in(law)
     x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, V, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
-    both, later, part = D.dtype.type(w0 + w1), D.dtype.type(w1), D.dtype.type(theta)
-    dR = 0.0
+    w, theta = share_of_resistance(rule)
+    both, part = D.dtype.type(w), D.dtype.type(theta)
+    more = 0.0
     for block in range(begin, end):
         gather(points, t, block, X, x)
         gather(points, t, block, u, y)
@@ -330,58 +356,17 @@ def mean_force(
             for i in range(LANES):
                 lane, at = I(i), I(first + i)
                 R = six(D, at)
-                (q1, q2, q3), M = _strained(R, P, U, lane)
-                S = stress(law, at, weight, M)
+                Q, h, q = _deformed(R, P, U, lane)
                 V1, V2, V3 = vectors(V, lane)
-                H1, H2, H3 = in_frame(R, V1, V2, V3)
-                N = strain(H1, H2, H3, q1, q2, q3, add(q1, H1), add(q2, H2), add(q3, H3))
-                T = stress(law, at, weight, N)
-                r += contracted(T, N)
-                q1, q2, q3 = add(q1, times(part, H1)), add(q2, times(part, H2)), add(q3, times(part, H3))
-                s1, s2, s3 = pulled(_between(both, S, later, T), q1, q2, q3)
+                added, (s1, s2, s3) = pulls_along(rule, law, at, weight, Q, h, q, in_frame(R, V1, V2, V3))
+                r += added
                 _put_forces(R, s1, s2, s3, forces, lane)
             resist(points, block, x, y, U, both, forces, total)
             resist(points, block, x, z, V, both * part, forces, total)
             spread(points, block, point, forces, total)
-        dR += r
+        more += r
         scatter(points, slots, block, total, f)
-    return dR / 4
-
-
-@kernel
-def damping_force(
-    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, f: Reals
-) -> float:
-    """Add the pull of the stresses' rates at velocities `v` along the frames at `u` to the slots `f`; `R` of the blocks."""
-    D, count = law.D, numbers_in(law)
-    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, V, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
-    power = 0.0
-    for block in range(begin, end):
-        gather(points, t, block, X, x)
-        gather(points, t, block, u, y)
-        gather(points, t, block, v, z)
-        r = D.dtype.type(0)
-        if points is not None:
-            total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
-            spokes(points, block, point, z, V)
-            for i in range(LANES):
-                lane, at = I(i), I(first + i)
-                R = six(D, at)
-                _, _, (q1, q2, q3) = _deformed(R, P, U, lane)
-                V1, V2, V3 = vectors(V, lane)
-                H1, H2, H3 = in_frame(R, V1, V2, V3)
-                N = strain(H1, H2, H3, q1, q2, q3, q1, q2, q3)
-                T = stress(law, at, weight, N)
-                r += contracted(T, N)
-                s1, s2, s3 = pulled(T, q1, q2, q3)
-                _put_forces(R, s1, s2, s3, forces, lane)
-            spread(points, block, point, forces, total)
-        power += r
-        scatter(points, slots, block, total, f)
-    return power / 4
+    return more
 
 
 @inlined

@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .compiled import Reals, by_type, inlined, kernel
-from .lanes import LANES, I, dot, six, vectors
+from .lanes import LANES, I, add, dot, six, times, vectors
 
 
 class IsotropicLaw(NamedTuple):
@@ -95,6 +95,25 @@ def contracted(S, M):
     """`S : M`."""
     shear = S[3] * M[3] + S[4] * M[4] + S[5] * M[5]
     return S[0] * M[0] + S[1] * M[1] + S[2] * M[2] + shear + shear
+
+
+@inlined
+def weighted_sum(x, a, y, b):
+    """`x a + y b` of six numbers each."""
+    return (
+        x * a[0] + y * b[0],
+        x * a[1] + y * b[1],
+        x * a[2] + y * b[2],
+        x * a[3] + y * b[3],
+        x * a[4] + y * b[4],
+        x * a[5] + y * b[5],
+    )
+
+
+@inlined
+def between(q, theta, H):
+    """The frame `q_i + theta H_i`."""
+    return add(q[0], times(theta, H[0])), add(q[1], times(theta, H[1])), add(q[2], times(theta, H[2]))
 
 
 @inlined

@@ -20,6 +20,8 @@ from scipy.sparse.csgraph import connected_components
 from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
 from skfem_stvk.kernels.compiled import Ids, Reals
 from skfem_stvk.kernels.corotated import CorotatedLaw
+from skfem_stvk.kernels.discrete_gradient import DiscreteGradient
+from skfem_stvk.kernels.elements import MeanStress, StressOfRates
 from skfem_stvk.kernels.invertible import InvertibleLaw
 from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
@@ -599,58 +601,38 @@ def along(
     return c[0], c[1], c[2], c[3], c[4]
 
 
-def mean_force(
-    begin: int,
-    end: int,
-    t: Ids,
-    slots: Ids,
-    points: Points | None,
-    law: Any,
-    X: Reals,
-    u: Reals,
-    v: Reals,
-    w0: float,
-    w1: float,
-    theta: float,
-    f: Reals,
+def forces_along(
+    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, rule: Any, f: Reals
+) -> float:
+    """What each rule says, for all points at once."""
+    rules = {MeanStress: _mean_force, DiscreteGradient: _discrete_mean_force, StressOfRates: _damping_force}
+    part = slice(begin, end)
+    return rules[type(rule)](part, elements_of(part, t, points, law), X, u, v, slots, law, rule, f)
+
+
+def _mean_force(
+    part: slice, elements: Any, X: Reals, u: Reals, v: Reals, slots: Ids, law: Any, rule: MeanStress, f: Reals
 ) -> float:
     """`w0 S(u) + w1 S(u + v)` pull along `q_i + theta H_i`; `1/4 dS : dM` with `dM_ij = q_i . H_j + H_i . q_j + H_i . H_j`."""
-    part = slice(begin, end)
-    elements = elements_of(part, t, points, law)
     (q, _, S), H = deformed(elements, X, u), elements.in_frame(v)
     dM = symmetric(q, H) + products(H, H)
     dS, x, y = elements.stress(dM), elements.differences(u), elements.differences(v)
-    forces = elements.pull((w0 + w1) * S + w1 * dS, q + theta * H)
-    add_to_slots(forces + (w0 + w1) * resisted(elements, X, x + theta * y)[1], slots, part, f)
+    forces = elements.pull((rule.w0 + rule.w1) * S + rule.w1 * dS, q + rule.theta * H)
+    add_to_slots(forces + (rule.w0 + rule.w1) * resisted(elements, X, x + rule.theta * y)[1], slots, part, f)
     return contracted(dS, dM) / 4
 
 
-def discrete_mean_force(
-    begin: int,
-    end: int,
-    t: Ids,
-    slots: Ids,
-    points: Points | None,
-    law: Any,
-    X: Reals,
-    u: Reals,
-    v: Reals,
-    oriented: bool,
-    w0: float,
-    w1: float,
-    theta: float,
-    f: Reals,
+def _discrete_mean_force(
+    part: slice, elements: Any, X: Reals, u: Reals, v: Reals, slots: Ids, law: Any, rule: DiscreteGradient, f: Reals
 ) -> float:
     """`S = (w0 + w1) (S_m + a dM) + (w1 - w0) b dM` pulls along `q_i + theta H_i`; `S_m` at the mean strain.
 
     a = (W1 - W0 - 1/2 S_m : dM)/(1/2 dM : dM)        b = max(0, 1/4 dS : dM)/(1/2 dM : dM)
     """
-    part = slice(begin, end)
-    elements = elements_of(part, t, points, law)
     Q, h, H = elements.in_frame(X), elements.in_frame(u), elements.in_frame(v)
     there = (np.abs(Q).sum(axis=-1) > 0).astype(Q.dtype)  # (n, q, 3) the axes that there are
     hands = [np.ones(there.shape[:2], Q.dtype)] * 3
-    if oriented:
+    if rule.oriented:
         last = np.eye(3, dtype=Q.dtype) * (1 - there)[..., None]
         hands = [np.where(np.linalg.det(x + last) < 0, -1, 1).astype(Q.dtype) for x in (Q, Q + h, Q + h + H)]
 
@@ -668,19 +650,17 @@ def discrete_mean_force(
     (W0, S0), (W1, S1), (_, S) = by_strain(M, hands[1]), by_strain(M + dM, hands[2]), by_strain(M + dM / 2, hands[1])
     change, work, more = ((x * dM).sum(axis=(2, 3)) for x in (dM / 2, S / 2, (S1 - S0) / 4))
     more = np.maximum(more, 0)
-    a = ((w0 + w1) * (W1 - W0 - work) + (w1 - w0) * more) / np.where(change > 0, change, 1)
+    a = ((rule.w0 + rule.w1) * (W1 - W0 - work) + (rule.w1 - rule.w0) * more) / np.where(change > 0, change, 1)
     x, y = elements.differences(u), elements.differences(v)
-    forces = elements.pull((w0 + w1) * S + a[..., None, None] * dM, Q + h + theta * H)
-    add_to_slots(forces + (w0 + w1) * resisted(elements, X, x + theta * y)[1], slots, part, f)
+    forces = elements.pull((rule.w0 + rule.w1) * S + a[..., None, None] * dM, Q + h + rule.theta * H)
+    add_to_slots(forces + (rule.w0 + rule.w1) * resisted(elements, X, x + rule.theta * y)[1], slots, part, f)
     return float(more.sum())
 
 
-def damping_force(
-    begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, f: Reals
+def _damping_force(
+    part: slice, elements: Any, X: Reals, u: Reals, v: Reals, slots: Ids, law: Any, rule: StressOfRates, f: Reals
 ) -> float:
     """`S' = C : M'` at `M'_ij = q_i . H_j + H_i . q_j` pull along `q_i`; `1/4 S' : M'`."""
-    part = slice(begin, end)
-    elements = elements_of(part, t, points, law)
     q, H = deformed(elements, X, u)[0], elements.in_frame(v)
     rates = symmetric(q, H)
     stresses = elements.stress(rates)

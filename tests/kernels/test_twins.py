@@ -16,7 +16,6 @@ from skfem_stvk.kernels import (
     at_points,
     blocks,
     cg,
-    discrete_gradient,
     elements,
     geometry,
     motion,
@@ -241,7 +240,6 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
     [
         elements,
         at_points,
-        discrete_gradient,
         blocks,
         topology,
         geometry,
