@@ -295,12 +295,15 @@ class StressOfRates(NamedTuple):
 
 
 def pulls_along(rule: Any, law: Any, at: Any, weight: Any, rest: Any, moved: Any, now: Any, change: Any) -> Any:
-    """What a rule says of frames `Q`, `h`, `q = Q + h` and the change H of h: a sum over all points, and what pulls on the axes."""
+    """A number that is added up, and what pulls on the axes of the frame between two states, by a rule such as `MeanStress`.
+
+    `rest`, `moved`, `now`, `change` : the frame at rest Q, its displacements h, q = Q + h, and H, the v in the frame.
+    """
     return FORMULAS["pulls_along", type(rule)](rule, law, at, weight, rest, moved, now, change)
 
 
 def share_of_resistance(rule: Any) -> tuple[float, float]:
-    """What resists hourglass modes counts by the first number, at `u + theta v` with the second."""
+    """The factor of the forces that resist hourglass modes, and theta: they are those at `u + theta v`."""
     return FORMULAS["share_of_resistance", type(rule)](rule)
 
 
@@ -336,12 +339,15 @@ def _pull_of_rates(rule, law, at, weight, Q, h, q, H):
 def forces_along(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, rule: Any, f: Reals
 ) -> float:
-    """Add to the slots `f` what a rule says that pulls at `u` and `u + v`; its sum over the points of blocks `begin` to `end`."""
+    """Add forces between the states `u` and `u + v`, by a rule such as `MeanStress`, to the slots `f`.
+
+    Returns the sum of the rule's numbers over the points of the blocks `begin` to `end`.
+    """
     D, count = law.D, numbers_in(law)
     x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, V, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
-    w, theta = share_of_resistance(rule)
-    both, part = D.dtype.type(w), D.dtype.type(theta)
+    factor, theta = share_of_resistance(rule)
+    both, part = D.dtype.type(factor), D.dtype.type(theta)
     more = 0.0
     for block in range(begin, end):
         gather(points, t, block, X, x)

@@ -277,7 +277,8 @@ def toy(tmp_path, monkeypatch):
     import skfem_stvk.peers.elsewhere as module
 
     there = Path(module.__file__).parent.parent
-    for part in ("__init__.py", "arguments.py", "errors.py", "npz.py", "peers/__init__.py", "peers/peer.py", "peers/elsewhere.py"):
+    parts = ("__init__.py", "__init__.pyi", "arguments.py", "errors.py", "npz.py")
+    for part in (*parts, "peers/__init__.py", "peers/peer.py", "peers/elsewhere.py"):
         (tmp_path / "peers").mkdir(exist_ok=True)
         (tmp_path / part).write_text((there / part).read_text())
     (tmp_path / "peers" / "felupe.py").write_text(TOY)

@@ -70,13 +70,13 @@ def test_loads_that_are_not_those_of_the_net_are_noticed(monkeypatch):
 
 
 def test_energy_is_kept_by_the_mean_of_the_force_alone(monkeypatch):
-    from skfem_stvk.reduced import motion
+    from skfem_stvk.dynamics import step_matrix
 
     monkeypatch.setattr(against_full, "QUICK_PERIODS", 2)
     (found,) = against_full.kept_energy(True, None)
     lost = {row[0]: float(row[1]) for row in found.rows}
     assert found.passed and lost["Newmark"] > 1e6 * lost["EnergyMomentum"]
-    monkeypatch.setattr(motion, "GAUSS", (0.5, 0.5))
+    monkeypatch.setattr(step_matrix, "GAUSS", (0.5, 0.5))
     (found,) = against_full.kept_energy(True, None)
     assert not found.passed
 
