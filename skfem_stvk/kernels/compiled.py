@@ -43,6 +43,9 @@ LENGTH = sha256().digest_size
 _said: set[str] = set()
 
 
+NOT_KEPT = "every process compiles again: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
+
+
 class FirstUse(Listener):
     """Says once per process why a first call takes long, and every few seconds how far it is.
 
@@ -50,22 +53,23 @@ class FirstUse(Listener):
     ----------
     count : kernels that were compiled in this process.
     quiet : whether nothing is said.
+    on_disk : whether machine code is kept; otherwise no folder can be written to.
     """
 
     #: Kernels of a body of linear tetrahedra, its W, F and K; seconds that they take (AMD EPYC); seconds from line to line.
     KERNELS, TIME, EVERY = 21, 8, 5.0
 
     def __init__(self) -> None:
-        self.count, self.quiet = 0, False
-        self.kept = "they are kept on disk; `skfem-stvk warm-up` compiles ahead, on all cores"
+        self.count, self.quiet, self.on_disk = 0, False, True
         self._began = self._said = 0.0
 
     def on_start(self, event: Any) -> None:
         if not self._began and _is_kernel(event):
             self._began = self._said = monotonic()
+            kept = "they are kept on disk; `skfem-stvk warm-up` compiles ahead, on all cores" if self.on_disk else NOT_KEPT
             self._say(
                 f"compiling kernels for their first use: W, F and K of one kind of element have {self.KERNELS} and take some "
-                f"{self.TIME} s; {self.kept}"
+                f"{self.TIME} s; {kept}"
             )
 
     def on_end(self, event: Any) -> None:
@@ -158,7 +162,7 @@ def kernel(function: Function) -> Function:
         compiled: Function = numba.njit(cache=True, **OPTIONS_OF_KERNELS)(function)
     except RuntimeError:  # no folder for the cache
         compiled = numba.njit(**OPTIONS_OF_KERNELS)(function)
-        first_use.kept = "so it is in every process: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
+        first_use.on_disk = False
     else:
         if compiled is not function:  # as it is where numba is switched off
             keep_with_care(compiled, stamp_of(function.__module__.rpartition(".")[2]))

@@ -53,6 +53,12 @@ def test_a_law_that_an_element_does_not_take_is_named_and_left_out(capsys, monke
     assert left_out.startswith("segments, neo-hookean: NeoHookean is for solids and surfaces") and "kernels compiled in" in total
 
 
+def test_where_no_folder_can_be_written_to_nothing_is_compiled(monkeypatch, capsys):
+    monkeypatch.setattr(warm_up.first_use, "on_disk", False)
+    assert main(["warm-up"]) == 2
+    assert "Set NUMBA_CACHE_DIR to one that can" in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize("option", ["--elements", "--laws"])
 def test_unknown_names_are_refused_with_those_that_there_are(option, capsys):
     assert main(["warm-up", option, "tetrahedrons"]) == 2
