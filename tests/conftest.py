@@ -10,6 +10,9 @@ from hypothesis import settings
 settings.register_profile("house", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("house")
 
+# From Python 3.12 on numba says which kernels run only if it is asked to before it is imported (`kernels.parts.kernels_run`).
+os.environ["NUMBA_ENABLE_SYS_MONITORING"] = "1"
+
 
 def pytest_report_header() -> str:
     """Where the random numbers of the tests come from."""

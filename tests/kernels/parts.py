@@ -53,14 +53,31 @@ def kernels_run():
     codes = [value.py_func.__code__ for module in modules for value in vars(module).values() if hasattr(value, "py_func")]
     known, ran = {(code.co_filename, code.co_name) for code in codes}, set()
 
-    def note(frame, event, argument):
-        code = frame.f_code
-        if event == "call" and (code.co_filename, code.co_name) in known:
+    def note(code):
+        if (code.co_filename, code.co_name) in known:
             ran.add(code.co_name)
 
-    before = sys.getprofile()
-    sys.setprofile(note)
-    try:
+    with _each_call(note):
         yield ran
+
+
+@contextmanager
+def _each_call(note):
+    """Call `note` with the code of each function that is called meanwhile; numba tells `sys.monitoring` from Python 3.12 on."""
+    if sys.version_info < (3, 12):
+        before = sys.getprofile()
+        sys.setprofile(lambda frame, event, argument: note(frame.f_code) if event == "call" else None)
+        try:
+            yield
+        finally:
+            sys.setprofile(before)
+        return
+    monitoring, tool = sys.monitoring, sys.monitoring.PROFILER_ID
+    monitoring.use_tool_id(tool, "kernels")
+    monitoring.register_callback(tool, monitoring.events.PY_START, lambda code, offset: note(code))
+    monitoring.set_events(tool, monitoring.events.PY_START)
+    try:
+        yield
     finally:
-        sys.setprofile(before)
+        monitoring.set_events(tool, 0)
+        monitoring.free_tool_id(tool)

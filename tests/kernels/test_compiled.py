@@ -65,6 +65,7 @@ def no_cache(monkeypatch):
         return decorated
 
     monkeypatch.setattr(numba, "njit", refuse)
+    monkeypatch.setattr(compiled.first_use, "on_disk", True)  # and as it was, after the test
 
 
 def test_without_a_cache_kernels_are_compiled_in_every_process(no_cache):
