@@ -1,4 +1,4 @@
-"""Arithmetic on bare arrays."""
+"""Kernels: numerical routines on plain arrays, compiled by numba."""
 
 import os
 
@@ -6,7 +6,10 @@ from ..errors import warn
 
 
 def _usable_number_of_threads() -> None:
-    """Take away a `NUMBA_NUM_THREADS` with which numba could not be imported, and say so: it has to be looked at before."""
+    """Remove an invalid `NUMBA_NUM_THREADS` from the environment with a warning, because numba fails to import with it.
+
+    This must run before numba is imported.
+    """
     given = os.environ.get("NUMBA_NUM_THREADS")
     if given is not None and not (given.strip().isdecimal() and int(given) > 0):
         del os.environ["NUMBA_NUM_THREADS"]

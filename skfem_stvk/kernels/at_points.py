@@ -1,4 +1,4 @@
-"""Stress and energy density of laws at points, for fields: the formulas are those of the kernels on elements, chosen by the law.
+"""Stress and energy density of laws at points, for fields. The formulas are those of the element kernels, chosen by the law.
 
 The numbers of a law are per unit of rest volume, one set for each point, in blocks of lanes.
 """
@@ -31,7 +31,7 @@ def _rows(a):
 def stress_by_strain(law: Any, k: int, M: Reals, W: Reals, S: Reals) -> None:
     """Write energy densities `W` (n,) and second Piola-Kirchhoff stresses `S` (n, 3, 3) for strains `M = 2 E` (n, 3, 3).
 
-    The elements have `k` dimensions and are not inverted; strains and stresses are along their axes.
+    The elements have `k` dimensions and are not inverted. Components of strains and stresses are along the axes of the elements.
     """
     zero, one = law.D.dtype.type(0), law.D.dtype.type(1)
     second, third = one if k > 1 else zero, one if k > 2 else zero
@@ -48,8 +48,8 @@ def stress_by_strain(law: Any, k: int, M: Reals, W: Reals, S: Reals) -> None:
 def response_to_stretches(law: Any, flat: Any, Q: Reals, h: Reals, W: Reals, e: Reals, p: Reals, V: Reals) -> None:
     """Write energy densities `W` (n,), elongations `e = s - 1` and slopes `p = dW/ds` (n, 3) of a law of principal stretches.
 
-    Rows of `Q` (n, 3, 3) are the axes at rest and rows of `h` their displacements; columns of `V` (n, 3, 3) are the principal axes.
-    `flat` says what the elements are. In plane strain the law is that of solids: the stretch across is 1.
+    Rows of `Q` (n, 3, 3) are the axes at rest and rows of `h` their displacements. Columns of `V` (n, 3, 3) are the principal axes.
+    `flat` is the kind of elements. In plane strain the law of solids applies, and the out-of-plane stretch is 1.
     """
     one = law.D.dtype.type(1)
     for i in range(len(W)):

@@ -1,25 +1,29 @@
-"""Conjugate gradients on the blocks of edges, all compiled: no Python in the loop, and nothing allocated.
+"""Conjugate gradients on edge blocks, compiled as a whole: no Python in the loop, and no allocation.
 
     (A v)_a = S_a v_a + sum_b A_ab (v_b - v_a)        of an edge form, with a shift, diagonal `S_a`
     (A v)_a = A_aa v_a + sum_b A_ab v_b               of an assembled matrix                            A_ba = A_ab'
 
-With `A = D + L + L'`, D the diagonal blocks and L those below, the preconditioner is
+With `A = D + L + L'`, D the diagonal blocks and L the blocks below the diagonal, the preconditioner is
 
-    M = (E + L) E^-1 (E + L')      E = D / omega       SSOR, 0 < omega < 2, but for a factor that does not matter
-    M = D                          omega = 0           which stands for E = D and for L = 0 in all that follows
+    M = (E + L) E^-1 (E + L')      E = D / omega       SSOR, 0 < omega < 2, up to a constant factor, which has no effect
+    M = D                          omega = 0           which means E = D and L = 0 in all that follows
 
-SSOR needs no product with A (Eisenstat 1981): r being the residual and t the direction in which x goes, the loop has
+SSOR needs no product with A (Eisenstat 1981). With r the residual and t the search direction of x, the loop has
 
     s = E (E + L)^-1 r      p = (E + L') t      u = E (E + L)^-1 A t = h + E w      h = E t      w = (E + L)^-1 (p - (2 - omega) h)
 
-so that a sweep back, for t, and one forth, for u, are an iteration, each over all blocks; `t'A t = p'(t + w)` and
-`r'M^-1 r = s'E^-1 s`.
+Therefore an iteration is a backward sweep, for t, and a forward sweep, for u, each over all blocks. The scalar products are `t'A t
+= p'(t + w)` and `r'M^-1 r = s'E^-1 s`.
 
-Arrays: `edges` (ne, 2) block rows, their `blocks` (9 ne,), row by row; for SSOR sorted, and a < b in each. `diagonal` is S (3 n,)
-or `A_aa` (9 n,), and its length says which; `inverse` (9 n,) of the blocks of E. Vectors have three components per block row. Those
-`held` are no unknowns: rows and columns of `inverse` are zero there, and x, s, p, t and u stay zero, which is the same as to gather
-those that are not (Baraff and Witkin's filter). `work` (6, 3 n) is x, s, p, t, h and u, where h is used as room, too; `state` is
-`|r|` when it was last computed, `r'M^-1 r` then and now, and beta.
+Arrays: `edges` (ne, 2) are block rows, and `blocks` (9 ne,) their blocks, row by row. For SSOR the edges are sorted, with a < b in
+each. `diagonal` is S (3 n,) or `A_aa` (9 n,); its length distinguishes the two. `inverse` (9 n,) are the inverses of the blocks of
+E. Vectors have three components per block row.
+
+The constrained components `held` are not unknowns. Rows and columns of `inverse` are zero there, and x, s, p, t and u remain zero.
+This is equivalent to gathering the unknowns (the filter of Baraff and Witkin).
+
+The rows of `work` (6, 3 n) are x, s, p, t, h and u; h is also a scratch array. `state` holds `|r|` and `r'M^-1 r` when `|r|` was
+last computed, the current `r'M^-1 r`, and beta.
 """
 
 from __future__ import annotations
@@ -30,18 +34,18 @@ from .compiled import Ids, Reals, inlined, kernel
 
 I = np.uint64
 
-#: How `iterate` ends.
+#: Results of `iterate`.
 SMALL, MORE, NEGATIVE, NOT_FINITE = range(4)
-#: Places in `state` and in `work`.
+#: Indices in `state` and in `work`.
 NORM, SEEN, RHO, BETA = range(4)
 X, S, P, T, H, U = range(6)
-#: `|r|` is computed when it should have come down to this part of what it was.
+#: `|r|` is computed when it is estimated to have fallen to this fraction of its last value.
 PART = 0.1
 
 
 @inlined
 def _times(blocks, k, x0, x1, x2):
-    """A block times a vector."""
+    """Return a block times a vector."""
     return (
         blocks[k] * x0 + blocks[k + I(1)] * x1 + blocks[k + I(2)] * x2,
         blocks[k + I(3)] * x0 + blocks[k + I(4)] * x1 + blocks[k + I(5)] * x2,
@@ -51,7 +55,7 @@ def _times(blocks, k, x0, x1, x2):
 
 @inlined
 def _transposed_times(blocks, k, x0, x1, x2):
-    """The transpose of a block times a vector."""
+    """Return the transpose of a block times a vector."""
     return (
         blocks[k] * x0 + blocks[k + I(3)] * x1 + blocks[k + I(6)] * x2,
         blocks[k + I(1)] * x0 + blocks[k + I(4)] * x1 + blocks[k + I(7)] * x2,
@@ -68,7 +72,7 @@ def _add(out, a, x0, x1, x2):
 
 @inlined
 def _add_differences(edges, blocks, v, out):
-    """`out_a += sum_b A_ab (v_b - v_a)`."""
+    """Compute `out_a += sum_b A_ab (v_b - v_a)`."""
     for e in range(len(edges)):
         i = I(e)
         a, b = I(3) * I(edges[i, I(0)]), I(3) * I(edges[i, I(1)])
@@ -81,7 +85,7 @@ def _add_differences(edges, blocks, v, out):
 
 @inlined
 def _add_values(edges, blocks, v, out):
-    """`out_a += sum_b A_ab v_b`."""
+    """Compute `out_a += sum_b A_ab v_b`."""
     for e in range(len(edges)):
         i = I(e)
         a, b = I(3) * I(edges[i, I(0)]), I(3) * I(edges[i, I(1)])
@@ -101,7 +105,7 @@ def _multiply_diagonal(blocks, v, out):
 
 @inlined
 def _multiply(edges, blocks, diagonal, held, v, out):
-    """Write `A v`, zero at held components."""
+    """Write `A v`, with zeros at constrained components."""
     if len(diagonal) == len(v):
         for i in range(len(v)):
             out[I(i)] = diagonal[I(i)] * v[I(i)]
@@ -120,10 +124,10 @@ def _hold(held, v):
 
 @inlined
 def _backward(edges, blocks, inverse, omega, p, t, h, u):
-    """`t = (E + L')^-1 p`; `h = E t` and `u = p + (omega - 1) h`.
+    """Compute `t = (E + L')^-1 p`, `h = E t` and `u = p + (omega - 1) h`.
 
-    From the last row to the first, and the nearest neighbour last: what the row before has just found is waited for as late as can
-    be.
+    Rows are processed from last to first, and in each row the nearest neighbour last. The result of the preceding row is then
+    needed as late as possible.
     """
     k = len(edges) - 1
     for i in range(len(p) // 3 - 1, -1, -1):
@@ -141,7 +145,7 @@ def _backward(edges, blocks, inverse, omega, p, t, h, u):
 
 @inlined
 def _forward(edges, blocks, inverse, p, t, h, u):
-    """`w = (E + L)^-1 (u - h)`, `u - L w` in the place of u; `p'(t + w)`."""
+    """Compute `w = (E + L)^-1 (u - h)`, write `u - L w` to u, and return `p'(t + w)`."""
     k, total = 0, 0.0
     for i in range(len(p) // 3):
         a = I(3 * i)
@@ -156,7 +160,7 @@ def _forward(edges, blocks, inverse, p, t, h, u):
 
 @inlined
 def _turn(beta, edges, blocks, diagonal, inverse, held, omega, s, p, t, h, u):
-    """`p = s + beta p`, the direction `t` that it stands for, and `u`, by which it changes s; `t'A t`."""
+    """Update `p = s + beta p`, compute the search direction `t` and the change `u` of s along it, and return `t'A t`."""
     for i in range(len(p)):
         p[I(i)] = s[I(i)] + beta * p[I(i)]
     if omega > 0:
@@ -174,7 +178,7 @@ def _turn(beta, edges, blocks, diagonal, inverse, held, omega, s, p, t, h, u):
 
 @inlined
 def _step(alpha, inverse, x, s, t, u):
-    """`x += alpha t`, `s -= alpha u`; `s'E^-1 s`."""
+    """Update `x += alpha t` and `s -= alpha u`, and return `s'E^-1 s`."""
     rho = 0.0
     for i in range(len(x) // 3):
         a, b, c = I(3 * i), I(3 * i + 1), I(3 * i + 2)
@@ -190,7 +194,7 @@ def _step(alpha, inverse, x, s, t, u):
 
 @inlined
 def _add_lower(factor, edges, blocks, inverse, held, s, out):
-    """`out += factor L E^-1 s`, row by row, so that s may be out."""
+    """Compute `out += factor L E^-1 s`, row by row, so that s and out may be the same array."""
     k = 0
     for i in range(len(s) // 3):
         a = I(3 * i)
@@ -204,7 +208,7 @@ def _add_lower(factor, edges, blocks, inverse, held, s, out):
 
 @inlined
 def _norm(edges, blocks, inverse, held, omega, s, r):
-    """`|r|`, with `r = (E + L) E^-1 s`."""
+    """Return `|r|`, with `r = (E + L) E^-1 s`."""
     for i in range(len(s)):
         r[I(i)] = s[I(i)]
     if omega > 0:
@@ -217,9 +221,9 @@ def _norm(edges, blocks, inverse, held, omega, s, r):
 
 @kernel
 def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals) -> None:
-    """Write `r = b - A x` in the place of s, and `|r|`; the next iteration is the first again. b has its entries at `places`.
+    """Write `r = b - A x` to s, and `|r|` to `state`. The iteration starts again. Entry i of b belongs to component `places[i]`.
 
-    Where x is zero, there is no product.
+    If x is zero, no product is computed.
     """
     x, s, p, t, u = work[X], work[S], work[P], work[T], work[U]
     size = square = 0.0
@@ -239,7 +243,7 @@ def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids,
 
 @kernel
 def precondition(edges: Ids, blocks: Reals, inverse: Reals, held: Ids, omega: float, work: Reals) -> None:
-    """`t = M^-1 r` for an r in the place of s."""
+    """Compute `t = M^-1 r` for an r stored in s."""
     s, t = work[S], work[T]
     if omega > 0:
         _add_lower(-1.0, edges, blocks, inverse, held, s, s)
@@ -261,9 +265,10 @@ def iterate(
     state: Reals,
     work: Reals,
 ) -> tuple[int, int]:
-    """Iterate at most so many times, until `|r| <= enough` or something else happens; how it ended, and how many there were.
+    """Iterate at most `most` times, until `|r| <= enough` or the iteration fails.
 
-    Of SSOR `|r|` costs half a product: it is computed when it should be small enough by `r'M^-1 r`, or have come down to `PART`.
+    Returns how it ended and the number of iterations. With SSOR, `|r|` costs half a product. It is computed when `r'M^-1 r`
+    indicates that it is small enough, or reduced to `PART`.
     """
     x, s, p, t, h, u = work[X], work[S], work[P], work[T], work[H], work[U]
     norm, seen, rho, beta = state[NORM], state[SEEN], state[RHO], state[BETA]
@@ -294,9 +299,10 @@ def iterate(
 
 @kernel
 def shifted_diagonal(edges: Ids, blocks: Reals, held: Ids, places: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
-    """Set `diagonal` (3 n,) to `shift` at the unknowns' `places`, and `out` (9 n,) to `A_aa = S_a - sum_b A_ab`, held zero.
+    """Set `diagonal` (3 n,) to `shift` at the unknowns' `places`, and `out` (9 n,) to `A_aa = S_a - sum_b A_ab`.
 
-    An empty `shift` is none. Returns a sum that is not finite if any entry is not.
+    Rows and columns of `out` at constrained components are zero. An empty `shift` means no shift. Returns a sum that is not finite
+    if any entry is not finite.
     """
     for i in range(len(out)):
         out[I(i)] = 0.0
@@ -338,8 +344,8 @@ def fill_edges(
 ) -> None:
     """Write a symmetric CSR matrix as `blocks` above the diagonal and `diagonal` blocks (9 n,).
 
-    `rows`, `columns` are the structure above the diagonal. Unknown `w` is `component[w]` of block row `block[w]`; those of block
-    row `i` are `first[i]` and the next ones.
+    `rows`, `columns` are the structure above the diagonal. Unknown `w` is `component[w]` of block row `block[w]`. The unknowns of
+    block row `i` are `first[i]` and the following ones.
     """
     for i in range(len(blocks)):
         blocks[I(i)] = 0.0

@@ -1,6 +1,7 @@
-"""How kernels are compiled by numba, once per machine, and how their machine code is kept on disk.
+"""Compilation of kernels by numba, once per machine, and their machine code on disk.
 
-Code that is damaged on disk is deleted and compiled anew; what cannot be kept is compiled in every process. Both are said.
+Damaged files of machine code are deleted and compiled again. If machine code cannot be stored, every process compiles. Both cases
+are reported.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ Ids: TypeAlias = NDArray[Any]
 Reals: TypeAlias = NDArray[np.floating[Any]]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: Sums may be reordered and contracted; NaN and infinity keep their meaning, so that what overflows is seen. A difference that must
-#: be taken first, as that of displacements before it is added to that of coordinates, is stored in an array: in one expression LLVM
-#: may turn the two round.
+#: Sums may be reordered and contracted. NaN and infinity keep their meaning, so that overflow is detected. A difference that must
+#: be taken first is stored in an array, such as the difference of displacements before it is added to that of coordinates. Within
+#: one expression LLVM may reorder the operations.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
@@ -47,16 +48,16 @@ NOT_KEPT = "every process compiles again: no folder can be written to. Set NUMBA
 
 
 class FirstUse(Listener):
-    """Says once per process why a first call takes long, and every few seconds how far it is.
+    """Messages on the time of the first call: one when compilation starts, once per process, then one every few seconds.
 
     Attributes
     ----------
-    count : kernels that were compiled in this process.
-    quiet : whether nothing is said.
-    on_disk : whether machine code is kept; otherwise no folder can be written to.
+    count : number of kernels compiled in this process.
+    quiet : whether messages are suppressed.
+    on_disk : whether machine code is stored on disk. If not, no folder can be written to.
     """
 
-    #: Kernels of a body of linear tetrahedra, its W, F and K; seconds that they take (AMD EPYC); seconds from line to line.
+    #: Number of kernels of W, F and K of linear tetrahedra, seconds to compile them (AMD EPYC), and seconds between messages.
     KERNELS, TIME, EVERY = 21, 8, 5.0
 
     def __init__(self) -> None:
@@ -86,7 +87,7 @@ class FirstUse(Listener):
 
 
 def _is_kernel(event: Any) -> bool:
-    """Whether a function that numba compiles is a kernel of this package, and no piece of one."""
+    """Return whether the function that numba compiles is a kernel of this package, not an inlined piece."""
     dispatcher = event.data["dispatcher"]
     ours = dispatcher.py_func.__module__.startswith(__name__.partition(".")[0])
     return ours and not dispatcher.targetoptions.get("forceinline")
@@ -94,9 +95,10 @@ def _is_kernel(event: Any) -> bool:
 
 @contextmanager
 def ctrl_c_waits() -> Iterator[None]:
-    """Let Ctrl-C take effect at the end of the block: LLVM's callbacks lose exceptions, and the process may end by a signal.
+    """Postpone Ctrl-C to the end of the block.
 
-    Signals are of the main thread; in others nothing changes.
+    Callbacks of LLVM lose exceptions, and the process may end by a signal. Python handles signals in the main thread only; in other
+    threads the block runs unchanged.
     """
     handler = signal.getsignal(signal.SIGINT)
     if handler is None or threading.current_thread() is not threading.main_thread():
@@ -113,7 +115,7 @@ def ctrl_c_waits() -> Iterator[None]:
 
 
 class _Lowering(Listener):
-    """Ctrl-C waits while LLVM compiles a function."""
+    """Listener that postpones Ctrl-C while LLVM compiles a function."""
 
     def __init__(self) -> None:
         self._waiting: list[AbstractContextManager[None]] = []
@@ -132,7 +134,10 @@ first_use = FirstUse()
 
 
 class _NoCollection(Listener):
-    """Python's search for cycles rests while numba compiles: a sixth of the time went into it, and found next to nothing."""
+    """Listener that disables Python's garbage collector while numba compiles.
+
+    The collector took a sixth of the compile time, and found almost no garbage.
+    """
 
     def __init__(self) -> None:
         self._depth, self._enabled = 0, True
@@ -153,10 +158,10 @@ OPTIONS_OF_KERNELS: dict[str, Any] = {"fastmath": FASTMATH, "nogil": True, "erro
 
 
 def kernel(function: Function) -> Function:
-    """Compile at the first call with arguments of a type, keep the machine code on disk, and let go of the GIL.
+    """Compile at the first call for each type of arguments, store the machine code on disk, and release the GIL during calls.
 
-    The code on disk is keyed by all files that its own imports, for a function holds the code of those that it calls. Where no
-    folder can be written to, every process compiles anew.
+    The key of the code on disk covers all files that the module of the kernel imports. The reason is that a kernel contains the
+    code of the functions it calls. If no folder can be written to, every process compiles again.
     """
     try:
         compiled: Function = numba.njit(cache=True, **OPTIONS_OF_KERNELS)(function)
@@ -164,13 +169,13 @@ def kernel(function: Function) -> Function:
         compiled = numba.njit(**OPTIONS_OF_KERNELS)(function)
         first_use.on_disk = False
     else:
-        if compiled is not function:  # as it is where numba is switched off
+        if compiled is not function:  # numba returns the function itself when it is switched off
             keep_with_care(compiled, stamp_of(function.__module__.rpartition(".")[2]))
     return compiled
 
 
-#: Pieces are called by kernels alone, whose machine code holds theirs: without wrappers for Python and for C, and without files of
-#: their own, the first K of linear tetrahedra takes a quarter less time to compile.
+#: Options of pieces. Only kernels call pieces, and the machine code of a kernel contains its pieces. Therefore pieces have no
+#: wrappers for Python and C, and no files. The first K of linear tetrahedra then takes a quarter less time to compile.
 OPTIONS_OF_PIECES: Any = OPTIONS_OF_KERNELS | {
     "forceinline": True,
     "no_cpython_wrapper": True,
@@ -179,7 +184,7 @@ OPTIONS_OF_PIECES: Any = OPTIONS_OF_KERNELS | {
 
 
 class Piece(CPUDispatcher):
-    """A function that kernels alone can call: numba would end the process where Python calls one without a wrapper."""
+    """Function that only kernels can call. It has no Python wrapper, and numba would end the process if Python called it."""
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         name = self.py_func.__name__
@@ -187,7 +192,10 @@ class Piece(CPUDispatcher):
 
 
 def inlined(function: Function, **more: Any) -> Function:
-    """Compile a piece of a kernel's innermost loop: a loop with a call in it is not vectorised. Python cannot call it (`Piece`)."""
+    """Compile a piece of the innermost loop of a kernel.
+
+    Pieces are inlined, because a loop with a call in it is not vectorised. Python cannot call a piece (`Piece`).
+    """
     compiled: Any = numba.njit(**OPTIONS_OF_PIECES | more)(function)
     if compiled is not function:
         compiled.__class__ = Piece
@@ -196,9 +204,9 @@ def inlined(function: Function, **more: Any) -> Function:
 
 
 def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type], Any]) -> Callable[[Function], Function]:
-    """What a function is for a first argument of a `kind`, a NamedTuple or None: kernels find it by its type, Python in `formulas`.
+    """Return a decorator that registers the formula of `stub` for a first argument of type `kind`, a NamedTuple or None.
 
-    Within kernels `stub(first, ...)` is compiled as what was given for the type of `first`.
+    Kernels call `stub(first, ...)`, and numba compiles the formula for the type of `first`. Python finds the formula in `formulas`.
     """
 
     def given(formula: Function) -> Function:
@@ -214,8 +222,8 @@ def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type
     return given
 
 
-# Machine code that returns arrays asks this function for their type each time. In a function of Python's Ctrl-C takes effect, and
-# machine code loses the exception: SystemError. Answers that are known come without one.
+# Machine code that returns arrays calls this function for their type each time. Ctrl-C takes effect inside Python functions, and
+# machine code loses the exception, which gives a SystemError. Cached results need no Python function.
 serialize._numba_unpickle = cache(serialize._numba_unpickle)
 register("numba:compile", first_use)
 register("numba:compile", _NoCollection())
@@ -224,9 +232,10 @@ register("numba:run_pass", _Lowering())
 
 @cache
 def stamp_of(name: str) -> str:
-    """By which numba knows whether code on disk is that of the source: of a kernels' file and of all that it imports.
+    """Return the hash of the source of the kernel file `name` and of all files that it imports.
 
-    Numba's own is of the caller's file alone. Formulas that are chosen by a type (`by_type`) may stand in any file that has some.
+    Numba compares the hash to decide whether code on disk is current. The hash of numba itself covers only the file of the caller.
+    Files with formulas chosen by type (`by_type`) are always included, because a kernel may use any of them.
     """
     texts = {file.stem: file.read_text(encoding="utf-8") for file in Path(__file__).parent.glob("*.py")}
     found, new = set(), {name, "compiled", *(stem for stem, text in texts.items() if "@by_type(" in text)}
@@ -238,11 +247,11 @@ def stamp_of(name: str) -> str:
 
 
 class AlteredCode(Exception):
-    """A file of the cache does not hold what was written."""
+    """Error raised when a cache file differs from the file that was written."""
 
 
 class CheckedFile(IndexDataCacheFile):
-    """Numba's files of one function, each with its digest at the end: altered machine code would crash the process."""
+    """Cache files of one function, each with its digest at the end, because altered machine code would crash the process."""
 
     def _dump(self, value: Any) -> bytes:
         data: bytes = super()._dump(value)
@@ -267,7 +276,7 @@ class CheckedFile(IndexDataCacheFile):
 
 
 def keep_with_care(dispatcher: Any, stamp: str) -> None:
-    """Have a compiled function's cache survive files that are damaged, and disks that are full."""
+    """Make the cache of a compiled function tolerate damaged files and full disks."""
     cache = dispatcher._cache
     cache._cache_file.__class__, cache._cache_file._source_stamp = CheckedFile, stamp
     load, save = cache.load_overload, cache.save_overload
@@ -276,7 +285,7 @@ def keep_with_care(dispatcher: Any, stamp: str) -> None:
         try:
             with ctrl_c_waits():
                 return load(signature, target)
-        except Exception as error:  # whatever pickle and LLVM make of damaged bytes
+        except Exception as error:  # pickle and LLVM raise many types of errors for damaged bytes
             cache._cache_file.delete()
             _say(
                 "damaged",
@@ -298,7 +307,7 @@ def keep_with_care(dispatcher: Any, stamp: str) -> None:
 
 
 def _say(kind: str, text: str) -> None:
-    """Print a message of a kind once per process, as there may be a hundred such files."""
+    """Print a message of each kind once per process, because up to a hundred files may cause it."""
     if kind not in _said:
         _said.add(kind)
         Console(stderr=True, highlight=False).print(f"skfem_stvk: {text}.", style="dim", markup=False, soft_wrap=True)

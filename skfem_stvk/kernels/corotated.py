@@ -25,7 +25,7 @@ from .svd import decompose, present
 
 
 class CorotatedLaw(NamedTuple):
-    """`Ri`, then `w lam/2` and `w mu`: `w = mu sum (s_i - 1)^2 + lam/2 (sum (s_i - 1))^2`."""
+    """Corotated law: `Ri`, then `w lam/2` and `w mu`, with `w = mu sum (s_i - 1)^2 + lam/2 (sum (s_i - 1))^2`."""
 
     D: Reals
     flat: Any
@@ -46,8 +46,9 @@ def _corotated(law, at, weight, s, e):
 
 
 class WarpedLaw(NamedTuple):
-    """St. Venant-Kirchhoff's law `of`, whose tangent is K(0) turned by the rotation nearest to F: the frame at rest, turned, in the
-    place of that now, and no stress.
+    """St. Venant-Kirchhoff law `of` whose tangent is K(0) rotated by the rotation nearest to F.
+
+    The tangent uses the rotated frame at rest in place of the deformed frame, and no stress.
     """
 
     D: Reals
@@ -80,9 +81,9 @@ def _turned_stiffness(law, at, weight, R, kept, lane):
 
 
 class FramedLaw(NamedTuple):
-    """`Ri`, `w lam/2`, `w mu`, and nine numbers of a rotation `R`: linear elasticity in a frame that is given, `r_j = R Q_j`.
+    """Linear elasticity in a user-supplied frame `r_j = R Q_j`: `Ri`, `w lam/2`, `w mu`, and nine numbers of a rotation `R`.
 
-    M_ij = r_i . q_j + q_i . r_j - 2 d_ij        s_j = sum_k S_jk r_k
+    The formulas are `M_ij = r_i . q_j + q_i . r_j - 2 d_ij` and `s_j = sum_k S_jk r_k`.
     """
 
     D: Reals
@@ -102,7 +103,7 @@ def _numbers_of_a_turned_frame(law):
 @by_type(weigh, WarpedLaw, FORMULAS)
 @by_type(weigh, FramedLaw, FORMULAS)
 def _weigh_nothing(law, points, kept, positive, negative):
-    """There is no tension in it."""
+    """Leave the state unchanged, because the tangent contains no tensions."""
 
 
 @inlined
@@ -113,12 +114,12 @@ def _turned_by(R, v):
 @by_type(respond, FramedLaw, FORMULAS)
 def _pull_in_a_given_frame(law, at, weight, Q, h, q):
     D = law.D
-    # row by row in the numbers, which stand apart as vectors do
+    # the rows of the rotation, stored like three vectors
     R = vectors(D, at + I(8 * LANES))
     r1, r2, r3 = _turned_by(R, Q[0]), _turned_by(R, Q[1]), _turned_by(R, Q[2])
     minus = D.dtype.type(-1)
     g1, g2, g3 = add(r1, times(minus, Q[0])), add(r2, times(minus, Q[1])), add(r3, times(minus, Q[2]))
-    # without cancellation where R is hardly a turn: r_i . h_j + h_i . r_j + g_i . Q_j + g_j . Q_i
+    # without cancellation where R is close to the identity: r_i . h_j + h_i . r_j + g_i . Q_j + g_j . Q_i
     M = (
         dot(r1, h[0]) + dot(h[0], r1) + dot(g1, Q[0]) + dot(Q[0], g1),
         dot(r2, h[1]) + dot(h[1], r2) + dot(g2, Q[1]) + dot(Q[1], g2),

@@ -1,18 +1,21 @@
-"""A force between two states whose work is the difference of their energies, for any law whose energy is one of the strain.
+"""Forces between two states whose work is the difference of the energies, for any law whose energy is a function of the strain.
 
-At a point, with `q_m` the frame in the middle, strains `M = 2 E` of the beginning, `dM` of the change, and S from the energy at
-them:
+At a point, `q_m` is the frame at the midpoint. `M = 2 E` is the strain of the first state, `dM` its change, and S follows from the
+energy:
 
     s_j = sum_k S_jk q_mk        S = (w0 + w1) (S(M + dM/2) + a dM) + (w1 - w0) b dM
     a = (W1 - W0 - 1/2 S(M + dM/2) : dM) / (1/2 dM : dM)        b = max(0, 1/4 (S1 - S0) : dM) / (1/2 dM : dM)
 
-The work of S is `1/2 S : dM`, and S is symmetric: with `w0 = w1 = 1/2` energy and both momenta are conserved. A body that turns
-as a whole has the stress of where it is, `dM = 0`. What `W1 - W0` differs by from the work of the middle is of third order, and
-where it is no more than rounding of the energies it is left out: `a` would be noise over `dM : dM`. For the same reason it is taken
-to be no more than `4 |dM| (|S0 - S| + |S1 - S|)`, of which the integral of `1/2 (S(t) - S) : dM` is a small part.
+The work of S is `1/2 S : dM`, and S is symmetric. Therefore `w0 = w1 = 1/2` conserves energy and both momenta. A body in rigid
+rotation has `dM = 0` and the stress of its current state.
 
-Laws see frames, not strains: of `1 + M` the triangular one is taken, `L L' = 1 + M` (Cholesky, without cancellation), handed as
-the frame of the body is. From its `s_j` follows S (`by_frames`). A law that knows S for strains registers that (`by_strain`).
+The difference between `W1 - W0` and the work of the midpoint stress is of third order. Where it is no larger than the rounding
+error of the energies it is omitted, because `a` would be noise divided by `dM : dM`. For the same reason it is limited to `4 |dM|
+(|S0 - S| + |S1 - S|)`. The integral of `1/2 (S(t) - S) : dM` is a small part of this limit.
+
+Laws are functions of frames, not of strains. For `1 + M` the triangular frame is used, `L L' = 1 + M` (Cholesky, without
+cancellation), with the orientation of the frame of the body. S follows from its `s_j` (`by_frames`). A law that computes S from
+strains directly registers its formula (`by_strain`).
 
 Source: Gonzalez (2000), with the stress of the mean strain.
 """
@@ -28,30 +31,37 @@ from .elements import pulls_along, share_of_resistance
 from .lanes import LANES, I, add, cross, dot
 from .laws import FORMULAS, between, contracted, pulled, respond, strain, weighted_sum
 
-#: Of the energies: what their difference is known to.
+#: Rounding error of a difference of energies, in eps times the energies.
 ROUNDING = 32
 
 
 @inlined
 def _hand(a, b, c, third, one):
-    """1 or -1: whether three vectors, or two in the plane, are right-handed."""
+    """Return 1 if three vectors, or two in the plane, are right-handed, otherwise -1."""
     volume = dot(cross(a, b), (c[0], c[1], c[2] + (one - third)))
     return -one if volume < 0 else one
 
 
 @inlined
 def _more(x, one):
-    """`sqrt(1 + x) - 1` without cancellation."""
+    """Return `sqrt(1 + x) - 1` without cancellation."""
     return x / (one + np.sqrt(one + x))
 
 
 def by_strain(law: Any, at: Any, weight: Any, M: Any, rest: Any, hand: Any, second: Any, third: Any, one: Any) -> Any:
-    """`4 w W` and `S` of a law for strains, of elements of a hand at rest and now; second and third say which axes there are."""
+    """Return `4 w W` and `S` of a law for strains `M`.
+
+    `rest` and `hand` are the orientations of the element at rest and in this state. `second` and `third` are 1 for an existing
+    axis, otherwise 0.
+    """
     return FORMULAS["by_strain", type(law)](law, at, weight, M, rest, hand, second, third, one)
 
 
 def by_frames(law, at, weight, M, rest, hand, second, third, one):
-    """By the triangular frame of `1 + M`: what laws that see frames register as `by_strain`."""
+    """Return `4 w W` and `S` from the triangular frame of `1 + M`.
+
+    Laws that are functions of frames register this formula as `by_strain`.
+    """
     a1 = _more(M[0], one)
     l1 = one + a1
     l21, l31 = M[3] / l1, M[4] / l1
@@ -60,7 +70,7 @@ def by_frames(law, at, weight, M, rest, hand, second, third, one):
     l32 = (M[5] - l31 * l21) / l2
     a3 = _more(M[2] - l31 * l31 - l32 * l32, one)
     l3, zero = one + a3, one - one
-    # of equal hands the change is a2 times it
+    # for equal orientations this is hand * a2
     turned = hand * a2 + (hand - rest)
     Q = (one, zero, zero), (zero, second * rest, zero), (zero, zero, third)
     h = (a1, zero, zero), (l21, second * turned, zero), (l31, hand * l32, third * a3)
@@ -72,7 +82,10 @@ def by_frames(law, at, weight, M, rest, hand, second, third, one):
 
 
 class DiscreteGradient(NamedTuple):
-    """Stresses whose work is the difference of the energies; `oriented`: whether elements fill their space."""
+    """Rule of stresses whose work is the difference of the energies.
+
+    `oriented` : whether elements have as many dimensions as space.
+    """
 
     w0: float
     w1: float
@@ -114,4 +127,4 @@ def _pull_of_gradient(rule, law, at, weight, Q, h, q, H):
     both, apart = number(rule.w0 + rule.w1), number(rule.w1 - rule.w0)
     a = number((both * error * known + apart * more) / change) if change > 0 else zero
     S = weighted_sum(both, S, a, dM)
-    return more + (W1 - W1), pulled(S, *between(q, number(rule.theta), H))  # what is not a number stays that
+    return more + (W1 - W1), pulled(S, *between(q, number(rule.theta), H))  # NaN is propagated

@@ -1,26 +1,27 @@
-"""W, F and the blocks of node pairs of K, element by element: what all assembly is made of.
+"""W, F and the blocks of node pairs of K, element by element: the kernels of all assembly.
 
-For a block of elements at a time: gather what its nodes have, and at each point spokes, frame, law (`laws`), and back: the
-forces on spokes, spread over the nodes, and scattered. With `K_ij` the stiffness of the spokes:
+For each block of elements, a kernel gathers the nodal differences. At each point it computes base vectors, frame and law (`laws`).
+Then it spreads the forces on the base vectors over the nodes and scatters them. With `K_ij` the stiffness between base vectors, and
+sums over points, i and j:
 
-    W = sum of w W        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij     over points, i, j
+    W = sum of w W        F_a = sum of dN_a/dxi_i f_i        K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij
 
-Shape functions add up to 1, so only differences to node 0 are read, the force on node 0 is minus the sum of the others, and its
-rows of K likewise. A linear simplex has one point and its nodes at the ends of the spokes: `points` is None then, and there is
-nothing to do between nodes and spokes.
+Shape functions sum to 1. Therefore only differences to node 0 are read. The force on node 0 is minus the sum of the others, and
+likewise its rows of K. A linear simplex has one point, and its nodes are the ends of the base vectors. `points` is None then, and
+nodal differences and base vectors are the same.
 
-W, F and K are those of any law. The others are St. Venant-Kirchhoff's alone:
+W, F and K are computed for any law. The other kernels are for St. Venant-Kirchhoff only:
 
-    zeta(u + s v) is quadratic in s, so W is a quartic: with M' = dM/ds and M'' = d2M/ds2, both at s = 0, S' and S'' likewise,
-    and H_j the v in the frame,
+    zeta(u + s v) is quadratic in s, so W is a quartic. With M' = dM/ds, M'' = d2M/ds2 at s = 0, S', S'' likewise, and H_j the v
+    in the frame:
     M'_ij = q_i . H_j + H_i . q_j        M''_ij = 2 H_i . H_j
     W(s)  = S:M/4 + S:M'/2 s + (S:M'' + S':M')/4 s^2 + S':M''/4 s^3 + S'':M''/16 s^4
 
-    From u to u + v M changes by dM_ij = (q_i + H_i) . H_j + H_i . q_j. The stresses w0 S + w1 (S + dS) pull along q_i + theta H_i;
-    their work over v is W(u + v) - W(u) + (w1 - w0)/4 dS:dM for theta = 1/2, w0 + w1 = 1. At velocities v the S' pull along q_i:
-    they are the derivative of R = 1/4 S':M' by H_i, and take the power 2 R.
+    From u to u + v M changes by dM_ij = (q_i + H_i) . H_j + H_i . q_j. The stresses w0 S + w1 (S + dS) act along q_i + theta H_i.
+    Their work over v is W(u + v) - W(u) + (w1 - w0)/4 dS:dM for theta = 1/2, w0 + w1 = 1. At velocities v the S' act along q_i:
+    they are the derivative of R = 1/4 S':M' by H_i, and dissipate the power 2 R.
 
-Blocks of lanes and the arrays that all kernels share: `lanes`. Threads take runs of blocks, and no two of them share a slot.
+Blocks of lanes and the shared arrays are described in `lanes`. Threads process consecutive blocks, and no two threads share a slot.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ from .wide import bring
 
 @inlined
 def _deformed(R, P, U, lane):
-    """The frame at rest `Q`, its displacements `h` and where it is now, `q`, of a lane with spokes `P` and `U`."""
+    """Return the frame at rest `Q`, its displacements `h` and the deformed frame `q` of a lane with base vectors `P` and `U`."""
     P1, P2, P3 = vectors(P, lane)
     U1, U2, U3 = vectors(U, lane)
     Q, h = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
@@ -89,14 +90,14 @@ def _deformed(R, P, U, lane):
 
 @inlined
 def _strained(R, P, U, lane):
-    """The frame of a lane as it is now, and `M`."""
+    """Return the deformed frame of a lane, and `M`."""
     (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = _deformed(R, P, U, lane)
     return (q1, q2, q3), strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
 
 
 @inlined
 def _put_forces(R, s1, s2, s3, forces, lane):
-    """Write the forces on the spokes from what pulls on the axes of the frame."""
+    """Write the forces on the base vectors, from the forces `s1, s2, s3` on the axes of the frame."""
     f1, f2, f3 = on_spokes(R, s1, s2, s3)
     put(f1, forces, lane)
     put(f2, forces, lane + I(3 * LANES))
@@ -105,10 +106,10 @@ def _put_forces(R, s1, s2, s3, forces, lane):
 
 @inlined
 def _bring(points, block, count, D, t, slots):
-    """Have what is read of linear simplices two blocks later brought into the cache.
+    """Prefetch the data of linear simplices two blocks ahead.
 
-    These are more streams than a processor follows by itself: of 250 000 tetrahedra, F took 20 ns each without it and 17 with it,
-    K 92 and 77 (AMD EPYC).
+    The kernel reads more streams than the hardware prefetcher follows. For 250 000 tetrahedra, F takes 17 ns each with prefetching
+    and 20 ns without; K takes 77 and 92 ns (AMD EPYC).
     """
     if points is None:
         later, width = block + 2, slots.size // (len(t) // (4 * LANES))
@@ -121,7 +122,7 @@ def _bring(points, block, count, D, t, slots):
 def energy_and_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals
 ) -> float:
-    """The energy of the blocks `begin` to `end`; adds their forces to the slots `f`, unless that is empty."""
+    """Return the energy of the blocks `begin` to `end`, and add their forces to the slots `f`, unless `f` is empty."""
     D, count = law.D, numbers_in(law)
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
@@ -164,11 +165,11 @@ def linearize(
     negative: float,
     f: Reals,
 ) -> tuple[float, float]:
-    """The energy; adds forces to the slots `f`, unless that is empty, and `K_ab` to what `to` says.
+    """Return the energy and the trace of the rows of K that were written (`rows`).
 
-    Tensions count by factors for their sign, as the law weighs them (`laws.weigh`). What resists hourglass modes counts by
-    `positive`, as the tensions that it is. The second number is the trace of the rows of K that
-    were written (`rows`).
+    Forces are added to the slots `f`, unless `f` is empty, and `K_ab` to the destination `to`. Tensions are multiplied by the
+    factor `positive` or `negative` for their sign (`laws.weigh`). The hourglass stiffness is multiplied by `positive`, because it
+    is a positive tension.
     """
     D, count = law.D, numbers_in(law)
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
@@ -225,9 +226,9 @@ def _scatter_tensions(edge_slots, block, values, out):
 
 @kernel
 def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any, X: Reals, u: Reals, out: Reals) -> None:
-    """Add the tensions of the edges of linear simplices to their slots in `out`, which are set to zero as those of `linearize` are.
+    """Add the tensions of the edges of linear simplices to their slots in `out`, which are set to zero as in `linearize`.
 
-    With `T = Ri S Ri'` they are `t_ij = -T_ij`, `t_0i = sum_j T_ij`.
+    With `T = Ri S Ri'` the tensions are `t_ij = -T_ij`, `t_0i = sum_j T_ij`.
     """
     D, count = law.D, numbers_in(law)
     P, U, values = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype)
@@ -247,7 +248,7 @@ def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any
 def along(
     begin: int, end: int, t: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals
 ) -> tuple[float, float, float, float, float]:
-    """Coefficients of the energy of the blocks `begin` to `end` along `u + s v`, a quartic in `s`."""
+    """Return the five coefficients of the energy of the blocks `begin` to `end` along `u + s v`, a quartic in `s`."""
     D, count = law.D, numbers_in(law)
     x, y, z = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, V = at_point(points, x), at_point(points, y), at_point(points, z)
@@ -268,7 +269,7 @@ def along(
                 S = stress(law, at, weight, M)
                 V1, V2, V3 = vectors(V, lane)
                 H1, H2, H3 = in_frame(R, V1, V2, V3)
-                N = strain(H1, H2, H3, q1, q2, q3, q1, q2, q3)  # M', and with H in the place of q twice H_i . H_j: M''
+                N = strain(H1, H2, H3, q1, q2, q3, q1, q2, q3)  # M'; with H in place of q, twice H_i . H_j: M''
                 O = strain(H1, H2, H3, H1, H2, H3, H1, H2, H3)
                 T = stress(law, at, weight, N)
                 w0 += contracted(S, M)
@@ -283,7 +284,7 @@ def along(
 
 
 class MeanStress(NamedTuple):
-    """Stresses `w0 S + w1 (S + dS)` pull along `q_i + theta H_i`, of a law that is linear in M."""
+    """Rule of forces between two states, for a law linear in M: stresses `w0 S + w1 (S + dS)` act along `q_i + theta H_i`."""
 
     w0: float
     w1: float
@@ -291,11 +292,11 @@ class MeanStress(NamedTuple):
 
 
 class StressOfRates(NamedTuple):
-    """`S'` pulls along `q_i`."""
+    """Rule of forces at velocities `v`: the stress `S'` acts along `q_i`."""
 
 
 def pulls_along(rule: Any, law: Any, at: Any, weight: Any, rest: Any, moved: Any, now: Any, change: Any) -> Any:
-    """A number that is added up, and what pulls on the axes of the frame between two states, by a rule such as `MeanStress`.
+    """Return a number that is summed over the points, and the forces on the axes of the frame, by a rule such as `MeanStress`.
 
     `rest`, `moved`, `now`, `change` : the frame at rest Q, its displacements h, q = Q + h, and H, the v in the frame.
     """
@@ -303,7 +304,7 @@ def pulls_along(rule: Any, law: Any, at: Any, weight: Any, rest: Any, moved: Any
 
 
 def share_of_resistance(rule: Any) -> tuple[float, float]:
-    """The factor of the forces that resist hourglass modes, and theta: they are those at `u + theta v`."""
+    """Return the factor of the hourglass forces, and theta: the forces are evaluated at `u + theta v`."""
     return FORMULAS["share_of_resistance", type(rule)](rule)
 
 
@@ -339,9 +340,9 @@ def _pull_of_rates(rule, law, at, weight, Q, h, q, H):
 def forces_along(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, rule: Any, f: Reals
 ) -> float:
-    """Add forces between the states `u` and `u + v`, by a rule such as `MeanStress`, to the slots `f`.
+    """Add forces between the states `u` and `u + v` to the slots `f`, by a rule such as `MeanStress`.
 
-    Returns the sum of the rule's numbers over the points of the blocks `begin` to `end`.
+    Returns the sum of the numbers of the rule over the points of the blocks `begin` to `end`.
     """
     D, count = law.D, numbers_in(law)
     x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
@@ -382,7 +383,7 @@ def _absolute(a):
 
 @inlined
 def _sizes_of_strain(h, Q, q, eh, eQ, eq):
-    """What the parts of `q_i . h_j + h_i . Q_j` add up to, and what errors `eh, eQ, eq` of them change it by."""
+    """Return the first-order change of `q_i . h_j + h_i . Q_j` by errors `eh, eQ, eq`, with all terms in absolute value."""
     d = (_absolute(h[0]), _absolute(h[1]), _absolute(h[2]))
     D = (_absolute(Q[0]), _absolute(Q[1]), _absolute(Q[2]))
     p = (_absolute(q[0]), _absolute(q[1]), _absolute(q[2]))
@@ -393,10 +394,11 @@ def _sizes_of_strain(h, Q, q, eh, eQ, eq):
 
 @kernel
 def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
-    """Add to the slots `f` the sizes of all that adds up to the forces: eps times them is what rounding changes the forces by.
+    """Add to the slots `f` the sums of the absolute values of all terms of the forces.
 
-    The ends of a spoke have `|u_a| + |u_0|` for its displacement, for `u` is rounded itself; a spoke in its frame has
-    `sum_i |Ri_ij| |P_i|`, which of a flat element is much more than `|Q_j|`.
+    Eps times these sums estimates the rounding error of the forces. The displacement of a base vector is replaced by `|u_a| +
+    |u_0|`, because `u` itself is rounded. A base vector in the frame is replaced by `sum_i |Ri_ij| |P_i|`, which is much larger
+    than `|Q_j|` for a flat element.
     """
     D, count = law.D, numbers_in(law)
     x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)

@@ -1,4 +1,4 @@
-"""Measures of simplices from their spokes `P_i = X_i - X_0`, one at a time."""
+"""Measures of simplices from their base vectors `P_i = X_i - X_0`, one simplex at a time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _norm(a):
 
 @kernel
 def measures(p: Reals, t: Ids) -> Reals:
-    """`k!` times the volume, the longest edge, and `(k - 1)!` times the largest facet (of a segment 1), as (3, nt)."""
+    """Return `k!` times the volume, the longest edge, and `(k - 1)!` times the largest facet (1 for a segment), as (3, nt)."""
     k, nt = len(t) - 1, t.shape[1]
     out = np.empty((3, nt))
     for e in range(nt):
@@ -48,8 +48,9 @@ def measures(p: Reals, t: Ids) -> Reals:
     return out
 
 
-# Sums and products with their rounding errors (Dekker 1971): without them the height of a flat element, a small difference of large
-# products, would have twice the error that its spokes in the frame have anyway. What is reassociated would lose them again.
+# Sums and products with their rounding errors (Dekker 1971). The height of a flat element is a small difference of large products.
+# Without the rounding errors its own error would be twice that of the base vectors in the frame. Reassociation would lose the
+# rounding errors, so it is switched off.
 
 
 def _to_the_letter(function):
@@ -58,7 +59,7 @@ def _to_the_letter(function):
 
 @_to_the_letter
 def _product(a, b):
-    """`a b`, and its rounding error."""
+    """Return `a b` and its rounding error."""
     p, x, y = a * b, 134217729.0 * a, 134217729.0 * b
     a1, b1 = x - (x - a), y - (y - b)
     a2, b2 = a - a1, b - b1
@@ -67,7 +68,7 @@ def _product(a, b):
 
 @_to_the_letter
 def _sum(a, b):
-    """`a + b`, and its rounding error."""
+    """Return `a + b` and its rounding error."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
@@ -75,7 +76,7 @@ def _sum(a, b):
 
 @_to_the_letter
 def _products_apart(a, b, c, d):
-    """`a b - c d` in two parts."""
+    """Return `a b - c d` as a sum of two numbers."""
     (p, e), (q, g) = _product(a, b), _product(c, d)
     s, h = _sum(p, -q)
     return _sum(s, h + (e - g))
@@ -83,7 +84,7 @@ def _products_apart(a, b, c, d):
 
 @_to_the_letter
 def _cross_in_parts(a, b):
-    """`a x b`, and its rounding error."""
+    """Return `a x b` and its rounding error."""
     x, u = _products_apart(a[1], b[2], a[2], b[1])
     y, v = _products_apart(a[2], b[0], a[0], b[2])
     z, w = _products_apart(a[0], b[1], a[1], b[0])
@@ -92,7 +93,7 @@ def _cross_in_parts(a, b):
 
 @_to_the_letter
 def _dot_in_parts(a, rest, b):
-    """`(a + rest) . b`, correct but for one rounding."""
+    """Return `(a + rest) . b` with a single rounding error."""
     (x, u), (y, v), (z, w) = _product(a[0], b[0]), _product(a[1], b[1]), _product(a[2], b[2])
     s, g = _sum(x, y)
     s, h = _sum(s, z)
@@ -101,7 +102,7 @@ def _dot_in_parts(a, rest, b):
 
 @inlined
 def _put_frame(a, b, c, k, e, out):
-    """Write `Ri` and the determinant of `R` for the spokes `a, b, c` of an element of dimension `k`."""
+    """Write `Ri` and the determinant of `R` for the base vectors `a, b, c` of an element of dimension `k`."""
     r11 = _norm(a)
     out[0, e] = 1 / r11
     out[6, e] = r11
@@ -112,7 +113,7 @@ def _put_frame(a, b, c, k, e, out):
         out[1, e], out[3, e] = -r12 / area, 1 / r22
         out[6, e] = area
         if k > 2:
-            # q_2 = n x a over its length; the third axis of a frame points to where the third spoke does
+            # q_2 = n x a over its length; the third axis of a frame points to the side of the third base vector
             height = _dot_in_parts(n, rest, c) / area
             along, across = dot(a, c) / r11, dot(cross(n, a), c) / (area * r11)
             r33 = abs(height)
@@ -122,8 +123,9 @@ def _put_frame(a, b, c, k, e, out):
 
 @kernel
 def frames(p: Reals, t: Ids) -> Reals:
-    """Of linear simplices: `Ri` in the order 11, 12, 13, 22, 23, 33, zero where there is no spoke, and `k!` times the size, (7,
-    nt).
+    """Return `Ri` of linear simplices and `k!` times their size, (7, nt).
+
+    The order of `Ri` is 11, 12, 13, 22, 23, 33, with zeros for missing base vectors.
     """
     k, nt = len(t) - 1, t.shape[1]
     out = np.zeros((7, nt))
@@ -137,7 +139,10 @@ def frames(p: Reals, t: Ids) -> Reals:
 
 @kernel
 def frames_of_spokes(P: Reals) -> Reals:
-    """Of spokes `P` (n, k, 3), at points of any elements: as `frames`, (7, n), with the determinant of `R` for the last."""
+    """Return `Ri` and the determinant of `R`, (7, n), for base vectors `P` (n, k, 3) at points of any elements.
+
+    The order of `Ri` is that of `frames`.
+    """
     n, k = P.shape[0], P.shape[1]
     out = np.zeros((7, n))
     for e in range(n):

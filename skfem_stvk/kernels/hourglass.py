@@ -1,19 +1,21 @@
-"""Boxes with one point: what resists the displacements that the mean gradient does not see.
+"""Hourglass stiffness of boxes with one point: it resists the displacements that have no mean gradient.
 
 With the signs `h_ka = +-1` of an hourglass mode at the nodes, products of two or three of the reference coordinates' signs:
 
-    gamma_ka = h_ka - sum_i (sum_b h_kb X_b)_i g_ai        gamma_k' X = 0: r_k = gamma_k' u is zero for what is affine
+    gamma_ka = h_ka - sum_i (sum_b h_kb X_b)_i g_ai        gamma_k' X = 0: r_k = gamma_k' u is zero for affine displacements
     W_h = c sum_k |r_k|^2        F_a = 2 c sum_k gamma_ka r_k        K_ab = 2 c sum_k gamma_ka gamma_kb I
 
-It is quadratic, and invariant: the modes are those of the rest shape. Without a table of its own a mode is `r_k = h_k' u -
-(h_k' X)_i U_i`, `U_i` the displacements of the spokes, so that its force pulls on nodes and on spokes.
+W_h is quadratic, and invariant under rotations, because the modes are those of the rest shape. The `gamma_ka` are not stored.
+Instead, `r_k = h_k' u - (h_k' X)_i U_i` with `U_i` the displacements of the base vectors. Therefore the force of a mode acts on
+nodes and on base vectors.
 
-A mode is a spring of no length at rest, `|r_k|^2` its squared elongation and `2 c` its tension, which never changes: mean tensions
-of two states pull along the `r_k` in between, so that their work is the difference of the energies and no torque is left; there is
-no rate of tension that would damp it; and K without tensions lacks it. A force along the change of `r_k` would turn the body.
+A mode is a spring with rest length zero. `|r_k|^2` is its squared elongation, and `2 c` its constant tension. The mean tensions of
+two states act along the mean of their `r_k`. Their work is then the difference of the energies, and their total torque is zero. The
+rate of tension is zero, so damping by rates of tension does not act. K without tensions does not contain the modes. A force along
+the change of `r_k` would exert a torque on the body.
 
-Source: Flanagan, Belytschko (1981), whose signs are +-1, too; Joldes, Wittek, Miller (2008), in total Lagrangian form. NiftySim,
-a TLED program, has the same factor `c`.
+Source: Flanagan, Belytschko (1981), who also use signs +-1; Joldes, Wittek, Miller (2008), in total Lagrangian form. The TLED
+program NiftySim has the same factor `c`.
 """
 
 from __future__ import annotations
@@ -27,20 +29,23 @@ from .lanes import ELEMENT, LANES, I, MeanPoints, Points
 
 
 def resist(points: Any, block: Any, x: Any, y: Any, U: Any, factor: Any, forces: Any, total: Any) -> Any:
-    """Add `factor` times the force of hourglass modes of displacements `y`, to spokes and to nodes; four times their energy.
+    """Add `factor` times the hourglass forces of displacements to base vectors and to nodes, and return four times the energy.
 
-    `x`, `y` are what `gather` found at rest and of displacements, `U` the spokes of `y`.
+    `x`, `y` are the nodal differences from `gather` at rest and of displacements; `U` are the displacements of the base vectors.
     """
     return ELEMENT["resist", type(points)](points, block, x, y, U, factor, forces, total)
 
 
 def resistance_along(points: Any, block: Any, x: Any, y: Any, U: Any, z: Any, V: Any) -> Any:
-    """`4 c sum r_k . r_k`, `4 c sum r_k . s_k` and `4 c sum s_k . s_k` of a block for the modes `r` of `y` and `s` of `z`."""
+    """Return `4 c sum r_k . r_k`, `4 c sum r_k . s_k` and `4 c sum s_k . s_k` of a block.
+
+    `r` are the modes of the displacements `y`, and `s` those of `z`.
+    """
     return ELEMENT["resistance_along", type(points)](points, block, x, y, U, z, V)
 
 
 def add_sizes_of_resistance(points: Any, block: Any, x: Any, z: Any, U: Any, forces: Any, total: Any) -> None:
-    """Add the sizes of what adds up to the forces of hourglass modes, for sizes `z` of displacements and `U` of spokes."""
+    """Add the absolute values of the terms of the hourglass forces, for magnitudes `z` of displacements and `U` of base vectors."""
     ELEMENT["add_sizes_of_resistance", type(points)](points, block, x, z, U, forces, total)
 
 
@@ -76,7 +81,7 @@ def _tables_sizes(points, block, x, z, U, forces, total):
 
 @kernel
 def _sums(modes, k, x, out):
-    """`sum_a h_ka x_a` (3 LANES,) of a mode."""
+    """Write `sum_a h_ka x_a` (3 LANES,) of a mode."""
     out[:] = 0
     for group in range(modes.shape[1] // 3):
         h1, h2, h3 = modes[k, 3 * group], modes[k, 3 * group + 1], modes[k, 3 * group + 2]
@@ -88,7 +93,7 @@ def _sums(modes, k, x, out):
 
 @kernel
 def _amplitude(points, k, x, y, U, shape, r):
-    """`h_k' X` (3 LANES,) of a mode, and its `r_k`."""
+    """Write `h_k' X` (3 LANES,) of a mode, and its `r_k`."""
     _sums(points.modes, k, x, shape)
     _sums(points.modes, k, y, r)
     for c in range(3):
@@ -177,8 +182,10 @@ def _means_sizes(points, block, x, z, U, forces, total):
 
 @kernel
 def put_pairs_of_means(points, block, nodes, K, x, kept, T, out):
-    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of boxes: `K` is the stiffness of spokes, `x` what
-    they are, and `kept` how much of what resists hourglass modes is added.
+    """Write the blocks of all node pairs `(a, b)`, a < b, of a block of boxes.
+
+    `K` is the stiffness between base vectors. `x` are the nodal differences at rest. The hourglass stiffness is multiplied by
+    `kept`.
     """
     B, modes, n = points.B, points.modes, nodes - 1
     NINE = 9 * LANES

@@ -1,4 +1,4 @@
-"""St. Venant-Kirchhoff's energy of principal stretches, continued below a threshold."""
+"""St. Venant-Kirchhoff energy of principal stretches, extended below a threshold stretch."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .svd import present, small
 
 
 class InvertibleLaw(NamedTuple):
-    """`Ri`, then `w lam/2` and `w mu`: St. Venant-Kirchhoff's energy, continued below the stretch `threshold`.
+    """Invertible law: `Ri`, then `w lam/2` and `w mu`; St. Venant-Kirchhoff energy, extended below the stretch `threshold`.
 
-    With `c_i = max(s_i, threshold)`, `d = s - c`, `E_i = (c_i^2 - 1)/2` and `w_i, w_ij` the derivatives of `w0(c)
-    = lam/2 (sum E_i)^2 + mu sum E_i^2`:
+    With `c_i = max(s_i, threshold)`, `d = s - c`, `E_i = (c_i^2 - 1)/2` and `w_i, w_ij` the derivatives of `w0(c) = lam/2 (sum
+    E_i)^2 + mu sum E_i^2`:
 
         w = w0(c) + sum w_i d_i + sum_i<j w_ij d_i d_j + (lam + 2 mu)/2 sum d_i^2
     """
@@ -29,7 +29,7 @@ of_stretches(InvertibleLaw)
 
 @inlined
 def _clipped(s, e, a, there):
-    """`c`, `d` and `E` of a stretch, zero if it is lacking, and whether it lies above the threshold `a`."""
+    """Return `c`, `d` and `E` of a stretch, which are zero if it is lacking, and whether it is above the threshold `a`."""
     one = a / a
     free = s > a
     c, x = (s if free else a), (e if free else a - one)
@@ -38,7 +38,10 @@ def _clipped(s, e, a, there):
 
 @inlined
 def _flip(c, b, s, t, free, T, lam, mu, one, tiny):
-    """`(p_i - p_j)/(s_i - s_j)` for `c_i, c_j` and `s_i >= s_j`: a mean of what it is above the threshold and below."""
+    """Return `(p_i - p_j)/(s_i - s_j)` for `c_i, c_j` and `s_i >= s_j`.
+
+    This is a weighted mean of its values above and below the threshold.
+    """
     apart = s - t
     share = (c - b) / (apart if apart > tiny else one)
     share = one if free else share

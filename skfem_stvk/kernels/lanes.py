@@ -1,10 +1,11 @@
-"""What the kernels on elements share: vectors in blocks of lanes, what is gathered for a block and where its results are added.
+"""Vectors in blocks of lanes, and the gather and scatter operations that all element kernels share.
 
-Elements stand in blocks of LANES, the last axis of every array, so that the arithmetic runs on vector registers; one dimension and
-offsets known at compile time are what lets LLVM see that.
+Elements are grouped in blocks of LANES. The lane is the last axis of every array, so that the arithmetic runs on vector registers.
+LLVM recognises this because arrays have one dimension and offsets are known at compile time.
 
-Arrays: `t` vertices (blocks 4 LANES), `slots` where forces go, `edge_slots` (blocks, edges LANES) where edge blocks go; `X`,
-`u`, `v` (3 nv,) in double, `f` (3 slots,), `blocks` (9 slots,). Spokes `P`, `U`, `V` and forces of a block are (9 LANES,).
+Arrays: `t` vertices (blocks 4 LANES), and `slots` of their forces. `edge_slots` (blocks, edges LANES) are the slots of edge blocks.
+`X`, `u`, `v` are (3 nv,) in double precision, `f` is (3 slots,), `blocks` (9 slots,). The base vectors at rest `P`, the edge
+differences `U`, `V` of `u`, `v`, and the forces of a block are (9 LANES,).
 """
 
 from __future__ import annotations
@@ -16,67 +17,70 @@ from numba.extending import overload
 
 from .compiled import OPTIONS_OF_PIECES, Ids, Reals, by_type, inlined, kernel
 
-#: Elements in a block. 16 measures best: 8 are unrolled before they are vectorised (2 x slower), 32 spill from the registers'
-#: cache.
+#: Number of elements in a block. 16 is fastest: loops of 8 are unrolled before they are vectorised (2 x slower), and 32 spill
+#: from the registers and their cache.
 LANES = 16
 
-#: The highest bit of a slot, which says that a block is added transposed.
+#: Highest bit of a slot: the block is added transposed.
 TRANSPOSED = np.uint32(1 << 31)
 
-#: Unsigned indices: numba tests signed ones for wrap-around.
+#: Type of indices. They are unsigned, because numba tests signed indices for wrap-around.
 I = np.uint64
 
 
 @inlined
 def vector(a, at):
-    """Three components that stand a block of lanes apart."""
+    """Return three components with a stride of LANES."""
     return a[at], a[at + I(LANES)], a[at + I(2 * LANES)]
 
 
 @inlined
 def six(a, at):
-    """Six numbers that stand a block of lanes apart: those of `Ri`, or of a symmetric matrix."""
+    """Return six numbers with a stride of LANES: the components of `Ri`, or of a symmetric matrix."""
     return a[at], a[at + I(LANES)], a[at + I(2 * LANES)], a[at + I(3 * LANES)], a[at + I(4 * LANES)], a[at + I(5 * LANES)]
 
 
 @inlined
 def vectors(a, lane):
-    """The three vectors of an element at a point, such as its spokes."""
+    """Return the three vectors of an element at a point, such as its base vectors."""
     return vector(a, lane), vector(a, lane + I(3 * LANES)), vector(a, lane + I(6 * LANES))
 
 
 @inlined
 def add(a, b):
-    """`a + b` of two vectors."""
+    """Return `a + b` for two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inlined
 def times(s, a):
-    """`s a` of a vector."""
+    """Return `s a` for a vector."""
     return s * a[0], s * a[1], s * a[2]
 
 
 @inlined
 def dot(a, b):
-    """`a . b` of two vectors."""
+    """Return `a . b` for two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
 def cross(a, b):
-    """`a x b` of two vectors."""
+    """Return `a x b` for two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def put(a: Any, out: Any, at: Any) -> None:
-    """Write numbers a block of lanes apart."""
+    """Write numbers with a stride of LANES."""
     for i in range(len(a)):
         out[at + I(i * LANES)] = a[i]
 
 
 def _put_parts(a, out, at):
-    """Loops that are so short that the compiler unrolls them: a loop within that of the lanes is not vectorised."""
+    """Write numbers in two loops, each short enough for the compiler to unroll.
+
+    A loop that is not unrolled prevents vectorisation of the surrounding loop over the lanes.
+    """
     put(a[:15], out, at)
     put(a[15:], out, at + I(15 * LANES))
 
@@ -88,8 +92,9 @@ def _put_of_length(a, out, at):
 
 @kernel
 def gather_spokes(t, block, X, u, P, U):
-    """Spokes of a block at rest and their displacements, differences taken in double: stored apart, for the compiler may turn
-    `(X_b - X_a) + (u_b - u_a)` round.
+    """Write the base vectors of a block at rest, and the differences of their displacements, both in double precision.
+
+    The two are stored separately, because the compiler may reorder the sum `(X_b - X_a) + (u_b - u_a)`.
     """
     first = I(block * 4 * LANES)
     for lane in range(LANES):
@@ -104,15 +109,15 @@ def gather_spokes(t, block, X, u, P, U):
 
 
 class Points(NamedTuple):
-    """What integrals over elements other than linear simplices are taken with, for which it is None: a table for all of them.
+    """Table of integration points, the same for all elements. Linear simplices have None in its place.
 
     Attributes
     ----------
-    B : (nq, m, 3) derivatives `dN_a/dxi_i` of the nodes 1, 2, ... at the points; rows and columns that are lacking are zero, m is a
+    B : (nq, m, 3) derivatives `dN_a/dxi_i` of the nodes 1, 2, ... at the points. Missing rows and columns are zero; m is a
         multiple of three.
-    weights : (nq,) of the points.
-    starts : (blocks + 1,) where the numbers of the law begin for each block of lanes: one set for all points if its elements are
-        straight, else one for each.
+    weights : (nq,) weights of the points.
+    starts : (blocks + 1,) index of the first number of the law for each block of lanes. Straight elements have one set of
+        numbers for all points, others one set for each point.
     """
 
     B: Reals
@@ -121,16 +126,15 @@ class Points(NamedTuple):
 
 
 class MeanPoints(NamedTuple):
-    """One point for each box, with mean gradients, and what resists the hourglass modes that it does not see.
+    """One integration point for each box, with mean gradients, and the resistance of the hourglass modes.
 
     Attributes
     ----------
-    B : (blocks, m, 3, LANES) mean gradients `g_a = int dN_a/dX dV / V` of the nodes 1, 2, ..., as in `Points`, in the axes of
-        space:
-        at rest the spokes are those, and `Ri = I`. With the gradients at the centre a patch test fails.
-    weights : (1,) which is 1.
+    B : (blocks, m, 3, LANES) mean gradients `g_a = int dN_a/dX dV / V` of the nodes 1, 2, ..., as in `Points`, along the axes of
+        space. Then the base vectors at rest are these axes, and `Ri = I`. With the gradients at the centre a patch test fails.
+    weights : (1,) the weight, which is 1.
     starts : (blocks + 1,) as in `Points`.
-    modes : (nh, m) hourglass modes `h_ka = +-1` of those nodes: products of the signs of two or three reference coordinates.
+    modes : (nh, m) hourglass modes `h_ka = +-1` of these nodes: products of the signs of two or three reference coordinates.
     resistance : (blocks, LANES) `c = hourglass/16 (lam + 2 mu) V sum_a |g_a|^2`.
     """
 
@@ -142,21 +146,21 @@ class MeanPoints(NamedTuple):
 
 
 def absolute(points: Any) -> Any:
-    """The absolute values of the derivatives."""
+    """Return `points` with the absolute values of the derivatives."""
     return ELEMENT["absolute", type(points)](points)
 
 
 def spokes(points: Any, block: Any, point: Any, x: Any, out: Any) -> None:
-    """`sum_a dN_a/dxi_i x_a` (9 LANES,) at a point of a block, for what `gather` found."""
+    """Write `sum_a dN_a/dxi_i x_a` (9 LANES,) at a point of a block, for nodal differences `x` from `gather`."""
     ELEMENT["spokes", type(points)](points, block, point, x, out)
 
 
 def spread(points: Any, block: Any, point: Any, forces: Any, out: Any) -> None:
-    """Add `sum_i dN_a/dxi_i f_i` of the forces (9 LANES,) on the spokes at a point of a block to those on the nodes."""
+    """Add `sum_i dN_a/dxi_i f_i` to the nodal forces `out`, for `forces` (9 LANES,) on the base vectors at a point of a block."""
     ELEMENT["spread", type(points)](points, block, point, forces, out)
 
 
-#: By name and by what an element has: nothing, a table of points, or one point with mean gradients.
+#: Formulas by name and by the type of `points`: None, a table of points, or one point with mean gradients.
 ELEMENT: dict[tuple[str, type], Any] = {}
 
 
@@ -177,7 +181,10 @@ def _means_absolute(points):
 
 @inlined
 def at_point(points, x):
-    """Room for three vectors at a point (9 LANES,): of linear simplices, in the place of `x`, such as those of its nodes."""
+    """Return an array for three vectors at a point (9 LANES,).
+
+    For linear simplices this is `x` itself, because nodal differences and base vectors are the same.
+    """
     if points is None:
         return x
     else:
@@ -186,7 +193,7 @@ def at_point(points, x):
 
 @inlined
 def points_of(points):
-    """Number of points of an element."""
+    """Return the number of points of an element."""
     if points is None:
         return 1
     else:
@@ -195,7 +202,7 @@ def points_of(points):
 
 @inlined
 def room(points, dtype):
-    """A vector for each node of a block of elements but the first, (3 m LANES,)."""
+    """Return a zero vector (3 m LANES,) for each node except node 0 of a block of elements."""
     if points is None:
         return np.zeros(9 * LANES, dtype)
     else:
@@ -204,7 +211,10 @@ def room(points, dtype):
 
 @inlined
 def numbers_of(points, block, point, count):
-    """Where the `count` numbers of a law begin for a block at a point, and whether they are the same at the point before."""
+    """Return the index of the first of the `count` numbers of a law for a block at a point, and whether it is unchanged.
+
+    Unchanged means that it is the index of the previous point.
+    """
     if points is None:
         return block * count * LANES, False
     else:
@@ -216,7 +226,7 @@ def numbers_of(points, block, point, count):
 
 @inlined
 def weight_of(points, point, D):
-    """The weight of a point, in the precision of `D`."""
+    """Return the weight of a point, in the precision of `D`."""
     if points is None:
         return D.dtype.type(1)
     else:
@@ -225,7 +235,7 @@ def weight_of(points, point, D):
 
 @kernel
 def gather(points, t, block, x, out):
-    """How a field `x` differs at the nodes 1, 2, ... of the elements of a block from its value at node 0, in double."""
+    """Write the differences of a field `x` between nodes 1, 2, ... and node 0 of a block of elements, in double precision."""
     if points is None:
         gather_differences(t, block, x, out)
     else:
@@ -243,7 +253,7 @@ def gather(points, t, block, x, out):
 
 @kernel
 def gather_both(points, t, block, X, u, x, y):
-    """`gather` of rest coordinates and displacements."""
+    """Apply `gather` to the rest coordinates `X` and to the displacements `u`."""
     if points is None:
         gather_spokes(t, block, X, u, x, y)
     else:
@@ -253,9 +263,10 @@ def gather_both(points, t, block, X, u, x, y):
 
 @inlined
 def find_spokes(points, block, point, count, x, P, y, U):
-    """Write the spokes at a point, `P` at rest and their displacements `U`, for what `gather` found: `x` and `y`.
+    """Write the base vectors `P` at rest and their displacements `U` at a point, for nodal differences `x` and `y` from `gather`.
 
-    Returns where the `count` numbers of a law begin there. At rest the spokes of straight elements are those of the point before.
+    Returns the index of the first of the `count` numbers of the law there. At rest the base vectors of straight elements are the
+    same at all points.
     """
     first, same = numbers_of(points, block, point, count)
     if not same:
@@ -266,7 +277,7 @@ def find_spokes(points, block, point, count, x, P, y, U):
 
 @inlined
 def derivatives(B, point, a):
-    """`dN/dxi_1, dN/dxi_2, dN/dxi_3` at a point, of each of three nodes from `a` on."""
+    """Return `dN/dxi_1, dN/dxi_2, dN/dxi_3` at a point for each of the three nodes from `a` on."""
     return _of_node(B, point, a), _of_node(B, point, a + 1), _of_node(B, point, a + 2)
 
 
@@ -353,7 +364,7 @@ def _spread_by_means(points, block, point, forces, out):
 
 @kernel
 def scatter(points, slots, block, forces, f):
-    """Add the forces of a block to the slots of its nodes: those of nodes 1, 2, ... as they are, minus their sum to node 0."""
+    """Add the forces of a block to the slots of its nodes: `forces` to nodes 1, 2, ..., and minus their sum to node 0."""
     if points is None:
         scatter_forces(slots, block, forces, f)
     else:
@@ -376,7 +387,7 @@ def scatter(points, slots, block, forces, f):
 
 @inlined
 def complete_spokes(k, P):
-    """The constant spokes of simplices that have less than three: (0, 0, 1) for the third, (0, 1, 0) for the second."""
+    """Write the constant base vectors of simplices with fewer than three: (0, 0, 1) for the third, (0, 1, 0) for the second."""
     if k < 3:
         P[8 * LANES : 9 * LANES] = 1
     if k < 2:
@@ -385,7 +396,7 @@ def complete_spokes(k, P):
 
 @kernel
 def gather_differences(t, block, v, V):
-    """What `v` is at the ends of the spokes of a block more than at their beginning, in double."""
+    """Write the differences of `v` between vertices 1, 2, 3 and vertex 0 of a block of simplices, in double precision."""
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)
@@ -400,7 +411,7 @@ def gather_differences(t, block, v, V):
 
 @kernel
 def gather_sizes(points, t, block, v, out):
-    """`|v_a| + |v_0|` of the nodes a = 1, 2, ... of a block, by component."""
+    """Write `|v_a| + |v_0|` by component for the nodes a = 1, 2, ... of a block."""
     nodes = 4 if points is None else (len(t) // LANES) // (len(points.starts) - 1)
     first = I(block * nodes * LANES)
     for lane in range(LANES):
@@ -413,7 +424,7 @@ def gather_sizes(points, t, block, v, out):
 
 @kernel
 def scatter_forces(slots, block, forces, f):
-    """Add the forces of a block: those of vertices 1, 2, 3 as they are, minus their sum to vertex 0."""
+    """Add the forces of a block of simplices: `forces` to vertices 1, 2, 3, and minus their sum to vertex 0."""
     first = I(block * 4 * LANES)
     for lane in range(LANES):
         at = first + I(lane)
@@ -430,7 +441,7 @@ def scatter_forces(slots, block, forces, f):
 
 @kernel
 def scatter_sizes(points, slots, block, forces, f):
-    """Add the sizes of the forces of a block: those of nodes 1, 2, ... as they are, and their sum to node 0."""
+    """Add the magnitudes of the forces of a block: `forces` to nodes 1, 2, ..., and their sum to node 0."""
     nodes = 4 if points is None else (len(slots) // LANES) // (len(points.starts) - 1)
     first = I(block * nodes * LANES)
     for lane in range(LANES):
@@ -447,7 +458,7 @@ def scatter_sizes(points, slots, block, forces, f):
 def scatter_blocks(points, edge_slots, block, values, blocks):
     """Add the blocks of the node pairs of a block of elements to their slots.
 
-    Of elements with a table of points the highest bit of a slot says that the block is added transposed, as its first node has the
+    For elements with a table of points, the highest bit of a slot marks a block that is added transposed. Its first node has the
     higher number.
     """
     edges = edge_slots.shape[1] // LANES

@@ -1,15 +1,15 @@
-"""Laws at a point, in an orthonormal frame: what pulls on its axes, and what the tangent stiffness needs; those of StVK.
+"""Material laws at a point, in an orthonormal frame: forces on its axes and the tangent stiffness; and the laws of StVK.
 
-Spokes at a point, at rest `P_i = sum_a dN_a/dxi_i X_a` and their displacements `U_i` likewise (of a linear simplex `X_i -
-X_0`), are written in the frame of `P = Q R`, `Q` orthonormal and `R` upper triangular, `Ri = R^-1`:
+The base vectors at rest are `P_i = sum_a dN_a/dxi_i X_a` (`X_i - X_0` for a linear simplex), and their displacements `U_i`
+likewise. Both are written in the frame of `P = Q R`, with `Q` orthonormal, `R` upper triangular, and `Ri = R^-1`:
 
     h_j = sum_i Ri_ij U_i        Q_j = sum_i Ri_ij P_i        q_j = Q_j + h_j = F e_j, F the deformation gradient
-    f_i = sum_j Ri_ij s_j                        the forces on the spokes, s_j = w P e_j of the first Piola-Kirchhoff stress P
-    K_ij = sum_mn Ri_im Ri_jn A_mn               of the spokes, A_mn = ds_m/dq_n        w = weight of the point times |det R|
+    f_i = sum_j Ri_ij s_j                        the forces on base vectors, s_j = w P e_j of the first Piola-Kirchhoff stress P
+    K_ij = sum_mn Ri_im Ri_jn A_mn               between base vectors, A_mn = ds_m/dq_n     w = weight of the point times |det R|
                                                  times section
 
-A law has an energy `w W` and the `s_j` for `Q`, `h` and `q` (`respond`), and the stiffness of spokes from a state that it keeps
-(`spoke_stiffness`). `Q` is left-handed in elements of negative orientation.
+A law returns its energy `w W`, the `s_j` for `Q`, `h` and `q`, and a state (`respond`). From the state follows the stiffness
+between base vectors (`spoke_stiffness`). `Q` is left-handed in elements of negative orientation.
 
 St. Venant-Kirchhoff:
 
@@ -21,12 +21,14 @@ St. Venant-Kirchhoff:
                             K_ij = w (lam y_i y_j' + mu y_j y_i' + mu G_ij B) + (Ri S Ri')_ij I
     general, 21 numbers     w C/2 in the order 11, 22, 33, 12, 13, 23, the upper half row by row
 
-All elements have three spokes in space here: those that a triangle or a segment lacks are zero, and so are their columns of Ri.
+All elements have three base vectors in space here. Triangles and segments lack one or two of them. These are zero, and so are their
+columns of Ri.
 
-A law is a `NamedTuple` of its arrays, and its formulas are chosen by that type (`by_type`): a kernel that is handed a function
-as an argument, or closes over one, does not find its code on disk in another process. `D` begins with the six numbers 11, 12,
-13, 22, 23, 33 of Ri, which stand in blocks of lanes as everything. Where the last block is not full its numbers are all zero, and
-so must be what the law makes of them.
+A law is a `NamedTuple` of its arrays, and its formulas are chosen by that type (`by_type`). A kernel with
+a function as an argument or in a closure would not find its code on disk in another process.
+
+`D` begins with the six numbers 11, 12, 13, 22, 23, 33 of Ri, stored in blocks of lanes like all arrays. Where the last block is not
+full, its numbers are zero. A law must return zero for them.
 """
 
 from __future__ import annotations
@@ -40,26 +42,26 @@ from .lanes import LANES, I, add, dot, six, times, vectors
 
 
 class IsotropicLaw(NamedTuple):
-    """`Ri`, then `w lam/2` and `w mu`."""
+    """Isotropic StVK law: `Ri`, then `w lam/2` and `w mu`."""
 
     D: Reals
 
 
 class GeneralLaw(NamedTuple):
-    """`Ri`, then 21 numbers `w C/2`."""
+    """General StVK law: `Ri`, then 21 numbers `w C/2`."""
 
     D: Reals
 
 
 @inlined
 def combination(x, a, y, b, z, c):
-    """`x a + y b + z c` of vectors."""
+    """Return `x a + y b + z c` for vectors."""
     return x * a[0] + y * b[0] + z * c[0], x * a[1] + y * b[1] + z * c[1], x * a[2] + y * b[2] + z * c[2]
 
 
 @inlined
 def in_frame(R, U1, U2, U3):
-    """`sum_i Ri_ij U_i`, j = 1, 2, 3."""
+    """Return `sum_i Ri_ij U_i`, j = 1, 2, 3."""
     return (
         (R[0] * U1[0], R[0] * U1[1], R[0] * U1[2]),
         (R[1] * U1[0] + R[3] * U2[0], R[1] * U1[1] + R[3] * U2[1], R[1] * U1[2] + R[3] * U2[2]),
@@ -69,7 +71,7 @@ def in_frame(R, U1, U2, U3):
 
 @inlined
 def on_spokes(R, f1, f2, f3):
-    """`sum_j Ri_ij f_j`, i = 1, 2, 3."""
+    """Return `sum_j Ri_ij f_j`, i = 1, 2, 3."""
     return (
         combination(R[0], f1, R[1], f2, R[2], f3),
         (R[3] * f2[0] + R[4] * f3[0], R[3] * f2[1] + R[4] * f3[1], R[3] * f2[2] + R[4] * f3[2]),
@@ -79,7 +81,7 @@ def on_spokes(R, f1, f2, f3):
 
 @inlined
 def strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3):
-    """`M_ij = q_i . h_j + h_i . Q_j` in the order 11, 22, 33, 12, 13, 23."""
+    """Return `M_ij = q_i . h_j + h_i . Q_j` in the order 11, 22, 33, 12, 13, 23."""
     return (
         dot(q1, h1) + dot(h1, Q1),
         dot(q2, h2) + dot(h2, Q2),
@@ -92,14 +94,14 @@ def strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3):
 
 @inlined
 def contracted(S, M):
-    """`S : M`."""
+    """Return `S : M`."""
     shear = S[3] * M[3] + S[4] * M[4] + S[5] * M[5]
     return S[0] * M[0] + S[1] * M[1] + S[2] * M[2] + shear + shear
 
 
 @inlined
 def weighted_sum(x, a, y, b):
-    """`x a + y b` of six numbers each."""
+    """Return `x a + y b` for six numbers each."""
     return (
         x * a[0] + y * b[0],
         x * a[1] + y * b[1],
@@ -112,13 +114,13 @@ def weighted_sum(x, a, y, b):
 
 @inlined
 def between(q, theta, H):
-    """The frame `q_i + theta H_i`."""
+    """Return the frame `q_i + theta H_i`."""
     return add(q[0], times(theta, H[0])), add(q[1], times(theta, H[1])), add(q[2], times(theta, H[2]))
 
 
 @inlined
 def pulled(S, q1, q2, q3):
-    """`sum_k S_jk q_k`, j = 1, 2, 3."""
+    """Return `sum_k S_jk q_k`, j = 1, 2, 3."""
     return (
         combination(S[0], q1, S[3], q2, S[4], q3),
         combination(S[3], q1, S[1], q2, S[5], q3),
@@ -127,44 +129,47 @@ def pulled(S, q1, q2, q3):
 
 
 def numbers_in(law: Any) -> int:
-    """How many numbers a law has at a point, those of `Ri` included."""
+    """Return how many numbers a law has at a point, including those of `Ri`."""
     return int(FORMULAS["numbers_in", type(law)](law))
 
 
 def numbers_kept(law: Any) -> int:
-    """How many numbers of a state `spoke_stiffness` needs."""
+    """Return how many numbers the state has that `spoke_stiffness` needs."""
     return int(FORMULAS["numbers_kept", type(law)](law))
 
 
 def respond(law: Any, at: Any, weight: Any, Q: Any, h: Any, q: Any) -> Any:
-    """`4 w W`, the state, and `s_1, s_2, s_3`, for the frame at rest `Q`, its displacement `h` and `q = Q + h`.
+    """Return `4 w W`, the state, and `s_1, s_2, s_3`, for the frame at rest `Q`, its displacement `h` and `q = Q + h`.
 
-    The numbers of the law begin at `at`, the weight is that of the point. Where `W` has no meaning it is not finite.
+    The numbers of the law begin at index `at`; `weight` is the weight of the point. Where `W` is not defined, it is not finite.
     """
     return FORMULAS["respond", type(law)](law, at, weight, Q, h, q)
 
 
 def weigh(law: Any, points: Any, kept: Any, positive: Any, negative: Any) -> None:
-    """Change the states `kept` (numbers_kept LANES,) so that tensions count by factors for their sign, which are not both 1.
+    """Multiply the tensions in the states `kept` (numbers_kept LANES,) by the factors for their sign, which are not both 1.
 
-    With (1, 0) and with (0, 0) what `spoke_stiffness` makes of them is positive semi-definite; but for St. Venant-Kirchhoff on
-    linear simplices, where only the sums of tensions have a sign.
+    With factors (1, 0) and (0, 0), the result of `spoke_stiffness` is positive semi-definite. St. Venant-Kirchhoff on linear
+    simplices is an exception, because there only the sums of tensions over elements have a sign.
     """
     FORMULAS["weigh", type(law)](law, points, kept, positive, negative)
 
 
 def spoke_stiffness(law: Any, at: Any, weight: Any, R: Any, kept: Any, lane: Any) -> Any:
-    """45 numbers: `K_11, K_22, K_33` in the order 11, 22, 33, 12, 13, 23, then `K_12, K_13, K_23` row by row."""
+    """Return the stiffness between base vectors, as 45 numbers.
+
+    These are `K_11, K_22, K_33` in the order 11, 22, 33, 12, 13, 23, then `K_12, K_13, K_23` row by row.
+    """
     return FORMULAS["spoke_stiffness", type(law)](law, at, weight, R, kept, lane)
 
 
 def stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
-    """St. Venant-Kirchhoff's `S` for the strains `M` by a law whose numbers begin at `at`, times a weight."""
+    """Return `weight` times the St. Venant-Kirchhoff stress `S` for the strains `M`; the numbers of the law begin at index `at`."""
     return FORMULAS["stress", type(law)](law, at, weight, M)
 
 
 def sizes_of_stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
-    """As `stress`, with absolute values of the numbers of the law."""
+    """Return the `stress` that follows from the absolute values of the numbers of the law."""
     return FORMULAS["sizes_of_stress", type(law)](law, at, weight, M)
 
 
@@ -198,13 +203,13 @@ def _stress_pulls(law, at, weight, Q, h, q):
 
 @inlined
 def sizes(a):
-    """Absolute values of six numbers."""
+    """Return the absolute values of six numbers."""
     return abs(a[0]), abs(a[1]), abs(a[2]), abs(a[3]), abs(a[4]), abs(a[5])
 
 
 @inlined
 def _isotropic(lam, mu, M):
-    """`lam/2 tr M I + mu M` from `lam/2` and `mu`."""
+    """Return `lam/2 tr M I + mu M` for `lam/2` and `mu`."""
     trace = lam * (M[0] + M[1] + M[2])
     return trace + mu * M[0], trace + mu * M[1], trace + mu * M[2], mu * M[3], mu * M[4], mu * M[5]
 
@@ -221,7 +226,7 @@ def _isotropic_sizes(law, at, weight, M):
 
 @inlined
 def _number(D, at, size):
-    """A number that is stored, or where `size` is not None its absolute value."""
+    """Return a stored number, or its absolute value if `size` is not None."""
     if size is None:
         return D[at]
     else:
@@ -242,7 +247,7 @@ def _general_row(D, at, size, x, a, b, c, d, e, f):
 
 @inlined
 def _general(D, at, size, weight, M):
-    """`w C M / 2` from the upper half of `w C/2`, row by row: 0 ... 5, 6 ... 10, 11 ... 14, 15 ... 17, 18 ... 19, 20."""
+    """Return `w C M / 2` from the upper half of `w C/2`, row by row: 0 ... 5, 6 ... 10, 11 ... 14, 15 ... 17, 18 ... 19, 20."""
     twice = weight + weight
     x = (weight * M[0], weight * M[1], weight * M[2], twice * M[3], twice * M[4], twice * M[5])
     return (
@@ -267,8 +272,9 @@ def _general_sizes(law, at, weight, M):
 
 @kernel
 def weigh_eigenvalues(S, lane, positive, negative):
-    """Multiply eigenvalues of a symmetric matrix in the order 11, 22, 33, 12, 13, 23 by a factor for their sign: Jacobi's
-    method.
+    """Multiply the eigenvalues of a symmetric matrix by the factor for their sign, with Jacobi's method.
+
+    The order of components is 11, 22, 33, 12, 13, 23.
     """
     a, b, c = S[lane], S[lane + I(LANES)], S[lane + I(2 * LANES)]
     A = np.array(
@@ -308,7 +314,7 @@ def weigh_eigenvalues(S, lane, positive, negative):
 @by_type(weigh, IsotropicLaw, FORMULAS)
 @by_type(weigh, GeneralLaw, FORMULAS)
 def _weigh_stress(law, points, kept, positive, negative):
-    """Eigenvalues of `S` by their signs; of linear simplices all by the first factor."""
+    """Multiply the eigenvalues of `S` by the factors for their signs; for linear simplices, multiply `S` by the first factor."""
     S = kept[9 * LANES :]
     if points is None or positive == negative:
         S *= kept.dtype.type(positive)
@@ -319,7 +325,7 @@ def _weigh_stress(law, points, kept, positive, negative):
 
 @inlined
 def _symmetric(s, y, g, B, T):
-    """`s y y' + g B + T I`, in the order 11, 22, 33, 12, 13, 23."""
+    """Return `s y y' + g B + T I`, in the order 11, 22, 33, 12, 13, 23."""
     z = (s * y[0], s * y[1], s * y[2])
     return (
         z[0] * y[0] + g * B[0] + T,
@@ -333,7 +339,7 @@ def _symmetric(s, y, g, B, T):
 
 @inlined
 def _mixed(a, x, b, y, g, B, T):
-    """`a x' + b y' + g B + T I`, row by row."""
+    """Return `a x' + b y' + g B + T I`, row by row."""
     return (
         a[0] * x[0] + b[0] * y[0] + g * B[0] + T,
         a[0] * x[1] + b[0] * y[1] + g * B[3],
@@ -349,7 +355,7 @@ def _mixed(a, x, b, y, g, B, T):
 
 @inlined
 def conjugated(R, S):
-    """`Ri S Ri'` of a symmetric `S`, both in the order 11, 22, 33, 12, 13, 23."""
+    """Return `Ri S Ri'` for a symmetric `S`, both in the order 11, 22, 33, 12, 13, 23."""
     a1, a2, a3 = (
         R[0] * S[0] + R[1] * S[3] + R[2] * S[4],
         R[0] * S[3] + R[1] * S[1] + R[2] * S[5],
@@ -391,14 +397,14 @@ def _isotropic_stiffness(law, at, weight, R, kept, lane):
 
 @inlined
 def _answer(D, at, twice, a, b, c, q1, q2, q3):
-    """`w sum_k C_mknl q_k` of one pair `m, l`, with the places a, b, c of `C_m1nl, C_m2nl, C_m3nl`."""
+    """Return `w sum_k C_mknl q_k` for one pair `m, l`; a, b, c are the indices of `C_m1nl, C_m2nl, C_m3nl` in the law."""
     x, y, z = D[at + I((6 + a) * LANES)], D[at + I((6 + b) * LANES)], D[at + I((6 + c) * LANES)]
     return combination(twice * x, q1, twice * y, q2, twice * z, q3)
 
 
 @inlined
 def _block(a, b, c, q1, q2, q3, S):
-    """`a q_1' + b q_2' + c q_3' + S I`, row by row."""
+    """Return `a q_1' + b q_2' + c q_3' + S I`, row by row."""
     return (
         a[0] * q1[0] + b[0] * q2[0] + c[0] * q3[0] + S,
         a[0] * q1[1] + b[0] * q2[1] + c[0] * q3[1],
@@ -414,13 +420,13 @@ def _block(a, b, c, q1, q2, q3, S):
 
 @inlined
 def _six(K):
-    """The symmetric block of nine numbers in the order 11, 22, 33, 12, 13, 23."""
+    """Return the components of a symmetric block of nine numbers in the order 11, 22, 33, 12, 13, 23."""
     return K[0], K[4], K[8], K[1], K[2], K[5]
 
 
 @inlined
 def _weighted(x, a, y, b):
-    """`x a + y b` of blocks."""
+    """Return `x a + y b` for blocks."""
     return (
         x * a[0] + y * b[0],
         x * a[1] + y * b[1],
@@ -436,7 +442,7 @@ def _weighted(x, a, y, b):
 
 @inlined
 def _three(x, a, y, b, z, c):
-    """`x a + y b + z c` of blocks."""
+    """Return `x a + y b + z c` for blocks."""
     return (
         x * a[0] + y * b[0] + z * c[0],
         x * a[1] + y * b[1] + z * c[1],
@@ -452,7 +458,7 @@ def _three(x, a, y, b, z, c):
 
 @inlined
 def transposed(K):
-    """A block of nine numbers, row by row, column by column."""
+    """Return the transpose of a block of nine numbers."""
     return K[0], K[3], K[6], K[1], K[4], K[7], K[2], K[5], K[8]
 
 
@@ -463,7 +469,7 @@ def _scaled(s, a):
 
 @inlined
 def to_spokes(R, A11, A22, A33, A12, A13, A23):
-    """`K_ij = sum_mn Ri_im Ri_jn A_mn`: the 45 numbers of `spoke_stiffness` from blocks of the frame, row by row."""
+    """Return `K_ij = sum_mn Ri_im Ri_jn A_mn`, the 45 numbers of `spoke_stiffness`, from blocks in the frame, row by row."""
     # rows first: B_in = sum_m Ri_im A_mn
     A31, A32, A21 = transposed(A13), transposed(A23), transposed(A12)
     B11 = _three(R[0], A11, R[1], A21, R[2], A31)
@@ -478,7 +484,7 @@ def to_spokes(R, A11, A22, A33, A12, A13, A23):
 
 @by_type(spoke_stiffness, GeneralLaw, FORMULAS)
 def _general_stiffness(law, at, weight, R, kept, lane):
-    """`A_mn = sum_l a_mn,l q_l' + S_mn I`, `a_mn,l = w sum_k C_mknl q_k`."""
+    """Return the stiffness of `A_mn = sum_l a_mn,l q_l' + S_mn I`, `a_mn,l = w sum_k C_mknl q_k`."""
     (q1, q2, q3), S = vectors(kept, lane), six(kept, lane + I(9 * LANES))
     D, twice = law.D, weight + weight
     a11 = _answer(D, at, twice, 0, 3, 4, q1, q2, q3)

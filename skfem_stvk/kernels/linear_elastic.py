@@ -1,6 +1,6 @@
-"""Linear elasticity at a point: the law of small strain, which a rotation strains.
+"""Linear elasticity at a point: the law of small strain, in which rotations cause strain.
 
-Notation of `laws`. Strain and pull are along the frame at rest:
+Notation of `laws`. Strain and stress are along the frame at rest:
 
     M_ij = Q_i . h_j + h_i . Q_j = 2 eps_ij        S_ij = w C_ijkl M_kl / 2        w W = 1/4 S : M        s_j = sum_k S_jk Q_k
     A_mn = w sum_kl C_mknl Q_k Q_l', the same at all displacements
@@ -31,18 +31,18 @@ from .laws import (
 
 
 class LinearIsotropicLaw(NamedTuple):
-    """As `IsotropicLaw`."""
+    """Isotropic linear law, with the numbers of `IsotropicLaw`."""
 
     D: Reals
 
 
 class LinearGeneralLaw(NamedTuple):
-    """As `GeneralLaw`."""
+    """General linear law, with the numbers of `GeneralLaw`."""
 
     D: Reals
 
 
-#: The linear law with the numbers of one of St. Venant-Kirchhoff's.
+#: Linear law for each St. Venant-Kirchhoff law, with the same numbers.
 LINEAR: dict[Any, Any] = {IsotropicLaw: LinearIsotropicLaw, GeneralLaw: LinearGeneralLaw}
 
 for _law, _linear in LINEAR.items():
@@ -64,4 +64,4 @@ def _stress_pulls_along_the_frame_at_rest(law, at, weight, Q, h, q):
 @by_type(weigh, LinearIsotropicLaw, FORMULAS)
 @by_type(weigh, LinearGeneralLaw, FORMULAS)
 def _no_tensions(law, points, kept, positive, negative):
-    """There are no tensions to weigh."""
+    """Leave the state unchanged, because it contains no tensions."""

@@ -1,4 +1,4 @@
-"""The neo-Hookean laws at a point: of solids and in plane strain, and of sheets, across which the stress vanishes.
+"""Neo-Hookean laws at a point: for solids and plane strain, and for sheets, in which the stress across the thickness is zero.
 
 Notation of `laws`; `g_m . q_n = d_mn` (so `g_m = F^-T e_m`), `J` the ratio of volumes, `M = F'F - 1` without cancellation:
 
@@ -6,26 +6,26 @@ Notation of `laws`; `g_m . q_n = d_mn` (so `g_m = F^-T e_m`), `J` the ratio of v
     s_m = w (mu sum_k M_mk g_k + lam (J - 1) J g_m)     F - F^-T = F^-T M
     A_mn = w (mu d_mn I + a g_m g_n' + c g_n g_m')      a = lam J (2 J - 1), c = mu - lam (J - 1) J
 
-With `x = J^2 - 1 = tr M + I2(M) + det M` the first part is `I1 - 3 - 2 ln J = (x - ln(1 + x)) - I2(M) - det M` at small strain,
-a sum of terms of second order. A triangle in the plane has (0, 0, 1) for its third axis, which stays as it is.
+With `x = J^2 - 1 = tr M + I2(M) + det M`, at small strain the first part is `I1 - 3 - 2 ln J = (x - ln(1 + x)) - I2(M) - det M`.
+This is a sum of terms of second order. A triangle in the plane has the third axis (0, 0, 1), which does not change.
 
-Of a sheet `j` is the ratio of areas, `N` the normal and `l` the stretch of the thickness, for which W is stationary: the positive
-root of `(mu + lam j^2) l^2 - lam j l - mu = 0`. With `y = l^2 - 1` and `D` the root of its discriminant, `J = j l`:
+For a sheet, `j` is the ratio of areas and `N` the normal. `l` is the stretch of the thickness, for which W is stationary. It is the
+positive root of `(mu + lam j^2) l^2 - lam j l - mu = 0`. With `y = l^2 - 1`, `D` the root of the discriminant, and `J = j l`:
 
     s_m = w mu (sum_k M_mk g_k - y g_m)                 a = 2 mu lam l^2 j (2 j l - 1)/D, c = mu l^2
     A_mn = w (mu d_mn I + a g_m g_n' + c (g_n g_m' - g_m . g_n N N'))
 
-W has no meaning where `J <= 0`: it is not a number there.
+W is not defined where `J <= 0`, and is NaN there.
 
-The tangent is positive semi-definite if `mu` is replaced by `m >= |c| k`, where `k` is no less than any `1/(s_i s_j)` of the
-principal stretches for `c > 0`, and no less than any `1/s_i^2` for `c < 0`; and `a` by no less than `-(m/l + c)/3`, `l` no less
-than any `1/s_i^2`. For in principal axes `F = U s V'` and `dF = U X V'` it is
+The tangent is positive semi-definite after two replacements. `mu` is replaced by `m >= |c| k`. For `c > 0`, `k` is an upper bound
+of all `1/(s_i s_j)` of the principal stretches; for `c < 0`, of all `1/s_i^2`. `a` is raised to at least `-(m/l + c)/3`, where `l`
+is an upper bound of all `1/s_i^2`. The reason is the form in principal axes, `F = U s V'` and `dF = U X V'`:
 
     m sum_ij X_ij^2 + c sum_ij X_ij X_ji/(s_i s_j) + a (sum_i X_ii/s_i)^2
 
-where pairs `X_ij, X_ji` have the eigenvalues `m +- c/(s_i s_j)`. Bounds are those of a symmetric 3 x 3 matrix by its mean
-eigenvalue and the size of its deviator, `tr/3 + sqrt(2/3) |dev|`, which at rest are exact: nothing is changed there. In sheets a
-2 x 2 matrix is diagonalised; across them `c` counts no more than `m` over the largest `1/s_i^2`.
+The pairs `X_ij, X_ji` have the eigenvalues `m +- c/(s_i s_j)`. The bounds are those of a symmetric 3 x 3 matrix by its mean
+eigenvalue and the norm of its deviator, `tr/3 + sqrt(2/3) |dev|`. At rest they are exact, so that the tangent does not change
+there. For sheets a 2 x 2 matrix is diagonalised. Across a sheet, `c` is limited to `m` over the largest `1/s_i^2`.
 
 Sources: Simo, Pister (1984) for W; Smith, De Goes, Kim (2019) for the eigenvalues of such tangents; Samuelson (1968) for the bound.
 """
@@ -43,13 +43,13 @@ from .laws import FORMULAS, combination, numbers_in, numbers_kept, on_spokes, re
 
 
 class NeoHookeanLaw(NamedTuple):
-    """`Ri`, then `w mu`, `w lam`, and the orientation, 1 or -1."""
+    """Neo-Hookean law of solids and plane strain: `Ri`, then `w mu`, `w lam`, and the orientation, 1 or -1."""
 
     D: Reals
 
 
 class NeoHookeanSheet(NamedTuple):
-    """As `NeoHookeanLaw` of sheets; the orientation of those in space is 0."""
+    """Neo-Hookean law of sheets, with the numbers of `NeoHookeanLaw`; the orientation of sheets in space is 0."""
 
     D: Reals
 
@@ -66,7 +66,10 @@ def _numbers(law):
 
 @inlined
 def _excess(x):
-    """`x - ln(1 + x)` for `|x| < 1/4`: `x z - 2 z^3 (1/3 + z^2/5 + ...)` with `z = x/(2 + x)`, no term of it of first order."""
+    """Return `x - ln(1 + x)` for `|x| < 1/4` without cancellation.
+
+    The series is `x z - 2 z^3 (1/3 + z^2/5 + ...)` with `z = x/(2 + x)`. None of its terms is of first order.
+    """
     z = x / (2 + x)
     y = z * z
     series = 1 / 3 + y * (1 / 5 + y * (1 / 7 + y * (1 / 9 + y * (1 / 11 + y * (1 / 13 + y * (1 / 15 + y * (1 / 17 + y / 19)))))))
@@ -75,7 +78,10 @@ def _excess(x):
 
 @inlined
 def _shape_energy(x, J, invariants, trace):
-    """`tr M - 2 ln J`; at small strain `(x - ln(1 + x)) - invariants` with `x = J^2 - 1` and all others of `M`."""
+    """Return `tr M - 2 ln J`, at small strain as `(x - ln(1 + x)) - invariants`.
+
+    `x` is `J^2 - 1`; `invariants` is the sum of all invariants of `M` except the trace.
+    """
     small = J > 0 and abs(x) < 0.25 and abs(invariants) < 0.25
     logarithm = np.log(J)
     return _excess(x if small else 0.0) - invariants if small else trace - 2 * logarithm
@@ -115,7 +121,7 @@ def _numbers_of_solids(law):
 
 @inlined
 def _largest(a, b, c, d, e, f):
-    """No less than the largest eigenvalue of a symmetric matrix in the order 11, 22, 33, 12, 13, 23."""
+    """Return an upper bound of the largest eigenvalue of a symmetric matrix in the order 11, 22, 33, 12, 13, 23."""
     mean = (a + b + c) / 3
     x, y, z = a - mean, b - mean, c - mean
     return mean + np.sqrt((x * x + y * y + z * z + 2 * (d * d + e * e + f * f)) * (2 / 3))
@@ -137,14 +143,14 @@ def _weigh_solids(law, points, kept, positive, negative):
 
 @inlined
 def _own(a, x, T):
-    """`a x x' + T I`, in the order 11, 22, 33, 12, 13, 23."""
+    """Return `a x x' + T I`, in the order 11, 22, 33, 12, 13, 23."""
     y = times(a, x)
     return y[0] * x[0] + T, y[1] * x[1] + T, y[2] * x[2] + T, y[0] * x[1], y[0] * x[2], y[1] * x[2]
 
 
 @inlined
 def _both(a, c, x, y, T):
-    """`a x y' + c y x' + T I`, row by row."""
+    """Return `a x y' + c y x' + T I`, row by row."""
     z, v = times(a, x), times(c, y)
     return (
         z[0] * y[0] + v[0] * x[0] + T,
@@ -161,7 +167,7 @@ def _both(a, c, x, y, T):
 
 @by_type(spoke_stiffness, NeoHookeanLaw, FORMULAS)
 def _solid_stiffness(law, at, weight, R, kept, lane):
-    """`m G_ij I + a y_i y_j' + c y_j y_i'` with `y_i = sum_j Ri_ij g_j`, `G = Ri Ri'`."""
+    """Return `m G_ij I + a y_i y_j' + c y_j y_i'` with `y_i = sum_j Ri_ij g_j`, `G = Ri Ri'`."""
     (g1, g2, g3), (m, a, c) = vectors(kept, lane), vector(kept, lane + I(9 * LANES))
     y1, y2, y3 = on_spokes(R, g1, g2, g3)
     return (
@@ -227,7 +233,7 @@ def _weigh_sheets(law, points, kept, positive, negative):
 
 @by_type(spoke_stiffness, NeoHookeanSheet, FORMULAS)
 def _sheet_stiffness(law, at, weight, R, kept, lane):
-    """As of solids, and `-c y_i . y_j N N'`."""
+    """Return the stiffness of solids plus `-c y_i . y_j N N'`."""
     (g1, g2, N), (m, a, c) = vectors(kept, lane), vector(kept, lane + I(9 * LANES))
     across = kept[lane + I(12 * LANES)]
     y1, y2 = add(times(R[0], g1), times(R[1], g2)), times(R[3], g2)
@@ -241,7 +247,7 @@ def _sheet_stiffness(law, at, weight, R, kept, lane):
 
 @inlined
 def _with(K, s, N):
-    """A symmetric block and `s N N'`."""
+    """Return a symmetric block plus `s N N'`."""
     z = times(s, N)
     return (
         K[0] + z[0] * N[0],
@@ -255,7 +261,7 @@ def _with(K, s, N):
 
 @inlined
 def _with_all(K, s, N):
-    """A block row by row and `s N N'`."""
+    """Return a block, row by row, plus `s N N'`."""
     a, b, c, d, e, f = _with((K[0], K[4], K[8], K[1], K[2], K[5]), s, N)
     z = times(s, N)
     return a, d, e, K[3] + z[1] * N[0], b, f, K[6] + z[2] * N[0], K[7] + z[2] * N[1], c

@@ -1,7 +1,7 @@
-"""W, F and the blocks of node pairs of K of edges and pairs of edges: finite elements as in eq. 14 of the overview, and springs.
+"""W, F and the blocks of node pairs of K from edges and pairs of edges: finite elements as in eq. 14 of the overview, and springs.
 
-An elongation `z` of each edge, its slope `g = dz/dp` by the edge as it is now, `p = P + U`, and a constant `A_ij` for each edge and
-for each of some pairs of edges:
+Each edge has an elongation `z` and its slope `g = dz/dp`, where `p = P + U` is the deformed edge. Each edge and some pairs of edges
+have a constant `A_ij`:
 
     W = 1/2 sum_i A_ii z_i^2 + sum_{pairs i < j} A_ij z_i z_j        s_i = sum_j A_ij z_j        F = s_i g_i on a, -s_i g_i on b
     K_ab = -(A_ii g_i g_i' + s_i H_i) of an edge itself        sigma A_ij g_i g_j' for each end of i and of j; sigma = 1 for both
@@ -10,12 +10,12 @@ for each of some pairs of edges:
     squared      z = |p|^2 - |P|^2 = (2 P + U) . U        g = 2 p                H = 2 I                        A = L/2: quartic
     by length    z = l - L = (2 P + U) . U / (l + L)      g = n = p/l            H = (I - n n')/l               A = k: Hookean
 
-No `z` has the cancellation of a difference of lengths. Rows of K sum to zero, so that `K_aa` follows from the others.
+No `z` suffers from the cancellation of a difference of lengths. Rows of K sum to zero, so that `K_aa` follows from the others.
 
-Edges stand in blocks, filled up with ones from vertex 0 to itself that have no stiffness. Arrays: `edges` (ne, 2) vertices `a`,
-`b`, `slots` (ne, 2) where their forces go; `rest` (3 ne,) the `P = X_a - X_b`, differences taken in double, of a block first x,
-then y, then z; `u` (3 nv,) in double; `pairs` (n, 2) edges; `own` (ne,) and `between` (n,) the `A_ii` and `A_ij`. Threads take runs
-of blocks of edges, or of pairs, and no two of them share a slot.
+Edges are grouped in blocks. The last block is filled with edges from vertex 0 to itself, which have no stiffness. Arrays: `edges`
+(ne, 2) vertices `a`, `b`; `slots` (ne, 2) of their forces. `rest` (3 ne,) are the `P = X_a - X_b`, taken in double precision: for
+each block first x, then y, then z. `u` is (3 nv,) in double precision; `pairs` (n, 2) are edges; `own` (ne,) and `between` (n,) are
+the `A_ii` and `A_ij`. Threads process consecutive blocks of edges, or of pairs, and no two threads share a slot.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ import numpy as np
 from .compiled import Ids, Reals, inlined, kernel
 from .lanes import TRANSPOSED, I, add, dot, times
 
-#: Blocks behind those of K, for what is on the diagonal.
+#: Number of unused blocks after those of K, for contributions to the diagonal.
 SPARE = 8
-#: Edges in a block: with 16, as of elements, what was stored one by one is waited for when it is read as a whole.
+#: Number of edges in a block. With 16, as for elements, vector loads wait for the preceding scalar stores.
 EDGES = 64
 
 
 @inlined
 def _vector(a, at):
-    """Three components that stand a block of edges apart."""
+    """Return three components with a stride of EDGES."""
     return a[at], a[at + I(EDGES)], a[at + I(2 * EDGES)]
 
 
@@ -44,9 +44,9 @@ def _put(a, out, at):
 
 @inlined
 def _find(by_length, block, edges, rest, u, U, z, g, over):
-    """Write `z`, `g` and the `1/l` of springs by length of a block of edges, `g` in blocks of lanes.
+    """Write `z` and `g` of a block of edges, and the `1/l` of springs by length; `g` has a stride of EDGES.
 
-    A spring of no length has no direction: its `g` is zero.
+    A spring of length zero has no direction, and its `g` is zero.
     """
     first = I(block * EDGES)
     for lane in range(EDGES):
@@ -79,7 +79,7 @@ def _add_vector(f, at, x, y, z):
 
 @kernel
 def elongate(begin: int, end: int, by_length: bool, edges: Ids, rest: Reals, u: Reals, z: Reals, g: Reals, over: Reals) -> None:
-    """Write `z` (ne,), `g` (3 ne,) and the `1/l` (ne,) of springs by length of the edges in the blocks `begin` to `end`."""
+    """Write `z` (ne,) and `g` (3 ne,) of the edges in the blocks `begin` to `end`, and the `1/l` (ne,) of springs by length."""
     U, G = np.empty(3 * EDGES), np.empty(3 * EDGES)
     for block in range(begin, end):
         at = block * EDGES
@@ -91,11 +91,11 @@ def elongate(begin: int, end: int, by_length: bool, edges: Ids, rest: Reals, u: 
 
 @kernel
 def springs(begin: int, end: int, by_length: bool, edges: Ids, slots: Ids, rest: Reals, own: Reals, u: Reals, f: Reals) -> float:
-    """The energy of the edges in the blocks `begin` to `end` where there are no pairs; adds their forces to the slots `f`, unless
-    that is empty.
+    """Return the energy of the edges in the blocks `begin` to `end` without pairs, and add their forces to the slots `f`.
 
-    One pass in place of `elongate` and `pull`. Edges stand in the order of their first vertices, whose forces are added up before
-    they are stored: adding each to what was just stored waits for it.
+    If `f` is empty, only the energy is computed. This is one pass instead of `elongate` and `pull`. Edges are sorted by their first
+    vertices. The forces on a first vertex are summed before they are stored, because adding to a value that was just stored waits
+    for the store.
     """
     U, z, g, over = np.empty(3 * EDGES), np.empty(EDGES), np.empty(3 * EDGES), np.empty(EDGES)
     forces = np.empty(3 * EDGES, f.dtype)
@@ -126,9 +126,9 @@ def springs(begin: int, end: int, by_length: bool, edges: Ids, slots: Ids, rest:
 
 @kernel
 def couple(begin: int, end: int, pairs: Ids, slots: Ids, between: Reals, z: Reals, s: Reals) -> None:
-    """Add `A_ij z_j` to the slot of `s_i`, and `A_ij z_i` to that of `s_j`, of the pairs `begin` to `end`.
+    """Add `A_ij z_j` to the slot of `s_i`, and `A_ij z_i` to the slot of `s_j`, for the pairs `begin` to `end`.
 
-    Pairs stand in the order of their first edges, for which the sum is stored once, as in `springs`.
+    Pairs are sorted by their first edges. The sum for a first edge is stored once, as in `springs`.
     """
     last, total = I(0), s.dtype.type(0)
     for n in range(begin, end):
@@ -144,7 +144,10 @@ def couple(begin: int, end: int, pairs: Ids, slots: Ids, between: Reals, z: Real
 
 @kernel
 def pull(begin: int, end: int, slots: Ids, z: Reals, s: Reals, g: Reals, f: Reals) -> float:
-    """The energy `1/2 s . z` of the edges in the blocks `begin` to `end`; adds forces to the slots `f`, unless that is empty."""
+    """Return the energy `1/2 s . z` of the edges in the blocks `begin` to `end`, and add their forces to the slots `f`.
+
+    If `f` is empty, only the energy is computed.
+    """
     W, zero = 0.0, f.dtype.type(0)
     x, y, w, last = zero, zero, zero, I(0)
     for e in range(begin * EDGES, end * EDGES):
@@ -176,7 +179,10 @@ def put_blocks(
     negative: float,
     blocks: Reals,
 ) -> None:
-    """Write the `K_ab` of the edges `begin` to `end` themselves; `s` counts `positive` or `negative` times, by its sign."""
+    """Write the `K_ab` of the edges `begin` to `end` themselves.
+
+    `s` is multiplied by `positive` or `negative`, depending on its sign.
+    """
     for e in range(begin, end):
         i = I(e)
         at, to = I(3) * i, I(9) * i
@@ -198,7 +204,7 @@ def put_blocks(
 
 @inlined
 def _add(slot, g, h, blocks):
-    """Add `g h'` to a block, or `h g'` where it is stored transposed."""
+    """Add `g h'` to a block, or `h g'` if it is stored transposed."""
     at = I(9) * I(slot & ~TRANSPOSED)
     if slot & TRANSPOSED:
         g, h = h, g
@@ -209,9 +215,11 @@ def _add(slot, g, h, blocks):
 
 @kernel
 def couple_blocks(begin: int, end: int, pairs: Ids, to: Ids, between: Reals, g: Reals, blocks: Reals) -> None:
-    """Add `sigma A_ij g_i g_j'` of the pairs `begin` to `end` to blocks `to` (n, 4): of their first and first vertices, first and
-    second, second and first, second and second. Where edges meet, one of these is on the diagonal, and goes to one of `SPARE`
-    blocks of no use: one alone would be waited for.
+    """Add `sigma A_ij g_i g_j'` of the pairs `begin` to `end` to the blocks `to` (n, 4).
+
+    The four blocks are those of the first and first vertices, first and second, second and first, second and second. If edges meet,
+    one of these is on the diagonal. It is added to one of `SPARE` unused blocks. With a single unused block, each addition would
+    wait for the previous store.
     """
     for n in range(begin, end):
         k, A = I(n), between[I(n)]
@@ -229,9 +237,9 @@ def couple_blocks(begin: int, end: int, pairs: Ids, to: Ids, between: Reals, g: 
 def find_blocks(begin: int, end: int, edges: Ids, starts: Ids, pairs: Ids, out: Ids) -> int:
     """Write the blocks (n, 4) of the ends of the pairs `begin` to `end`, in the order of `couple_blocks`.
 
-    Blocks are those of `edges` (ne, 2) in lexicographic order; those from a vertex `a` stand at `starts[a]` to `starts[a + 1]`.
-    Transposed ones have the bit `TRANSPOSED`; ne ... ne + SPARE - 1 stand for the diagonal, and ne + SPARE for ends that no edge
-    joins. Returns how many of these there are.
+    Blocks are those of `edges` (ne, 2) in lexicographic order. The blocks of a first vertex `a` are `starts[a]` to `starts[a + 1]`.
+    Transposed blocks have the bit `TRANSPOSED`. The numbers ne ... ne + SPARE - 1 mean the diagonal. The number ne + SPARE means
+    that no edge joins the ends. Returns how many blocks have no edge.
     """
     missing, total = 0, len(edges)
     for n in range(begin, end):

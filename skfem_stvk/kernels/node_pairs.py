@@ -1,10 +1,10 @@
-"""Blocks of pairs of nodes in K from the stiffness of spokes: `K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij` over points, i and j.
+"""Blocks of node pairs of K from the stiffness between base vectors: `K_ab = sum of dN_a/dxi_i dN_b/dxi_j K_ij` over points, i, j.
 
-Shape functions add up to 1, so that the rows of node 0 are minus the sums of the others. A linear simplex has one point and its
-nodes at the ends of the spokes: its pairs are its edges, and there is nothing to sum.
+Shape functions sum to 1, so that the rows of node 0 are minus the sums of the others. A linear simplex has one point, and its nodes
+are the ends of the base vectors. Its pairs are its edges, and no sum over points is needed.
 
-The stiffness of the spokes at a point is 45 numbers (`laws.spoke_stiffness`), or nine blocks of nine numbers where points are
-summed; numbers stand in blocks of lanes (`lanes`).
+The stiffness between base vectors at a point is 45 numbers (`laws.spoke_stiffness`), or nine blocks of nine numbers where points
+are summed. Numbers are stored in blocks of lanes (`lanes`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .hourglass import put_pairs_of_means
 from .lanes import ELEMENT, LANES, I, MeanPoints, Points, derivatives, points_of, put
 from .laws import transposed
 
-#: Numbers of a 3 x 3 block of a block of lanes.
+#: Number of values of one 3 x 3 block for all lanes.
 NINE = 9 * LANES
 
 
@@ -30,13 +30,13 @@ def _put_minus_sum(a, b, c, out, at):
 
 @inlined
 def _nine(a):
-    """A symmetric block in the order 11, 22, 33, 12, 13, 23, row by row."""
+    """Return a symmetric block, stored in the order 11, 22, 33, 12, 13, 23, row by row."""
     return a[0], a[3], a[4], a[3], a[1], a[5], a[4], a[5], a[2]
 
 
 @inlined
 def put_edges(K, out, lane):
-    """Write the blocks of the edges 01, 12, 02, 03, 13, 23 of a linear simplex with the stiffness `K` of its spokes."""
+    """Write the blocks of the edges 01, 12, 02, 03, 13, 23 of a linear simplex, from the stiffness `K` between its base vectors."""
     K11, K22, K33, K12, K13, K23 = _nine(K[:6]), _nine(K[6:12]), _nine(K[12:18]), K[18:27], K[27:36], K[36:45]
     _put_minus_sum(K11, transposed(K12), transposed(K13), out, lane)
     put(K12, out, lane + I(9 * LANES))
@@ -48,7 +48,7 @@ def put_edges(K, out, lane):
 
 @inlined
 def put_spokes(K, out, point, lane):
-    """Write the stiffness of the spokes at a point as nine blocks of nine numbers, `K_ij` row by row."""
+    """Write the stiffness between base vectors at a point as nine blocks of nine numbers, `K_ij` row by row."""
     K12, K13, K23, at = K[18:27], K[27:36], K[36:45], I(9 * point * NINE) + lane
     put(_nine(K[:6]), out, at)
     put(_nine(K[6:12]), out, at + I(4 * NINE))
@@ -63,7 +63,7 @@ def put_spokes(K, out, point, lane):
 
 @inlined
 def _by_nodes(B, point, a, K, T):
-    """`T_aj = sum_i dN_a/dxi_i K_ij` of three nodes from `a` on at a point."""
+    """Write `T_aj = sum_i dN_a/dxi_i K_ij` at a point for the three nodes from `a` on."""
     (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = derivatives(B, point, a)
     for j in range(3):
         first = I((9 * point + j) * NINE)
@@ -77,7 +77,7 @@ def _by_nodes(B, point, a, K, T):
 
 @inlined
 def _add_pairs(B, point, b, T, of, out):
-    """Add `sum_j dN_b/dxi_j T_j` of three nodes from `b` on at a point to their blocks (3 NINE,)."""
+    """Add `sum_j dN_b/dxi_j T_j` at a point, for the three nodes from `b` on, to their blocks (3 NINE,)."""
     (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = derivatives(B, point, b)
     for i in range(NINE):
         at, to = of + I(i), I(i)
@@ -89,7 +89,7 @@ def _add_pairs(B, point, b, T, of, out):
 
 @inlined
 def _add_two(B, point, b, T, of, out):
-    """As `_add_pairs`, of a point and the next: the blocks are read and written once for both."""
+    """Do the work of `_add_pairs` for a point and the next point, so that the blocks are read and written once for both."""
     (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = derivatives(B, point, b)
     (c11, c12, c13), (c21, c22, c23), (c31, c32, c33) = derivatives(B, point + 1, b)
     for i in range(NINE):
@@ -103,7 +103,7 @@ def _add_two(B, point, b, T, of, out):
 
 @inlined
 def _add_diagonal(B, point, b, T, of, out):
-    """As `_add_pairs`, where each of the nodes has but one derivative, as the corners 1, 2, 3 of a quadratic simplex."""
+    """Do the work of `_add_pairs` for nodes with one nonzero derivative each, such as corners 1, 2, 3 of quadratic simplices."""
     b1, b2, b3 = B[point, b, 0], B[point, b + 1, 1], B[point, b + 2, 2]
     for i in range(NINE):
         at, to = of + I(i), I(i)
@@ -114,7 +114,7 @@ def _add_diagonal(B, point, b, T, of, out):
 
 @inlined
 def _are_diagonal(B):
-    """Whether the nodes 1, 2, 3 have but one derivative each at all points."""
+    """Return whether each of the nodes 1, 2, 3 has only the derivative `dN_i/dxi_i` at all points."""
     for point in range(len(B)):
         for a in range(3):
             for i in range(3):
@@ -125,8 +125,10 @@ def _are_diagonal(B):
 
 @inlined
 def room_for_pairs(points, edge_slots, dtype):
-    """What `put_pairs` works in: the stiffness of spokes at the points of a block, that by nodes, and a row; and room for all
-    pairs of its nodes, whose slots are those.
+    """Return the scratch arrays of `put_pairs` and the array of the pair blocks of a block of elements.
+
+    The scratch arrays are the stiffness between base vectors at the points, the stiffness between nodes and base vectors, and a
+    row. `edge_slots` are the slots of the pairs.
     """
     size = 0 if points is None else 9 * NINE * points_of(points)
     work = np.empty(0 if points is None else 2 * size + 3 * NINE, dtype)
@@ -135,11 +137,10 @@ def room_for_pairs(points, edge_slots, dtype):
 
 
 def put_pairs(points: Any, block: Any, nodes: Any, K: Any, x: Any, kept: Any, T: Any, row: Any, out: Any) -> None:
-    """Write the blocks of all pairs of nodes `(a, b)`, a < b, of a block of elements from the stiffness `K` of spokes at the
-    points.
+    """Write the blocks of all node pairs `(a, b)`, a < b, of a block of elements.
 
-    `x` is what `gather` found at rest, and `kept` how much of what resists hourglass modes is added; `T` and `row` are room to work
-    in.
+    `K` is the stiffness between base vectors at the points. `x` are the nodal differences at rest from `gather`. The hourglass
+    stiffness is multiplied by `kept`. `T` and `row` are scratch arrays.
     """
     ELEMENT["put_pairs", type(points)](points, block, nodes, K, x, kept, T, row, out)
 
@@ -161,10 +162,10 @@ def _pairs_of_tables(points, block, nodes, K, x, kept, T, row, out):
 
 @kernel
 def _put_pairs(B, nodes, K, T, row, out):
-    """`put_pairs` by a table.
+    """Write the pair blocks for elements with a table.
 
-    Nodes are taken three at a time, and of those two groups each pair once: loops of 144 are vectorised well, and what is read for
-    one node serves three. Blocks of node 0 are minus the sums of the columns of the others.
+    Nodes are processed in groups of three, and each pair of groups once. Loops of 144 vectorise well, and the data read for one
+    node serve three. The blocks of node 0 are minus the sums of the columns of the others.
     """
     nq, diagonal = len(B), _are_diagonal(B)
     out[: (nodes - 1) * NINE] = 0

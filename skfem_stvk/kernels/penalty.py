@@ -1,26 +1,26 @@
-"""W, F and the blocks of node pairs of K of energies of the volume ratio J, element by element.
+"""W, F and the blocks of node pairs of K for energies of the volume ratio J, element by element.
 
-At a point, with the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes `p_i = P_i + U_i`, `C0` that at rest and `V0` the
-volume at rest, `|C0|` times the weight of the point:
+The signed volume form of the base vectors `p_i = P_i + U_i` at a point is `C = p_1 . (p_2 x p_3)`, at rest `C0`. `V0` is the volume
+at rest, `|C0|` times the weight of the point:
 
     e = J - 1 = (C - C0)/C0        C - C0 = U_1 . (p_2 x p_3) + P_1 . (U_2 x p_3 + P_2 x U_3)        no cancellation at small strain
     W = V0 psi(J)        f_i = V0/C0 psi' n_i        n_i = dC/dp_i: n_1 = p_2 x p_3, and so on; n_0 = -(n_1 + n_2 + n_3)
     K_ab = V0/C0^2 psi'' n_a n_b' + V0/C0 psi' [q_ab]        [q] x = q x x        q_12 = -p_3, q_13 = p_2, q_23 = -p_1
 
-This is K of linear simplices, whose nodes stand at the ends of the spokes: `q` of the edges of vertex 0 follows from the row
-sums, the edge opposite, as for the others. Of other elements it is that of the spokes, and forces and K are spread from there
-over the nodes. Per unit of stiffness:
+For linear simplices this is K of the nodes, which are the ends of the base vectors. For the edges of vertex 0, `q` follows from the
+row sums; it is the opposite edge, as for the other edges. For other elements this is the stiffness between base vectors. Forces and
+K are then spread over the nodes. Per unit of stiffness:
 
     quadratic      psi = e^2/2                                psi' = e                           psi'' = 1
     compression    psi = -e^3/3           for e < 0           psi' = -e^2                        psi'' = -2 e
     barrier        psi = -e^2 ln J        for 0 < J < 1       psi' = -(2 e ln J + e^2/J)         psi'' = -2 ln J - 4 e/J + e^2/J^2
 
-No `psi''` is negative, and in no sum do terms of both signs meet. Without `psi'` K is positive semi-definite.
+No `psi''` is negative, and no sum has terms of both signs. Without `psi'` K is positive semi-definite.
 
-A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1): of what belongs to them
-nothing counts.
+A triangle in the plane has the third base vector (0, 0, 1). A segment on the line has (0, 1, 0) and (0, 0, 1). Forces and stiffness
+of these vectors are set to zero.
 
-Elements stand in blocks of lanes, and arrays are those of `elements`; `D` has two numbers, the stiffness times `V0` (without
+Elements are stored in blocks of lanes, and arrays are those of `elements`. `D` has two numbers: the stiffness times `V0` (without
 the weight of a table of points) and `1/C0`.
 """
 
@@ -59,7 +59,7 @@ from .lanes import (
 from .node_pairs import put_pairs, put_spokes, room_for_pairs
 from .rows import add_blocks, close_rows, open_rows
 
-#: The kinds of energy, as kernels know them.
+#: Kinds of energy in the kernels.
 QUADRATIC, COMPRESSION, BARRIER = 0, 1, 2
 
 
@@ -70,7 +70,7 @@ def _minus(a, b):
 
 @kernel
 def _find_ratios(P, U, D, first, e, J):
-    """`e` and `J` of a block at a point: each without cancellation where the other has it, at rest and where no volume is left."""
+    """Write `e` and `J` of a block at a point, `e` without cancellation at rest, and `J` without cancellation at zero volume."""
     for i in range(LANES):
         lane = I(i)
         P1, P2, P3 = vectors(P, lane)
@@ -83,7 +83,10 @@ def _find_ratios(P, U, D, first, e, J):
 
 @kernel
 def _find_energies(kind, D, first, e, J, psi, slope, curvature):
-    """`psi, psi', psi''` of a block at a point; the smallest `J` of it if that is where psi has no meaning, otherwise 1."""
+    """Write `psi, psi', psi''` of a block at a point, and return the smallest `J` at which psi is not defined.
+
+    If there is no such `J`, 1 is returned.
+    """
     zero, half, third = e.dtype.type(0), e.dtype.type(0.5), e.dtype.type(1 / 3)
     nothing, least = e.dtype.type(np.nan), e.dtype.type(1)
     if kind == QUADRATIC:
@@ -92,7 +95,7 @@ def _find_energies(kind, D, first, e, J, psi, slope, curvature):
             psi[I(i)], slope[I(i)], curvature[I(i)] = half * x * x, x, e.dtype.type(1)
     elif kind == COMPRESSION:
         for i in range(LANES):
-            x = zero if e[I(i)] >= 0 else e[I(i)]  # what is not a number stays that
+            x = zero if e[I(i)] >= 0 else e[I(i)]  # NaN is propagated
             psi[I(i)], slope[I(i)], curvature[I(i)] = -third * x * x * x, -x * x, -(x + x)
     else:
         for i in range(LANES):
@@ -114,7 +117,7 @@ def _find_energies(kind, D, first, e, J, psi, slope, curvature):
 
 @inlined
 def _find(kind, P, U, D, first, found):
-    """Write `psi, psi', psi'', e, J` of a block at a point; returns as `_find_energies`."""
+    """Write `psi, psi', psi'', e, J` of a block at a point, and return the result of `_find_energies`."""
     e, J = found[3], found[4]
     _find_ratios(P, U, D, first, e, J)
     return _find_energies(kind, D, first, e, J, found[0], found[1], found[2])
@@ -122,7 +125,10 @@ def _find(kind, P, U, D, first, found):
 
 @inlined
 def _normals(P, U, lane, more, most):
-    """The spokes now, and `dC/dp_i`; those of constant spokes, for which `more` or `most` is zero, are zero."""
+    """Return the deformed base vectors, and `dC/dp_i`.
+
+    For constant base vectors `more` or `most` is zero, and `dC/dp_i` is zero, too.
+    """
     p1 = add(vector(P, lane), vector(U, lane))
     p2 = add(vector(P, lane + I(3 * LANES)), vector(U, lane + I(3 * LANES)))
     p3 = add(vector(P, lane + I(6 * LANES)), vector(U, lane + I(6 * LANES)))
@@ -140,9 +146,10 @@ def _put_forces(factor, n1, n2, n3, forces, lane):
 def penalty_energy_and_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
 ) -> tuple[float, float]:
-    """The energy of the blocks `begin` to `end`; adds their forces to the slots `f`, unless that is empty.
+    """Return the energy of the blocks `begin` to `end`, and the smallest `J` at which the barrier is not defined.
 
-    Also the smallest `J` of them if the barrier has no meaning there, `J <= 0`: energy and forces have none then.
+    If there is no such `J`, the second number is 1. Forces are added to the slots `f`, unless `f` is empty. The barrier is not
+    defined at `J <= 0`. Then energy and forces are not defined either.
     """
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
@@ -174,13 +181,13 @@ def penalty_energy_and_force(
 
 @inlined
 def _symmetric(a, b):
-    """`a b'` of parallel vectors, in the order 11, 22, 33, 12, 13, 23."""
+    """Return `a b'` for parallel vectors, in the order 11, 22, 33, 12, 13, 23."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2], a[0] * b[1], a[0] * b[2], a[1] * b[2]
 
 
 @inlined
 def _block(a, b, q):
-    """`a b' + [q]`, row by row."""
+    """Return `a b' + [q]`, row by row."""
     return (
         a[0] * b[0],
         a[0] * b[1] - q[2],
@@ -210,9 +217,10 @@ def penalty_linearize(
     kept: float,
     f: Reals,
 ) -> tuple[float, float, float]:
-    """As in `penalty_energy_and_force`; adds `K_ab`, `psi'` times `kept` in it, to what `to` says.
+    """Return the results of `penalty_energy_and_force` and the trace of the rows of K that were written (`rows`).
 
-    The third number is the trace of the rows of K that were written (`rows`).
+    Forces are added to the slots `f`, unless `f` is empty, and `K_ab` to the destination `to`. In K, `psi'` is multiplied by
+    `kept`.
     """
     x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
@@ -268,7 +276,7 @@ def penalty_linearize(
 
 @inlined
 def _permanent(a, b):
-    """The cross product with plus in place of minus."""
+    """Return the cross product with plus in place of minus."""
     return a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]
 
 
@@ -276,12 +284,12 @@ def _permanent(a, b):
 def penalty_round_off(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
 ) -> float:
-    """Add the forces of absolute values to the slots `f`: `|V0/C0| (psi'' |e| + |psi'|) |n_i|`.
+    """Add forces from absolute values to the slots `f`: `|V0/C0| (psi'' |e| + |psi'|) |n_i|`.
 
-    The `U` of `|e|` have `|u_a| + |u_0|`. Spokes at a point are sums, of which rounding is that of all that adds up to them: what
-    that changes `n_i` by stands in the place of `n_i` beside `psi'`.
+    In `|e|`, `U` is replaced by `|u_a| + |u_0|`. Base vectors at a point are sums, and their rounding error is that of all terms.
+    Therefore the resulting error of `n_i` replaces `n_i` in the product with `psi'`.
 
-    The smallest `J` as in `penalty_energy_and_force`.
+    Returns the smallest `J` as in `penalty_energy_and_force`.
     """
     x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
     P, U, B, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)

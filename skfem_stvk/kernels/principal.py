@@ -5,15 +5,15 @@
     P = U diag(p) V'
     dP = U T V'        T_ii = sum_j H_ij D_jj        T_ij = f_ij (D_ij + D_ji)/2 + t_ij (D_ij - D_ji)/2        D = U' dF V
 
-The eigenvalues of the tangent of W are those of H, and f and t: three by three, three and three. Each is known, so that what is
-negative can be left out. Of the spokes, with `Z = Ri V` of rows `z_a`,
+The nine eigenvalues of the tangent of W are those of H, the three `f_ij` and the three `t_ij`. All are known, so that negative ones
+can be removed. Between base vectors, with `Z = Ri V` of rows `z_a`,
 
     K_ab = U G U'        G_ii = H_ii z_ai z_bi + sum_j (f_ij + t_ij)/2 z_aj z_bj
                          G_ij = H_ij z_ai z_bj + (f_ij - t_ij)/2 z_aj z_bi
 
-Where elements of fewer dimensions lack a stretch, flip and twist with it are both `p_i/s_i`, tension over stretch. A law is a type
-with its numbers `D` and the kind `flat` of its elements. It gives `w`, `p`, `H` and the flips (`answer`), of which `of_stretches`
-makes the formulas of the kernels.
+Elements of fewer dimensions lack a stretch. Its flips and twists are both `p_i/s_i`, tension over stretch. A law is a type with its
+numbers `D` and the kind `flat` of its elements. It supplies `w`, `p`, `H` and the flips (`answer`). `of_stretches` derives the
+formulas of the kernels from these.
 
 Source: Smith, de Goes, Kim, "Analytic eigensystems for isotropic distortion energies" (2019).
 """
@@ -31,13 +31,13 @@ from .svd import decompose, eigen, present, small
 
 
 def answer(law: Any, at: Any, weight: Any, s: Any, e: Any) -> Any:
-    """`w`, `p_i`, `H` in the order 11, 22, 33, 12, 13, 23 and the flips 12, 13, 23 for stretches `s` and `e = s - 1`."""
+    """Return `w`, `p_i`, `H` in the order 11, 22, 33, 12, 13, 23 and the flips 12, 13, 23 for stretches `s` and `e = s - 1`."""
     return FORMULAS["answer", type(law)](law, at, weight, s, e)
 
 
 @inlined
 def lame(law, at, weight):
-    """`w lam` and `w mu`."""
+    """Return `w lam` and `w mu`."""
     lam = weight * law.D[at + I(6 * LANES)]
     return lam + lam, weight * law.D[at + I(7 * LANES)]
 
@@ -46,7 +46,7 @@ def lame(law, at, weight):
 def _twist(p, r, s, t, least):
     """Return `(p_i + p_j)/(s_i + s_j)`, or 0 where the sum of stretches is round-off.
 
-    The energy is a cone around such states. The decomposition chooses one side of it, which is straight.
+    The graph of the energy is a cone around such states. The decomposition selects one side of it, which is straight.
     """
     both = s + t
     return (p + r) / both if both > least else least - least
@@ -61,7 +61,7 @@ def _numbers_of_a_decomposition(law):
 
 
 def _stretches_pull(law, at, weight, Q, h, q):
-    """Kept are `U`, `V`, `H`, the flips 12, 13, 23 and the twists."""
+    """Return `4 w W`, the state, and the forces on the axes; the state is `U`, `V`, `H`, the flips 12, 13, 23 and the twists."""
     D = law.D
     M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
     u1, u2, u3, v1, v2, v3, s, e = decompose(law.flat, D, Q, q, M)
@@ -87,13 +87,16 @@ def _stretches_pull(law, at, weight, Q, h, q):
 
 @inlined
 def _part(x, positive, negative):
-    """A number times the factor of its sign."""
+    """Return a number times the factor for its sign."""
     a, b = positive * x, negative * x
     return a if x > 0 else b
 
 
 def _weigh_stretches(law, points, kept, positive, negative):
-    """Twists by their signs; what else is negative, in `H` and the flips, by the second factor. Without twists K is warped."""
+    """Multiply twists by the factors for their signs, and other negative eigenvalues, of `H` and the flips, by the second factor.
+
+    Without twists K is that of warped stiffness.
+    """
     D = law.D
     one, plus, minus, (_, y, z) = D.dtype.type(1), D.dtype.type(positive), D.dtype.type(negative), present(law.flat, D)
     for i in range(LANES):
@@ -123,7 +126,7 @@ def _weigh_stretches(law, points, kept, positive, negative):
 
 @inlined
 def _products(x, y):
-    """`x_i y_j`, row by row."""
+    """Return `x_i y_j`, row by row."""
     return (
         (x[0] * y[0], x[0] * y[1], x[0] * y[2]),
         (x[1] * y[0], x[1] * y[1], x[1] * y[2]),
@@ -133,7 +136,7 @@ def _products(x, y):
 
 @inlined
 def _in_axes(H, alpha, beta, x, y):
-    """`G` for the rows `x = z_a` and `y = z_b`, row by row."""
+    """Return `G` for the rows `x = z_a` and `y = z_b`, row by row."""
     Z = _products(x, y)
     return (
         (
@@ -156,7 +159,7 @@ def _in_axes(H, alpha, beta, x, y):
 
 @inlined
 def _in_space(u, G):
-    """The rows of `U G U'`, as functions of its columns: `sum_ij u_i G_ij u_j'`."""
+    """Return the rows `sum_j G_ij u_j'` of `G U'`."""
     a = combination(G[0][0], u[0], G[0][1], u[1], G[0][2], u[2])
     b = combination(G[1][0], u[0], G[1][1], u[1], G[1][2], u[2])
     c = combination(G[2][0], u[0], G[2][1], u[1], G[2][2], u[2])
@@ -165,7 +168,7 @@ def _in_space(u, G):
 
 @inlined
 def _nine(u, G):
-    """`U G U'`, row by row."""
+    """Return `U G U'`, row by row."""
     a, b, c = _in_space(u, G)
     return (
         *combination(u[0][0], a, u[1][0], b, u[2][0], c),
@@ -176,7 +179,7 @@ def _nine(u, G):
 
 @inlined
 def _six_of(u, G):
-    """`U G U'` of a symmetric `G`, in the order 11, 22, 33, 12, 13, 23."""
+    """Return `U G U'` for a symmetric `G`, in the order 11, 22, 33, 12, 13, 23."""
     a, b, c = _in_space(u, G)
     return (
         u[0][0] * a[0] + u[1][0] * b[0] + u[2][0] * c[0],
@@ -213,7 +216,7 @@ def _stiffness_of_stretches(law, at, weight, R, kept, lane):
 
 
 def of_stretches(kind: type) -> None:
-    """Register the formulas of a law of principal stretches, which are made of its `answer`."""
+    """Register the formulas of a law of principal stretches, which use its `answer`."""
     for stub, formula in (
         (numbers_in, _numbers_of_an_isotropic_law),
         (numbers_kept, _numbers_of_a_decomposition),

@@ -1,12 +1,13 @@
 """Reduced St. Venant-Kirchhoff bodies: the coefficients of their energy, and the energy with all its derivatives.
 
-With `x = (1, z)`, `z` (R,) the amounts of fields of displacements and n = R + 1, each strain is a sum of products `x_a x_b`, and
-the energy is one homogeneous quartic, whose cubic and quadratic parts are the terms with one and two factors `x_0 = 1`:
+`z` (R,) are the amplitudes of displacement fields, `x = (1, z)`, and n = R + 1. Each strain is a sum of products `x_a x_b`. The
+energy is one homogeneous quartic. Its cubic and quadratic parts are the terms with one and two factors `x_0 = 1`:
 
     W = sum over a <= b <= c <= d of T_abcd x_a x_b x_c x_d        n (n + 1) (n + 2) (n + 3)/24 numbers, 46 376 at R = 30
 
-Pairs `a <= b` stand at `b (b + 1)/2 + a`. The numbers of T stand in rows for `d`, then for `c <= d`: all pairs with `b <= c`, which
-are the first `(c + 1) (c + 2)/2`. So each row is multiplied by one number at a time, over its whole length.
+The pair `a <= b` has the index `b (b + 1)/2 + a`. The numbers of T are stored in rows, one for each `d` and each `c <= d`. A row
+contains all pairs with `b <= c`, which are the first `(c + 1) (c + 2)/2`. Therefore a whole row is multiplied by one number at a
+time.
 
 Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
 """
@@ -27,7 +28,7 @@ def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
         M_ij = q_i . q_j - Q_i . Q_j,  q_j = sum_a G_jca x_a,  G_jc0 = Q_j at rest        in the order 11, 22, 33, 12, 13, 23
         y = L M
 
-    `G` (n, k, d, R + 1), `L` (n, s, s); `work` (s, pairs) is written to.
+    `G` is (n, k, d, R + 1), `L` is (n, s, s); `work` (s, pairs) is a scratch array.
     """
     n, k, d, m = G.shape
     s, pairs = work.shape
@@ -58,9 +59,10 @@ def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
 
 @kernel
 def distinct_coefficients(C: Reals, T: Reals) -> None:
-    """Write the coefficients T of `1/2 sum over pairs of C_PQ x_P x_Q`, `C` (pairs, pairs) symmetric with its lower half in use.
+    """Write the coefficients T of `1/2 sum over pairs of C_PQ x_P x_Q`.
 
-    A product `x_a x_b x_c x_d` is one of pairs in three ways, of which some are the same where indices are.
+    `C` (pairs, pairs) is symmetric, and only its lower half is used. A product `x_a x_b x_c x_d` is a product of two pairs in three
+    ways. Some of these are the same where indices are equal.
     """
     n, at = 0, 0
     while n * (n + 1) // 2 < C.shape[0]:
@@ -80,11 +82,11 @@ def distinct_coefficients(C: Reals, T: Reals) -> None:
 
 @kernel
 def quartic(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, G: Reals, H: Reals) -> float:
-    """`W = 1/12 x' H x` at `x` (n,); writes `G = dW/dx = 1/3 H x` (n,) and `H_ab = d2W/dx_a dx_b` (n, n).
+    """Return `W = 1/12 x' H x` at `x` (n,), and write `G = dW/dx = 1/3 H x` (n,) and `H_ab = d2W/dx_a dx_b` (n, n).
 
-    A product `T_abcd x_a x_b x_c x_d` adds to H in six places, once for each two of its factors. Of rows `t` for `c, d`, `Y_c =
-    sum_d x_d t` and `Y_d = sum_c x_c t` are kept, whose entries `a, b` have one of the two factors `c, d` left. `p` and `P`
-    (pairs,) and `Y` (n, pairs) are written to.
+    A product `T_abcd x_a x_b x_c x_d` contributes to six entries of H, one for each two of its factors. For a row `t` of `c, d`,
+    the sums `Y_c = sum_d x_d t` and `Y_d = sum_c x_c t` are stored. Their entries `a, b` contain one of the two factors `c, d`; the
+    other is left for the derivative. `p` and `P` (pairs,) and `Y` (n, pairs) are scratch arrays.
     """
     n, pairs, at = len(x), len(p), 0
     for b in range(n):

@@ -1,12 +1,12 @@
-"""Where the blocks of node pairs go that elements have: into an array of all, or straight into the rows of K.
+"""Destinations of the blocks of node pairs that the element kernels compute: an array of all blocks, or directly the rows of K.
 
-A row of K is complete when the last element of its node has been added. Written then, while its blocks are in the cache, it needs
-no array of all blocks, but a few slots, which other pairs have as soon as both rows of a pair are written: assigned once, like
-registers (`topology.assign_slots`). Rows are put together in a small array, the `stage`, and leave it in whole lines past the
-caches.
+A row of K is complete when the last element of its node has been added. `RowSlots` writes it at that moment, while its blocks are
+in the cache. No array of all blocks is needed then, only a few slots. A slot is reused as soon as both rows of its pair are
+written. Slots are assigned once, like the registers of a compiler (`topology.assign_slots`). Rows are assembled in a small array,
+the staging buffer `stage`. Complete cache lines of it are written past the caches.
 
-A kernel on elements is handed `to`, PairSlots or RowSlots, and ends each block of lanes with `add_blocks`; which of the two it is
-is known when it is compiled.
+An element kernel gets an argument `to`, a PairSlots or a RowSlots, and ends each block of lanes with `add_blocks`. The type of `to`
+is known at compile time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class PairSlots(NamedTuple):
     Attributes
     ----------
     slots : (blocks of lanes, m LANES) slots of the pairs of elements.
-    marks : (blocks of lanes + 1,) pairs that those before are the first to have: they are set to zero just before.
+    marks : (blocks of lanes + 1,) number of pairs that occur in the preceding blocks of lanes. Block `i` is the first with the
+        pairs `marks[i]` ... `marks[i + 1] - 1`, which are set to zero just before it is added.
     blocks : (9 slots,) `K_ab`, row by row.
     """
 
@@ -37,32 +38,35 @@ class PairSlots(NamedTuple):
 
 
 class RowSlots(NamedTuple):
-    """Slots for the blocks of those pairs that are in work, and the rows of K that are made of them.
+    """Slots for the blocks of the pairs in use, and the rows of K that are assembled from them.
 
-    A row of a node is its lower neighbours, itself, and its upper neighbours.
+    The row of a node consists of its lower neighbours, the node itself, and its upper neighbours.
 
     Attributes
     ----------
     slots : (blocks of lanes, m LANES) slots of the pairs of elements.
     fresh : (pairs,) slots in the order in which pairs begin to use them.
-    marks : (blocks of lanes + 1,) how many of them those before begin to use: they are set to zero just before.
-    done : (blocks of lanes + 1,) rows that are complete before each.
-    begin : (rows + 1,) where their entries begin.
-    own : (rows,) the entry of the node itself.
+    marks : (blocks of lanes + 1,) number of entries of `fresh` that the preceding blocks of lanes begin to use. Block `i` begins
+        to use `fresh[marks[i]]` ... `fresh[marks[i + 1] - 1]`, which are set to zero just before it is added.
+    done : (blocks of lanes + 1,) number of rows that are complete before each block of lanes.
+    begin : (rows + 1,) index of the first entry of each row.
+    own : (rows,) index of the entry of the node itself.
     entries : (m,) slots of the pairs.
-    columns : (m,) values from the first of the row of K to the first of each block.
-    first : (rows,) the first value of each in K.
-    strides : (rows,) values from a row of a node to its next.
-    sizes : (rows,) values of each in K.
-    picked, picks : (rows + 1,), (m,) of rows that K has a part of: which of their values it has. Others have none.
+    columns : (m,) offset in K from the first value of the row to the first value of each block.
+    first : (rows,) index in K of the first value of each row.
+    strides : (rows,) offset in K from one row of a node to its next row.
+    sizes : (rows,) number of values of each row in K.
+    picked, picks : (rows + 1,), (m,) for rows of which K holds only a part: the indices of the values that it holds. Other rows
+        have no entries.
     eights, ninths : (8 slots,), (slots,) the first eight numbers and the ninth of each block `K_ab`, row by row.
-    d : components of a node.
+    d : number of components of a node.
     data : values of K.
-    add : whether they are added to; else written.
-    staged : whether rows go through the stage: each is all there is of the rows of K of its node, and is written.
+    add : whether values are added to those of K. Otherwise they are written.
+    staged : whether rows go through the staging buffer. Then each row is all that the rows of K of its node contain, and it is
+        written, not added.
     ahead : whether rows are far apart in K.
-    large : whether there are more slots than a core's cache holds, so that they are brought there soon before they are added to.
-    widest : values in the largest row of a node.
+    large : whether the slots exceed the cache of a core. Then each slot is prefetched shortly before a block is added to it.
+    widest : number of values of the largest row of a node.
     """
 
     slots: Ids
@@ -90,7 +94,7 @@ class RowSlots(NamedTuple):
 
 
 class Staged(NamedTuple):
-    """What the stage of a part holds: the values of K from `base + low` to `base + high`; and the trace of the rows up to now."""
+    """State of the staging buffer: it holds values `base + low` to `base + high` of K; and the trace of the rows so far."""
 
     base: int
     low: int
@@ -98,7 +102,7 @@ class Staged(NamedTuple):
     trace: float
 
 
-#: How many pairs of lanes before they are added to: K of 2 000 000 tetrahedra took 119 ns each without it, and 99 with it.
+#: Prefetch distance in pairs of a block of lanes. K of 2 000 000 tetrahedra takes 99 ns each with it, and 119 ns without.
 SOON = 6
 
 NOWHERE = -(2**62)
@@ -108,21 +112,24 @@ FORMULAS: dict[tuple[str, type], Any] = {}
 
 
 def open_rows(to: Any) -> Any:
-    """The stage, and what it holds for `add_blocks` of the first block."""
+    """Return the staging buffer and its state `Staged` before the first call of `add_blocks`."""
     return FORMULAS["open_rows", type(to)](to)
 
 
 def add_blocks(to: Any, points: Any, stage: Any, at: Any, block: int, values: Any) -> Any:
-    """Add the blocks of the pairs of a block of lanes, `values` (9 m LANES,), and write rows that are complete then; what the stage
-    holds after that.
+    """Add the blocks of the pairs of a block of lanes, `values` (9 m LANES,), and write the rows that they complete.
 
-    Of elements with a table of `points` slots have the bit TRANSPOSED where blocks are added transposed.
+    Returns the new state of the staging buffer. For elements with a table of `points`, the bit TRANSPOSED of a slot marks blocks
+    that are added transposed.
     """
     return FORMULAS["add_blocks", type(to)](to, points, stage, at, block, values)
 
 
 def close_rows(to: Any, stage: Any, at: Any) -> Any:
-    """Write what the stage still holds; the trace of all rows, which is not finite if any value is not; zero without rows."""
+    """Write the rest of the staging buffer, and return the trace of all rows.
+
+    The trace is not finite if any value is not finite. It is zero for PairSlots.
+    """
     return FORMULAS["close_rows", type(to)](to, stage, at)
 
 
@@ -133,7 +140,7 @@ def _open_pairs(to):
 
 @by_type(add_blocks, PairSlots, FORMULAS)
 def _add_to_pairs(to, points, stage, at, block, values):
-    to.blocks[9 * to.marks[block] : 9 * to.marks[block + 1]] = 0  # while it is in the cache
+    to.blocks[9 * to.marks[block] : 9 * to.marks[block + 1]] = 0  # just before they are added to, so that they are in the cache
     scatter_blocks(points, to.slots, block, values, to.blocks)
     return at
 
@@ -145,7 +152,7 @@ def _close_pairs(to, stage, at):
 
 @inlined
 def _room(to):
-    """Room for the stage, and behind it for a row of which K has a part."""
+    """Return an array for the staging buffer, followed by space for one row of which K holds a part."""
     staged, picked = to.widest + LINE if to.staged else 0, to.widest if len(to.picks) > 0 else 0
     return np.empty(staged + picked, to.eights.dtype)
 
@@ -201,7 +208,7 @@ def _put_block(block, out, at, stride, d, add):
 
 
 def _in_order(function):
-    """Compile without regrouping of sums: a row is the same to the last bit whichever way it is written."""
+    """Compile without reassociation of sums, so that a row is bitwise identical on every path that writes it."""
     return inlined(function, fastmath={"contract", "nsz"})
 
 
@@ -222,7 +229,10 @@ def _minus(a, b):
 
 @_in_order
 def _put_row(to, row, out, at, d, add):
-    """Write the row of a node to `out[at]` ...; the sum of the diagonal of its diagonal block, of three components."""
+    """Write the row of a node to `out`, starting at index `at`, or add it.
+
+    Returns the trace of the diagonal block, over three components.
+    """
     zero, stride, entries, columns, own = to.eights.dtype.type(0), I(to.strides[row]), to.entries, to.columns, to.own[row]
     minus_sum = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
     for i in range(to.begin[row], own):
@@ -239,7 +249,7 @@ def _put_row(to, row, out, at, d, add):
 
 @inlined
 def _pick(to, row, stage, out, at, add):
-    """Write what K has of a row that stands at the end of the stage."""
+    """Write the values that K holds of the row at the end of the buffer `stage`, or add them."""
     first, whole = to.picked[row], len(stage) - to.widest
     for i in range(to.picked[row + 1] - first):
         value = stage[I(whole + to.picks[I(first + i)])]
@@ -251,7 +261,11 @@ def _pick(to, row, stage, out, at, add):
 
 @inlined
 def _put_part(to, row, stage):
-    """Write the part of a row that K has, or add it, by way of the end of the stage: other terms may have places in it, too."""
+    """Write the part of a row that K holds, or add it.
+
+    The whole row is first assembled at the end of the buffer `stage`. This range is set to zero before, because other terms may
+    also have entries in the row.
+    """
     whole = len(stage) - to.widest
     for i in range(to.d * to.strides[row]):
         stage[I(whole + i)] = 0
@@ -268,7 +282,7 @@ def _write(stage, low, high, base, data):
 
 @inlined
 def _stage_row(to, stage, at, row):
-    """Put a row behind those on the stage, and have whole lines leave it."""
+    """Append a finished row to the staging buffer and flush complete cache lines."""
     base, low, high, trace = at
     data = to.data
     width, first = LINE // data.itemsize, to.first[row]
@@ -283,7 +297,7 @@ def _stage_row(to, stage, at, row):
         _pick(to, row, stage, stage, high, False)
     high += to.sizes[row]
     gone = 0
-    if low > 0 and high >= width:  # the line that another row begins
+    if low > 0 and high >= width:  # the start of this line belongs to another row
         _write(stage, low, width, base, data)
         low, gone = 0, width
     while gone + width <= high:
@@ -297,7 +311,10 @@ def _stage_row(to, stage, at, row):
 
 @inlined
 def _have_brought(to, block):
-    """Prefetch where the rows that are complete after a block are to go: of those that go in whole lines, the two ends."""
+    """Prefetch the destinations of the rows that are complete after a block.
+
+    For rows that are written in complete cache lines, the first and the last line suffice.
+    """
     width = LINE // to.data.itemsize
     for row in range(to.done[block], to.done[block + 1]):
         first, size = to.first[row], to.sizes[row]
@@ -311,7 +328,7 @@ def _have_brought(to, block):
 
 @inlined
 def _bring_slots(to, at):
-    """Have the slots of a pair of a block of lanes brought into the cache."""
+    """Prefetch the slots of a pair of a block of lanes."""
     slots = to.slots.reshape(-1)
     if at < len(slots):
         for lane in range(LANES):
@@ -362,7 +379,7 @@ def _close_rows(to, stage, at):
 
 @kernel
 def finish_rows(begin: int, end: int, to: RowSlots) -> float:
-    """Write rows `begin` to `end`, whose blocks are complete; the sum of the diagonals of their diagonal blocks."""
+    """Write rows `begin` to `end`, whose blocks are complete, and return the sum of the traces of their diagonal blocks."""
     trace, room = 0.0, _room(to)
     for row in range(begin, end):
         if to.picked[row] < to.picked[row + 1]:

@@ -1,8 +1,8 @@
-"""Sparse matrices of 3 x 3 blocks: products, Gauss-Seidel sweeps, and what algebraic multigrid makes of them.
+"""Sparse matrices of 3 x 3 blocks: products, Gauss-Seidel sweeps, and the operations of algebraic multigrid.
 
-Arrays: a matrix has the blocks `rows[i]` ... `rows[i + 1]` in block row `i`, with ascending block `columns`, and `blocks` (9 nnz,),
-row by row; `diagonal[i]` is the place of the diagonal block. Vectors have three components a block row. A kernel works on block
-rows `begin` to `end`; Gauss-Seidel takes what other parts hold as it was before.
+Arrays: block row `i` of a matrix has the blocks `rows[i]` ... `rows[i + 1]`, with ascending block `columns`. `blocks` is (9 nnz,),
+row by row. `diagonal[i]` is the index of the diagonal block. Vectors have three components per block row. A kernel processes block
+rows `begin` to `end`. Gauss-Seidel uses the previous values of the rows of other parts.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ def fill_blocks(
     blocks: Reals,
     single: Reals,
 ) -> None:
-    """The values of a CSR matrix as `blocks`, and `scale` times them as `single`.
+    """Write the values of a CSR matrix to `blocks`, and `scale` times the values to `single`.
 
-    Unknown `w` is `component[w]` of block row `block[w]`; those of block row `i` are `first[i]` and the next ones. Components
-    without an unknown get the diagonal `1/scale`.
+    Unknown `w` is `component[w]` of block row `block[w]`. The unknowns of block row `i` are `first[i]` and the following ones.
+    Components without an unknown get the diagonal `1/scale`.
     """
     place = np.empty(len(rows), np.int64)
     for i in range(begin, end):
@@ -58,7 +58,7 @@ def fill_blocks(
 
 @inlined
 def _row(begin, end, columns, blocks, x):
-    """The sum of `A_ij x_j` over the places `begin` to `end`."""
+    """Return the sum of `A_ij x_j` over the block indices `begin` to `end`."""
     s0 = s1 = s2 = blocks.dtype.type(0)
     for i in range(begin, end):
         k, c = I(9) * I(i), I(3) * I(columns[I(i)])
@@ -71,7 +71,7 @@ def _row(begin, end, columns, blocks, x):
 
 @inlined
 def _times(blocks, k, x0, x1, x2):
-    """A block times a vector."""
+    """Return a block times a vector."""
     return (
         blocks[k] * x0 + blocks[k + I(1)] * x1 + blocks[k + I(2)] * x2,
         blocks[k + I(3)] * x0 + blocks[k + I(4)] * x1 + blocks[k + I(5)] * x2,
@@ -81,7 +81,7 @@ def _times(blocks, k, x0, x1, x2):
 
 @kernel
 def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Reals, add: bool, out: Reals) -> None:
-    """`A x`, written to `out` or added to it."""
+    """Write `A x` to `out`, or add it."""
     for i in range(begin, end):
         s0, s1, s2 = _row(rows[I(i)], rows[I(i + 1)], columns, blocks, x)
         to = I(3) * I(i)
@@ -99,7 +99,10 @@ def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Rea
 def sweep_forward(
     begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, inverse: Reals, b: Reals, x: Reals
 ) -> None:
-    """Gauss-Seidel from `x = 0`, rows ascending: `x_i = D_i^-1 (b_i - sum_{begin <= j < i} A_ij x_j)`; `inverse` has `D_i^-1`."""
+    """Apply Gauss-Seidel from `x = 0`, rows ascending: `x_i = D_i^-1 (b_i - sum_{begin <= j < i} A_ij x_j)`.
+
+    `inverse` has the blocks `D_i^-1`.
+    """
     for i in range(begin, end):
         inner = rows[I(i)]
         while columns[I(inner)] < begin:
@@ -114,7 +117,7 @@ def sweep_forward(
 def residual_after_forward(
     begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, extra: Reals, x: Reals, out: Reals
 ) -> None:
-    """`b - A x` after `sweep_forward`: what it did not see, `extra_i x_i - sum_{j < begin or j > i} A_ij x_j`."""
+    """Write `b - A x` after `sweep_forward`, that is, the terms it omits: `extra_i x_i - sum_{j < begin or j > i} A_ij x_j`."""
     for i in range(begin, end):
         inner = rows[I(i)]
         while columns[I(inner)] < begin:
@@ -131,7 +134,7 @@ def residual_after_forward(
 def sweep_backward(
     begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, inverse: Reals, b: Reals, before: Reals, x: Reals
 ) -> None:
-    """Gauss-Seidel, rows descending: `x_i += D_i^-1 (b_i - sum_j A_ij x_j)`, with `before_j` outside of the part."""
+    """Apply Gauss-Seidel, rows descending: `x_i += D_i^-1 (b_i - sum_j A_ij x_j)`, with `before_j` outside of the part."""
     for i in range(end - 1, begin - 1, -1):
         inner, outer = rows[I(i)], rows[I(i + 1)]
         while columns[I(inner)] < begin:
@@ -150,7 +153,10 @@ def sweep_backward(
 
 @kernel
 def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
-    """Half the sum of norms of a row's blocks outside of the part, which on the diagonal makes Gauss-Seidel in parts converge."""
+    """Write half the sum of the norms of the blocks of each row outside of the part to `extra`.
+
+    Added to the diagonal, this makes Gauss-Seidel in parts converge.
+    """
     for i in range(begin, end):
         total = 0.0
         for j in range(rows[I(i)], rows[I(i + 1)]):
@@ -164,9 +170,10 @@ def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra:
 
 @kernel
 def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> int:
-    """`(D_i + extra_i 1)^-1` of the symmetric diagonal blocks, by `D = L P L'` with `|P|` in place of P: always positive definite.
+    """Write `(D_i + extra_i 1)^-1` of the symmetric diagonal blocks, by `D = L P L'` with `|P|` in place of P.
 
-    Pivots that are as good as zero are replaced by the size of the block. Returns how many were negative.
+    The result is always positive definite. Pivots that are zero up to round-off are replaced by the size of the block. Returns the
+    number of negative pivots.
     """
     negative = 0
     for i in range(begin, end):
@@ -211,7 +218,7 @@ def multiply_blocks(
     width: int,
     out: Reals,
 ) -> None:
-    """The product of two matrices in a structure that holds all of it; `width` is its number of block columns."""
+    """Write the product of two matrices, in a structure that contains all its blocks; `width` is its number of block columns."""
     place = np.empty(width, np.int64)
     for i in range(begin, end):
         for k in range(out_rows[I(i)], out_rows[I(i + 1)]):
@@ -245,7 +252,7 @@ def smooth_prolongator(
     tentative: Reals,
     out: Reals,
 ) -> None:
-    """Write `T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks from its place `own[i]` on."""
+    """Write `T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks from index `own[i]` on."""
     for i in range(begin, end):
         at = I(9) * I(i)
         for k in range(rows[I(i)], rows[I(i + 1)]):
@@ -261,7 +268,7 @@ def smooth_prolongator(
 
 @kernel
 def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Reals) -> None:
-    """Block `k` of `out` is the transpose of block `places[k]`."""
+    """Write the transpose of block `places[k]` to block `k` of `out`."""
     for k in range(begin, end):
         to, at = I(9) * I(k), I(9) * I(places[I(k)])
         for r in range(3):
@@ -271,10 +278,10 @@ def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Real
 
 @kernel
 def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, modes: Reals, coarse: Reals) -> None:
-    """Factorise modes `B = Q R` by aggregate: Q in place of `modes`, R to `coarse`; a dependent mode becomes zero.
+    """Factorise modes `B = Q R` by aggregate: Q overwrites `modes`, R is written to `coarse`. A dependent mode becomes zero.
 
-    Aggregate `a` is the block rows `members[starts[a]]` ... of `starts[a + 1]`; `modes` has `count` blocks a row, `coarse`
-    `count^2` an aggregate.
+    Aggregate `a` consists of the block rows `members[starts[a]]` ... `members[starts[a + 1] - 1]`. `modes` has `count` blocks per
+    row, `coarse` `count^2` per aggregate.
     """
     for a in range(begin, end):
         for k in range(9 * count * count * a, 9 * count * count * (a + 1)):
@@ -311,7 +318,10 @@ def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, 
 
 @kernel
 def invert_dense(a: Reals) -> bool:
-    """Invert a symmetric matrix (n, n) in place, by Gauss and Jordan; False, and rubbish, unless it is positive definite."""
+    """Invert a symmetric matrix (n, n) in place, by Gauss-Jordan elimination, and return whether it is positive definite.
+
+    If it is not, the content of `a` is meaningless.
+    """
     n, least = len(a), 0.0
     for k in range(n):
         least = max(least, 1e-14 * a[k, k])
@@ -333,7 +343,7 @@ def invert_dense(a: Reals) -> bool:
 
 @kernel
 def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
-    """The part's share of `x'y`."""
+    """Return the contribution of the part to `x'y`."""
     total = 0.0
     for i in range(begin, end):
         total += x[I(i)] * y[I(i)]
@@ -342,7 +352,7 @@ def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
 
 @kernel
 def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Reals) -> float:
-    """`x += alpha p`, `r -= alpha q`; the part's share of `r'r`."""
+    """Update `x += alpha p` and `r -= alpha q`, and return the contribution of the part to `r'r`."""
     total = 0.0
     for i in range(begin, end):
         x[I(i)] += alpha * p[I(i)]
@@ -353,14 +363,14 @@ def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Re
 
 @kernel
 def turn(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
-    """`p = z + beta p`."""
+    """Update the search direction, `p = z + beta p`."""
     for i in range(begin, end):
         p[I(i)] = z[I(i)] + beta * p[I(i)]
 
 
 @kernel
 def multiply_diagonal(begin: int, end: int, blocks: Reals, x: Reals, out: Reals) -> None:
-    """A block diagonal matrix times x."""
+    """Write the product of a block diagonal matrix and x."""
     for i in range(begin, end):
         at = I(3) * I(i)
         y0, y1, y2 = _times(blocks, I(9) * I(i), x[at], x[at + I(1)], x[at + I(2)])

@@ -1,18 +1,17 @@
-"""How much elements are compressed: their smallest principal stretch, of those with several points the smallest at these.
+"""Smallest principal stretch of elements, a measure of their compression; of several points of an element the smallest counts.
 
-With the spokes at rest `P = Q R`, `Q` orthonormal and `R` upper triangular, and their displacements `U`:
+With the base vectors at rest `P = Q R`, `Q` orthonormal and `R` upper triangular, and their displacements `U`:
 
     H = U R^-1        C = I + 2 E        2 E = Q'H + H'Q + H'H        smallest stretch s = sqrt(smallest eigenvalue of C)
 
-`E` has no cancellation at small strain, and is that of a tetrahedron within its three dimensions, of a triangle within its two, of
-a segment within its one. The smallest eigenvalue of a tetrahedron's C in closed form, with the same accuracy where eigenvalues
-repeat:
+`E` has no cancellation at small strain. It has three dimensions for a tetrahedron, two for a triangle, and one for a segment. The
+smallest eigenvalue of C of a tetrahedron has a closed form, with the same accuracy for repeated eigenvalues:
 
     q = tr C/3    B = (C - q I)/p with tr B^2 = 6    r = det B/2    1 - r = |B^2 - 2 I - r B|^2 / (6 (1 + r))
     smallest eigenvalue = q - p (1 + z)              z^2 (3 + z) = 2 (1 - r), the root with 0 <= z <= 1
 
-At rest it is 1 to the last bit. Its error is a few eps times the largest eigenvalue of C, or times 1 if that is larger; that of the
-stretch, a few eps times the same over the stretch itself. A state that overflows counts as crushed to nothing: 0.
+At rest it is bitwise 1. Its error is a few eps times the largest eigenvalue of C, or times 1 if that is larger. The error of the
+stretch is a few eps times the same value divided by the stretch. If a state overflows, the stretch is 0.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def _minus(a, s, b):
 
 @inlined
 def _strain(q1, h1, q2, h2):
-    """`q1 . h2 + h1 . q2 + h1 . h2`"""
+    """Return `q1 . h2 + h1 . q2 + h1 . h2`."""
     return dot((q1[0] + h1[0], q1[1] + h1[1], q1[2] + h1[2]), h2) + dot(h1, q2)
 
 
@@ -86,7 +85,7 @@ def _of_tetrahedron(P1, P2, P3, U1, U2, U3):
 
 @inlined
 def _smallest_eigenvalue(a, b, c, d, e, f):
-    """The smallest eigenvalue of a traceless matrix with the diagonal `a, b, c`, and `d, e, f` at 12, 13, 23."""
+    """Return the smallest eigenvalue of a traceless matrix with the diagonal `a, b, c`, and `d, e, f` at 12, 13, 23."""
     p = np.sqrt((a * a + b * b + c * c + 2 * (d * d + e * e + f * f)) / 6)
     scale = 1 / (p + 1e-150)  # where there is no deviator, B = 0
     a, b, c, d, e, f = a * scale, b * scale, c * scale, d * scale, e * scale, f * scale
@@ -103,7 +102,10 @@ def _smallest_eigenvalue(a, b, c, d, e, f):
 
 @kernel
 def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, out: Reals) -> float:
-    """The smallest principal stretch of the blocks `begin` to `end`; of each element in `out`, unless that is empty."""
+    """Return the smallest principal stretch of the blocks `begin` to `end`.
+
+    The smallest stretch of each element is written to `out`, unless `out` is empty.
+    """
     x, y = room(points, X.dtype), room(points, X.dtype)
     P, U = at_point(points, x), at_point(points, y)
     s, least = np.empty(LANES), np.full(LANES, np.inf)

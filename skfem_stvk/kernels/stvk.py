@@ -1,22 +1,23 @@
-"""St. Venant-Kirchhoff's law of sheets and cables that bear no compression: the relaxed energy of tension fields.
+"""St. Venant-Kirchhoff law of sheets and cables without compressive stress: the relaxed energy of tension fields.
 
-With the principal values `m_1 >= m_2` of `M = 2 E`, `nu` Poisson's ratio and S isotropic in plane stress, each value counts no less
-than what the pull along the other leaves of it:
+`m_1 >= m_2` are the principal values of `M = 2 E`, `nu` is Poisson's ratio, and S is isotropic in plane stress. Each value is
+replaced by at least the lateral contraction due to tension along the other axis:
 
     n_1 = max(m_1, 0)        n_2 = max(m_2, -nu n_1)        S_i = w (lam/2 (n_1 + n_2) + mu n_i)        4 w W = S_1 m_1 + S_2 m_2
 
-    taut        n = m: as it is
+    taut        n = m: unchanged
     wrinkled    S_1 = w E/2 m_1, S_2 = 0: uniaxial tension, of Young's modulus E = 2 mu (1 + nu)
     slack       S = 0
 
-It is the least energy of all strains that are larger by wrinkles, so it is convex in M and S is never negative: the tangent is
-positive semi-definite. S is continuous, its derivative jumps between the three; on a border it is that of the taut side, or of the
-wrinkled one beside slack. With `r_i = F v_i` of the principal axes, `Z = Ri V` of rows `z_a`:
+W is the minimum energy over all strains larger than M; the difference is due to wrinkles. Therefore W is convex in M and S has no
+negative principal value, so that the tangent is positive semi-definite. S is continuous, but its derivative jumps between the three
+states. On a border the derivative is that of the taut state, or of the wrinkled state next to the slack state. With `r_i = F v_i`
+of the principal axes, `Z = Ri V` of rows `z_a`:
 
     K_ab = sum_mn z_am z_bn A_mn        A_11 = 2 T_11 r_1 r_1' + g r_2 r_2' + S_1 I        A_12 = 2 T_12 r_1 r_2' + g r_2 r_1'
     T_ij = dS_i/dm_j        g = (S_1 - S_2)/(m_1 - m_2)
 
-A segment has one value, and what it stores has no Poisson's ratio: the other value is zero.
+A segment has one value, and its stored numbers contain no Poisson's ratio. The other value is zero.
 
 Source: Pipkin, "The relaxed energy density for isotropic elastic membranes" (1986).
 """
@@ -34,7 +35,7 @@ from .laws import FORMULAS, combination, numbers_in, numbers_kept, respond, spok
 
 
 class TensionLaw(NamedTuple):
-    """`Ri`, then `w lam/2` and `w mu` within a sheet in plane stress."""
+    """Law of tension fields: `Ri`, then `w lam/2` and `w mu` within a sheet in plane stress."""
 
     D: Reals
 
@@ -51,7 +52,7 @@ def _numbers_of_two_axes(law):
 
 @inlined
 def _axes(a, b, g, one, tiny):
-    """`m_1 >= m_2` of the matrix `a, g; g, b`, and the first axis."""
+    """Return `m_1 >= m_2` of the matrix `a, g; g, b`, and the first axis."""
     half = one / (one + one)
     size = abs(a) + abs(b) + abs(g) + tiny
     d, e, mean = half * (a - b) / size, g / size, half * (a + b)
@@ -65,7 +66,7 @@ def _axes(a, b, g, one, tiny):
 
 @inlined
 def _relaxed(lam, mu, m1, m2, one):
-    """`S_1, S_2`, Poisson's ratio, and whether it is tense along the first axis, and along both."""
+    """Return `S_1, S_2`, Poisson's ratio, and whether there is tension along the first axis, and along both axes."""
     both = lam + mu
     nu, zero = lam / (both if both > 0 else one), one - one
     tense = m1 >= 0
@@ -79,7 +80,10 @@ def _relaxed(lam, mu, m1, m2, one):
 
 @by_type(respond, TensionLaw, FORMULAS)
 def _tension_pulls(law, at, weight, Q, h, q):
-    """Kept are `r_1`, `r_2`, the first axis, `T_11`, `T_22`, `T_12`, `g`, `S_1`, `S_2`."""
+    """Return `4 w W`, the state, and the forces on the axes.
+
+    The state is `r_1`, `r_2`, the first axis, `T_11`, `T_22`, `T_12`, `g`, `S_1`, `S_2`.
+    """
     D = law.D
     one, tiny = D.dtype.type(1), D.dtype.type(np.finfo(D.dtype).tiny)
     zero = one - one
@@ -105,7 +109,7 @@ def _tension_pulls(law, at, weight, Q, h, q):
 
 @by_type(by_strain, TensionLaw, FORMULAS)
 def _relaxed_by_strain(law, at, weight, M, rest, hand, second, third, one):
-    """Without frames, which elements that have shrunk to a line or a point lack."""
+    """Return `4 w W` and `S` without a frame, because elements that have collapsed to a line or a point have none."""
     D = law.D
     lam, mu = weight * D[at + I(6 * LANES)], weight * D[at + I(7 * LANES)]
     m1, m2, c, s = _axes(M[0], M[1], M[3], one, D.dtype.type(np.finfo(D.dtype).tiny))
@@ -117,13 +121,16 @@ def _relaxed_by_strain(law, at, weight, M, rest, hand, second, third, one):
 
 @by_type(weigh, TensionLaw, FORMULAS)
 def _weigh_tensions(law, points, kept, positive, negative):
-    """There are no others than positive ones."""
+    """Multiply the tensions by `positive`, because none is negative."""
     kept[12 * LANES :] *= kept.dtype.type(positive)
 
 
 @inlined
 def _all_four(k, z, y):
-    """The numbers of `r_1 r_1'`, `r_2 r_2'`, `r_1 r_2'`, `r_2 r_1'` and `I` in `sum_mn z_m y_n A_mn`, `z = z_a`, `y = z_b`."""
+    """Return the coefficients of `r_1 r_1'`, `r_2 r_2'`, `r_1 r_2'`, `r_2 r_1'` and `I` in `sum_mn z_m y_n A_mn`.
+
+    Here `z = z_a` and `y = z_b`.
+    """
     T11, T22, T12, g, S1, S2 = k
     first, second, mixed, other = z[0] * y[0], z[1] * y[1], z[0] * y[1], z[1] * y[0]
     return (
@@ -137,7 +144,7 @@ def _all_four(k, z, y):
 
 @inlined
 def _block(n, r1, r2):
-    """The nine numbers of such a block, row by row."""
+    """Return the nine numbers of a block with the coefficients `n` of `_all_four`, row by row."""
     a = (n[0] * r1[0] + n[2] * r2[0], n[0] * r1[1] + n[2] * r2[1], n[0] * r1[2] + n[2] * r2[2])
     b = (n[3] * r1[0] + n[1] * r2[0], n[3] * r1[1] + n[1] * r2[1], n[3] * r1[2] + n[1] * r2[2])
     return (

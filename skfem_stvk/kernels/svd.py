@@ -1,14 +1,15 @@
 """Singular value decomposition of deformation gradients, with a sign.
 
-With `q_j = F e_j` in the frame at rest `Q`, `F = U diag(s) V'` there: `V` a rotation, `U` a frame of the hand of `Q`, so that `U V'
-Q'` is a rotation in space also where F is singular or mirrored, and the smallest of the singular values takes the sign of det F.
+With `q_j = F e_j` in the frame at rest `Q`, the decomposition is `F = U diag(s) V'`. `V` is a rotation, and `U` a frame with the
+orientation of `Q`. Therefore `U V' Q'` is a rotation in space also where F is singular or mirrored. The smallest singular value has
+the sign of det F.
 
-    M V = V diag(m)         `M = F'F - I` near rest, `F'F` elsewhere; Jacobi's method, a fixed number of turns without branches
+    M V = V diag(m)         `M = F'F - I` near rest, `F'F` elsewhere; Jacobi's method, a fixed number of rotations without branches
     s_i - 1 = m_i/(1 + sqrt(1 + m_i))        near rest, without cancellation; elsewhere `s_i = u_i . F v_i`
-    u_1, u_2        F v_1, F v_2 made orthonormal, or any such vectors where those vanish; `u_3 = u_1 x u_2` with the frame's hand
+    u_1, u_2        F v_1, F v_2 made orthonormal, or any such vectors where those vanish; `u_3 = u_1 x u_2`, oriented as the frame
 
-Elements of fewer dimensions have no stress along what they lack: the stretch there counts as zero. In a plane or on a line, which
-have two sides, stretches have a sign; of membranes and cables in space they have none.
+Elements of fewer dimensions have no stress along the missing axes, and the stretch there is set to zero. In a plane or on a line,
+which have two sides, stretches have a sign. For membranes and cables in space they have none.
 
 Source: Irving, Teran, Fedkiw (2004) for the sign.
 """
@@ -23,41 +24,41 @@ from .compiled import by_type, inlined
 from .lanes import add, cross, dot, times
 from .laws import FORMULAS, combination
 
-#: Elements of fewer dimensions, by what they lie in.
+#: Kinds of elements of fewer than three dimensions: segments on a line, other segments, triangles in a plane, triangles in space.
 LINE, CABLE, SHEET, MEMBRANE = 0, 1, 2, 3
 
 
 class Flat(NamedTuple):
-    """Elements of fewer than three dimensions: `LINE`, `CABLE`, `SHEET` or `MEMBRANE`."""
+    """Kind of elements of fewer than three dimensions: `LINE`, `CABLE`, `SHEET` or `MEMBRANE`."""
 
     kind: int
 
 
 def decompose(flat: Any, D: Any, Q: Any, q: Any, M: Any) -> Any:
-    """`u_1, u_2, u_3`, `v_1, v_2, v_3`, the stretches `s` and `s - 1`; `flat` is None for solids, otherwise a `Flat`."""
+    """Return `u_1, u_2, u_3`, `v_1, v_2, v_3`, the stretches `s` and `s - 1`; `flat` is None for solids, otherwise a `Flat`."""
     return FORMULAS["decompose", type(flat)](flat, D, Q, q, M)
 
 
 def present(flat: Any, D: Any) -> Any:
-    """1 for each of three stretches that there is, 0 for those that are lacking."""
+    """Return 1 for each of the three stretches that exists, and 0 for each that is lacking."""
     return FORMULAS["present", type(flat)](flat, D)
 
 
 @inlined
 def select(condition, a, b):
-    """The vector `a` or `b`, without a branch."""
+    """Return the vector `a` or `b`, without a branch."""
     return (a[0] if condition else b[0]), (a[1] if condition else b[1]), (a[2] if condition else b[2])
 
 
 @inlined
 def small(D):
-    """A number that is nothing beside 1, and whose square can still be told from zero."""
+    """Return a number that is negligible compared with 1, and whose square does not underflow."""
     return D.dtype.type(1e-18) if D.dtype.type(1e-60) == 0 else D.dtype.type(1e-150)
 
 
 @inlined
 def _turn(a, b, g, one, tiny):
-    """Cosine and sine of the small turn that makes `a, g; g, b` diagonal, and the values on the diagonal then."""
+    """Return cosine and sine of the smaller rotation that makes `a, g; g, b` diagonal, and the resulting diagonal."""
     d, twice = b - a, g + g
     h = np.sqrt(d * d + twice * twice)
     x = abs(d) + h + tiny
@@ -69,7 +70,7 @@ def _turn(a, b, g, one, tiny):
 
 @inlined
 def _turned(c, s, x, y):
-    """`c x - s y` and `s x + c y` of vectors."""
+    """Return `c x - s y` and `s x + c y` for vectors."""
     return (
         (c * x[0] - s * y[0], c * x[1] - s * y[1], c * x[2] - s * y[2]),
         (s * x[0] + c * y[0], s * x[1] + c * y[1], s * x[2] + c * y[2]),
@@ -78,7 +79,7 @@ def _turned(c, s, x, y):
 
 @inlined
 def _sweep(A, v1, v2, v3, one, tiny):
-    """Three turns of Jacobi's method for `A` in the order 11, 22, 33, 12, 13, 23."""
+    """Apply three rotations of Jacobi's method to `A` in the order 11, 22, 33, 12, 13, 23."""
     a, b, c, d, e, f = A
     co, si, a, b = _turn(a, b, d, one, tiny)
     e, f = co * e - si * f, si * e + co * f
@@ -94,9 +95,10 @@ def _sweep(A, v1, v2, v3, one, tiny):
 
 @inlined
 def eigen(A, D):
-    """Eigenvalues and eigenvectors of a symmetric matrix in the order 11, 22, 33, 12, 13, 23 whose numbers are about 1.
+    """Return eigenvalues and eigenvectors of a symmetric matrix in the order 11, 22, 33, 12, 13, 23 with entries of order 1.
 
-    The eigenvectors are the columns of a rotation. Jacobi's method; four sweeps leave nothing off the diagonal.
+    The eigenvectors are the columns of a rotation. After four sweeps of Jacobi's method the off-diagonal entries are zero up to
+    round-off.
     """
     zero, one, tiny = D.dtype.type(0), D.dtype.type(1), small(D)
     a, b, c, d, e, f = A
@@ -116,19 +118,19 @@ def eigen(A, D):
 
 @inlined
 def _in_order(swap, one, v, w):
-    """The two vectors, or exchanged with the same hand."""
+    """Return `v, w`, or `w, -v` if `swap`, which has the same orientation."""
     return select(swap, w, v), select(swap, times(-one, v), w)
 
 
 @inlined
 def _image(q, v):
-    """`F v` of a vector in the frame."""
+    """Return `F v` for a vector in the frame."""
     return combination(v[0], q[0], v[1], q[1], v[2], q[2])
 
 
 @inlined
 def _first(b, one, tiny):
-    """The direction of a vector, or of the first axis if it is nothing; and the square of its length."""
+    """Return the direction of a vector, or the first axis if the vector is zero; and the square of its length."""
     n = dot(b, b)
     there = n > tiny
     r = one / np.sqrt(n if there else one)
@@ -137,7 +139,10 @@ def _first(b, one, tiny):
 
 @inlined
 def _second(b, u1, n1, D, tiny):
-    """The direction of `b` across `u1`, or any across it if `b` is nothing beside a vector along `u1` of the squared length n1."""
+    """Return the direction of the component of `b` normal to `u1`, or any direction normal to `u1` if that component is negligible.
+
+    The component is compared with `n1`, the squared length of a vector along `u1`.
+    """
     one, eps = D.dtype.type(1), D.dtype.type(16 * np.finfo(D.dtype).eps)
     w = add(b, times(-dot(u1, b), u1))
     w = add(w, times(-dot(u1, w), u1))
@@ -152,7 +157,7 @@ def _second(b, u1, n1, D, tiny):
 
 @inlined
 def _scaled(near, M, C, D):
-    """`M` near rest, otherwise `C`, times what makes their numbers about 1; and the inverse of that."""
+    """Return `M` near rest, otherwise `C`, scaled so that its entries are of order 1; and the inverse of the scale."""
     a, b, c, d, e, f = (
         (M[0] if near else C[0]),
         (M[1] if near else C[1]),
@@ -168,13 +173,13 @@ def _scaled(near, M, C, D):
 
 @inlined
 def _is_near(volume, M, D):
-    """Whether no stretch is far from 1: the strain is small, and nothing is mirrored."""
+    """Return whether all stretches are close to 1: the strain is small, and F is not mirrored."""
     return (volume > 0) & (abs(M[0]) + abs(M[1]) + abs(M[2]) + abs(M[3]) + abs(M[4]) + abs(M[5]) < D.dtype.type(0.3))
 
 
 @inlined
 def _elongation(near, m, s, one):
-    """`s - 1` and `s` for `s^2 - 1 = m` near rest, and for `s` elsewhere."""
+    """Return `s - 1` and `s`, near rest from `m = s^2 - 1`, and elsewhere from `s`."""
     m = m if near else one - one
     small, large = m / (one + np.sqrt(one + m)), s - one
     e = small if near else large
@@ -196,7 +201,7 @@ def _decompose_solid(flat, D, Q, q, M):
     swap = m1 < m2
     (m1, m2), (v1, v2) = ((m2 if swap else m1), (m1 if swap else m2)), _in_order(swap, one, v1, v2)
     b1, b2, b3 = _image(q, v1), _image(q, v2), _image(q, v3)
-    # where two stretches are small beside the first, what tells them apart is lost in C but not in the vectors
+    # where two stretches are much smaller than the first, their difference is lost in C, but not in the vectors
     n2, n3 = dot(b2, b2), dot(b3, b3)
     lost = n2 < D.dtype.type(0.01) * dot(b1, b1)
     r = one / (n2 + n3 + tiny)

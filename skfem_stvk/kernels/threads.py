@@ -1,7 +1,7 @@
 """Kernels on several threads.
 
-Kernels let go of the GIL, so Python's own threads run them. They sleep when there is nothing to do. OpenMP's, which numba would
-use, wait awake: with another process on the machine, K on 2 of 2 cores then took 1080 ns a tetrahedron instead of 59.
+Kernels release the GIL, so that Python threads can run them. Python threads sleep while they are idle. The OpenMP threads of numba
+wait actively. With another process on the machine, K on 2 of 2 cores then took 1080 ns a tetrahedron instead of 59.
 """
 
 from __future__ import annotations
@@ -21,21 +21,27 @@ from numpy.typing import NDArray
 Result = TypeVar("Result")
 Method = TypeVar("Method", bound=Callable[..., Any])
 
-#: Simplices, or work of as many, that a thread gets at least: with fewer, waking it takes longer than the work.
+#: Smallest work of a thread, in simplices. For less work, waking the thread takes longer than the work itself.
 SMALLEST_PART = 4096
 
 
 def threads() -> int:
-    """The number of threads that kernels run on: what `numba.set_num_threads` says in this Python thread, else one per core."""
+    """Return the number of threads of kernels.
+
+    This is the value of `numba.set_num_threads` in this Python thread, by default one thread per core.
+    """
     try:
         count: int = numba.get_num_threads()
-    except ValueError:  # numba misses the library that NUMBA_THREADING_LAYER asks for, which is not needed here
+    except ValueError:  # numba does not find the library that NUMBA_THREADING_LAYER names; it is not needed
         count = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     return count
 
 
 class Turn:
-    """A lock for arrays that calls work in, one Python thread at a time. A copy, or one in another process, has its own."""
+    """Lock for scratch arrays that calls share, held by one Python thread at a time.
+
+    A copy, or one in another process, has its own lock.
+    """
 
     def __init__(self) -> None:
         self._lock = RLock()
@@ -51,7 +57,7 @@ class Turn:
 
 
 def in_turn(method: Method) -> Method:
-    """A method that waits for the `_turn` of its object."""
+    """Return a method that holds the lock `_turn` of its object while it runs."""
 
     @wraps(method)
     def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
@@ -62,27 +68,27 @@ def in_turn(method: Method) -> Method:
 
 
 def parts_of(count: int, each: float, threads: int) -> NDArray[np.int64]:
-    """(n + 1,) where the parts of `count` rows begin, and the end: `threads` parts unless they are too small.
+    """Return the indices (n + 1,) at which the parts of `count` rows begin, and the end.
 
-    A row is as much work as `each` simplices.
+    n is `threads`, or fewer if parts would be too small. A row is as much work as `each` simplices.
     """
     n = max(1, min(threads, int(count * each // SMALLEST_PART)))
     return np.linspace(0, count, n + 1).astype(np.int64)
 
 
 def run(kernel: Callable[..., Result], parts: NDArray[np.int64], *arguments: Any) -> list[Result]:
-    """`kernel(begin, end, *arguments)` for each part at the same time; results in the order of the parts."""
+    """Run `kernel(begin, end, *arguments)` for all parts in parallel, and return the results in the order of the parts."""
     (begin, end), *others = [(int(begin), int(end)) for begin, end in pairwise(parts)]
     if not others:
         return [kernel(begin, end, *arguments)]
     try:
         running = [_pool().submit(kernel, *part, *arguments) for part in others]
-    except RuntimeError:  # Python is on its way out and starts nothing any more
+    except RuntimeError:  # Python is shutting down and starts no more threads
         return [kernel(begin, end, *arguments), *(kernel(*part, *arguments) for part in others)]
     try:
         first = kernel(begin, end, *arguments)
     finally:
-        wait(running)  # after Ctrl-C too nobody writes on
+        wait(running)  # so that no thread still writes after Ctrl-C
     return [first, *(part.result() for part in running)]
 
 
@@ -91,5 +97,5 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="skfem-stvk")
 
 
-if hasattr(os, "register_at_fork"):  # threads do not live on in a forked process
+if hasattr(os, "register_at_fork"):  # threads do not survive in a forked process
     os.register_at_fork(after_in_child=_pool.cache_clear)

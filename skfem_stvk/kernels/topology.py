@@ -1,4 +1,7 @@
-"""Edges, orders, neighbours and pieces of simplices, each in time and memory proportional to the mesh: sorting is counting."""
+"""Edges, orders, neighbours and pieces of simplices.
+
+Each takes time and memory proportional to the mesh, because all sorts are counting sorts.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,13 @@ import numpy as np
 
 from .compiled import Ids, inlined, kernel
 
-#: An entry of a star: the vertex itself.
+#: Entry of a star for the vertex itself.
 OWN = np.iinfo(np.int32).min
 
 
 @kernel
 def _counting_sort(keys, order, n):
-    """`order` sorted by `keys[order]` in 0 ... n - 1; equal keys stay as they are."""
+    """Return `order` sorted by `keys[order]`, which lie in 0 ... n - 1. The sort is stable."""
     begin = np.zeros(n + 1, np.int64)
     for key in keys:
         begin[key + 1] += 1
@@ -28,7 +31,10 @@ def _counting_sort(keys, order, n):
 
 @kernel
 def lexicographic_order(rows: Ids, n: int) -> Ids:
-    """(items,) order of the columns of `rows` (m, items), with entries in 0 ... n - 1, first row first."""
+    """Return the lexicographic order (items,) of the columns of `rows` (m, items), with entries in 0 ... n - 1.
+
+    The first row is the most significant.
+    """
     order = np.empty(rows.shape[1], np.int32)
     for item in range(len(order)):
         order[item] = item
@@ -39,9 +45,9 @@ def lexicographic_order(rows: Ids, n: int) -> Ids:
 
 @kernel
 def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
-    """Edges (2, ne), `a < b` in lexicographic order, and (m, nt) edges of the simplices `t` (k + 1, nt).
+    """Return the edges (2, ne), `a < b` in lexicographic order, and the edges (m, nt) of the simplices `t` (k + 1, nt).
 
-    `local` (m, 2) are the local edges, `n` is larger than every vertex.
+    `local` (m, 2) are the local edges; `n` is larger than every vertex.
     """
     m, nt = len(local), t.shape[1]
     ends = np.empty((2, m * nt), np.int32)
@@ -64,7 +70,10 @@ def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
 
 @kernel
 def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
-    """New numbers (count,) of the ids in `blocks` (n, m) by first use, and how many (n + 1,) blocks 0 ... i - 1 use."""
+    """Return new numbers (count,) of the ids in `blocks` (n, m) by first use, and counts (n + 1,) of the ids in use.
+
+    Count `i` is the number of ids that blocks 0 ... i - 1 use.
+    """
     number, marks = np.empty(count, np.int32), np.zeros(len(blocks) + 1, np.int64)
     number[:] = -1
     used = 0
@@ -79,11 +88,13 @@ def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
 
 @kernel
 def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
-    """The star of each vertex in compressed rows: `begin` (n + 1,), `others` (neighbours and itself, ascending), `entries` edges.
+    """Return the star of each vertex, that is, its neighbours and itself, in compressed rows: `begin`, `others`, `entries`.
 
-    `edges` (2, ne) are `a < b` in lexicographic order: then a vertex meets its lower neighbours in ascending order, after them
-    itself and its upper ones. An entry is the place of the edge to an upper neighbour, -1 - place to a lower one, OWN for the
-    vertex itself.
+    The rows begin at `begin` (n + 1,). `others` are the vertices of the star in ascending order. The entry of an upper neighbour is
+    the index of the edge to it. The entry of a lower neighbour is -1 - index, and that of the vertex itself is OWN.
+
+    `edges` (2, ne) are `a < b` in lexicographic order. Therefore a loop over the edges visits the lower neighbours of a vertex
+    first, in ascending order, then its upper neighbours.
     """
     begin = np.zeros(n + 1, np.int64)
     for v in range(n):
@@ -98,7 +109,7 @@ def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
     own = 0
     for e in range(edges.shape[1] + 1):
         a = edges[0, e] if e < edges.shape[1] else n - 1
-        while own <= a:  # all lower neighbours of `own` have come
+        while own <= a:  # all lower neighbours of `own` are entered
             others[at[own]], entries[at[own]] = own, OWN
             at[own] += 1
             own += 1
@@ -113,9 +124,10 @@ def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
 
 @kernel
 def last_uses(t: Ids, parts: Ids, n: int) -> tuple[Ids, Ids]:
-    """The part that uses each of `n` nodes, the number of parts for those of several, and the last of the rows of `t` with each.
+    """Return the part that uses each of `n` nodes, and the last row of `t` with each node.
 
-    `t` (blocks, m) are nodes of blocks of elements, in `parts` as in `threads.parts_of`.
+    For nodes of several parts, the first result is the number of parts. `t` (blocks, m) are the nodes of blocks of elements;
+    `parts` are those of `threads.parts_of`.
     """
     count = len(parts) - 1
     part_of, last = np.full(n, -1, np.int32), np.zeros(n, np.int64)
@@ -134,21 +146,23 @@ def last_uses(t: Ids, parts: Ids, n: int) -> tuple[Ids, Ids]:
 def assign_slots(
     t2e: Ids, pairs: Ids, parts: Ids, row_of: Ids, done: Ids, begin: Ids, pair_of: Ids
 ) -> tuple[Ids, Ids, Ids, Ids, Ids, int]:
-    """Slots for the pairs of nodes of blocks of elements, that others have as soon as both rows of a pair are written.
+    """Assign slots to the node pairs of blocks of elements; a slot is reused as soon as both rows of its pair are written.
 
-    `t2e` (blocks, m) are the pairs of blocks, in `parts` as in `threads.parts_of`; `pairs` (ne, 2) their nodes, with rows `row_of`
-    (n,). Before block `i` `done[i]` rows are complete; others are written in the end. The pairs of the row of a node, -1 for the
-    node itself, are `pair_of[begin[row]]` ...
+    `t2e` (blocks, m) are the pairs of blocks, in `parts` as in `threads.parts_of`. `pairs` (ne, 2) are the nodes of pairs, and
+    `row_of` (n,) the rows of nodes. Before block `i`, `done[i]` rows are complete. Rows from `done[blocks]` on are written at the
+    end. The pairs of a row are `pair_of[begin[row]]` ..., with -1 for the node itself.
 
-    Returned are `slots` (blocks, m), the slots in the order in which pairs begin to use them, `marks` (blocks + 1,) how many the
-    blocks before begin to use, the slot (ne,) of each pair, `targets` (extra,), and how many slots there are. The first ones are
-    those of pairs that are written in the end, as many as come before the extra ones; what other parts add to such a pair stands in
-    an extra slot, and belongs to its target.
+    Returns `slots` (blocks, m); `fresh`, the slots in the order in which pairs begin to use them; and `marks` (blocks + 1,). The
+    blocks before `i` use the first `marks[i]` entries of `fresh`. Then follow the slot (ne,) of each pair, `targets` (extra,), and
+    the number of slots.
+
+    The first slots are those of pairs whose rows are written at the end. The extra slots come next. The contributions of other
+    parts to such a pair are stored in an extra slot, and are added to its target.
     """
     blocks, m = t2e.shape
     ne, count = len(pairs), len(parts) - 1
     in_work = done[blocks]
-    row = np.empty(ne, np.int64)  # the later one of a pair
+    row = np.empty(ne, np.int64)  # the later of the two rows of a pair
     for e in range(ne):
         row[e] = max(row_of[pairs[e, 0]], row_of[pairs[e, 1]])
     slot, seen = np.full(ne, -1, np.int32), np.full(ne, -1, np.int32)
@@ -204,7 +218,7 @@ def assign_slots(
 
 @kernel
 def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
-    """`indptr` and `indices` of scipy's CSR format for `d x d` blocks in compressed rows."""
+    """Return `indptr` and `indices` of SciPy's CSR format for `d x d` blocks in compressed rows."""
     n = len(begin) - 1
     indptr, indices = np.empty(d * n + 1, np.int32), np.empty(d * d * len(columns), np.int32)
     indptr[0] = 0
@@ -221,7 +235,7 @@ def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
 
 @kernel
 def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
-    """(n,) place in the CSR values of the first value of each block `(a, b)`, -1 for a block that is not there."""
+    """Return the index (n,) in the CSR values of the first value of each block `(a, b)`, or -1 if the block does not exist."""
     places = np.empty(len(a), np.int64)
     for i in range(len(a)):
         low, high = begin[a[i]], begin[a[i] + 1]
@@ -237,11 +251,11 @@ def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
     return places
 
 
-# Pieces take 70 to 370 ns per simplex here; scipy's connected_components, on the graph of simplices and facets that it needs, takes
-# 1700 to 2800 ns: as long as forty assemblies of K, before each solve.
+# This takes 70 to 370 ns per simplex. SciPy's connected_components needs the graph of simplices and facets and takes 1700 to
+# 2800 ns with it, as long as forty assemblies of K, before each solve.
 @inlined
 def _root(above, e):
-    """The first simplex of the piece that `e` is known to belong to."""
+    """Return the current root of simplex `e` in the union-find forest `above`, and shorten the path to it."""
     while above[e] != e:
         above[e] = above[above[e]]
         e = above[e]
@@ -256,13 +270,13 @@ def _join(above, e, f):
 
 @kernel
 def pieces_of_simplices(t: Ids, n: int) -> Ids:
-    """The number (nt,) of the piece of each triangle or tetrahedron `t` (k + 1, nt), in the order of first simplices.
+    """Return the number (nt,) of the piece of each triangle or tetrahedron `t` (k + 1, nt), in the order of first simplices.
 
-    Simplices that share a facet are of one piece. `n` is larger than every vertex.
+    Simplices that share a facet belong to the same piece. `n` is larger than every vertex.
 
-    Facets are met by their lowest vertex `a`: it is the lowest of a simplex or the one after it. Those at `a` with the same second
-    vertex `b` make a list, in which a triangle's facet stands alone and a tetrahedron's is told from others by its third vertex
-    `c`.
+    Facets are processed by their lowest vertex `a`, which is the lowest or second lowest vertex of a simplex. Facets at `a` with
+    the same second vertex `b` form a list. For triangles this list has one facet. For tetrahedra the third vertex `c` distinguishes
+    them.
     """
     m, nt = t.shape
     ordered = np.empty((nt, m), np.int32)

@@ -1,13 +1,13 @@
-"""How the volumes of elements change, with their sign: whether one is turned inside out, and how far there is to go until one is.
+"""Signed volume ratios of elements, which are negative for inverted elements, and the step length at which an element inverts.
 
-Of linear simplices the volume has one ratio, now to at rest; of others there is one at each point of a table, and the smallest
-counts. Along `u + s v` the signed volume form `C = p_1 . (p_2 x p_3)` of the spokes is exactly a cubic in `s`: with `p_i + s
-V_i` for `p_i`
+A linear simplex has one ratio of deformed volume to volume at rest. Other elements have one at each point of a table, and the
+smallest counts. Along `u + s v` the signed volume form `C = p_1 . (p_2 x p_3)` of the base vectors is exactly a cubic in `s`. With
+`p_i + s V_i` for `p_i`
 
     C(s) = p_1 . p_2 x p_3    +    s (V_1 . p_2 x p_3 + p_1 . V_2 x p_3 + p_1 . p_2 x V_3)
          + s^2 (p_1 . V_2 x V_3 + V_1 . p_2 x V_3 + V_1 . V_2 x p_3)    +    s^3 V_1 . V_2 x V_3
 
-A triangle in the plane has (0, 0, 1) for its third spoke, a segment on the line (0, 1, 0) and (0, 0, 1), which do not move.
+A triangle in the plane has the third base vector (0, 0, 1). A segment on the line has (0, 1, 0) and (0, 0, 1). These are constant.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ EPS = 2.0**-52
 
 @inlined
 def _measure(a, b, c, k, d):
-    """`k!` times the volume, area or length, signed where there are as many spokes as components."""
+    """Return `k!` times the volume, area or length, signed if there are as many base vectors as components."""
     n = cross(a, b)
     if k == 3:
         return dot(n, c)
@@ -51,8 +51,10 @@ def _measure(a, b, c, k, d):
 
 @kernel
 def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
-    """The smallest ratio of volumes, now to at rest, of the blocks `begin` to `end`; of each element in `out`, unless that is
-    empty."""
+    """Return the smallest ratio of deformed volume to volume at rest of the blocks `begin` to `end`.
+
+    The ratio of each element is written to `out`, unless `out` is empty.
+    """
     x, y = room(points, X.dtype), room(points, X.dtype)
     P, U = at_point(points, x), at_point(points, y)
     J, least = np.empty(LANES), np.full(LANES, np.inf)
@@ -75,13 +77,13 @@ def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals,
 
 @inlined
 def _triple(a, b, c):
-    """`a . (b x c)`."""
+    """Return `a . (b x c)`."""
     return dot(a, cross(b, c))
 
 
 @inlined
 def _size(a, b, c):
-    """The sum of the absolute values of all that adds up to `a . (b x c)`."""
+    """Return the sum of the absolute values of all terms of `a . (b x c)`."""
     return (
         abs(a[0]) * (abs(b[1] * c[2]) + abs(b[2] * c[1]))
         + abs(a[1]) * (abs(b[2] * c[0]) + abs(b[0] * c[2]))
@@ -96,7 +98,10 @@ def _value(c0, c1, c2, c3, s):
 
 @kernel
 def _crossing(c0, c1, c2, c3, a, b):
-    """The zero of a cubic that falls from above zero at `a` to zero or below at `b`, by Newton's method within a bisection."""
+    """Return the zero of a cubic between `a`, where it is positive, and `b`, where it is zero or negative.
+
+    The method is Newton's, safeguarded by bisection.
+    """
     s = (a + b) / 2
     for _ in range(200):
         value, slope = _value(c0, c1, c2, c3, s), c1 + s * (2 * c2 + 3 * s * c3)
@@ -115,9 +120,9 @@ def _crossing(c0, c1, c2, c3, a, b):
 
 @kernel
 def _first_zero(c0, c1, c2, c3, end):
-    """The smallest positive zero of a cubic with `c0 > 0` before `end`, which may be infinite; `end` if there is none.
+    """Return the smallest positive zero before `end` of a cubic with `c0 > 0`, or `end` if there is none; `end` may be infinite.
 
-    Between its extrema it is monotone. A minimum that is zero but for rounding is a zero.
+    Between its extrema the cubic is monotone. A minimum that is zero up to round-off counts as a zero.
     """
     begin = 0.0
     # zeros of the slope c1 + 2 c2 s + 3 c3 s^2, without cancellation
@@ -136,7 +141,7 @@ def _first_zero(c0, c1, c2, c3, end):
             if value <= 8 * EPS * sizes:
                 return extremum
             begin = extremum
-    # from here on it rises for ever or falls for ever
+    # beyond the last extremum the cubic is monotone
     last = end
     if last == np.inf:
         leading, degree = (c3, 3) if c3 != 0 else (c2, 2) if c2 != 0 else (c1, 1)
@@ -154,15 +159,15 @@ def _first_zero(c0, c1, c2, c3, end):
 
 @inlined
 def _significant(c, size):
-    """A coefficient, unless it is what rounding leaves of zero."""
+    """Return a coefficient, or zero if it is round-off."""
     return c if abs(c) > 8 * EPS * size else 0.0
 
 
 @kernel
 def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
-    """The smallest `s` before `end` at which the spokes span no volume; `end` if there is none.
+    """Return the smallest `s` before `end` at which the base vectors span no volume, or `end` if there is none.
 
-    `B` are the sizes of what `V` came from.
+    `B` are the magnitudes of the terms of `V`.
     """
     c1 = _triple(V1, p2, p3) + _triple(p1, V2, p3) + _triple(p1, p2, V3)
     c2 = _triple(p1, V2, V3) + _triple(V1, p2, V3) + _triple(V1, V2, p3)
@@ -174,10 +179,10 @@ def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
 
 @kernel
 def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, v: Reals, k: int) -> float:
-    """The smallest `s > 0` at which an element of the blocks has `J = 0` at `u + s v`, at a point with `J > 0` at `u`; or infinity.
+    """Return the smallest `s > 0` at which `J = 0` for an element of the blocks at `u + s v`, or infinity.
 
-    No zero is looked for where `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to the smallest `s` so far, or where no
-    coefficient is negative.
+    Only points with `J > 0` at `u` count. The search for a zero is skipped if `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to
+    the smallest `s` so far, or if no coefficient is negative.
     """
     x, y, z, size = room(points, X.dtype), room(points, X.dtype), room(points, X.dtype), room(points, X.dtype)
     P, U, V, B = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, size)
@@ -199,7 +204,7 @@ def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u:
                 p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
                 n1, n2, n3, m1, m2, m3 = cross(p2, p3), cross(p3, p1), cross(p1, p2), cross(V2, V3), cross(V3, V1), cross(V1, V2)
                 rest = _triple(P1, P2, P3)
-                c0 = rest * dot(p1, n1)  # the signs of J and of its slopes
+                c0 = rest * dot(p1, n1)  # times `rest`, so that the signs are those of J and its derivatives
                 c1 = rest * (dot(V1, n1) + dot(V2, n2) + dot(V3, n3))
                 c2 = rest * (dot(p1, m1) + dot(p2, m2) + dot(p3, m3))
                 c3 = rest * dot(V1, m1)

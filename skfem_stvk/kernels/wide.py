@@ -1,6 +1,6 @@
-"""What LLVM has and numba has no words for: eight lanes turned round at once, and lines of memory written past the caches.
+"""LLVM instructions that numba does not offer: transposing eight lanes at once, and writing cache lines past the caches.
 
-Each function has the body that it means, which runs where numba is switched off, and the instructions that it compiles to.
+Each function has an equivalent Python body, which runs when numba is switched off, and the instructions that numba compiles.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from numba.extending import intrinsic, overload
 from .compiled import OPTIONS_OF_PIECES, Ids, Reals
 from .lanes import LANES, TRANSPOSED
 
-#: Bytes in a line of the caches, and of memory that is written at once.
+#: Number of bytes of a cache line, which is written at once.
 LINE = 64
-#: The first eight numbers of the transpose of a block; the ninth is the same.
+#: Indices of the first eight numbers of the transpose of a block. The ninth number is the same.
 _TURNED = (0, 3, 6, 1, 4, 7, 2, 5)
-#: Lanes that are turned round at once.
+#: Number of lanes that are transposed at once.
 WIDE = 8
 
 _WORD, _INDEX = ir.IntType(32), ir.IntType(64)
 
 
 def add_lanes(values: Reals, at: int, slots: Ids, first: int, eights: Reals, ninths: Reals) -> None:
-    """Add the blocks of WIDE lanes, whose nine numbers stand LANES apart from `values[at]` on, to their `slots[first]` ...
+    """Add the blocks of WIDE lanes to their slots `slots[first]` ...
 
-    A slot `s` has the first eight numbers of a block in `eights[8 s]` ... and the ninth in `ninths[s]`: one line of the caches, and
-    a bit, where nine numbers in a row would be in two lines most often.
+    The nine numbers of a block begin at `values[at]`, with a stride of LANES. Slot `s` has the first eight numbers of a block in
+    `eights[8 s]` ..., one cache line, and the ninth in `ninths[s]`. Nine numbers in a row would usually lie in two cache lines.
     """
     for lane in range(WIDE):
         slot = int(slots[first + lane])
@@ -38,7 +38,7 @@ def add_lanes(values: Reals, at: int, slots: Ids, first: int, eights: Reals, nin
 
 
 def add_turned_lanes(values: Reals, at: int, slots: Ids, first: int, eights: Reals, ninths: Reals) -> None:
-    """As `add_lanes`, of slots that may have the bit TRANSPOSED: then the transpose of the block is added."""
+    """Add blocks like `add_lanes`, but add the transpose of a block if its slot has the bit TRANSPOSED."""
     for lane in range(WIDE):
         slot, turned = int(slots[first + lane] & ~TRANSPOSED), slots[first + lane] >= TRANSPOSED
         for i in range(8):
@@ -48,33 +48,33 @@ def add_turned_lanes(values: Reals, at: int, slots: Ids, first: int, eights: Rea
 
 
 def store_line(data: Reals, to: int, stage: Reals, at: int) -> None:
-    """Write a line's worth of numbers `stage[at]` ... to `data[to]` ..., which is where a line begins, past the caches.
+    """Write a cache line of numbers `stage[at]` ... to `data[to]` ..., past the caches; `data[to]` must be the start of a line.
 
-    Memory is not read before it is written to then, and what stands in the caches stays there.
+    The memory is then not read before it is written, and the contents of the caches remain.
     """
     width = LINE // data.itemsize
     data[to : to + width] = stage[at : at + width]
 
 
 def prefetch(data: Reals, at: int) -> None:
-    """Have the line of `data[at]` brought into the cache, to be written to soon; `at` need not be an entry."""
+    """Prefetch the cache line of `data[at]` for writing; `at` may lie outside of the array."""
 
 
 def bring(data: Any, at: int, count: int) -> None:
-    """Have the lines of `count` numbers from `data[at]` on brought into the cache, to be read soon; they need not be entries."""
+    """Prefetch the cache lines of `count` numbers from `data[at]` on for reading; the indices may lie outside of the array."""
 
 
 def fence() -> None:
-    """Wait until other threads see what `store_line` wrote."""
+    """Make the writes of `store_line` visible to other threads."""
 
 
 def _instructions(function: Any) -> Any:
-    """An intrinsic: its first argument is given by numba."""
+    """Return an intrinsic from `function`, whose first argument is supplied by numba."""
     return intrinsic(function)
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, at: Any) -> Any:
-    """The address of an entry of an array."""
+    """Return the address of an entry of an array."""
     return builder.gep(context.make_array(array_type)(context, builder, array).data, [at])
 
 
@@ -83,7 +83,7 @@ def _constant(value: int) -> Any:
 
 
 def _turned_round(builder: Any, rows: list[Any]) -> list[Any]:
-    """The transpose of eight vectors of eight."""
+    """Return the transpose of eight vectors of eight numbers."""
 
     def shuffled(a: Any, b: Any, order: tuple[int, ...]) -> Any:
         return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_WORD, WIDE), order))
@@ -102,7 +102,7 @@ def _turned_round(builder: Any, rows: list[Any]) -> list[Any]:
 
 
 def _adding(kinds: Any, may_turn: bool) -> Any:
-    """What `add_lanes`, and `add_turned_lanes`, compile to."""
+    """Return the signature and the code generator of `add_lanes` or, if `may_turn`, of `add_turned_lanes`."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         number, size = context.get_data_type(kinds[0].dtype), kinds[0].dtype.bitwidth // 8
@@ -170,7 +170,7 @@ def _prefetching(context: Any, builder: Any, array_type: Any, arguments: Any, wr
     kind = ir.FunctionType(ir.VoidType(), [address, _WORD, _WORD, _WORD])
     function = builder.module.declare_intrinsic("llvm.prefetch", [address], kind)
     place = builder.bitcast(_pointer(context, builder, array_type, *arguments), address)
-    builder.call(function, [place, *(ir.Constant(_WORD, i) for i in (write, 3, 1))])  # in the first cache, data
+    builder.call(function, [place, *(ir.Constant(_WORD, i) for i in (write, 3, 1))])  # in the data cache of level 1
     return context.get_dummy_value()
 
 
