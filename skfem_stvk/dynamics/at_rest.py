@@ -14,7 +14,7 @@ from ..system.free_tangent import FreeTangent
 
 #: Residual of linear solves.
 PRECISION = 1e-8
-#: Up to so many unknowns a direct solver is taken: it factorises once and solves hundreds of times.
+#: Largest number of unknowns for a direct solver. It factorises once and then solves for hundreds of right-hand sides.
 MANY = 200_000
 
 
@@ -30,13 +30,13 @@ class AtRest:
         self._factors: Factors = self._tangent.factorise(self.K)
 
     def solve(self, force: Array) -> Array:
-        """Displacements (ndofs,) under a force (ndofs,), 0 where the body is held."""
+        """Return the displacements (ndofs,) [m] under a force (ndofs,) [N]. They are 0 at constrained degrees of freedom."""
         u = np.zeros(self._body.ndofs)
         u[self.free] = self.solve_free(force[self.free][:, None])[:, 0]
         return u
 
     def solve_free(self, forces: Array) -> Array:
-        """Displacements (n, m) of the free degrees of freedom under forces (n, m) on them."""
+        """Return the displacements (n, m) of the n free degrees of freedom under the m columns of forces (n, m)."""
         if hasattr(self._factors, "solve_many"):
             X = self._factors.solve_many(forces)
             misfit = np.abs(self.K @ X - forces).max(axis=0) / np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
@@ -54,7 +54,7 @@ class AtRest:
         return solution.x
 
     def follow(self, w: Array) -> Array:
-        """Displacements (ndofs,) where those that are held are `w`, and nothing else acts."""
+        """Return the displacements (ndofs,) [m] due to the prescribed displacements `w` alone, without any load."""
         force = np.zeros(self._body.ndofs)
         force[self.free] = -self._tangent.force_of(w)
         return self.solve(force) + w

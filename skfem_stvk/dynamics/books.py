@@ -1,4 +1,4 @@
-"""What a ledger holds: the columns, the places whose motion and forces it follows, and the rows that are entered step by step."""
+"""Content of a ledger: its columns, the locations whose motion and forces it records, and the entry of rows step by step."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .ledger import Ledger
 from .motion import Motion, last_step
 from .record import MotionState
 
-#: The column of the number of elements that are inside out.
+#: Column with the number of inverted elements.
 INSIDE_OUT = "inside_out"
-#: The column of the energy that went with elements that were taken out.
+#: Column with the energy of the elements that were removed.
 REMOVED = "removed_energy"
 Vertices = Mapping[str, NDArray[np.int64]]
 NOWHERE: Vertices = MappingProxyType({})
@@ -34,8 +34,8 @@ class Balance(NamedTuple):
         total_energy = kinetic + strain + potential
         closure_error = total_energy - total_energy at the first step - external work + dissipated work + removed energy
 
-    The closure error is energy that appeared from nowhere or was lost: by the time integrator, and by round-off. The forces of
-    terms without an energy count as external work.
+    The closure error is energy that was created or lost numerically, by the time integrator and by round-off. The forces of terms
+    without an energy count as external work.
     """
 
     total_energy: float
@@ -45,9 +45,10 @@ class Balance(NamedTuple):
     def of(
         cls, kinetic: float, strain: float, potential: float, external: float, dissipated: float, first: float | None
     ) -> Balance:
-        """The balance of energies now and works since the first step; `first`: the total energy then, None if that is now.
+        """Return the balance of the present energies and of the works since the first step.
 
-        What went with elements that were taken out counts as `dissipated`.
+        `first` is the total energy at the first step, None if this is the first step. Count the energy of removed elements in
+        `dissipated`.
         """
         total = kinetic + strain + potential
         return cls(total, 0.0 if first is None else total - first - external + dissipated)
@@ -56,26 +57,38 @@ class Balance(NamedTuple):
 def column_names(
     body: System | Coordinates, probes: Iterable[str] = (), reactions: Iterable[str] = (), *, removing: bool = False
 ) -> tuple[str, ...]:
-    """The columns of a motion's ledger, in their order; `removing`: whether elements may be taken out of the body.
+    """Return the columns of a motion's ledger, in their order. `removing`: whether elements may be removed from the body.
 
     ===================================  ====================================================================================
     `time`                               [s]
+
     `kinetic_energy`                     `1/2 v . M v` [J]
-    `strain_energy`                      `W(u)` [J]; if there are several elastic terms, then `strain_energy StVK 0` and so on
-                                         too, named as in `System.energies`; NaN where a term has no energy
+
+    `strain_energy`                      `W(u)` [J]. With several elastic terms, columns `strain_energy StVK 0` and so on follow,
+                                         named as in `System.energies`. NaN where a term has no energy.
+
     `potential_energy`                   of the loads that have a potential [J]
-    `external_work`                      done since the first step by those that have none, by prescribed motion and by what
-                                         changes with time [J]
-    `dissipated_work`                    lost to damping since the first step [J]
-    `removed_energy`                     only with `simulate(..., remove=...)`: kinetic, strain and potential energy that went
-                                         with elements that were taken out since the first step [J]
-    `total_energy`, `closure_error`      see `Balance` [J]; the total energy is NaN where a term has no energy
-    `inside_out`                         number of elements that were inside out or flat when that was looked at last: after
-                                         every step of implicit integrators, every 20 of explicit ones, and at both ends
+
+    `external_work`                      work since the first step of loads without a potential, of prescribed motion and of
+                                         loads that change with time [J]
+
+    `dissipated_work`                    energy lost to damping since the first step [J]
+
+    `removed_energy`                     only with `simulate(..., remove=...)`: kinetic, strain and potential energy of the
+                                         elements that were removed since the first step [J]
+
+    `total_energy`, `closure_error`      see `Balance` [J]. The total energy is NaN where a term has no energy.
+
+    `inside_out`                         number of inverted or flat elements at the last count. They are counted after every
+                                         step of implicit integrators, every 20 steps of explicit ones, and at both ends.
+
     `linear_momentum_x`, ...             [kg m/s]
-    `angular_momentum_x`, ...            about the origin [kg m^2/s]; in the plane `_z` alone
+
+    `angular_momentum_x`, ...            about the origin [kg m^2/s]; in two dimensions `_z` alone
+
     `A x`, `A y`, ...                    displacements of the probe `A` [m]
-    `reaction B x`, ...                  force of supports and foundations at `B` at this moment, see `Run.reaction` [N]
+
+    `reaction B x`, ...                  force of supports and foundations at `B` at this time, see `Run.reaction` [N]
     ===================================  ====================================================================================
     """
     axes = "xyz"[: body.mesh.d]
@@ -99,13 +112,13 @@ def column_names(
 
 
 def columns_without_value(system: System) -> list[str]:
-    """Columns of energies that do not exist, because a term has none."""
+    """Return the energy columns that are NaN because a term has no energy."""
     names = [f"strain_energy {name}" for name in system.without_energy if len(system.elastic_names) > 1]
     return ["strain_energy", *names, "total_energy"] if system.without_energy else []
 
 
 def known_strain(ledger: Mapping[str, Array]) -> Array:
-    """(n,) strain energy of the terms that have one [J]."""
+    """Return the strain energy (n,) [J] of the terms that have an energy."""
     strain, names = ledger["strain_energy"], list(ledger)
     by_term = names[names.index("strain_energy") + 1 : names.index("potential_energy")]
     known = sum((np.nan_to_num(ledger[name]) for name in by_term), np.zeros(len(strain)))
@@ -113,20 +126,30 @@ def known_strain(ledger: Mapping[str, Array]) -> Array:
 
 
 def known_total(ledger: Mapping[str, Array]) -> Array:
-    """(n,) total energy, with the strain energy of the terms that have one [J]; added up as in `Balance`."""
+    """Return the total energy (n,) [J], with the strain energy of the terms that have one. The sum is that of `Balance`."""
     total: Array = ledger["kinetic_energy"] + known_strain(ledger) + ledger["potential_energy"]
     return total
 
 
 class LedgerPlaces(NamedTuple):
-    """Vertices by name, whose motion and forces stand in a ledger."""
+    """Vertices by name whose motion and forces a ledger records."""
 
-    probes: Vertices = NOWHERE  # whose mean displacements are entered
-    reactions: Vertices = NOWHERE  # at which the forces of supports and foundations are entered
+    probes: Vertices = NOWHERE  # vertices whose mean displacements are recorded
+    reactions: Vertices = NOWHERE  # vertices at which the forces of supports and foundations are recorded
 
     @classmethod
     def checked(cls, system: System, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
-        """Vertices of the places that were asked for; refuses places without any, and reactions where nothing holds the body."""
+        """Return the vertices of the requested locations.
+
+        Raises
+        ------
+        RegionError
+            if a location has no vertices.
+        SupportError
+            if no support and no foundation is at the location of a reaction.
+        StvkError
+            if two columns of the ledger would have the same name.
+        """
         places, supports = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
         moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in places.items()}
         held_up = {name: held_vertices(system, where, f"reaction {name!r}") for name, where in supports.items()}
@@ -138,9 +161,10 @@ class LedgerPlaces(NamedTuple):
 
 
 class Books:
-    """Enter energies, works and momenta of the states of a motion in its ledger.
+    """Recorder of the energies, works and momenta of a motion's states in its ledger.
 
-    Of a motion that is resumed the ledger has rows, the last of which is that of the first state; `dt` is about the first step [s].
+    When a motion is resumed, the ledger already has rows, and the last row belongs to the first state. `dt` is the approximate
+    length of the first step [s].
     """
 
     def __init__(self, motion: Motion, places: LedgerPlaces, ledger: Ledger, dt: float) -> None:
@@ -161,7 +185,10 @@ class Books:
         self._driving: Array = np.zeros(motion.states.n)
 
     def begin(self, state: MotionState) -> None:
-        """Count the work from this state on, which is that of the last row, if there is one."""
+        """Count the work from this state on.
+
+        If the ledger has rows, the last one must belong to this state. The works of that row are continued.
+        """
         if self.ledger.steps:
             self.external, self.dissipated = (float(self.ledger[name][-1]) for name in ("external_work", "dissipated_work"))
             self.removed = float(self.ledger[REMOVED][-1]) if self._removing else 0.0
@@ -174,7 +201,7 @@ class Books:
             self._driving = self.motion.driving_force(state.u, state.t)
 
     def work(self, state: MotionState) -> None:
-        """Count the work of driving forces, and what damping took, since the state before."""
+        """Add the work of driving forces and the energy lost to damping since the previous state."""
         if not self._watched:
             return
         motion, before, since = self.motion, self._driving, self._t
@@ -188,9 +215,9 @@ class Books:
             self.external += motion.states.on(held).dot(state.reaction[held], change[held])
 
     def enter(self, state: MotionState, strain_energy: float) -> None:
-        """Enter a row for this state, with as many elements inside out as in the row before: see `count_inside_out`.
+        """Append a row for this state. Copy the number of inverted elements from the previous row; see `count_inside_out`.
 
-        `strain_energy` is that of the terms that have one [J].
+        `strain_energy` is that of the terms that have an energy [J].
         """
         motion, mesh = self.motion, self.motion.system.mesh
         potential = motion.add_up(state, self._sums)
@@ -216,9 +243,10 @@ class Books:
         self.ledger.append(row)
 
     def take_out(self, state: MotionState, remove: Callable[[], None]) -> None:
-        """Book the energy that goes at this state, whose row was entered last, when `remove` takes elements out; strike that row.
+        """Record the energy that is lost when `remove` removes elements at this state, and delete the last row.
 
-        It is what the body has in all less than before: strain energy, kinetic energy of the masses that go, potential of loads.
+        The last row must belong to this state. The lost energy is the decrease of the body's energy: strain energy, kinetic energy
+        of the removed masses, and potential of loads.
         """
         before = self._energy_in_all(state)
         remove()
@@ -231,7 +259,7 @@ class Books:
         return float(self._sums[0]) / 2 + potential + self.motion.energy(state.u)
 
     def count_inside_out(self, number: float) -> None:
-        """Enter the number of elements that are inside out in the last row."""
+        """Write the number of inverted elements to the last row."""
         self.ledger.replace_last(INSIDE_OUT, number)
 
 

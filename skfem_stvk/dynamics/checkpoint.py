@@ -1,4 +1,4 @@
-"""A motion on disk: one file, in a folder of its own, from which a later run goes on, bit for bit."""
+"""Checkpoint of a motion: one file in its own folder, from which a later run continues with bitwise identical results."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from .ledger import Ledger
 from .motion import Motion
 from .record import FEWEST, HALVINGS, MOST, Clock, Counts, HierarchyOrigin, MotionState, Reviews, RunRecord, Snapshot
 
-#: Time from one checkpoint to the next: at least that [s], and so long that writing takes no larger share of it.
+#: Shortest time between two checkpoints [s], and largest share of the run time that writing them may take.
 EVERY, SHARE = 5.0, 0.05
-#: What to do with a file that cannot be resumed.
+#: Remedy for a file that cannot be resumed.
 ANEW = "Start anew: overwrite=True, without resume."
 #: Arrays of a state that a checkpoint holds.
 ARRAYS = ("u", "v", "a", "reaction")
 #: Arrays of the origin of a hierarchy.
 HIERARCHY = ("hierarchy u0", "hierarchy w")
-#: Energies agree, but for this part of the largest.
+#: Relative tolerance of energies, as a part of the largest.
 ENERGY = 1e-6
-#: Steps that are found do not shrink below this part of the first one.
+#: Smallest computed step, as a part of the first one.
 SHORTEST = 1e-9
-#: Columns of which, with the strain energy, the total energy and the closure error are sums.
+#: Columns that, with the strain energy, add up to the total energy and the closure error.
 PARTS = "kinetic_energy", "potential_energy", "external_work", "dissipated_work"
 
-#: A step, or its bound: infinite where nothing has stiffness.
+#: Length of a step, or a bound on it [s]; infinite for a body without stiffness.
 Bound = Annotated[NonNegativeFloat, AllowInfNan(True)]
 
 
 class ClockRecord(Record):
-    """A `Clock` as checkpoints hold it."""
+    """`Clock` in the form that checkpoints store."""
 
     start: float
     dt: PositiveFloat
@@ -53,7 +53,7 @@ class ClockRecord(Record):
 
 
 class ReviewsRecord(Record):
-    """The `Reviews` of a critical step as checkpoints hold them."""
+    """`Reviews` of a critical step in the form that checkpoints store."""
 
     next: NonNegativeInt
     interval: Annotated[int, Field(ge=FEWEST, le=MOST)]
@@ -65,7 +65,7 @@ class ReviewsRecord(Record):
 
 
 class MomentRecord(Record):
-    """`Snapshot`, but for the arrays of its state."""
+    """`Snapshot` without the arrays of its state."""
 
     t: float
     clock: ClockRecord
@@ -76,7 +76,7 @@ class MomentRecord(Record):
 
 
 class OriginRecord(Record):
-    """`HierarchyOrigin`, but for its arrays."""
+    """`HierarchyOrigin` without its arrays."""
 
     t: float
     c: NonNegativeFloat
@@ -88,14 +88,14 @@ class OriginRecord(Record):
 
 
 class StepperRecord(Record):
-    """The `Counts` of a run as checkpoints hold them."""
+    """`Counts` of a run in the form that checkpoints store."""
 
     iterations: NonNegativeInt
     clamped: NonNegativeInt
 
 
 class IntegratorRecord(Record):
-    """An integrator by its options, and by the names of solvers that are objects."""
+    """Integrator in the form that checkpoints store: its options, and the names of solvers that are objects."""
 
     name: str
     options: dict[str, str | float | None]
@@ -103,7 +103,7 @@ class IntegratorRecord(Record):
 
 
 class DampingRecord(Record):
-    """Factors of the damping as checkpoints hold them."""
+    """Factors of the damping in the form that checkpoints store."""
 
     alpha: NonNegativeFloat
     beta: NonNegativeFloat
@@ -111,7 +111,7 @@ class DampingRecord(Record):
 
 
 class MethodRecord(Record):
-    """The method in the `Signature` of a motion."""
+    """Method in the `Signature` of a motion."""
 
     integrator: IntegratorRecord
     mass: Literal["lumped", "consistent"]
@@ -120,24 +120,24 @@ class MethodRecord(Record):
 
 
 class MotionHeader(Header):
-    """The header of the file: where the run is, its last good state, the places that it follows, and what it saved."""
+    """Header of the file: progress of the run, its last good state, the locations that it records, and the series that it saves."""
 
     now: MomentRecord
     good: MomentRecord | None
-    counts: StepperRecord  # iterations that the steps took so far
-    seconds: dict[str, Annotated[float, Field(ge=-1)]]  # that they took, by part; "other" may be below zero by rounding
+    counts: StepperRecord  # iterations of all steps so far
+    seconds: dict[str, Annotated[float, Field(ge=-1)]]  # run time by part; "other" may be negative by rounding
     probes: list[str]
     reactions: list[str]
     columns: list[str]
-    save: str | None  # the name of its series, as the run was given it; nothing is written there: a checkpoint does not say where
+    save: str | None  # series as the user named it; a resumed run uses its file name alone, see `outputs._beside`
     every: PositiveInt  # steps from one saved state to the next
-    hierarchy: OriginRecord | None = None  # that multigrid keeps
+    hierarchy: OriginRecord | None = None  # origin of multigrid's hierarchy
 
 
 class MotionCheckpoint(FolderStore[MotionHeader]):
-    """The file `motion.npz` in a folder, which is replaced as a motion goes on: a run that is killed finds the last one whole.
+    """File `motion.npz` in a folder, replaced as a motion proceeds. If the run is killed, the previous file remains intact.
 
-    Until 1.0 `place` may be a .npz file in a folder that exists, and a motion goes on from another place, `older`.
+    Until version 1.0, `place` may be a .npz file in an existing folder, and a motion may continue from another path, `older`.
     """
 
     known = MOTION
@@ -147,7 +147,7 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
     def __init__(self, place: Path, resume: bool = False, older: Path | None = None) -> None:
         self.file, self._next = _file_of(place), -np.inf
         super().__init__(output_path(place, ".npz") if self.file == place else output_folder(place))
-        #: The file to go on from; None to begin with a first state.
+        #: File to continue from; None to begin with the initial state.
         self.source = _file_of(older) if older else self.file if resume and self.file.exists() else None
         if older:
             _warn_of_old_form("resume", older)
@@ -155,17 +155,21 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
             _warn_of_old_form("checkpoint", place)
 
     def belongs_to(self, problem: Fingerprint, overwrite: bool) -> None:
-        """Write the signature of this problem from here on; refuse to replace a file of another one."""
+        """Set the signature of the problem for the files to be written. Refuse to replace a file of another problem."""
         self.problem = problem
         if self.file.exists() and not overwrite:
             self.refuse_to_replace(self.file)
 
     def due(self, now: float) -> bool:
-        """Whether it is time to write, at `now` of `time.perf_counter` [s]: at first, and then as often as costs little."""
+        """Return whether to write now, where `now` is from `time.perf_counter` [s].
+
+        The first call returns True. Later ones return True after `EVERY` seconds, or more if writing would exceed the share
+        `SHARE`.
+        """
         return now >= self._next
 
     def write(self, about: Mapping[str, Any], arrays: Mapping[str, Array], ledger: Ledger) -> None:
-        """Replace the file; `about` is what `MotionHeader` has beside the format, the problem and the columns."""
+        """Replace the file. `about` has the fields of `MotionHeader` except the format, the problem and the columns."""
         begin = time.perf_counter()
         self.write_file(self.file, self.problem, {"columns": ledger.names, **about}, {**arrays, "ledger": ledger.rows()})
         end = time.perf_counter()
@@ -173,7 +177,7 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
 
 
 def _file_of(place: Path) -> Path:
-    """Return the file of a checkpoint: in the folder `place`, or `place` itself."""
+    """Return the file of a checkpoint: `motion.npz` in the folder `place`, or `place` itself if it is a .npz file."""
     return place if place.suffix.lower() == ".npz" and not place.is_dir() else place / MOTION_FILE
 
 
@@ -184,7 +188,7 @@ def _warn_of_old_form(named: str, place: Path) -> None:
 
 
 class Saved(NamedTuple):
-    """The content of a checkpoint: its header and method, arrays by name, and the ledger so far."""
+    """Content of a checkpoint: its header and method, arrays by name, and the ledger so far."""
 
     header: MotionHeader
     method: MethodRecord
@@ -192,7 +196,7 @@ class Saved(NamedTuple):
     ledger: Ledger
 
     def record(self) -> RunRecord:
-        """Return the record of the run that the file holds."""
+        """Return the record of the run that the file stores."""
         now, good = self.header.now, self.header.good
         then = self._snapshot(now, "")
         kept = None if good is None else self._snapshot(good, "good ")
@@ -207,7 +211,7 @@ class Saved(NamedTuple):
 
     @property
     def removed(self) -> tuple[NDArray[np.int64], Array]:
-        """Elements that were taken out, and when: not a number where that was before the run."""
+        """Ids of removed elements, and the times of their removal [s]; NaN if they were removed before the run."""
         return self.arrays.get("removed", np.empty(0, dtype=np.int64)), self.arrays.get("removed at", np.empty(0))
 
     def _snapshot(self, moment: MomentRecord, prefix: str) -> Snapshot:
@@ -217,7 +221,10 @@ class Saved(NamedTuple):
 
 
 def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The part of the header that JSON can write, and the arrays; with the last good state, if steps are `found` and not given."""
+    """Return the part of the header that JSON can write, and the arrays.
+
+    Include the last good state if the step length is `found` from the critical step and not user-supplied.
+    """
     about: dict[str, Any] = {"now": _moment(record, record.ledger.steps), "good": None}
     arrays = {name: getattr(record.state, name) for name in ARRAYS}
     good = record.good
@@ -237,13 +244,16 @@ def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[s
 
 
 def _moment(then: RunRecord | Snapshot, rows: int) -> dict[str, Any]:
-    """A `MomentRecord`, as JSON can write it."""
+    """Return the fields of a `MomentRecord`, as JSON can write them."""
     clock, looks = vars(then.clock).copy(), vars(then.reviews).copy()
     return {"t": then.state.t, "clock": clock, "looks": looks, "steps": then.steps, "cuts": then.cuts, "rows": rows}
 
 
 def load(file: Path) -> Saved:
-    """The content of the file, as far as it can be believed without the system; refuses one that is not whole or not ours."""
+    """Return the content of the file, checked as far as possible without the system.
+
+    Raises an error if the file is missing, incomplete, or not written by this package.
+    """
     if not file.exists():
         raise StvkError(f"There is no checkpoint {file}. Is the path relative to another folder? To begin anew, leave out resume.")
     header, arrays = MotionCheckpoint.read_file(file)
@@ -259,7 +269,10 @@ def load(file: Path) -> Saved:
 
 
 def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) -> LedgerPlaces:
-    """The places that a checkpoint follows; raises ValueError or KeyError in words if it contradicts itself or the system."""
+    """Return the locations that a checkpoint records.
+
+    Raises ValueError or KeyError with a message if the checkpoint contradicts itself or the system.
+    """
     header, ledger, system = saved.header, saved.ledger, motion.system
     probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
     places = LedgerPlaces.checked(system, probes, reactions)
@@ -285,7 +298,7 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
 
 
 def _check_removed(removed: Array, removed_at: Array, system: System, ledger: Ledger) -> None:
-    """Refuse elements that are not those which the system has lost, or times that are not of the ledger; raises ValueError."""
+    """Check that the removed elements are those of the system, and that the times are in the ledger; raises ValueError."""
     during = removed_at[~np.isnan(removed_at)]
     if not np.array_equal(np.sort(removed), system.removed) or removed_at.shape != removed.shape:
         raise ValueError(f"it took out {name_ids(removed, 'element')}, the system has lost {name_ids(system.removed, 'element')}")
@@ -294,7 +307,7 @@ def _check_removed(removed: Array, removed_at: Array, system: System, ledger: Le
 
 
 def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
-    """Places of a checkpoint by name; raises ValueError in words."""
+    """Return the locations of a checkpoint by name; raises ValueError with a message."""
     found = {name: saved.arrays.get(f"{kind} {name}", np.empty(0)) for name in names}
     wrong = [name for name, ids in found.items() if ids.ndim != 1 or ids.dtype.kind != "i"]
     if wrong or len(found) < len(names):
@@ -304,7 +317,7 @@ def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
 
 
 def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motion, integrator: Integrator) -> None:
-    """Refuse a moment whose parts do not belong together; raises ValueError or KeyError in words."""
+    """Check that the parts of a stored state are consistent; raises ValueError or KeyError with a message."""
     clock, looks, times = moment.clock, moment.looks, saved.ledger["time"][: moment.rows]
     if moment.rows != moment.steps + 1 or moment.cuts > moment.steps or clock.count > moment.steps:
         raise ValueError(f"{moment.steps} steps, {moment.cuts} of them cut and {clock.count} of one length, for {moment.rows} rows")
@@ -332,9 +345,9 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
 
 
 def _check_balance(ledger: Ledger, without_value: Collection[str]) -> None:
-    """Refuse rows that are not finite, not in order or do not add up; raises ValueError in words.
+    """Check that the rows are finite, in order and add up; raises ValueError with a message.
 
-    The columns `without_value` are of energies that do not exist: they have NaN.
+    The columns `without_value` are energies that do not exist, so they contain NaN.
     """
     rows = ledger.rows()
     right = np.where([name in without_value for name in ledger.names], np.isnan(rows), np.isfinite(rows)).all(axis=1)

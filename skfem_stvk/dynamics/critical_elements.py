@@ -1,4 +1,4 @@
-"""The elements that make explicit steps short: the step that each of them allows."""
+"""Elements that limit the step of explicit integrators, and the step that each of them allows."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from ..system.protocol import checked_system
 from ..terms import HasStress
 from ..terms.protocols import HasPressure
 
-#: Elements whose eigenvalues are computed at once: matrices of some megabytes.
+#: Number of elements whose eigenvalues are computed together; their matrices take a few megabytes.
 AT_ONCE = 4096
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CriticalElements:
-    """The elements that make the critical step of a body short, and the step that each element allows at most.
+    """Elements that limit the critical step of a body, and the largest step that each element allows.
 
     Attributes
     ----------
     elements : (n,) ids, the smallest step first.
     steps : (n,) their steps [s].
-    every : (nt,) the step of each element; infinite of those without stiffness, and that are held all round.
-    left_out : terms that are not of elements of the mesh, such as "ElasticFoundation 1" or cables beside it, which make the step of
-        the body shorter still.
+    every : (nt,) the step of each element [s]; infinite for elements without stiffness or with all nodes constrained.
+    left_out : terms that do not act on elements of the mesh, such as "ElasticFoundation 1" or cables attached to it. They reduce
+        the step of the body further.
     """
 
     elements: NDArray[np.int64]
@@ -50,14 +50,16 @@ class CriticalElements:
 
 
 def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None) -> CriticalElements:
-    """The n elements that allow the smallest steps of explicit integrators, at displacements `u` (ndofs,) [m], by default at rest.
+    """Return the n elements that allow the smallest steps of explicit integrators.
+
+    The displacements are `u` (ndofs,) [m], by default zero.
 
         T_e = 2/omega_e,    omega_e^2 the largest eigenvalue of (K_e, M)        T of the body <= min_e T_e
 
-    with an element's own part of K and the lumped masses of the body at its nodes, over its free degrees of freedom: the Rayleigh
-    quotient of a motion of these nodes alone, which the rest of a body at rest makes stiffer still. Where one element is much worse
-    than its neighbours, as a sliver or a stiff one, its `T_e` is the step of the body. Remesh there, or give it a material that is
-    softer or heavier.
+    `K_e` is an element's own part of K, and M has the lumped masses of the body at its nodes. Both are over its free degrees of
+    freedom. `omega_e^2` is the Rayleigh quotient of a motion of these nodes alone. At rest the other elements add stiffness to it,
+    hence the inequality. Where one element is much worse than its neighbours, such as a sliver or a stiff one, its `T_e` is the
+    step of the body. Remesh there, or use a material that is softer or heavier.
 
     Raises
     ------
@@ -66,7 +68,7 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
     StateError
         if `u` does not have one finite entry for each degree of freedom.
     StvkError
-        if no term is of elements, as where there are springs alone.
+        if no term acts on elements, for example if there are only springs.
 
     >>> import numpy as np
     >>> from skfem_stvk import ElementMesh, StVK, System
@@ -79,7 +81,7 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
     checked_system(system)
     n = whole("n", n, "a number of elements, from 1", 1)
     x = np.zeros(system.mesh.p.T.shape) if u is None else by_vertex(system.mesh, u).astype(np.float64)
-    system.mass()  # refuses what has no mass
+    system.mass()  # refuses bodies without mass
     on_mesh = [any(term is one for one in system.body.terms) for term in system.elastic_terms]
     chosen = [good and isinstance(term, HasStress | HasPressure) for term, good in zip(system.elastic_terms, on_mesh, strict=True)]
     names = zip(system.elastic_names, chosen, strict=True)
@@ -92,10 +94,13 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
 
 
 def _steps(system: System, terms: list[Any], x: Array) -> Array:
-    """(nt,) steps that the elements allow, from their parts of K as if each had nodes of its own."""
+    """Return the steps (nt,) [s] that the elements allow.
+
+    The parts of K by element are assembled on a mesh in which each element has its own nodes.
+    """
     apart, t = _apart(system.mesh), system.mesh.t
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of elements that these terms are not on
+        warnings.simplefilter("ignore")  # about elements on which these terms do not act
         bound = BoundTerms(apart, terms, np.float64, getattr(system, "rule", None))
     pattern = Pattern(apart.nv, apart.d, [term.nodes_paired for term in bound.bound_terms])
     values, u = np.zeros(pattern.nnz), np.empty((apart.nv, apart.d))
@@ -103,7 +108,7 @@ def _steps(system: System, terms: list[Any], x: Array) -> Array:
     for term in bound.pair_terms:
         term.fill(u, term.rows(pattern), values, True, None, ALL)
     d, order = apart.d, np.argsort(apart.t, axis=0, kind="stable")  # columns of a row of K are in the order of the nodes
-    nodes, own = np.take_along_axis(apart.t, order, axis=0), np.take_along_axis(t, order, axis=0)  # apart, and in the body
+    nodes, own = np.take_along_axis(apart.t, order, axis=0), np.take_along_axis(t, order, axis=0)  # apart, in the body
     mass, is_free = system.mass().vertex, system.mass().free
     inverse = is_free * np.divide(1.0, np.sqrt(mass), out=np.zeros(len(mass)), where=mass > 0)[:, None]
     scale = inverse[own].transpose(1, 0, 2).reshape(t.shape[1], -1)  # (nt, n d)
@@ -120,7 +125,7 @@ def _steps(system: System, terms: list[Any], x: Array) -> Array:
 
 
 def _apart(mesh: ElementMesh) -> ElementMesh:
-    """The elements with nodes of their own, in their order."""
+    """Return the mesh with separate nodes for each element, with the elements in the same order."""
     m, nt = mesh.element.corners, mesh.nt
     t = np.arange(m * nt).reshape(nt, m).T
     apart = ElementMesh(mesh.p[:, mesh.corners.T.ravel()], t, mesh.subdomains, element=mesh.element.linear)

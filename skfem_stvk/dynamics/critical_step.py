@@ -1,4 +1,4 @@
-"""The largest stable step of explicit integrators: from the largest eigenvalue of (K, M), and from a bound on it."""
+"""Largest stable step of explicit integrators, from the largest eigenvalue of (K, M) and from a bound on it."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from ..system.protocol import checked_system
 from ..terms.load import Moment
 from .damping import Damping, damping_factors
 
-#: Estimates with damping at most, until the step changes by less than this part.
+#: Largest number of estimates with damping, and the relative change of the step at which they end.
 MOST, PRECISION = 6, 1e-4
-#: The residual of an eigenvalue that is found, as a part of it; products with K at most.
+#: Relative residual of the eigenvalue, and largest number of products with K.
 RESIDUAL, MOST_PRODUCTS = 1e-3, 300
-#: A direction of which less is left beside the others is rounding.
+#: Relative length below which a direction, made orthogonal to the others, is only round-off.
 SHORT = 1e-8
-#: Products with norms of blocks, each of which makes the bound smaller.
+#: Number of products with norms of blocks. Each of them improves the bound.
 SWEEPS = 5
 
 
 @dataclass(frozen=True)
 class CriticalStep:
-    """The largest stable step of central differences (velocity Verlet, symplectic Euler) at a state.
+    """Largest stable step of central differences (velocity Verlet, symplectic Euler) at a state.
 
     Attributes
     ----------
-    step : from the largest eigenvalue of `M^-1 K` [s].
-    bound : a smaller one that is safe [s], from the norms of the blocks of K alone.
-    omega, omega_bound : the largest circular frequency without damping, and a bound on it [1/s]; without damping the steps are 2
-        over them.
-    products : of K with a vector, that `step` took.
+    step : step from the largest eigenvalue of `M^-1 K` [s].
+    bound : smaller, safe step [s], from the norms of the blocks of K alone.
+    omega, omega_bound : largest circular frequency without damping, and an upper bound on it [1/s]. Without damping the steps are
+        `2/omega` and `2/omega_bound`.
+    products : number of products of K with a vector that `step` took.
     """
 
     step: float
@@ -52,18 +52,18 @@ class CriticalStep:
 
 
 class LargestFrequency:
-    """Critical steps of a system as it deforms; only arrays to work in are kept from one state to the next.
+    """Critical steps of a system as it deforms. Only scratch arrays are retained from one state to the next.
 
     With lagged velocities in the damping forces, `M a_n + D v_{n-1/2} + F(u_n) = h`, a step `T` is stable as long as
 
         T^2 x'Kx + 2 T x'Dx <= 4 x'Mx        for all motions x that the supports allow,        D = alpha M + beta K0 + tau K_GN(u)
 
-    which for a damping ratio `xi` is `T <= (2/omega) (sqrt(1 + xi^2) - xi)`: damping makes the step smaller.
-    The stiffness of loads that have a potential and are not dead counts by a bound on its own largest eigenvalue.
-    `ForwardEuler` is that scheme. `VelocityVerlet` takes damping at a predicted velocity, and has the step of twice the damping.
+    For a damping ratio `xi` this is `T <= (2/omega) (sqrt(1 + xi^2) - xi)`, so damping makes the step smaller. The stiffness of
+    loads that have a potential and are not dead counts by a bound on its own largest eigenvalue. `ForwardEuler` is this scheme.
+    `VelocityVerlet` evaluates damping at a predicted velocity, so its step is that of twice the damping.
 
-    The search for an eigenvalue begins with a random motion, always the same: the mode of the state before would save a fifth of
-    the products, and miss an eigenvalue that has become the largest one elsewhere.
+    The search for an eigenvalue always begins with the same random motion. The mode of the previous state would save a fifth of the
+    products. It could miss an eigenvalue that has become the largest one elsewhere.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class LargestFrequency:
         self._at_rest: TangentOperator | None = None
 
     def at(self, u: ArrayLike, t: float = 0.0) -> CriticalStep:
-        """The critical step at displacements `u` (ndofs,) [m], with the follower loads at time `t`.
+        """Return the critical step at displacements `u` (ndofs,) [m], with the follower loads at time `t` [s].
 
         Raises
         ------
@@ -93,14 +93,15 @@ class LargestFrequency:
         return CriticalStep(max(step, bound), bound, min(float(np.sqrt(square)), omega_bound), omega_bound, self._products)
 
     def bound(self, u: ArrayLike, t: float = 0.0) -> float:
-        """The safe bound alone [s], for the time of a few products. Raises as in `at`."""
+        """Return the safe bound alone [s]. It costs a few products. Raises the errors of `at`."""
         return self._solve(u, t, self._bound)[1]
 
     def _solve(self, u: ArrayLike, t: float, elastic: Callable[[TangentOperator], float]) -> tuple[float, float]:
-        """The largest `omega^2` without damping, and the step.
+        """Return the largest `omega^2` without damping, and the step.
 
-        It is where `T^2 lam + 2 T alpha = 4`, with the largest eigenvalue `lam` of `K + 2/T (beta K0 + tau K_GN)`, a convex
-        function of 1/T: found by chords from 1/T = 0 on, and in the end shortened by what those have left.
+        The step `T` solves `T^2 lam + 2 T alpha = 4`, where `lam` is the largest eigenvalue of `K + 2/T (beta K0 + tau K_GN)`.
+        `lam` is a convex function of 1/T, so chords from 1/T = 0 on find the solution. The last step is shortened to account for
+        the remaining error.
         """
         alpha, beta, tau = self._damping
         loads = self._of_loads(u, t)
@@ -121,7 +122,10 @@ class LargestFrequency:
         return square, min(step, before / max(excess, 1.0))
 
     def _prepared(self, u: ArrayLike, step: float) -> TangentOperator:
-        """`K + 2/T (beta K0 + tau K_GN)` at `u`: `(1 + c) 2 J'LJ + tensions` is `1 + c` times a K with less of them."""
+        """Return `K + 2/T (beta K0 + tau K_GN)` at `u` as an operator.
+
+        `(1 + c) 2 J'LJ + tensions` is computed as `1 + c` times a K whose tensions are divided by `1 + c`.
+        """
         more, share = 2 * self._damping.tau / step, 2 * self._damping.beta / step
         kept = Tensions(1 / (1 + more), 1 / (1 + more)) if more else ALL
         if self._operator is None:
@@ -135,7 +139,7 @@ class LargestFrequency:
         return self._operator
 
     def _of_loads(self, u: ArrayLike, t: float) -> float:
-        """A bound on what the stiffness of loads adds to the largest eigenvalue [1/s^2], by Gershgorin's circles."""
+        """Return a bound on the increase of the largest eigenvalue by the stiffness of loads [1/s^2], from Gershgorin's circles."""
         K = self._system.load_stiffness(u, Moment(t, 1.0))
         if K is None:
             return 0.0
@@ -147,7 +151,7 @@ class LargestFrequency:
         return bound_on_eigenvalues(K, self._vertex)
 
     def _largest(self, K: TangentOperator) -> float:
-        """The largest eigenvalue from above: its estimate plus the residual, but not above the bound."""
+        """Return an upper estimate of the largest eigenvalue: the Rayleigh quotient plus the residual, at most the bound."""
         bound = self._bound(K)
         if bound == 0:
             return 0.0
@@ -159,9 +163,10 @@ class LargestFrequency:
 
 
 def critical_step(system: System, u: ArrayLike | None = None, *, damping: Damping | None = None) -> CriticalStep:
-    """The largest stable step of explicit integrators with the lumped mass, at displacements `u` (ndofs,) [m], by default at rest.
+    """Return the largest stable step of explicit integrators with the lumped mass.
 
-    With `damping` it is that of `ForwardEuler`; for `VelocityVerlet` damping counts twice, and it is that of twice the damping.
+    The displacements are `u` (ndofs,) [m], by default zero. With `damping` the step is that of `ForwardEuler`. For `VelocityVerlet`
+    damping counts twice, so pass twice the damping.
 
     Raises
     ------
@@ -184,26 +189,26 @@ def critical_step(system: System, u: ArrayLike | None = None, *, damping: Dampin
 
 
 def _root(k: float, c: float) -> float:
-    """The `T > 0` of `T^2 k + 2 T c = 4`; infinity if there is none."""
+    """Return the `T > 0` that solves `T^2 k + 2 T c = 4`; infinity if there is none."""
     rate = c + np.sqrt(c**2 + 4 * k)
     return float(4 / rate) if rate > 0 else np.inf
 
 
 class Largest(NamedTuple):
-    """An eigenpair of `K x = value M x`."""
+    """Eigenpair of `K x = value M x`."""
 
-    value: float  # the Rayleigh quotient of x [1/s^2]: not above the largest eigenvalue
-    residual: float  # of `M^-1/2 K M^-1/2` [1/s^2]: there is an eigenvalue within it
+    value: float  # Rayleigh quotient of x [1/s^2]: not above the largest eigenvalue
+    residual: float  # residual norm for `M^-1/2 K M^-1/2` [1/s^2]: an eigenvalue lies within it of `value`
     vector: Array  # x (ndofs,), of length one in M
-    products: int  # with K, that it took
+    products: int  # number of products with K
 
 
 def largest_eigenvalue(product: Callable[[Array], Array], mass: Mass, x: Array, space: Space) -> Largest:
-    """The largest eigenvalue, from `x` (ndofs,) on, by locally optimal conjugate gradients (LOBPCG, Knyazev 2001).
+    """Return the largest eigenvalue of (K, M), by locally optimal conjugate gradients (LOBPCG, Knyazev 2001).
 
-    Lanczos' method needs as many products and all vectors so far; this one the last three. scipy's `lobpcg` finds the same on
-    slender, mixed and compact bodies, membranes and single tetrahedra, always, with one or two products more (14 for 13, 26 for
-    24), in 1.4 to 2.1 times the time.
+    The iteration starts from `x` (ndofs,). Lanczos' method needs as many products and stores all vectors so far; LOBPCG stores the
+    last three. scipy's `lobpcg` finds the same eigenvalue on slender, mixed and compact bodies, membranes and single tetrahedra. It
+    takes one or two products more (14 for 13, 26 for 24), and 1.4 to 2.1 times the time.
     """
     dot = space.dot
 
@@ -238,13 +243,13 @@ def largest_eigenvalue(product: Callable[[Array], Array], mass: Mass, x: Array, 
 
 
 def bound_on_eigenvalues(K: TangentOperator, vertex: Array) -> float:
-    """An upper bound on the eigenvalues of (K, M) [1/s^2], with M lumped to the masses `vertex` (nv,).
+    """Return an upper bound on the eigenvalues of (K, M) [1/s^2], with M lumped to the masses `vertex` (nv,).
 
         value <= max_a (k_a s_a + sum_b |K_ab| s_b) / (m_a s_a)        for any s > 0
 
-    with the largest eigenvalue `k_a` of the diagonal block and the norms of the others: Gershgorin's circles of blocks, scaled.
-    From `s = m^-1/2` on, each quotient is the next `s` times what is under it, so that the bound falls (Collatz, Wielandt).
-    Vertices without mass are those that are held.
+    `k_a` is the largest eigenvalue of the diagonal block, and `|K_ab|` are the norms of the others. These are Gershgorin's circles
+    of blocks, scaled. The iteration starts from `s = m^-1/2`. The next `s_a` is the numerator divided by `m_a`, so that the bound
+    decreases (Collatz, Wielandt). Constrained vertices have the mass zero.
     """
     own = _largest_of_blocks(K.diagonal_blocks().astype(np.float64))
     inverse = np.divide(1.0, vertex, out=np.zeros(len(vertex)), where=vertex > 0)
@@ -259,7 +264,10 @@ def bound_on_eigenvalues(K: TangentOperator, vertex: Array) -> float:
 
 
 def _largest_of_blocks(blocks: Array) -> Array:
-    """(nv,) upper bounds on the eigenvalues of symmetric blocks (nv, d, d), by traces (Wolkowicz, Styan 1980); exact for d < 3."""
+    """Return upper bounds (nv,) on the eigenvalues of symmetric blocks (nv, d, d), by traces (Wolkowicz, Styan 1980).
+
+    They are exact for d < 3.
+    """
     d = blocks.shape[1]
     mean = np.einsum("vcc->v", blocks) / d
     spread = np.einsum("vij,vij->v", blocks, blocks) - d * mean**2

@@ -1,4 +1,4 @@
-"""Damping: forces that are linear in the velocities, and oppose them."""
+"""Damping: forces that are linear in the velocities and oppose them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Rayleigh:
     """Damping by mass and by the stiffness at rest: the force `-D v` with `D = alpha M + beta K0`, constant.
 
     A mode of circular frequency `omega` at rest gets the damping ratio `(alpha/omega + beta omega)/2`. `alpha` damps all motion,
-    that of the whole body, too; `beta` damps large rotations as well, for K0 does not turn with the body.
+    including rigid motion of the whole body. `beta` also damps large rotations, because K0 does not rotate with the body.
 
     Parameters
     ----------
@@ -38,17 +38,18 @@ class Rayleigh:
 
 @dataclass(frozen=True)
 class EdgeDamping:
-    """Damping by the rate of the squared elongations `zeta` of the edges: they act like dashpots.
+    """Damping by the rate of the squared elongations `zeta` of the edges, which act like dashpots.
 
         dzeta_i/dt = 2 p_i . (v_a - v_b)        force = -tau sum_i (L dzeta/dt)_i p_i = -tau K_GN(u) v
         power lost = tau/2 (dzeta/dt)' L (dzeta/dt)
 
-    over edges `i = ab` with edge vectors `p_i` at `u`; `K_GN`, the Gauss-Newton part of K, is K without tensions. No rigid motion
-    is ever damped, however far the body has turned. Nor is what resists the hourglass modes of boxes with one point, for its
-    tensions do not change; `Rayleigh` damps it. A mode of circular frequency `omega` at rest gets the damping ratio `tau omega/2`.
+    The sums are over edges `i = ab` with edge vectors `p_i` at `u`. `K_GN`, the Gauss-Newton part of K, is K without tensions.
+    Rigid motions are never damped, at any rotation of the body. Hourglass modes of boxes with one point are not damped either,
+    because their tensions do not change. `Rayleigh` damps them. A mode of circular frequency `omega` at rest gets the damping ratio
+    `tau omega/2`.
 
-    The springs of a `SpringNetwork` get dashpots beside them, `c = tau k`. Of `LinearElastic` it is `tau K v`, which resists
-    turning.
+    The springs of a `SpringNetwork` get dashpots in parallel, `c = tau k`. For `LinearElastic` the force is `tau K v`, which
+    resists rotation.
 
     Parameters
     ----------
@@ -66,12 +67,12 @@ class EdgeDamping:
         object.__setattr__(self, "tau", _not_negative("EdgeDamping: tau", self.tau, "s"))
 
 
-#: One kind, or several that add up.
+#: One kind of damping, or several that add up.
 Damping: TypeAlias = "Rayleigh | EdgeDamping | Sequence[Rayleigh | EdgeDamping]"
 
 
 class DampingFactors(NamedTuple):
-    """The factors of `D = alpha M + beta K0 + tau K_GN(u)`."""
+    """Factors of `D = alpha M + beta K0 + tau K_GN(u)`."""
 
     alpha: float = 0.0
     beta: float = 0.0
@@ -79,12 +80,12 @@ class DampingFactors(NamedTuple):
 
 
 def damping_factors(damping: Damping | None) -> DampingFactors:
-    """The sums of the factors of all kinds of damping; zeros for None.
+    """Return the sums of the factors of all kinds of damping; zeros for None.
 
     Raises
     ------
     StvkError
-        if something else is given.
+        if `damping` is anything else.
 
     >>> damping_factors([Rayleigh(alpha=0.5), EdgeDamping(1e-3), EdgeDamping(2e-3)])
     DampingFactors(alpha=0.5, beta=0.0, tau=0.003)

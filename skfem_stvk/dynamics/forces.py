@@ -1,4 +1,4 @@
-"""Forces of a system that only motions have: between two states, and against rates."""
+"""Forces of a system that occur only in motions: mean forces between two states, and damping forces."""
 
 from __future__ import annotations
 
@@ -18,17 +18,19 @@ from ..terms.load import Time
 def add_mean_force(
     system: System, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
 ) -> float:
-    """Add to `out` (ndofs,) [N] what mean tensions of two states pull along the edges as they are in between.
+    """Add the mean force of two states to `out` (ndofs,) [N].
+
+    The mean tensions act along the edges of an intermediate configuration `p`.
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p = X + (1 - theta) u0 + theta u1
 
-    With `w0 = w1 = theta = 1/2` its work over `u1 - u0` is `W(u1) - W(u0)` to round-off, whatever the states are, and forces
-    and torques balance about `p`: what conserves energy and momenta. With other weights of sum 1 the work is larger by `(w1 -
-    w0) R`, `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
+    With `w0 = w1 = theta = 1/2` the work of the force over `u1 - u0` is `W(u1) - W(u0)` to round-off, for any states. Forces and
+    torques balance about `p`. Hence energy and momenta are conserved. With other weights of sum 1 the work is larger by
+    `(w1 - w0) R`. `R = 1/4 dzeta' L dzeta >= 0` with `dzeta = zeta(u1) - zeta(u0)`, which is zero for rigid motions.
 
-    Laws without edges, such as `NeoHookean`, take a discrete gradient of their energy instead (`kernels.discrete_gradient`), with
-    the same work. A term without a mean force, such as a `VolumePenalty`, adds `(w0 + w1)` times its force at `p` and nothing to
-    R. The work of that force is the difference of its energies to second order only, for foundations exactly. Returns R [J].
+    Laws without edges, such as `NeoHookean`, use a discrete gradient of their energy instead (`kernels.discrete_gradient`), with
+    the same work. A term without a mean force, such as a `VolumePenalty`, adds `(w0 + w1)` times its force at `p` and nothing to R.
+    The work of that force is the difference of its energies to second order only; for foundations it is exact. Returns R [J].
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -53,14 +55,16 @@ def add_mean_force(
 
 
 def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
-    """Add to `out` (ndofs,) the resistance of the edges to the rate of their squared elongations at velocities `v` (ndofs,) [m/s].
+    """Add the resistance of the edges to the rate of their squared elongations to `out` (ndofs,).
+
+    The velocities are `v` (ndofs,) [m/s].
 
         f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
 
-    Times a relaxation time tau [s] it is a force: `tau K_GN(u) v`, `K_GN = 2 J' L J` the Gauss-Newton tangent. It takes the power
-    `2 tau R`, `R = 1/4 dzeta/dt' L dzeta/dt >= 0`, Rayleigh's function, whose derivative by `v` it is. Rigid motions meet no
-    resistance, turning ones at finite rotations included, but of `LinearElastic`, which adds `K v`. Terms that cannot be damped,
-    foundations and volume penalties, add nothing.
+    Multiplied by a relaxation time tau [s], it is the force `tau K_GN(u) v`, with the Gauss-Newton tangent `K_GN = 2 J' L J`. It
+    dissipates the power `2 tau R` with Rayleigh's function `R = 1/4 dzeta/dt' L dzeta/dt >= 0`. The resistance is the derivative of
+    R by `v`. Rigid motions meet no resistance, including rotations of a body that has rotated far. `LinearElastic` is the
+    exception: it adds `K v`. Terms that cannot be damped, such as foundations and volume penalties, add nothing.
     Returns R [J/s^2].
     """
     x, y, force = by_vertex(system.mesh, u), by_vertex(system.mesh, v, "v"), array_to_fill(system.mesh, out)
@@ -71,12 +75,12 @@ def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
 
 
 def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: Array) -> float:
-    """Add the resistance of the edges to the whole change from `u0` to `u1`, in place of the rate of `add_damping_force`.
+    """Add the resistance of the edges to the whole change from `u0` to `u1`, instead of to the rate as in `add_damping_force`.
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (zeta(u1) - zeta(u0)),  p = X + (1 - theta) u0 + theta u1
 
-    Times `tau/dt` it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`, `R = 1/4 dzeta' L dzeta >= 0`:
-    zero for rigid motions however large, turned ones included. Returns R [J].
+    Multiplied by `tau/dt`, it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`,
+    `R = 1/4 dzeta' L dzeta >= 0`. R is zero for rigid motions of any size, including rotations. Returns R [J].
     """
     x, y, force = by_vertex(system.mesh, u0, "u0"), by_vertex(system.mesh, u1, "u1"), array_to_fill(system.mesh, out)
     edges = [term for term in system.bound_terms if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
@@ -87,19 +91,19 @@ def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: 
 
 
 def damping_is_of_edges(system: System) -> bool:
-    """Whether the Gauss-Newton tangent is that of the edges alone, so that `tau K_GN` damps nothing else."""
+    """Return whether the Gauss-Newton tangent contains the edges alone, so that `tau K_GN` damps nothing else."""
     return system.dead and all(isinstance(term, HasDampingForce) for term in system.bound_terms)
 
 
 def passes_inversion(system: System) -> bool:
-    """Return whether all elements have finite forces that push them back where they are inverted."""
+    """Return whether all elements have finite restoring forces when they are inverted."""
     return all(getattr(term, "passes_inversion", False) for term in system.bound_terms if isinstance(term, HasVolume))
 
 
 class StartTensions:
-    """The part of the tangent due to the tensions at the beginning of a step, `sum t_i(u_0) Lap_i`, when it is first asked for.
+    """Part of the tangent due to the tensions at the beginning of a step, `sum t_i(u_0) Lap_i`, computed at the first request.
 
-    It is the difference of two tangents at `u_0`: one with the tensions that are kept, one without any.
+    It is the difference of two tangents at `u_0`: one with the retained tensions, one without tensions.
     """
 
     def __init__(self, system: System) -> None:
@@ -115,7 +119,7 @@ class StartTensions:
         self._valued = self._prepared = None
 
     def values(self, t: Time, kept: Tensions) -> Array:
-        """Values of a matrix of the system's pattern, with the tensions that are `kept`."""
+        """Return the values of a matrix of the system's pattern, with the tensions that `kept` retains."""
         difference, without = self._matrices
         if self._valued != kept or difference is None:
             difference = self._system.jacobian(self._u0, t, out=difference, kept=kept)
@@ -126,7 +130,7 @@ class StartTensions:
         return values
 
     def operators(self, kept: Tensions) -> list[tuple[float, TangentOperator]]:
-        """Factors and operators, as `TangentOperator.scale_and_add` takes them."""
+        """Return factors and operators, in the form that `TangentOperator.scale_and_add` takes."""
         if not self._operators:
             self._operators = [self._system.linear_operator(self._u0, kept=which) for which in (kept, NONE)]
         elif self._prepared != kept:

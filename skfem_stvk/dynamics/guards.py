@@ -1,4 +1,4 @@
-"""What is watched in a motion: energy from nowhere, elements that turn inside out, and supports that jump."""
+"""Checks of a motion: energy created numerically, inverted elements, and jumps of supports."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from .ledger import Ledger
 from .motion import Motion
 from .record import MotionState, RunRecord
 
-#: A body has blown up with this many times more energy, from nowhere, than it had or was given.
+#: A motion has blown up if the numerically created energy is more than this multiple of the initial or supplied energy.
 TOO_MUCH = 20.0
-#: Up to this part of it a state counts as good, unless so much of it came within as many steps; every so many steps one is kept.
+#: A state is good if the created energy is at most `GOOD` times the initial or supplied one. It must also have grown by at most
+#: `QUICKLY` times that energy within `EVERY` steps. One good state is retained every `EVERY` steps.
 GOOD, QUICKLY, EVERY = 1.0, 0.1, 20
 COLUMNS = "kinetic_energy", "potential_energy", "external_work", "closure_error"
-#: Elements are counted after so many steps of explicit integrators, for a count costs half a force; of implicit ones after each.
+#: Steps between two counts of inverted elements. A count costs half a force, so explicit integrators count less often.
 EXPLICIT, IMPLICIT = 20, 1
-#: A step over which a support moves so many times faster than ever before is searched: it is halved so often, and then it is a jump
-#: if such a part of the motion is still left. Smooth motions and kinks leave next to nothing; a motion within a thousandth of a
-#: step is a jump.
+#: A step is searched for a jump if a support moves `FASTER` times as fast as in any step before. The search halves the step
+#: `HALVINGS` times. The motion is a jump if the part `LEFT` of it still remains. For smooth motions and kinks almost nothing
+#: remains. A motion within a thousandth of a step is a jump.
 FASTER, HALVINGS, LEFT = 2.0, 10, 0.25
-#: Smaller jumps, as a part of the body's size, do no harm.
+#: Smaller jumps, as a part of the body's size, are ignored.
 SMALL = 1e-9
-#: Steps over which a jump should be spread.
+#: Number of steps over which a jump should be spread.
 STEPS = 20
 
 
 class Guard:
-    """Compare the closure error in the last row of a run's ledger with the energy that there is."""
+    """Comparison of the closure error in the last row of a run's ledger with the available energy."""
 
     def __init__(self, record: RunRecord) -> None:
         self._record, ledger = record, record.ledger
@@ -42,7 +43,7 @@ class Guard:
         self._most = energy_given(ledger)
 
     def blown_up(self) -> bool:
-        """Whether the last row shows energy from nowhere."""
+        """Return whether the last row shows energy that was created numerically."""
         ledger = self._record.ledger
         kinetic, potential, external, excess = self._pick(ledger.rows(ledger.steps - 1)[0].tolist())
         self._most = max(self._most, abs(potential - self._potential), abs(external))
@@ -50,7 +51,10 @@ class Guard:
         return not isfinite(kinetic + excess) or excess > TOO_MUCH * self._most > 0
 
     def trusts(self) -> bool:
-        """Whether to keep the state of the last row, after `blown_up` was asked: it is good, and the one that is kept is old."""
+        """Return whether to retain the state of the last row; call it after `blown_up`.
+
+        The state must be good, and the retained state must be at least `EVERY` steps old.
+        """
         good = self._record.good
         assert good is not None
         since = (self._record.steps - good.steps) / EVERY
@@ -60,34 +64,37 @@ class Guard:
 
 
 def from_nowhere(ledger: Ledger) -> float:
-    """The closure error in the end, as a part of the energy that there was or was given: below zero where the steps lost it."""
+    """Return the final closure error as a part of the initial or supplied energy. It is negative if the steps lost energy."""
     most = energy_given(ledger)
     return float(ledger["closure_error"][-1] / most) if most > 0 else 0.0
 
 
 def energy_given(ledger: Ledger) -> float:
-    """The energy at first, or the most that was given since [J]: more than that damping takes only of what came from nowhere."""
+    """Return the larger of the initial energy and the energy supplied since [J].
+
+    Damping can dissipate more than this only if energy was created numerically.
+    """
     kinetic, *changing = (ledger[name] for name in COLUMNS[:-1])
     return max(float(kinetic[0] + known_strain(ledger)[0]), *(float(max(x.max() - x[0], x[0] - x.min())) for x in changing))
 
 
 class Inversions:
-    """Count the elements that are inside out, and warn of the first ones.
+    """Counter of inverted elements, which warns of the first ones.
 
-    Rows between two counts have the number of the count before, so that a run which is resumed has the same ledger as one that
-    never stopped.
+    Rows between two counts repeat the number of the last count. Hence a run that is resumed has the same ledger as an uninterrupted
+    one.
     """
 
     def __init__(self, motion: Motion, every: int) -> None:
         self._motion, self._every, self._warned = motion, every, False
 
     def at_first(self, record: RunRecord) -> float:
-        """How many to enter for the state from which a run begins or goes on."""
-        out_of_turn = record.steps % self._every  # as the end of a run that is resumed, which was counted because it was the end
+        """Return the number to enter for the state from which a run begins or continues."""
+        out_of_turn = record.steps % self._every  # the last row was counted only because the earlier run ended there
         return float(record.ledger[INSIDE_OUT][-2]) if out_of_turn else len(self._elements(record.state))
 
     def count(self, record: RunRecord, last: bool) -> int | None:
-        """How many there are, None if it is not time to count them; in the `last` state it is."""
+        """Return the number of inverted elements, or None if no count is due. In the `last` state a count is always due."""
         if record.steps % self._every and not last:
             return None
         turned = self._elements(record.state)
@@ -98,7 +105,7 @@ class Inversions:
 
     @property
     def resisted(self) -> bool:
-        """Whether a term resists that elements turn inside out."""
+        """Whether a term resists the inversion of elements."""
         return self._motion.system.resists_inversion
 
     def _elements(self, state: MotionState) -> NDArray[np.int64]:
@@ -111,7 +118,7 @@ class Inversions:
 
 
 def inside_out_on_the_way(ledger: Ledger) -> str:
-    """How many elements were inside out since the beginning, and when, for the message of the run; empty if none were."""
+    """Return the part of the run's message about inverted elements: how many, and when. It is empty if there were none."""
     counts, times = ledger[INSIDE_OUT], ledger["time"]
     seen = np.flatnonzero(counts)
     if not len(seen):
@@ -123,9 +130,9 @@ def inside_out_on_the_way(ledger: Ledger) -> str:
 
 
 class Jumps:
-    """Detect jumps of prescribed displacements, step by step, and warn of the first one.
+    """Detector of jumps of prescribed displacements, which compares consecutive steps and warns of the first jump.
 
-    The functions of the supports are evaluated where a step began, ended, or is halved: never beyond the run.
+    The functions of the supports are evaluated at the ends of steps and at bisection points, never beyond the run.
     """
 
     def __init__(self, motion: Motion, state: MotionState) -> None:
@@ -135,7 +142,7 @@ class Jumps:
         self._looking = motion.moving
 
     def look(self, t: float, held: Array | None = None) -> None:
-        """Compare with the step before: at `t` the supports are at `held`, by default where their functions say."""
+        """Compare with the previous step. At time `t` the supports are at `held`, by default the value of their functions."""
         if not self._looking or t == self._t:
             return
         held = self._motion.held(t) if held is None else held
@@ -147,7 +154,7 @@ class Jumps:
         self._t, self._before = t, held
 
     def _search(self, times: tuple[float, float], ends: tuple[Array, Array], fast: NDArray[np.intp]) -> None:
-        """Warn if the fast supports jump between these times, at which they are at these ends."""
+        """Warn if the fast supports jump between the two `times`; `ends` are their displacements at these times."""
         found = self._first_jump(times, ends, fast, np.zeros(len(fast)), HALVINGS)
         if found is None:
             return
@@ -161,7 +168,7 @@ class Jumps:
         )
 
     def _vertices(self, jumping: NDArray[np.intp]) -> NDArray[np.int64]:
-        """Vertices that the jumping ones of the held degrees of freedom move."""
+        """Return the vertices that the jumping constrained degrees of freedom move."""
         motion, held = self._motion, self._motion.system.supports.held
         unit = np.zeros(motion.states.n)
         unit[motion.free.fixed[jumping]] = 1
@@ -171,9 +178,9 @@ class Jumps:
     def _first_jump(
         self, times: tuple[float, float], ends: tuple[Array, Array], fast: NDArray[np.intp], most: Array, halvings: int
     ) -> tuple[float, Array] | None:
-        """When the first jump ends, and how far each of the fast supports moves in it, 0 for those that do not jump.
+        """Return the end of the first jump [s], and the displacement of each fast support in it, 0 for those that do not jump.
 
-        `most` is the most that each was seen to move; what is left of it is compared with that.
+        `most` is the largest motion of each support that was seen. The remaining motion is compared with it.
         """
         moved = np.abs(ends[1] - ends[0])
         np.maximum(most, moved, out=most)

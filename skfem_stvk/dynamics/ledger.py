@@ -1,4 +1,4 @@
-"""A ledger: one column for each quantity, one row for each step; as a mapping, as a table on disk, and as a picture."""
+"""Ledger: one column for each quantity, one row for each step; a mapping that can be written as a table and drawn as a picture."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..results.files import output_path, replacing
 
 FIRST_ROWS = 1024
 ROWS_AT_ONCE = 10_000
-#: Okabe and Ito's colours, which colour-blind readers can tell apart.
+#: Okabe and Ito's colours, which colour-blind readers can distinguish.
 ENERGIES = {
     "kinetic_energy": "#D55E00",
     "strain_energy": "#E69F00",
@@ -31,33 +31,33 @@ ENERGIES = {
 }
 AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
 MOMENTA = {"linear_momentum": "linear\nmomentum [kg m/s]", "angular_momentum": "angular\nmomentum [kg m²/s]"}
-#: A line has no more points than that: two for each of the pixels it goes through.
+#: Largest number of points in a line: two for each pixel column that it crosses.
 MOST_POINTS = 4000
 Lines = list[tuple[str, str, str]]
 
 
 class NoColumn(StvkError, KeyError):
-    """A ledger has no column of this name."""
+    """Error for a column name that a ledger does not have."""
 
     __str__ = Exception.__str__
 
 
 class Ledger(Mapping[str, Array]):
-    """One array per name, one value per step.
+    """Mapping with one array per name and one value per step.
 
     Parameters
     ----------
-    names : of the columns, in order; the first is "time".
-    rows : (n, columns) to begin with.
+    names : names of the columns, in order; the first is "time".
+    rows : (n, columns) initial rows.
 
     Attributes
     ----------
-    names : tuple of them.
+    names : names of the columns, a tuple.
 
     Raises
     ------
     StvkError
-        if a name comes twice, or rows have another number of columns.
+        if a name occurs twice, or the number of columns of `rows` is not the number of names.
 
     >>> ledger = Ledger(["time", "kinetic_energy"])
     >>> ledger.append([0.0, 2.5])
@@ -85,12 +85,12 @@ class Ledger(Mapping[str, Array]):
         self._block[: self.steps] = given
 
     def append(self, values: Any) -> None:
-        """Enter a step: one number for each column, in their order.
+        """Append a row: one number for each column, in their order.
 
         Raises
         ------
         StvkError
-            if there are more or less.
+            if there are more numbers than columns, or fewer.
         """
         row = real_array(values)
         if row is None or row.shape != (len(self.names),):
@@ -102,26 +102,26 @@ class Ledger(Mapping[str, Array]):
         self.steps += 1
 
     def replace_last(self, name: str, value: float) -> None:
-        """Put another number into a column of the last row."""
+        """Replace the number in a column of the last row."""
         self._block[self.steps - 1, self._column[name]] = value
 
     def truncate(self, steps: int) -> None:
-        """Strike out all but the first `steps` rows."""
+        """Delete all but the first `steps` rows."""
         self.steps = whole("steps", steps, f"0 ... {self.steps}", 0, self.steps)
 
     def rows(self, first: int = 0) -> Array:
-        """(n, columns) rows from number `first` on, which cannot be written to; a view of what is there now."""
+        """Return the rows (n, columns) from number `first` on, as a read-only view of the present rows."""
         view = self._block[whole("first", first, "the number of a row, from 0") : self.steps]
         view.flags.writeable = False
         return view
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write all as a table, a .csv file: a line of names, then one line per step, with all digits.
+        """Write all rows to a .csv file with all digits: a line of names, then one line per step.
 
         Raises
         ------
         StvkError
-            if it cannot be written.
+            if the file cannot be written.
         """
         path = output_path(path, ".csv")
         with replacing(path) as part, part.open("wb") as file:
@@ -131,12 +131,14 @@ class Ledger(Mapping[str, Array]):
         return path
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw the energies, the closure error and the momenta over time: matplotlib's `Figure`, written to `path` if there is one.
+        """Draw the energies, the closure error and the momenta over time.
+
+        Return matplotlib's `Figure`, and write it to `path` if that is not None.
 
         Raises
         ------
         StvkError
-            if there are less than two steps, or the path does not end in .png, .pdf or .svg or cannot be written.
+            if there are fewer than two steps, or the path does not end in .png, .pdf or .svg or cannot be written.
         """
         if self.steps < 2:
             raise StvkError(f"There are lines to draw from two steps on; the ledger has {self.steps}.")
@@ -161,17 +163,17 @@ class Ledger(Mapping[str, Array]):
 
 
 class LedgerFile:
-    """A ledger's table on disk, a .csv file that grows with it, by whole lines.
+    """Table of a ledger on disk, a .csv file that grows with the ledger by whole lines.
 
-    The first `write` replaces what is there, also that of a run which is resumed: its ledger knows all rows that count.
+    The first `write` replaces an existing file. This also holds when a run is resumed, because its ledger contains all valid rows.
     """
 
     def __init__(self, path: str | os.PathLike[str], ledger: Ledger) -> None:
         self.path, self.ledger = output_path(path, ".csv"), ledger
-        self._written = -1, -1  # rows and bytes, both at once: whatever interrupts it, they are of the same file
+        self._written = -1, -1  # rows and bytes, set in one assignment, so that an interrupt cannot separate them
 
     def write(self) -> None:
-        """Add the rows that are new: all of them, or where that fails, none and no part of one."""
+        """Append the new rows. If that fails, the file is restored, so it never contains a part of them."""
         rows, size = self._written
         as_it_was = self.path.is_file() and self.path.stat().st_size == size
         if as_it_was and rows <= self.ledger.steps:
@@ -191,14 +193,14 @@ class LedgerFile:
 
 
 def _lines(rows: Iterable[Iterable[Any]]) -> bytes:
-    """Rows as lines of a table."""
+    """Return the rows as lines of a table."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()
 
 
 class Panel(NamedTuple):
-    """Lines over time: the columns with their words and colours, and the panel's height over that of the least."""
+    """Panel with lines over time: the columns with their labels and colours, and the relative height of the panel."""
 
     label: str
     lines: Lines
@@ -206,7 +208,7 @@ class Panel(NamedTuple):
 
 
 def _draw(ledger: Mapping[str, Array], path: Path | None) -> Any:
-    """Draw all panels; write them to `path` if there is one."""
+    """Draw all panels; write them to `path` if it is not None."""
     figure = draw(ledger, _panels(ledger), interactive=path is None)
     if path is not None:
         figure.savefig(path, dpi=160)
@@ -214,8 +216,8 @@ def _draw(ledger: Mapping[str, Array], path: Path | None) -> Any:
 
 
 def draw(ledger: Mapping[str, Array], panels: Sequence[Panel], xlabel: str = "time [s]", *, interactive: bool = False) -> Any:
-    """Draw the panels that have lines; `interactive`: into a figure that pyplot can show."""
-    from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when a picture is asked for
+    """Draw the panels that have lines. `interactive`: use a figure that pyplot can show."""
+    from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when a picture is requested
 
     panels = [panel for panel in panels if panel.lines]
     figure = new_figure((7.5, 1.2 * sum(panel.height for panel in panels) + 0.8), interactive=interactive)
@@ -229,7 +231,7 @@ def draw(ledger: Mapping[str, Array], panels: Sequence[Panel], xlabel: str = "ti
 
 
 def energy_panels(ledger: Mapping[str, Array], unit: str = "J") -> list[Panel]:
-    """Return panels of energies that are not zero throughout, "-" for those that do not exist, and of the closure error."""
+    """Return the panels of energies that are not zero throughout, and of the closure error. Energies that do not exist show "-"."""
     energies = [
         (name, name.replace("_", " ") + ": -" * bool(np.isnan(ledger[name]).all()), colour)
         for name, colour in ENERGIES.items()
@@ -240,7 +242,7 @@ def energy_panels(ledger: Mapping[str, Array], unit: str = "J") -> list[Panel]:
 
 
 def _panels(ledger: Mapping[str, Array]) -> list[Panel]:
-    """Panels of energies, the closure error, momenta, displacements of probes, and reactions."""
+    """Return the panels of energies, the closure error, momenta, displacements of probes, and reactions."""
     panels = energy_panels(ledger)
     for quantity, label in MOMENTA.items():
         panels.append(Panel(label, _along_axes(ledger, f"{quantity}_"), 1.2))
@@ -268,7 +270,7 @@ def _fill(axes: Any, panel: Panel, ledger: Mapping[str, Array]) -> None:
 
 
 def thinned(t: Array, values: Array) -> tuple[Array, Array]:
-    """Points that draw the same line: of each of many short stretches the least and the largest value."""
+    """Return fewer points that draw the same line: the smallest and the largest value of each short interval."""
     if len(t) <= MOST_POINTS:
         return t, values
     edges = np.linspace(0, len(t), MOST_POINTS // 2 + 1).astype(np.int64)

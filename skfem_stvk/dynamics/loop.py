@@ -1,4 +1,4 @@
-"""The loop over the steps of a motion."""
+"""Loop over the steps of a motion."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from .removal import Removal, removed_on_the_way
 from .run import Run, SimulationError
 from .stable_step import StableStep, halved_on_the_way
 
-#: A closure error from this part of the energy on is mentioned.
+#: Smallest closure error, as a part of the energy, that the message of the run mentions.
 WORTH_SAYING = 0.05
-#: A step is cut in two at most so often: in 64 parts.
+#: Largest number of bisections of a step, down to 64 parts.
 DEEPEST = 6
-#: Steps in a row that have to be cut before a warning.
+#: Number of consecutive steps that must be cut before a warning.
 MANY = 10
 
 
 class Loop:
-    """The steps of one run until its end: the only writer of its record. Its helpers read that and answer."""
+    """Loop over the steps of one run. It is the only object that writes the record of the run; its helpers only read it."""
 
     def __init__(self, setup: Setup, record: RunRecord, outputs: Outputs, quiet: bool) -> None:
         self.setup, self.record, self._outputs, self._quiet = setup, record, outputs, quiet
@@ -55,13 +55,16 @@ class Loop:
         self._stepping = False
 
     def _looks(self) -> int:
-        """Steps from one count of the elements that are inside out to the next; on a basis those between saved states."""
+        """Return the number of steps between two counts of inverted elements. On a basis, count only in saved states."""
         if self.setup.motion.body is not self.setup.motion.system:
             return self._outputs.saved_every
         return EXPLICIT if self.setup.integrator.explicit else IMPLICIT
 
     def _begin(self) -> None:
-        """Start from the state of the record, with what a run that is resumed there would know."""
+        """Start from the state of the record, using only data that a resumed run would have.
+
+        If the ledger is empty, enter its first row.
+        """
         record = self.record
         self._stepper.start(record.state)
         self._books.begin(record.state)
@@ -72,7 +75,7 @@ class Loop:
         self._guard = Guard(record)
 
     def run(self, raise_on_failure: bool) -> Run:
-        """Make all steps. Raises as `simulate`."""
+        """Run all steps and return the result. Raises the errors of `simulate`."""
         status, detail = Status.FINISHED, ""
         cause: BaseException | None = None
         setup, record = self.setup, self.record
@@ -86,7 +89,7 @@ class Loop:
                 while status is Status.BLEW_UP and self._goes_on():
                     status, detail = self._steps(progress)
                 self._outputs.close()
-            except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the run so far is kept
+            except (KeyboardInterrupt, Exception) as error:  # full disk or failing load: the run so far is retained
                 status, cause = Status.INTERRUPTED, error
                 detail = self._rescue(error)
         run = self._result(status, detail, cause)
@@ -105,7 +108,7 @@ class Loop:
                 self._outputs.checkpoint()
             status, detail = self._step(t, whole)
             if motion.moving:
-                self._jumps.look(t, state.u[motion.free.fixed] if state.t == t else None)  # a jump may be why
+                self._jumps.look(t, state.u[motion.free.fixed] if state.t == t else None)  # a jump may be the cause
             if not status.success:
                 return status, detail
             turned = self._inversions.count(record, last=not whole or not clock.left(until))
@@ -118,9 +121,9 @@ class Loop:
                 stop_if_asked()
         return Status.FINISHED, ""
 
-    @np.errstate(over="ignore", invalid="ignore")  # such a state is refused where it is found
+    @np.errstate(over="ignore", invalid="ignore")  # states that overflow are rejected later
     def _step(self, t: float, whole: bool) -> tuple[Status, str]:
-        """Go on to time `t`, with all that belongs to a step; returns how that came out."""
+        """Advance to time `t`, with all tasks of a step. Return the status and its explanation."""
         record, state = self.record, self.record.state
         self._stepping = True
         try:
@@ -148,7 +151,7 @@ class Loop:
         return Status.FINISHED, ""
 
     def _tear(self, elements: NDArray[np.int64]) -> bool:
-        """Take elements out in the state that was entered last, which is entered anew; whether there were any."""
+        """Remove elements at the last recorded state and enter its row again. Return whether any elements were removed."""
         if not len(elements):
             return False
         record, motion = self.record, self.setup.motion
@@ -163,7 +166,7 @@ class Loop:
 
     @property
     def _monitors(self) -> Monitors:
-        """The search for elements where the model is not to be trusted, in the present body."""
+        """Search for elements at which the model is unreliable, in the present body."""
         return Monitors(self.setup.motion.system, ellipticity=False)
 
     def _arrived(self, state: MotionState) -> None:
@@ -171,7 +174,10 @@ class Loop:
         self.setup.motion.body.commit(state.u)
 
     def _goes_on(self) -> bool:
-        """Return to the last good state after a motion has blown up; whether it can go on from there, with shorter steps."""
+        """Return to the last good state after a motion has blown up.
+
+        Return whether the motion can continue from there with shorter steps.
+        """
         assert self.record.good is not None
         halved = self._limit.halved(self.record.good)
         self.record.good = halved or self.record.good
@@ -182,10 +188,10 @@ class Loop:
         return halved is not None
 
     def _rescue(self, error: BaseException) -> str:
-        """End an interrupted run at the last whole step, or at the last good state; what to do next, in words."""
+        """End an interrupted run at the last whole step, or at the last good state. Return a message with the next action."""
         record = self.record
         if self._stepping and (self.setup.integrator.explicit or record.state.t != record.ledger["time"][-1]):
-            record.back()  # implicit steps change the state in the end only
+            record.back()  # implicit steps change the state only at their end
         return self._outputs.how_to_go_on(error)
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
@@ -216,7 +222,7 @@ class Loop:
         )
 
     def _message(self, status: Status, detail: str, cause: BaseException | None, findings: tuple[Finding, ...]) -> str:
-        """The message of the run; `findings` are those in its last state."""
+        """Return the message of the run. `findings` belong to its last state."""
         t = self.record.state.t
         if status in (Status.FINISHED, Status.ENDED_INVERTED):
             return ". ".join([self._reached(), *(finding.text.rstrip(".") for finding in findings)]) + "." * bool(findings)
@@ -236,7 +242,7 @@ class Loop:
         return f"interrupted at t = {t:.6g} s{by}.{detail}{there}"
 
     def _reached(self) -> str:
-        """Say that the end is reached, and what is worth mentioning of the way there."""
+        """Return the message that the end is reached, with notable events of the run."""
         record = self.record
         cuts = f", {record.cuts} of them cut into smaller ones" if record.cuts else ""
         gained = _gained(from_nowhere(record.ledger))
@@ -246,23 +252,26 @@ class Loop:
 
 
 def _gained(part: float) -> str:
-    """Message about lost or gained energy; empty if within tolerance."""
+    """Return the message about lost or gained energy; empty if it is within the tolerance."""
     if abs(part) < WORTH_SAYING:
         return ""
     return f"; the steps {'gained' if part > 0 else 'lost'} {abs(part) * 100:.0f} % of the energy (closure_error)"
 
 
 class Cutting:
-    """Make the steps of an integrator; where there is no state at the end of one, it is made in two halves, and so on.
+    """Steps of an integrator with bisection: a step that finds no state is made in two halves, recursively.
 
-    After each part `arrived` is called with the state, or `failed` where there is none.
+    After each part, `arrived` is called with the state, or `failed` if there is none.
     """
 
     def __init__(self, stepper: Stepper, arrived: Callable[[MotionState], object], failed: Callable[[], object]) -> None:
         self._stepper, self._arrived, self._failed, self._in_a_row = stepper, arrived, failed, 0
 
     def advance(self, state: MotionState, t: float) -> bool:
-        """Go on to time `t`; whether that took parts. If parts of 1/64 fail too, that raises and the state is as it was."""
+        """Advance to time `t`. Return whether the step was made in parts.
+
+        If parts of 1/64 fail too, raise StepFailed and restore the state.
+        """
         try:
             self._stepper.step(state, t)
         except StepFailed:

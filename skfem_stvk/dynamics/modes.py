@@ -27,13 +27,13 @@ from ..system.rigid import motions
 from .critical_step import bound_on_eigenvalues
 from .shift_invert import ShiftedProblem, lowest_vectors, nearest_vectors
 
-#: A motion of which all but this part is rigid is rigid, if its eigenvalue is rounding: so many eps of the largest one.
+#: Largest non-rigid part of a rigid motion. Its eigenvalue must also be round-off: at most `ROUNDING` eps of the largest one.
 NOT_RIGID, ROUNDING = 1e-6, 1e4
-#: Singular values below this part of the largest are zero.
+#: Singular values below this part of the largest are treated as zero.
 ZERO = 1e-10
-#: In pictures the largest displacement is this part of the size of the body.
+#: Largest displacement in pictures, as a part of the size of the body.
 SHOWN = 0.1
-#: "auto" takes a direct solver up to so many unknowns: it factorises once and solves about a hundred times.
+#: Largest number of unknowns for which "auto" uses a direct solver. It factorises once and solves about a hundred times.
 MANY = 200_000
 
 
@@ -41,22 +41,22 @@ MANY = 200_000
 class Modes:
     """Natural modes: `K x = omega^2 M x` over the free degrees of freedom, ascending by (the real part of) omega^2.
 
-    Where a load follows the body K need not be symmetric. Then two modes can join in a complex pair, with which the body flutters:
-    it takes energy from the load, and oscillates more and more. Eigenvalues and shapes are complex arrays if there is such a pair
+    If a load follows the body, K need not be symmetric. Then two modes can merge into a complex pair, with which the body flutters.
+    It takes energy from the load, and the oscillation grows. Eigenvalues and shapes are complex arrays if there is such a pair
     among them.
 
     Attributes
     ----------
-    frequencies : (n,) `Re(omega)/(2 pi)` [Hz]; 0 of rigid modes, NaN of those that grow without oscillating.
+    frequencies : (n,) `Re(omega)/(2 pi)` [Hz]; 0 for rigid modes, NaN for modes that grow without oscillation.
     eigenvalues : (n,) `omega^2` [1/s^2].
-    shapes : (n, ndofs) `x`, 0 where the body is held [kg^-1/2], with `x_i' M x_j = delta_ij`; of a K that is not symmetric `x_i^H M
-        x_i = 1` alone, and the motion is the real part of `x exp(i omega t)`.
-    rigid : (n,) whether the mode moves the body, or parts of it, as a whole, without stiffness.
-    unstable : (n,) whether the mode grows: `omega^2` is negative (divergence: without oscillating), or complex (flutter).
+    shapes : (n, ndofs) `x` [kg^-1/2], 0 at constrained degrees of freedom, with `x_i' M x_j = delta_ij`. If K is not symmetric,
+        only `x_i^H M x_i = 1` holds, and the motion is the real part of `x exp(i omega t)`.
+    rigid : (n,) whether the mode is a rigid motion of the body or of parts of it, without stiffness.
+    unstable : (n,) whether the mode grows: `omega^2` is negative (divergence, without oscillation), or complex (flutter).
     flutter : (n,) whether `omega^2` is complex.
-    growth : (n,) rate at which the mode grows without damping, `|Im(omega)|` [1/s], 0 of those that do not.
-    residuals : (n,) sizes of `M^-1/2 (K x - omega^2 M x)` [1/s^2]: an eigenvalue lies within, if K is symmetric.
-    system, u : whose modes they are, and the displacements (ndofs,) there [m].
+    growth : (n,) rate at which the mode grows without damping, `|Im(omega)|` [1/s]; 0 for stable modes.
+    residuals : (n,) norms of `M^-1/2 (K x - omega^2 M x)` [1/s^2]. If K is symmetric, an eigenvalue lies within this distance.
+    system, u : the system, and its displacements (ndofs,) [m] about which it vibrates.
     """
 
     frequencies: Array
@@ -75,13 +75,13 @@ class Modes:
 
     @property
     def stable(self) -> bool:
-        """Whether none of these modes grows; of others nothing is known."""
+        """Whether none of these modes grows. Higher modes are not examined."""
         return not self.unstable.any()
 
     def state(self, number: int, scale: float | None = None) -> State:
-        """The body displaced by `u` and `scale` times the (real part of the) mode of this number, counted from 0.
+        """Return the body displaced by `u` and `scale` times (the real part of) mode `number`, counted from 0.
 
-        By default the largest displacement is a tenth of its size.
+        By default the largest displacement is a tenth of the body's size.
         """
         number = arguments.whole("number", number, f"a mode from 0 to {len(self) - 1}", -len(self), len(self) - 1)
         mesh, shape = self.system.mesh, self.shapes[number].real.reshape(-1, self.system.mesh.d)
@@ -91,12 +91,18 @@ class Modes:
         return Fields.of(self.system).at(self.u + factor * shape.ravel())
 
     def plot(self, number: int, scale: float | None = None, **options: Any) -> Any:
-        """Draw a mode, by default coloured by the length of displacements; options as in `results.plot`, `scale` as in `state`."""
-        state = self.state(number, scale)  # refuses what is no number of a mode
+        """Draw a mode, coloured by the length of displacements by default.
+
+        Options are those of `results.plot`, and `scale` is that of `state`.
+        """
+        state = self.state(number, scale)  # refuses an invalid mode number
         return plot(state, **{"field": "displacement", "label": f"mode {number}: {self._named(number)}"} | options)
 
     def save(self, path: str | os.PathLike[str], scale: float | None = None) -> Path:
-        """Write all modes as a series for ParaView, whose time is the number of the mode; raises as in `results.write_vtu`."""
+        """Write all modes as a series for ParaView, with the number of the mode as time.
+
+        Raises the errors of `results.write_vtu`.
+        """
         return save_series(path, ["von_mises_stress"], ((number, self.state(number, scale)) for number in range(len(self))))
 
     def _named(self, number: int) -> str:
@@ -122,17 +128,17 @@ def modes(
     mass: str = "lumped",
     solver: str | LinearSolver = "auto",
 ) -> Modes:
-    """The n lowest natural modes of a system, held as it is, at rest or at a state of equilibrium.
+    """Return the n lowest natural modes of a system with its supports, at rest or at a state of equilibrium.
 
     Parameters
     ----------
-    n : how many, rigid ones included.
-    u : displacements (ndofs,) [m] of the equilibrium about which it vibrates, such as `solve_static(system).u`; by default none. K
-        is that of the stressed body there, and has what loads that depend on where the body goes add to it: where that makes it
-        unsymmetric the modes nearest to zero are found, which tell of flutter.
-    t : load factor of that equilibrium, for these loads: `step.t` of a state on a path.
+    n : number of modes, including rigid ones.
+    u : displacements (ndofs,) [m] of the equilibrium about which the system vibrates, such as `solve_static(system).u`; by default
+        zero. K is that of the stressed body, and includes the stiffness of loads that depend on the displacements. If these loads
+        make K unsymmetric, the modes nearest to zero are found, which can show flutter.
+    t : load factor of this equilibrium, for these loads: `step.t` of a state on a path.
     mass : "lumped", or "consistent".
-    solver : as in `solve_static`; by default a direct one, and multigrid for more than 200 000 unknowns.
+    solver : as in `solve_static`; by default a direct solver, and multigrid for more than 200 000 unknowns.
 
     Raises
     ------
@@ -163,7 +169,7 @@ def modes(
 
 
 def _kind(system: System, u: Array, t: float, free: Array) -> Kind:
-    """The kind of K; with follower loads by its entries over the free degrees of freedom."""
+    """Return the kind of K. With follower loads, decide by its entries over the free degrees of freedom."""
     if system.conservative:
         return Kind.SYMMETRIC
     K = system.jacobian(u, t)[free][:, free]
@@ -171,7 +177,7 @@ def _kind(system: System, u: Array, t: float, free: Array) -> Kind:
 
 
 def _ritz(problem: ShiftedProblem, vectors: Array, n: int) -> Modes:
-    """The n lowest modes in the span of the rows of `vectors` (m, ndofs), by exact products with K and M."""
+    """Return the n lowest modes in the span of the rows of `vectors` (m, ndofs), by exact products with K and M."""
     system, mass, u, K = problem.system, problem.mass, problem.u, problem.stiffness()
     images, momenta = (np.array([multiply(row) for row in vectors]) for multiply in (lambda v: K @ v, mass.multiply))
     largest = bound_on_eigenvalues(system.linear_operator(u), mass.vertex)
@@ -193,12 +199,12 @@ def _ritz(problem: ShiftedProblem, vectors: Array, n: int) -> Modes:
 
 
 def _unsymmetric(K: Array, M: Array, rounding: float) -> tuple[Array, Array]:
-    """Eigenvalues, ascending by their real parts, and vectors (columns) of small matrices; real, unless there are complex pairs.
+    """Return the eigenvalues, ascending by their real parts, and vectors (columns) of small matrices.
 
-    Of a pair whose imaginary part is rounding, which is what becomes of two equal eigenvalues, the real and the imaginary part of
-    the vectors are taken.
+    They are real unless there are complex pairs. Round-off can make two equal eigenvalues a pair with a tiny imaginary part. For
+    such a pair, the real and the imaginary part of the vectors are returned.
     """
-    values, c = eig(np.linalg.solve(M, K))  # of one real matrix, so that pairs are conjugate to the last bit
+    values, c = eig(np.linalg.solve(M, K))  # one real matrix, so that pairs are bitwise conjugate
     order = np.lexsort((values.imag, values.real))
     values, c = values[order], c[:, order].astype(complex)
     real = np.abs(values.imag) <= rounding
@@ -210,7 +216,7 @@ def _unsymmetric(K: Array, M: Array, rounding: float) -> tuple[Array, Array]:
 
 
 def _residuals(mass: Mass, values: Array, shapes: Array, forces: Array) -> Array:
-    """(n,) sizes of `M^-1/2 (K x - omega^2 M x)`, from `K x`."""
+    """Return the norms (n,) of `M^-1/2 (K x - omega^2 M x)`, from `K x`."""
     squares = np.zeros(len(values))
     solved = np.array([mass.solve(row.real) + 1j * mass.solve(row.imag) for row in forces])
     for part in (np.real, np.imag):
@@ -225,9 +231,9 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def _rigid_part(system: System, mass: Mass, u: Array, shapes: Array) -> Array:
-    """(n,) `|P x|^2 / |x|^2` in M for motions x, the rows of `shapes` (n, ndofs).
+    """Return `|P x|^2 / |x|^2` (n,) in M for motions x, the rows of `shapes` (n, ndofs).
 
-    P projects on the rigid motions, at displacements `u` (ndofs,), of each part of the body that the supports allow.
+    P projects on the rigid motions of each part of the body that the supports allow, at displacements `u` (ndofs,).
     """
     mesh = system.mesh
     where = mesh.p.T + u.reshape(-1, mesh.d)
@@ -245,7 +251,7 @@ def _rigid_part(system: System, mass: Mass, u: Array, shapes: Array) -> Array:
 
 
 def _allowed(x: Array, is_held: NDArray[np.bool_]) -> Array:
-    """(dofs, m) rigid motions of vertices at `x` (nv, d) that leave in place what is held."""
+    """Return the rigid motions (dofs, m) of vertices at `x` (nv, d) that do not move constrained degrees of freedom."""
     x = x - x.mean(axis=0)
     every = motions(x / (np.linalg.norm(x, axis=1).max() or 1.0)).reshape(x.size, -1)
     held = every[is_held.ravel()]
@@ -258,7 +264,7 @@ def _allowed(x: Array, is_held: NDArray[np.bool_]) -> Array:
 
 
 def _orthonormal(mass: Mass, vectors: Array) -> Array:
-    """Rows that span the same, orthonormal in M."""
+    """Return rows with the same span, orthonormal in M."""
     if not len(vectors):
         return vectors
     values, c = np.linalg.eigh(vectors @ np.array([mass.multiply(v) for v in vectors]).T)

@@ -1,4 +1,4 @@
-"""The equation of motion of a system: masses, damping, loads and reactions."""
+"""Equation of motion of a system: masses, damping, loads and reactions."""
 
 from __future__ import annotations
 
@@ -23,21 +23,20 @@ from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
 from .record import MotionState
 
-#: A step that is shorter than this part of the one before is too short for differences.
+#: Smallest length of a step for differences, as a part of the previous step.
 SHORT = 0.3
-#: Part of a time step over which prescribed displacements are differenced to begin with.
+#: Part of a time step over which prescribed displacements are differenced at the start.
 DIFFERENCE = 1e-3
 
 
 class Motion:
-    """`M v' + D v + F(u) = h(u, t)` over the free degrees of freedom, `D = alpha M + beta K(0) + tau K_GN(u)`.
+    """Equation `M v' + D v + F(u) = h(u, t)` over the free degrees of freedom, `D = alpha M + beta K(0) + tau K_GN(u)`.
 
-    `K_GN = 2 J'LJ` is K without tensions; `moving`: whether any of the held degrees of freedom move.
+    `K_GN = 2 J'LJ` is K without tensions. `moving`: whether any constrained degrees of freedom move.
 
-    The body answers in its states `u`, of the space `states`; `states.expand(u)` are displacements (ndofs,). For a `System` states
-    are displacements, so that vectors are (ndofs,). For a body on a basis they are coordinates (m,); a step costs as much as its
-    m x m matrices then, whatever the mesh, if loads are the same at any time and place. `system` is the body with all its
-    displacements.
+    States `u` of the body are vectors of the space `states`, and `states.expand(u)` returns displacements (ndofs,). For a `System`,
+    states are displacements, so vectors are (ndofs,). For a body on a basis, they are coordinates (m,). If its loads are constant
+    and dead, a step then costs as much as its m x m matrices, for any mesh. `system` is the body with all its displacements.
     """
 
     def __init__(self, body: System | Coordinates, mass: str | None, damping: Damping | None) -> None:
@@ -52,38 +51,38 @@ class Motion:
 
     @property
     def states(self) -> Space:
-        """The space of states and their rates."""
+        """Space of states and their rates."""
         return self.body.space
 
     def take_out(self, elements: Any) -> None:
-        """Go on with the body without these elements."""
+        """Replace the body by one without these elements."""
         self.body = self.system = self.system.without(elements)
         self.mass, self.free = self.body.mass(self.mass.kind), self.free.of(self.body)
         for name in ("at_rest", "constant_loads"):
             self.__dict__.pop(name, None)
 
     def energy(self, u: Array) -> float:
-        """Strain energy of the terms that have one [J]."""
+        """Return the strain energy [J] of the terms that have one."""
         return sum((energy for energy in self.body.elastic_energies(u) if not isnan(energy)), 0.0)
 
     def energy_and_force(self, u: Array, out: Array) -> float:
-        """The strain energy of `energy` [J]; the internal force [N] is written to `out`."""
+        """Return the strain energy of `energy` [J], and write the internal force [N] to `out`."""
         if not self.body.without_energy:
             return self.body.energy_and_force(u, out=out)[0]
         np.copyto(out, self.body.internal_force(u))
         return self.energy(u)
 
     def term_energies(self, u: Array) -> list[float]:
-        """Strain energies of the elastic terms, if they are several and told apart [J]; NaN for one without an energy."""
+        """Return the strain energies [J] of the elastic terms if there are several; NaN for a term without an energy."""
         return self.body.elastic_energies(u) if self._several else []
 
     @property
     def driven(self) -> bool:
-        """Whether the energy of the body is not kept: a load changes with time, or has no potential, or a term has no energy."""
+        """Whether the body's energy is not conserved: a load changes with time or has no potential, or a term has no energy."""
         return bool(self.system.without_energy) or not all(map(_keeps_energy, self.system.bound_loads))
 
     def driving_force(self, u: Array, t: float) -> Array:
-        """Force of loads that change with time or have no potential, and of terms without energy [N]."""
+        """Return the force [N] of loads that change with time or have no potential, and of terms without energy."""
         if self.constant_loads is not None and not self.driven:
             return np.zeros(self.states.n)
         system, moment = self.system, self.moment(t)
@@ -100,7 +99,7 @@ class Motion:
         return self.states.restrict(force.ravel())
 
     def add_up(self, state: MotionState, sums: Array) -> float:
-        """Twice the kinetic energy, linear and angular momentum, to `sums` (8,); returns the potential of steady loads [J]."""
+        """Return the potential [J] of steady loads. Write twice the kinetic energy, linear and angular momentum to `sums` (8,)."""
         u, v, mesh, loads = state.u, state.v, self.system.mesh, self.constant_loads
         if isinstance(self.mass, CoordinateMass):
             self.mass.momenta(u, v, sums)
@@ -127,16 +126,16 @@ class Motion:
         return bool(self.alpha or self.beta or self.tau)
 
     def moment(self, t: float) -> Moment:
-        """The time `t` [s], when loads have their full size, and gravity pulls at the masses of this motion."""
+        """Return the time `t` [s] with load factor 1, and the kind of masses on which gravity acts."""
         return Moment(t, 1.0, self.mass.kind)
 
     def held(self, t: float) -> Array:
-        """Displacements of the constrained degrees of freedom, or the prescribed coordinates [m]."""
+        """Return the displacements of the constrained degrees of freedom, or the prescribed coordinates [m]."""
         body, moment = self.body, Moment(t, 1.0)
         return body.supports.values(moment) if isinstance(body, System) else body.held_values(moment)
 
     def held_velocities(self, t: float, dt: float) -> Array:
-        """Velocities of the held degrees of freedom [m/s], by forward differences."""
+        """Return the velocities of the constrained degrees of freedom [m/s], by forward differences."""
         if not self.moving:
             return np.zeros(len(self.free.fixed))
         h = DIFFERENCE * dt
@@ -145,7 +144,7 @@ class Motion:
 
     @cached_property
     def constant_loads(self) -> Array | None:
-        """The loads, if they are the same at any time and place [N]."""
+        """Loads [N] if they depend neither on time nor on displacements, otherwise None."""
         changing = any(isinstance(term, TakesTime) for term in self.system.bound_terms)
         if changing or not all(load.steady and load.dead for load in self.system.bound_loads):
             return None
@@ -154,7 +153,7 @@ class Motion:
         return loads
 
     def loads(self, u: Array, t: float) -> Array:
-        """External forces [N]; the same array every time if they are constant."""
+        """Return the external forces [N]; the same array every time if they are constant."""
         return self.body.external_force(u, self.moment(t)) if self.constant_loads is None else self.constant_loads
 
     def add_damping(self, u: Array, v: Array, out: Array) -> None:
@@ -166,31 +165,32 @@ class Motion:
             out += self.tau * self._force
 
     def add_linear_damping(self, v: Array, out: Array) -> None:
-        """Add `(alpha M + beta K(0)) v` [N]."""
+        """Add `(alpha M + beta K(0)) v` [N] to `out`."""
         if self.alpha:
             out += self.alpha * self.mass.multiply(v)
         if self.beta:
             out += self.beta * (self.at_rest @ v)
 
     def force(self, u: Array, v: Array, t: float) -> Array:
-        """`h - D v - F` [N], the force that moves the body."""
+        """Return the net force `h - D v - F` [N] on the body."""
         force = self.loads(u, t) - self.body.internal_force(u)
         damping = np.zeros_like(force)
         self.add_damping(u, v, damping)
         return force - damping
 
     def accelerations(self, u: Array, v: Array, t: float) -> Array:
-        """`M^-1 (h - D v - F)` [m/s^2], 0 where degrees of freedom are held."""
+        """Return `M^-1 (h - D v - F)` [m/s^2], 0 at constrained degrees of freedom."""
         return self.mass.solve(self.force(u, v, t))
 
     def ground_forces(self, u: Array, v: Array, t: float, since: float) -> Array:
-        """(ndofs,) forces of supports and foundations on the body at displacements and velocities (ndofs,), at a moment [N].
+        """Return the forces (ndofs,) [N] of supports and foundations on the body at time `t`.
 
-            M a + D v + F(u) - h(u, t)    of supports, where degrees of freedom are held
+            M a + D v + F(u) - h(u, t)    of supports, at constrained degrees of freedom
             -K_f (u + beta v)             of foundations, whose stiffness counts in Rayleigh's damping too
 
-        Accelerations `a` are those of the equation of motion at this moment; where supports move, theirs: see `held_accelerations`.
-        Forces that a basis leaves at free degrees of freedom are carried to the ground by K at rest.
+        The displacements `u` and velocities `v` are (ndofs,). Accelerations `a` are those of the equation of motion at this time;
+        for moving supports see `held_accelerations`. For a body on a basis, residual forces at free degrees of freedom are
+        transferred to the supports by K at rest.
         """
         whole = self if self.body is self.system else self._of_all
         fixed, mass = whole.free.fixed, whole.mass
@@ -198,7 +198,7 @@ class Motion:
         a = np.zeros_like(moving)
         if self.moving:
             a[fixed] = held_accelerations(whole, t, since)
-        if mass.kind == "consistent":  # what is held is coupled to what is not
+        if mass.kind == "consistent":  # constrained and free degrees of freedom are coupled by M
             a += mass.solve(moving - mass.multiply(a))
         forces = self.system.foundation_force(u + self.beta * v)
         forces[fixed] += (mass.multiply(a) - moving)[fixed]
@@ -210,7 +210,7 @@ class Motion:
 
     @cached_property
     def _of_all(self) -> Motion:
-        """The motion of the body with all its displacements, of one on a basis."""
+        """Motion of the body with all its displacements, if this one is on a basis."""
         return Motion(self.system, self.mass.kind, self._damping)
 
     @cached_property
@@ -218,14 +218,14 @@ class Motion:
         return AtRest(self.system)
 
     def dissipated(self, u0: Array, u1: Array, dt: float) -> float:
-        """Energy that damping takes from the body between `u0` and `u1` [J]: `dt v' D v` at the mean velocity."""
+        """Return the energy [J] that damping dissipates between `u0` and `u1`: `dt v' D v` at the mean velocity."""
         if not self.damped:
             return 0.0
         v = (u1 - u0) / dt
         force = np.zeros_like(v)
         self.add_linear_damping(v, force)
         lost = dt * self.states.dot(v, force)
-        if self.tau:  # dzeta' L dzeta / 4 comes with the force
+        if self.tau:  # add_secant_damping also returns dzeta' L dzeta / 4
             self._force[:] = 0
             lost += 2 * self.tau / dt * add_secant_damping(self.system, u0, u1, 0.5, self._force)
         return lost
@@ -236,9 +236,10 @@ def _keeps_energy(load: BoundLoad) -> bool:
 
 
 def last_step(times: Sequence[float], dt: float) -> float:
-    """When the last of the steps that led to `times` began [s]; before the first step, when one of the length `dt` will end.
+    """Return the beginning of the last of the steps that led to `times` [s].
 
-    Differences over a step that the end of the run cut short would see rounding only: there it is the beginning of the step before.
+    If the end of the run cut the last step short, return the beginning of the previous step. Differences over the short step would
+    only be round-off. Before the first step, return the end of a first step of length `dt`.
     """
     if len(times) == 1:
         return times[0] + dt
@@ -247,9 +248,9 @@ def last_step(times: Sequence[float], dt: float) -> float:
 
 
 def held_accelerations(motion: Motion, t: float, since: float) -> Array:
-    """Accelerations of the held degrees of freedom at `t` [m/s^2], by differences over the step that began at `since` [s].
+    """Return the accelerations of the constrained degrees of freedom at `t` [m/s^2].
 
-    The functions of the supports are evaluated within the run only.
+    They are differences over the step that began at `since` [s]. The functions of the supports are evaluated within the run only.
     """
     h = (t - since) / 3
     here, one, two, three = (motion.held(t - i * h) for i in range(4))

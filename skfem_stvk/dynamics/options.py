@@ -1,4 +1,4 @@
-"""Options of a simulation, and the setup of a run: what it is from its beginning to its end."""
+"""Options of a simulation, and the setup of a run, which is constant during the run."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from .removal import Rule, in_words
 if TYPE_CHECKING:
     from .checkpoint import MotionCheckpoint
 
-#: What tells the basis of a motion on one in its files.
+#: Name in files of the numbers that identify the basis of a motion.
 BASIS = "the basis"
-#: Where in the time of a run its loads and prescribed displacements are evaluated for its signature.
+#: Fractions of the run time at which loads and prescribed displacements are evaluated for its signature.
 FRACTIONS = (0.0, 0.31, 0.77, 1.0)
 
 
 @dataclass(frozen=True)
 class Options:
-    """Arguments of `simulate` for the run. Those that a run begins with may be given again where it is resumed."""
+    """Arguments of `simulate` for the run. The arguments of a run's beginning may be passed again when it is resumed."""
 
     until: float
     integrator: Integrator | None
@@ -52,13 +52,13 @@ class Options:
     checkpoint: MotionCheckpoint | None
 
     def start(self, system: System) -> dict[str, list[float]]:
-        """Numbers by which a first state is known again, of what is given of it."""
+        """Return numbers that identify the user-supplied parts of an initial state."""
         given = {"u0": self.u0, "v0": self.v0}
         found = {name: sums(by_vertex(system.mesh, x, name)) for name, x in given.items() if x is not None}
         return found | ({"t0": [self.t0]} if self.t0 else {})
 
     def refuse_other_places(self, file: Path, system: System, kept: LedgerPlaces) -> None:
-        """Refuse probes and reactions that are given again, but are not those of the file."""
+        """Refuse probes and reactions that are passed again but differ from those of the file."""
         now = LedgerPlaces.checked(system, self.probes, self.reactions)
         for kind, given in (("probes", self.probes), ("reactions", self.reactions)):
             then, places = getattr(kept, kind), getattr(now, kind)
@@ -71,16 +71,19 @@ class Options:
 
 @dataclass(frozen=True)
 class Setup:
-    """What a run is, from its beginning to its end."""
+    """Setup of a run, constant from its beginning to its end."""
 
     motion: Motion
     integrator: Integrator
-    places: LedgerPlaces  # what the ledger follows
+    places: LedgerPlaces  # locations that the ledger records
     until: float  # the end [s]
-    rule: Rule | None = None  # by which elements are taken out
+    rule: Rule | None = None  # rule that removes elements
 
     def problem(self, t0: float, start: Mapping[str, list[float]]) -> Fingerprint:
-        """The problem from `t0` on, as its files name it; `start`: numbers of the first state that are not zero."""
+        """Return the problem from `t0` on, in the form in which files identify it.
+
+        `start`: numbers of the initial state that are not zero.
+        """
         moments = [t0 + fraction * (self.until - t0) for fraction in FRACTIONS]
         at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]} | basis_of(self.motion)
         method = described(self.motion, self.integrator, self.rule)
@@ -88,12 +91,12 @@ class Setup:
 
 
 def basis_of(motion: Motion) -> dict[str, list[float]]:
-    """Numbers by which the basis of a motion is known again, if it has one."""
+    """Return numbers that identify the basis of a motion, if it has one."""
     return {BASIS: motion.body.signature} if isinstance(motion.body, Coordinates) else {}
 
 
 def refuse_on_basis(motion: Motion, integrator: Integrator, removing: bool) -> None:
-    """Refuse damping, integrators and rules of removal that the motion of a body on a basis does not take."""
+    """Refuse damping, integrators and removal rules that the motion of a body on a basis does not support."""
     if not isinstance(motion.body, Coordinates):
         return
     if motion.tau:
@@ -112,7 +115,7 @@ def refuse_on_basis(motion: Motion, integrator: Integrator, removing: bool) -> N
 
 
 def described(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:
-    """All options of the method, as `MethodRecord`; a solver that is an object stands there by its name."""
+    """Return all options of the method, in the form of `MethodRecord`. A solver object is stored by its name."""
     options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
     objects = {name: value.name for name, value in options.items() if hasattr(value, "name")}
     plain = {name: x if x is None or isinstance(x, str) else float(x) for name, x in options.items() if name not in objects}
@@ -124,7 +127,7 @@ def described(motion: Motion, integrator: Integrator, rule: Rule | None = None) 
 
 
 def checked_integrator(integrator: Integrator | None) -> Integrator:
-    """The integrator; refuses what is none."""
+    """Return the integrator; refuse anything else."""
     if not isinstance(integrator, Integrator):
         given = f"the class {integrator.__name__}" if isinstance(integrator, type) else shown(integrator)
         raise StvkError(f"integrator is {given}; expected one of {', '.join(INTEGRATORS)}, such as EnergyMomentum(dt=1e-3).")
@@ -132,5 +135,5 @@ def checked_integrator(integrator: Integrator | None) -> Integrator:
 
 
 def too_early(until: float, t: float) -> StvkError:
-    """The error for an end that lies behind."""
+    """Return the error for an end `until` that is not after the present time `t`."""
     return StvkError(f"until = {until:g} s is not after t = {t:g} s, where the motion is. Give a later end.")

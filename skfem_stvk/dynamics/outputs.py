@@ -1,4 +1,4 @@
-"""What a simulation writes while it runs: a series of states with the ledger beside it, and a checkpoint."""
+"""Output files of a running simulation: a series of states with the ledger next to it, and a checkpoint."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from .record import RunRecord
 if TYPE_CHECKING:
     from .checkpoint import MotionCheckpoint, MotionHeader
 
-#: Steps from one saved state to the next, by default.
+#: Default number of steps from one saved state to the next.
 EVERY = 10
-#: More steps than any run has.
+#: Number of steps that no run reaches.
 NEVER = 1 << 62
 
 
 class Outputs:
-    """The files of a run: the states, the ledger and the checkpoint, each where it was asked for.
+    """Files of a run: the states, the ledger and the checkpoint, as far as they were requested.
 
-    A checkpoint is written after the state that is to be saved at its step, never before: what a later run goes on from has all
-    states saved that lie behind it, whatever interrupts this one. The record of the run is read, never written; its stopwatch
-    counts what is done here as "write".
+    If a step saves a state, its checkpoint is written after this state, never before. Hence the series contains all states before
+    the checkpoint, whatever interrupts the run. The record of the run is only read. Its stopwatch counts the time of these methods
+    as "write".
     """
 
     def __init__(
@@ -42,19 +42,19 @@ class Outputs:
     ) -> None:
         self._setup, self._record = setup, record
         self._series, self._every, self._checkpoint = series, every, checkpoint
-        self.written = -1  # steps at the last checkpoint; below zero if there is none yet
+        self.written = -1  # steps at the last checkpoint; negative if there is none yet
         if series is not None:
             self._fields = Fields.of(setup.motion.system)
             self._table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
 
     @classmethod
     def opened(cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack) -> Outputs:
-        """Open the files of a run that begins; those of another problem are refused."""
+        """Open the files of a run that begins. Refuse files of another problem."""
         series, save, overwrite = None, options.outlets.save, options.outlets.overwrite
         if save is not None or options.checkpoint is not None:
             problem = setup.problem(record.state.t, options.start(setup.motion.system))
             if setup.rule is not None:
-                assert problem.signature  # of the body as it begins, whatever is taken out later
+                assert problem.signature  # computed now, before elements are removed
         if options.checkpoint is not None:
             options.checkpoint.belongs_to(problem, overwrite)
         if save is not None:
@@ -65,7 +65,7 @@ class Outputs:
     def resumed(
         cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
     ) -> Outputs:
-        """Open the files of a run that goes on: the series is where the caller says, or beside the checkpoint."""
+        """Open the files of a run that continues. The series is at the user-supplied path, or next to the checkpoint."""
         checkpoint, every, t = options.checkpoint, options.outlets.every or then.every, record.state.t
         assert checkpoint is not None
         checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or checkpoint.source != checkpoint.file)
@@ -88,16 +88,16 @@ class Outputs:
 
     @property
     def path(self) -> Path | None:
-        """The path of the series."""
+        """Path of the series; None without one."""
         return None if self._series is None else self._series.path
 
     @property
     def saved_every(self) -> int:
-        """Steps from one saved state to the next; more than any run has where none is saved."""
+        """Number of steps from one saved state to the next; larger than any run if no states are saved."""
         return NEVER if self._series is None else self._every
 
     def frame(self) -> None:
-        """Save the state, unless it is saved."""
+        """Save the state unless it is already saved, and update the ledger's table."""
         series, state = self._series, self._record.state
         if series is None:
             return
@@ -109,21 +109,24 @@ class Outputs:
             self._table.write()
 
     def frame_in_turn(self) -> None:
-        """Save the state if it is its turn: that of a run that begins, or goes on from where it was not saved, too."""
+        """Save the state if it is due at this step.
+
+        This includes the first state of a run, and the state from which a run continues if it was not saved.
+        """
         if self._record.steps % self._every == 0:
             self.frame()
 
     def step(self) -> None:
-        """Save the state after a whole step if it is its turn, and write a checkpoint if it is time."""
+        """Save the state after a whole step if it is due, and write a checkpoint if it is due."""
         self.frame_in_turn()
         if self._checkpoint is not None and self._checkpoint.due(time.perf_counter()):
             self.checkpoint()
 
     def checkpoint(self) -> None:
-        """Write the checkpoint now, after the state if that is to be saved."""
+        """Write the checkpoint now, after saving the state if that is due."""
         if self._checkpoint is None:
             return
-        from .checkpoint import packed  # and pydantic, only where one is written
+        from .checkpoint import packed  # imports pydantic, only if a checkpoint is written
 
         self.frame_in_turn()
         record, setup, seconds = self._record, self._setup, self._record.watch.parts()
@@ -135,7 +138,7 @@ class Outputs:
         self.written = record.steps
 
     def back(self) -> None:
-        """Cut the files after the state, which is an earlier one again."""
+        """Remove the saved states and rows after the present state, which is an earlier one again."""
         if self._series is not None:
             with self._record.watch("write"):
                 self._series.cut(self._record.state.t)
@@ -144,16 +147,22 @@ class Outputs:
         self.checkpoint()
 
     def close(self) -> None:
-        """Write the last state, and the checkpoint unless the last step was a short one: a later run goes on from before that."""
+        """Write the last state and the checkpoint.
+
+        If the last step was shorter than `dt`, the checkpoint before it remains, so that a later run continues from there.
+        """
         self.frame()
         if self._record.at_a_step:
             self.checkpoint()
 
     def how_to_go_on(self, error: BaseException) -> str:
-        """Write a checkpoint after an error, unless there is a later one or the disk is full; how to go on from it, in words."""
+        """Write a checkpoint after an error, and return a message about how to continue from it.
+
+        No checkpoint is written if a later one exists or the disk is full.
+        """
         if self._checkpoint is None:
             return ""
-        record, full = self._record, isinstance(error, OSError)  # then a state may be missing from the series
+        record, full = self._record, isinstance(error, OSError)  # after a full disk, a state may be missing from the series
         if record.at_a_step and record.steps > self.written and not full:
             with suppress(Exception):
                 self.checkpoint()
@@ -164,7 +173,7 @@ class Outputs:
 
 
 def _beside(then: MotionHeader, place: Path) -> Path | None:
-    """The series of a run, by its name beside the checkpoint."""
+    """Return the path of a run's series: its file name, in the folder that contains the checkpoint."""
     if then.save is None:
         return None
     save = Path(os.path.abspath(place)).parent / Path(then.save).name

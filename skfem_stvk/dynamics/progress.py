@@ -1,4 +1,4 @@
-"""The progress of a simulation."""
+"""Progress of a simulation."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from rich.progress import BarColumn
 
 from ..terminal import LINES, Progress, duration
 
-#: Time from one look to the next on a terminal [s], and over how many looks steps/s are averaged.
+#: Interval between two updates on a terminal [s], and number of updates over which steps/s are averaged.
 REFRESH, WINDOW = 0.25, 10
 ENERGIES = {"kinetic": "kinetic_energy", "strain": "strain_energy", "total": "total_energy", "closure error": "closure_error"}
 
 
 class MotionProgress(Progress):
-    """On a terminal a bar that is drawn four times a second, elsewhere a line every few seconds; one at the end.
+    """Progress display: on a terminal a bar, drawn four times a second; elsewhere a line every few seconds; and a final line.
 
-    The last row of the ledger is what is printed; `done` steps were made before, by the run that is resumed.
+    It prints the last row of the ledger. A resumed run made `done` steps before.
     """
 
     def __init__(self, header: str, ledger: Mapping[str, Any], done: int, quiet: bool) -> None:
@@ -44,7 +44,7 @@ class MotionProgress(Progress):
             self.print(self._line((self._number - self._done) / taken, f"took {duration(taken)}"))
 
     def step(self, number: int, steps: int) -> None:
-        """Count a step that is in the ledger: `number` of `steps`, those before this run included."""
+        """Count a recorded step: `number` of `steps`, including those before this run."""
         self._number, self._steps = number, steps
         now = time.perf_counter()
         if now >= self._next:
@@ -72,5 +72,5 @@ class MotionProgress(Progress):
 
 
 def _joules(energy: float) -> str:
-    """An energy in words; "-" for one that does not exist."""
+    """Return an energy as text; "-" for one that does not exist."""
     return "-" if isnan(energy) else f"{energy:.3g} J"

@@ -1,4 +1,4 @@
-"""The record of a run: its state, clock, counts and ledger as it goes on. The loop alone writes it."""
+"""Record of a run: its present state, clock, counts and ledger. Only the loop writes it."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from ..arguments import Array
 from ..nonlinear.stopwatch import Stopwatch
 from .ledger import Ledger
 
-#: Part of a step by which the end may be missed and still be met.
+#: Tolerance for the end of the run, as a part of a step.
 SLACK = 1e-6
-#: Part of a step that rounding of the time may add or take away.
+#: Largest change of a step's length by rounding of the time, as a part of the step.
 ROUNDED = 1e-6
-#: The safe bound may move by this part between two reviews; steps between two reviews at first, at least and at most.
+#: Change of the safe bound between two reviews that is aimed at; first, smallest and largest number of steps between two reviews.
 MOVES, FIRST, FEWEST, MOST = 0.01, 10, 5, 200
-#: Steps that were found are halved so often at most.
+#: Largest number of times that computed steps are halved.
 HALVINGS = 4
 
 
 @dataclass
 class MotionState:
-    """A motion at one time, with vectors (ndofs,). Integrators change them in place, once a step has succeeded."""
+    """State of a motion at one time, with vectors (ndofs,). Integrators change them in place after a successful step."""
 
     t: float  # time [s]
     u: Array  # displacements [m]
     v: Array  # velocities [m/s]
-    a: Array  # accelerations [m/s^2] where the integrator keeps them, otherwise zero
-    #: Mean forces of the supports over the last step [N]; explicit integrators leave them zero where none moves, and their work is.
+    a: Array  # accelerations [m/s^2] if the integrator stores them, otherwise zero
+    #: Mean forces of the supports over the last step [N]. Explicit integrators set them only if supports move, for the work.
     reaction: Array
 
     @classmethod
     def at(cls, t: float, u: Array, v: Array) -> MotionState:
-        """Copies of `u` and `v`, without accelerations and reactions yet."""
+        """Return a state with copies of `u` and `v`, and zero accelerations and reactions."""
         return cls(t, u.copy(), v.copy(), np.zeros_like(u), np.zeros_like(u))
 
     def copy(self) -> MotionState:
-        """Return a state of its own, with the same numbers."""
+        """Return an independent copy."""
         return MotionState(self.t, *(array.copy() for array in (self.u, self.v, self.a, self.reaction)))
 
     def become(self, other: MotionState) -> None:
-        """Take over another state, in the arrays of this one."""
+        """Copy another state into the arrays of this one."""
         self.t = other.t
         for name in ("u", "v", "a", "reaction"):
             np.copyto(getattr(self, name), getattr(other, name))
@@ -52,7 +52,7 @@ class MotionState:
 
 @dataclass
 class Clock:
-    """Steps of one length from one time on; times are counted, not added up, so that they do not drift.
+    """Counter of steps of equal length. Times are computed from the count, not summed, so that they do not drift.
 
     >>> clock = Clock(0.0, 0.1)
     >>> for _ in range(3):
@@ -62,12 +62,12 @@ class Clock:
     """
 
     start: float  # time at which steps of the length `dt` began [s]
-    dt: float  # 0 until one is found [s]
-    count: int = 0  # how many there were since
+    dt: float  # 0 before it is computed [s]
+    count: int = 0  # number of steps since `start`
 
     @property
     def t(self) -> float:
-        """Time at which the steps so far end [s]."""
+        """Time at the end of the steps so far [s]."""
         return self.start + self.count * self.dt
 
     def tick(self) -> None:
@@ -75,38 +75,44 @@ class Clock:
         self.count += 1
 
     def left(self, until: float) -> int:
-        """How many steps are left until that time; the last may be shorter."""
+        """Return the number of steps left until that time. The last one may be shorter."""
         return max(0, ceil((until - self.t) / self.dt - SLACK))
 
     def next(self, until: float) -> tuple[float, bool]:
-        """When the next step ends, and whether that is a whole step."""
+        """Return the end of the next step [s], and whether it is a whole step."""
         t = self.start + (self.count + 1) * self.dt
         return (t, True) if t <= until + SLACK * self.dt else (until, False)
 
     def resolves(self, dt: float) -> bool:
-        """Whether steps of this length from now on have it within `ROUNDED`, although times are rounded."""
+        """Return whether rounded times resolve steps of length `dt` with a relative error of at most `ROUNDED`."""
         return ulp(self.t) <= ROUNDED * dt
 
     def change(self, dt: float) -> None:
-        """Take steps of another length from now on."""
+        """Change the length of the steps from now on."""
         self.start, self.dt, self.count = self.t, dt, 0
 
 
 @dataclass(frozen=True)
 class Reviews:
-    """When an explicit run reviews its critical step, seldom while that does not move, and what it found last."""
+    """Schedule of the reviews of an explicit run's critical step, and their last results.
+
+    Reviews are rare while the step is constant.
+    """
 
     next: int = FIRST  # number of the step after which the next review is
     interval: int = FIRST  # number of steps between two reviews
     seen: float = 0.0  # the bound at the last review [s]
     step: float = 0.0  # the critical step when it was computed last [s]
     bound: float = 0.0  # its bound then [s]
-    largest: float = 0.0  # steps that are found are not larger than this [s]
-    halvings: int = 0  # how often the motion has blown up; steps that are found were halved each time
+    largest: float = 0.0  # upper limit of computed steps [s]
+    halvings: int = 0  # number of blow-ups; computed steps were halved after each
 
     def estimate(self, bound: float, steps: int) -> tuple[float, Reviews]:
-        """The critical step if it has moved with its bound [s], or NaN; and the reviews after this one, after so many steps."""
-        if not (isfinite(bound) and isfinite(self.bound)):  # nothing has stiffness, for the moment
+        """Return the critical step [s], scaled with its bound, and the reviews after this one at step number `steps`.
+
+        The step is NaN if a bound is infinite, because nothing has stiffness.
+        """
+        if not (isfinite(bound) and isfinite(self.bound)):  # at present nothing has stiffness
             return nan, replace(self, next=steps + FEWEST, interval=FEWEST, seen=0.0)
         moved = abs(bound / (self.seen or self.bound) - 1)
         factor = min(max(MOVES / moved, 0.25), 2.0) if moved else 2.0
@@ -116,19 +122,19 @@ class Reviews:
 
 @dataclass
 class Counts:
-    """Counted by a stepper, over the whole motion: those before it was resumed are added."""
+    """Counts of a stepper over the whole motion, including the part before it was resumed."""
 
-    iterations: int = 0  # of Newton's method, or of the linear solver where a step is one linear solve; 0 where there are none
-    clamped: int = 0  # steps of one linear solve that were made with the clamped tangent, because K was not positive definite
+    iterations: int = 0  # of Newton's method, or of the linear solver if a step is one linear solve; otherwise 0
+    clamped: int = 0  # linear steps with the clamped tangent, because K was not positive definite
 
     def add(self, before: Counts) -> None:
-        """Count what was counted before as well."""
+        """Add the counts of the run that is resumed."""
         self.iterations += before.iterations
         self.clamped += before.clamped
 
 
 class HierarchyOrigin(NamedTuple):
-    """The matrix from which multigrid has built the hierarchy that it keeps. A resumed run builds it from the same matrix.
+    """Matrix from which multigrid built its present hierarchy. A resumed run builds the hierarchy from the same matrix.
 
     Attributes
     ----------
@@ -136,7 +142,7 @@ class HierarchyOrigin(NamedTuple):
     t : time of the equation [s].
     c, g : factors of accelerations and velocities, as in `Coefficients`.
     tangent : value of a `Tangent` of Newton's method.
-    with_tensions : whether it has the tensions of the beginning.
+    with_tensions : whether the matrix has the tensions of the beginning of the step.
     pace : iterations per decade of the residual in the first solve; None before it.
     slow : whether the next matrix gets a new hierarchy.
     """
@@ -154,45 +160,48 @@ class HierarchyOrigin(NamedTuple):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A copy of the record after a whole step."""
+    """Copy of the record after a whole step."""
 
     state: MotionState
     clock: Clock
     reviews: Reviews
     steps: int
     cuts: int
-    rows: int  # how many the ledger had
+    rows: int  # number of rows of the ledger
 
 
 @dataclass
 class RunRecord:
-    """The state of a run, with all that a run that goes on from here needs; what steps took is in all where it is resumed."""
+    """Complete record from which a run can continue.
+
+    Counts and times cover the whole motion, including the part before a resume.
+    """
 
     state: MotionState
     clock: Clock
     ledger: Ledger  # one row for each step, and one for the beginning
     reviews: Reviews = field(default_factory=Reviews)  # of the critical step
-    steps: int = 0  # how many were made
-    cuts: int = 0  # how many of them in parts
-    good: Snapshot | None = None  # the last good state, to which a run that blows up goes back
-    counts: Counts = field(default_factory=Counts)  # what the steps took
-    watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # how long they took, by part
-    origin: HierarchyOrigin | None = None  # of the hierarchy that multigrid keeps
-    removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # elements taken out, in turn
-    removed_at: Array = field(default_factory=lambda: np.empty(0))  # when [s]; not a number where that was before the run
+    steps: int = 0  # number of completed steps
+    cuts: int = 0  # number of steps that were made in parts
+    good: Snapshot | None = None  # last good state, to which a run returns after a blow-up
+    counts: Counts = field(default_factory=Counts)  # iterations of the steps
+    watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # run time by part
+    origin: HierarchyOrigin | None = None  # origin of multigrid's hierarchy
+    removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # removed elements, in order
+    removed_at: Array = field(default_factory=lambda: np.empty(0))  # time of removal [s]; NaN before the run
 
     def take_out(self, elements: NDArray[np.int64], t: float) -> None:
-        """Note that elements were taken out at this time. The last good state is never older than that."""
+        """Record that elements were removed at this time. The last good state is never older than the last removal."""
         self.removed = np.concatenate([self.removed, elements])
         self.removed_at = np.concatenate([self.removed_at, np.full(len(elements), t)])
 
     @property
     def at_a_step(self) -> bool:
-        """Whether a whole step has led here: a run goes on from there only."""
+        """Whether the state is at the end of a whole step. A run can continue only from such a state."""
         return self.state.t == self.clock.t
 
     def keep(self) -> None:
-        """Take what is now for the last good state."""
+        """Store the present state as the last good state."""
         self.good = Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps)
 
     def back(self) -> None:

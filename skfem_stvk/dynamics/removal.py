@@ -1,4 +1,4 @@
-"""Elements that leave a body while it moves, by a rule: a limit of stress, or a function of the user's."""
+"""Removal of elements during a motion by a rule: a limit of stress, or a user-supplied function."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from .record import RunRecord
 
 @dataclass(frozen=True, eq=False)
 class PrincipalStressLimit:
-    """Elements tear where their largest principal stress (Cauchy's) is above a limit: Rankine's criterion, for brittle bodies.
+    """Rule that removes elements whose largest principal (Cauchy) stress exceeds a limit: Rankine's criterion, for brittle bodies.
 
-    What tears depends on the mesh, as in all rules by element: the stress at the tip of a notch grows as elements get smaller, and
-    the energy that a crack takes falls with them. Calibrate the limit on the mesh that is used.
+    As with all rules by element, the crack depends on the mesh. The stress at the tip of a notch grows as elements get smaller, and
+    the energy that a crack dissipates decreases. Calibrate the limit on the mesh that is used.
 
     Parameters
     ----------
-    limit : [Pa], a number or one for each element of the mesh; infinity where nothing tears.
-    every : steps from one look to the next: it costs as much as many forces.
+    limit : [Pa], a number or one for each element of the mesh; infinity for elements that are never removed.
+    every : number of steps between two evaluations. One evaluation costs as much as many forces.
 
     Raises
     ------
     StvkError
-        if the limit is not positive; where it is used, if there is another number of values than elements.
+        if the limit is not positive; in a run, if the number of values is not the number of elements.
 
     >>> PrincipalStressLimit(2e6, every=10).limit
     array(2000000.)
@@ -51,7 +51,7 @@ class PrincipalStressLimit:
         own(self)
 
     def above(self, state: State) -> NDArray[np.int64]:
-        """Ids of the elements that are above it, at one of their points at least."""
+        """Return the ids of the elements that exceed the limit at one of their points or more."""
         stress = state.at_points("cauchy_stress")
         if np.shape(self.limit) not in ((), (len(stress),)):
             raise StvkError(
@@ -67,12 +67,12 @@ class PrincipalStressLimit:
         return f"PrincipalStressLimit({stated}, every={self.every})"
 
 
-#: A limit, or a function of the time [s] and the displacements (ndofs,) [m] that gives ids or a mask of elements, or None.
+#: A limit, or a function of the time [s] and the displacements (ndofs,) [m] that returns ids or a mask of elements, or None.
 Rule: TypeAlias = PrincipalStressLimit | Callable[[float, Array], Any]
 
 
 def checked_rule(rule: Any) -> Rule | None:
-    """Refuse what is no rule."""
+    """Return the rule; refuse anything else."""
     if rule is None or isinstance(rule, PrincipalStressLimit) or (callable(rule) and not isinstance(rule, type)):
         return rule
     raise StvkError(
@@ -82,7 +82,7 @@ def checked_rule(rule: Any) -> Rule | None:
 
 
 def in_words(rule: Rule) -> str:
-    """A rule, as the files of a run name it."""
+    """Return the text by which the files of a run identify a rule."""
     if not isinstance(rule, PrincipalStressLimit):
         return "a function"
     limit = np.asarray(rule.limit)
@@ -92,19 +92,19 @@ def in_words(rule: Rule) -> str:
 
 
 class Removal:
-    """Looks at states for elements that are to be taken out by a rule."""
+    """Selection of the elements to remove, by a rule."""
 
     def __init__(self, motion: Motion, rule: Rule) -> None:
         self._motion, self._rule = motion, rule
         self._fields: Fields | None = None
 
     def chosen(self, record: RunRecord) -> NDArray[np.int64]:
-        """Ids of the elements to take out in the state of the record, after a whole step.
+        """Return the ids of the elements to remove in the state of the record, after a whole step.
 
         Raises
         ------
         StvkError
-            if the function of a rule fails, or what it returns is none of what it may.
+            if the function of a rule fails, or returns neither ids nor a mask of elements nor None.
         """
         state, rule, system = record.state, self._rule, self._motion.system
         if not isinstance(rule, PrincipalStressLimit):
@@ -119,7 +119,7 @@ class Removal:
 
 
 def removed_on_the_way(removed: NDArray[np.int64], removed_at: Array) -> str:
-    """How many elements were taken out, which and when, for the message of the run; empty if none were."""
+    """Return the part of the run's message about removed elements: how many, which and when. It is empty if there were none."""
     during = np.isfinite(removed_at)
     if not during.any():
         return ""

@@ -1,4 +1,4 @@
-"""A run that goes on from a checkpoint: as if it had never stopped."""
+"""Continuation of a run from a checkpoint, with the results of an uninterrupted run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .record import SLACK, RunRecord
 
 
 def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
-    """A run from a checkpoint, for the problem that it holds: what is given of the beginning has to be what it was."""
+    """Return a run that continues from a checkpoint. Arguments that describe its beginning must agree with the file."""
     saved = load(file)
     header, method = saved.header, saved.method
     given = options.integrator
@@ -49,7 +49,7 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
     problem.refuse_other(header.problem, file, again)
     if len(removed):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StvkWarning)  # of parts that came loose then
+            warnings.simplefilter("ignore", StvkWarning)  # about parts that came loose then
             motion.take_out(removed)
     with refusing_damage(file, ANEW):
         places = refuse_inconsistent(saved, motion, integrator)
@@ -62,9 +62,9 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
 
 
 def system_at_first(system: System, removed: NDArray[np.int64], removed_at: Array, file: Path) -> System:
-    """The system as it was when a motion began, in which these elements were taken out before and on the way.
+    """Return the system at the beginning of a motion, in which these elements were removed before and during the run.
 
-    StvkError if it has lost others by now, or not yet those that it had lost then.
+    Raises StvkError if the system has lost other elements, or still has elements that were removed before the run.
     """
     before, now = removed[np.isnan(removed_at)], system.removed
     if np.array_equal(now, np.sort(before)):
@@ -80,7 +80,7 @@ def system_at_first(system: System, removed: NDArray[np.int64], removed_at: Arra
 
 
 def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
-    """The integrator of a checkpoint; refuses one with a solver that was an object."""
+    """Return the integrator of a checkpoint. Refuse one whose solver was an object."""
     if kept.objects:
         solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
         raise StvkError(

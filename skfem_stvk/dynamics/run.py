@@ -1,4 +1,4 @@
-"""The result of a simulation."""
+"""Result of a simulation."""
 
 from __future__ import annotations
 
@@ -28,25 +28,26 @@ from .motion import Motion, last_step
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """A motion: its last state, its ledger, and how it came out.
+    """Motion that was simulated: its last state, its ledger and its status.
 
     Attributes
     ----------
     motion : the system with its masses and its damping.
     u, v : (ndofs,) displacements [m] and velocities [m/s] of the last good state.
-    t : its time [s].
+    t : time of this state [s].
     dt : length of the last whole step [s].
-    status, message : how it came out, in a word and in full.
-    findings : doubts about elements in the last state, as in `step.findings` of statics: inside out, or compressed beyond where the
-        material softens.
+    status, message : how the run ended, as a status and as a text.
+    findings : unreliable elements in the last state, as in `step.findings` of statics: inverted, or compressed beyond the point
+        where the material softens.
     ledger : one array per name, one value per step: `run.ledger["total_energy"]`.
-    iterations : of Newton's method, or of the linear solver where a step is one linear solve. Like `cuts` and `seconds` they are of
-        the whole motion, also where it was resumed.
-    cuts : steps that were made in parts, because no state was found at their end at once.
-    blow_ups : how often the motion blew up, and went on from its last good state with shorter steps.
-    seconds : by part: assemble, factor, solve, write (results and checkpoints), other.
+    iterations : of Newton's method, or of the linear solver if a step is one linear solve. Like `cuts` and `seconds`, they count
+        the whole motion, including the part before it was resumed.
+    cuts : number of steps that were made in parts, because no state was found at their end at once.
+    blow_ups : number of times the motion blew up and continued from its last good state with shorter steps.
+    seconds : run time by part: assemble, factor, solve, write (results and checkpoints), other.
     series : the .pvd file, if there is one.
-    removed, removed_at : (n,) elements that were taken out, in turn, and when [s]: not a number where that was before the run.
+    removed, removed_at : (n,) removed elements, in order, and the times of their removal [s]; NaN if they were removed before the
+        run.
     """
 
     motion: Motion
@@ -69,17 +70,17 @@ class Run:
 
     @property
     def system(self) -> System:
-        """The system whose motion this is."""
+        """System of this motion."""
         return self.motion.system
 
     @property
     def success(self) -> bool:
-        """Whether it reached the end in a state with no element inside out."""
+        """Whether the run reached its end in a state without inverted elements."""
         return self.status.success
 
     @property
     def gained(self) -> float:
-        """The closure error in the end, as a part of the energy that there was or was given: below zero where the steps lost it."""
+        """Final closure error, as a part of the initial or supplied energy. It is negative if the steps lost energy."""
         return from_nowhere(self.ledger)
 
     @cached_property
@@ -88,39 +89,41 @@ class Run:
         return Fields.of(self.system).at(self.u, self.v)
 
     def reaction(self, where: Where | None = None) -> Reaction:
-        """Force of supports and foundations on the body at a place: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+        """Return the force of supports and foundations on the body at a location.
 
-        That of supports is `M a + D v + F(u) - h(u, t)`: it carries the loads, and the inertia and damping of held degrees of
-        freedom that move. That of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping. Together with the
-        loads they are the rate of the body's linear momentum. `where` is a boundary, a node set, vertex ids or a predicate; None
-        for all of them.
+        The result has `.resultant` [N], `.moment(about)` [N m] and `.by_node`.
+
+        The force of supports is `M a + D v + F(u) - h(u, t)`. It carries the loads, and the inertia and damping of constrained
+        degrees of freedom that move. The force of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping.
+        Together with the loads, these forces are the rate of the body's linear momentum. `where` is a boundary, a node set, vertex
+        ids or a predicate; None for all locations.
 
         Raises
         ------
         RegionError
-            if there is no such place.
+            if there is no such location.
         SupportError
-            if no support and no foundation is there.
+            if there is no support and no foundation at this location.
         """
         vertices = held_vertices(self.system, where)
         since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
         return Reaction.of(self.system.mesh, self.u, self.motion.ground_forces(self.u, self.v, self.t, since), vertices)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
-        """Draw the last state, coloured by a field; options as in `results.plot`."""
+        """Draw the last state, coloured by a field. Options are those of `results.plot`."""
         return plot(self.state, field, **options)
 
     def save(self, path: str | os.PathLike[str], fields: Any = DEFAULT) -> Path:
-        """Write the last state to a .vtu file; errors as in `results.write_vtu`."""
+        """Write the last state to a .vtu file. Raises the errors of `results.write_vtu`."""
         return write_vtu(path, self.state, fields)
 
     def animate(self, path: str | os.PathLike[str], field: str = "displacement", **options: Any) -> Path:
-        """Write a .gif or .mp4 of the states that were saved, coloured by a field; options as in `results.animate`.
+        """Write a .gif or .mp4 of the saved states, coloured by a field. Options are those of `results.animate`.
 
         Raises
         ------
         StvkError
-            if nothing was saved.
+            if no states were saved.
         """
         if self.series is None:
             raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
@@ -132,11 +135,11 @@ class Run:
 
 
 class SimulationError(AnalysisError):
-    """A simulation did not reach its end, or reached it with elements inside out.
+    """Error for a simulation that did not reach its end, or reached it with inverted elements.
 
     Attributes
     ----------
-    run : what there is so far, with the last good state.
+    run : the run so far, with the last good state.
     """
 
     def __init__(self, run: Run) -> None:

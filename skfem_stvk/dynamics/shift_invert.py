@@ -19,27 +19,30 @@ from ..system.mass import Mass
 from ..terms.load import Time
 from .critical_step import bound_on_eigenvalues
 
-#: The shift, as a part of the largest eigenvalue divided by the square of the number of vertices in a row.
+#: First shift, as a part of the largest eigenvalue divided by the square of the number of vertices in a row.
 SHIFT = 1e-2
-#: It grows by this factor until nothing is below it, so many times at most.
+#: Factor by which the shift grows until no eigenvalue is below it, and largest number of trials.
 GROWTH, MOST = 10.0, 12
-#: Modes more than asked for, so that the last ones of a multiple eigenvalue are not missed; of fewer unknowns than so many times
-#: the modes, the matrices are dense.
+#: Number of additional modes to compute, so that the last ones of a multiple eigenvalue are not missed. The matrices are dense if
+#: the number of unknowns is less than `FEW` times the number of modes.
 MORE, FEW = 4, 4
-#: Eigenvalues, counted from the shift, that are this close together are one.
+#: Relative difference below which eigenvalues, measured from the shift, are treated as equal.
 SAME = 1e-6
-#: Directions of which less is left beside the others are rounding.
+#: Relative length below which a direction, made orthogonal to the others, is only round-off.
 SHORT = 1e-10
-#: Residual of iterative solvers.
+#: Relative residual of iterative solvers.
 PRECISION = 1e-10
 
 
 class Indefinite(Exception):
-    """K has eigenvalues below the shift."""
+    """Error for a K with eigenvalues below the shift."""
 
 
 class ShiftedProblem:
-    """`K + shift M` over the free degrees of freedom at `u` (ndofs,), with loads at `t` that depend on it; `kind` is that of K."""
+    """Matrix `K + shift M` over the free degrees of freedom at `u` (ndofs,). `kind` is that of K.
+
+    K includes the stiffness of loads at `t` that depend on the displacements.
+    """
 
     def __init__(self, system: System, solver: LinearSolver, mass: Mass, kind: Kind, u: Array, t: Time) -> None:
         if solver.matrix_free and mass.kind != "lumped":
@@ -53,20 +56,23 @@ class ShiftedProblem:
 
     @property
     def iterative(self) -> bool:
-        """Whether linear solves iterate."""
+        """Whether the linear solver is iterative."""
         return self._tangent.solver.iterative
 
     def matrices(self) -> tuple[Array, Array]:
-        """K and M over the free degrees of freedom, dense."""
+        """Return K and M over the free degrees of freedom as dense arrays."""
         ids = np.ix_(self.free.free, self.free.free)
         return self.system.jacobian(self.u, self._t).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
 
     def stiffness(self) -> Any:
-        """K of all degrees of freedom, as a matrix or as an operator."""
+        """Return K of all degrees of freedom, as a matrix or as an operator."""
         return self.system.linear_operator(self.u) if self._tangent.solver.matrix_free else self.system.jacobian(self.u, self._t)
 
     def inverse(self, shift: float) -> LinearOperator:
-        """`r -> (K + shift M)^-1 r`; raises Indefinite where eigenvalues are below `-shift`, now or when it is applied."""
+        """Return the operator `r -> (K + shift M)^-1 r`.
+
+        It raises Indefinite if there are eigenvalues below `-shift`, now or when it is applied.
+        """
         self.shift = shift
         factors = self._tangent.factorise(self._shifted())
         if factors.negative_pivots:
@@ -74,7 +80,7 @@ class ShiftedProblem:
         return LinearOperator((self.space.n,) * 2, matvec=lambda r: self._answer(factors, np.ravel(r)), dtype=np.float64)
 
     def momentum(self, x: Array) -> Array:
-        """`M x` over the free degrees of freedom."""
+        """Return `M x` over the free degrees of freedom."""
         return self.space.restrict(self.mass.multiply(self.space.expand(x)))
 
     def _shifted(self) -> FreeOperator | csr_matrix:
@@ -96,7 +102,7 @@ class ShiftedProblem:
 
 
 def lowest_vectors(problem: ShiftedProblem, n: int) -> Array:
-    """(n_free, m) vectors, m >= n, that span the modes of the n lowest eigenvalues."""
+    """Return vectors (n_free, m), m >= n, that span the modes of the n lowest eigenvalues."""
     if problem.space.n < FEW * (n + MORE):
         K, M = problem.matrices()
         return np.asarray(eigh(K, M, subset_by_index=[0, n - 1])[1])
@@ -109,16 +115,19 @@ def lowest_vectors(problem: ShiftedProblem, n: int) -> Array:
 
 
 def first_shift(problem: ShiftedProblem) -> float:
-    """Small against the lowest eigenvalues of a body that is about as long as thick, and large against rounding [1/s^2]."""
+    """Return the first shift [1/s^2].
+
+    It is small compared with the lowest eigenvalues of a body that is about as long as thick, and large compared with round-off.
+    """
     mesh = problem.system.mesh
     bound = bound_on_eigenvalues(problem.system.linear_operator(problem.u), problem.mass.vertex)
     return SHIFT * bound / mesh.nv ** (2 / mesh.k)
 
 
 def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
-    """(n_free, m) real vectors, m >= n, whose span has the modes of the n eigenvalues nearest to zero.
+    """Return real vectors (n_free, m), m >= n, whose span contains the modes of the n eigenvalues nearest to zero.
 
-    Complex modes come in pairs `x, conj(x)`, which the real and the imaginary part of x span.
+    Complex modes form pairs `x, conj(x)`, which the real and the imaginary part of x span.
     """
     if problem.space.n < FEW * (n + MORE):
         values, vectors = eig(*problem.matrices())
@@ -127,11 +136,12 @@ def nearest_vectors(problem: ShiftedProblem, n: int) -> Array:
 
 
 def _all_nearest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Array:
-    """Vectors that span the n modes nearest to the shift, and some more.
+    """Return vectors that span the n modes nearest to the shift, and some more.
 
-    From one vector Lanczos' method sees one direction of the space of a multiple eigenvalue, and the others by what rounding leaves
-    of them. So the search is repeated across all vectors that were found, until no mode there is nearer. These span an invariant
-    subspace, so that the eigenvalues which are left are those of the operator across it in M.
+    From one start vector, Lanczos' method finds one direction of the eigenspace of a multiple eigenvalue. It finds the others only
+    through round-off. Therefore the search is repeated orthogonally to all vectors found, until no other mode is nearer. The
+    vectors found span an invariant subspace. Hence the remaining eigenvalues are those of the operator on its complement,
+    orthogonal in M.
     """
     general = problem.kind is Kind.GENERAL
     values, vectors = krylov(problem, inverse, n + MORE, np.empty((inverse.shape[0], 0)))
@@ -146,7 +156,7 @@ def _all_nearest(problem: ShiftedProblem, inverse: LinearOperator, n: int) -> Ar
 
 
 def _real_basis(problem: ShiftedProblem, vectors: Array) -> Array:
-    """(n_free, m) real vectors, orthonormal in M, that span the real and imaginary parts of the columns of `vectors`."""
+    """Return real vectors (n_free, m), orthonormal in M, that span the real and imaginary parts of the columns of `vectors`."""
     parts = np.hstack([vectors.real, vectors.imag])
     momenta = np.array([problem.momentum(part) for part in parts.T]).T
     sizes, c = eigh(parts.T @ momenta)
@@ -156,9 +166,10 @@ def _real_basis(problem: ShiftedProblem, vectors: Array) -> Array:
 
 
 def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Array) -> tuple[Array, Array]:
-    """Eigenvalues and vectors (n_free, n) nearest to the shift, M-orthogonal to those that are known.
+    """Return the eigenvalues nearest to the shift and their vectors (n_free, n), M-orthogonal to the `known` vectors.
 
-    By Lanczos' method, or Arnoldi's where K is not symmetric; values and vectors may be complex then. The start is always the same.
+    The method is Lanczos', or Arnoldi's if K is not symmetric; then values and vectors may be complex. The start vector is always
+    the same.
     """
     momenta = np.array([problem.momentum(vector) for vector in known.T]).reshape(known.T.shape)
 
@@ -166,7 +177,7 @@ def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Arra
         x = inverse @ (np.ravel(r) - momenta.T @ (known.T @ np.ravel(r)))
         return np.asarray(x - known @ (momenta @ x))
 
-    # units in which the shift and the mass are about 1: ARPACK takes eigenvalues of the inverse below 4e-11 for zero
+    # units in which the shift and the mass are about 1, because ARPACK treats eigenvalues of the inverse below 4e-11 as zero
     unit, mass = _power_of_two(problem.shift), _power_of_two(problem.mass.total)
     M = LinearOperator(inverse.shape, matvec=lambda x: problem.momentum(np.ravel(x)) / mass, dtype=np.float64)
     start = problem.space.random(known.shape[1])
@@ -182,5 +193,5 @@ def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Arra
 
 
 def _power_of_two(size: float) -> float:
-    """The power of two next to a size, to divide by which costs no digit; 1 of zero."""
+    """Return the power of two next to a size; 1 for zero. Division by it is exact."""
     return float(2.0 ** np.round(np.log2(size))) if size > 0 else 1.0

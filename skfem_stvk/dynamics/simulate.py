@@ -1,4 +1,4 @@
-"""Simulations: from a first state or a checkpoint, through the loop over the steps, to the result."""
+"""Simulations: from an initial state or a checkpoint, through the loop over the steps, to the result."""
 
 from __future__ import annotations
 
@@ -53,61 +53,64 @@ def simulate(
     quiet: bool = False,
     raise_on_failure: bool = True,
 ) -> Run:
-    """Motion `M v' + D v + F(u) = h(u, t)` from `t0` until a time.
+    """Simulate the motion `M v' + D v + F(u) = h(u, t)` from `t0` until a time.
 
-    Loads and prescribed displacements that are given by constants are what they are from the beginning, they do not ramp; functions
-    are functions of the time.
+    Constant loads and prescribed displacements act in full from the beginning; they do not ramp. Functions are evaluated at the
+    time `t` [s].
 
     Parameters
     ----------
-    system : a body whose materials have densities. It may be free to move. Or a `ReducedSystem` of one that is held: it takes
-        implicit integrators with their own tangents and solvers, and `Rayleigh` damping; nothing in a step depends on its mesh.
-        Elements inside out are counted in saved states and at both ends, and `EnergyMomentum` keeps the energy, not the momenta.
+    system : a body whose materials have densities. It may be free to move. It may also be a `ReducedSystem` of a constrained body.
+        Such a system requires an implicit integrator with its default tangent and solver, and allows `Rayleigh` damping. The cost
+        of a step is then independent of the mesh. Inverted elements are counted in saved states and at both ends, and
+        `EnergyMomentum` conserves the energy, but not the momenta.
     integrator : `ForwardEuler`, `VelocityVerlet`, `LinearBackwardEuler`, `BackwardEuler`, `Newmark`, `GeneralizedAlpha`,
         `EnergyMomentum`.
-    until : the end [s]; if it is not a whole number of steps away, the last step is shorter.
-    u0, v0 : (ndofs,) displacements [m] and velocities [m/s] to start from, by default none. What is held moves as the supports say.
-    t0 : time to start from [s].
+    until : end of the run [s]. If it is not a whole number of steps away, the last step is shorter.
+    u0, v0 : (ndofs,) initial displacements [m] and velocities [m/s], by default zero. Constrained degrees of freedom move as the
+        supports prescribe.
+    t0 : initial time [s].
     mass : "lumped", the default, or "consistent".
     damping : `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
-    probes : places by name, whose mean displacements stand in the ledger: `{"A": [17]}` gives the columns "A x", "A y".
-    reactions : places with supports or foundations by name, whose forces stand in the ledger, for the price of one force per step:
-        `{"B": "left"}` gives "reaction B x", "reaction B y". Of the last state alone there is `run.reaction("left")`.
-    remove : a rule by which elements leave the body after whole steps, as by `System.without`: `PrincipalStressLimit(1e6)`, or a
-        function of the time and the displacements (ndofs,) that returns ids or a mask of elements, or None. The ledger has the
-        energy that goes with them as `removed_energy`; `run.removed` says which they are, and `run.system` is the torn body.
-        `system` stays as it is.
-    save : a .pvd file, with a .vtu file for each state that is saved, and the ledger as .csv beside it.
-    fields : what these hold beside displacements and velocities, see `skfem_stvk.results.names()`; by default stresses and strains.
-    every : steps from one saved state to the next, by default 10.
+    probes : locations by name, whose mean displacements are recorded in the ledger: `{"A": [17]}` adds the columns "A x", "A y".
+    reactions : locations with supports or foundations by name, whose forces are recorded in the ledger: `{"B": "left"}` adds
+        "reaction B x", "reaction B y". This costs one force per step. For the last state alone use `run.reaction("left")`.
+    remove : rule that removes elements from the body after whole steps, as `System.without` does: `PrincipalStressLimit(1e6)`, or a
+        function of the time and the displacements (ndofs,) that returns ids or a mask of elements, or None. The ledger records the
+        lost energy as `removed_energy`. `run.removed` has the ids of removed elements, and `run.system` is the remaining body.
+        `system` itself does not change.
+    save : a .pvd file, with a .vtu file for each saved state, and the ledger as .csv next to it.
+    fields : fields of the .vtu files in addition to displacements and velocities, see `skfem_stvk.results.names()`; by default
+        stresses and strains.
+    every : number of steps from one saved state to the next, by default 10.
     checkpoint : a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
-    resume : go on with the motion that `checkpoint` holds, if any, bit for bit as if it had never stopped; one that is at its end
-        is returned. What a run begins with (`integrator`, `u0`, `v0`, `t0`, `mass`, `damping`, `probes`, `reactions`) may be given
-        again, and has to be the same, or is taken from there. So are `every`, and the name of the series: it goes on where `save`
-        says, or beside the checkpoint.
-    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports,
-        options or beginnings. A run that is resumed needs its rule to remove elements again.
+    resume : continue the motion of `checkpoint`, if there is one, with bitwise the same results as without interruption. A motion
+        that is at its end is returned. Arguments of the beginning (`integrator`, `u0`, `v0`, `t0`, `mass`, `damping`, `probes`,
+        `reactions`) are read from the checkpoint. If they are passed again, they must be the same. `every` and the name of the
+        series are read as well. The series continues at `save`, or by default next to the checkpoint.
+    overwrite : let `save` and `checkpoint` replace files of another problem, with another mesh, other terms, supports, options or
+        initial states. A run that is resumed needs its rule `remove` again.
     quiet : print nothing.
-    raise_on_failure : raise where the end is not reached, or elements are inside out there; otherwise look at `run.status`. What
-        interrupts a run, such as Ctrl-C or a full disk, is raised in any case.
+    raise_on_failure : raise an error if the end is not reached, or elements are inverted there; otherwise see `run.status`. An
+        interruption, such as Ctrl-C or a full disk, is always raised.
 
     Raises
     ------
     MaterialError, LoadError, SupportError, StateError
-        if a density is missing, nothing acts on the body, or the first state is not one.
+        if a density is missing, nothing acts on the body, or the initial state is not valid.
     SimulationError
-        if the motion blew up, a step found no state, elements are inside out in the end, or something failed on the way, such as a
-        load's function or the disk. It carries the run so far, with the last good state; what is inside out in the end is saved
-        like any other.
+        if the motion blew up, a step found no state, elements are inverted at the end, or something failed during the run, such as
+        a load's function or the disk. The error contains the run so far, with the last good state. A last state with inverted
+        elements is saved like any other.
     StvkError
-        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being
-        written by another run; where a checkpoint or the series of a run that is resumed is damaged or missing.
+        if another parameter is not valid. If `save` or `checkpoint` belong to another problem, or another run is writing them. If a
+        checkpoint or the series of a run that is resumed is damaged or missing.
 
     Warns
     -----
     StvkWarning
-        if the step of an explicit integrator is above the critical one, or elements lock; where elements turn inside out; where a
-        prescribed displacement jumps.
+        if the step of an explicit integrator is above the critical one, elements lock or become inverted, or a prescribed
+        displacement jumps.
 
     >>> import skfem
     >>> from skfem_stvk import EnergyMomentum, Gravity, StVK, System, simulate
@@ -126,7 +129,7 @@ def simulate(
     if isinstance(body, System) and body.dtype != np.float64:
         raise StvkError(f"The system is in {body.dtype}; expected float64: System(..., dtype=np.float64).")
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
-    older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # taken until 1.0
+    older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # supported until 1.0
     outlets = Outlets.checked(
         save=save,
         fields=fields,
@@ -138,7 +141,7 @@ def simulate(
     rule, kept = checked_rule(remove), None
     with ExitStack() as stack:
         if outlets.checkpoint is not None:
-            from .checkpoint import MotionCheckpoint  # and pydantic, only where there is one
+            from .checkpoint import MotionCheckpoint  # imports pydantic, only if needed
 
             kept = stack.enter_context(MotionCheckpoint(outlets.checkpoint, outlets.resume, older))
         options = Options(
@@ -165,7 +168,7 @@ def simulate(
 
 
 def _begun(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
-    """A run from a first state."""
+    """Return a run that begins with an initial state."""
     integrator = checked_integrator(options.integrator)
     system = body.system if isinstance(body, Coordinates) else body
     places = LedgerPlaces.checked(system, options.probes, options.reactions)
@@ -183,7 +186,9 @@ def _begun(body: System | Coordinates, options: Options, stack: ExitStack) -> tu
 
 
 def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: float, dt: float) -> MotionState:
-    """Return the first state. Constrained degrees of freedom are as prescribed, their velocities differences over a part of `dt`.
+    """Return the initial state.
+
+    Constrained degrees of freedom have their prescribed displacements. Their velocities are differences over a part of `dt`.
 
     Raises
     ------
@@ -212,5 +217,5 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
 
 
 def _vector(name: str, given: ArrayLike | None, system: System) -> Array:
-    """(ndofs,) zeros, or what was given."""
+    """Return the user-supplied vector (ndofs,), or zeros."""
     return np.zeros(system.ndofs) if given is None else by_vertex(system.mesh, given, name).astype(np.float64).ravel()

@@ -1,4 +1,4 @@
-"""The time step: that of explicit integrators is compared with the critical one."""
+"""Choice of the time step. The step of explicit integrators is compared with the critical step."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from .integrators import Explicit, Integrator
 from .motion import Motion
 from .record import HALVINGS, Clock, MotionState, Reviews, RunRecord, Snapshot
 
-#: Part of the critical step that is taken by default; between the other two it is kept as the body deforms.
+#: Part of the critical step that is used by default. A step between the parts `LEAST` and `MOST` is retained as the body deforms.
 SAFETY, LEAST, MOST = 0.85, 0.7, 0.88
-#: While the bound, at the price of five to seven forces, is within this part of what it was, the critical step is taken to move
-#: with it; else it is computed, at the price of sixty or more, unless a given step is below the bound.
+#: The bound costs five to seven forces. While the step scaled with the bound changes by at most this part, it replaces the critical
+#: step. Otherwise the critical step is computed, for sixty forces or more, unless a user-supplied step is below the bound.
 MOVED = 0.04
 
 
 class StableStep:
-    """The steps of an integrator on a motion: a stable one, or that which was given, and warns once if it is above the critical."""
+    """Time steps of an integrator for a motion: a stable step, or the user-supplied one.
+
+    A user-supplied step above the critical step leads to one warning.
+    """
 
     def __init__(self, motion: Motion, integrator: Integrator) -> None:
         self._given, self._integrator, self._warned = integrator.dt, integrator, False
@@ -35,12 +38,12 @@ class StableStep:
         motion, integrator = self._motion, self._integrator
         if not isinstance(integrator, Explicit):
             return None
-        weight = integrator.damping_weight  # damping as it counts for stability
+        weight = integrator.damping_weight  # factor of damping in the stability limit
         damping: Damping = [Rayleigh(weight * motion.alpha, weight * motion.beta), EdgeDamping(weight * motion.tau)]
         return LargestFrequency(motion.system, damping)
 
     def first(self, state: MotionState) -> tuple[float, Reviews]:
-        """The step with which a motion begins [s], and when it is reviewed; refuses one that is lost in the rounding of time."""
+        """Return the first step [s] and the schedule of its reviews. Refuse a step that the rounding of times does not resolve."""
         dt, reviews = self._first(state)
         if not Clock(state.t, dt).resolves(dt):
             raise StvkError(
@@ -49,11 +52,11 @@ class StableStep:
             )
         return dt, reviews
 
-    @np.errstate(over="ignore", invalid="ignore")  # where a body is about to blow up
+    @np.errstate(over="ignore", invalid="ignore")  # a body may be about to blow up
     def review(self, record: RunRecord, anew: bool = False) -> tuple[float, Reviews]:
-        """The step with which the motion goes on [s], and the reviews after this one; computes the critical step if it is time.
+        """Return the step with which the motion continues [s], and the reviews after this one.
 
-        `anew`: elements were taken out, so that nothing is known of the step.
+        The critical step is computed if a review is due. `anew`: elements were removed, so the previous critical step is not valid.
         """
         state, clock, reviews = record.state, record.clock, record.reviews
         if anew:
@@ -77,14 +80,14 @@ class StableStep:
         return clock.dt, reviews
 
     def halved(self, good: Snapshot) -> Snapshot | None:
-        """The last good state with steps half as long; None if the step was given or was halved too often."""
+        """Return the last good state with half the step; None if the step is user-supplied or was halved too often."""
         if self._given is not None or good.reviews.halvings == HALVINGS:
             return None
         reviews = replace(good.reviews, halvings=good.reviews.halvings + 1)
         return replace(good, clock=Clock(good.clock.t, good.clock.dt / 2), reviews=reviews)
 
     def advice(self, record: RunRecord) -> str:
-        """What to try after a motion has blown up."""
+        """Return advice for a motion that has blown up."""
         dt, reviews = record.clock.dt, record.reviews
         if self._largest is None:
             chosen = getattr(self._integrator, "tangent", "exact")
@@ -109,14 +112,14 @@ class StableStep:
                 self._warn(dt, state.t)
             return dt, reviews
         step, reviews = self._computed(state, reviews)
-        if state.u.any():  # a body that is pressed is soft, and will not stay so
+        if state.u.any():  # a compressed body is soft, but will not stay compressed
             step = min(step, self._largest.at(np.zeros_like(state.u), state.t).step)
         if not np.isfinite(step):
             raise StvkError("Got no time step, and any is stable: nothing that moves has stiffness. Give one: dt=...")
         return SAFETY * step, replace(reviews, largest=SAFETY * step)
 
     def _computed(self, state: MotionState, reviews: Reviews) -> tuple[float, Reviews]:
-        """The critical step at this state, and the reviews that know it."""
+        """Return the critical step at this state, and the reviews that store it."""
         assert self._largest is not None
         self._last = self._largest.at(state.u, state.t)
         return self._last.step, replace(reviews, step=self._last.step, bound=self._last.bound)
@@ -131,7 +134,7 @@ class StableStep:
 
 
 def halved_on_the_way(reviews: Reviews) -> str:
-    """Say that steps were halved, for the message of the run; empty if they were not."""
+    """Return the part of the run's message about halved steps; empty if no steps were halved."""
     if not reviews.halvings:
         return ""
     return (

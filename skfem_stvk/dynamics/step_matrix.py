@@ -1,4 +1,4 @@
-"""The matrix of one implicit step: sparse, without forming it, or full; and what may stand in for it."""
+"""Matrix of one implicit step: sparse, matrix-free or dense, and the substitutes for its tangent."""
 
 from __future__ import annotations
 
@@ -26,19 +26,24 @@ from .forces import StartTensions, add_mean_force
 from .motion import Motion
 from .record import HierarchyOrigin
 
-#: The points of Gauss at which the force over a step of a body on a basis is averaged: exact for a cubic.
+#: Gauss points at which the force over a step of a body on a basis is averaged. The average is exact for a cubic force.
 GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
 
 
 class StepTangent(Enum):
-    """What stands in for the tangent stiffness in an implicit integrator, by its name in the integrator's options.
+    """Substitutes for the tangent stiffness in an implicit integrator, by their names in the integrator's options.
 
     exact           K
+
     clamped         without negative tensions of edges: positive semi-definite
+
     gauss-newton    without any tension: 2 J'LJ
-    warped          K(0), turned with each element: without the derivative of its rotation (stiffness warping, Mueller 2004)
+
+    warped          K(0), rotated with each element: without the derivative of its rotation (stiffness warping, Mueller 2004)
+
     diagonal        the diagonal blocks alone (Debunne 2001, Mueller 2001): no solve, but forces reach one vertex per step
-    rest            K(0), made and factorised once: wrong under rotation
+
+    rest            K(0), factorised once: wrong under rotation
     """
 
     EXACT = "exact"
@@ -50,38 +55,38 @@ class StepTangent(Enum):
 
     @property
     def kept(self) -> Tensions:
-        """The tensions that stay in it."""
+        """Tensions that the tangent retains."""
         return {StepTangent.CLAMPED: TENSILE, StepTangent.GAUSS_NEWTON: NONE, StepTangent.WARPED: WARPED}.get(self, ALL)
 
 
 class Coefficients(NamedTuple):
-    """The equation of motion as an integrator has it, `M (c w - m) + D (g w - d) + F - h + rest = 0`, for `w = u_1 - u_0`."""
+    """Coefficients of an integrator's equation of motion, `M (c w - m) + D (g w - d) + F - h + rest = 0`, for `w = u_1 - u_0`."""
 
-    c: float  # of the acceleration, as is m (ndofs,)
+    c: float  # factor of `w` in the acceleration `c w - m`; m is (ndofs,)
     m: Array
-    g: float  # of the velocity, as is d (ndofs,) or 0
+    g: float  # factor of `w` in the velocity `g w - d`; d is (ndofs,) or 0
     d: Array | float
     rest: Array | float = 0.0  # (ndofs,) forces that do not depend on `w`
 
 
 def kind_of_step(system: System, tangent: StepTangent) -> Kind:
-    """The kind of the tangent of a step: diagonal blocks and K(0) are symmetric, without loads that follow the body."""
+    """Return the kind of the tangent of a step. Diagonal blocks and K(0) are symmetric, without loads that follow the body."""
     return Kind.SYMMETRIC if tangent in (StepTangent.DIAGONAL, StepTangent.REST) else kind_of(system)
 
 
 class StepMatrix:
-    """The matrix of a step from `u0`, `c M + g D + K` over the free degrees of freedom, with the chosen substitute for K.
+    """Matrix of a step from `u0`, `c M + g D + K` over the free degrees of freedom, with the chosen substitute for K.
 
-    `K` is that at the end of the step. With `mean` the force is twice the mean over the step, whose tangent is not symmetric.
-    `2 J'LJ` at the middle and the tensions of the beginning replace it, the latter for as long as the iteration converges fast: in
-    stiff bodies that vibrate faster than the steps they say nothing. K at the middle, where a rotating body has shrunk, does not
-    do: a spinning block of 1e9 Pa took 20 times the iterations. If no term has a force between two states, all act at the middle,
-    and K there is exact.
+    `K` is that at the end of the step. With `mean` the force is twice the mean over the step, and its tangent is not symmetric.
+    `2 J'LJ` at the middle and the tensions of the beginning replace it. The tensions are used as long as the iteration converges
+    fast. For stiff bodies that vibrate faster than the steps, the tensions of the beginning are useless. K at the middle is not
+    suitable, because a rotating body has shrunk there: a spinning block of 1e9 Pa took 20 times the iterations. If no term has a
+    force between two states, all terms act at the middle, and K there is exact.
 
     Attributes
     ----------
     tangent : the `FreeTangent` of the body.
-    with_tensions : whether the tensions of the beginning are in it.
+    with_tensions : whether the matrix contains the tensions of the beginning.
     """
 
     def __init__(self, motion: Motion, solver: LinearSolver, chosen: StepTangent, mean: bool, watch: Stopwatch) -> None:
@@ -101,7 +106,7 @@ class StepMatrix:
         self._diagonal = BlockJacobiAnalysis(BlockJacobiCg(), blocks) if chosen is StepTangent.DIAGONAL else None
 
     def begin(self, u0: Array, c: float, g: float) -> None:
-        """Begin a step from `u0` (ndofs,), which is not copied, with these factors of M and D."""
+        """Begin a step from `u0` (ndofs,), which is not copied, with the factors `c` of M and `g` of D."""
         self._u0 = u0
         if self._tensions is not None:
             self._tensions.begin(u0)
@@ -112,12 +117,14 @@ class StepMatrix:
         add_mean_force(self._system, self._u0, self._u0 + w, out)
 
     def round_off(self, w: Array) -> Array:
-        """(ndofs,) sums as in `FreeTangent.round_off`, at the end of the step."""
+        """Return the sums (ndofs,) of `FreeTangent.round_off`, at the end of the step."""
         return self.tangent.round_off(self._u0 + w)
 
     def factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
-        """The tangent that was chosen, or one that Newton's method falls back on, as in statics; K(0) stays what it is, and so does
-        K of a body that is linear."""
+        """Return factors of the chosen tangent, or of a fallback of Newton's method, as in statics.
+
+        K(0), and K of a linear body, are factorised once.
+        """
         linear = self._system.constant_tangent and tangent is Tangent.EXACT
         if not linear and self._chosen is not StepTangent.REST:
             return self._factorise(w, t, tangent)
@@ -152,16 +159,16 @@ class StepMatrix:
 
     @property
     def origin(self) -> HierarchyOrigin | None:
-        """The origin of the hierarchy that multigrid keeps; None where there is none."""
+        """Origin of multigrid's present hierarchy; None without one."""
         multigrid = self.tangent.multigrid
         if multigrid is None or multigrid.hierarchy is None or self._origin is None:
             return None
         return self._origin._replace(pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
 
     def forget(self) -> None:
-        """Drop the hierarchy of multigrid, so that the next matrix gets a new one.
+        """Remove the hierarchy of multigrid, so that the next matrix gets a new one.
 
-        Follow the motion to its present body: if that is torn, drop the matrices and factors of the body with more elements.
+        Use the present body of the motion. If elements were removed from it, remove the matrices and factors of the previous body.
         """
         self.tangent.forget()
         system = self._motion.system
@@ -174,7 +181,7 @@ class StepMatrix:
         self._rest = self._lasting_factors = self._free_operator = None
 
     def rebuild(self, origin: HierarchyOrigin) -> None:
-        """Build the hierarchy of multigrid again that another run kept."""
+        """Build the hierarchy of multigrid that another run had."""
         if self.tangent.multigrid is None:
             return
         self.begin(origin.u0, origin.c, origin.g)
@@ -187,9 +194,9 @@ class StepMatrix:
         return self._c + self._motion.alpha * self._g
 
     def _parts(self, kept: Tensions) -> tuple[float, Tensions, Tensions]:
-        """The factor of K and the tensions within, and tensions of the beginning beside it, as far as they are `kept`.
+        """Return the factor of K, the tensions in K, and the additional tensions of the beginning, as far as `kept` retains them.
 
-        Edge damping, a part of `2 J'LJ`, is the factor: `factor (2 J'LJ + tensions / factor)`.
+        Edge damping is a part of `2 J'LJ` and enters the factor: `factor (2 J'LJ + tensions / factor)`.
         """
         factor = 1 + self._motion.tau * self._g
         if kept.warped:
@@ -199,15 +206,15 @@ class StepMatrix:
         return factor, Tensions(kept.positive / factor, kept.negative / factor), NONE
 
     def _where(self, w: Array) -> Array:
-        """(ndofs,) displacements at which the tangent is taken [m]."""
+        """Return the displacements (ndofs,) at which the tangent is evaluated [m]."""
         if self._chosen is StepTangent.REST:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
     def _matrix(self, w: Array, t: Time, kept: Tensions) -> csr_matrix:
-        """The matrix of the step over the free degrees of freedom."""
+        """Return the matrix of the step over the free degrees of freedom."""
         factor, within, kept = self._parts(kept)
-        at_rest = self._chosen is StepTangent.REST  # loads follow the body, and change: they are not in K(0)
+        at_rest = self._chosen is StepTangent.REST  # K(0) has no stiffness of follower loads, which changes
         where, moment = self._where(w), None if at_rest else t
         if self.tangent.straight and self._tensions is None and not self._motion.beta:
             Kff = self.tangent.free_matrix(where, moment, within)
@@ -228,7 +235,7 @@ class StepMatrix:
         return self.tangent.restricted(K)
 
     def _operator(self, w: Array, kept: Tensions) -> FreeOperator:
-        """K for products; with the mass on its diagonal it needs no other shift."""
+        """Return K as an operator for products. The mass on its diagonal replaces any other shift."""
         operator = self._prepared(w, kept)
         if self._free_operator is None:
             free = self.tangent.free.free
@@ -249,10 +256,10 @@ class StepMatrix:
 
 
 class DenseStepMatrix:
-    """The matrix of a step from `z0` of a body in coordinates, `c M + g D + K`, with the methods of `StepMatrix`; it is exact.
+    """Dense matrix of a step from `z0` of a body in coordinates, `c M + g D + K`, with the methods of `StepMatrix`. It is exact.
 
-    With `mean` the force over the step is `1/2 F(z0 + a w) + 1/2 F(z0 + b w)` at the two points of Gauss. Its work is
-    `W(z0 + w) - W(z0)` for a cubic force, and twice its tangent, `a K(z0 + a w) + b K(z0 + b w)`, is symmetric.
+    With `mean` the force over the step is `1/2 F(z0 + a w) + 1/2 F(z0 + b w)` at the two Gauss points. Its work is
+    `W(z0 + w) - W(z0)` for a cubic force. Twice its tangent, `a K(z0 + a w) + b K(z0 + b w)`, is symmetric.
     """
 
     with_tensions = False
@@ -265,7 +272,7 @@ class DenseStepMatrix:
         self._inertia = np.zeros((motion.states.n,) * 2)
 
     def begin(self, u0: Array, c: float, g: float) -> None:
-        """Begin a step from `u0` (m,), which is not copied, with these factors of M and D."""
+        """Begin a step from `u0` (m,), which is not copied, with the factors `c` of M and `g` of D."""
         self._u0 = u0
         if self._key != (c, g):
             motion = self._motion
@@ -278,18 +285,18 @@ class DenseStepMatrix:
             out += self._body.linearize(self._u0 + part * w)[1] / 2
 
     def _stiffness(self, w: Array) -> Array:
-        """(m, m) derivative of the internal force of the equation by `w`."""
+        """Return the derivative (m, m) of the internal force of the equation by `w`."""
         if not self._mean:
             return self._body.linearize(self._u0 + w)[2]
         a, b = GAUSS
         return a * self._body.linearize(self._u0 + a * w)[2] + b * self._body.linearize(self._u0 + b * w)[2]
 
     def round_off(self, w: Array) -> Array:
-        """(m,) sums as in `DenseTangent.round_off`, at the end of the step."""
+        """Return the sums (m,) of `DenseTangent.round_off`, at the end of the step."""
         return self.tangent.round_off(self._u0 + w, self._stiffness(w))
 
     def factorise(self, w: Array, t: Time, tangent: Tangent) -> DenseFactors:
-        """Factors of the exact matrix; unless it is asked for, with the absolute values of its eigenvalues."""
+        """Return factors of the exact matrix. For other tangents, replace its eigenvalues by their absolute values."""
         with self._watch("assemble"):
             K = self._inertia + self._stiffness(w)
             follows = self._body.load_stiffness(self._u0 + w, t)
@@ -299,14 +306,14 @@ class DenseStepMatrix:
             return self.tangent.factorise(K, tangent is Tangent.EXACT)
 
     def forget(self) -> None:
-        """Do nothing: nothing is kept from one matrix to the next."""
+        """Do nothing: no data are retained from one matrix to the next."""
 
     def rebuild(self, origin: HierarchyOrigin) -> None:
         """Do nothing: there is no multigrid."""
 
 
 class _Diagonal:
-    """Inverted diagonal blocks; nobody counts their negative eigenvalues."""
+    """Inverted diagonal blocks. Their negative eigenvalues are not counted."""
 
     negative_pivots = None
 
@@ -314,5 +321,5 @@ class _Diagonal:
         self._factors = factors
 
     def solve(self, b: Array, rtol: float = 1e-10, x0: Array | None = None, out: Array | None = None) -> Solution:
-        """Exact, of the diagonal blocks."""
+        """Return the exact solution for the diagonal blocks."""
         return Solution(self._factors.precondition(b), 0, 0.0, Outcome.SOLVED)

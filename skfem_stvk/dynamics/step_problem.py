@@ -1,4 +1,4 @@
-"""The equation of one implicit step as a nonlinear problem."""
+"""Equation of one implicit step as a nonlinear problem."""
 
 from __future__ import annotations
 
@@ -19,27 +19,29 @@ from .motion import Motion
 from .record import MotionState
 from .step_matrix import Coefficients, DenseStepMatrix, StepMatrix
 
-#: A residual that falls by less than this factor in an iteration falls slowly.
+#: Smallest ratio of successive residuals that counts as slow convergence.
 SLOW = 0.5
 
 
 class StepProblem(Equation):
-    """One step from `u_0` as a `Problem`, whose state is the displacement `w` over the step, in the states of the motion.
+    """One step from `u_0` as a `Problem`. Its state is the displacement `w` over the step, in the states of the motion.
 
-    Of `u_1` itself, rounding would leave `eps |u| / |w|` of the velocities. The last residual is `full`, at held degrees of freedom
-    the reaction [N].
+    If `u_1` were the state, rounding would leave an error `eps |u| / |w|` in the velocities. `full` is the last residual. At
+    constrained degrees of freedom it is the reaction [N].
 
     Parameters
     ----------
     matrix : the matrix of the step over the free degrees of freedom.
-    mean : whether the internal force is twice that of energy and momentum, the mean over the step; otherwise `F(u_1)`.
-    secant : whether edge damping takes the rate of the squared elongations from their difference over the step; otherwise from
+    mean : whether the internal force is twice the mean over the step, as for energy and momentum; otherwise `F(u_1)`.
+    secant : whether edge damping uses the difference of the squared elongations over the step as their rate; otherwise it uses
         velocities.
     """
 
-    #: So that Newton's method converges as with a direct solver, for a sixth more time than with 1e-5: with that, and where `rtol`
-    #: allows much, small steps of Newmark's method were off by 1e-5 in place of 3e-9. With those of an inexact Newton method, from
-    #: 0.1 on, every step of energy and momentum of a stiff body that turns by 0.3 rad was cut.
+    #: Relative tolerance of iterative linear solves. With it, Newton's method converges as with a direct solver.
+    #: It takes a sixth more time than 1e-5. With 1e-5 and a large `rtol`, small steps of Newmark's method had errors of 1e-5, not
+    #: 3e-9.
+    #: With the tolerances of an inexact Newton method, from 0.1 on, every `EnergyMomentum` step of a stiff body rotating by 0.3 rad
+    #: was cut.
     precise = 1e-8
 
     def __init__(
@@ -49,12 +51,10 @@ class StepProblem(Equation):
         self.motion, self.matrix, self._mean, self._secant = motion, matrix, mean, secant
         self._u0, self._offset, self._force, self._arrived, self.full = (np.zeros(motion.states.n) for _ in range(5))
         self.unlimited = self.unlimited or passes_inversion(self.system)
-        self.blind = (
-            self.blind or self.body is not self.system
-        )  # of a body on a basis, elements are looked at in states that are saved
+        self.blind = self.blind or self.body is not self.system  # on a basis, elements are checked in saved states
 
     def forget(self) -> None:
-        """Go on with the present body of the motion, and drop what its matrix keeps from the steps before."""
+        """Use the present body of the motion, and remove data of its matrix from previous steps."""
         self.body = self.motion.body
         self.matrix.forget()
 
@@ -76,12 +76,15 @@ class StepProblem(Equation):
                 self.motion.add_linear_damping(d, self._offset)
 
     def arrive(self, u: Array) -> float:
-        """`Motion.energy` at `u` (ndofs,) [J]; the internal force that comes with it is where `before_step` begins."""
+        """Return `Motion.energy` at `u` (ndofs,) [J], and store the internal force for `before_step`."""
         with self._watch("assemble"):
             return self.motion.energy_and_force(u, self._arrived)
 
     def before_step(self, t: float) -> Array:
-        """(ndofs,) the residual for `w = 0`, from forces that are known; for equations at the end of a step, without a rate."""
+        """Return the residual (ndofs,) for `w = 0`, from stored forces.
+
+        It is valid for equations at the end of a step without rates.
+        """
         with self._watch("assemble"):
             np.subtract(self._arrived, self._offset, out=self.full)
             self.full -= self.motion.loads(self._u0, t)
@@ -117,11 +120,11 @@ class StepProblem(Equation):
         return self.matrix.factorise(w, t, tangent)
 
     def take_over(self, w: Array, t: Time) -> bool:
-        """Never: with the mass on its diagonal K is not so ill-conditioned."""
+        """Return False: with the mass on its diagonal, K is less ill-conditioned."""
         return False
 
     def energy_along(self, w: Array, v: Array, t: Time) -> Array:
-        """(5,) coefficients along `w + s v` of what an implicit step is the minimum of, but for the constant one."""
+        """Return the coefficients (5,), without the constant one, of the objective of an implicit step along `w + s v`."""
         with self._watch("assemble"):
             u1 = self._u0 + w
             c, dot = self.body.energy_along(u1, v), self.states.dot
@@ -135,7 +138,7 @@ class StepProblem(Equation):
         return named_elements(self.system.mesh, inside_out)
 
     def _linear(self, w: Array) -> Array:
-        """Forces of inertia and of linear damping for displacements `w`."""
+        """Return the forces of inertia and of linear damping for displacements `w`."""
         force = self._inertia_factor * self.motion.mass.multiply(w)
         if self.motion.beta:
             force += self.motion.beta * self._g * (self.motion.at_rest @ w)
@@ -149,7 +152,7 @@ class StepProblem(Equation):
         return self._c + self.motion.alpha * self._g
 
     def _internal_force(self, w: Array) -> Array:
-        """The elastic force and that of edge damping."""
+        """Return the elastic force plus the force of edge damping."""
         u0, u1, force = self._u0, self._u0 + w, self._force
         if self._mean:
             force[:] = 0

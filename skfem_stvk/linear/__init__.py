@@ -1,4 +1,4 @@
-"""Linear solvers behind one interface: they know matrices, not meshes."""
+"""Linear solvers behind one interface. They work on matrices and need no mesh."""
 
 from .amg import AmgCg
 from .block_cg import BlockJacobiCg, SsorCg

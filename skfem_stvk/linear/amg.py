@@ -15,21 +15,21 @@ from .checks import Newest, by_newest, check_kind, checked_right, checked_unknow
 from .multigrid import SINGLE, Hierarchy, Level
 from .solver import Kind, Solution, Unknowns, Vector, structure_of
 
-#: Iterations at most.
+#: Largest number of iterations.
 MOST = 1000
 
-#: The hierarchy is built anew when a decade of the residual takes so many times the iterations that it took just after it was
-#: built.
+#: The hierarchy is rebuilt when the iterations per decade of the residual exceed this multiple of those just after it was built.
 GROWTH = 1.5
 
 
 @dataclass(frozen=True)
 class AmgCg:
-    """Multigrid: memory and time grow hardly faster than the number of unknowns; an indefinite matrix is noticed.
+    """Conjugate gradients with multigrid. Memory and time grow almost in proportion to the number of unknowns.
 
-    Aggregates of strongly coupled vertices, the rigid motions as near-null space, Gauss-Seidel by vertex; of quadratic elements the
-    second level is that of linear elements on their corners, which are aggregated from there on. The cycle works in single
-    precision, conjugate gradients in double. From one matrix to the next the aggregates and R, P are kept, until iterations grow.
+    An indefinite matrix is detected. Aggregates consist of strongly coupled vertices, the rigid motions are the near-null space,
+    and the smoother is Gauss-Seidel by vertex. For quadratic elements, the second level is that of linear elements on their
+    corners. The corners are aggregated on the coarser levels. The cycle works in single precision, conjugate gradients in double.
+    The aggregates, R and P are retained from one matrix to the next, until iterations grow.
 
     >>> import numpy as np
     >>> from scipy.sparse import diags
@@ -47,18 +47,18 @@ class AmgCg:
     iterative: ClassVar[bool] = True
 
     def analyse(self, unknowns: Unknowns) -> AmgAnalysis:
-        """Work out the block rows and their order, and make room for the values.
+        """Compute the block rows and their order, and allocate the values.
 
         Raises
         ------
         StvkError
-            if there is no near-null space, or K has not a full block for each pair of vertices that it couples.
+            if there is no near-null space, or K does not have a full block for each pair of vertices that it couples.
         """
         return AmgAnalysis(self, checked_unknowns(unknowns))
 
 
 class AmgAnalysis:
-    """Room for K in blocks, and the hierarchy, which are kept between Newton steps."""
+    """Arrays for K in blocks, and the hierarchy. Both are retained between Newton steps."""
 
     def __init__(self, solver: AmgCg, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
@@ -76,7 +76,7 @@ class AmgAnalysis:
 
     @in_turn
     def factorise(self, K: Any, kind: Kind) -> AmgFactors:
-        """Fill all levels; build a hierarchy if there is none, or if the last one has become slow."""
+        """Compute the values of all levels. Build a hierarchy if there is none, or if the last one has become slow."""
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
         number = self._newest.next()
@@ -92,7 +92,7 @@ class AmgAnalysis:
 
 
 class AmgFactors:
-    """The hierarchy with the values of one matrix."""
+    """Hierarchy with the values of one matrix."""
 
     negative_pivots: ClassVar[None] = None
 
@@ -103,7 +103,7 @@ class AmgFactors:
 
     @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Solve by conjugate gradients, with a product in double precision and a cycle in single per iteration."""
+        """Solve by conjugate gradients. Each iteration has a product in double precision and a cycle in single precision."""
         rows = self._analysis.rows
         b, rtol, x0 = checked_right(b, rows.n, rtol, x0, out)
         b = rows.padded(b)
@@ -118,7 +118,7 @@ class AmgFactors:
         return self._product
 
     def _precondition(self, r: Vector) -> Vector:
-        """Run a cycle for `r` scaled to size one, so that single precision cannot underflow."""
+        """Run a cycle for `r`, scaled to norm one so that single precision cannot underflow."""
         size = float(np.sqrt(dot(self._analysis.parts, r, r)))
         np.multiply(r, 1 / size, out=self._single, casting="same_kind")
         assert self._analysis.hierarchy is not None
@@ -126,13 +126,13 @@ class AmgFactors:
 
 
 class Pace:
-    """Iterations per decade of the residual, in the first solve with a hierarchy and in the last."""
+    """Iterations per decade of the residual, in the first and in the last solve with a hierarchy."""
 
     def __init__(self, first: float | None = None, is_slow: bool = False) -> None:
         self.first, self.is_slow = first, is_slow
 
     def note(self, found: Solution) -> None:
-        """Take note of the pace of a solve; one of few iterations says nothing."""
+        """Record the pace of a solve. Solves with few iterations are ignored, because their pace is not meaningful."""
         if found.iterations < 5 or not 0 < found.residual < 0.1 * found.start:
             return
         pace = found.iterations / float(np.log10(found.start / found.residual))

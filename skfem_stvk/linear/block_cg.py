@@ -22,15 +22,15 @@ from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns
 
 @dataclass(frozen=True)
 class BlockJacobiCg:
-    """Conjugate gradients with the least memory: neither K nor its pattern is ever formed. Iterations grow with refinement.
+    """Conjugate gradients with the least memory: neither K nor its pattern is formed. Iterations grow with refinement.
 
-    Of a body of one term the whole loop is compiled, on one thread: faster than with products on any number of threads and Python
-    between them.
+    For a body with one term, the whole loop is compiled and runs on one thread. This is faster than Python with products on any
+    number of threads.
 
     Attributes
     ----------
-    assembled : take K as a matrix instead, of which the blocks on and above the diagonal are kept: the compiled loop for bodies of
-        several terms, and for all else that a matrix can be.
+    assembled : use K as a matrix instead, and store the blocks on and above the diagonal. This gives the compiled loop to bodies
+        with several terms, and to any other matrix.
 
     >>> import numpy as np
     >>> class Springs:
@@ -56,23 +56,23 @@ class BlockJacobiCg:
 
     @property
     def matrix_free(self) -> bool:
-        """Whether it takes an `Operator` instead of a matrix."""
+        """Whether the solver requires an `Operator` instead of a matrix."""
         return not self.assembled
 
     def analyse(self, unknowns: Unknowns) -> BlockJacobiAnalysis | AssembledAnalysis:
-        """Work out which components of which vertices are unknown.
+        """Determine which components of which vertices are unknown.
 
         Raises
         ------
         StvkError
-            if K is to be assembled, and its structure is missing or has not a full block for each pair of vertices that it couples.
+            if K is to be assembled, and its structure is missing, or lacks a full block for a pair of vertices that it couples.
         """
         checked_unknowns(unknowns)
         return AssembledAnalysis(self, unknowns, self.omega) if self.assembled else BlockJacobiAnalysis(self, unknowns)
 
 
 class BlockJacobiAnalysis:
-    """Where the unknowns stand in the diagonal blocks."""
+    """Indices of the unknowns in the diagonal blocks."""
 
     def __init__(self, solver: BlockJacobiCg, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self.n, self._newest = solver, unknowns, unknowns.n, Newest()
@@ -85,7 +85,7 @@ class BlockJacobiAnalysis:
 
     @in_turn
     def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors:
-        """Invert the diagonal blocks. K itself is not copied: it must stay as it is while the factors are used."""
+        """Invert the diagonal blocks. K itself is not copied, so it must not change while the factors are used."""
         check_kind(self._solver, kind)
         if not hasattr(K, "matvec") or not hasattr(K, "diagonal_blocks"):
             raise StvkError(f"K = {shown(K)}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks().")
@@ -98,7 +98,7 @@ class BlockJacobiAnalysis:
         return BlockJacobiFactors(self, K, inverse, self._newest)
 
     def _search_on(self, K: EdgeBlocks) -> EdgeCg | None:
-        """The compiled loop on these edges, which is kept; None if a vertex with unknowns has no edge."""
+        """Return the compiled loop on these edges, and store it. Return None if a vertex with unknowns has no edge."""
         if self._edges is not K.edges:
             number = np.full(max(K.vertices.max(), self._vertices[-1]) + 1, -1)
             number[K.vertices] = np.arange(len(K.vertices))
@@ -109,7 +109,10 @@ class BlockJacobiAnalysis:
         return self._search
 
     def _inverted(self, diagonal: Vector) -> Vector:
-        """(9 rows,) inverses of the blocks of the vertices that have unknowns; held components are left out."""
+        """Return the inverses (9 rows,) of the diagonal blocks of vertices that have unknowns.
+
+        Constrained components are omitted.
+        """
         d, count = diagonal.shape[-1], len(self._vertices)
         is_free = np.zeros((count, 3), dtype=bool)
         is_free[self._row, self._component] = True
@@ -125,7 +128,7 @@ class BlockJacobiAnalysis:
 
 
 class BlockJacobiFactors:
-    """An operator, and the inverses of its diagonal blocks."""
+    """Operator with the inverses of its diagonal blocks."""
 
     negative_pivots: ClassVar[None] = None
 
@@ -144,7 +147,7 @@ class BlockJacobiFactors:
 
     @by_newest
     def precondition(self, r: Vector) -> Vector:
-        """(n,) the inverses of the diagonal blocks times `r`."""
+        """Return the product (n,) of the inverse diagonal blocks and `r`."""
         self._padded[self._analysis.places] = r
         run(multiply_diagonal, self._parts, self._inverse, self._padded, self._out)
         return self._out[self._analysis.places]
@@ -154,7 +157,7 @@ class BlockJacobiFactors:
 
 
 class AssembledAnalysis:
-    """The edges of the graph of K, and room for the values."""
+    """Edges of the graph of K, and arrays for the values."""
 
     def __init__(self, solver: LinearSolver, unknowns: Unknowns, omega: float) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
@@ -178,12 +181,13 @@ class AssembledAnalysis:
 
 @dataclass(frozen=True)
 class SsorCg(BlockJacobiCg):
-    """Conjugate gradients with SSOR: a third of the iterations of `BlockJacobiCg`, each of which takes half as long again.
+    """Conjugate gradients with SSOR: a third of the iterations of `BlockJacobiCg`, each of which takes 1.5 times as long.
 
-    A sweep over the vertices back and one forth stand for the product.
+    A backward and a forward sweep over the vertices replace the product.
 
-    The sweeps are those of the compiled loop: they need the blocks of the edges of one term, which are copied, or with `assembled`
-    those of a matrix. A body of several terms that is not assembled is solved with diagonal blocks, as by `BlockJacobiCg`.
+    The sweeps are part of the compiled loop. They require the blocks of the edges of one term, which are copied, or with
+    `assembled` those of a matrix. A body with several terms that is not assembled is solved with diagonal blocks, as by
+    `BlockJacobiCg`.
 
     >>> import numpy as np
     >>> from scipy.sparse import diags
@@ -198,5 +202,6 @@ class SsorCg(BlockJacobiCg):
     """
 
     name: ClassVar[str] = "ssor-cg"
-    #: A sixth to an eighth fewer iterations than with 1 in time steps, a quarter fewer in statics; beyond 1.6 they grow.
+    #: Relaxation factor. Compared with 1, it saves a sixth to an eighth of the iterations in time steps, and a quarter in statics.
+    #: Beyond 1.6 the iterations increase.
     omega: ClassVar[float] = 1.4

@@ -16,15 +16,15 @@ from ..kernels.compiled import Ids, Reals
 from ..kernels.threads import parts_of, run, threads
 from .solver import Unknowns, Vector, structure_of
 
-#: Of a product, so many blocks are as much work as a simplex.
+#: Number of blocks whose product costs as much as a simplex.
 BLOCKS = 4
 
 
 @dataclass(frozen=True)
 class BlockStructure:
-    """The sparsity pattern of a matrix in the CSR format, counted in blocks, columns sorted.
+    """Sparsity pattern of a matrix in the CSR format, counted in blocks, with sorted columns.
 
-    It has `width` block columns; `parts` are the block rows of each thread.
+    It has `width` block columns. `parts` are the block rows of each thread.
     """
 
     rows: Ids
@@ -34,7 +34,7 @@ class BlockStructure:
 
     @staticmethod
     def of(graph: csr_matrix, row: int = 1, column: int = 1) -> BlockStructure:
-        """Each entry of a graph of nodes, columns sorted, as `row` times `column` blocks.
+        """Return the structure in which each entry of a graph of nodes, with sorted columns, becomes `row` times `column` blocks.
 
         >>> two = BlockStructure.of(csr_matrix([[1, 1], [0, 1]]), row=2)
         >>> two.rows.tolist(), two.columns.tolist()
@@ -54,19 +54,19 @@ class BlockStructure:
         return len(self.rows) - 1
 
     def room(self, dtype: Any = np.float64) -> Reals:
-        """An empty array for the values."""
+        """Return an empty array for the values."""
         return np.empty(9 * len(self.columns), dtype)
 
     def row_of_each(self) -> Ids:
-        """(blocks,) the block row of each block."""
+        """Return the block row of each block (blocks,)."""
         return np.repeat(np.arange(self.n, dtype=np.int32), np.diff(self.rows))
 
     def diagonal(self) -> Ids:
-        """(n,) places of the diagonal blocks."""
+        """Return the indices (n,) of the diagonal blocks."""
         return np.flatnonzero(self.row_of_each() == self.columns)
 
     def transposed(self) -> tuple[BlockStructure, Ids]:
-        """The structure of the transpose, and which block each of its blocks is the transpose of."""
+        """Return the structure of the transpose, and for each of its blocks the index of the block of which it is the transpose."""
         places = np.arange(len(self.columns), dtype=np.int32)
         at = csr_matrix((places, self.columns, self.rows), shape=(self.n, self.width)).T.tocsr()
         return _structure(at.indptr, at.indices, self.n), at.data
@@ -77,13 +77,13 @@ class BlockStructure:
         return out
 
     def multiply(self, blocks: Reals, other: BlockStructure, others: Reals, structure: BlockStructure, out: Reals) -> Reals:
-        """Write the values of the product of two matrices to `out`, whose structure holds it."""
+        """Write the values of the product of two matrices to `out`. `structure` must contain the pattern of the product."""
         arguments = self.rows, self.columns, blocks, other.rows, other.columns, others, structure.rows, structure.columns
         run(kernels.multiply_blocks, self.parts, *arguments, structure.width, out)
         return out
 
     def dense(self, blocks: Reals) -> NDArray[np.float64]:
-        """The matrix as an array (3 n, 3 width)."""
+        """Return the matrix as an array (3 n, 3 width)."""
         matrix = np.zeros((self.n, self.width, 3, 3))
         matrix[self.row_of_each(), self.columns] = blocks.reshape(-1, 3, 3)
         return matrix.transpose(0, 2, 1, 3).reshape(3 * self.n, 3 * self.width)
@@ -96,12 +96,12 @@ def _structure(rows: Ids, columns: Ids, width: int) -> BlockStructure:
 
 
 class Middles(NamedTuple):
-    """Block rows that are in the middle of an edge.
+    """Block rows of vertices in the middle of an edge.
 
     Attributes
     ----------
-    ends : (n, 2) the block rows of both ends, of a corner itself twice, -1 where all of an end is held.
-    known : (n, 3) which components are unknowns.
+    ends : (n, 2) block rows of both ends of the edge; for a corner its own row twice; -1 if all of an end is constrained.
+    known : (n, 3) whether each component is an unknown.
     """
 
     ends: Ids
@@ -109,11 +109,11 @@ class Middles(NamedTuple):
 
 
 class VertexRows:
-    """K in blocks of vertices, three components always, in the order of Cuthill and McKee.
+    """K in blocks of vertices, always with three components, in the order of Cuthill and McKee.
 
-    Components that are held are padded with a diagonal. The block rows have the `graph`, with the diagonal and columns sorted;
-    `vertices` and `first` are the vertex and the first unknown of each. Unknowns are a `component` of a block `row`, at `places` 3
-    row + component. A K without a full block for each pair of vertices that it couples is refused.
+    Constrained components are padded with a diagonal. The block rows have the `graph`, with the diagonal and sorted columns.
+    `vertices` and `first` are the vertex and the first unknown of each block row. An unknown is a `component` of a block `row`, and
+    `places` are its indices `3 row + component`. A K without a full block for each pair of vertices that it couples is refused.
     """
 
     def __init__(self, unknowns: Unknowns) -> None:
@@ -139,7 +139,7 @@ class VertexRows:
         run(kernels.fill_blocks, self.structure.parts, *own, self._indptr, self._indices, values, scale, blocks, single)
 
     def middles(self) -> Middles | None:
-        """Which block rows are in the middle of which; None where no vertex is."""
+        """Return the block rows at the ends of the edge of each block row; None if no vertex is in the middle of an edge."""
         if self._ends is None:
             return None
         row_of = np.full(len(self._ends), -1, dtype=np.int32)
@@ -149,18 +149,18 @@ class VertexRows:
         return Middles(row_of[self._ends[self.vertices]], known)
 
     def padded(self, x: Vector) -> Vector:
-        """Values of the unknowns (n, ...) in block rows (3 rows, ...)."""
+        """Return values of the unknowns (n, ...) as values of block rows (3 rows, ...), padded with zeros."""
         out = np.zeros((3 * self.structure.n, *x.shape[1:]))
         out[self.places] = x
         return out
 
     def taken(self, x: Vector) -> Vector:
-        """Values of block rows (3 rows,) back as those of the unknowns (n,)."""
+        """Return values of block rows (3 rows,) as values of the unknowns (n,)."""
         return x[self.places]
 
 
 def _graph(unknowns: Unknowns, starts: Ids, node: Ids) -> csr_matrix:
-    """Vertices that K couples, from the first row of each."""
+    """Return the graph of vertices that K couples, from the first row of each vertex."""
     indptr, indices = structure_of(unknowns)
     counts = np.diff(indptr)
     uneven = np.flatnonzero(counts != counts[starts][node])
@@ -171,6 +171,6 @@ def _graph(unknowns: Unknowns, starts: Ids, node: Ids) -> csr_matrix:
         )
     begin = np.concatenate([[0], np.cumsum(counts[starts])])
     columns = node[indices[np.arange(begin[-1]) + np.repeat(indptr[starts] - begin[:-1], counts[starts])]]
-    first = np.diff(columns, prepend=-1) != 0  # in a symmetric structure no row begins with what the one before ends with
+    first = np.diff(columns, prepend=-1) != 0  # in a symmetric structure, no row begins with the last column of the previous row
     rows = np.concatenate([[0], np.cumsum(first)])[begin]
     return csr_matrix((np.ones(rows[-1], dtype=np.int8), columns[first], rows), shape=(len(starts),) * 2)

@@ -1,6 +1,7 @@
-"""Conjugate gradients, preconditioned: when they end, and two loops.
+"""Preconditioned conjugate gradients: the stopping rule, and two loops.
 
-One is for functions that multiply and precondition on several threads, the other compiled as a whole, for edges on one thread.
+One loop calls functions that multiply and precondition on several threads. The other is compiled as a whole, for edges on one
+thread.
 """
 
 from __future__ import annotations
@@ -20,34 +21,35 @@ from .checks import Newest, by_newest, checked_right, handed_out
 from .solver import Outcome, Solution, Vector
 
 Map = Callable[[Vector], Vector]
-#: Iterations at most: on slender bodies they grow with the number of elements along them, and more.
+#: Largest number of iterations. On slender bodies, iterations grow at least as fast as the number of elements along them.
 MOST = 50_000
-#: Edges that one call takes, iteration after iteration: 50 ms, after which Python looks whether Ctrl-C was pressed.
+#: Number of edges that one call processes over its iterations: 50 ms, after which Python checks for Ctrl-C.
 STRETCH = 10_000_000
 OUTCOMES = {kernels.SMALL: Outcome.SOLVED, kernels.NEGATIVE: Outcome.NEGATIVE_CURVATURE, kernels.NOT_FINITE: Outcome.NOT_FINITE}
 
 
 class Search(Protocol):
-    """The state of an iteration: `size` is `|b|`, `norm` is `|b - K x|` as the loop has it."""
+    """State of an iteration. `size` is `|b|`, and `norm` is `|b - K x|` as the loop updates it."""
 
     size: float
     norm: float
     iterations: int
 
     def run(self, enough: float, most: int) -> Outcome:
-        """Iterate until the residual is small enough, or something else happens."""
+        """Iterate until the residual is at most `enough`, or the iteration ends for another reason."""
 
     def true_residual(self) -> float:
-        """Compute `|b - K x|` anew and go on with that residual; the next direction is the first again."""
+        """Compute `|b - K x|` again from x, and continue with this residual. The next search direction is that of a new start."""
 
     def x(self) -> Vector:
-        """The current iterate (n,)."""
+        """Return the current iterate (n,)."""
 
 
 def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
-    """`x` with `|b - K x| <= rtol |b|`, or the last one where `p'Kp <= 0`, after `most` iterations, or at what is not finite.
+    """Return `x` with `|b - K x| <= rtol |b|`, or the last iterate.
 
-    The residual that the loop keeps is compared with that of x at the end; if it was too small the loop starts again, once.
+    The iteration ends early if `p'Kp <= 0`, after `most` iterations, or at values that are not finite. At the end, the residual of
+    the loop is compared with that of x. If that of x is too large, the loop starts again, once.
     """
     size, first = search.size, search.norm
     if not np.isfinite(first + size):
@@ -74,7 +76,7 @@ def conjugate_gradients(product: Map, precondition: Map, b: Vector, rtol: float,
 
 
 class _Search:
-    """The iterates `x`, residuals `r` and directions `p` of conjugate gradients with functions."""
+    """Iterates `x`, residuals `r` and directions `p` of conjugate gradients with functions."""
 
     def __init__(self, product: Map, precondition: Map, b: Vector, x0: Vector | None) -> None:
         self._product, self._precondition, self._b = product, precondition, b
@@ -104,9 +106,10 @@ class _Search:
         return self._x
 
     def _iterate(self) -> Outcome | None:
-        """Make one iteration; the outcome if it is the last.
+        """Make one iteration. Return the outcome if it is the last one.
 
-        The preconditioner may be rounded, not quite symmetric: `beta = z'(r - r_before) / (z'r)_before` (Polak, Ribiere).
+        The preconditioner may be slightly unsymmetric by rounding, therefore `beta = z'(r - r_before) / (z'r)_before` (Polak,
+        Ribiere).
         """
         z = self._precondition(self._r)
         rho, before = dot(self._parts, z, self._r), self._rho
@@ -126,16 +129,17 @@ class _Search:
 
 
 def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:
-    """`x'y` by kernels: BLAS wakes threads that wait awake and slow down the kernels' own."""
+    """Return `x'y`, computed by kernels. BLAS would start threads that wait actively and slow down the threads of the kernels."""
     return float(sum(run(products.dot, parts, x, y)))
 
 
 class EdgeCg:
     """Conjugate gradients on blocks of edges (ne, 2), pairs of block rows `a < b`, on one thread.
 
-    Messages call the block rows `vertices` (rows,); `places` (n,) of the unknowns are `3 row + component`. If it is `assembled` the
-    diagonal is given, block by block; otherwise it is a shift minus the blocks of edges. `omega` is that of SSOR, for which edges
-    that are not sorted need a copy of the blocks; 0 stands for the diagonal blocks alone.
+    `vertices` (rows,) are the vertices of the block rows, for messages. `places` (n,) are the indices `3 row + component` of the
+    unknowns. With `assembled`, the caller supplies the diagonal, block by block. Otherwise the diagonal is a shift minus the blocks
+    of edges. `omega` is the relaxation factor of SSOR. SSOR on edges that are not sorted needs a copy of the blocks. `omega = 0`
+    selects the diagonal blocks alone.
     """
 
     def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool, omega: float) -> None:
@@ -155,7 +159,7 @@ class EdgeCg:
         self.iterations, self.size, self.norm = 0, 0.0, 0.0
 
     def shift(self, blocks: NDArray[np.floating[Any]], shift: NDArray[np.floating[Any]] | None) -> None:
-        """Take these blocks as those of the edges, and a stiffness of each unknown against the ground."""
+        """Set the blocks of the edges, and the stiffness of each unknown against the ground."""
         added = self._none[:0] if shift is None else shift
         if shift is None:
             self.diagonal[:] = 0
@@ -167,7 +171,7 @@ class EdgeCg:
         self._invert(blocks, total)
 
     def fill(self, blocks: NDArray[np.floating[Any]]) -> None:
-        """Take these blocks as those above the diagonal, which stands in `diagonal`."""
+        """Set the blocks above the diagonal. The diagonal must be in `diagonal`."""
         np.copyto(self.inverse, self.diagonal)
         self._invert(blocks, float(self.inverse.sum()))
 
@@ -182,7 +186,7 @@ class EdgeCg:
         self._blocks, self._indefinite = blocks, self._omega > 0 and negative > 0
 
     def _sorted(self, blocks: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        """The blocks in the order of the sorted edges."""
+        """Return the blocks in the order of the sorted edges."""
         if self._order is None:
             return blocks
         if self._blocks.dtype != blocks.dtype or self._blocks.shape != blocks.shape:
@@ -191,7 +195,7 @@ class EdgeCg:
         return self._blocks
 
     def solve(self, b: Vector, rtol: float, most: int, x0: Vector | None, out: Vector | None) -> Solution:
-        """Solve from `x0` or from zero; x is written to `out`."""
+        """Solve from `x0` or from zero, and write x to `out`."""
         self._b, self._out = b, np.empty(len(b)) if out is None else out
         x = self._work[kernels.X]
         if x0 is None:
@@ -203,7 +207,7 @@ class EdgeCg:
         return solve_by(self, b, rtol, most)
 
     def precondition(self, r: Vector) -> Vector:
-        """The preconditioned residual `M^-1 r` (n,)."""
+        """Return the preconditioned residual `M^-1 r` (n,)."""
         s = self._work[kernels.S]
         s[:] = 0
         s[self._places] = r
@@ -217,7 +221,11 @@ class EdgeCg:
         return self.norm
 
     def run(self, enough: float, most: int) -> Outcome:
-        """As in `Search`. An indefinite diagonal block has a direction of negative curvature, which SSOR would not see."""
+        """Iterate as described in `Search`.
+
+        An indefinite diagonal block has a direction of negative curvature, which SSOR would not detect. It ends the iteration at
+        once.
+        """
         if self._indefinite:
             return Outcome.NEGATIVE_CURVATURE
         own = self.edges, self._blocks, self.diagonal, self.inverse, self._held, self._omega
@@ -235,13 +243,13 @@ class EdgeCg:
 
 
 def _sorting(edges: Ids) -> Ids | None:
-    """The order that sorts the edges; None if they are sorted."""
+    """Return the order that sorts the edges; None if they are sorted."""
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     return order if (np.diff(order) != 1).any() else None
 
 
 class EdgeFactors:
-    """The preconditioner of one matrix, in the arrays of its analysis."""
+    """Preconditioner of one matrix, in the arrays of its analysis."""
 
     negative_pivots: ClassVar[None] = None
 
@@ -251,11 +259,11 @@ class EdgeFactors:
 
     @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Solve by conjugate gradients, all compiled."""
+        """Solve by conjugate gradients, in the compiled loop."""
         b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
         return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
 
     @by_newest
     def precondition(self, r: Vector) -> Vector:
-        """The preconditioned residual `M^-1 r` (n,); with `omega = 0` the inverse diagonal blocks times `r`."""
+        """Return the preconditioned residual `M^-1 r` (n,). With `omega = 0` it is the inverse diagonal blocks times `r`."""
         return self._search.precondition(r)

@@ -1,4 +1,4 @@
-"""What every solver checks: the matrix and the right side before it works, the residual after a direct solve."""
+"""Checks of all solvers: of the matrix and the right-hand side before the solve, and of the residual after a direct solve."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Newest:
-    """The number of the factors that an analysis made last: only those may solve. Python threads take `turn`s."""
+    """Number of the latest factors of an analysis. Only these may solve. Python threads lock with `turn`."""
 
     def __init__(self) -> None:
         self._number, self.turn = 0, Turn()
 
     def next(self) -> int:
-        """A number for new factors, which makes all others stale."""
+        """Return a number for new factors, which makes all others stale."""
         self._number += 1
         return self._number
 
     def check(self, number: int) -> None:
-        """Refuse factors that are not the newest."""
+        """Refuse factors that are not the latest."""
         if number != self._number:
             raise StvkError(
                 "These factors are stale: their analysis has factorised another matrix since. Solve with what factorise() "
@@ -40,7 +40,7 @@ class Newest:
 
 
 def by_newest(method: Method) -> Method:
-    """A method of factors that waits for its turn, and refuses if they are not the newest."""
+    """Decorate a method of factors: it waits for the lock, and refuses to run if the factors are not the latest."""
 
     @wraps(method)
     def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
@@ -52,13 +52,13 @@ def by_newest(method: Method) -> Method:
 
 
 def checked_kind(kind: Any) -> None:
-    """Refuse what is no kind of matrix."""
+    """Refuse a value that is not a `Kind`."""
     if not isinstance(kind, Kind):
         raise StvkError(f"kind = {shown(kind)}; expected one of {', '.join(f'Kind.{one.name}' for one in Kind)}.")
 
 
 def check_kind(solver: LinearSolver, kind: Kind) -> None:
-    """Refuse a kind of matrix that the solver cannot take."""
+    """Refuse a kind of matrix that the solver does not support."""
     checked_kind(kind)
     if kind > solver.takes:
         raise StvkError(
@@ -68,7 +68,7 @@ def check_kind(solver: LinearSolver, kind: Kind) -> None:
 
 
 def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
-    """The values (nnz,) of K in double precision, not copied if they are; another structure and NaN are refused."""
+    """Return the values (nnz,) of K in double precision, copied only if necessary. Refuse another structure, and NaN."""
     indptr, indices = structure_of(unknowns)
     n = unknowns.n
     if not isinstance(K, csr_matrix) or K.shape != (n, n):
@@ -83,7 +83,10 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
 
 
 def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector, float, Vector | None]:
-    """Right side, tolerance and start of a solve; other shapes, and an `out` that cannot be written to, are refused."""
+    """Return the right-hand side, the tolerance and the start vector of a solve.
+
+    Refuse other shapes, and an `out` that is not writeable.
+    """
     if out is not None:
         own = isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == (n,) and out.flags.writeable
         if not own or isinstance(out, np.ma.MaskedArray):
@@ -93,28 +96,28 @@ def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector,
 
 
 def _right(name: str, given: Any, n: int) -> Vector:
-    """A vector (n,) in double precision, which need not be finite: the outcome of the solve says so."""
+    """Return a vector (n,) in double precision. It may contain NaN or infinity, because the outcome of the solve reports them."""
     return vector(name, given, n, "free degree of freedom").astype(np.float64, copy=False)
 
 
 def checked_unknowns(unknowns: Any) -> Unknowns:
-    """Refuse what is not an `Unknowns`."""
+    """Refuse a value that is not an `Unknowns`."""
     if not isinstance(unknowns, Unknowns):
         raise StvkError(f"unknowns = {shown(unknowns)}; expected Unknowns(vertex, component, indptr, indices).")
     return unknowns
 
 
 def handed_out(found: Solution, out: Vector | None) -> Solution:
-    """The solution, with x in `out` if that is given."""
+    """Return the solution, with x in `out` if that is not None."""
     if out is None or found.x is out:
         return found
     np.copyto(out, found.x)
     return replace(found, x=out)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what overflows is an outcome
+@np.errstate(over="ignore", invalid="ignore")  # overflow is reported as an outcome
 def solve_checked(product: Callable[[Vector], Vector], inverse: Callable[[Vector], Vector], b: Vector, rtol: float) -> Solution:
-    """`x = inverse(b)`, refined once where `|b - K x| > rtol |b|` to `x += inverse(b - K x)`, if that is better."""
+    """Return `x = inverse(b)`, refined once to `x += inverse(b - K x)` if `|b - K x| > rtol |b|` and the refined x is better."""
     size = float(np.linalg.norm(b))
     if not np.isfinite(size):
         return Solution.none(b, Outcome.NOT_FINITE)

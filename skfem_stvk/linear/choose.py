@@ -1,4 +1,4 @@
-"""The choice of a solver: by name, by object, or "auto"."""
+"""Choice of a solver: by name, by object, or "auto"."""
 
 from __future__ import annotations
 
@@ -13,29 +13,32 @@ from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
-#: From so many unknowns on PARDISO is faster than SuperLU.
+#: Number of unknowns from which PARDISO is faster than SuperLU.
 FEW = 3_000
 
 
 class Limit(NamedTuple):
-    """From how many unknowns on multigrid pays, where rows of K have fewer than so many `entries`: `alone`, and beside PARDISO."""
+    """Numbers of unknowns from which multigrid is faster, for rows of K with fewer than `entries` entries.
+
+    `alone` is compared with SuperLU, `beside` with PARDISO.
+    """
 
     entries: float
     alone: int
     beside: int
 
 
-#: Direct solvers hardly fill in what lies in a plane; in space rows with many entries fill in at once.
+#: Direct solvers have little fill-in for plane bodies, but much for solid bodies with many entries per row.
 LIMITS = (
-    Limit(20, 10_000, 15_000),  # triangles, quadrilaterals: 14 - 18 in a plane
+    Limit(20, 10_000, 15_000),  # triangles, quadrilaterals: 14 - 18 entries in two dimensions
     Limit(30, 20_000, 30_000),  # quadratic triangles: 23
     Limit(50, 6_000, 15_000),  # tetrahedra: 35 - 45
     Limit(float("inf"), 1_500, 1_500),  # quadratic tetrahedra, hexahedra: 55 - 80
 )
-#: Where it is not known, rows have as many entries as those of linear tetrahedra.
+#: Default number of entries per row: that of linear tetrahedra.
 ENTRIES = 45
 
-#: All there are, in the order in which messages name them.
+#: All solvers, in the order in which messages list them.
 SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg(), SsorCg())
 
 
@@ -45,22 +48,25 @@ def solver_names() -> list[str]:
 
 
 def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> LinearSolver:
-    """The solver of this name, the object itself, or for "auto" what `docs/solvers.md` measured to be fastest for `n` unknowns.
+    """Return the solver with this name, the solver object itself, or for "auto" the fastest for `n` unknowns.
 
-    `indefinite`: matrices will not be positive definite, and are to be solved with all the same; conjugate gradients notice only.
-    `entries`: about how many K has, if that is known; quadratic tetrahedra and hexahedra have twice as many in a row as linear
-    ones, and what lies in a plane has half as many or less.
+    `docs/solvers.md` has the measurements for "auto".
+
+    `indefinite`: matrices will not be positive definite, but must be solved; conjugate gradients only detect this. `entries`:
+    approximate number of entries of K, if known. Rows of quadratic tetrahedra and hexahedra have twice as many as rows of linear
+    ones. Rows in two dimensions have half as many or less.
 
     Raises
     ------
     StvkError
-        if the name is unknown, or the solver does not take this kind of matrix.
+        if the name is unknown, or the solver does not support this kind of matrix.
     """
     n, indefinite = whole("n", n, "the number of unknowns"), flag("indefinite", indefinite)
     entries = whole("entries", entries, "the number of entries of K")
     if is_auto(solver):
         checked_kind(kind)
-        # multigrid only where it gains even on slender bodies: direct solvers count negative eigenvalues, take what is indefinite
+        # multigrid only if it is faster even on slender bodies: direct solvers count negative eigenvalues and solve indefinite
+        # systems
         return direct(n) if indefinite or kind == Kind.GENERAL or n < _many(n, entries) else AmgCg()
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
@@ -81,7 +87,7 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
 
 
 def why(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> str:
-    """Why `choose` takes what it takes, in words.
+    """Return the reason for the choice of `choose`, as text.
 
     >>> why("auto", 800, Kind.GENERAL), why("superlu", 800, Kind.GENERAL)
     ('direct: K is not symmetric', 'named')
@@ -103,17 +109,17 @@ def why(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False
 
 
 def _many(n: int, entries: int) -> int:
-    """From how many unknowns on multigrid pays."""
+    """Return the number of unknowns from which multigrid is faster."""
     in_a_row = entries / n if entries and n else ENTRIES
     limit = next(limit for limit in LIMITS if in_a_row < limit.entries)
     return limit.beside if pardiso_is_installed() else limit.alone
 
 
 def is_auto(solver: object) -> bool:
-    """Whether the choice is left to `choose`."""
+    """Return whether `choose` is to select the solver."""
     return isinstance(solver, str) and solver == "auto"
 
 
 def direct(n: int) -> LinearSolver:
-    """The fastest direct solver: PARDISO if it is installed and gains, else SuperLU."""
+    """Return the fastest direct solver: PARDISO if it is installed and faster, otherwise SuperLU."""
     return Pardiso() if n >= FEW and pardiso_is_installed() else SuperLU()

@@ -1,4 +1,4 @@
-"""Factors of small full matrices."""
+"""Factors of small dense matrices."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf, dpotrs
 from ..arguments import Array
 from .solver import Outcome, Solution
 
-#: Eigenvalues of a matrix that stands in for an indefinite one are at least this part of the largest one.
+#: Smallest eigenvalue of the substitute for an indefinite matrix, as a part of the largest one.
 LEAST = 1e-8
 
 
 class DenseSolver:
-    """The name and the abilities of `DenseFactors`, as messages and problems ask a linear solver for them."""
+    """Name and properties of `DenseFactors`, for messages and problems that read them from a linear solver."""
 
     name: ClassVar[str] = "dense"
     iterative: ClassVar[bool] = False
@@ -23,10 +23,10 @@ class DenseSolver:
 
 
 class DenseFactors:
-    """Factors of a full matrix `K` (n, n), which is kept: Cholesky's, LU if it is not symmetric, else its eigenvalues.
+    """Factors of a dense matrix `K` (n, n), which is not copied: Cholesky's, LU if K is not symmetric, otherwise its eigenvalues.
 
-    Only a symmetric matrix that is not positive definite needs eigenvalues. They are counted, and `turned` takes their absolute
-    values, so that the solution is a direction in which the energy falls.
+    Only a symmetric matrix that is not positive definite needs eigenvalues. The negative ones are counted. With `turned`, their
+    absolute values are used, so that the energy decreases along the solution.
 
     >>> DenseFactors(np.array([[2.0, 1.0], [1.0, 1.0]])).solve(np.array([3.0, 2.0])).x
     array([1., 1.])
@@ -52,7 +52,7 @@ class DenseFactors:
             self._factors, self._pivots, _ = dgetrf(K)
 
     def solve(self, b: Array, rtol: float = 1e-10, x0: Array | None = None, out: Array | None = None) -> Solution:
-        """`x` with `K x = b`, as precise as the factors are: `rtol` and `x0` are of other solvers."""
+        """Solve `K x = b` to the precision of the factors. `rtol` and `x0` are ignored; other solvers use them."""
         if self._values is not None:
             if not self._values.all():
                 return Solution.none(b, Outcome.SINGULAR)

@@ -1,4 +1,4 @@
-"""How many eigenvalues of a symmetric matrix are negative, by factorisation, and how many have the sign of rounding only."""
+"""Numbers of negative eigenvalues, and of eigenvalues within round-off of zero, of a symmetric matrix, by factorisation."""
 
 from __future__ import annotations
 
@@ -12,24 +12,28 @@ from .choose import direct
 from .solver import Kind, Unknowns
 from .superlu import SuperLU
 
-#: Unknowns up to which a factorisation is worth a count: 0.1 s for triangles, 4 s for a cube of tetrahedra by SuperLU.
+#: Largest number of unknowns for which a count is worth a factorisation: 0.1 s for triangles, 4 s for a cube of tetrahedra
+#: (SuperLU).
 COUNTED = 20_000
-#: What factorisations make of eigenvalues: so many times `eps |K|`, below which their signs are rounding.
+#: Error of eigenvalues by factorisation, relative to `|K|`. The signs of smaller eigenvalues are not significant.
 ROUNDING = 8 * float(np.finfo(float).eps)
 
 
 class Inertia(NamedTuple):
-    """Numbers of eigenvalues of a symmetric matrix below `-8 eps |K|`, and of those up to `8 eps |K|`: rounding has their sign."""
+    """Numbers of eigenvalues of a symmetric matrix below `-8 eps |K|`, and between `-8 eps |K|` and `8 eps |K|`.
+
+    The signs of the latter are those of round-off.
+    """
 
     negative: int
     unsigned: int
 
 
 def inertia(K: csr_matrix, unknowns: Unknowns) -> Inertia | None:
-    """The inertia of K, whose rows and columns are scaled so that its diagonal is one; None if no direct solver can tell.
+    """Return the inertia of K, scaled so that its diagonal is one; None if no direct solver can count the eigenvalues.
 
-    By Sylvester's law scaling changes no sign. It makes `|K|`, the largest sum of a row, one that soft parts beside stiff ones are
-    not lost against.
+    By Sylvester's law, scaling rows and columns changes no sign. `|K|` is the largest sum of a row of the scaled matrix. Hence soft
+    parts are not lost in the round-off of stiff parts.
 
     >>> K = csr_matrix(np.array([[2.0, -1, 0], [-1, -2, 1], [0, 1, 3]]))
     >>> inertia(K, Unknowns(np.arange(3), np.zeros(3, dtype=int), K.indptr, K.indices))
@@ -43,9 +47,9 @@ def inertia(K: csr_matrix, unknowns: Unknowns) -> Inertia | None:
 
 
 def eigenvalues_below(K: csr_matrix, shift: float, unknowns: Unknowns) -> int | None:
-    """How many eigenvalues of a symmetric matrix are below `shift`; None if no direct solver can tell."""
+    """Return the number of eigenvalues of a symmetric matrix below `shift`; None if no direct solver can count them."""
     moved, first = shifted(K, shift), direct(unknowns.n)
-    for solver in (first,) if first.name == SuperLU.name else (first, SuperLU()):  # PARDISO may replace pivots: no signs then
+    for solver in (first,) if first.name == SuperLU.name else (first, SuperLU()):  # PARDISO may replace pivots: no signs
         count = solver.analyse(unknowns).factorise(moved, Kind.SYMMETRIC).negative_pivots
         if count is not None:
             return count
@@ -53,20 +57,20 @@ def eigenvalues_below(K: csr_matrix, shift: float, unknowns: Unknowns) -> int | 
 
 
 def shifted(K: csr_matrix, shift: float) -> csr_matrix:
-    """`K - shift I`, of the same pattern."""
+    """Return `K - shift I`, with the same pattern."""
     values = K.data.copy()
     values[np.repeat(np.arange(K.shape[0]), np.diff(K.indptr)) == K.indices] -= shift
     return csr_matrix((values, K.indices, K.indptr), shape=K.shape)
 
 
 def transposition(K: csr_matrix) -> NDArray[np.int64]:
-    """Where the values of K' stand among those of K, whose pattern is symmetric and sorted."""
+    """Return the indices of the values of K' among those of K, whose pattern is symmetric and sorted."""
     places = np.arange(len(K.data))
     return np.asarray(csr_matrix((places, K.indices, K.indptr), shape=K.shape).T.tocsr().data)
 
 
 def _scaled(K: csr_matrix) -> csr_matrix:
-    """K with a diagonal of ones, or minus one."""
+    """Return K with diagonal entries 1 or -1."""
     size, row = np.abs(K.diagonal()), np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
     scale = 1 / np.sqrt(np.where(size > 0, size, size.max() if size.max() > 0 else 1.0))
     return csr_matrix((K.data * scale[row] * scale[K.indices], K.indices, K.indptr), shape=K.shape)

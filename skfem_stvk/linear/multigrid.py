@@ -18,18 +18,19 @@ from .blocks import BlockStructure, Middles
 
 SINGLE: Any = np.float32
 TURNS = 8
-#: Nodes are strongly coupled if `|A_ij| >= STRONG sqrt(|A_ii| |A_jj|)`: about what slender elements and jumps of stiffness need.
+#: Nodes are strongly coupled if `|A_ij| >= STRONG sqrt(|A_ii| |A_jj|)`. The value suits slender elements and jumps of stiffness.
 STRONG = 0.05
-#: Aggregates of fewer nodes on average make coarse levels expensive; then weaker couplings count as strong, too.
+#: Smallest average number of nodes per aggregate. Smaller aggregates make coarse levels expensive, so weaker couplings are
+#: included.
 FEWEST = 5
-#: Nodes of the coarsest level at most: it is solved by its dense inverse.
+#: Largest number of nodes of the coarsest level, which is solved by its dense inverse.
 COARSEST = 50
 
 
 class Level:
-    """A matrix `A` in `blocks` in double precision, and `scale` times it in `single`, which is enough to smooth with.
+    """Matrix `A` with values `blocks` in double precision, and `scale` times them in `single`, which is sufficient for smoothing.
 
-    Its nodes have the `graph`, with the diagonal, columns sorted; `x` (3 n,) is the result of the last sweep.
+    `graph` is the graph of its nodes, with the diagonal and sorted columns. `x` (3 n,) is the result of the last sweep.
     """
 
     def __init__(self, graph: csr_matrix, structure: BlockStructure, diagonal: Ids, blocks: Reals, single: Reals) -> None:
@@ -39,7 +40,7 @@ class Level:
         self.x, self._left = np.empty(3 * n, SINGLE), np.empty(3 * n, SINGLE)
 
     def scale(self, scale: float) -> None:
-        """Copy the values to single precision; an unknown that no mode of the level above reaches gets a diagonal."""
+        """Copy the values to single precision. An unknown that no mode of the next finer level reaches gets a diagonal entry."""
         entries = self.blocks.reshape(-1, 9)
         for component in (0, 4, 8):
             dead = self._diagonal[entries[self._diagonal, component] == 0]
@@ -47,14 +48,14 @@ class Level:
         np.multiply(self.blocks, scale, out=self.single, casting="same_kind")
 
     def invert(self) -> None:
-        """Invert the diagonal blocks, for sweeps that run in parts at the same time."""
+        """Invert the diagonal blocks, for sweeps whose parts run concurrently."""
         A = self.A
         if len(A.parts) > 2:
             run(kernels.outside, A.parts, A.rows, A.columns, self.single, self._extra)
         run(kernels.invert_diagonal, A.parts, self._diagonal, self.single, self._extra, self._inverse)
 
     def forward(self, b: Reals) -> Reals:
-        """Sweep forward from zero to `x`; the residual."""
+        """Sweep forward from zero, write the result to `x`, and return the residual."""
         A = self.A
         run(kernels.sweep_forward, A.parts, A.rows, A.columns, self._diagonal, self.single, self._inverse, b, self.x)
         own = A.rows, A.columns, self._diagonal, self.single, self._extra, self.x, self._left
@@ -71,14 +72,17 @@ class Level:
         return self.x
 
     def smoothed(self, structure: BlockStructure, places: Ids, products: Reals, tentative: Reals, scale: float, out: Reals) -> None:
-        """Write `P = T - 4/3 / rho D^-1 A T`; `products` are A T in the structure of P, where T stands at `places`."""
+        """Write `P = T - 4/3 / rho D^-1 A T`. `products` are A T in the structure of P, in which `places` are the indices of T."""
         count = len(tentative) // (9 * self.A.n)
         omega = 4 / 3 / self._spectral_radius() * scale
         own = structure.rows, places, count, self._inverse, omega, products, tentative
         run(kernels.smooth_prolongator, self.A.parts, *own, out)
 
     def _spectral_radius(self) -> float:
-        """An estimate of the spectral radius of `D^-1 A` by the power method, which stays below it."""
+        """Return an estimate of the spectral radius of `D^-1 A` by the power method.
+
+        The result is multiplied by 1.1, because the method underestimates the radius.
+        """
         x = np.random.default_rng(0).standard_normal(3 * self.A.n).astype(SINGLE)
         for _ in range(TURNS):
             x /= self._size(x)
@@ -91,13 +95,16 @@ class Level:
 
 
 class Transfer(ABC):
-    """A way to the next level: `R = P'`, and `A_next = R A P` of `structure` and `graph`."""
+    """Transfer to the next level: `R = P'`, and `A_next = R A P` with `structure` and `graph`."""
 
     graph: csr_matrix
     structure: BlockStructure
 
     def __init__(self, graph: csr_matrix, P: csr_matrix, row: int, column: int) -> None:
-        """By the structure of P between the nodes of a graph, for `row` and `column` blocks of each node above and below."""
+        """Set up the structures from that of P between the nodes of a graph.
+
+        Each node has `row` blocks on the finer level and `column` blocks on the coarser one.
+        """
         P, graph = _sorted(P), graph.astype(np.float32)
         AP = _sorted(graph @ P)
         self.graph = _sorted(P.T.tocsr() @ AP)
@@ -108,7 +115,7 @@ class Transfer(ABC):
 
     @abstractmethod
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
-        """Compute P by the `modes` of a level; those of the next level."""
+        """Compute P from the `modes` of a level, and return the modes of the next level."""
 
     def galerkin(self, level: Level, out: Reals) -> None:
         """Write `R A P` to the values of the next level."""
@@ -116,7 +123,7 @@ class Transfer(ABC):
         self._R.multiply(self._r, self._AP, self._ap, self.structure, out)
 
     def restrict(self, residual: Reals, out: Reals) -> Reals:
-        """The restricted residual `R r`."""
+        """Return the restricted residual `R r`."""
         return self._R.product(self._r, residual, out)
 
     def correct(self, error: Reals, x: Reals) -> None:
@@ -124,12 +131,12 @@ class Transfer(ABC):
         self._P.product(self._p, error, x, add=True)
 
     def _transpose(self) -> None:
-        """Write R from P."""
+        """Write R as the transpose of P."""
         run(kernels.transpose_blocks, parts_of(len(self._transposition), 0.3, threads()), self._transposition, self._p, self._r)
 
 
 class Coarsening(Transfer):
-    """The transfer to aggregates of nodes, P by smoothed aggregation."""
+    """Transfer to aggregates of nodes, with P by smoothed aggregation."""
 
     def __init__(self, level: Level, count: int) -> None:
         numbers = aggregates(level.graph, level.A, level.single)
@@ -143,7 +150,7 @@ class Coarsening(Transfer):
         self._places = np.flatnonzero(self._P.columns == count * rows[self._P.row_of_each()])
 
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
-        """Compute P such that its range holds `modes` (blocks of T's structure); the modes of the next level."""
+        """Compute P such that its range contains `modes` (blocks of T's structure), and return the modes of the next level."""
         n = len(self._starts) - 1
         coarse = np.empty(9 * self._count**2 * n)
         parts = parts_of(n, 40, threads())
@@ -155,12 +162,13 @@ class Coarsening(Transfer):
 
 
 class ToCorners(Transfer):
-    """The transfer from quadratic elements to linear ones on their corners: P takes the mean of both ends at the middle of an edge.
+    """Transfer from quadratic elements to linear ones on their corners. At the middle of an edge, P is the mean of both ends.
 
-    On straight edges `R A P` is the matrix of the linear elements, exactly, but for components that are held. Linear elements
-    resist a support of a few nodes more stiffly than quadratic ones, and the body's motion on such a support would take iterations
-    of its own. So where one end is held, its middle does not take the mean, half of the other end, but what the forces on it ask
-    for when all that is free moves by one: half of it again next to a wall, up to all of it next to a single node.
+    On straight edges, `R A P` is exactly the matrix of the linear elements, except for constrained components. Linear elements are
+    stiffer than quadratic ones at a support of a few nodes. The body's motion on such a support would cost additional iterations.
+    Therefore, if one end is constrained, the weight of the other end is not always 1/2, as in the mean. The weight is that for
+    which the forces at the middle balance, up to a Jacobi step, when all free corners move by one. It is 1/2 next to a wall, and up
+    to 1 next to a single node.
     """
 
     def __init__(self, level: Level, middles: Middles) -> None:
@@ -178,12 +186,15 @@ class ToCorners(Transfer):
         self._write(self._means)
 
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
-        """Compute P by the values of a level; the modes at the corners."""
+        """Compute P from the values of a level, and return the modes at the corners."""
         self._write(self._means * self._factors(level)[self._row])
         return np.ascontiguousarray(modes.reshape(level.A.n, -1)[self._corners]).ravel()
 
     def _factors(self, level: Level) -> Reals:
-        """(n, 3) of the means: a Jacobi step of the components that have one end only, where the free corners move by one."""
+        """Return the factors (n, 3) of the means.
+
+        They are a Jacobi step for the components with one free end, when the free corners move by one.
+        """
         sums = np.zeros((level.A.n, 3))
         np.add.at(sums, self._row, self._means)
         out = np.ones_like(sums)
@@ -197,7 +208,7 @@ class ToCorners(Transfer):
         return out
 
     def _write(self, values: Reals) -> None:
-        """Write P, and R, from the diagonals of its blocks (blocks, 3)."""
+        """Write P and R from the diagonals of P's blocks (blocks, 3)."""
         self._p[:] = (values[:, :, None] * np.eye(3)).ravel()
         self._transpose()
 
@@ -208,7 +219,7 @@ def _sorted(graph: csr_matrix) -> csr_matrix:
 
 
 def aggregates(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> NDArray[np.int32]:
-    """The number (nodes,) of each node's aggregate, by pyamg's standard aggregation of strongly coupled nodes of the graph.
+    """Return the aggregate number (nodes,) of each node, by pyamg's standard aggregation of strongly coupled nodes of the graph.
 
     The matrix has the same number of block rows for each node.
     """
@@ -223,7 +234,7 @@ def aggregates(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> N
 
 
 def _norms(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> tuple[Reals, Reals]:
-    """Frobenius norms of the blocks of the graph's entries, and of its diagonal."""
+    """Return the Frobenius norms of the blocks of the graph's entries, and of its diagonal."""
     squares = np.einsum("ij,ij->i", blocks.reshape(-1, 9), blocks.reshape(-1, 9), dtype=np.float64)
     each = structure.n // graph.shape[0]
     if each > 1:
@@ -237,7 +248,7 @@ def _norms(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> tuple
 
 
 def _aggregates(graph: csr_matrix, row: Ids, kept: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Aggregates by the graph's entries that are kept; a node without neighbours is an aggregate of its own."""
+    """Return aggregates by the retained entries of the graph. A node without neighbours is an aggregate of its own."""
     rows = np.concatenate([[0], np.cumsum(kept)])[graph.indptr].astype(np.int32)
     strong = csr_matrix((np.ones(rows[-1]), graph.indices[kept], rows), shape=graph.shape)
     found, _ = _standard_aggregation()(strong)
@@ -247,7 +258,7 @@ def _aggregates(graph: csr_matrix, row: Ids, kept: NDArray[np.bool_]) -> NDArray
 
 
 def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
-    """pyamg's function, imported when it is needed: `python -OO` removes docstrings that pyamg adds to."""
+    """Return pyamg's function. It is imported on demand, because `python -OO` removes docstrings that pyamg extends."""
     try:
         from pyamg.aggregation.aggregate import standard_aggregation
     except TypeError as error:
@@ -260,10 +271,10 @@ def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
 
 
 class Hierarchy:
-    """Levels of a matrix, from fine to coarse: an approximate inverse, symmetric and positive definite.
+    """Levels of a matrix, from fine to coarse. They form an approximate inverse, symmetric and positive definite.
 
-    The `modes` (3 n, r) are displacements of little energy, in the block rows of the matrix; single precision is `scale`d. Where
-    some rows are `middles` of edges, as of quadratic elements, the second level is that of the corners.
+    The `modes` (3 n, r) are displacements of low energy, in the block rows of the matrix. Values in single precision are multiplied
+    by `scale`. If some rows are `middles` of edges, as for quadratic elements, the second level is that of the corners.
     """
 
     def __init__(self, finest: Level, modes: Reals, scale: float, middles: Middles | None = None) -> None:
@@ -286,14 +297,14 @@ class Hierarchy:
         self._sums = [np.empty_like(level.x) for level in self._levels]
 
     def refresh(self, scale: float) -> None:
-        """Fill all levels anew from the values of the finest; R and P stay."""
+        """Compute all levels again from the values of the finest; R and P do not change."""
         for number in range(1, len(self._levels)):
             self._levels[number - 1].invert()
             self._fill(number, scale)
         self._solve_coarsest(scale)
 
     def __call__(self, b: Reals) -> Reals:
-        """Run one cycle for `b` in single precision; the next one overwrites the result."""
+        """Run one cycle for `b` in single precision. The next call overwrites the result."""
         return self._cycle(0, b)
 
     def _fill(self, number: int, scale: float) -> None:
@@ -302,7 +313,7 @@ class Hierarchy:
         level.scale(scale)
 
     def _solve_coarsest(self, scale: float) -> None:
-        """Invert the coarsest matrix, as a matrix of blocks; an indefinite one is replaced by its absolute value."""
+        """Invert the coarsest matrix, as a matrix of blocks. An indefinite one is replaced by its absolute value."""
         level = self._levels[-1]
         n, dense = level.A.n, scale * level.A.dense(level.blocks)
         inverse = dense.copy()
@@ -324,7 +335,7 @@ class Hierarchy:
         return level.backward(b)
 
     def _twice(self, number: int, b: Reals) -> Reals:
-        """Run two cycles (W): coarse levels cost little, and inexact ones cost iterations on the finest."""
+        """Run two cycles (W). Coarse levels are cheap, and inexact coarse solves cost iterations on the finest level."""
         level, total = self._levels[number], self._sums[number]
         x = self._cycle(number, b)
         if number == len(self._ways):
@@ -337,7 +348,7 @@ class Hierarchy:
 
 
 def _in_blocks(modes: Reals, count: int) -> Reals:
-    """The modes (9 count n,) as `count` blocks per block row, padded with zeros."""
+    """Return the modes (9 count n,) as `count` blocks per block row, padded with zeros."""
     padded = np.zeros((len(modes), 3 * count))
     padded[:, : modes.shape[1]] = modes
     return np.ascontiguousarray(padded.reshape(-1, 3, count, 3).transpose(0, 2, 1, 3)).ravel()

@@ -1,7 +1,7 @@
-"""PARDISO of Intel's MKL, by the optional package pypardiso: direct, on all cores.
+"""PARDISO of Intel's MKL, through the optional package pypardiso: direct, on all cores.
 
-Symmetric matrices go as mtype -2 (Bunch-Kaufman): as fast as positive definite ones, and it gives the inertia. Of those PARDISO
-wants the upper triangle with every diagonal entry: handed all of the matrix, it crashes the process.
+Symmetric matrices use mtype -2 (Bunch-Kaufman). It is as fast as the type for positive definite matrices, and reports the inertia.
+For symmetric matrices PARDISO requires the upper triangle with every diagonal entry. With the full matrix, it crashes the process.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
 SYMMETRIC, GENERAL = -2, 11  # mtype
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33  # phase
 NEGATIVE, PERTURBED = 23, 14  # iparm, counted from 1
-KILOBYTES = 16, 17  # of the analysis, and of the factors
+KILOBYTES = 16, 17  # memory of the analysis, and of the factors
 
-#: iparm, counted from 1: ours, METIS, no refinement unless pivots were perturbed (it took five times the solve), pivots below
-#: 10^-iparm(10) perturbed.
+#: iparm, counted from 1: no default values, METIS, no refinement unless pivots were perturbed (it took five times the solve),
+#: pivots below 10^-iparm(10) perturbed.
 OPTIONS = {SYMMETRIC: {1: 1, 2: 2, 8: 0, 10: 8, 21: 1}, GENERAL: {1: 1, 2: 2, 8: 0, 10: 13, 11: 1, 13: 1}}
 
-#: What its error codes mean.
+#: Meanings of PARDISO's error codes.
 ERRORS = {
     -2: "not enough memory",
     -3: "reordering failed",
@@ -41,13 +41,13 @@ ERRORS = {
 
 
 def pardiso_is_installed() -> bool:
-    """Whether pypardiso can be imported; it is not imported."""
+    """Return whether pypardiso can be imported, without importing it."""
     return importlib.util.find_spec("pypardiso") is not None
 
 
 @dataclass(frozen=True)
 class Pardiso:
-    """PARDISO with its three phases kept apart: the order of elimination is worked out once per pattern.
+    """PARDISO with separate calls of its three phases. The order of elimination is computed once per pattern.
 
     >>> import numpy as np
     >>> from scipy.sparse import csr_matrix
@@ -64,7 +64,7 @@ class Pardiso:
     iterative: ClassVar[bool] = False
 
     def analyse(self, unknowns: Unknowns) -> PardisoAnalysis:
-        """Work out the order of elimination of symmetric matrices of this structure.
+        """Compute the order of elimination of symmetric matrices of this structure.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class Pardiso:
 
 
 class PardisoAnalysis:
-    """One set of PARDISO's internal memory, for symmetric or general matrices, whichever were asked for last."""
+    """One set of PARDISO's internal memory, for the type of matrix of the last request, symmetric or general."""
 
     def __init__(self, solver: Pardiso, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
@@ -85,7 +85,7 @@ class PardisoAnalysis:
 
     @in_turn
     def factorise(self, K: Any, kind: Kind) -> PardisoFactors:
-        """Factorise in the order of elimination that there is.
+        """Factorise with the present order of elimination.
 
         A general matrix after symmetric ones, or the reverse, needs a new order.
         """
@@ -97,17 +97,18 @@ class PardisoAnalysis:
             self._memory.release()
             self._memory = _Memory(self._unknowns, mtype)
             self._memory.fill(values)
-            self._memory.call(ANALYSE)  # of a general matrix it looks at the values, too
+            self._memory.call(ANALYSE)  # for a general matrix, the analysis uses the values, too
         self._memory.fill(values)
         return PardisoFactors(self._memory, self._newest, number)
 
 
 class PardisoFactors:
-    """The factors `L D L'` or `L U`, in the memory of the analysis.
+    """Factors `L D L'` or `L U`, in the memory of the analysis.
 
     Attributes
     ----------
-    perturbed_pivots : pivots too small to divide by, which PARDISO replaced; there the matrix is nearly singular.
+    perturbed_pivots : number of pivots that were too small to divide by, which PARDISO replaced. The matrix is then nearly
+        singular.
     """
 
     def __init__(self, memory: _Memory, newest: Newest, number: int) -> None:
@@ -119,17 +120,17 @@ class PardisoFactors:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the factors and of what the analysis keeps, as PARDISO reports them."""
+        """Bytes of the factors and of the memory of the analysis, as PARDISO reports them."""
         return 1024 * sum(self._memory.iparm(number) for number in KILOBYTES)
 
     @property
     def negative_pivots(self) -> int | None:
-        """The number of negative eigenvalues; None where pivots were perturbed, for their signs say nothing."""
+        """Number of negative eigenvalues; None if pivots were perturbed, because their signs are not significant."""
         return self._negative
 
     @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Solve with the factors, and refine as often as the residual asks for; `x0` is not needed."""
+        """Solve with the factors, and refine if the residual requires it. `x0` is ignored."""
         b, rtol, _ = checked_right(b, self._memory.n, rtol, x0, out)
         if not self._exact:
             return handed_out(Solution.none(b, Outcome.SINGULAR), out)
@@ -137,12 +138,15 @@ class PardisoFactors:
 
     @by_newest
     def solve_many(self, B: Vector) -> Vector:
-        """Solutions (n, m) for the columns of B (n, m), not refined, NaN if K is singular: ten times as fast as one by one."""
+        """Return the solutions (n, m) for the columns of B (n, m), not refined; NaN if K is singular.
+
+        This is ten times as fast as column by column.
+        """
         return self._memory.solve(np.asfortranarray(B)) if self._exact else np.full(B.shape, np.nan)
 
 
 class _Memory:
-    """PARDISO's handle and the arrays that it reads; the only place that calls pypardiso, whose `_call_pardiso` is private."""
+    """PARDISO's handle and the arrays that it reads. Only this class calls pypardiso, whose `_call_pardiso` is private."""
 
     def __init__(self, unknowns: Unknowns, mtype: int) -> None:
         self._error, self._pardiso = _package(mtype)
@@ -153,20 +157,20 @@ class _Memory:
         self.release = weakref.finalize(self, _release, self._pardiso)
 
     def fill(self, values: NDArray[np.float64]) -> None:
-        """Set the values that the next phases work with."""
+        """Set the values for the next phases."""
         self._matrix.data[:] = values if self._kept is None else values[self._kept]
 
     def call(self, phase: int) -> bool:
-        """Run a phase without a right-hand side; False if the matrix is singular."""
+        """Run a phase without a right-hand side. Return False if the matrix is singular."""
         return self._run(phase, np.zeros(self.n)) is not None
 
     def solve(self, b: Vector) -> Vector:
-        """The solution with the current factors; NaN if the matrix is singular, which MKL up to 2023 says only here."""
+        """Return the solution with the current factors; NaN if the matrix is singular, which MKL up to 2023 reports only here."""
         x = self._run(SOLVE, b)
         return np.full(b.shape, np.nan) if x is None else x
 
     def _run(self, phase: int, b: Vector) -> Vector | None:
-        """The result of a phase for `b`; None if the matrix is singular."""
+        """Return the result of a phase for `b`; None if the matrix is singular."""
         self._pardiso.set_phase(phase)
         try:
             return np.asarray(self._pardiso._call_pardiso(self._matrix, b))
@@ -179,19 +183,19 @@ class _Memory:
             ) from error
 
     def product(self, x: Vector) -> Vector:
-        """The product `K x`, from the triangle that is stored."""
+        """Return the product `K x`, computed from the stored triangle."""
         K = self._matrix
         if self._diagonal is None:
             return np.asarray(K @ x)
         return np.asarray(K @ x + K.T @ x - K.data[self._diagonal] * x)
 
     def iparm(self, number: int) -> int:
-        """The number that PARDISO reports in this entry of iparm, counted from 1."""
+        """Return PARDISO's value of this entry of iparm, counted from 1."""
         return int(self._pardiso.get_iparm(number))
 
 
 def _structure(unknowns: Unknowns, mtype: int) -> tuple[Any, Any, Any]:
-    """Rows, columns, and which values are kept: for symmetric matrices those of the upper triangle."""
+    """Return rows, columns, and the indices of the retained values: for symmetric matrices those of the upper triangle."""
     indptr, indices = structure_of(unknowns)
     row = np.repeat(np.arange(unknowns.n, dtype=np.int32), np.diff(indptr))
     bare = np.setdiff1d(np.arange(unknowns.n), row[row == indices])
@@ -205,7 +209,7 @@ def _structure(unknowns: Unknowns, mtype: int) -> tuple[Any, Any, Any]:
 
 
 def _package(mtype: int) -> tuple[type[Any], Any]:
-    """pypardiso's error, and a solver of its own for this type of matrix."""
+    """Return pypardiso's error class, and a new solver for this type of matrix."""
     try:
         package = importlib.import_module("pypardiso.pardiso_wrapper")
     except ImportError as error:

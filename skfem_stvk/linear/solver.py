@@ -1,11 +1,11 @@
-"""The interface of linear solvers.
+"""Interface of linear solvers.
 
     analysis = solver.analyse(unknowns)            once per mesh and its supports
     factors = analysis.factorise(K, kind)          once per Newton step
     solution = factors.solve(b, rtol, x0)          as often as needed
 
-A solver holds options only and never changes. What is kept between Newton steps is in the analysis, which owns one set of factors:
-with new ones the old refuse to solve.
+A solver has options only and never changes. Data that are retained between Newton steps are in the analysis, which owns one set of
+factors. After a new factorisation, the previous factors refuse to solve.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Vector = NDArray[np.float64]
 
 
 class Kind(IntEnum):
-    """What a matrix is, from special to general. A solver that takes a kind takes those before it."""
+    """Kind of a matrix, from special to general. A solver that supports a kind supports all kinds before it."""
 
     POSITIVE_DEFINITE = 0
     SYMMETRIC = 1
@@ -36,7 +36,7 @@ class Kind(IntEnum):
 
 
 class Outcome(Enum):
-    """How a solve ended, in words."""
+    """Outcome of a solve; the value is its description."""
 
     SOLVED = "solved"
     NEGATIVE_CURVATURE = "the matrix is not positive definite: p'Kp <= 0 along a direction p"
@@ -48,14 +48,14 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Solution:
-    """The result of a solve, which is always finite.
+    """Result of a solve, which is always finite.
 
     Attributes
     ----------
     x : (n,) the solution; with an outcome other than SOLVED the best one found, zero if there is none.
-    iterations : number of CG iterations, or how often a direct solver refined.
-    residual : `|b - K x| / |b|`, computed from x, 1 if there is none.
-    outcome : how the solve ended.
+    iterations : number of iterations of conjugate gradients, or of refinements by a direct solver.
+    residual : `|b - K x| / |b|`, computed from x; 1 if there is no x.
+    outcome : outcome of the solve.
     start : the residual before the first iteration.
     """
 
@@ -67,22 +67,22 @@ class Solution:
 
     @classmethod
     def none(cls, b: Vector, outcome: Outcome) -> Solution:
-        """Zero instead of a solution, with the outcome that says why."""
+        """Return zero instead of a solution, with the outcome as the reason."""
         return cls(np.zeros_like(b), 0, 1.0, outcome)
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The free degrees of freedom, and which of them K couples.
+    """Free degrees of freedom, and the pattern of K that couples them.
 
     Attributes
     ----------
     vertex, component : (n,) of each unknown, sorted by vertex, then by component.
-    indptr, indices : structure of K in CSR format, columns sorted; None where K is never formed.
-    near_null_space : gives the (n, r) rigid motions, restricted to the unknowns, of the body as it is when it is called; AMG needs
-        it.
-    ends : (nv, 2) vertices between which each lies in the middle of an edge of a quadratic element, itself twice of a corner; None
-        where there is none.
+    indptr, indices : structure of K in CSR format, columns sorted; None if K is never formed.
+    near_null_space : function that returns the (n, r) rigid motions, restricted to the unknowns, of the body in its state at the
+        time of the call. AMG requires it.
+    ends : (nv, 2) for each vertex in the middle of an edge of a quadratic element, the vertices at both ends; for a corner its own
+        number twice. None if there are no such vertices.
     """
 
     vertex: NDArray[np.integer[Any]]
@@ -116,21 +116,21 @@ class Unknowns:
 
 
 def structure_of(unknowns: Unknowns) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
-    """Rows and columns of K in CSR format; unknowns that do not know them are refused."""
+    """Return the row pointers and columns of K in CSR format. Refuse unknowns without them."""
     if unknowns.indptr is None or unknowns.indices is None:
         raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
     return unknowns.indptr, unknowns.indices
 
 
 class EdgeBlocks(NamedTuple):
-    """K over the unknowns as blocks of edges: `(K v)_a = S_a v_a + sum_b K_ab (v_b - v_a)`, `v = 0` at what is held.
+    """K over the unknowns as blocks of edges: `(K v)_a = S_a v_a + sum_b K_ab (v_b - v_a)`, with `v = 0` at constrained components.
 
     Attributes
     ----------
     edges : (ne, 2) pairs of block rows.
-    blocks : (9 ne,) `K_ab`, row by row, three components always.
+    blocks : (9 ne,) `K_ab`, row by row, always with three components.
     vertices : (rows,) vertex of each block row.
-    shift : (n,) of the unknowns, the diagonal of all `S_a`; None is zero.
+    shift : (n,) diagonal of all `S_a` for the unknowns; None means zero.
     """
 
     edges: NDArray[np.integer[Any]]
@@ -140,62 +140,65 @@ class EdgeBlocks(NamedTuple):
 
 
 class Operator(Protocol):
-    """K as a matrix-free solver needs it.
+    """K in the form that a matrix-free solver requires.
 
-    One with `by_edges() -> EdgeBlocks | None` is solved with by a compiled loop, if that is not None.
+    If an operator has `by_edges() -> EdgeBlocks | None` and the result is not None, a compiled loop solves with it.
     """
 
     def matvec(self, v: Vector) -> Vector:
-        """The product `K v` (n,) over the free degrees of freedom."""
+        """Return the product `K v` (n,) over the free degrees of freedom."""
 
     def diagonal_blocks(self) -> Vector:
-        """(nv, d, d) blocks `K_aa` of the vertices that `Unknowns.vertex` counts; held components are not looked at."""
+        """Return the blocks `K_aa` (nv, d, d) of the vertices, in the numbering of `Unknowns.vertex`.
+
+        Constrained components are ignored.
+        """
 
 
 class Factors(Protocol):
-    """A matrix that is ready to solve with."""
+    """Factorised or preconditioned matrix, ready for solves."""
 
     @property
     def negative_pivots(self) -> int | None:
-        """How many eigenvalues of K are negative; None if the solver cannot tell."""
+        """Number of negative eigenvalues of K; None if the solver cannot count them."""
 
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """`x` with `|b - K x| <= rtol |b|`, or the outcome says why not.
+        """Return `x` with `|b - K x| <= rtol |b|`; otherwise the outcome has the reason.
 
         Iterative solvers start from `x0` (n,). x is written to `out` (n,), which may be `x0`; by default to a new array.
         """
 
 
 class Analysis(Protocol):
-    """What depends on the structure of K alone."""
+    """Data that depend on the structure of K alone."""
 
     def factorise(self, K: Any, kind: Kind) -> Factors:
-        """Factors of a matrix of this structure (an `Operator` where the solver is matrix-free); values are copied."""
+        """Return the factors of a matrix of this structure (an `Operator` if the solver is matrix-free). Values are copied."""
 
 
 class LinearSolver(Protocol):
-    """The options of a solver, which are frozen."""
+    """Options of a solver, which are frozen."""
 
     @property
     def name(self) -> str:
-        """The name that `solver="..."` takes."""
+        """Name of the solver for `solver="..."`."""
 
     @property
     def takes(self) -> Kind:
-        """The most general kind of matrix that the solver takes."""
+        """Most general kind of matrix that the solver supports."""
 
     @property
     def matrix_free(self) -> bool:
-        """Whether it takes an `Operator` instead of a matrix."""
+        """Whether the solver requires an `Operator` instead of a matrix."""
 
     @property
     def iterative(self) -> bool:
         """Whether a larger rtol makes the solver faster."""
 
     def analyse(self, unknowns: Unknowns) -> Analysis:
-        """Prepare what does not depend on values."""
+        """Prepare the data that do not depend on values."""
 
 
 def names(solvers: Sequence[LinearSolver]) -> str:
-    """The solvers' names, as a message lists them."""
+    """Return the solvers' names as a list for messages."""
     return ", ".join(f"'{solver.name}'" for solver in solvers)

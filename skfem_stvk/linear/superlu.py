@@ -1,4 +1,4 @@
-"""SuperLU, which comes with SciPy: direct, on one thread, for every matrix."""
+"""SuperLU of SciPy: direct, on one thread, for every matrix."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from scipy.sparse.linalg import splu
 from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
-#: A diagonal entry is the pivot unless it is smaller than this part of the largest of its column.
+#: Threshold of pivoting: a diagonal entry is the pivot unless it is smaller than this part of the largest entry of its column.
 PIVOT = {Kind.POSITIVE_DEFINITE: 0.0, Kind.SYMMETRIC: 1e-3, Kind.GENERAL: 0.1}
 
 
 @dataclass(frozen=True)
 class SuperLU:
-    """Sparse LU with an order of minimum degree on `K + K'`; nothing is kept from one matrix to the next.
+    """Sparse LU with a minimum degree order on `K + K'`. No data are retained from one matrix to the next.
 
     >>> import numpy as np
     >>> from scipy.sparse import csr_matrix
@@ -38,18 +38,18 @@ class SuperLU:
     iterative: ClassVar[bool] = False
 
     def analyse(self, unknowns: Unknowns) -> SuperLUAnalysis:
-        """Hold the structure: SuperLU offers no analysis of its own."""
+        """Store the structure. SuperLU has no separate analysis."""
         return SuperLUAnalysis(self, checked_unknowns(unknowns))
 
 
 class SuperLUAnalysis:
-    """The structure that matrices must have."""
+    """Structure that matrices must have."""
 
     def __init__(self, solver: SuperLU, unknowns: Unknowns) -> None:
         self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
 
     def factorise(self, K: Any, kind: Kind) -> SuperLUFactors:
-        """Factorise `K = L U`; a zero pivot shows in the outcome of solves."""
+        """Factorise `K = L U`. The outcome of a solve reports a zero pivot."""
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns).copy()
         matrix = csc_matrix((values, K.indices, K.indptr), shape=K.shape)  # of K', whose structure is that of K
@@ -57,7 +57,7 @@ class SuperLUAnalysis:
 
 
 class SuperLUFactors:
-    """The factors `L U` of the transpose: rows in CSR format are columns in SuperLU's."""
+    """Factors `L U` of the transpose, because rows in CSR format are columns in SuperLU's."""
 
     def __init__(self, transpose: csc_matrix, kind: Kind, newest: Newest) -> None:
         self._transpose, self._kind = transpose, kind
@@ -66,10 +66,10 @@ class SuperLUFactors:
 
     @cached_property
     def negative_pivots(self) -> int | None:
-        """Negative pivots on the diagonal of U, where no rows were exchanged: then `U = D L'`. Reading it copies L and U.
+        """Number of negative pivots on the diagonal of U. Without row exchanges, `U = D L'`. Reading it copies L and U.
 
-        Where rows were exchanged, another factorisation takes diagonal pivots only; if one of those is zero, K is indefinite or
-        singular, and 1 stands for at least one eigenvalue that is not positive.
+        If rows were exchanged, a second factorisation uses diagonal pivots only. If one of them is zero, K is indefinite or
+        singular. The result is then 1, which means at least one eigenvalue that is not positive.
         """
         if self._kind == Kind.GENERAL:
             return None
@@ -83,7 +83,7 @@ class SuperLUFactors:
 
     @property
     def negative_determinant(self) -> bool | None:
-        """Whether the determinant is negative, by the diagonal of U and the exchanges; None if the matrix is singular."""
+        """Whether the determinant is negative, from the diagonal of U and the exchanges; None if the matrix is singular."""
         lu = self._lu
         if lu is None:
             return None
@@ -92,7 +92,7 @@ class SuperLUFactors:
 
     @by_newest
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Solve with the factors, and refine as often as the residual asks for; `x0` is not needed."""
+        """Solve with the factors, and refine if the residual requires it. `x0` is ignored."""
         b, rtol, _ = checked_right(b, self._transpose.shape[0], rtol, x0, out)
         if self._lu is None:
             return handed_out(Solution.none(b, Outcome.SINGULAR), out)
@@ -101,17 +101,17 @@ class SuperLUFactors:
 
     @by_newest
     def solve_many(self, B: Vector) -> Vector:
-        """Solutions (n, m) for the columns of B (n, m), not refined, NaN if K is singular."""
+        """Return the solutions (n, m) for the columns of B (n, m), not refined; NaN if K is singular."""
         return np.full(B.shape, np.nan) if self._lu is None else np.asarray(self._lu.solve(B, trans="T"))
 
 
 def _exchanged(lu: Any) -> bool:
-    """Whether rows were exchanged, or there are no factors."""
+    """Return whether rows were exchanged, or there are no factors."""
     return lu is None or not np.array_equal(lu.perm_r, lu.perm_c)
 
 
 def _cycles(order: Any) -> int:
-    """The number of cycles of a permutation."""
+    """Return the number of cycles of a permutation."""
     n = len(order)
     graph = csr_matrix((np.ones(n), (np.arange(n), order)), shape=(n, n))
     return int(connected_components(graph, directed=False)[0])
@@ -120,7 +120,7 @@ def _cycles(order: Any) -> int:
 def _factors(transpose: csc_matrix, kind: Kind) -> Any:
     try:
         return splu(transpose, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT[kind], options={"SymmetricMode": True})
-    except RuntimeError as error:  # of some singular matrices SuperLU says only that it "failed to factorize matrix at line ..."
+    except RuntimeError as error:  # for some singular matrices the message is only "failed to factorize matrix at line ..."
         if "singular" in str(error) or "failed to factorize" in str(error):
             return None
         raise

@@ -1,4 +1,4 @@
-"""Integrators: each declares its order and what it conserves."""
+"""Integrators. Each declares its order and the quantities that it conserves."""
 
 from .backward_euler import BackwardEuler, LinearBackwardEuler
 from .energy_momentum import EnergyMomentum

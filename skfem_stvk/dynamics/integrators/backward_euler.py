@@ -1,4 +1,4 @@
-"""Backward Euler: solved to the end, or by one linear solve per step."""
+"""Backward Euler: solved to convergence, or with one linear solve per step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class BackwardEuler(Implicit):
 
         W(u + w) + potential of the loads + 1/(2 T^2) (w - T v)' M (w - T v) + 1/(2 T) w' D w        v <- w / T
 
-    It takes any step and loses energy at each, the more the larger the step.
+    It is stable for any step and loses energy in each, more in larger steps.
     """
 
     order: ClassVar[int] = 1
@@ -48,26 +48,32 @@ class LinearBackwardEuler(BackwardEuler):
 
         v <- 1/T (M/T^2 + D/T + K)^-1 (h - F(p) + M v/T)        p <- p + T v
 
-    By default conjugate gradients, preconditioned by SSOR and started from where the last velocity and acceleration lead, solve it;
-    beside follower loads, which make K unsymmetric, a direct solver does. Where K is indefinite, conjugate gradients may find the
-    matrix not positive definite: the step is taken with the clamped tangent then.
+    The default solver is conjugate gradients, preconditioned by SSOR, started from the prediction by the last velocity and
+    acceleration. With follower loads, which make K unsymmetric, a direct solver is used. If K is indefinite, the matrix may not be
+    positive definite. If conjugate gradients detect this, the step uses the clamped tangent.
 
     Parameters
     ----------
-    rtol : of the linear solve.
+    rtol : relative tolerance of the linear solve.
     """
 
     rtol: float = 1e-4
 
     @property
     def conserves(self) -> frozenset[str]:  # type: ignore[override]
-        """Edges pull along themselves in "gauss-newton", without a torque; diagonal blocks alone resist any motion."""
+        """Conserved quantities, which depend on the tangent.
+
+        With "gauss-newton" forces act along edges, without a torque. Diagonal blocks alone resist any motion.
+        """
         if self.tangent == StepTangent.GAUSS_NEWTON.value:
             return frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
         return frozenset() if self.tangent == StepTangent.DIAGONAL.value else frozenset({LINEAR_MOMENTUM})
 
     def iterates(self, system: System) -> bool:
-        """Unless factors are kept for the whole run: a step is one solve only, and starts near its solution."""
+        """Return whether to use conjugate gradients: yes, unless factors are retained for the whole run.
+
+        A step has a single solve, which starts near its solution.
+        """
         return not system.constant_tangent
 
     def stepper(self, motion: Motion) -> LinearStepper:
@@ -75,7 +81,7 @@ class LinearBackwardEuler(BackwardEuler):
         return LinearStepper(motion, self)
 
     def _refuse_what_a_solve_would_miss(self, motion: Motion) -> None:
-        """Refuse tangents without a part of M or D, unlike of K: not even the smallest steps would lead to the motion."""
+        """Refuse tangents that omit a part of M or D. Unlike a part of K, the result would be wrong even for the smallest steps."""
         diagonal, rest = self.tangent == StepTangent.DIAGONAL.value, self.tangent == StepTangent.REST.value
         if diagonal and motion.mass.kind == "consistent":
             raise StvkError("LinearBackwardEuler: tangent='diagonal' would leave out masses between vertices. Take mass='lumped'.")
@@ -97,7 +103,7 @@ class LinearBackwardEuler(BackwardEuler):
 
 
 class LinearStepper(ImplicitStepper):
-    """Make steps of one iteration of Newton's method, from where the body is."""
+    """Stepper with one Newton iteration per step, from the present state."""
 
     def __init__(self, motion: Motion, integrator: LinearBackwardEuler) -> None:
         super().__init__(motion, integrator)
@@ -107,7 +113,7 @@ class LinearStepper(ImplicitStepper):
 
     @property
     def remark(self) -> str:
-        """How often the clamped tangent was taken."""
+        """Remark on the number of steps with the clamped tangent."""
         clamped = self.counts.clamped
         return f", {clamped} of them with the clamped tangent, for K was not positive definite" if clamped else ""
 
@@ -132,7 +138,7 @@ class LinearStepper(ImplicitStepper):
         self.accept(state, w, h, moment)
 
     def predicted(self, state: MotionState, t: float) -> Array:
-        """Begin with the acceleration of the step before: a fifth fewer iterations than without."""
+        """Return the prediction with the acceleration of the previous step, which saves a fifth of the iterations."""
         h, w, fixed = t - state.t, self._predicted, self.motion.free.fixed
         np.multiply(state.a, h, out=w)
         w += state.v
@@ -141,18 +147,18 @@ class LinearStepper(ImplicitStepper):
         return w
 
     def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:
-        state.t = moment.time  # from here on it is no more the state of the step before
+        state.t = moment.time  # from here on, the state is no longer that of the previous step
         np.divide(w, h, out=state.a)
         state.a -= state.v
         state.a /= h
         super().accept(state, w, h, moment)
 
     def strain_energy(self, state: MotionState) -> float:
-        """Evaluate it with the internal force, where the next step begins."""
+        """Return the strain energy [J], and evaluate the internal force with which the next step begins."""
         return self.problem.arrive(state.u)
 
     def _solution(self, w: Array, moment: Moment) -> Array:
-        """Solve for the free degrees of freedom, with the chosen tangent, or the clamped one if that is not positive definite."""
+        """Solve for the free degrees of freedom with the chosen tangent, or the clamped one if that is not positive definite."""
         problem, moving = self.problem, self.motion.moving
         for attempted in (Tangent.EXACT, Tangent.CLAMPED):
             factors = problem.factorise(self._nowhere, moment, attempted)

@@ -1,4 +1,4 @@
-"""The integrator that keeps energy and both momenta."""
+"""Integrator that conserves energy and both momenta."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from .integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
 
 @dataclass(frozen=True)
 class EnergyMomentum(Implicit):
-    """Energy and momentum (Simo, Tarnow 1992) in edge form: mean tensions on the edges at the middle of the step.
+    """Energy and momentum method (Simo, Tarnow 1992) in edge form: mean tensions on the edges at the middle of the step.
 
         M (v1 - v)/T + sum_i (t_i + t1_i)/2 p_i(1/2) + D (v1 + v)/2 = (h + h1)/2        (u1 - u)/T = (v1 + v)/2
 
-    The work of this force over the step is `W1 - W` to round-off, and it has no torque about the middle: a free body keeps its
-    energy and both momenta as well as the equation is solved. Laws without edges, such as `NeoHookean`, have a discrete gradient
-    (Gonzalez 2000) in place of mean tensions, which does the same. A `VolumePenalty` acts with its force at the middle: momenta are
-    kept, its energy to O(T^2).
+    The work of this force over the step is `W1 - W` to round-off, and it has no torque about the middle. Hence a free body
+    conserves its energy and both momenta to the precision of the solve. Laws without edges, such as `NeoHookean`, use a discrete
+    gradient (Gonzalez 2000) instead of mean tensions, with the same properties. A `VolumePenalty` acts with its force at the
+    middle: it conserves momenta, and energy to O(T^2).
 
-    On a `ReducedSystem` the mean of the force over the step takes the place of mean tensions, at the two points of Gauss: for a
-    cubic force that is exact, so that the energy is kept to round-off. Momenta are not, and the tangent is symmetric.
+    On a `ReducedSystem`, the mean of the force at the two Gauss points of the step replaces mean tensions. For a cubic force this
+    is exact, so that the energy is conserved to round-off. Momenta are not conserved. The tangent is symmetric.
 
-    Otherwise it is not; half of `2 J'LJ` at the middle and of the tensions at the beginning takes its place, which is symmetric.
-    Where all terms act with their force at the middle, as those of `Corotated` do, K there is exact and symmetric.
+    On a `System` the tangent is not symmetric. The symmetric sum of half of `2 J'LJ` at the middle and half of the tensions at the
+    beginning replaces it. If all terms act with their force at the middle, as `Corotated` does, K there is exact and symmetric.
 
     Parameters
     ----------
-    rtol : of the residual; what is left of it is what the energy is off by. By default next to round-off, 3e-16 takes it there;
-        1e-8 saves one or two iterations per step.
+    rtol : relative tolerance of the residual. The remaining residual determines the error of the energy. The default is close to
+        round-off, which 3e-16 reaches. 1e-8 saves one or two iterations per step.
     """
 
     order: ClassVar[int] = 2
@@ -50,7 +50,7 @@ class EnergyMomentum(Implicit):
     rtol: float = 1e-13
 
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        """Twice the equation above, so that K stands in the tangent as it is."""
+        """Return the coefficients of twice the equation above, so that the tangent contains K without a factor."""
         loads, rate = stepper.motion.loads(state.u, state.t), _rate(h)
         return Coefficients(rate * rate, 2 * rate * state.v, rate, np.zeros_like(state.v), -loads)
 
@@ -60,6 +60,9 @@ class EnergyMomentum(Implicit):
 
 @lru_cache(maxsize=256)
 def _rate(h: float) -> float:
-    """`2/h` to about 1e-14, with a square that is hardly rounded: else each step would feed or drain up to 1e-16 of the energy."""
+    """Return `2/h` to about 1e-14, with a square that is nearly exact.
+
+    Otherwise each step would add or remove up to 1e-16 of the energy.
+    """
     rates = [2 / h * (1 + k * float(np.finfo(float).eps)) for k in range(-32, 33)]
     return min(rates, key=lambda rate: abs(Fraction(rate) ** 2 - Fraction(rate * rate)))

@@ -18,16 +18,16 @@ from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, Stepper, 
 
 @dataclass(frozen=True)
 class Explicit(Integrator):
-    """An integrator that needs forces only.
+    """Integrator that needs forces only.
 
     Parameters
     ----------
-    dt : time step [s]; by default 0.85 of the critical one, found again as the body deforms, and shorter after a motion has blown
-        up.
+    dt : time step [s]. By default it is 0.85 of the critical step, updated as the body deforms, and shorter after a motion has
+        blown up.
     """
 
     explicit: ClassVar[bool] = True
-    #: How many times over damping counts where the critical step is computed.
+    #: Factor of damping in the computation of the critical step.
     damping_weight: ClassVar[float] = 1.0
 
     dt: float | None = None
@@ -37,7 +37,7 @@ class Explicit(Integrator):
 
 
 class ExplicitStepper(Stepper):
-    """Evaluate the forces on the body, `h - D v` and `F`, on arrays that are made once."""
+    """Stepper that evaluates the forces on the body, `h - D v` and `F`, in arrays that are allocated once."""
 
     def __init__(self, motion: Motion, name: str) -> None:
         if motion.mass.kind != "lumped":
@@ -48,12 +48,12 @@ class ExplicitStepper(Stepper):
         self.internal, self._damped = np.zeros(n), np.zeros(n)
 
     def start(self, state: MotionState) -> None:
-        """Evaluate the internal force at the first state, and take over the masses."""
+        """Evaluate the internal force at the first state, and copy the inverse masses."""
         self.inverse[:] = self.motion.mass.solve(np.ones(len(self.inverse)))
         self.evaluate(state)
 
     def external(self, u: Array, v: Array, t: float) -> Array:
-        """(ndofs,) `h(u, t) - D v` [N], good until the next call."""
+        """Return `h(u, t) - D v` (ndofs,) [N]. The array is valid until the next call."""
         loads = self.motion.loads(u, t)
         if not self.motion.damped:
             return loads
@@ -62,13 +62,13 @@ class ExplicitStepper(Stepper):
         return np.subtract(loads, self._damped, out=self._damped)
 
     def arrive(self, state: MotionState, t: float) -> None:
-        """Move the state to time `t`, and what is held to where the supports have it then."""
+        """Set the time of the state to `t`, and constrained degrees of freedom to their prescribed displacements."""
         if self.motion.moving:
             state.u[self.motion.free.fixed] = self.motion.held(t)
         state.t = t
 
     def evaluate(self, state: MotionState) -> None:
-        """Evaluate the internal force, and the strain energy of the terms that have one, at the state."""
+        """Evaluate the internal force at the state, and the strain energy of the terms that have one."""
         with self.watch("assemble"):
             tell(self.motion.system.bound_terms, self.motion.moment(state.t))
             self.energy = self.motion.energy_and_force(state.u, self.internal)
@@ -80,7 +80,7 @@ class ForwardEuler(Explicit):
 
         v <- v + T M^-1 (h - D v - F(p))        p <- p + T v
 
-    Elsewhere it is called semi-implicit or symplectic Euler: its energy is off by O(T), but does not drift. Stable below
+    Other authors call it semi-implicit or symplectic Euler. The error of its energy is O(T), but does not drift. It is stable below
     `T = 2 / omega_max`.
 
     >>> ForwardEuler(dt=1e-4).order, sorted(ForwardEuler.conserves)
@@ -96,7 +96,7 @@ class ForwardEuler(Explicit):
 
 
 class ForwardEulerStepper(ExplicitStepper):
-    """Make steps with one force per step."""
+    """Stepper of `ForwardEuler`, with one force per step."""
 
     def step(self, state: MotionState, t: float) -> None:
         h = t - state.t
@@ -119,8 +119,9 @@ class VelocityVerlet(Explicit):
 
         v(1/2) = v + T/2 a        u <- u + T v(1/2)        a <- M^-1 (h - D (v + T a) - F(u))        v <- v(1/2) + T/2 a
 
-    One force per step, symplectic, reversible without damping. Stable below `T = 2 / omega_max`; with damping, which is taken at a
-    predicted velocity, below `2/omega (sqrt(1 + 4 xi^2) - 2 xi)`: it counts twice.
+    It needs one force per step, is symplectic, and is reversible without damping. It is stable below `T = 2 / omega_max`. With
+    damping, which is evaluated at a predicted velocity, the limit is `2/omega (sqrt(1 + 4 xi^2) - 2 xi)`, because damping counts
+    twice.
 
     >>> VelocityVerlet().order, VelocityVerlet.reversible
     (2, True)
@@ -136,7 +137,7 @@ class VelocityVerlet(Explicit):
 
 
 class VelocityVerletStepper(ExplicitStepper):
-    """Make steps with one force per step; the acceleration is kept from step to step."""
+    """Stepper of `VelocityVerlet`, with one force per step. The acceleration is stored from step to step."""
 
     def start(self, state: MotionState) -> None:
         super().start(state)

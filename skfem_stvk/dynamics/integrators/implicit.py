@@ -1,4 +1,4 @@
-"""What implicit integrators share: one equation per step, solved by Newton's method."""
+"""Common parts of implicit integrators: one equation per step, solved by Newton's method."""
 
 from __future__ import annotations
 
@@ -26,15 +26,14 @@ from .integrator import Integrator, StepFailed, Stepper, checked_step
 
 @dataclass(frozen=True)
 class Implicit(Integrator):
-    """An integrator that solves an equation for the displacements over each step.
+    """Integrator that solves an equation for the displacements over each step.
 
     Parameters
     ----------
     dt : time step [s].
-    tangent : "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest": what its solves are made with, see `StepTangent`.
-    solver : of linear systems, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by
-        size.
-    rtol : the residual is small enough below this part of the forces, those of inertia among them.
+    tangent : tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
+    solver : linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
+    rtol : tolerance of the residual, relative to the forces, including those of inertia.
     """
 
     explicit: ClassVar[bool] = False
@@ -51,7 +50,7 @@ class Implicit(Integrator):
         object.__setattr__(self, "rtol", number("rtol", self.rtol, "a number between 0 and 1, such as 1e-8", 0.0, 1.0))
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
-        """The linear solver; with a matrix where masses between vertices need one, or SSOR with several terms."""
+        """Return the linear solver. It uses a matrix if the mass couples vertices, or for SSOR with several terms."""
         kind = kind_of_step(motion.system, StepTangent(self.tangent))
         solver = choose(self._named(motion.system, kind), len(motion.free.free), kind, entries=entries_of(motion.system))
         if StepTangent(self.tangent) not in (StepTangent.DIAGONAL, StepTangent.REST):
@@ -63,24 +62,28 @@ class Implicit(Integrator):
         return replace(own, assembled=True) if several or motion.mass.kind == "consistent" else solver
 
     def _named(self, system: System, kind: Kind) -> str | LinearSolver:
-        """The solver that is meant: conjugate gradients for diagonal blocks, and by default where they are fast."""
+        """Return the requested solver: conjugate gradients for diagonal blocks, and by default if they are fast."""
         if StepTangent(self.tangent) is StepTangent.DIAGONAL:
             return "block-jacobi-cg"
         return "ssor-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
 
     def iterates(self, system: System) -> bool:
-        """Whether conjugate gradients are fast: for tetrahedra, whose factors are large, unless factors are kept."""
+        """Return whether conjugate gradients are fast: for tetrahedra, whose factors are large, unless factors are retained."""
         return system.mesh.k == 3 and StepTangent(self.tangent) is not StepTangent.REST and not system.constant_tangent
 
     @abstractmethod
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        """Coefficients of the equation of a step of length `h`."""
+        """Return the coefficients of the equation of a step of length `h`."""
 
     @abstractmethod
     def update(self, state: MotionState, w: Array, h: float) -> None:
-        """Set velocities and accelerations after the step, from the displacements `w` over it; `state.u` is still the old one."""
+        """Set velocities and accelerations after the step, from the displacements `w` over it.
 
-    #: The reactions of the equation of motion, as a part of those of the equation that is solved, where these are taken.
+        On entry, `state.u` is still that before the step.
+        """
+
+    #: Factor from the reactions of the solved equation to those of the equation of motion, if reactions are computed from the
+    #: former.
     weight: ClassVar[float] = 1.0
     mean: ClassVar[bool] = False
     secant: ClassVar[bool] = False
@@ -91,7 +94,7 @@ class Implicit(Integrator):
 
 
 class ImplicitStepper(Stepper):
-    """Make steps by Newton's method, one equation per step; `room` (ndofs,) is to work in."""
+    """Stepper with Newton's method, one equation per step; `room` (ndofs,) is a scratch array."""
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
         super().__init__(motion)
@@ -133,37 +136,40 @@ class ImplicitStepper(Stepper):
         self.accept(state, w, h, moment)
 
     def length(self, state: MotionState, t: float) -> float:
-        """Length of the step to `t` [s]: that of a whole step is `dt` to the last bit, so that factors can be kept."""
+        """Return the length of the step to `t` [s]. For a whole step it is exactly `dt`, so that factors can be reused."""
         h, dt = t - state.t, self.integrator.dt
         return dt if abs(h - dt) < SLACK * dt else h
 
     def solve(self, w: Array, moment: Moment, inside_out: int) -> tuple[Array, str, Iterations]:
-        """The displacements over the step, and in words why they were not found, if they were not."""
+        """Return the displacements over the step, a message if they were not found, and the record of the iterations."""
         rtol = self.integrator.rtol
         w, end, record = newton(self.problem, w, moment, NewtonOptions(rtol, inside_out))
         return w, "" if end.converged else f"{end.value}{': ' * bool(record.detail)}{record.detail}", record
 
     def predicted(self, state: MotionState, t: float) -> Array:
-        """The first guess of the displacements: at the same velocity, and for what is held as prescribed at `t`."""
+        """Return the first guess of the displacements over the step.
+
+        It assumes constant velocities, and uses the values prescribed at `t` for constrained degrees of freedom.
+        """
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
         w[fixed] = self.motion.held(t) - state.u[fixed]
         return w
 
     def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:
-        """The state after the displacements `w`, at which the residual was found last."""
+        """Update the state by the displacements `w`. The last residual must be that of `w`."""
         fixed, motion = self.motion.free.fixed, self.motion
         before = state.copy() if motion.moving and self.integrator.needs_acceleration else None
-        state.t = moment.time  # from here on it is no more the state of the step before
+        state.t = moment.time  # from here on, the state is no longer that of the previous step
         self.integrator.update(state, w, h)
         state.u += w
         if before is None:
             state.reaction[fixed] = self.integrator.weight * self.problem.full[fixed]
-        else:  # forces at the end are off the mean of the step by O(h)
+        else:  # forces at the end differ from the mean over the step by O(h)
             forces = motion.force(before.u, before.v, before.t) + motion.force(state.u, state.v, state.t)
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
         self.energy = self.strain_energy(state)
 
     def strain_energy(self, state: MotionState) -> float:
-        """The strain energy of a state to which a step has led [J]."""
+        """Return the strain energy of the state after a step [J]."""
         return self.motion.energy(state.u)

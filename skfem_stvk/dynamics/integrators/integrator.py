@@ -1,4 +1,4 @@
-"""Integrators: their options, their promises, and the steps that they make."""
+"""Interface of integrators: their options, their declared properties, and their steppers."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ LINEAR_MOMENTUM, ANGULAR_MOMENTUM, ENERGY = "linear momentum", "angular momentum
 
 
 class StepFailed(Exception):
-    """A step found no state; the message says why. The state is as it was before."""
+    """Error for a step that found no state. The message has the reason. The state is not changed."""
 
 
 class Stepper(ABC):
-    """An integrator at work on one motion, with the arrays it needs.
+    """Stepper of an integrator for one motion, with the arrays that it needs.
 
     Attributes
     ----------
     energy : strain energy of the last state [J], of the terms that have one.
-    counts : iterations that its steps took so far.
-    watch : the stopwatch of its steps.
+    counts : iterations of its steps so far.
+    watch : stopwatch of its steps.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -33,40 +33,43 @@ class Stepper(ABC):
 
     @property
     def remark(self) -> str:
-        """A remark on the steps so far, for the message of the run; empty by default."""
+        """Remark on the steps so far, for the message of the run; empty by default."""
         return ""
 
     @property
     def origin(self) -> HierarchyOrigin | None:
-        """The origin of the hierarchy that multigrid keeps; None where there is none."""
+        """Origin of multigrid's present hierarchy; None without one."""
         return None
 
     def rebuild(self, origin: HierarchyOrigin) -> None:  # noqa: B027
-        """Build the hierarchy of multigrid again that another run kept."""
+        """Build the hierarchy of multigrid that another run had."""
 
     @abstractmethod
     def start(self, state: MotionState) -> None:
-        """Prepare for the first step from a state: what is not in it is computed. Again, after elements were taken out."""
+        """Prepare for the first step from a state, and compute quantities that the state does not store.
+
+        It is called again after elements were removed.
+        """
 
     @abstractmethod
     def step(self, state: MotionState, t: float) -> None:
-        """Go on to time `t`, in place; raises StepFailed if there is no state then, or StateError where numbers overflow."""
+        """Advance the state to time `t`, in place. Raise StepFailed if no state is found, or StateError if numbers overflow."""
 
 
 @dataclass(frozen=True)
 class Integrator(ABC):
-    """Options of an integrator, frozen, and what it promises with them: the conformance tests hold each one to that.
+    """Options of an integrator, frozen, and its properties with these options. The conformance tests check the properties.
 
     Attributes
     ----------
     dt : time step [s].
-    order : of the error in `dt`, of displacements and velocities.
-    conserves : those of "linear momentum", "angular momentum" and "energy" that a free body keeps to round-off or to the tolerance
-        of the solves.
+    order : order in `dt` of the error of displacements and velocities.
+    conserves : those of "linear momentum", "angular momentum" and "energy" that a free body conserves, to round-off or to the
+        tolerance of the solves.
     reversible : whether a step with opposite velocities leads back.
     explicit : whether it needs forces only, at steps below a limit.
-    conserves_reduced : the same of a motion on the basis of a `ReducedSystem`, which is held and has no momenta to keep; None if it
-        does not take one.
+    conserves_reduced : `conserves` for a motion on the basis of a `ReducedSystem`, which is constrained and does not conserve
+        momenta; None if the integrator does not support such motions.
     """
 
     order: ClassVar[int]
@@ -84,11 +87,14 @@ class Integrator(ABC):
 
     @abstractmethod
     def stepper(self, motion: Motion) -> Stepper:
-        """An object that makes the steps of this motion."""
+        """Return the stepper for this motion."""
 
 
 def checked_step(dt: float | None, optional: bool = False) -> float | None:
-    """A time step in double precision, for times are sums of it; refuse one that is none, or whose square is no number."""
+    """Return a time step in double precision, because times are sums of it.
+
+    Refuse values that are not numbers, or whose square overflows or underflows.
+    """
     if dt is None and optional:
         return None
     step = number("dt", dt, f"a time step in seconds, a positive number{', or None for a stable one' * optional}", low=0.0)

@@ -21,12 +21,13 @@ class Newmark(Implicit):
 
         u1 = u + T v + T^2 ((1/2 - beta) a + beta a1)        v1 = v + T ((1 - gamma) a + gamma a1)
 
-    By default the average acceleration (trapezoidal rule), beta = 1/4, gamma = 1/2. Stable for linear bodies at any step; large
-    rotations can make it gain energy.
+    The default is the average acceleration method (trapezoidal rule), beta = 1/4, gamma = 1/2. It is stable for linear bodies at
+    any step. Large rotations can make it gain energy.
 
     Parameters
     ----------
-    beta, gamma : of second order for gamma = 1/2; gamma >= 1/2 and beta >= gamma/2 keep linear bodies stable.
+    beta, gamma : weights of the new acceleration. The order is two for gamma = 1/2. Linear bodies are stable if gamma >= 1/2 and
+        beta >= gamma/2.
     """
 
     conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM})
@@ -58,17 +59,17 @@ class Newmark(Implicit):
 
 @dataclass(frozen=True)
 class GeneralizedAlpha(Implicit):
-    """Generalised alpha (Chung, Hulbert 1993): inertia, damping and forces each at a moment within the step.
+    """Generalised alpha (Chung, Hulbert 1993): inertia, damping and forces are each evaluated at a time within the step.
 
         M a(1 - alpha_m) + D v(1 - alpha_f) + (F - h)(1 - alpha_f) = 0,    x(1 - alpha) = (1 - alpha) x1 + alpha x0
         alpha_m = (2 rho - 1)/(rho + 1),  alpha_f = rho/(rho + 1)
         gamma = 1/2 - alpha_m + alpha_f,  beta = (1 - alpha_m + alpha_f)^2/4
 
-    with Newmark's `u1`, `v1`. Forces are those at both ends, in these parts.
+    `u1` and `v1` are Newmark's. Forces are the weighted sums of those at both ends.
 
     Parameters
     ----------
-    rho : spectral radius at infinite frequency: 1 keeps all vibrations, 0 ends the highest within a step.
+    rho : spectral radius at infinite frequency: 1 retains all vibrations, 0 removes the highest within a step.
     """
 
     order: ClassVar[int] = 2
@@ -103,7 +104,7 @@ class GeneralizedAlpha(Implicit):
         return (1 - self.alpha_m + self.alpha_f) ** 2 / 4
 
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        """The equation above, divided by `1 - alpha_f`."""
+        """Return the coefficients of the equation above, divided by `1 - alpha_f`."""
         c, m, g, d, _ = newmark_coefficients(state, h, self.beta, self.gamma)
         share, before = (1 - self.alpha_m) / (1 - self.alpha_f), self.alpha_f / (1 - self.alpha_f)
         motion = stepper.motion
@@ -115,7 +116,7 @@ class GeneralizedAlpha(Implicit):
 
 
 def check_newmark(beta: float, gamma: float) -> None:
-    """Refuse what is not stable for linear bodies at any step."""
+    """Refuse parameters that are not stable for linear bodies at any step."""
     if not (gamma >= 0.5 and beta >= gamma / 2):
         raise StvkError(
             f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, which any step is stable with for "
@@ -124,7 +125,7 @@ def check_newmark(beta: float, gamma: float) -> None:
 
 
 def newmark_coefficients(state: MotionState, h: float, beta: float, gamma: float) -> Coefficients:
-    """`a1 = c w - m` and `v1 = g w - d` of the displacements `w` over the step."""
+    """Return the coefficients of `a1 = c w - m` and `v1 = g w - d`, for the displacements `w` over the step."""
     c, g = 1 / (beta * h**2), gamma / (beta * h)
     m = state.v / (beta * h) + (1 / (2 * beta) - 1) * state.a
     d = gamma * h * m - state.v - (1 - gamma) * h * state.a
@@ -132,7 +133,7 @@ def newmark_coefficients(state: MotionState, h: float, beta: float, gamma: float
 
 
 def newmark_update(state: MotionState, w: Array, h: float, beta: float, gamma: float) -> None:
-    """Velocities and accelerations at the end of the step."""
+    """Set velocities and accelerations at the end of the step."""
     c, m, _, _, _ = newmark_coefficients(state, h, beta, gamma)
     a = c * w - m
     state.v += h * ((1 - gamma) * state.a + gamma * a)
