@@ -1,6 +1,6 @@
-"""W, F and K of other codes for the same model, in this package's conventions: what users of those codes would get, and how fast.
+"""W, F and K of other codes for the same model, in this package's conventions, to compare results and speed.
 
-No package of a peer is imported before its class is made; none is needed to use skfem_stvk.
+The package of a peer is imported only when an object of its class is made. None of them is needed to use skfem_stvk.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ __all__ = ["PEERS", "Peer", "available", "load"]
 
 
 def available() -> dict[str, str]:
-    """The version of each peer's package, or the line that installs it.
+    """Return for each peer the version of its package, or the line that installs it.
 
     >>> list(available())
     ['MuJoCo', 'FElupe', 'NGSolve', 'DOLFINx', 'JAX', 'PyTorch']
@@ -24,7 +24,7 @@ def available() -> dict[str, str]:
 
 
 def load(name: str) -> type[Peer]:
-    """The class of a peer; its package is imported only when the class is called.
+    """Return the class of a peer. Its package is imported only when the class is called.
 
     Raises
     ------

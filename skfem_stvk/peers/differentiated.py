@@ -1,4 +1,4 @@
-"""JAX and PyTorch, which differentiate an energy density that is written in their own arrays, element by element."""
+"""JAX and PyTorch, with automatic differentiation of an energy density that is written in their own arrays."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from scipy.sparse import coo_matrix, csr_matrix
 from ..arguments import Array
 from .peer import lame, require
 
-#: The energy per volume at rest of a deformation gradient F (3, 3), in the library's own arrays [Pa].
+#: Function of a deformation gradient F (3, 3) that returns the energy per volume at rest [Pa], in the library's own arrays.
 Density = Callable[[Any], Any]
 
 
 class Library(NamedTuple):
-    """Functions of a library: its arrays from NumPy's; the first and the second derivative of a function by its first argument;
-    and a function over all elements at once."""
+    """Functions of a library.
+
+    `array` converts NumPy arrays. `gradient` and `hessian` return the first and second derivative of a function with respect to its
+    first argument. `over_elements` vectorises a function over all elements.
+    """
 
     array: Callable[[Array], Any]
     gradient: Callable[..., Any]
@@ -27,9 +30,9 @@ class Library(NamedTuple):
 
 
 class Differentiated:
-    """W, F and K of `W = sum V density(F)` over linear tetrahedra, with `F = I + sum_a u_a g_a'`.
+    """W, F and K for `W = sum V density(F)` over linear tetrahedra, with `F = I + sum_a u_a g_a'`.
 
-    The density is St. Venant-Kirchhoff's, or a function of F alone that a user has written, with all its constants.
+    The density is that of St. Venant-Kirchhoff, or a user's function of F alone that contains all its constants.
     """
 
     def __init__(
@@ -77,10 +80,10 @@ def _st_venant_kirchhoff(one: Any, lam: float, mu: float) -> Density:
 
 
 class JAX(Differentiated):
-    """`jax.grad` and `jax.hessian` of each element's energy, compiled by XLA; see `Peer`.
+    """Peer that uses `jax.grad` and `jax.hessian` of each element's energy, compiled by XLA. See `Peer`.
 
-    `density(F)` in the place of St. Venant-Kirchhoff's is what a user has written: of F (3, 3), with all its constants, in
-    `jax.numpy`. Double precision is set for the whole process.
+    `density` replaces the St. Venant-Kirchhoff density by a user's function of F (3, 3), written in `jax.numpy`, that contains all
+    its constants. Double precision is set for the whole process.
     """
 
     name = "JAX"
@@ -94,9 +97,10 @@ class JAX(Differentiated):
 
 
 class PyTorch(Differentiated):
-    """`torch.func.grad` and `torch.func.hessian` of each element's energy, in double precision on the processor; see `Peer`.
+    """Peer that uses `torch.func.grad` and `torch.func.hessian` of each element's energy. See `Peer`.
 
-    `density(F)` in the place of St. Venant-Kirchhoff's is what a user has written: of F (3, 3), with all its constants, in `torch`.
+    The computation is in double precision on the CPU. `density` replaces the St. Venant-Kirchhoff density by a user's function of F
+    (3, 3), written in `torch`, that contains all its constants.
     """
 
     name = "PyTorch"

@@ -1,4 +1,4 @@
-"""DOLFINx: FFCx compiles UFL's derivatives of the energy to C."""
+"""DOLFINx, with UFL's derivatives of the energy compiled to C by FFCx."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"]}
 
 
 class DOLFINx:
-    """`W`, its derivative and its second derivative as forms with one quadrature point, on one process; see `Peer`.
+    """Peer with `W` and its first and second derivatives as forms with one quadrature point, on one process. See `Peer`.
 
-    DOLFINx renumbers vertices and degrees of freedom, and leaves out vertices that no tetrahedron has; their forces and rows of K
-    are zero here.
+    DOLFINx renumbers vertices and degrees of freedom, and leaves out vertices that belong to no tetrahedron. The forces and rows of
+    K of these vertices are zero here.
     """
 
     name = "DOLFINx"
@@ -45,7 +45,7 @@ class DOLFINx:
         space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         index_map, block_size = space.dofmap.index_map, space.dofmap.index_map_bs
 
-        node = np.empty(index_map.size_local, dtype=np.intp)  # that each block of degrees of freedom stands at
+        node = np.empty(index_map.size_local, dtype=np.intp)  # node of each block of degrees of freedom
         node[space.dofmap.list.ravel()] = mesh.geometry.dofmap.ravel()
         vertex = np.asarray(mesh.geometry.input_global_indices)[node]
         self._dofs = (3 * vertex[:, None] + np.arange(3)).ravel()

@@ -1,6 +1,6 @@
-"""A peer in an environment of its own: a process of another Python, which needs NumPy, SciPy and the peer's package alone.
+"""Peers in another environment, run by a process of another Python with only NumPy, SciPy and the peer's package.
 
-Questions and answers are NPZ files in pipes, each after its length in eight bytes.
+Questions and answers are NPZ files in pipes. Each is preceded by its length in eight bytes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ..npz import NotArrays, arrays_of
 Answer = TypeVar("Answer")
 
 METHODS = ("energy", "internal_force", "tangent")
-#: What the other Python runs: it takes this package's files from here, and imports nothing of it but the peers.
+#: Program of the other Python. It loads the files of this package from their location here, and imports only the peers.
 START = """
 import importlib.util, sys
 folder = sys.argv[1]
@@ -40,16 +40,17 @@ spec.loader.exec_module(package)
 from skfem_stvk.peers.elsewhere import serve
 serve()
 """
-#: Seconds that the other process has to end by itself, once nobody asks any more.
+#: Seconds that the other process has to end by itself after the last question.
 PATIENCE = 5.0
-#: Seconds that it has for an answer: the first one may compile.
+#: Seconds that the other process has for an answer. The first answer may include a compilation.
 LONGEST_ANSWER = 600.0
-#: Bytes of the longest question or answer; those of an answer, beside the 16 of each entry of a full K; and those read at once.
+#: Largest size of a question or answer, size of an answer in addition to 16 bytes per entry of a full K, and size that is read at
+#: once [bytes].
 LONGEST, BESIDE, PIECE = 2**33, 2**20, 2**20
 
 
 class Elsewhere:
-    """A peer whose package stands in another environment; close it, or take it by `with`.
+    """Peer whose package is installed in another environment. Call `close` after use, or use it in a `with` statement.
 
     Parameters
     ----------
@@ -59,13 +60,13 @@ class Elsewhere:
 
     Attributes
     ----------
-    name, version : of the code.
-    methods : which of `energy`, `internal_force` and `tangent` it has; they are methods of this object as well.
+    name, version : name and version of the code.
+    methods : names of its methods among `energy`, `internal_force` and `tangent`, which are methods of this object as well.
 
     Raises
     ------
     StvkError
-        if there is no such Python, or it cannot make the peer; later, if its process ends or does not answer.
+        if there is no such Python, or it cannot make the peer. Methods raise it if the process ends or does not answer.
     """
 
     def __init__(self, python: str | Path, peer: str, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
@@ -103,7 +104,7 @@ class Elsewhere:
         """End the other process."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                with suppress(OSError), _broken_pipes_raise():  # what was not sent to a process that has ended
+                with suppress(OSError), _broken_pipes_raise():  # unsent data of a process that has ended
                     pipe.close()
         try:
             self._process.wait(PATIENCE)
@@ -163,24 +164,24 @@ class Elsewhere:
 
 
 def _introduced(answer: dict[str, Array]) -> tuple[str, str, list[str]]:
-    """Name, version and methods of a peer that was made."""
+    """Return name, version and methods of the new peer."""
     return str(answer["name"]), str(answer["version"]), [name for name in METHODS if name in answer["methods"].tolist()]
 
 
 def _value(answer: dict[str, Array]) -> Any:
-    """Energy, force or matrix; the matrix after a check of its rows, since compiled routines trust them."""
+    """Return the energy, force or matrix of an answer. The matrix is validated, because compiled routines do not check it."""
     if "indptr" not in answer:
         return answer["value"]
     rows = answer["indptr"]
     K = csr_matrix((answer["data"], answer["indices"], rows), shape=tuple(answer["shape"].tolist()))
-    if (np.diff(rows) < 0).any():  # `check_format` looks at no rows if the last of them ends at 0
+    if (np.diff(rows) < 0).any():  # `check_format` checks no rows if the last row pointer is 0
         raise ValueError("the row pointers of its matrix decrease")
     K.check_format(full_check=True)
     return K
 
 
 def serve() -> None:
-    """Answer the questions on standard input until there are no more; what the peer prints goes to standard error."""
+    """Answer the questions on standard input until it ends. Output that the peer prints goes to standard error."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     model: Any = None
@@ -215,7 +216,10 @@ def _answer(value: Any) -> dict[str, Array]:
 
 @contextmanager
 def _broken_pipes_raise() -> Iterator[None]:
-    """Writing to a process that has ended raises an OSError, even where a library lets SIGPIPE kill (Gmsh's `initialize` does)."""
+    """Block SIGPIPE, so that writing to a process that has ended raises an OSError.
+
+    Otherwise SIGPIPE may end this process, for example after Gmsh's `initialize`.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -239,7 +243,10 @@ def _send(pipe: IO[bytes], arrays: dict[str, Array]) -> None:
 
 
 def _receive(pipe: IO[bytes], longest: int = LONGEST) -> dict[str, Array] | None:
-    """Arrays that were sent; None if the pipe ends before they do. They take no more memory than was sent."""
+    """Return the received arrays, or None if the pipe ends too early. The memory is limited by the number of bytes sent.
+
+    Raise NotArrays if the announced length exceeds `longest`.
+    """
     head = pipe.read(8)
     length = int.from_bytes(head, "big")
     if length > longest:

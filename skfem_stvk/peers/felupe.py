@@ -1,4 +1,4 @@
-"""FElupe, which contracts arrays of all elements with NumPy."""
+"""FElupe, which assembles with NumPy contractions over all elements."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from .peer import lame, require
 
 
 class FElupe:
-    """A `SolidBody` of `RegionTetra` with one quadrature point and one thread; see `Peer`. With ten nodes an element, of
-    `RegionQuadraticTetra` with four points.
+    """Peer that uses a `SolidBody` of `RegionTetra` with one quadrature point and one thread. See `Peer`.
 
-    FElupe needs tetrahedra of positive orientation, so the others are handed over with two vertices exchanged. The law is written
-    for it as its own compressible laws are, in closed form; its general route to the same law, `MaterialStrain`, takes about 1.5
-    times as long.
+    Elements with ten nodes use `RegionQuadraticTetra` with four points. FElupe needs tetrahedra of positive orientation, so two
+    vertices of the others are exchanged. The law is written in closed form, as FElupe's own compressible laws are. The general
+    class for the same law, `MaterialStrain`, takes about 1.5 times as long.
     """
 
     name = "FElupe"
@@ -37,7 +36,7 @@ class FElupe:
         self._umat = _law(felupe, *lame(young, poisson))
         self._solid = felupe.SolidBody(self._umat, self._field)
         self._volumes = region.dV
-        self.tangent(np.zeros(p.size))  # it makes and keeps its pattern of K
+        self.tangent(np.zeros(p.size))  # FElupe creates and caches its pattern of K
 
     def energy(self, u: Array) -> float:
         density = self._umat.function(self._at(u).extract(out=self._solid.results.kinematics))[0]
@@ -56,7 +55,7 @@ class FElupe:
 
 
 def _law(felupe: Any, lam: float, mu: float) -> Any:
-    """St. Venant-Kirchhoff's law for FElupe.
+    """Return St. Venant-Kirchhoff's law for FElupe.
 
     `P = F S` and `A_iJkL = lambda F_iJ F_kL + mu (F_iL F_kJ + (F F')_ik delta_JL) + delta_ik S_JL`.
     """

@@ -1,4 +1,4 @@
-"""MuJoCo: the passive force of a flex, which is an edge form summed element by element in C."""
+"""MuJoCo, with the passive force of a flex, an edge form that is summed element by element in C."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .peer import require
 
 
 class MuJoCo:
-    """A flex of tetrahedra, each vertex a body of its own that slides along x, y and z; see `Peer`.
+    """Peer with a flex of tetrahedra. Each vertex is a body that slides along x, y and z. See `Peer`.
 
-    MuJoCo's engine has the force only: its energy leaves flexes out, and its tangent keeps tensile tensions alone. The positions
-    are handed to it as those of the bodies, without its kinematics, which would find the same ones from joint coordinates.
+    This peer has the force only, because MuJoCo's energy omits flexes, and its tangent has only the tensile tensions. The positions
+    are written to those of the bodies directly. MuJoCo's kinematics would compute the same positions from joint coordinates.
     """
 
     name = "MuJoCo"
@@ -44,17 +44,18 @@ class MuJoCo:
 def flex(
     mujoco: Any, rest: Array, t: NDArray[np.int32], young: float, poisson: float, *, masses: Any = None, held: ArrayLike = ()
 ) -> Any:
-    """A flex whose vertices are bodies that slide along x, y and z, but for those that are held.
+    """Return a model with a flex whose vertices are bodies that slide along x, y and z. Vertices in `held` are fixed.
 
-    Without a mass and inertia the engine takes a slower path; it is 1 kg by default.
+    `masses` are the masses of the vertices, by default 1 kg. Without mass and inertia the engine uses a slower path. Raise
+    StvkError if Poisson's ratio is not from 0 to below 1/2.
     """
     if not 0 <= poisson < 0.5:
         raise StvkError(f"Expected a Poisson's ratio from 0 to below 1/2, as MuJoCo needs it; got {poisson}.")
     spec = mujoco.MjSpec()
-    spec.memory = 2**20 + 256 * rest.size  # [B]; by itself it would take many times that
+    spec.memory = 2**20 + 256 * rest.size  # [B]; the default is many times larger
     is_held = np.isin(np.arange(len(rest)), held)
     for vertex, (place, mass) in enumerate(zip(rest, np.ones(len(rest)) if masses is None else masses, strict=True)):
-        inertia = {"mass": mass, "inertia": [mass] * 3, "ipos": [0, 0, 0], "explicitinertial": True}  # it does not turn
+        inertia = {"mass": mass, "inertia": [mass] * 3, "ipos": [0, 0, 0], "explicitinertial": True}  # the body does not rotate
         body = spec.worldbody.add_body(name=str(vertex), pos=place, **inertia)
         for axis in () if is_held[vertex] else np.eye(3):
             body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
@@ -65,7 +66,7 @@ def flex(
 
 
 def compiled(mujoco: Any, spec: Any) -> Any:
-    """The compiled model, without the warning that nothing integrates the force implicitly."""
+    """Return the compiled model, without MuJoCo's warning that the force is not integrated implicitly."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = spec.compile()

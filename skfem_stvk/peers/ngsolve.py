@@ -1,4 +1,4 @@
-"""NGSolve, which compiles the derivatives of a symbolic energy."""
+"""NGSolve, with compiled derivatives of a symbolic energy."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from .peer import Reordering, lame, require
 
 
 class NGSolve:
-    """`Variation` of the energy with one quadrature point, outside of a task manager, so on one thread; see `Peer`.
+    """Peer that uses `Variation` of the energy with one quadrature point. See `Peer`.
 
-    NGSolve translates the energy and its derivatives to C++ and compiles them, if there is a compiler, which takes seconds; if not,
-    it interprets them, at two to four times the cost: `compiled` says which. Degrees of freedom by component are reordered.
+    The peer runs outside of a task manager, that is, on one thread. If there is a compiler, NGSolve translates the energy and its
+    derivatives to C++ and compiles them, which takes seconds. If not, NGSolve interprets them, at two to four times the cost. The
+    attribute `compiled` is True in the first case. NGSolve's degrees of freedom by component are reordered.
     """
 
     name = "NGSolve"
@@ -39,7 +40,7 @@ class NGSolve:
         centre = ngsolve.IntegrationRule([(0.25, 0.25, 0.25)], [1 / 6])
         self._form = ngsolve.BilinearForm(space)
         self._form += ngsolve.Variation(density * ngsolve.dx(intrules={ngsolve.ET.TET: centre}))
-        self._field = ngsolve.GridFunction(space)  # whose vector it would take along when it is deleted
+        self._field = ngsolve.GridFunction(space)  # keep a reference, because deleting the field would delete its vector
         self._u = self._field.vec
         self._f = self._u.CreateVector()
         self._components = self._u.FV().NumPy().reshape(3, -1), self._f.FV().NumPy().reshape(3, -1)
@@ -66,7 +67,7 @@ class NGSolve:
 
 
 def mesh_of(ngsolve: Any, p: Array, t: NDArray[np.int32]) -> Any:
-    """Netgen takes the arrays as they are, with their order of vertices and either orientation."""
+    """Return NGSolve's mesh of the arrays, without changes to the order of vertices or the orientation of elements."""
     mesh = import_module("netgen.meshing").Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(p.T, dtype=float))
     mesh.AddElements(dim=3, index=mesh.AddRegion("body", dim=3), data=np.ascontiguousarray(t.T, dtype=np.int32), base=0)
@@ -74,7 +75,7 @@ def mesh_of(ngsolve: Any, p: Array, t: NDArray[np.int32]) -> Any:
 
 
 def compiled(density: Any) -> tuple[Any, bool]:
-    """The energy density, translated and compiled if possible, and whether it was."""
+    """Return the energy density, translated to C++ and compiled if possible, and whether it was."""
     with _scripts_on_path():
         if shutil.which("ngscxx") and shutil.which("c++"):
             try:
@@ -86,7 +87,10 @@ def compiled(density: Any) -> tuple[Any, bool]:
 
 @contextmanager
 def _scripts_on_path() -> Iterator[None]:
-    """NGSolve finds its compiler's driver by the path, where the scripts of an environment that is not active are missing."""
+    """Add the scripts folder of this environment to PATH.
+
+    NGSolve searches PATH for the driver of its compiler, which is missing there if the environment is not active.
+    """
     before = os.environ.get("PATH", "")
     os.environ["PATH"] = os.pathsep.join([sysconfig.get_path("scripts"), before])
     try:

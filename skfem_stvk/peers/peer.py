@@ -1,4 +1,4 @@
-"""What a peer is, the packages that peers need, and what their classes share."""
+"""Protocol of a peer, the packages that peers need, and helpers of their classes."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from ..errors import StvkError
 
 
 class Peer(Protocol):
-    """An isotropic St. Venant-Kirchhoff body of tetrahedra in another code.
+    """Isotropic St. Venant-Kirchhoff body of tetrahedra in another code.
 
     Parameters
     ----------
     p : (3, nv) coordinates [m].
     t : (4, nt) vertices of the tetrahedra, of either orientation.
-    young, poisson : constants of the material [Pa, -], the same everywhere.
+    young, poisson : Young's modulus [Pa] and Poisson's ratio, the same in all elements.
 
-    A peer has those of `energy(u) -> float` [J], `internal_force(u) -> (3 nv,)` = dW/du [N] and `tangent(u) -> csr_matrix` [N/m]
-    that its code can compute, for `u` (3 nv,) [m] with the degree of freedom `3 * vertex + component`. All that does not depend on
-    `u` is done when the peer is made, so that the time of a call is the other code's own.
+    The methods of a peer are `energy(u) -> float` [J], `internal_force(u) -> (3 nv,)` = dW/du [N] and `tangent(u) -> csr_matrix`
+    [N/m], as far as its code can compute them. Their argument is `u` (3 nv,) [m] with the degree of freedom
+    `3 * vertex + component`. All work that does not depend on `u` is done when the peer is made. So the time of a call is that of
+    the other code.
 
     Attributes
     ----------
-    name, version : of the code.
+    name, version : name and version of the code.
 
     Raises
     ------
@@ -44,7 +45,7 @@ class Peer(Protocol):
 
 
 def lame(young: float, poisson: float) -> tuple[float, float]:
-    """Lame's constants `lambda = E nu / ((1 + nu) (1 - 2 nu))` and `mu = E / (2 (1 + nu))` [Pa].
+    """Return Lame's constants `lambda = E nu / ((1 + nu) (1 - 2 nu))` and `mu = E / (2 (1 + nu))` [Pa].
 
     >>> lame(2.5, 0.25)
     (1.0, 1.0)
@@ -53,9 +54,10 @@ def lame(young: float, poisson: float) -> tuple[float, float]:
 
 
 class Reordering:
-    """Matrices of one pattern, brought to another order of the degrees of freedom for the price of one indexing.
+    """Reordering of the degrees of freedom of matrices with one pattern, at the cost of one indexing operation.
 
-    `numbered` has the values 1, 2, 3, ... as they lie in memory; `dofs` are the new numbers of its rows and columns, of `ndofs`.
+    `numbered` is a matrix of the pattern with the values 1, 2, 3, ... in their order in memory. `dofs` are the new indices of its
+    rows and columns. `ndofs` is the new number of rows and columns.
 
     >>> two = csr_matrix(([1.0, 2.0, 3.0], [0, 0, 1], [0, 1, 3]))
     >>> two.toarray().tolist(), Reordering(two, np.array([1, 0]), 2)(np.array([7.0, 8.0, 9.0])).toarray().tolist()
@@ -68,20 +70,26 @@ class Reordering:
         self._order = self._pattern.data.astype(np.intp) - 1
 
     def __call__(self, data: NDArray[np.float64]) -> csr_matrix:
-        """The matrix with these values, which it copies."""
+        """Return the reordered matrix with a copy of these values."""
         return csr_matrix((data[self._order], self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
 
 
 @dataclass(frozen=True)
 class Package:
-    """An optional package: the name it is imported by, its name where it is installed from, and the line that installs it.
+    """Optional package of a peer.
 
-    The `file` in this folder that wraps it is named like the module, if no other is named. `least` is the first major version
-    that computes this model, and `why` says what is wrong with those before: the class of such a peer takes `any_version`,
-    to be judged all the same.
-
-    `elements` are those that it is made of, `gives` which of W, F and K it has, `deviates` is what it is known to do otherwise, and
-    `tried` the versions that were judged (docs/peers.md).
+    Attributes
+    ----------
+    module : name for the import.
+    distribution : name in the package registry.
+    install : line that installs the package.
+    least : first major version that computes this model.
+    why : fault of the versions before `least`. The class of such a peer accepts `any_version`, so that these can be verified too.
+    elements : kinds of elements that the peer supports.
+    gives : the quantities among W, F and K that the peer has.
+    deviates : known deviations from this package.
+    tried : versions that were verified (docs/peers.md).
+    file : name of the file in this folder that wraps the package, if it is not `module`.
     """
 
     module: str
@@ -96,7 +104,7 @@ class Package:
     file: str = ""
 
     def version(self) -> str | None:
-        """The installed version; None if it is missing or too old."""
+        """Return the installed version, or None if the package is missing or too old."""
         try:
             version = metadata.version(self.distribution)
         except metadata.PackageNotFoundError:
@@ -155,9 +163,9 @@ PEERS = {
 
 
 def require(name: str, any_version: bool = False) -> Any:
-    """The imported package of a peer; if it is missing or too old, a StvkError with the line that installs it.
+    """Import the package of a peer and return it. If `any_version`, its version is not checked.
 
-    `any_version`: or however old it is, to be judged.
+    Raise StvkError with the line that installs the package if it is missing or too old.
     """
     package = PEERS[name]
     module = package.module

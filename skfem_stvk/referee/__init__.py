@@ -1,4 +1,4 @@
-"""Checks of anybody's W, F and K behind the function `verify`."""
+"""Checks of the W, F and K of this package or of any other code. The entry point is the function `verify`."""
 
 from .report import Report
 from .results import CheckOutcome, Result

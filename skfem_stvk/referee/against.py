@@ -1,4 +1,4 @@
-"""Another code as the candidate of a verification: a peer of this or of another environment, or a user's function."""
+"""Another code as the candidate of a verification: a peer in this or another environment, or a user's function."""
 
 from __future__ import annotations
 
@@ -23,27 +23,28 @@ OF_DENSITIES = ("JAX", "PyTorch")
 
 @contextmanager
 def opponent(name: str, mesh: ElementMesh, young: float, poisson: float, python: str | None = None) -> Iterator[tuple[Any, str]]:
-    """Another code on this body, to be judged as a candidate, and a line of what it is and what is known of it.
+    """Yield another code on this body as a candidate, with a line that describes the code and its known deviations.
 
-    The candidate is a function of a mesh, so that the smallest piece on which it fails is found; not of another environment.
+    The candidate is a function of a mesh, so that the smallest piece on which it fails can be found. A peer of another environment
+    is a model of the whole body instead.
 
     Parameters
     ----------
-    name : of a peer, in any case, whatever its version; `jax:module:function` or `torch:module:function`, an energy density W(F)
-        that the user has written for it; or `module:function`, a function of `p` (d, nv), `t` (n, nt), `young` and `poisson` that
-        gives an object with any of `energy`, `internal_force` and `tangent`.
-    mesh, young, poisson : of the body, of one material.
-    python : path of the Python of another environment, which has the peer.
+    name : name of a peer, in upper or lower case; every version is accepted. `jax:module:function` or `torch:module:function` is an
+        energy density W(F) that the user has written for this peer. `module:function` is a function of `p` (d, nv), `t` (n, nt),
+        `young` and `poisson` that returns an object with any of `energy`, `internal_force` and `tangent`.
+    mesh, young, poisson : mesh of the body, Young's modulus [Pa] and Poisson's ratio of its one material.
+    python : path of the Python executable of another environment in which the peer is installed.
 
     Raises
     ------
     MeshError, MaterialError
-        for what cannot carry an elastic body.
+        if the mesh or the material does not define an elastic body.
     StvkError
-        if there is no such peer or function, it is not installed, or it does not take these elements.
+        if there is no such peer or function, it is not installed, or it does not support these elements.
     """
     check_mesh(mesh)
-    StVK(young=young, poisson=poisson).stiffness(mesh)  # both before other codes see them, whose words may be dark
+    StVK(young=young, poisson=poisson).stiffness(mesh)  # check both first, because the messages of other codes may be unclear
     first, _, function = name.partition(":")
     peer = next((one for one, package in PEERS.items() if first.lower() in (one.lower(), package.module)), None)
     if peer is None:
@@ -88,10 +89,13 @@ def _users(name: str, mesh: ElementMesh, young: float, poisson: float, python: s
 
 
 def _on(mesh: ElementMesh, model: Any, of: Callable[[Array, Array], Any]) -> Callable[[ElementMesh], Any]:
-    """The candidate on the whole body, which is made, or on a piece of it, of which one is made if nothing explains a failure."""
+    """Return a function of a mesh that returns `model` for the whole mesh, and a new candidate for a piece of it.
+
+    Pieces are needed if no hypothesis explains a failure.
+    """
     return lambda piece: model if piece is mesh else of(piece.p.copy(), piece.t.copy())
 
 
 def _made(name: str, of: Callable[[Array, Array], Any], mesh: ElementMesh) -> Any:
-    """Return what is made of copies, which it may change."""
+    """Return the candidate that `of` makes from copies of `p` and `t`, because `of` may change them."""
     return made(name, lambda: of(mesh.p.copy(), mesh.t.copy()), " It is to be made of (p, t, young, poisson).")

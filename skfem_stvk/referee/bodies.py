@@ -1,7 +1,7 @@
-"""The referee's bodies: the reference for given terms, and a homogeneous isotropic copy.
+"""Reference bodies of the referee: the reference model for given terms, and a homogeneous isotropic copy.
 
-Whatever a term's constants mean is worked out anew here and in `reference`, from the constants that the user gave: the player's own
-elasticity matrices, Lame pairs and plane hypotheses are not asked, so that a fault in them shows.
+This module and `reference` compute all moduli independently from the user-supplied constants. They do not use the elasticity
+matrices, Lame pairs and plane hypotheses of the package under test, so that a fault in these is detected.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from .shape import Shape
 
 
 def is_condensed(mesh: ElementMesh, term: StVK) -> bool:
-    """Whether there is no stress across the elements: segments, membranes in space, plane stress on request."""
+    """Return whether the transverse stress is zero: for segments, membranes in space, and plane stress on request."""
     return mesh.k == 1 or (mesh.k == 2 and (mesh.d == 3 or term.plane == "stress"))
 
 
 def elasticity(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation | None = None) -> Array:
-    """(nt or 1, k, k, k, k) sums of the elasticity tensors of each element's terms in its own axes, times its section.
+    """Return the sum of the elasticity tensors of each element's terms, in its own axes, times its section (nt or 1, k, k, k, k).
 
-    On surfaces and lines in space whose axes change within an element, (nt, nq, k, k, k, k) at each point.
+    For surfaces and lines in space whose axes change within an element, the shape is (nt, nq, k, k, k, k), one tensor per point.
     """
     how = Discretisation(mesh.element.name) if how is None else how
     axes = element_axes(mesh.p, mesh.t, how.kind, how.points)
@@ -51,9 +51,10 @@ def elasticity(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation | N
 
 
 def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation) -> Array:
-    """(nt,) coefficient of the hourglass control times `lam + 2 mu` within the elements' dimensions, times section, of all terms.
+    """Return the hourglass coefficient times `lam + 2 mu` times section of each element, summed over all terms, (nt,).
 
-    For a material that is not isotropic, the largest of `C_1111, C_2222, C_3333` in material axes stands for `lam + 2 mu`.
+    `lam + 2 mu` is taken within the elements' dimensions. For a material that is not isotropic, it is replaced by the largest of
+    `C_1111, C_2222, C_3333` in material axes.
     """
     total = np.zeros(mesh.nt)
     for term in terms:
@@ -67,14 +68,20 @@ def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisat
 
 
 def tensor_of(term: StVK, mesh: ElementMesh, axes: Array | None = None) -> Array:
-    """Elasticity tensors of a term times its section, in axes (nt, d, k) or (nt, nq, d, k); by default in the global ones."""
+    """Return the elasticity tensors of a term times its section, in axes (nt, d, k) or (nt, nq, d, k).
+
+    The default is the global axes.
+    """
     axes, section = np.eye(mesh.d)[None, :, : mesh.k] if axes is None else axes, section_of(mesh, term)
     tensor = tensor_in(axes, term.material, is_condensed(mesh, term))
     return tensor if section is None else tensor * section.reshape(-1, *[1] * (tensor.ndim - 1))
 
 
 def tensor_in(axes: Array, material: Material | None, condensed: bool) -> Array:
-    """Elasticity tensors of a material in axes (nt, d, k) or (nt, nq, d, k); `condensed`: without stress across them."""
+    """Return the elasticity tensors of a material in axes (nt, d, k) or (nt, nq, d, k).
+
+    If `condensed`, the stress transverse to the axes is zero.
+    """
     k, points = axes.shape[-1], axes.shape[1] if axes.ndim == 4 else 1
     if isinstance(material, Isotropic):
         tensor = isotropic_tensor(material.young, np.nan if material.poisson is None else material.poisson, k, condensed)
@@ -86,13 +93,16 @@ def tensor_in(axes: Array, material: Material | None, condensed: bool) -> Array:
 
 
 def _at_points(matrices: Array, points: int) -> Array:
-    """(1 or n points, m, m): a matrix of each element at each of its points; one matrix stays one."""
+    """Return the matrices of elements repeated for each of their points, (n points, m, m). A single matrix is not repeated."""
     each = matrices.reshape(-1, *matrices.shape[-2:])
     return each if len(each) == 1 else np.repeat(each, points, axis=0)
 
 
 def voigt_matrix(material: Material | None) -> Array:
-    """(n, 6, 6) in material axes, from the constants as they were given."""
+    """Return the elasticity matrices (n, 6, 6) in material axes, from the user-supplied constants.
+
+    Raise MaterialError for a material without a reference.
+    """
     if isinstance(material, Orthotropic):
         return engineering_matrix(material.young, material.poisson, material.shear)
     if isinstance(material, TransverselyIsotropic):
@@ -111,7 +121,7 @@ def with_material(term: StVK, material: Material | None) -> StVK:
 
 
 def section_of(mesh: ElementMesh, term: StVK) -> Array | None:
-    """Thickness of surfaces, area of segments, as they were given."""
+    """Return the user-supplied thickness of surfaces or area of segments, or None."""
     value = {1: term.area, 2: term.thickness}.get(mesh.k)
     return None if value is None else np.asarray(value)
 
@@ -119,7 +129,10 @@ def section_of(mesh: ElementMesh, term: StVK) -> Array | None:
 def reference_on(
     p: Array, t: NDArray[np.int32], tensor: Array, how: Discretisation, control: Array | None = None
 ) -> ReferenceStVK | ReferenceOnePoint:
-    """The reference of elements with these elasticity tensors; `control` is `hourglass_control` of mean gradients."""
+    """Return the reference model of elements with these elasticity tensors.
+
+    `control` is the result of `hourglass_control`, needed for one-point elements with mean gradients.
+    """
     if how.is_one_point:
         assert control is not None
         return ReferenceOnePoint(p, t, tensor, control)
@@ -128,9 +141,9 @@ def reference_on(
 
 @dataclass(frozen=True)
 class Homogeneous:
-    """A homogeneous isotropic copy of a body, or the body itself (`same`), for checks that have a closed form.
+    """Homogeneous isotropic copy of a body, or the body itself (`same`), for checks with a closed form.
 
-    Its Lame pair within the elements' dimensions and its elasticity tensor (1, k, k, k, k) are times the section.
+    The Lame pair within the elements' dimensions and the elasticity tensor (1, k, k, k, k) include the section as a factor.
     """
 
     term: StVK
@@ -139,13 +152,13 @@ class Homogeneous:
     same: bool
 
     def control(self, how: Discretisation) -> Array:
-        """(1,) what `hourglass_control` is of this body."""
+        """Return the hourglass coefficient `h (lambda + 2 mu)` [Pa] of this body, times its section, (1,)."""
         lam, mu = self.lame
         return np.array([how.hourglass * (lam + 2 * mu)])
 
 
 def homogeneous_copy(mesh: ElementMesh, terms: Sequence[StVK], shape: Shape) -> Homogeneous:
-    """The body itself if it is homogeneous and isotropic, else one with the mean of its isotropic constants over its volume."""
+    """Return the body itself if it is homogeneous and isotropic, else a copy with volume averages of its isotropic constants."""
     first = terms[0]
     if len(terms) == 1 and first.region is None and _is_uniform(mesh, first):
         copy = first
@@ -162,7 +175,7 @@ def homogeneous_copy(mesh: ElementMesh, terms: Sequence[StVK], shape: Shape) -> 
 
 
 def _is_uniform(mesh: ElementMesh, term: StVK) -> bool:
-    """Isotropic, with one value of every constant."""
+    """Return whether the term is isotropic, with one value of every constant."""
     if not isinstance(term.material, Isotropic):
         return False
     constants = (term.material.young, term.material.poisson, section_of(mesh, term))
@@ -170,7 +183,7 @@ def _is_uniform(mesh: ElementMesh, term: StVK) -> bool:
 
 
 def _isotropic_constants(term: StVK) -> tuple[Array, Array]:
-    """Young's modulus and Poisson's ratio, of an anisotropic material those of its average over all directions (Voigt)."""
+    """Return Young's modulus and Poisson's ratio. For an anisotropic material, use its average over all directions (Voigt)."""
     material = term.material
     if isinstance(material, Isotropic):
         return np.asarray(material.young), np.asarray(0.0 if material.poisson is None else material.poisson)

@@ -1,4 +1,4 @@
-"""The case before the referee: a mesh, players, named states, and the scales that errors are relative to."""
+"""Case of a verification: a mesh, the models under test, named states, and the scales of relative errors."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from .shape import Shape
 EPS = float(np.finfo(float).eps)
 OURS, EDGES, REFERENCE, CANDIDATE = "skfem-stvk", "edges and TSEPs", "scikit-fem", "candidate"
 STRETCH = "100 % stretch"
-#: States in which elements may be inside out.
+#: States in which elements may be inverted.
 INVERTED = ("large random", "reflected random")
 
 
 def built(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation) -> System:
-    """A body of this package, quietly: whatever there is to say of the mesh has been said, or it is a piece of one."""
+    """Return a body of this package without warnings, because they have been issued already or the mesh is only a piece."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         return System(mesh, terms, **how.options)
@@ -40,15 +40,16 @@ def built(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation) -> Syst
 
 @dataclass
 class Case:
-    """Everything that a check needs.
+    """Input of all checks.
 
-    This package and somebody's candidate are held against the reference (`Truth`); scikit-fem's assembly of all elements is there
-    for its speed. States are displacements (ndofs,) [m], `bare` counts the elements of no term, and the check of precision fills
-    the rows of error against strain. `candidate_is_homogeneous` is asked of laws other than St. Venant-Kirchhoff's.
-    `build` makes what this package is on other meshes: homogeneous copies and patches.
+    This package (`ours`) and a candidate are compared with the reference (`Truth`). `scikit_fem` is the assembly of all elements by
+    scikit-fem, used for timings. `states` are displacements (ndofs,) [m]. `bare` is the number of elements without a term.
+    `precision` holds the rows of error against strain, which the check of precision fills. `candidate_is_homogeneous` matters only
+    for laws other than St. Venant-Kirchhoff's. `build` makes the model of this package on other meshes: homogeneous copies and
+    patches.
 
-    `network` is the same body by the sum of eq. 14 over edges and pairs of edges; None for elements without an edge form. Of it
-    checks ask in a case of its own (`of_edges`), in which it is what this package has to say.
+    `network` is the same body as the sum of eq. 14 over edges and pairs of edges, or None for elements without an edge form. It is
+    checked in a separate case (`of_edges`), in which it replaces `ours`.
     """
 
     shape: Shape
@@ -72,34 +73,37 @@ class Case:
 
     @property
     def mesh(self) -> ElementMesh:
-        """The mesh at rest."""
+        """Mesh at rest."""
         return self.shape.mesh
 
     @property
     def how(self) -> Discretisation:
-        """The kind of element and the rule."""
+        """Kind of element and integration rule."""
         return self.shape.how
 
     @property
     def players(self) -> list[Player]:
-        """Those who are checked: the candidate too, if there is one."""
+        """Models that are checked: this package, and the candidate if there is one."""
         return [self.ours] + ([self.candidate] if self.candidate else [])
 
     def of_edges(self) -> Case | None:
-        """The case in which the network is held against the reference, with the limits of the edge form; None without it."""
+        """Return the case that compares the network with the reference, with the limits of the edge form, or None."""
         return None if self.network is None else replace(self, ours=self.network, candidate=None, by_edges=True)
 
     def is_stvk(self, player: Player) -> bool:
-        """Whether the player claims to be St. Venant-Kirchhoff."""
+        """Return whether the player claims to be St. Venant-Kirchhoff."""
         return player is not self.candidate or self.candidate_is_stvk
 
     def refuse_undefined(self, player: Player, state: str) -> None:
-        """Refuse states in which elements may be inside out, where laws other than St. Venant-Kirchhoff may not be defined."""
+        """Raise NotApplicable for states with possibly inverted elements, unless the player claims to be St. Venant-Kirchhoff.
+
+        Other laws may be undefined there.
+        """
         if state in INVERTED and not self.is_stvk(player):
             raise NotApplicable("elements may be inside out, where the candidate's law may not be defined")
 
     def value(self, player: Player, quantity: str, state: str) -> Any:
-        """W, F or K of a player in a named state; those of the latest state are kept, as several checks need them."""
+        """Return W, F or K of a player in a named state. Values of the latest state are cached, because several checks use them."""
         if state != self._state:
             self._state = state
             self._values.clear()
@@ -109,33 +113,34 @@ class Case:
         return self._values[key]
 
     def random(self, name: str) -> np.random.Generator:
-        """Random numbers for one check, whichever others run."""
+        """Return the random number generator of one check, which does not depend on the other checks."""
         return np.random.default_rng([self.seed, *name.encode()])
 
     @cached_property
     def edges(self) -> Array:
-        """(d, m, nt) differences of the rest positions of the nodes of each pair in an element [m]."""
+        """Differences of the rest positions of the nodes of each pair in an element [m], (d, m, nt)."""
         return self.shape.differences(self.mesh.p)
 
     @cached_property
     def median_edge(self) -> float:
-        """Median distance of two nodes of an element [m]."""
+        """Median distance between two nodes of an element [m]."""
         return float(np.median(np.linalg.norm(self.edges, axis=0)))
 
     @cached_property
     def node_size(self) -> Array:
-        """(nv,) shortest distance between two nodes in the elements around each node [m]."""
+        """Shortest distance between two nodes in the elements around each node [m], (nv,)."""
         return self.shape.node_size
 
     @cached_property
     def centred(self) -> Array:
-        """(nv, d) coordinates from the centre of the body [m]: rotations about it cost the fewest digits."""
+        """Coordinates relative to the centre of the body [m], (nv, d). Rotations about the centre lose the fewest digits."""
         return (self.mesh.p - self.mesh.p.mean(axis=1, keepdims=True)).T
 
     def stiffness(self, player: Player) -> Array:
-        """(nv,) largest entry of K at rest in the rows of each node [N/m].
+        """Return the largest entry of K at rest in the rows of each node [N/m], (nv,).
 
-        K is the reference's, or for another law the player's own; without a matrix one value for all nodes is estimated.
+        K is that of the reference, or for another law that of the player. If there is no matrix, one value for all nodes is
+        estimated.
         """
         judge = self.reference if self.is_stvk(player) else player
         if judge.name not in self._stiffness:
@@ -156,49 +161,55 @@ class Case:
         return np.full(self.mesh.nv, estimate)
 
     def force_floor(self, player: Player) -> Array:
-        """(nv,) stiffness at rest x shortest edge of each node [N]: the scale of forces there where F = 0."""
+        """Return stiffness at rest x shortest edge of each node [N], (nv,). This is the scale of forces where F = 0."""
         return self.stiffness(player) * self.node_size
 
     def force_scale(self, player: Player, *forces: Array) -> Array:
-        """(nv,) largest of these forces (ndofs,) at a node and those around it, and at least the floor [N]."""
+        """Return the largest of these forces (ndofs,) at each node and its neighbours, at least `force_floor` [N], (nv,)."""
         largest = np.max([largest_component(force, self.mesh.d) for force in forces], axis=0)
         return np.maximum(self.limits.around(largest), self.force_floor(player))
 
     def energy_floor(self, player: Player) -> float:
-        """Median of stiffness at rest x shortest edge squared of the nodes [J]: the scale of energy where W = 0."""
+        """Return the median over nodes of stiffness at rest x shortest edge squared [J], the scale of energy where W = 0."""
         floor = self.force_floor(player) * self.node_size
         return float(np.median(floor[floor > 0])) if (floor > 0).any() else 0.0
 
     @cached_property
     def limits(self) -> Limits:
-        """How large relative errors may be in each state: of the edge form, in whose sums more cancels, by as much more."""
+        """Limits of relative errors in each state. They are larger for the edge form, whose sums cancel more."""
         return Limits(self.shape, self.shape.aspect if self.by_edges else np.ones(self.mesh.nt))
 
     def amplitude(self, u: Array) -> float:
-        """The size of a direction, over that of an element, that is scaled to the strain of the state: a unit would drown it."""
+        """Return the size of a direction relative to an element, scaled to the strain of the state.
+
+        A direction of unit size would hide the effect of a small strain.
+        """
         U = self.shape.differences(u.reshape(-1, self.mesh.d).T)
         change = ((2 * self.edges + U) * U).sum(axis=0)
         strain = float(np.abs(change / (self.edges**2).sum(axis=0)).max())
         return 0.1 if strain < 1e-9 else min(strain, 0.3)
 
     def direction(self, u: Array, rng: np.random.Generator) -> Array:
-        """A random direction (ndofs,) scaled to the state."""
+        """Return a random direction (ndofs,) scaled to the strain of the state."""
         return (self.amplitude(u) * self.node_size[:, None] * rng.standard_normal((self.mesh.nv, self.mesh.d))).ravel()
 
 
 def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) -> Array:
-    """(d, d) rotation by this angle, about a random axis in space; the identity on a line."""
+    """Return the (d, d) rotation by this angle, in space about a random axis. On a line it is the identity."""
     return rotation(d, degrees, rng.standard_normal(3) if d == 3 else np.array([0.0, 0.0, 1.0]))
 
 
 def rotation(d: int, degrees: float, axis: Array) -> Array:
-    """Return the (d, d) rotation by this angle, in space about an axis, in the plane about its normal; the identity on a line."""
+    """Return the (d, d) rotation by this angle, in space about `axis`, in the plane about its normal, on a line the identity."""
     R = np.asarray(Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix())
     return R[:d, :d] if d > 1 else np.eye(1)
 
 
 def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[str, Array]:
-    """Displacements (ndofs,) [m] by name, for `X` (nv, d) from the centre; random ones in units of `node_size` (nv,)."""
+    """Return displacements (ndofs,) [m] by name, for coordinates `X` (nv, d) relative to the centre.
+
+    Random displacements are multiples of `node_size` (nv,).
+    """
     d = X.shape[1]
     turn = random_rotation(d, rng)
     shift = np.ptp(X, axis=0).max() * rng.standard_normal(d)
@@ -222,7 +233,7 @@ def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[s
         "large random": noise(0.3),
         "reflected random": (X + noise(0.3)) @ mirror.T - X,
     }
-    if d == 1:  # a line cannot turn
+    if d == 1:  # no rotations in one dimension
         states["rigid translation"] = states.pop("rigid rotation")
         states["translated strained"] = states.pop("rotated strained")
     return {name: u.ravel() for name, u in states.items()}

@@ -1,6 +1,7 @@
-"""What integrals are taken over: the kind of element, its points and weights, and the derivatives of its shape functions.
+"""Discretisation of integrals: the kind of element, its points and weights, and the derivatives of its shape functions.
 
-Points and weights are scikit-fem's, by the reference's own choice of order; the derivatives are written anew, in decimal numbers.
+Points and weights are scikit-fem's, with the order that the reference chooses. The derivatives are implemented independently, in
+decimal numbers.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ Exact = NDArray[Any]
 
 @dataclass(frozen=True)
 class Discretisation:
-    """Kind of element and rule, as `System` takes them.
+    """Kind of element and integration rule, as in `System`.
 
     Attributes
     ----------
     kind : one of `reference.KINDS`.
-    quadrature : None for the usual rule, "exact" or "one-point".
-    hourglass : coefficient of the hourglass control of "one-point".
+    quadrature : None for the usual rule, or "exact" or "one-point".
+    hourglass : coefficient of the hourglass control of the "one-point" rule.
     """
 
     kind: str
@@ -36,22 +37,22 @@ class Discretisation:
 
     @classmethod
     def of_simplices(cls, n: int) -> Discretisation:
-        """Linear simplices with `n` vertices."""
+        """Return the discretisation of linear simplices with `n` vertices."""
         return cls(LINEAR[n - 1])
 
     @property
     def is_one_point(self) -> bool:
-        """Whether it has mean gradients and hourglass control."""
+        """Whether the rule uses mean gradients and hourglass control."""
         return self.quadrature == "one-point"
 
     @property
     def points(self) -> Points:
-        """Points (k, nq) and weights (nq,); of mean gradients those that they are integrated by."""
+        """Points (k, nq) and weights (nq,). For mean gradients, these are the points that the means are integrated with."""
         return points_of(self.kind, "exact" if self.quadrature == "exact" else "usual")
 
     @property
     def options(self) -> dict[str, Any]:
-        """What `System` is to be given besides mesh and terms."""
+        """Keyword arguments of `System` in addition to mesh and terms."""
         return (
             {"quadrature": self.quadrature, "hourglass": self.hourglass}
             if self.is_one_point
@@ -59,7 +60,7 @@ class Discretisation:
         )
 
     def described(self) -> str:
-        """The rule in words.
+        """Return the description of the rule as text.
 
         >>> Discretisation("quadratic tetrahedra").described()
         '4 points of order 2'
@@ -71,7 +72,7 @@ class Discretisation:
 
 
 def derivatives(kind: str, xi: Array) -> Exact:
-    """(nq, n, k) derivatives `dN_a/dxi_i` in decimal numbers at reference points `xi` (k, nq).
+    """Return the derivatives `dN_a/dxi_i` (nq, n, k) in decimal numbers at reference points `xi` (k, nq).
 
     >>> derivatives("triangles", np.array([[0.25], [0.25]]))[0].astype(int).tolist()
     [[-1, -1], [1, 0], [0, 1]]
@@ -82,7 +83,10 @@ def derivatives(kind: str, xi: Array) -> Exact:
 
 
 def _of_box(nodes: Array, x: Exact) -> Exact:
-    """`derivatives` of `N_a`, the product of a polynomial along each axis: 1 at the node, 0 at the other coordinates of nodes."""
+    """Return `derivatives` for `N_a`, a product of one polynomial per axis.
+
+    Each polynomial is 1 at the coordinate of the node, and 0 at the other coordinates of nodes.
+    """
     values, slopes = np.empty((2, len(x), *nodes.shape), dtype=object)
     for (a, i), at in np.ndenumerate(nodes):
         scales = [(c, Decimal(at - c)) for c in np.unique(nodes[:, i]).tolist() if c != at]
@@ -94,14 +98,14 @@ def _of_box(nodes: Array, x: Exact) -> Exact:
 
 
 def _factor(x: Exact, at: float, other: float) -> Exact:
-    """`(x - other) / (at - other)`; of nodes at the ends `x` and `1 - x`, which are not rounded again."""
+    """Return `(x - other) / (at - other)`. For nodes at the ends this is `x` or `1 - x`, which avoids another rounding."""
     if {at, other} == {0.0, 1.0}:
         return x if at else 1 - x
     return (x - Decimal(other)) / Decimal(at - other)
 
 
 def _of_simplex(nodes: Array, x: Exact) -> Exact:
-    """`derivatives` of `N_a = l_a`, or of `l_a (2 l_a - 1)` of corners and `4 l_a l_b` of the middles between them."""
+    """Return `derivatives` for `N_a = l_a`, or for `l_a (2 l_a - 1)` at corners and `4 l_a l_b` at mid-edge nodes."""
     k = nodes.shape[1]
     l = np.concatenate([1 - x.sum(axis=1, keepdims=True), x], axis=1)
     dl = np.vstack([-np.ones(k, dtype=int), np.eye(k, dtype=int)]).astype(object)

@@ -1,4 +1,4 @@
-"""W, F and K of elements in plain NumPy, from whatever tables and moduli it is given: what faults and hypotheses alter."""
+"""Element model in plain NumPy with arbitrary tables and moduli, which faults and hypotheses modify."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from .discretisation import Discretisation, derivatives
 
 
 def unchanged(F: Array) -> Array:
-    """(nt, nq) ones: every point counts as what it is."""
+    """Return ones (nt, nq), so that every point has its own measure."""
     return np.ones(F.shape[:2])
 
 
 def green_lagrange(D: Array) -> Array:
-    """`E = (F'F - I)/2` of displacement gradients `D = F - I` (..., d, d)."""
+    """Return `E = (F'F - I)/2` for displacement gradients `D = F - I` (..., d, d)."""
     return np.asarray((D + np.swapaxes(D, -1, -2) + np.swapaxes(D, -1, -2) @ D) / 2)
 
 
 @dataclass(frozen=True)
 class ElementModel:
-    """W, F and K of elements that fill the space.
+    """W, F and K of elements of the same dimension as the space.
 
     Attributes
     ----------
-    p : (d, nv) coordinates that displacements belong to.
+    p : (d, nv) coordinates of the nodes that have displacements.
     X : (n, nt, d) rest positions of the nodes of each element.
     t : (n, nt) nodes of the elements.
     table : (nq, n, d) derivatives of the shape functions.
-    weights : (nq,) of the points.
-    tensor : (1 or nt, d, d, d, d) elasticity tensors, in which `S = C : E`.
-    counted : factors (nt, nq) of the points at deformation gradients (nt, nq, d, d).
-    initial : how much of the initial stress is in K, a number or (nt, 1, 1).
-    strain : of displacement gradients.
-    stress : first Piola-Kirchhoff stress `P` of the internal force, from `F` and `S`.
-    derived : whether K is the derivative of the internal force; by default it is that of St. Venant-Kirchhoff, from `F` and `S`.
+    weights : (nq,) weights of the points.
+    tensor : (1 or nt, d, d, d, d) elasticity tensors C of `S = C : E`.
+    counted : function that returns factors (nt, nq) of the points for deformation gradients (nt, nq, d, d).
+    initial : factor of the initial-stress part of K, a number or (nt, 1, 1).
+    strain : function that returns the strain for displacement gradients.
+    stress : function that returns the first Piola-Kirchhoff stress `P` of the internal force from `F` and `S`.
+    derived : whether K is the derivative of the internal force. If not, it is K of St. Venant-Kirchhoff, from `F` and `S`.
     """
 
     p: Array
@@ -60,20 +60,20 @@ class ElementModel:
     derived: bool = False
 
     def energy(self, u: Array) -> float:
-        """Strain energy [J]."""
+        """Return the strain energy [J]."""
         _, measure, D = self._state(u)
         E, S = self._strain_and_stress(D)
         return float((measure * (E * S).sum(axis=(2, 3))).sum() / 2)
 
     def internal_force(self, u: Array) -> Array:
-        """Internal force (ndofs,) [N]."""
+        """Return the internal force (ndofs,) [N]."""
         gradients, measure, D = self._state(u)
         force = np.zeros(self.p.T.shape)
         np.add.at(force, self.t, np.einsum("tq,tqiJ,tqaJ->ati", measure, self._P(D), gradients, optimize=True))
         return force.ravel()
 
     def tangent(self, u: Array) -> csr_matrix:
-        """Tangent stiffness [N/m]."""
+        """Return the tangent stiffness [N/m]."""
         g, measure, D = self._state(u)
         if self.derived:
             K = np.einsum("tq,tqiJkL,tqaJ,tqbL->taibk", measure, self._derivative(D), g, g, optimize=True)
@@ -89,7 +89,7 @@ class ElementModel:
         return csr_matrix(coo_matrix((K.ravel(), (rows.ravel(), columns.ravel())), shape=(self.p.size,) * 2))
 
     def initial_stress(self, u: Array) -> Array:
-        """(nt, n, n) initial-stress stiffness between the nodes of each element, which is the same for all components [N/m]."""
+        """Return the initial-stress stiffness (nt, n, n) between the nodes of each element [N/m], equal for all components."""
         g, measure, D = self._state(u)
         return np.asarray(np.einsum("tq,tqJL,tqaJ,tqbL->tab", measure, self._strain_and_stress(D)[1], g, g, optimize=True))
 
@@ -98,14 +98,14 @@ class ElementModel:
         return self._state(u)[2]
 
     def _state(self, u: Array) -> tuple[Array, Array, Array]:
-        """Gradients (nt, nq, n, d), measures (nt, nq), and displacement gradients (nt, nq, d, d)."""
+        """Return gradients (nt, nq, n, d), measures (nt, nq), and displacement gradients (nt, nq, d, d)."""
         spokes = np.einsum("qai,atc->tqci", self.table, self.X)
         gradients = np.einsum("qai,tqic->tqac", self.table, np.linalg.inv(spokes))
         D = np.einsum("ati,tqaJ->tqiJ", u.reshape(self.p.T.shape)[self.t], gradients)
         return gradients, np.abs(np.linalg.det(spokes)) * self.weights * self.counted(np.eye(len(self.p)) + D), D
 
     def _strain_and_stress(self, D: Any) -> tuple[Any, Any]:
-        """`E` and `S` (nt, nq, d, d)."""
+        """Return `E` and `S` (nt, nq, d, d)."""
         E, tensor = self.strain(D), np.broadcast_to(self.tensor, (self.t.shape[1], *self.tensor.shape[1:]))
         return E, np.einsum("tIJKL,tqKL->tqIJ", tensor, E, optimize=True)
 
@@ -113,7 +113,7 @@ class ElementModel:
         return self.stress(np.eye(len(self.p)) + D, self._strain_and_stress(D)[1])
 
     def _derivative(self, D: Array) -> Array:
-        """(nt, nq, d, d, d, d) `dP_iJ/dF_kL`, by a complex step, which has no truncation error."""
+        """Return `dP_iJ/dF_kL` (nt, nq, d, d, d, d), by a complex step, which has no truncation error."""
         d, step = len(self.p), 1e-30
         A = np.zeros((*D.shape, d, d))
         for k, L in product(range(d), repeat=2):
@@ -124,7 +124,7 @@ class ElementModel:
 
 
 def model_of(mesh: ElementMesh, terms: Sequence[StVK]) -> ElementModel:
-    """A right model of a body whose elements fill the space, by their usual rule."""
+    """Return the correct model of a body, by the usual rule. The elements must have the dimension of the space."""
     how = Discretisation(mesh.element.name)
     points, weights = how.points
     table = derivatives(how.kind, points).astype(float)
@@ -132,53 +132,53 @@ def model_of(mesh: ElementMesh, terms: Sequence[StVK]) -> ElementModel:
 
 
 def of_model(model: Any) -> Callable[[Array, str], dict[str, Any]]:
-    """Return those of W, F and K that are asked for as a function of the displacements."""
+    """Return a function of the displacements and the requested quantities that returns those of W, F and K."""
     methods = {"W": "energy", "F": "internal_force", "K": "tangent"}
     return lambda u, quantities: {quantity: getattr(model, methods[quantity])(u) for quantity in quantities}
 
 
-# strains and stresses that are mistaken for those of St. Venant-Kirchhoff: strains take displacement gradients `D = F - I`
-# (..., d, d), stresses `F` and `S = C : E`, all of them complex numbers too, by whose imaginary parts they are differentiated;
-# `C = F'F`, `b = F F'`
+# Strains and stresses that are mistaken for those of St. Venant-Kirchhoff. Strains take displacement gradients `D = F - I`
+# (..., d, d), stresses take `F` and `S = C : E`. All accept complex numbers, because `_derivative` uses a complex step.
+# `C = F'F`, `b = F F'`.
 
 
 def biot(D: Array) -> Array:
-    """`U - I` with the stretch `U`, the positive root of `C`."""
+    """Return `U - I` with the stretch `U`, the positive root of `C`."""
     return np.asarray(_stretch(np.eye(D.shape[-1]) + D) - np.eye(D.shape[-1]))
 
 
 def small_strain(D: Array) -> Array:
-    """Return `(H + H')/2` of the displacement gradient `H`."""
+    """Return `(D + D')/2` for the displacement gradient `D`."""
     return np.asarray((D + np.swapaxes(D, -1, -2)) / 2)
 
 
 def almansi(D: Array) -> Array:
-    """`(I - b^-1)/2`, the strain of Euler and Almansi."""
+    """Return `(I - b^-1)/2`, the strain of Euler and Almansi."""
     return _almansi(np.swapaxes(D, -1, -2))
 
 
 def pulled_back_almansi(D: Array) -> Array:
-    """`(I - C^-1)/2`, whose principal values are those of `almansi`."""
+    """Return `(I - C^-1)/2`. Its principal values are those of `almansi`."""
     return _almansi(D)
 
 
 def of_left_stretch(D: Array) -> Array:
-    """`(b - I)/2`."""
+    """Return `(b - I)/2`."""
     return np.asarray((D + np.swapaxes(D, -1, -2) + D @ np.swapaxes(D, -1, -2)) / 2)
 
 
 def times_F_on_the_right(F: Array, S: Array) -> Array:
-    """`P = S F`."""
+    """Return `P = S F`."""
     return np.asarray(S @ F)
 
 
 def S_alone(F: Array, S: Array) -> Array:
-    """`P = S`."""
+    """Return `P = S`."""
     return S
 
 
 def derivative_of_biot(F: Array, S: Array) -> Array:
-    """`P = dW/dF = 2 F X` of `W = 1/2 E : C : E` with Biot's strain, where `U X + X U = S`."""
+    """Return `P = dW/dF = 2 F X` for `W = 1/2 E : C : E` with Biot's strain, where `U X + X U = S`."""
     d, U, one = F.shape[-1], _stretch(F), np.eye(F.shape[-1])
     both = np.einsum("...ik,jl->...ijkl", U, one) + np.einsum("ik,...lj->...ijkl", one, U)
     X = np.linalg.solve(both.reshape(*F.shape[:-2], d * d, d * d), S.reshape(*S.shape[:-2], d * d, 1))
@@ -186,7 +186,7 @@ def derivative_of_biot(F: Array, S: Array) -> Array:
 
 
 def derivative_of_almansi(F: Array, S: Array) -> Array:
-    """`P = dW/dF = F C^-1 S C^-1` of `W = 1/2 E : C : E` with `pulled_back_almansi`."""
+    """Return `P = dW/dF = F C^-1 S C^-1` for `W = 1/2 E : C : E` with `pulled_back_almansi`."""
     inverse = np.linalg.inv(np.swapaxes(F, -1, -2) @ F)
     return np.asarray(F @ inverse @ S @ inverse)
 
@@ -197,9 +197,9 @@ def _almansi(D: Array) -> Array:
 
 
 def _stretch(F: Array) -> Array:
-    """The positive root `U` of `C`, of the polar decomposition `F = R U` by Newton's iteration for R."""
+    """Return the positive root `U` of `C`, from the polar decomposition `F = R U` by Newton's iteration for R."""
     R = F
-    for _ in range(100):  # halves the error of large stretches until R is near, then squares it
+    for _ in range(100):  # each step halves the error of large stretches until R is near, then squares it
         before, R = R, (R + np.swapaxes(np.linalg.inv(R), -1, -2)) / 2
         if np.abs(R - before).max(initial=0.0) <= 1e-14:
             break

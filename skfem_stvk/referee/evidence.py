@@ -1,4 +1,4 @@
-"""The candidate's values in strained states, against which hypotheses are held."""
+"""Values of the candidate in strained states, with which hypotheses are compared."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from ..errors import StvkError
 from .case import STRETCH, Case
 from .players import Foul, Player
 
-#: States in which hypotheses are held against the candidate, none of them small; the last one has elements inside out.
+#: States in which hypotheses are compared with the candidate. All have large strains; the last one has inverted elements.
 STATES = ("rotated strained", STRETCH, "35 % compression", "large random")
-#: Residuals below vanish; those of single precision lie between it and COARSE.
+#: Residuals below VANISHES count as zero. Errors of single precision lie between VANISHES and COARSE.
 VANISHES, COARSE = 1e-8, 1e-4
 Values = dict[str, Any]
-#: Those of W, F and K that are asked for, at displacements (ndofs,).
+#: Function of displacements (ndofs,) and the requested quantities that returns those of W, F and K.
 Model = Callable[[Array, str], Values]
 
 
 class Evidence:
-    """The candidate's values in strained states, and how far a model is from them.
+    """Values of the candidate in strained states, and the errors of models relative to these values.
 
     Attributes
     ----------
-    quantities : those of W, F and K that the candidate returns in any strained state.
-    found : values by state, where all of them are finite.
-    not_finite : by state, at rest and under rotation too, the quantities with an entry that is not a number or infinite.
+    quantities : the quantities among W, F and K that the candidate returns in any strained state.
+    found : values by state, for the states in which all values are finite.
+    not_finite : for each of all states, including rest and rotation, the quantities with an entry that is not finite.
     """
 
     def __init__(self, case: Case, player: Player) -> None:
@@ -54,7 +54,7 @@ class Evidence:
                 self.found[state] = values
 
     def _answers(self, asked: list[str], u: Array) -> Values:
-        """Values of the candidate, of those of W, F and K that do not raise."""
+        """Return the candidate's values of the quantities that do not raise."""
         values: Values = {}
         for quantity in asked:
             with suppress(Foul):
@@ -62,43 +62,46 @@ class Evidence:
         return values
 
     def values(self, player: Player, u: Array, quantities: str = "WFK") -> Values:
-        """W, F and K of a player, of what is asked for and the candidate has; an operator counts by its products."""
+        """Return the requested values of W, F and K of a player that the candidate has too. An operator is replaced by products."""
         return {quantity: self.value(getattr(player, quantity)(u)) for quantity in self.quantities if quantity in quantities}
 
     def value(self, value: Any) -> Any:
-        """A value as it is compared: an operator, and every K beside one, by its products."""
+        """Return a value in the form in which it is compared.
+
+        An operator is replaced by its products, and so is every K after the first operator.
+        """
         self._by_products |= isinstance(value, LinearOperator)
         if isinstance(value, LinearOperator) or (self._by_products and issparse(value)):
             return self._products(value)
         return value
 
     def _products(self, K: Any) -> Array:
-        """Products (ndofs, 4) with vectors of random signs: K is never made dense."""
+        """Return products (ndofs, 4) with vectors of random signs, so that K is never made dense."""
         return np.asarray(K @ self.signs(K.shape[1]))
 
     def signs(self, ndofs: int) -> Array:
-        """(ndofs, 4) the vectors of random signs."""
+        """Return four vectors of random signs, (ndofs, 4)."""
         return self.case.random("hypotheses").choice([-1.0, 1.0], size=(ndofs, 4))
 
     def column(self, value: Any) -> Array:
-        """A value as a column of a least-squares problem; a matrix counts by its products."""
+        """Return a value as a column of a least-squares problem. A matrix is replaced by its products."""
         return np.asarray(self._products(value) if issparse(value) else value, dtype=float).ravel()
 
     def of(self, quantity: str) -> Evidence:
-        """What there is of one of W, F and K alone."""
+        """Return the evidence of one quantity alone."""
         single = copy.copy(self)
         single.quantities = [quantity]
         single.found = {state: {quantity: values[quantity]} for state, values in self.found.items()}
         return single
 
     def truth(self, u: Array, quantities: str = "WFK") -> Values:
-        """The reference's values."""
+        """Return the values of the reference."""
         return self.values(self.case.reference, u, quantities)
 
     def error(self, model: Model, most: float = COARSE) -> float:
-        """The largest relative error of a model in all states; infinite where it is not defined.
+        """Return the largest relative error of a model in all states, or infinity if the model is not defined.
 
-        What does not fit by `most` is left alone: K, which costs most, is computed of models alone whose W and F fit.
+        The computation stops as soon as an error exceeds `most`. Hence K, which costs most, is only computed if W and F fit.
         """
         largest = 0.0 if self.found else np.inf
         for quantities in ("W", "F", "K"):
@@ -116,12 +119,12 @@ class Evidence:
         return largest
 
     def apart(self, value: Any, claimed: Any) -> float:
-        """The largest difference of two values over the largest entry of the second one."""
+        """Return the largest difference of two values, relative to the largest entry of the second value."""
         claimed = csr_matrix(claimed) if issparse(value) and not issparse(claimed) else self.value(claimed)
         scale, off = np.abs(flat(claimed)).max(initial=0.0), np.abs(flat(value - claimed)).max(initial=0.0)
         return float(off / scale) if scale else (0.0 if off == 0 else np.inf)
 
 
 def flat(value: Any) -> Array:
-    """The entries of a value, of a sparse matrix those that are stored."""
+    """Return the entries of a value, for a sparse matrix the stored ones."""
     return np.asarray(value.data if issparse(value) else value, dtype=float).ravel()

@@ -1,7 +1,7 @@
-"""Planted faults: models that are wrong in one way each, each on a body that shows it.
+"""Planted faults: models with one fault each, with a body on which the fault has an effect.
 
-A check that cannot fail is worth nothing. Each fault here has been met in the field or is easily made. `self_test` holds all checks
-against all of them.
+They verify that each check can fail. Each fault has occurred in practice or is easily made. `self_test` runs all checks on all
+faults.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ Terms = Sequence[StVK]
 
 @dataclass(frozen=True)
 class Fault:
-    """A way to be wrong.
+    """Planted fault.
 
     Attributes
     ----------
-    description : what is wrong, and where it was met.
-    make : a faulty model of a mesh and terms like those of its body.
-    body : the name of the body that shows it, of `bodies()`.
-    named : the hypothesis by which a report names it; empty where its cause has no name.
+    description : the fault, and where it has occurred.
+    make : function that returns a faulty model for a mesh and terms like those of its body.
+    body : name of the body in `bodies()` on which the fault has an effect.
+    named : name of the hypothesis by which a report names the fault, or "" if there is none.
     """
 
     description: str
@@ -47,7 +47,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class FaultBody:
-    """A small body: mesh, terms, and options of its elements."""
+    """Small body of the self-test: mesh, terms, and options of its elements."""
 
     mesh: ElementMesh
     terms: list[StVK]
@@ -56,7 +56,7 @@ class FaultBody:
 
 @cache
 def bodies() -> dict[str, FaultBody]:
-    """The bodies of the self-test: unequal edges, both orientations, lambda != mu, nu != 0."""
+    """Return the bodies of the self-test by name. They have unequal edges, both orientations, lambda != mu and nu != 0."""
     rng = np.random.default_rng(12)
     box = _shaken(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3), rng)
     half = rng.random(box.t.shape[1]) < 0.5
@@ -82,7 +82,7 @@ def bodies() -> dict[str, FaultBody]:
 
 
 def _shaken(mesh: Any, rng: np.random.Generator) -> Any:
-    """The mesh with its nodes moved by up to a tenth of their distance, and with arrays of its own."""
+    """Return a copy of the mesh with its nodes displaced randomly by up to a tenth of their distance."""
     return type(mesh)(mesh.p + 0.05 * rng.uniform(-1, 1, mesh.p.shape), mesh.t.copy())
 
 

@@ -1,4 +1,4 @@
-"""Faulty elements: W, F and K by the plain formulas, with tables, moduli, measures or strains that are wrong in one way."""
+"""Faulty elements: W, F and K by the plain formulas, with one fault in the tables, moduli, measures or strains."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def altered(change: Callable[[ElementModel], dict[str, Any]], mesh: ElementMesh,
 
 
 def with_shear(model: ElementModel, factor: float) -> dict[str, Any]:
-    """Shear stresses times a factor: `C_1212` is, `C_1122` and `C_1111` are not."""
+    """Return the change that multiplies shear moduli such as `C_1212` by a factor, but not `C_1122` and `C_1111`."""
     tensor = model.tensor.copy()
     for i in range(3):
         for j in range(3):
@@ -67,19 +67,19 @@ def counted(element: int, model: ElementModel, times: float) -> dict[str, Any]:
 
 
 def middle(change: Callable[[int, ElementModel], dict[str, Any]], mesh: ElementMesh, terms: Terms) -> ElementModel:
-    """A change of the element in the middle of the list."""
+    """Return a model in which only the element in the middle of the list is changed."""
     return altered(partial(change, mesh.nt // 2), mesh, terms)
 
 
 def strained(
     strain: Callable[[Array], Array], stress: Callable[[Array, Array], Array], derived: bool, mesh: ElementMesh, terms: Terms
 ) -> ElementModel:
-    """Another strain in `S = C : E`, or another first Piola-Kirchhoff stress of `S`."""
+    """Return a model with another strain in `S = C : E`, or another first Piola-Kirchhoff stress from `S`."""
     return replace(model_of(mesh, terms), strain=strain, stress=stress, derived=derived)
 
 
 def initial_stress_in_part(model: ElementModel) -> dict[str, Any]:
-    """K without initial stress in every third element."""
+    """Return the change that leaves out the initial stress in K of every third element."""
     return {"initial": np.where(np.arange(model.t.shape[1]) % 3 == 0, 0.0, 1.0)[:, None, None]}
 
 
@@ -115,7 +115,7 @@ def without_control(mesh: ElementMesh, terms: Terms) -> ReferenceOnePoint:
 
 
 def one_point(mesh: ElementMesh, terms: Terms) -> ElementModel:
-    """Integrals by the value at the centroid."""
+    """Return a model whose integrals use the centroid as the only point."""
     of, right = KINDS[mesh.element.name], model_of(mesh, terms)
     centroid = np.mean(of.nodes[: of.corners], axis=0, dtype=float)[:, None]
     return replace(right, table=derivatives(mesh.element.name, centroid).astype(float), weights=right.weights.sum(keepdims=True))

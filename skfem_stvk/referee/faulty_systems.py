@@ -1,4 +1,4 @@
-"""Faulty bodies: systems, their coefficients, matrices and forces, wrong in one way."""
+"""Faulty bodies: systems with one fault in their coefficients, matrices or forces."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Terms = Sequence[StVK]
 
 @dataclass(frozen=True)
 class FaultyModel:
-    """W, F and K as functions of u."""
+    """Model with W, F and K as arbitrary functions of u."""
 
     energy: Callable[[Array], float]
     internal_force: Callable[[Array], Array]
@@ -42,7 +42,7 @@ def disturbed(
     force: Callable[[Array], Any] = lambda u: 0.0,
     tangent: Callable[[Array], Any] | None = None,
 ) -> FaultyModel:
-    """A right model with something added to W, F or K."""
+    """Return the correct model with additional terms in W, F or K."""
     return FaultyModel(
         lambda u: body.energy(u) + energy(u),
         lambda u: body.internal_force(u) + np.asarray(force(u)),
@@ -58,14 +58,14 @@ def times(W: float, F: float, K: float, mesh: ElementMesh, terms: Terms) -> Faul
 
 
 def with_tangent(of: Callable[[System, Array], Any], mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """A right model but for its K."""
+    """Return the correct model with another K."""
     body = System(mesh, terms)
     return FaultyModel(body.energy, body.internal_force, lambda u: csr_matrix(of(body, u)))
 
 
 @dataclass(frozen=True)
 class AlteredTerm:
-    """A term whose coefficients are changed on the way to the mesh."""
+    """Term whose edge coefficients are changed when it is bound to a mesh."""
 
     term: StVK
     change: Callable[[Array, ElementMesh], None]
@@ -99,7 +99,7 @@ def exchanged_materials(mesh: ElementMesh, terms: Terms) -> System:
 
 
 def frames(change: Callable[[Array], Array], mesh: ElementMesh, terms: Terms) -> System:
-    """Other material axes, where they are given."""
+    """Return the body with changed material axes, for materials that have a frame."""
     altered = []
     for term in terms:
         material = term.material
@@ -110,7 +110,10 @@ def frames(change: Callable[[Array], Array], mesh: ElementMesh, terms: Terms) ->
 
 
 def rotated_by(factor: float, full_turns: int, frame: Array) -> Array:
-    """Frames whose angle about their own axis is times a factor, from an angle of so many full turns more."""
+    """Return frames whose rotation angle about their own axis is multiplied by a factor.
+
+    Before the multiplication, `full_turns` times 2 pi are added to the angle.
+    """
     right_handed = frame * np.linalg.det(frame)[..., None, None]
     vectors = Rotation.from_matrix(right_handed.reshape(-1, 3, 3)).as_rotvec()
     angles = np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -125,14 +128,14 @@ def voigt_order(mesh: ElementMesh, terms: Terms) -> System:
 
 
 def linear(mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """Small-strain elasticity: `W = 1/2 u' K0 u`."""
+    """Return the model of small-strain elasticity: `W = 1/2 u' K0 u`."""
     body = System(mesh, terms)
     K0 = body.tangent(np.zeros(body.ndofs))
     return FaultyModel(lambda u: float(u @ (K0 @ u)) / 2, lambda u: np.asarray(K0 @ u), lambda u: K0)
 
 
 def corotated(mesh: ElementMesh, terms: Terms) -> System:
-    """`W = 1/2 E : C : E` with `E = R'F - I`, which is Biot's strain but where elements are inverted."""
+    """Return the model `W = 1/2 E : C : E` with `E = R'F - I`, which is Biot's strain unless elements are inverted."""
     refuse_other_bodies(mesh, terms)
     return System(mesh, [Corotated(term.material, term.region) for term in terms])
 
@@ -144,7 +147,10 @@ def stale_rest_shape(mesh: ElementMesh, terms: Terms) -> System:
 
 
 def wrong_origin(mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """Spokes of the deformed body from where the first vertex of each element *was*."""
+    """Return a model with displacements partly relative to a node.
+
+    One hundredth of the displacement of the first node of the first element is subtracted at all other nodes.
+    """
     body, n = System(mesh, terms), mesh.nv
 
     def moved(u: Array) -> Array:
@@ -158,7 +164,7 @@ def drop_pairs(L: Array, mesh: ElementMesh) -> None:
 
 
 def opposite(m: int) -> tuple[list[int], list[int]]:
-    """Local numbers of the three pairs of edges of a tetrahedron that do not meet."""
+    """Return the local indices of the three pairs of edges of a tetrahedron that share no vertex."""
     edges = LOCAL_EDGES[3]
     pairs = [(i, j) for i in range(m) for j in range(i) if not set(edges[i]) & set(edges[j])]
     return [i for i, _ in pairs], [j for _, j in pairs]
@@ -179,7 +185,7 @@ def drop_one_adjacent(L: Array, mesh: ElementMesh) -> None:
 
 
 def permute_negative(L: Array, mesh: ElementMesh) -> None:
-    """The third and the fourth edge exchanged where an element is turned round."""
+    """Exchange the third and the fourth edge of elements with negative orientation."""
     spokes = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
     negative, order = np.linalg.det(np.moveaxis(spokes, 2, 0)) < 0, [0, 1, 3, 2, 4, 5]
     L[negative] = L[negative][:, order][:, :, order]
@@ -212,7 +218,7 @@ def blocks_transposed(body: System, u: Array) -> csr_matrix:
 
 
 def symmetrised_wrongly(body: System, u: Array) -> csr_matrix:
-    """The upper half mirrored with its diagonal, which then counts twice."""
+    """Return the upper half of K plus its transpose, so that the diagonal is doubled."""
     upper = triu(body.tangent(u))
     return csr_matrix(upper + upper.T)
 
@@ -222,20 +228,20 @@ def upper_alone(body: System, u: Array) -> csr_matrix:
 
 
 def of_one_sided_rows(body: System, u: Array) -> csr_matrix:
-    """The lower half is half of what it should be, and added to its transpose without the diagonal's share."""
+    """Return K with half of its diagonal."""
     K = body.tangent(u)
     return csr_matrix(tril(K, -1) + diags(K.diagonal()) / 2 + triu(K, 1))
 
 
 def components_first(mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """Degrees of freedom component by component in what is returned."""
+    """Return a model whose results have their degrees of freedom component by component."""
     body = System(mesh, terms)
     order = np.arange(body.ndofs).reshape(-1, mesh.d).T.ravel()
     return FaultyModel(body.energy, lambda u: body.internal_force(u)[order], lambda u: csr_matrix(body.tangent(u)[order][:, order]))
 
 
 class StaleTangent:
-    """K of the state before: what is kept is not made anew when the state changes."""
+    """Model that returns K of the previous state, because its cache is not updated when the state changes."""
 
     def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
         body = System(mesh, terms)
@@ -243,13 +249,13 @@ class StaleTangent:
         self._body, self._before = body, np.zeros(body.ndofs)
 
     def tangent(self, u: Array) -> csr_matrix:
-        """K where it was asked for last."""
+        """Return K at the state of the previous call."""
         before, self._before = self._before, u.copy()
         return self._body.tangent(before)
 
 
 class KeptTangent:
-    """K that is kept as long as the displacements are nearly the same."""
+    """Model that reuses K as long as the displacements are nearly the same."""
 
     def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
         body = System(mesh, terms)
@@ -257,14 +263,14 @@ class KeptTangent:
         self._body, self._at, self._kept = body, np.zeros(body.ndofs), body.tangent(np.zeros(body.ndofs))
 
     def tangent(self, u: Array) -> csr_matrix:
-        """K where it was computed last, or here."""
+        """Return the cached K if `u` is close to the cached state, else compute K at `u`."""
         if not np.allclose(u, self._at):
             self._at, self._kept = u.copy(), self._body.tangent(u)
         return self._kept
 
 
 def blind_to_inversion(mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """Not a number as soon as an element is inside out, as by the logarithm or the root of J."""
+    """Return a model whose values are nan if an element is inverted, as with the logarithm or the root of J."""
     body = System(mesh, terms)
 
     def factor(u: Array) -> float:
@@ -278,7 +284,7 @@ def blind_to_inversion(mesh: ElementMesh, terms: Terms) -> FaultyModel:
 
 
 class FromPositions(Textbook):
-    """F of squared lengths of positions, as textbooks write it; W and K are right."""
+    """Model with F from squared lengths of positions, as in textbooks. W and K are correct."""
 
     def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
         super().__init__(terms[0].bind(mesh).form)
@@ -287,7 +293,7 @@ class FromPositions(Textbook):
 
 
 def units(mesh: ElementMesh, terms: Terms) -> tuple[System, float, float]:
-    """The body, a force and a stiffness that are small on it, but far beyond round-off."""
+    """Return the body, and a force and a stiffness that are small for this body, but far above round-off."""
     body = System(mesh, terms)
     stiffness = 1e-6 * float(abs(body.tangent(np.zeros(body.ndofs))).max())
     return body, stiffness * float(np.ptp(mesh.p)) / mesh.nv, stiffness
@@ -299,7 +305,10 @@ def lone_force(mesh: ElementMesh, terms: Terms) -> FaultyModel:
 
 
 def couple(mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """Opposite forces along x at the lowest and the highest vertex: no sum, but a torque, and a mean stress P_13."""
+    """Return a model with opposite forces along x at the lowest and the highest vertex.
+
+    Their sum is zero, but they have a torque and a mean stress P_13.
+    """
     body, force, _ = units(mesh, terms)
     low, high = int(np.argmin(mesh.p[2])), int(np.argmax(mesh.p[2]))
     return disturbed(body, force=lambda u: force * (unit(mesh, high, 0) - unit(mesh, low, 0)))
@@ -327,7 +336,7 @@ def another_zero_of_energy(mesh: ElementMesh, terms: Terms) -> FaultyModel:
 
 
 def force_of_a_node_turned(mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """The force on the vertex in the middle of the list, with the other sign."""
+    """Return a model in which the force on the vertex in the middle of the list has the wrong sign."""
     body, sign = System(mesh, terms), np.ones(mesh.p.size)
     sign[mesh.d * (mesh.nv // 2) :][: mesh.d] = -1
     return FaultyModel(body.energy, lambda u: sign * body.internal_force(u), body.tangent)
@@ -339,7 +348,7 @@ def energy_of_a_place(mesh: ElementMesh, terms: Terms) -> FaultyModel:
 
 
 def soft_mode(mesh: ElementMesh, terms: Terms) -> FaultyModel:
-    """K at rest resists one more motion by nothing: its softest mode that is not rigid is taken out, symmetrically."""
+    """Return a model whose K at rest has one more zero mode: the softest mode that is not rigid is removed symmetrically."""
     body = System(mesh, terms)
     K0 = body.tangent(np.zeros(body.ndofs)).toarray()
     values, vectors = np.linalg.eigh(K0)

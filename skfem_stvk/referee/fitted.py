@@ -1,7 +1,7 @@
-"""Hypotheses with numbers that are fitted to the candidate, by least squares.
+"""Hypotheses with numbers that are fitted to the candidate by least squares.
 
-Factors of W, F and K as a whole, of single elements, of the force on one node, and of the initial stress in each element; constants
-that are added to W or F.
+The numbers are factors or constants. Factors apply to W, F and K as a whole, to single elements, or to the force on one node. Other
+factors apply to the initial stress in each element. Constants are added to W or F.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ READINGS = {
 
 
 def factors(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
-    """W, F and K each times a number."""
+    """Yield the hypothesis that W, F and K are each multiplied by a number."""
     fitted = {}
     for quantity in evidence.quantities:
         pairs = [
@@ -77,7 +77,10 @@ def _reading(factor: float) -> str:
 
 
 def single_elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """A few elements times a factor each: those on whose nodes alone the force, or K, is off."""
+    """Yield the hypothesis that a few elements are each multiplied by a factor.
+
+    The suspects are the elements with a wrong force, or K, on all their nodes. There may be at most five.
+    """
     case = evidence.case
     if case.how.is_one_point or not set("FK") & set(evidence.quantities):
         return
@@ -114,7 +117,7 @@ def single_elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple
 
 
 def constants(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
-    """The same addition to W, or to F, in every state."""
+    """Yield the hypotheses that the same constant is added to W, or to F, in every state."""
     mean = {q: sum(off) / len(off) for q, off in ((q, list(_off(evidence, q).values())) for q in "WF" if q in evidence.quantities)}
 
     def model(quantity: str, u: Array, quantities: str) -> Values:
@@ -131,7 +134,7 @@ def constants(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
 
 
 def single_nodes(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
-    """The force on one node times a factor, where F is off there alone."""
+    """Yield the hypothesis that the force on one node is multiplied by a factor, if F is wrong only there."""
     if "F" not in evidence.quantities:
         return
     d, off = evidence.case.mesh.d, _off(evidence, "F")
@@ -153,7 +156,7 @@ def single_nodes(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
 
 
 def initial_stresses(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """K without initial stress in some elements, which a sparse least-squares problem finds."""
+    """Yield the hypothesis that K lacks the initial stress of some elements, found by a sparse least-squares problem."""
     case, mesh = evidence.case, evidence.case.mesh
     others = [q for q in evidence.quantities if q != "K" and evidence.of(q).error(evidence.truth) > VANISHES]
     if "K" not in evidence.quantities or others or case.how.is_one_point or case.how.quadrature is not None or mesh.k != mesh.d:
@@ -175,6 +178,6 @@ def initial_stresses(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tupl
 
 
 def _off(evidence: Evidence, quantity: str) -> dict[str, Any]:
-    """Candidate minus reference by state."""
+    """Return the difference of candidate and reference by state."""
     truth = {state: evidence.truth(evidence.case.states[state], quantity)[quantity] for state in evidence.found}
     return {state: values[quantity] - truth[state] for state, values in evidence.found.items()}

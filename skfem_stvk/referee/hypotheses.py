@@ -1,7 +1,8 @@
-"""Models that are wrong in one way each.
+"""Hypotheses on a candidate's fault: models with one fault each.
 
-A hypothesis explains the candidate if its W, F and K are the candidate's in strained states, to round-off. Factors of lambda and mu
-(`moduli`) and other numbers (`fitted`) are fitted first. All else is tried as it stands, the planted faults (`faults`) among them.
+A hypothesis explains the candidate if its W, F and K equal those of the candidate in strained states, to round-off. Factors of
+lambda and mu (`moduli`) and other numbers (`fitted`) are fitted first. All other models, such as the planted faults (`faults`), are
+tried without a fit.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from .fitted import constants, factors, initial_stresses, single_elements, singl
 from .moduli import lame_factors
 from .players import Player
 
-#: Names of what FAULTS have that is found by a fit, or needs more than one state.
+#: Names of those planted faults that are identified by a fit or need more than one state. `_planted` skips them.
 FITTED = (
     "lambda doubled", "lambda halved", "lambda of plane stress", "bulk modulus for lambda", "mu halved", "mu doubled",
     "lambda and mu exchanged", "lambda and mu by region", "W, F, K x 4", "F, K x 2", "W, F, K x 2", "K x -1", "F, K x -1",
@@ -40,7 +41,7 @@ FITTED = (
 
 
 def models(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """Name, words and model of each hypothesis."""
+    """Yield name, words and model of each hypothesis."""
     yield from factors(evidence)
     yield from constants(evidence)
     yield from lame_factors(evidence, terms)
@@ -55,14 +56,14 @@ def models(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str
 
 
 def _renumbered(evidence: Evidence, read: Array, returned: Array, u: Array, quantities: str) -> Values:
-    """The reference, where it reads `u[read]` and returns its own values in the order `returned`."""
+    """Return the values of a reference that reads `u[read]` and returns its values in the order `returned`."""
     values = evidence.truth(u[read], quantities)
     turned = {"F": lambda F: F[returned], "K": lambda K: K[returned][:, returned] if issparse(K) else K[returned]}
     return {q: turned[q](value) if q in turned else value for q, value in values.items()}
 
 
 def _orders_of_dofs(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
-    """Degrees of freedom component by component, in what is taken, what is returned, or both."""
+    """Yield hypotheses with degrees of freedom component by component in the argument, the result, or both."""
     d, own = evidence.case.mesh.d, np.arange(evidence.case.mesh.p.size)
     if d == 1:
         return
@@ -77,12 +78,12 @@ def _orders_of_dofs(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
 
 
 def _read_otherwise(evidence: Evidence, read: Callable[[Array], Array], u: Array, quantities: str) -> Values:
-    """The reference at what is read in the place of the displacements."""
+    """Return the values of the reference at `read(u)` instead of `u`."""
     return evidence.truth(read(u), quantities)
 
 
 def _other_displacements(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
-    """Something else taken for the displacements, and components in another order."""
+    """Yield hypotheses with misread displacements, and with components in another order."""
     d, rest = evidence.case.mesh.d, evidence.case.mesh.p.T.ravel()
     readings: list[tuple[str, str, Callable[[Array], Array]]] = [
         ("sign of u turned", "displacements are subtracted from the positions at rest", lambda u: -u),
@@ -102,7 +103,7 @@ def _other_displacements(evidence: Evidence) -> Iterator[tuple[str, str, Model]]
 
 
 def _orders_of_voigt(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """Matrices with their shears in another order, or with shear entries times a factor."""
+    """Yield hypotheses with elasticity matrices whose shears are in another order or multiplied by a factor."""
     names = {3: "23", 4: "13", 5: "12"}
     for order in ((5, 4, 3), (4, 3, 5), (3, 5, 4), (4, 5, 3), (5, 3, 4)):
         said = ", ".join(names[i] for i in order)
@@ -129,7 +130,10 @@ def _scaled_shear(factor: float, voigt: Array) -> Array:
 
 
 def _remade(evidence: Evidence, terms: Sequence[StVK], change: Callable[[Array], Array], u: Array, quantities: str) -> Values:
-    """The reference of the body with changed elasticity matrices."""
+    """Return the values of the reference for a body with changed elasticity matrices.
+
+    Raise StvkError if a material is not anisotropic.
+    """
     case = evidence.case
     altered = []
     for term in terms:
@@ -143,7 +147,10 @@ def _remade(evidence: Evidence, terms: Sequence[StVK], change: Callable[[Array],
 
 
 def _orders_of_nodes(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """Two nodes of every element exchanged, or three middles of edges in a cycle; linear simplices do not mind."""
+    """Yield hypotheses with two nodes of every element exchanged, or three mid-edge nodes permuted in a cycle.
+
+    Linear simplices are skipped, because these permutations do not change them.
+    """
     case = evidence.case
     if case.mesh.element.is_linear_simplex or case.how.quadrature is not None or case.mesh.k != case.mesh.d:
         return
@@ -160,19 +167,19 @@ def _orders_of_nodes(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tupl
 
 
 def _planted(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """The planted faults that have a name, on this body."""
+    """Yield the planted faults that have a name and apply to this body, except those in FITTED."""
     case = evidence.case
     for fault in FAULTS.values():
         if fault.named and fault.named not in FITTED and not _is_of_another_body(case, fault.body):
             try:
                 model = fault.make(case.mesh, terms)
-            except Exception:  # it is not for such bodies
+            except Exception:  # the fault does not apply to such bodies
                 continue
             yield fault.named, fault.description, of_model(model)
 
 
 def _is_of_another_body(case: Case, name: str) -> bool:
-    """Whether a fault of this body has no meaning on the case's."""
+    """Return whether a fault that is defined for the body `name` does not apply to the body of the case."""
     if name == "one point":
         return not case.how.is_one_point
     if name == "curved":

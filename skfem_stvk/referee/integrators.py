@@ -1,4 +1,4 @@
-"""Checks of anybody's time integrator, by bodies whose motion is known."""
+"""Checks of a user's time integrator on bodies with a known motion."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from .players import Foul, Player, fairly
 from .report import Report, judge
 from .results import CheckOutcome, Explanation, Naming, Task, largest
 
-#: Young's moduli of the two bodies [Pa], a bar of length 1.3 m and section 2e-4 m^2 with half of its mass at each end.
+#: Young's moduli of the two bodies [Pa]. Each is a bar of length 1.3 m and section 2e-4 m^2 with half of its mass at each end.
 YOUNG = {"soft": 1e4, "stiff": 1e10}
 LENGTH, SECTION = 1.3, 2e-4
-#: Periods of the motion that orders and drifts are fitted on, and steps in it.
+#: Length of the motion for fitted orders and drifts, in periods, and numbers of time steps.
 PERIODS, STEPS = 1.5, (60, 120, 240)
-#: Distance of a fitted order from the claimed, or from a whole number; drift that counts as none.
+#: Allowed distance of a fitted order from the claimed order or a whole number, and drift that counts as zero.
 SLACK, NO_DRIFT = 0.25, 1e-9
-#: `omega dt` that are tried, amplitude of the vibration as a part of the length, and growth per step that counts as none.
+#: Values of `omega dt` that are tried, amplitude of the vibration over the length, and growth per step that counts as zero.
 SCAN, AMPLITUDE, NO_GROWTH = np.geomspace(0.05, 1e3, 40), 1e-4, 1e-6
-#: Newmark's beta is told to that precision.
+#: Precision to which Newmark's beta is identified.
 EXACT = 1e-3
 QUANTITIES = ("energy", "linear momentum", "angular momentum")
 
@@ -46,31 +46,33 @@ def verify_integrator(
     stable: float | None = None,
     quiet: bool = False,
 ) -> Report:
-    """Judge a time integrator by a soft and a stiff body of two masses and a spring, whose motion is known.
+    """Check a time integrator on a soft and a stiff body of two masses and a spring, whose motion is known.
 
-    `step(system, u, v, dt)` returns displacements and velocities (ndofs,) a time `dt` later, of `M v' + F(u) = 0`, free in space:
-    `system.internal_force(u)` is F [N], `system.tangent(u)` its derivative, and `system.mass()` the lumped M, with `solve(f)` and
-    `multiply(v)`. There are no loads and no supports. What it returns may depend on its arguments alone.
+    `step(system, u, v, dt)` returns displacements and velocities (ndofs,) at a time `dt` later, for `M v' + F(u) = 0`.
+    `system.internal_force(u)` is F [N], `system.tangent(u)` is its derivative, and `system.mass()` is the lumped M, with `solve(f)`
+    and `multiply(v)`. The body is free in space, without loads and supports. The result may depend on the arguments alone.
 
-    The spring is a bar with the energy of St. Venant-Kirchhoff; it turns, vibrates by 15 % and drifts. The relative motion is that
-    of a point in a central field, an ordinary differential equation that is solved to 13 digits.
+    The spring is a bar with the energy of St. Venant-Kirchhoff. It rotates, vibrates by 15 % and drifts. The relative motion is
+    that of a point in a central field, an ordinary differential equation that is solved to 13 digits.
 
-    - memory: the same arguments give the same result, whatever was asked between: a kept force is stale.
-    - order: the error at the end falls with the claimed order, or with a whole one from 1 on.
-    - drifts: of energy, linear and angular momentum: none of those in `conserves`, others fall with the step, as they do not where
-      there is damping.
-    - stability limit: no growth of small vibrations up to `omega dt = stable`; or up to 0.05, and the limit is told.
+    - memory: the same arguments give the same result, whatever calls were made in between. A cached force would be stale.
+    - order: the error at the end falls with the claimed order, or, without a claim, with a whole order from 1 on.
+    - drift: the quantities in `conserves` (energy, linear and angular momentum) do not drift. Drifts of the others fall with the
+      step, which they do not if there is damping.
+    - stability limit: small vibrations do not grow up to `omega dt = stable`. Without a claim the check goes up to 0.05, and the
+      measured limit is reported.
 
-    Where it fails, `named` says which repair of the step passes all of this, if one does: of the size of the force or of the time
-    step, both measured on small vibrations and on a drift, or of the state that a force or velocity is taken from.
+    If a check fails, `named` gives the repair of the step that passes all checks, if there is one. A repair changes the size of the
+    force or of the time step, or the state at which a force or velocity is taken. Both sizes are measured, on small vibrations and
+    on a drift.
 
     Parameters
     ----------
-    density : of the bar [kg/m^3].
-    order : the claimed order; None to have it told.
-    conserves : those of "energy", "linear momentum" and "angular momentum" that are claimed to be conserved.
+    density : density of the bar [kg/m^3].
+    order : the claimed order; None if there is no claim. The report states the fitted order.
+    conserves : the quantities that are claimed to be conserved: "energy", "linear momentum", "angular momentum".
     stable : the claimed limit of `omega dt`: 2 for central differences, 1000 for integrators without a limit.
-    quiet : show no progress.
+    quiet : whether to hide the progress bar.
 
     Raises
     ------
@@ -105,7 +107,7 @@ def verify_integrator(
 
 
 def _tasks(step: Step, density: float, order: int | None, conserves: Sequence[str], stable: float | None) -> list[Task]:
-    """Those of both bodies."""
+    """Return the tasks of both bodies."""
     bodies = {name: _Body(step, young, density) for name, young in YOUNG.items()}
     return [task for name, body in bodies.items() for task in _tasks_of(name, body, order, conserves, stable)]
 
@@ -120,7 +122,7 @@ def _tasks_of(name: str, body: _Body, order: int | None, conserves: Sequence[str
 
 
 class _Body:
-    """Two masses and a bar in space, their known motion, and the integrator that moves them."""
+    """Two masses and a bar in space, with their known motion and the integrator under test."""
 
     def __init__(self, step: Step, young: float, density: float) -> None:
         self.step, self.player = step, Player("integrator", None, 6)
@@ -131,14 +133,14 @@ class _Body:
         self.m = density * SECTION * LENGTH / 2
         self.omega = float(np.sqrt(2 * young * SECTION / (LENGTH * self.m)))
         across = np.array([1.0, 2.0, 0.0]) / np.sqrt(5)
-        #: Relative position and velocity at first, and the velocity of the centre.
+        #: Initial relative position and velocity, and the velocity of the centre.
         self.r, self.rate = 1.15 * LENGTH * along, 0.6 * self.omega * LENGTH * across
         self.drift = 0.2 * self.omega * LENGTH * np.array([0.3, -0.5, 0.8])
         self.until = PERIODS * 2 * np.pi / self.omega
         self._runs: dict[int, tuple[Array, Array]] = {}
 
     def state(self, t: float) -> tuple[Array, Array]:
-        """The known `u`, `v` (6,) at a time."""
+        """Return the exact `u` and `v` (6,) at time `t`."""
         r, rate = self.r, self.rate
         if t > 0:
 
@@ -153,7 +155,7 @@ class _Body:
         return (x - self.X).ravel(), np.concatenate([self.drift - rate / 2, self.drift + rate / 2])
 
     def ask(self, u: Array, v: Array, dt: float) -> tuple[Array, Array]:
-        """A step of the integrator, of copies, looked at before it is believed."""
+        """Return one step of the integrator, called with copies. Raise `Foul` if the result does not have the right form."""
         found = fairly("step", lambda: self.step(self.system, u.copy(), v.copy(), dt))
         pair = fairly("What step returned", lambda: [np.array(one) for one in found])
         if len(pair) != 2 or any(one.shape != (6,) or one.dtype.kind not in "fiu" for one in pair):
@@ -162,7 +164,7 @@ class _Body:
         return pair[0].astype(float), pair[1].astype(float)
 
     def run(self, steps: int) -> tuple[Array, Array]:
-        """(steps + 1, 6) displacements and velocities, from the first state on; they are computed once."""
+        """Return displacements and velocities (steps + 1, 6), including the initial state. They are computed once."""
         if steps not in self._runs:
             states = [self.state(0.0)]
             for _ in range(steps):
@@ -172,7 +174,7 @@ class _Body:
         return self._runs[steps]
 
     def drifts(self, quantity: str, steps: int) -> float:
-        """The largest change of a conserved quantity, as a part of its scale."""
+        """Return the largest change of a conserved quantity, relative to its scale."""
         u, v = self.run(steps)
         x, V = (u.reshape(-1, 2, 3) + self.X), v.reshape(-1, 2, 3)
         if quantity == "energy":
@@ -188,7 +190,7 @@ class _Body:
 
 
 def _memory(body: _Body) -> dict[str, Any]:
-    """A step, a step from elsewhere, the first one again."""
+    """Compare a step with the same step after a step from another state."""
     u, v = body.state(0.0)
     dt = body.until / STEPS[0]
     first = np.concatenate(body.ask(u, v, dt))
@@ -236,13 +238,16 @@ def _drift(body: _Body, quantity: str, claimed: bool) -> dict[str, Any]:
 
 
 def _growth(body: _Body, omega_dt: float) -> float:
-    """Spectral radius of the step of small vibrations along the bar, less 1."""
+    """Return the spectral radius of the step of small vibrations along the bar, minus 1."""
     A = _amplification(body, omega_dt)
     return float(np.abs(np.linalg.eigvals(A)).max() - 1) if np.isfinite(A).all() else np.inf
 
 
 def _amplification(body: _Body, omega_dt: float) -> Array:
-    """(2, 2) the step of small vibrations along the bar, `u` and `v / omega`; differences of both signs take out even terms."""
+    """Return the amplification matrix (2, 2) of small vibrations along the bar, for `u` and `v / omega`.
+
+    Central differences, with both signs of the amplitude, cancel the even terms.
+    """
     along = np.concatenate([-body.r, body.r]) / np.linalg.norm(body.r) / np.sqrt(2)
     dt, eps = omega_dt / body.omega, AMPLITUDE * LENGTH
     A = np.zeros((2, 2))
@@ -274,7 +279,7 @@ def _stability(body: _Body, claimed: float | None) -> dict[str, Any]:
 
 
 def _explain(step: Step, density: float, claims: tuple[int | None, Sequence[str], float | None], report: Report) -> None:
-    """Name the repairs of the step with which it passes every check."""
+    """Name the repairs of the step that make it pass every check."""
     failures = report.failures()
     if not failures:
         return
@@ -286,7 +291,7 @@ def _explain(step: Step, density: float, claims: tuple[int | None, Sequence[str]
             passed = all(result.outcome is CheckOutcome.PASSED for result in results)
             yield Explanation(name, words, largest(results) if passed else np.inf)
 
-    with suppress(Foul, np.linalg.LinAlgError):  # of a step that cannot be measured no repair is known
+    with suppress(Foul, np.linalg.LinAlgError):  # no repair is known for a step that cannot be measured
         naming.explain(repaired())
     if not naming.explanations and any(result.check == "stability limit" for result in failures):
         naming.explain(_of_beta(soft))
@@ -300,7 +305,7 @@ Repair = Callable[[Step, System, Array, Array, float], Any]
 
 
 class _Scaled:
-    """A system whose forces are multiplied."""
+    """System whose energy, forces and tangent are multiplied by a factor."""
 
     def __init__(self, system: System, factor: float) -> None:
         self._system, self._factor = system, factor
@@ -319,7 +324,10 @@ class _Scaled:
 
 
 def _of_size(step: Step, body: _Body) -> Iterator[tuple[tuple[str, str], Repair]]:
-    """The time step by the way of a body that drifts, and the force by the frequency of small vibrations at small steps."""
+    """Yield repairs of the size of the time step and of the force.
+
+    The time step is measured by the path of a drifting body, the force by the frequency of small vibrations at small steps.
+    """
     dt = 0.02 / body.omega
     drift = np.tile(body.drift, 2)
     moved, _ = body.ask(np.zeros(6), drift, dt)
@@ -343,7 +351,7 @@ def _of_size(step: Step, body: _Body) -> Iterator[tuple[tuple[str, str], Repair]
 
 
 def _stiffness(body: _Body, omega_dt: float) -> float:
-    """The square of the frequency that is seen, as a part of `omega^2`; negative where small vibrations grow as by a hyperbola."""
+    """Return the square of the observed frequency over `omega^2`. It is negative if small vibrations grow exponentially."""
     A = _amplification(body, omega_dt)
     if not np.isfinite(A).all():
         return np.nan
@@ -352,7 +360,10 @@ def _stiffness(body: _Body, omega_dt: float) -> float:
 
 
 def _of_beta(body: _Body) -> Iterator[Explanation]:
-    """Newmark's beta of an implicit step with gamma = 1/2, for which `cos(theta) = 1 - x^2/2 / (1 + beta x^2)`, `x = omega dt`."""
+    """Yield Newmark's beta of an implicit step with gamma = 1/2.
+
+    For such a step, `cos(theta) = 1 - x^2/2 / (1 + beta x^2)` with `x = omega dt`.
+    """
     found = []
     for x in (0.5, 1.0):
         A = _amplification(body, x)
@@ -391,7 +402,7 @@ def _by_first_half(step: Step, system: System, u: Array, v: Array, dt: float) ->
     return moved, rate + dt / 2 * (_accelerated(system, moved) - _accelerated(system, short))
 
 
-#: Name and words of each repair of where a force or a velocity is taken.
+#: Name and words of each repair that takes a force or a velocity at another state.
 _OF_PLACE: dict[tuple[str, str], Repair] = {
     (
         "old force",

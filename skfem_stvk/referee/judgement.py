@@ -1,6 +1,7 @@
-"""From errors to what `judged` takes: each node, or entry of K, has its own scale and its own limit, and the worst place is told.
+"""Conversion of errors to measurements for `judged`: relative errors, their limits, and the worst location.
 
-The limit of a node is that of its worst element (`Limits`): 1e-12, or 20 eps times its aspect ratio.
+Each node, or entry of K, has its own scale and its own limit. The limit of a node is that of its worst element (`Limits`): 1e-12,
+or 20 eps times its aspect ratio.
 """
 
 from __future__ import annotations
@@ -26,14 +27,15 @@ FLAT = "20 eps x (longest edge + displacement)/smallest height of the flattest o
 
 
 def by_node(mesh: ElementMesh, error: Array, scale: Array, limit: Array, words: str, reason: str) -> Measurement:
-    """A measurement of the errors (ndofs,), at the node where they are largest for their limit.
+    """Return the measurement of errors (ndofs,) at the node with the largest ratio of error to limit.
 
-    `scale` (nv,) is what they are relative to, in `words`, and `limit` (nv,) how large they may be relative to it.
+    `scale` (nv,) holds the reference values of the errors, which `words` describes. `limit` (nv,) holds the largest allowed errors
+    relative to `scale`.
     """
     relative = _over(largest_component(error, mesh.d), scale)
     node = int(np.argmax(relative / limit))
     return {
-        "measured": float(relative[node]) if scale.any() else np.inf,  # a body that does not resist is none
+        "measured": float(relative[node]) if scale.any() else np.inf,  # a body without any resistance is a failure
         "limit": float(limit[node]),
         "scale": f"{scale[node]:.3e} ({words})",
         "reason": _why(reason, limit),
@@ -42,9 +44,10 @@ def by_node(mesh: ElementMesh, error: Array, scale: Array, limit: Array, words: 
 
 
 def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, limits: csr_matrix, words: str, reason: str) -> Measurement:
-    """A measurement of the entries of a difference of matrices.
+    """Return the measurement of the entries of a difference of matrices.
 
-    An entry is relative to the geometric mean of `rows` (nv,) of its nodes; `limits` (nv, nv) is how large it may be.
+    Each entry is divided by the geometric mean of `rows` (nv,) at its two nodes. `limits` (nv, nv) holds the largest allowed values
+    of these ratios.
     """
     entries = abs(difference).tocoo()
     if not entries.nnz or not rows.any():
@@ -68,30 +71,33 @@ def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, limits: csr_m
 
 
 def as_a_whole(error: float, scale: float, limit: float, words: str, reason: str) -> Measurement:
-    """A measurement of one number of the whole body."""
+    """Return the measurement of one number of the whole body."""
     return relative(error, scale, limit, words, reason + (f"; up to {limit:.0e}, {FLAT}" if limit > LIMIT else ""))
 
 
 def relative(error: float, scale: float, limit: float, words: str, reason: str) -> Measurement:
-    """Return the measurement of an error that is relative to a scale, in `words`; infinite without a scale: a body resists."""
+    """Return the measurement of an error relative to a scale, which `words` describes.
+
+    The measured value is infinite if the scale is zero, because a body without resistance is a failure.
+    """
     measured = error / scale if scale > 0 else np.inf
     return {"measured": measured, "limit": limit, "scale": f"{scale:.3e} ({words})", "reason": reason}
 
 
 def largest_rows(K: spmatrix, d: int) -> Array:
-    """(nv,) largest entry of a matrix in the rows of each node."""
+    """Return the largest entry of a matrix in the rows of each node, (nv,)."""
     largest: Array = abs(K).max(axis=1).toarray().reshape(-1, d).max(axis=1)
     return largest
 
 
 def largest_component(values: Array, d: int) -> Array:
-    """(nv,) largest component of a vector (ndofs,) at each node; what is not a number is infinite."""
+    """Return the largest component of a vector (ndofs,) at each node, (nv,). Entries that are not finite count as infinite."""
     size = np.abs(values).reshape(-1, d)
     return np.asarray(np.where(np.isfinite(size), size, np.inf).max(axis=1))
 
 
 def _over(error: Array, scale: Array) -> Array:
-    """Relative errors: infinite where the error is not finite, whatever the scale, and where only the scale is zero."""
+    """Return the relative errors. They are infinite where the error is not finite, or where only the scale is zero."""
     finite = np.isfinite(error)
     return np.divide(error, scale, out=np.where(finite & (error == 0), 0.0, np.inf), where=finite & (scale > 0))
 
@@ -105,9 +111,9 @@ def _why(reason: str, limit: Array) -> str:
 
 
 def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) -> dict[str, Any]:
-    """The worst place of an error (ndofs,), and the nodes and elements that are beyond the limit.
+    """Return the location of the largest error (ndofs,), and the nodes and elements that exceed the limit.
 
-    `suspects` are the elements all of whose nodes are beyond the limit: a fault in single elements leaves just those.
+    `suspects` are the elements with all nodes beyond the limit. A fault in single elements gives exactly these elements.
     """
     if not error.size:
         return {}
@@ -124,7 +130,7 @@ def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) ->
 
 
 def in_words(places: dict[str, Any]) -> str:
-    """The worst places in one line of words.
+    """Return the result of `worst_places` as one line of text.
 
     >>> in_words({"dof": 7, "node": 2, "component": "y", "elements": [1], "nodes_off": 4, "elements_off": 1, "suspects": [1]})
     'worst at dof 7 (node 2, y); 4 nodes off, all nodes of 1 element: 1'
@@ -142,49 +148,50 @@ def in_words(places: dict[str, Any]) -> str:
 
 
 class Limits:
-    """How large a relative error of a right W, F or K may be, from the shape of the elements and how far they have moved.
+    """Limits of the relative errors of a correct W, F or K, from the shape of the elements and their displacement.
 
-    Of an element with the longest edge `l` and the smallest height `h`, displaced by up to `|u|`:
+    The limit of an element with the longest edge `l` and the smallest height `h`, displaced by up to `|u|`, is
 
         max(1e-12, 20 eps c (l + |u|/s)/h), at most 1e-6
 
-    where `c` is 1, or how much larger the parts of a sum are than itself, and `s` is 1, or the size of the change, over that of an
-    element, if what is judged is a difference of two states. `cancelled` (nt,) is a `c` that all forms have there: the edge form's
-    is the aspect ratio itself (docs/precision.md).
-    `h` and `l` are those at the worst of its points. A rest frame and a displacement hold their digits relative to `l` and `|u|`,
-    and strain divides what is lost by `h`. Right forms keep to a seventh of it, on needles, single slivers, random clouds and
-    boxes pressed flat.
+    where `c` is 1, or the ratio of the largest parts of a sum to the sum. `s` is 1, or, for a difference of two states, the size of
+    the change over the size of an element. `cancelled` (nt,) is a factor of `c` that applies to all quantities. For the edge form
+    it is the aspect ratio (docs/precision.md).
+
+    `h` and `l` are those at the worst point of the element. The round-off of a rest frame and of a displacement is relative to `l`
+    and `|u|`, and the strain divides it by `h`. Errors of correct forms stay below a seventh of the limit, on needles, single
+    slivers, random clouds and boxes pressed flat.
     """
 
     def __init__(self, shape: Shape, cancelled: Array) -> None:
         self.shape, self.mesh, self._cancelled = shape, shape.mesh, cancelled
 
     def of_elements(self, u: Array, cancelled: float = 1.0, change: float = 1.0) -> Array:
-        """(nt,) limits at `u` (ndofs,), with `c = cancelled` and `s = change`."""
+        """Return the limits of the elements (nt,) at `u` (ndofs,), with `c = cancelled` and `s = change`."""
         moved = np.linalg.norm(u.reshape(-1, self.mesh.d), axis=1)[self.mesh.t].max(axis=0)
         limit = LIMIT_BY_ASPECT * cancelled * self._cancelled * (self.shape.aspect + moved / change * self.shape.steepest)
         return np.asarray(np.clip(limit, LIMIT, HIGHEST))
 
     def of_nodes(self, u: Array, change: float = 1.0) -> Array:
-        """(nv,) largest limits of the elements of each node at `u` (ndofs,)."""
+        """Return the largest limit of the elements of each node (nv,) at `u` (ndofs,)."""
         return np.maximum(self.by_node(self.of_elements(u, change=change)), LIMIT)
 
     def of_pairs(self, u: Array) -> csr_matrix:
-        """(nv, nv) largest limits of the elements of each pair of nodes at `u` (ndofs,)."""
+        """Return the largest limit of the elements of each pair of nodes (nv, nv) at `u` (ndofs,)."""
         return self.by_pair(self.of_elements(u))
 
     def of_body(self, u: Array, cancelled: float = 1.0, change: float = 1.0) -> float:
-        """The largest limit of an element at `u` (ndofs,)."""
+        """Return the largest limit of all elements at `u` (ndofs,)."""
         return float(self.of_elements(u, cancelled, change).max())
 
     def by_node(self, values: Array) -> Array:
-        """(nv,) the largest value (nt,) of the elements of each node."""
+        """Return the largest of the element values (nt,) at each node, (nv,)."""
         largest = np.zeros(self.mesh.nv)
         np.maximum.at(largest, self.mesh.t.ravel(), np.tile(values, len(self.mesh.t)))
         return largest
 
     def by_pair(self, values: Array) -> csr_matrix:
-        """(nv, nv) the largest value (nt,) of the elements of each pair of nodes."""
+        """Return the largest of the element values (nt,) at each pair of nodes, (nv, nv)."""
         order, first, rows, columns = self._pairs
         largest = np.maximum.reduceat(values[order], first)
         return csr_matrix((largest, (rows, columns)), shape=(self.mesh.nv,) * 2)
@@ -199,5 +206,5 @@ class Limits:
         return order % self.mesh.nt, first, a[order][first], b[order][first]
 
     def around(self, values: Array) -> Array:
-        """(nv,) the largest value (nv,) among the nodes of the elements of each node."""
+        """Return the largest nodal value (nv,) among all nodes of the elements around each node, (nv,)."""
         return self.by_node(values[self.mesh.t].max(axis=0))

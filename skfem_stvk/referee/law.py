@@ -1,4 +1,4 @@
-"""Checks of a law without a mesh: an energy density W(F), its stress and its tangent, at deformation gradients."""
+"""Checks of a constitutive law without a mesh: energy density W(F), stress and tangent at deformation gradients."""
 
 from __future__ import annotations
 
@@ -38,36 +38,45 @@ def verify_law(
     seed: int = 0,
     quiet: bool = False,
 ) -> Report:
-    """Check a hyperelastic law, any subset of energy density, stress and tangent, at deformation gradients F; no mesh is needed.
+    """Check a hyperelastic law at deformation gradients F, without a mesh.
 
-    Derivatives by Taylor tests (remainders of order 2), and exactly where W is a polynomial of degree up to four along lines;
-    objectivity, `W(QF) = W(F)`; the balance of moments, `P F' = F P'`; major and minor symmetries; no stress at rest, and strong
-    ellipticity there; what happens at inversion; and against `claims`, moduli at rest, material symmetry, and for `StVK` W, P and A
-    everywhere. The head of the report says how stress and tangent were read, and at which stretch strong ellipticity is lost;
-    `report.named` what is wrong, if a factor, other constants, another reading or a missing geometric term explain all failures.
+    The law is any subset of energy density, stress and tangent. The checks are:
+
+    - derivatives, by Taylor tests (remainders of order 2). A second test is exact if W is a polynomial of degree up to four along
+      lines.
+    - objectivity, `W(QF) = W(F)`.
+    - the balance of moments, `P F' = F P'`.
+    - major and minor symmetries of the tangent.
+    - zero stress and strong ellipticity at rest.
+    - the behaviour at inversion.
+    - against `claims`: moduli at rest, material symmetry, and for `StVK` also W, P and A in all states.
+
+    The head of the report states how stress and tangent were read, and at which stretch strong ellipticity is lost.
+    `report.named` names the fault if a factor, other constants, another reading or a missing geometric term explains all failures.
 
     Parameters
     ----------
-    energy : `W(F)`, one number [J/m^3], of F (d, d).
-    stress : `P`, `S`, `sigma` or `tau` (d, d) [Pa], the last three also as Voigt vectors (6,) or (3,).
-    elasticity : `A = dP/dF` (d, d, d, d) or by rows (d^2, d^2), or `C = dS/dE` (d, d, d, d) or as a Voigt matrix (6, 6) or
-        (3, 3) [Pa].
-    at : (d, d) or (n, d, d) deformation gradients with det F > 0, by default sampled ones.
-    claims : the law that it claims to be, such as `StVK(young=1e5, poisson=0.3)`, with `plane=` in two dimensions; of other laws of
-        this package the moduli at rest are held.
-    dimension : 2 or 3; by default that of `at`, 2 if `claims` has a plane, else 3.
-    measure, tangent, voigt, engineering : what the arrays mean: one of "P", "S", "sigma", "tau", "P transposed"; "A", "C",
-        "A transposed"; the order of shear "23-13-12", "12-13-23", "12-23-13"; and whether a matrix acts on engineering shear.
-        What is not told is guessed on generic F; the report lists all that fit.
-    seed : of the sampled F.
-    quiet : show no progress.
+    energy : function of F (d, d) that returns `W(F)`, one number [J/m^3].
+    stress : function of F that returns `P`, `S`, `sigma` or `tau` (d, d) [Pa], the last three also as Voigt vectors (6,) or (3,).
+    elasticity : function of F that returns `A = dP/dF` (d, d, d, d) or by rows (d^2, d^2), or `C = dS/dE` (d, d, d, d) or as a
+        Voigt matrix (6, 6) or (3, 3) [Pa].
+    at : (d, d) or (n, d, d) deformation gradients with det F > 0. By default they are sampled.
+    claims : the law that the functions claim to be, such as `StVK(young=1e5, poisson=0.3)`, with `plane=` in two dimensions. For
+        other laws of this package only the moduli at rest are compared.
+    dimension : 2 or 3. The default is the dimension of `at`, then 2 if `claims` has a plane, else 3.
+    measure, tangent, voigt, engineering : the meaning of the arrays. `measure` is "P", "S", "sigma", "tau" or "P transposed";
+        `tangent` is "A", "C" or "A transposed"; `voigt` is the order of shears "23-13-12", "12-13-23" or "12-23-13";
+        `engineering` says whether a matrix acts on engineering shear. If one is None, it is inferred at generic F, and the report
+        lists all readings that fit.
+    seed : seed of the sampled F.
+    quiet : whether to hide the progress bar.
 
     Raises
     ------
     StvkError
-        if no function is given, or an argument is not what it should be.
+        if no function is given, or an argument is invalid.
     MaterialError
-        if `claims` has constants per element, or no material.
+        if `claims` has no material, constants or frames per element, or an invalid Poisson's ratio.
 
     >>> import numpy as np
     >>> def W(F):
@@ -144,7 +153,7 @@ def _dimension(dimension: int | None, gradients: Array | None, claims: Any) -> i
 
 
 def _tensor(claims: Any, d: int) -> Array:
-    """(d, d, d, d) moduli at rest of the law that is claimed."""
+    """Return the moduli at rest of the claimed law, (d, d, d, d)."""
     if not isinstance(claims, ElasticLaw):
         raise StvkError(f"claims = {shown(claims)}; expected a law such as StVK(young=1e5, poisson=0.3).")
     material, condensed = claims.material, d == 2 and claims.plane == "stress"
@@ -161,7 +170,7 @@ def _tensor(claims: Any, d: int) -> Array:
 
 
 def _samples(d: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Deformation gradients that are neither small nor special, and those at rest and of a rotation."""
+    """Return named deformation gradients: rest, small strain, a rotation, generic ones, a stretch and a compression."""
     one = np.eye(d)
     generic = {f"generic {i}": random_rotation(d, rng) @ (one + 0.25 * rng.uniform(-1, 1, (d, d))) for i in range(4)}
     small = {"small strain": one + 1e-3 * rng.uniform(-1, 1, (d, d)), "rotation": random_rotation(d, rng)}

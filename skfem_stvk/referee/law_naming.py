@@ -1,4 +1,4 @@
-"""What is wrong with a law that fails: the repair of its functions after which every check passes."""
+"""Naming of the fault of a constitutive law: a repair of its functions after which every check passes."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from .law_readings import (
 from .players import Foul
 from .results import CheckOutcome, Explanation, Naming, Result, largest
 
-#: Relative distance of moduli that are the same: differences of sixth order, taken twice, are good to 1e-8.
+#: Relative distance below which moduli are equal. Differences of sixth order, taken twice, are accurate to 1e-8.
 SAME = 1e-6
-SELF_EXPLAINING = {"inversion", "strong ellipticity"}  # their names say what is wrong
+SELF_EXPLAINING = {"inversion", "strong ellipticity"}  # the names of these checks state the fault
 
 
 def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Result]) -> Naming | None:
-    """What explains all failures; None if none of them needs a name.
+    """Return the explanation of all failures, or None if no failure needs a name.
 
-    Moduli at rest are held against the claims first; then stress and tangent, so repaired, are read again. What is found is an
-    explanation if the law with all its repairs passes every check.
+    Moduli at rest are compared with the claims first. Then the repaired stress and tangent are read again. The repairs are an
+    explanation if the law with all repairs passes every check.
     """
     failures = [result for result in results if result.outcome is CheckOutcome.FAILED and result.check not in SELF_EXPLAINING]
     if not failures:
@@ -47,7 +47,7 @@ def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Resul
     repair = _Repair(law, checks, told)
     try:
         after = repair.results()
-    except (Foul, StvkError, np.linalg.LinAlgError):  # what the repaired law returns is trusted no more than the law
+    except (Foul, StvkError, np.linalg.LinAlgError):  # the repaired law may fail in the same ways as the law
         after = []
     naming.tried += len(law.functions) * (checks.isotropic + checks.stvk)
     if repair.found and after and not any(result.outcome is CheckOutcome.FAILED for result in after):
@@ -65,7 +65,7 @@ def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Resul
 
 
 class _Repair:
-    """A law whose functions are repaired one by one, and the words for what was done."""
+    """Law whose functions are repaired one by one, with a description of each repair."""
 
     def __init__(self, law: JudgedLaw, checks: LawChecks, told: Told) -> None:
         self.law, self.checks, self.told = law, checks, dict(told)
@@ -74,12 +74,12 @@ class _Repair:
         self.found: list[tuple[str, str]] = []
 
     def results(self) -> list[Result]:
-        """Of all checks of the law that is repaired."""
+        """Return the results of all checks of the repaired law."""
         if self.checks.isotropic:
             self._moduli()
         if self.tensor is not None and self.checks.stvk:
             self._linear(self.tensor)
-        for _ in range(3):  # the stress, the tangent, and a last look
+        for _ in range(3):  # the stress, the tangent, and a final check
             law = JudgedLaw(self.functions, self.law.d, np.random.default_rng(1))
             law.read(self.told, self.tensor, self.checks.stvk)
             if not law.would_fit:
@@ -89,7 +89,7 @@ class _Repair:
         return [task.run() for task in checks.tasks()]
 
     def _moduli(self) -> None:
-        """Where moduli at rest are others than the claims': all functions by other claims, or each by itself."""
+        """Repair moduli at rest that differ from the claims, either of all functions by other claims, or of each function."""
         assert self.tensor is not None
         lam, mu, _ = lame_of(self.tensor)
         found = {what: lame_of(self.checks.moduli(what)) for what in self.functions}
@@ -112,7 +112,7 @@ class _Repair:
             self.found.append(_moduli_in_words(WORD[what], other, shear, lam, mu))
 
     def _linear(self, tensor: Array) -> None:
-        """Energy and stress that are those of linear elasticity."""
+        """Repair an energy or stress that is that of linear elasticity."""
         found = []
         for what in self.functions.keys() & {"W", "P"}:
             at = [(self._raw(what, F), *linear(tensor, F)) for F in self.law.generic]
@@ -129,7 +129,7 @@ class _Repair:
             self.found.append(("linear strain", f"the {words} {'are those' if len(found) > 1 else 'is that'} of linear elasticity"))
 
     def _raw(self, what: str, F: Array) -> Array:
-        """The number, or the full (d, d) matrix, that was returned, whichever stress it is."""
+        """Return the number, or the full (d, d) matrix, that the function returned, without conversion to P."""
         value = self.law.value(what, F)
         return value.reshape(()) if what == "W" else nominal_stress(value, F, Reading("P", self.law.reading["P"].order))
 
@@ -143,7 +143,7 @@ class _Repair:
         self.told[what] = reading.kind, reading.order, reading.engineering
 
     def _of_other_constants(self, what: str, other: Array) -> None:
-        """The function less St. Venant-Kirchhoff of its own constants, and with that of the claims."""
+        """Repair a function: subtract St. Venant-Kirchhoff with its own constants, and add that with the claimed constants."""
         law, tensor = self.law, self.tensor
         assert tensor is not None
         if what == "W":
@@ -162,7 +162,7 @@ class _Repair:
             self.told[what] = "A", None, None
 
     def _reading(self, law: JudgedLaw, what: str) -> None:
-        """A stress or tangent that fits otherwise: by another reading, a factor, or with its geometric part."""
+        """Repair a stress or tangent that fits by another reading, by a factor, or with its geometric part added."""
         reading, fit = law.would_fit[what]
         if fit.lacks_geometric:
             law.reading[what] = reading
@@ -178,7 +178,7 @@ class _Repair:
 
 
 def _moduli_in_words(word: str, lam: float, mu: float, true: float, shear: float) -> tuple[str, str]:
-    """Name and words of moduli at rest, of one function or, without a word, of all of them."""
+    """Return name and words for wrong moduli at rest, of the function `word`, or of all functions if `word` is empty."""
     of = f"at rest the moduli of the {word} are" if word else "at rest the moduli are"
     if abs(true) < SAME * shear:
         return (
@@ -192,14 +192,17 @@ def _moduli_in_words(word: str, lam: float, mu: float, true: float, shear: float
 
 
 def linear(tensor: Array, F: Array) -> tuple[float, Array]:
-    """`1/2 e : C : e` and `C : e` of linear elasticity."""
+    """Return `1/2 e : C : e` and `C : e` of linear elasticity."""
     e = (F + F.T) / 2 - np.eye(len(F))
     sigma = np.einsum("ijkl,kl->ij", tensor, e)
     return float(np.sum(e * sigma) / 2), sigma
 
 
 def lame_of(C: Array) -> tuple[float, float, float]:
-    """(lambda, mu) nearest to a tensor (d, d, d, d), and the relative residual, infinite if it holds what is not a number."""
+    """Return (lambda, mu) nearest to a tensor (d, d, d, d), and the relative residual.
+
+    The residual is infinite if the tensor has entries that are not finite.
+    """
     if not np.isfinite(C).all():
         return 0.0, 0.0, np.inf
     basis = np.stack([lame_tensor(*pair, C.shape[0]).ravel() for pair in ((1, 0), (0, 1))], axis=1)

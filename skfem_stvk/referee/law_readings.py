@@ -1,5 +1,6 @@
-"""What a stress or a tangent of a law may mean: stress measures, tangents and Voigt orders, each turned into P and A = dP/dF; and
-which of them fits what a law returns.
+"""Readings of a stress or a tangent: stress measures, tangents and Voigt orders, and their conversion to P and A = dP/dF.
+
+`JudgedLaw` finds the readings that fit the values of a law.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from .players import Foul, fairly
 
 MEASURES = ("P", "S", "sigma", "tau", "P transposed")
 TANGENTS = ("A", "C", "A transposed")
-#: Pairs of indices of shear in each Voigt order; normal components come first.
+#: Index pairs of the shears in each Voigt order. Normal components are first.
 ORDERS = {"23-13-12": ((1, 2), (0, 2), (0, 1)), "12-13-23": ((0, 1), (0, 2), (1, 2)), "12-23-13": ((0, 1), (1, 2), (0, 2))}
-#: Relative residuals of a reading that fits: differences of sixth order are good to 1e-10 or so, twice taken to 1e-8.
+#: Largest relative residual of a reading that fits. Differences of sixth order are accurate to about 1e-10, taken twice to 1e-8.
 FITS = 1e-6
 SIXTH = ((1, 45 / 60), (2, -9 / 60), (3, 1 / 60))  # antisymmetric weights of the derivative of sixth order
 WORD = {"W": "energy", "P": "stress", "A": "elasticity"}
@@ -29,8 +30,9 @@ Told = dict[str, tuple[str | None, str | None, bool | None]]
 
 @dataclass(frozen=True)
 class Reading:
-    """What an array means: its kind (of `MEASURES` or `TANGENTS`), and for Voigt arrays the order of shear and whether a matrix
-    acts on engineering shear strain `2 E_ij`.
+    """Meaning of an array: its kind (of `MEASURES` or `TANGENTS`), and for Voigt arrays the order of shears.
+
+    `engineering` says whether a Voigt matrix acts on engineering shear strain `2 E_ij`.
     """
 
     kind: str
@@ -44,14 +46,14 @@ class Reading:
 
 
 def readings_of_stress(shape: tuple[int, ...], d: int) -> list[Reading]:
-    """All that a stress of this shape may be; none for another shape."""
+    """Return all readings of a stress of this shape, or an empty list for any other shape."""
     if shape == (d, d):
         return [Reading(kind) for kind in MEASURES]
     return [Reading(kind, order) for kind in ("S", "sigma", "tau") for order in _orders(d)] if shape == (_voigt(d),) else []
 
 
 def readings_of_tangent(shape: tuple[int, ...], d: int) -> list[Reading]:
-    """All that a tangent of this shape may be: (d, d, d, d), A as a (d^2, d^2) matrix by rows, or a Voigt matrix of C."""
+    """Return all readings of a tangent of this shape: (d, d, d, d), A as a (d^2, d^2) matrix by rows, or a Voigt matrix of C."""
     if shape == (d, d, d, d):
         return [Reading(kind) for kind in TANGENTS]
     if shape == (d * d, d * d):
@@ -75,7 +77,7 @@ def _indices(order: str | None, d: int) -> tuple[Array, Array]:
 
 
 def nominal_stress(value: Array, F: Array, reading: Reading) -> Array:
-    """`P` (d, d) of a stress: `P = F S = J sigma F^-T = tau F^-T`."""
+    """Return `P` (d, d) for a stress in a given reading: `P = F S = J sigma F^-T = tau F^-T`."""
     if value.ndim == 1:
         i, j = _indices(reading.order, len(F))
         full = np.zeros_like(F)
@@ -90,12 +92,15 @@ def nominal_stress(value: Array, F: Array, reading: Reading) -> Array:
 
 
 def geometric_part(P: Array, F: Array) -> Array:
-    """(d, d, d, d) `delta_ik S_JL`, with `S = F^-1 P`: what the stress adds to the tangent."""
+    """Return the geometric part of A, `delta_ik S_JL` (d, d, d, d), with `S = F^-1 P`."""
     return np.einsum("ik,jl->ijkl", np.eye(len(F)), np.linalg.solve(F, P))
 
 
 def nominal_tangent(value: Array, F: Array, P: Array, reading: Reading) -> Array:
-    """`A_iJkL = dP_iJ/dF_kL` (d, d, d, d) of a tangent: of `C = dS/dE`, `A_iJkL = F_iM F_kN C_MJNL + delta_ik S_JL`."""
+    """Return `A_iJkL = dP_iJ/dF_kL` (d, d, d, d) for a tangent in a given reading.
+
+    For `C = dS/dE`, `A_iJkL = F_iM F_kN C_MJNL + delta_ik S_JL`.
+    """
     d = len(F)
     if reading.kind != "C":
         value = value.reshape(d, d, d, d)
@@ -104,12 +109,12 @@ def nominal_tangent(value: Array, F: Array, P: Array, reading: Reading) -> Array
 
 
 def full_tensor(value: Array, reading: Reading, d: int) -> Array:
-    """`C_MJNL` (d, d, d, d) of a tangent C, from a Voigt matrix if it is one."""
+    """Return `C_MJNL` (d, d, d, d) of a tangent C, which may be a Voigt matrix."""
     if value.ndim == 4:
         return value
     i, j = _indices(reading.order, d)
     matrix = value.copy()
-    if not reading.engineering:  # the columns of shear act on E_ij, which stands for E_ij and E_ji
+    if not reading.engineering:  # the shear columns act on E_ij, which represents E_ij and E_ji
         matrix[:, d:] /= 2
     full = np.zeros((d, d, d, d))
     for a, b in ((i, j), (j, i)):
@@ -119,18 +124,21 @@ def full_tensor(value: Array, reading: Reading, d: int) -> Array:
 
 
 def material_part(value: Array, F: Array, reading: Reading) -> Array:
-    """`F_iM F_kN C_MJNL` of a tangent C."""
+    """Return `F_iM F_kN C_MJNL` for a tangent C."""
     return np.einsum("im,kn,mjnl->ijkl", F, F, full_tensor(value, reading, len(F)))
 
 
 def second_of(A: Array, F: Array, P: Array) -> Array:
-    """`C_MJNL` (d, d, d, d) of A, by pulling both first indices back without the geometric part."""
+    """Return `C_MJNL` (d, d, d, d) for A: subtract the geometric part, and pull back the first index of each pair."""
     inverse = np.linalg.inv(F)
     return np.einsum("mi,nk,ijkl->mjnl", inverse, inverse, A - geometric_part(P, F))
 
 
 class Fit(NamedTuple):
-    """How far a reading is from what it should be, and what would make it fit: a factor, or the geometric term; neither, if 1."""
+    """Relative residual of a reading, and the correction that makes it fit.
+
+    The correction is a factor or the geometric term. There is none if the factor is 1 and `lacks_geometric` is False.
+    """
 
     residual: float
     factor: float = 1.0
@@ -138,19 +146,19 @@ class Fit(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What is wrong; empty if no word says it."""
+        """Description of the correction, empty if there is none."""
         if self.lacks_geometric:
             return "the geometric term is missing"
         return "" if self.factor == 1 else f"it is {self.factor:.3f} x what it should be"
 
 
 class JudgedLaw:
-    """W, P and A = dP/dF of the functions that are given, each as a reading says; trusts nothing that they return."""
+    """W, P and A = dP/dF from the user's functions, each converted by its reading. All returned values are validated."""
 
     def __init__(self, functions: dict[str, Callable[[Array], Any]], d: int, rng: np.random.Generator) -> None:
         self.functions, self.d = dict(functions), d
         self.reading: dict[str, Reading] = {}
-        #: Of stress and tangent that do not fit as they are told: what would, and how many readings were tried.
+        #: For a stress or tangent that does not fit as declared, a reading that would fit, with its residual.
         self.would_fit: dict[str, tuple[Reading, Fit]] = {}
         self.before: dict[str, float] = {}
         self.tried = 0
@@ -159,8 +167,8 @@ class JudgedLaw:
         self.turn = random_rotation(d, rng, 70.0)
 
     def value(self, name: str, F: Array) -> Array:
-        """What the function returned, as real numbers in an array of its own."""
-        with np.errstate(all="ignore"):  # a logarithm of det F is asked where that is negative, too
+        """Return the function's result as a new array of real numbers. Raise `Foul` if it has another type or shape."""
+        with np.errstate(all="ignore"):  # the law may take the logarithm of a negative det F
             returned = fairly(f"{name}(F)", lambda: self.functions[name](F.copy()))
         values = real_array(fairly(f"{name}(F)", lambda: np.array(returned, dtype=None)))
         if values is None or (name == "W" and values.size != 1):
@@ -179,7 +187,10 @@ class JudgedLaw:
         return nominal_tangent(self.value("A", F), F, self.any_stress(F), self.reading["A"])
 
     def any_stress(self, F: Array) -> Array:
-        """P as it is given, else as the derivative of W, else none: of a lone C, of which the claims know the stress."""
+        """Return P, else the derivative of W, else the claimed stress, else zero.
+
+        The last two cases are those of a tangent without stress and energy.
+        """
         if "P" in self.functions:
             return self.P(F)
         if "W" in self.functions:
@@ -191,13 +202,16 @@ class JudgedLaw:
     _true: list[Array] | None = None
 
     def tangent_by_differences(self, F: Array) -> Array | None:
-        """(d, d, d, d) of P, or else of W; None if there is neither."""
+        """Return A (d, d, d, d) by differences of P, or else of W. Return None if there is neither."""
         if "P" in self.functions:
             return differences(self.P, F, 2e-3)
         return differences(lambda G: differences(self.W, G, 1e-2), F, 1e-2) if "W" in self.functions else None
 
     def read(self, told: Told, tensor: Array | None, stvk: bool) -> list[str]:
-        """Choose the readings of stress and tangent; lines that say how they are read."""
+        """Choose the readings of stress and tangent, and return lines that describe them.
+
+        Raise StvkError if a function fails, or its result has no reading that agrees with `told`.
+        """
         self.shape, lines = {}, []
         if tensor is not None and stvk:
             self.claimed = lambda F: stvk_stress(tensor, F)
@@ -249,7 +263,10 @@ class JudgedLaw:
         return f"{WORD[name]} read as {self.reading[name]}, which does not fit"
 
     def _stress_fits(self, reading: Reading) -> Fit:
-        """A reading against the derivative of W, or in itself."""
+        """Return the fit of a reading to the derivative of W.
+
+        Without W, the residual is the largest violation of the balance of moments, objectivity and major symmetry.
+        """
         given = np.array([nominal_stress(self.value("P", F), F, reading) for F in self.generic])
         if "W" in self.functions:
             return fitted(given, np.array([differences(self.W, F, 2e-3) for F in self.generic]))
@@ -278,7 +295,7 @@ class JudgedLaw:
         return fit
 
     def _true_tangents(self) -> list[Array]:
-        """A in the generic states by differences of P, of W, or of what is claimed; none if there is none of them."""
+        """Return A in the generic states by differences of P, W or the claimed stress, or an empty list without them."""
         if self._true is None:
             self._true = []
             for F in self.generic:
@@ -290,7 +307,7 @@ class JudgedLaw:
         return self._true
 
     def _objective(self, reading: Reading) -> float:
-        """How far a lone tangent is from major symmetry and objectivity."""
+        """Return the largest violation of symmetry and objectivity by a tangent without stress and energy."""
         worst, d = 0.0, self.d
         for F in self.generic:
             if reading.kind == "C":
@@ -312,7 +329,7 @@ _EXPECTED = {
 
 
 def differences(function: Callable[[Array], Any], F: Array, h: float) -> Array:
-    """(..., d, d) derivative by F, by central differences of sixth order."""
+    """Return the derivative with respect to F, (..., d, d), by central differences of sixth order."""
     d, columns = len(F), []
     for i, j in product(range(d), range(d)):
         step = np.zeros((d, d))
@@ -322,7 +339,10 @@ def differences(function: Callable[[Array], Any], F: Array, h: float) -> Array:
 
 
 def second_differences(function: Callable[[Array], float], F: Array, h: float = 1e-3) -> Array:
-    """(d, d, d, d) second derivatives of a number by F, of second order: enough to see where they lose their sign."""
+    """Return the second derivatives of a number with respect to F, (d, d, d, d), by differences of second order.
+
+    This accuracy is sufficient to find a change of sign.
+    """
     d = len(F)
     steps = h * np.eye(d * d).reshape(-1, d, d)
     H = np.zeros((d * d, d * d))
@@ -335,7 +355,7 @@ def second_differences(function: Callable[[Array], float], F: Array, h: float = 
 
 
 def fitted(given: Array, true: Array) -> Fit:
-    """Relative residual of `given = true`; and if `given = c true` with another c, that factor."""
+    """Return the relative residual of `given = true`, and the factor c if `given = c true` with c other than 1."""
     scale = np.abs(true).max() or 1.0
     residual = float(np.abs(given - true).max() / scale)
     if not np.isfinite(residual):
@@ -346,11 +366,11 @@ def fitted(given: Array, true: Array) -> Fit:
 
 
 def stvk_energy(tensor: Array, F: Array) -> float:
-    """`1/2 E : C : E`."""
+    """Return `1/2 E : C : E`."""
     E = (F.T @ F - np.eye(len(F))) / 2
     return float(np.einsum("ij,ijkl,kl", E, tensor, E) / 2)
 
 
 def stvk_stress(tensor: Array, F: Array) -> Array:
-    """`P = F (C : E)`."""
+    """Return `P = F (C : E)`."""
     return F @ np.einsum("ijkl,kl->ij", tensor, (F.T @ F - np.eye(len(F))) / 2)

@@ -1,11 +1,11 @@
-"""A manufactured solution of St. Venant-Kirchhoff elasticity, the meshes that it is solved on, and errors of what was found there.
+"""Manufactured solution of St. Venant-Kirchhoff elasticity, with its meshes and the errors of computed solutions.
 
     u_i = t A_i sin(k_i . X + c_i)         P = F S,  S = lam tr(E) I + 2 mu E,  E = (F'F - I)/2
     b_i = -P_iJ,J,   P_iJ,J = F_iM,J S_MJ + F_iM S_MJ,J
     S_MJ,J = lam E_NN,M + 2 mu E_MJ,J,     E_MJ,K = (F_iM,K F_iJ + F_iM F_iJ,K)/2
 
-with F_iJ = delta_iJ + u_i,J and F_iJ,K = u_i,JK. In two dimensions, in plane strain, the first two components and coordinates are
-taken.
+with F_iJ = delta_iJ + u_i,J and F_iJ,K = u_i,JK. In two dimensions (plane strain), only the first two components and coordinates
+are used.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ PHASES = np.array([0.4, 1.3, -0.6])
 
 @dataclass(frozen=True)
 class Manufactured:
-    """The solution for these Lame constants [Pa]: functions of points `x` (d, n) and of the factor `t` of its amplitude."""
+    """Manufactured solution for these Lame constants [Pa], as functions of points `x` (d, n) and a factor `t` of the amplitude."""
 
     lam: float
     mu: float
 
     def displacement(self, x: Array, t: float) -> Array:
-        """`u` (d, n) at `x` (d, n)."""
+        """Return `u` (d, n) at `x` (d, n)."""
         moved: Array = _amplitude(x, t) * np.sin(_phase(x))
         return moved
 
     def gradient(self, x: Array, t: float) -> Array:
-        """`u_i,J` (d, d, n)."""
+        """Return `u_i,J` (d, d, n)."""
         return np.einsum("in,iJ->iJn", _amplitude(x, t) * np.cos(_phase(x)), _waves(x))
 
     def nominal_stress(self, x: Array, t: float) -> Array:
-        """`P` (d, d, n) [Pa]."""
+        """Return `P` (d, d, n) [Pa]."""
         F = self.gradient(x, t) + np.eye(len(x))[:, :, None]
         return np.einsum("iMn,MJn->iJn", F, self._stress(F))
 
     def body_force(self, x: Array, t: float) -> Array:
-        """`b = -Div P` (d, n) [N/m^d]."""
+        """Return `b = -Div P` (d, n) [N/m^d]."""
         F = self.gradient(x, t) + np.eye(len(x))[:, :, None]
         dF = np.einsum("in,iJ,iK->iJKn", -_amplitude(x, t) * np.sin(_phase(x)), _waves(x), _waves(x))
         half = np.einsum("iMKn,iJn->MJKn", dF, F)
@@ -56,13 +56,16 @@ class Manufactured:
         return -np.einsum("iMJn,MJn->in", dF, self._stress(F)) - np.einsum("iMn,Mn->in", F, div_S)
 
     def _stress(self, F: Array) -> Array:
-        """Second Piola-Kirchhoff stress (d, d, n)."""
+        """Return the second Piola-Kirchhoff stress (d, d, n)."""
         I = np.eye(len(F))[:, :, None]
         E = 0.5 * (np.einsum("iMn,iJn->MJn", F, F) - I)
         return self.lam * np.einsum("MMn->n", E) * I + 2 * self.mu * E
 
     def errors(self, mesh: Any, u: Array) -> tuple[float, float]:
-        """Relative errors in L2 and in the H1 seminorm of nodal displacements `u` (ndofs,) on linear triangles or tetrahedra."""
+        """Return the relative errors in L2 and in the H1 seminorm for nodal displacements `u` (ndofs,) at `t = 1`.
+
+        The mesh has linear triangles or tetrahedra.
+        """
         simplices, element = {2: (skfem.MeshTri, skfem.ElementTriP1), 3: (skfem.MeshTet, skfem.ElementTetP1)}[len(mesh.p)]
         basis = skfem.Basis(simplices(mesh.p, mesh.t), skfem.ElementVector(element()), intorder=4)
         x, weights = np.asarray(basis.global_coordinates()), basis.dx.ravel()
@@ -88,7 +91,10 @@ def _phase(x: Array) -> Array:
 
 
 def moved_box(d: int, n: int) -> ElementMesh:
-    """The unit cube, square or line in `n^d` cells, inner vertices moved by up to a fifth of a cell, half of all turned round."""
+    """Return a mesh of the unit cube, square or line with `n^d` cells.
+
+    Inner vertices are displaced by up to a fifth of a cell. Half of the elements have the opposite orientation.
+    """
     lines, rng = [np.linspace(0, 1, n + 1)] * d, np.random.default_rng(1)
     mesh = skfem.MeshLine(lines[0]) if d == 1 else {2: skfem.MeshTri, 3: skfem.MeshTet}[d].init_tensor(*lines)
     inner = ((mesh.p > 0) & (mesh.p < 1)).all(axis=0)
@@ -99,7 +105,7 @@ def moved_box(d: int, n: int) -> ElementMesh:
 
 
 def fitted_order(sizes: ArrayLike, errors: ArrayLike) -> float:
-    """Slope of the straight line through `log(errors)` over `log(sizes)`, by least squares; NaN if an error is zero or not finite.
+    """Return the least-squares slope of `log(errors)` over `log(sizes)`, or NaN if an error is zero or not finite.
 
     >>> round(fitted_order([1, 1 / 2, 1 / 4], [3, 3 / 4, 3 / 16]), 12)
     2.0

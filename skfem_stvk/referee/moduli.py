@@ -1,6 +1,6 @@
-"""lambda and mu times factors: fitted in each region, on six homogeneous states, and with their usual causes.
+"""Hypotheses on factors of lambda and mu, fitted in each region on six homogeneous states, with their usual causes.
 
-A region is the elements of a term that have the same constants, so that one value of an array is told from the others.
+A region consists of the elements of a term with the same constants. So each value of an array of constants has its own factors.
 """
 
 from __future__ import annotations
@@ -32,13 +32,17 @@ LAME_WORDS = {
 
 
 def lame_factors(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """Factors of lambda and mu in each region; where there are many, the usual ones on the whole body."""
+    """Yield hypotheses on factors of lambda and mu in each region.
+
+    If there are more than MOST regions, or too few data, the factors are fitted for each term instead. Then the usual causes are
+    also tried in every element.
+    """
     case = evidence.case
     if not all(isinstance(term.material, Isotropic) for term in terms) or case.mesh.k == 1:
         return
     regions = [region for term in terms for region in regions_of(case.mesh, term)]
     fit = _fit(evidence, regions) if len(regions) <= MOST else None
-    if fit is None:  # as many unknowns as values of W would fit anything
+    if fit is None:  # as many unknowns as values of W would fit any values
         regions, fit = list(terms), _fit(evidence, terms)
     if fit is not None:
         yield from _named(evidence, regions, fit)
@@ -47,7 +51,7 @@ def lame_factors(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[st
 
 
 def regions_of(mesh: ElementMesh, term: StVK) -> list[StVK]:
-    """The term as one term for each set of elements with the same constants; itself if it has no arrays."""
+    """Return the term split into one term for each set of elements with the same constants, or `[term]` without arrays."""
     assert isinstance(term.material, Isotropic)
     ids, material = mesh.elements(term.region), term.material
     given: dict[str, Any] = {"young": material.young, "poisson": material.poisson, "thickness": term.thickness, "area": term.area}
@@ -64,12 +68,12 @@ def regions_of(mesh: ElementMesh, term: StVK) -> list[StVK]:
 
 
 def _fit(evidence: Evidence, regions: Sequence[StVK]) -> Array | None:
-    """(number of regions, 2) factors of lambda and mu, by least squares; None if nothing can be fitted."""
+    """Return the factors of lambda and mu, (number of regions, 2), by least squares, or None if nothing can be fitted."""
     case = evidence.case
     parts = [_part(case, term, *pair) for term in regions for pair in ((1.0, 0.0), (0.0, 1.0))]
     quantity = "F" if "F" in evidence.quantities else evidence.quantities[-1]
     rows, columns = [], []
-    # W of regions is told apart by other states alone, and a candidate may raise in some
+    # additional states are needed to separate the regions by W, and a candidate may raise in some states
     for u in [*_homogeneous(case), *(case.states[state] for state in evidence.found)]:
         try:
             rows.append(evidence.column(evidence.values(evidence.player, u, quantity)[quantity]))
@@ -83,13 +87,13 @@ def _fit(evidence: Evidence, regions: Sequence[StVK]) -> Array | None:
         return None
     size = np.linalg.norm(A, axis=0)
     factors = np.linalg.lstsq(A / np.where(size, size, 1.0), b, rcond=None)[0] / np.where(size, size, 1.0)
-    return np.asarray(np.where(size, factors, np.roll(factors, -1)).reshape(-1, 2))  # at nu = 0 lambda counts as mu does
+    return np.asarray(np.where(size, factors, np.roll(factors, -1)).reshape(-1, 2))  # at nu = 0 lambda gets mu's
 
 
 def _named(evidence: Evidence, regions: Sequence[StVK], pairs: Array) -> Iterator[tuple[str, str, Model]]:
-    """The model of these factors under each name that they have."""
+    """Yield the model with these factors under each name that applies."""
     if np.abs(pairs - 1).max() < 1e-6 or np.ptp(pairs) <= 1e-6 * np.abs(pairs).max():
-        return  # right, or all of it times one number
+        return  # correct, or one common factor
     off = [i for i, pair in enumerate(pairs) if np.abs(pair - 1).max() > 1e-6]
     same = np.ptp(pairs, axis=0).max() <= 1e-6 * np.abs(pairs).max()
     numbers = "; ".join(
@@ -102,7 +106,7 @@ def _named(evidence: Evidence, regions: Sequence[StVK], pairs: Array) -> Iterato
 
 
 def _usual_everywhere(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
-    """The usual factors that are other numbers in other elements."""
+    """Yield the usual causes whose factors differ from element to element."""
     mesh = evidence.case.mesh
     usual = [_usual(mesh, term) for term in terms]
     for name in usual[0]:
@@ -114,7 +118,7 @@ def _usual_everywhere(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tup
 
 
 def number(factor: float) -> str:
-    """A factor with three decimals, or three digits if it is far from one.
+    """Return a factor as text with three decimals, or with three digits if it is far from one.
 
     >>> number(2.0), number(1e-9)
     ('2.000', '1e-09')
@@ -132,13 +136,16 @@ def _where(term: StVK) -> str:
 
 
 def _readings(mesh: ElementMesh, term: StVK, of_lam: float, of_mu: float) -> list[str]:
-    """The usual causes of these factors, in the order of likelihood; those that are equal at this nu are all there."""
+    """Return the usual causes of these factors in the order of likelihood. All causes with equal factors at this nu are listed."""
     usual = _usual(mesh, term).items()
     return [name for name, pair in usual if all(np.allclose(a, b, 1e-6, 1e-7) for a, b in zip(pair, (of_lam, of_mu), strict=True))]
 
 
 def _usual(mesh: ElementMesh, term: StVK) -> dict[str, tuple[Array, Array]]:
-    """By cause, the factors of lambda and mu, numbers or one for each element; not a number where the cause is none."""
+    """Return the factors of lambda and mu by cause, as numbers or arrays with one entry per element.
+
+    A factor is nan if the cause does not apply.
+    """
     assert isinstance(term.material, Isotropic)
     E, nu = np.asarray(term.material.young, float), np.asarray(term.material.poisson, float)
     solid, mu, condensed = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)), is_condensed(mesh, term)
@@ -160,7 +167,7 @@ def _usual(mesh: ElementMesh, term: StVK) -> dict[str, tuple[Array, Array]]:
 
 
 def _scaled(evidence: Evidence, terms: Sequence[StVK], pairs: Sequence[tuple[Array, Array]] | Array) -> Model:
-    """The reference with lambda and mu of each term times a pair of factors, numbers or one for each element."""
+    """Return the reference with lambda and mu of each term multiplied by a pair of factors, numbers or one per element."""
     parts = [_part(evidence.case, term, *pair) for term, pair in zip(terms, pairs, strict=True)]
 
     def model(u: Array, quantities: str) -> Values:
@@ -171,7 +178,7 @@ def _scaled(evidence: Evidence, terms: Sequence[StVK], pairs: Sequence[tuple[Arr
 
 
 def _part(case: Case, term: StVK, of_lam: float | Array, of_mu: float | Array) -> Player:
-    """The reference of a term with lambda and mu times factors."""
+    """Return the reference of a term with lambda and mu multiplied by factors."""
     assert isinstance(term.material, Isotropic)
     mesh, how, ids = case.mesh, case.how, case.mesh.elements(term.region)
     tensor, eye = tensor_of(term, mesh), np.eye(case.mesh.k)
@@ -183,7 +190,7 @@ def _part(case: Case, term: StVK, of_lam: float | Array, of_mu: float | Array) -
 
 
 def _homogeneous(case: Case) -> Iterator[Array]:
-    """Six homogeneous states, each with another strain of 10 to 20 % and a turn."""
+    """Yield six homogeneous states, each with a different strain of 10 to 20 % and a rotation."""
     d = case.mesh.d
     turn = np.linalg.qr(case.random("homogeneous").standard_normal((d, d)))[0]
     for number in range(6):

@@ -1,7 +1,8 @@
-"""What is wrong with a candidate: hypotheses are tried, and those that make the residual vanish are its name.
+"""Naming of a candidate's fault: hypotheses are tried, and those with a vanishing residual name the fault.
 
-Several may: a missing 1/2 in E, a doubled stress and a doubled volume are one thing on every body, and the lambda of plane stress
-is half of lambda at nu = 1/3. All that fit are printed together. Where none does, the smallest piece that fails is looked for.
+Several hypotheses may fit. For example, a missing 1/2 in E, a doubled stress and a doubled volume are equivalent on every body. At
+nu = 1/3 the lambda of plane stress is half of lambda. The report prints all hypotheses that fit. If none fits, the smallest piece
+of the mesh that fails is searched for.
 """
 
 from __future__ import annotations
@@ -25,14 +26,15 @@ from .players import Foul, Player
 from .results import Explanation, Naming
 
 INVERSION, SINGLE = "not a number at inversion", "single precision"
-#: Calls that are compared at one state, unless they take longer than that [s].
+#: Number of calls that are compared at one state, and time limit for them [s].
 REPEATED, LONGEST = 25, 5.0
 
 
 def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMesh], Any] | None = None) -> Naming:
-    """Try all hypotheses on the case's candidate, which claims to be the body of these terms.
+    """Return the naming of the fault of the case's candidate, which claims to be the body of these terms.
 
-    `make`, if it is given, makes the candidate on any mesh: where no hypothesis holds, the smallest piece that fails is looked for.
+    `make`, if it is given, makes the candidate on any mesh. If no hypothesis holds, it is used to search for the smallest piece of
+    the mesh that fails.
     """
     assert case.candidate is not None
     differing = _not_repeatable(case, case.candidate)
@@ -44,7 +46,7 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
         return Naming(smallest=f"It has no {values} in strained states.")
     naming = Naming(before=evidence.error(evidence.truth, np.inf), smallest=_not_finite(evidence))
     naming.explain(Explanation(name, words, naming.before if holds else np.inf) for holds, (name, words) in _in_words(evidence))
-    if naming.explanations or naming.before <= VANISHES:  # where all values are right, every model that leaves them alone fits
+    if naming.explanations or naming.before <= VANISHES:  # if all values are right, every model that does not change them fits
         if naming.names == [INVERSION]:
             naming.smallest = ""
         elif naming.smallest and not naming.explanations:
@@ -65,7 +67,7 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
 
 
 def _not_repeatable(case: Case, player: Player) -> str:
-    """Name the quantities that change from call to call at one state, in words; empty if none does by more than `VANISHES`."""
+    """Return a text on the quantities that change from call to call at one state, or "" if none changes by more than VANISHES."""
     u, told = case.states[STRETCH], []
     v = case.random("repeated").standard_normal(len(u))
     for quantity in filter(player.has, "WFK"):
@@ -73,7 +75,7 @@ def _not_repeatable(case: Case, player: Player) -> str:
         begin = time.perf_counter()
         values: list[Array] = []
         try:
-            ask(u)  # this one may be of the state before, which has words of its own
+            ask(u)  # this call may return the values of the previous state, a fault with its own explanation
             while len(values) < REPEATED and (len(values) < 2 or time.perf_counter() - begin < LONGEST):
                 values.append(np.ravel(ask(u) @ v if quantity == "K" else ask(u)))
         except Foul:
@@ -91,13 +93,13 @@ def _not_repeatable(case: Case, player: Player) -> str:
 
 
 def _hypotheses(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[Explanation]:
-    """All hypotheses, each with the error that it leaves of the evidence."""
+    """Yield all hypotheses, each with its residual error."""
     for name, words, model in models(evidence, terms):
         yield Explanation(name, words, evidence.error(model))
 
 
 def _one_by_one(naming: Naming, evidence: Evidence, terms: Sequence[StVK]) -> list[str]:
-    """Explain each of W, F and K by itself, in one explanation, and return what is left to explain."""
+    """Explain each of W, F and K separately, store this as one explanation, and return sentences on the unexplained quantities."""
     right, found, unexplained = [], {}, []
     for quantity in evidence.quantities:
         single, fit = evidence.of(quantity), Naming()
@@ -124,7 +126,7 @@ def _one_by_one(naming: Naming, evidence: Evidence, terms: Sequence[StVK]) -> li
 
 
 def _not_finite(evidence: Evidence) -> str:
-    """Where values are not numbers, in words."""
+    """Return a text on the states in which values are not finite."""
     by_quantity: dict[str, list[str]] = {}
     for state, quantities in evidence.not_finite.items():
         for quantity in quantities:
@@ -134,11 +136,14 @@ def _not_finite(evidence: Evidence) -> str:
     )
 
 
-# what needs no model
+# explanations that need no model
 
 
 def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
-    """Explanations by looking at the values: not a number, single precision, K of the state before."""
+    """Yield whether an explanation holds, with its name and words, for explanations that follow from the values themselves.
+
+    These are: values that are not finite, single precision, and a K that belongs to the previous state.
+    """
     error = evidence.error(evidence.truth)
     inverted = [state for state in INVERTED if state in evidence.not_finite]
     words = "values are not finite where elements are inside out, as by a logarithm or a root of J; elsewhere they are right"
@@ -156,7 +161,7 @@ def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
 
 
 def _has_few_digits(evidence: Evidence) -> bool:
-    """Whether W, F or K, wherever it is off, has nothing but numbers of float32 or of nine decimal digits."""
+    """Return whether each wrong quantity has only values that are exact in float32 or in nine decimal digits."""
     off = [quantity for quantity in evidence.quantities if evidence.of(quantity).error(evidence.truth) > VANISHES]
     values = [flat(found[quantity]) for quantity in off for found in evidence.found.values()]
     with np.errstate(over="ignore"):
@@ -164,23 +169,23 @@ def _has_few_digits(evidence: Evidence) -> bool:
 
 
 def _are_decimal(values: Array) -> bool:
-    """Whether all values have nine decimal digits at most."""
+    """Return whether all values have nine decimal digits at most."""
     return all(float(f"{value:.8e}") == value for value in values.tolist())
 
 
 def _is_rounding(evidence: Evidence) -> bool:
-    """Whether errors, where there are any, change by their own size with a tiny change of the state."""
+    """Return whether the errors change by their own size under a tiny change of the state, as round-off does."""
     u = evidence.case.states[STRETCH]
     try:
         there, beside = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
-    except Foul:  # values that were computed before are known in no other state
+    except Foul:  # precomputed values exist in no other state
         return False
     large = [quantity for quantity in evidence.quantities if there[quantity][1] > VANISHES]
     return bool(large) and all(np.max(abs(beside[q][0] - there[q][0])) > 0.1 * np.max(abs(there[q][0])) for q in large)
 
 
 def _differences(evidence: Evidence, u: Array) -> dict[str, tuple[Any, float]]:
-    """Candidate minus reference at a state, and how large that is."""
+    """Return for each quantity the difference of candidate and reference at `u`, and its relative size."""
     values, truth = evidence.values(evidence.player, u), evidence.truth(u)
     return {q: (values[q] - truth[q], evidence.apart(values[q], truth[q])) for q in evidence.quantities}
 
@@ -197,7 +202,10 @@ def _is_stale(evidence: Evidence) -> bool:
 
 
 def _is_kept(evidence: Evidence) -> bool:
-    """Whether K, which is right in a state, is the same beside it to the last bit, where the reference's is not."""
+    """Return whether the candidate returns a bitwise identical K at a nearby state, that is, caches it.
+
+    K must be right at the first state, and the reference must return different values in the two states.
+    """
     u, player, truth = evidence.case.states[STRETCH], evidence.player, evidence.case.reference
     beside = (1 + NEARBY) * u
     try:
@@ -209,11 +217,11 @@ def _is_kept(evidence: Evidence) -> bool:
     return right and evidence.apart(there, here) == 0.0 < evidence.apart(truth.K(beside), truth.K(u))
 
 
-# where nothing explains it
+# the smallest failing displacement and the smallest failing mesh
 
 
 def _fewest_nodes(evidence: Evidence) -> str:
-    """The first node whose displacement alone is enough to fail, in words; none for values that were computed before."""
+    """Return a text on the first node whose displacement alone makes the candidate fail, or "" for precomputed values."""
     case, mesh, called = evidence.case, evidence.case.mesh, False
     for node in range(min(mesh.nv, 60)):
         u = np.zeros(mesh.p.size)
@@ -231,7 +239,7 @@ def _fewest_nodes(evidence: Evidence) -> str:
 
 
 def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequence[StVK]) -> str:
-    """The fewest elements on which a candidate, made anew there, still disagrees with the reference, in words."""
+    """Return a text on the fewest elements on which a candidate, made for this piece, still disagrees with the reference."""
     mesh = case.mesh
     if any(not isinstance(term.material, Isotropic) or np.ndim(term.material.young) for term in terms) or len(terms) > 1:
         return "Pieces of bodies of several materials are not tried."
@@ -250,7 +258,7 @@ def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequen
                     value, right = getattr(player, quantity)(u), getattr(truth, quantity)(u)
                     if not np.abs(flat(value - right)).max(initial=0.0) <= VANISHES * np.abs(flat(right)).max(initial=0.0):
                         return True
-        except Exception:  # a candidate that cannot be made there, or not on this piece
+        except Exception:  # the candidate cannot be made or evaluated on this piece
             return False
         return False
 

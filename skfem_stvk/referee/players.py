@@ -1,4 +1,4 @@
-"""Players: anybody's W, F and K behind one interface, which trusts nothing that they return."""
+"""Players: models under test with W, F and K behind one interface, which validates all that they return."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ METHODS = {"W": "energy", "F": "internal_force", "K": "tangent"}
 
 
 class Foul(Exception):
-    """A player raised an exception, or returned something of the wrong kind or shape."""
+    """Error of a player that raised an exception, or returned a value of the wrong kind or shape."""
 
 
 def fairly(name: str, call: Callable[[], Value]) -> Value:
-    """The value of a call into a candidate; whatever it raises becomes a `Foul`, and ends nothing else.
+    """Return the value of a call into a candidate. Raise `Foul` for every exception of the candidate.
 
-    Ctrl-C alone goes through: a candidate that raises `KeyboardInterrupt` by itself cannot be told from it.
+    Only `KeyboardInterrupt` passes through, because Ctrl-C cannot be distinguished from a candidate that raises it.
     """
     try:
         return call()
     except (KeyboardInterrupt, Foul):
         raise
-    except BaseException as error:  # sys.exit, and a candidate's own
+    except BaseException as error:  # including SystemExit and exceptions of the candidate's own
         raise Foul(f"{name} raised {type(error).__name__}: {_words(error)}") from error
 
 
@@ -46,7 +46,7 @@ def made(name: str, make: Callable[[], Any], more: str = "") -> Any:
     Raises
     ------
     StvkError
-        that it raised itself; or if it failed otherwise, or gave None; `more` says what was expected.
+        if `make` raised it, failed otherwise, or returned None. `more` states what was expected.
     """
     try:
         candidate = fairly(name, make)
@@ -58,12 +58,12 @@ def made(name: str, make: Callable[[], Any], more: str = "") -> Any:
 
 
 def users_function(argument: str, given: str) -> Callable[..., Any]:
-    """A user's function by `module:function`, with modules of the working folder too, or by `file.py:function`.
+    """Return a user's function by `module:function` or `file.py:function`. Modules may be in the working folder.
 
     Raises
     ------
     StvkError
-        if there is none, or its module raises: with the `argument` that named it.
+        if there is no such function, or its module raises. The message contains the `argument` that named it.
 
     >>> users_function("--against", "math:sin")(0.0)
     0.0
@@ -102,40 +102,40 @@ def _module(place: str) -> Any:
 def _words(error: BaseException) -> str:
     try:
         return str(error)[:500]
-    except BaseException:  # nothing that a candidate does ends the report
+    except BaseException:  # so that no error of a candidate ends the report
         return "(its message cannot be had)"
 
 
 class Player:
-    """`W(u)`, `F(u)`, `K(u)` of a candidate that has any of `energy`, `internal_force`, `tangent`, for `u` (ndofs,)."""
+    """Wrapper of a candidate with any of `energy`, `internal_force`, `tangent`: `W(u)`, `F(u)` and `K(u)` for `u` (ndofs,)."""
 
     def __init__(self, name: str, model: Any, ndofs: int) -> None:
         self.name, self.model, self.ndofs = name, model, ndofs
 
     def has(self, quantity: str) -> bool:
-        """Whether the candidate has the method for W, F or K."""
+        """Return whether the candidate has the method for W, F or K."""
         try:
             return callable(fairly(self.name, lambda: getattr(self.model, METHODS[quantity], None)))
-        except Foul:  # a property that raises: the call will say so
+        except Foul:  # a property that raises; the later call reports it
             return True
 
     def W(self, u: Array) -> float:
-        """Strain energy [J]."""
+        """Return the strain energy [J]."""
         return float(self._numbers("W", u, (), "one number").reshape(()))
 
     def F(self, u: Array) -> Array:
-        """Internal force (ndofs,) [N]."""
+        """Return the internal force (ndofs,) [N]."""
         return self._numbers("F", u, (self.ndofs,), f"({self.ndofs},)")
 
     def K(self, u: Array) -> Any:
-        """Tangent stiffness [N/m]: a copy as `csr_matrix`, or an operator whose products are checked."""
+        """Return the tangent stiffness [N/m] as a copy in `csr_matrix` form, or as an operator whose products are checked."""
         returned = self.call("K", u)
         return fairly(f"What {self.name}.tangent(u) returned", lambda: self._matrix(returned))
 
     def _matrix(self, returned: Any) -> Any:
         kind, size = type(returned).__name__, (self.ndofs, self.ndofs)
         dense = not issparse(returned) and (isinstance(returned, list | tuple) or hasattr(returned, "__array__"))
-        if dense and getattr(returned, "shape", size) == size:  # before a copy, which may be huge
+        if dense and getattr(returned, "shape", size) == size:  # check before the copy, which may be huge
             returned = _as_array(returned)
         shape = getattr(returned, "shape", None)
         if shape != size:
@@ -152,18 +152,18 @@ class Player:
         return LinearOperator(size, matvec=lambda v: self._product(returned, v), dtype=np.float64)
 
     def _sparse(self, K: Any) -> csr_matrix:
-        """A copy in the referee's own hands, after its indices have been looked at: compiled routines trust them."""
+        """Return a validated copy as `csr_matrix`. The indices are checked first, because compiled routines do not check them."""
         try:
             if K.format in COMPRESSED:
                 if not {K.indices.dtype.kind, K.indptr.dtype.kind} <= set("iu"):
                     raise TypeError(f"its indices are of {K.indices.dtype} and {K.indptr.dtype}")
-                if (np.diff(K.indptr) < 0).any():  # `check_format` looks at no rows if the last of them ends at 0
+                if (np.diff(K.indptr) < 0).any():  # `check_format` checks no rows if the last row pointer is 0
                     raise ValueError("its row pointers decrease")
                 own = COMPRESSED[K.format]((K.data, K.indices, K.indptr), shape=K.shape, copy=True)
                 own.check_format(full_check=True)
             else:
                 entries = K.tocoo()
-                own = coo_matrix((entries.data, (entries.row, entries.col)), shape=K.shape)  # refuses what is out of range
+                own = coo_matrix((entries.data, (entries.row, entries.col)), shape=K.shape)  # raises if an index is out of range
             return csr_matrix(own, dtype=float)
         except (ValueError, TypeError, IndexError) as error:
             raise Foul(f"{self.name}.tangent(u) returned a {type(K).__name__} that contradicts itself: {error}.") from error
@@ -176,11 +176,14 @@ class Player:
         return product.astype(float, copy=False)
 
     def _numbers(self, quantity: str, u: Array, shape: tuple[int, ...], expected: str) -> Array:
-        """What the candidate returned, as a copy of its own: the candidate may use its buffer again."""
+        """Return the candidate's result as a copy, because the candidate may reuse its buffer.
+
+        Raise `Foul` for a wrong shape or type.
+        """
         returned, name = self.call(quantity, u), f"{self.name}.{METHODS[quantity]}(u)"
 
         def copied() -> NDArray[Any]:
-            if isinstance(returned, np.ndarray) and not _fits(returned.shape, shape):  # before a copy, which may be huge
+            if isinstance(returned, np.ndarray) and not _fits(returned.shape, shape):  # check before the copy, which may be huge
                 raise Foul(f"{name} returned shape {returned.shape}; expected {expected}.")
             return _as_array(returned)
 
@@ -193,18 +196,18 @@ class Player:
         return array.astype(float, copy=False)
 
     def call(self, quantity: str, u: Array) -> Any:
-        """What the candidate returned, as it is."""
+        """Return the unchecked result of the candidate."""
         name = METHODS[quantity]
         return fairly(f"{self.name}.{name}(u)", lambda: getattr(self.model, name)(u.copy()))
 
 
 def _fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:
-    """Whether the shape is the expected one; for one number any shape with one entry is."""
+    """Return whether the shape is the expected one. For one number, any shape with one entry is accepted."""
     return shape == expected if expected else all(n == 1 for n in shape)
 
 
 def _as_array(returned: Any) -> NDArray[Any]:
-    """A copy as an array; masked entries are not numbers, ragged lists are an object."""
+    """Return a copy as an array. Masked entries become nan, and ragged lists an object array."""
     try:
         if isinstance(returned, np.ma.MaskedArray) and returned.dtype.kind in "fiu":
             return np.array(np.ma.filled(returned.astype(float), np.nan))

@@ -1,4 +1,4 @@
-"""Pictures of a report, and the HTML page that shows them; imported only when one is asked for, as it imports matplotlib."""
+"""Pictures of a report, and the HTML page that shows them. This module imports matplotlib, so it is imported only when needed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MARKERS = {"W": "s", "F": "o", "K": "^"}
 
 
 def error_against_strain(report: Findings) -> Figure:
-    """Error of F against strain: without and with a large rotation, at the origin and far from it."""
+    """Return the plot of the error of F against strain, without and with a large rotation, at the origin and far from it."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
     styles = dict(zip(sorted({row["offset_m"] for row in report.precision}), ("-", "--", ":"), strict=False))
@@ -39,7 +39,7 @@ def error_against_strain(report: Findings) -> Figure:
 
 
 def speed_against_error(report: Findings) -> Figure:
-    """Time of W, F and K against their errors: down and to the left is better."""
+    """Return the plot of the time of W, F and K against their errors. Points at the lower left are better."""
     figure = Figure(figsize=(6, 3.6), layout="constrained")
     axes = figure.subplots()
     for row in report.speed:
@@ -57,7 +57,7 @@ def speed_against_error(report: Findings) -> Figure:
 
 
 def as_svg(figure: Figure) -> str:
-    """The figure as SVG text."""
+    """Return the figure as SVG text."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
@@ -65,7 +65,7 @@ def as_svg(figure: Figure) -> str:
 
 
 def page(report: Findings) -> str:
-    """The report as one HTML file that needs no other, with the pictures inside."""
+    """Return the report as the text of a self-contained HTML file, including the pictures."""
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["in_words"] = in_words
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))

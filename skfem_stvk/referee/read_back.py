@@ -1,4 +1,4 @@
-"""What another program computed from test vectors, read back and judged."""
+"""Verification of the results that another program computed from test vectors."""
 
 from __future__ import annotations
 
@@ -29,16 +29,18 @@ EXACT = "50 digits"
 
 
 def verify_results(folder: str | Path, vectors: Vectors | str | Path | None = None) -> Report:
-    """Judge the W, F and K that another program computed from test vectors, whatever language it is written in.
+    """Check the W, F and K that another program, in any language, computed from test vectors.
 
-    They are held against 50 digits in every state that they are given for, forces and torques must balance, and K be symmetric and
-    know the rigid modes. Limits are those of `verify`: of linear simplices those of the edge form.
+    The values are compared with 50 digits in every state for which there are results. Forces and torques must balance, K must be
+    symmetric, and rigid modes must have no force. Limits are those of `verify`. For linear simplices they are those of the edge
+    form.
 
     Parameters
     ----------
-    folder : a folder with `results.txt` or `results.npz`: any of `W`, `F` and `K_blocks` or `K_values`, laid out as in the vectors.
-    vectors : what they were computed from, or their folder; by default the vectors in the same folder as the results, or the
-        published ones of the same digest.
+    folder : a folder with `results.txt` or `results.npz`, which holds any of `W`, `F` and `K_blocks` or `K_values` in the layout of
+        the vectors.
+    vectors : the vectors that the results were computed from, or their folder. The default is the vectors in the same folder as the
+        results, or else the published vectors with the same digest.
 
     Raises
     ------
@@ -73,12 +75,12 @@ def verify_results(folder: str | Path, vectors: Vectors | str | Path | None = No
 
 
 def folders_of_results(folder: str | Path) -> list[Path]:
-    """The folder itself if it has results, or those of its folders that have.
+    """Return a list of the folder itself if it has results, or of its subfolders with results.
 
     Raises
     ------
     StvkError
-        if there are none.
+        if there are no results.
     """
     place = path("folder", folder, "the path of a folder")
     if not place.is_dir():
@@ -101,7 +103,7 @@ def _file_of(folder: Path) -> Path:
 
 
 def _vectors_of(file: Path, returned: dict[str, Array]) -> Vectors:
-    """The vectors beside the results, or the published ones that they name."""
+    """Return the vectors in the folder of the results, or the published vectors with the digest of the results."""
     if any((file.parent / f"{NAME}{suffix}").is_file() for suffix in (".npz", ".txt")):
         return read_vectors(file.parent)
     named = returned["digest"].tolist() if "digest" in returned else []
@@ -117,7 +119,7 @@ def _vectors_of(file: Path, returned: dict[str, Array]) -> Vectors:
 
 
 def _refuse_wrong(file: Path, returned: dict[str, Array], vectors: Vectors) -> None:
-    """Refuse results of other vectors, or of other sizes; what is not a number is for the checks to find."""
+    """Raise NotOurs for results of other vectors, or of other sizes. Values that are not finite are left to the checks."""
     arrays, sizes = vectors.arrays, sizes_of(vectors.arrays)
     if not {"W", "F", "K_blocks", "K_values"} & set(returned):
         raise NotOurs(f"{file} has none of W, F, K_blocks and K_values.")
@@ -167,14 +169,14 @@ def _case(vectors: Vectors, returned: dict[str, Array]) -> Case:
 
 
 def _of_all_states(case: Case, vectors: Vectors) -> Case:
-    """The same candidate before a reference that knows any state, as hypotheses need it."""
+    """Return the case with a reference that can be evaluated in any state, which hypotheses need."""
     tensor = elasticity(vectors.mesh, [vectors.term], vectors.how)
     reference = Player(REFERENCE, Truth(case.shape, tensor), case.mesh.p.size)
     return replace(case, reference=reference, states=vectors.states)
 
 
 def _tasks(case: Case) -> Iterator[Task]:
-    """The checks that need no other states than those there are."""
+    """Yield the checks of the candidate that need no other states than those with results."""
     seen = set()
     for check in (agreement, balance):
         for task in check(case):

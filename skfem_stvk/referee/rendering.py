@@ -1,4 +1,4 @@
-"""The report as text for a terminal."""
+"""Text of a report for a terminal."""
 
 from __future__ import annotations
 
@@ -22,14 +22,17 @@ WORST_FIRST = (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN, CheckOutcome.PAS
 
 
 def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
-    """The report for a rich console: head, checks, what did not pass, precision, speed, verdict; fewer columns if narrow."""
+    """Return the report for a rich console: head, checks, failures, precision, speed and verdict.
+
+    A narrow console gets fewer columns.
+    """
     tables = [table(report, width) for table, rows in ((_precision, report.precision), (_speed, report.speed)) if rows]
     lines = [*_reasons(report), *_troubles(report), *_named(report)]
     return Group(_head(report), _checks(report, width), *lines, *tables, _verdict(report))
 
 
 def _head(report: Findings) -> RenderableType:
-    """What was judged, with what: the `lines` of a report without a mesh, or those on mesh and material; machine and versions."""
+    """Return the head: the `lines` of a report without a mesh, or lines on mesh and material, then machine and versions."""
     machine, versions = report.header["machine"], report.header["versions"]
     first = ("python", "skfem-stvk", "scikit-fem", "numpy", "scipy")
     lines = [
@@ -75,7 +78,7 @@ def _checks(report: Findings, width: int) -> Table:
 
 
 def _reasons(report: Findings) -> list[RenderableType]:
-    """Lines that say why limits are what they are: for the worst result of each row that has one, once per reason."""
+    """Return lines with the reasons for the limits, of the worst result of each row that has a limit, one line per reason."""
     reasons: dict[str, dict[str, None]] = {}
     for (check, _, _, quantity), results in report.groups().items():
         judged = [r for r in results if r.limit is not None]
@@ -86,7 +89,7 @@ def _reasons(report: Findings) -> list[RenderableType]:
 
 
 def badness(result: Result) -> float:
-    """How bad a result is: below zero if nothing was measured, else the error over its limit; infinite for not a number."""
+    """Return the error of a result over its limit, infinity if the error is not finite, or -1 if nothing was measured."""
     if result.measured is None:
         return -1.0
     return result.measured / (result.limit or 1.0) if math.isfinite(result.measured) else math.inf
@@ -107,7 +110,7 @@ def _number(value: float | None) -> str:
 
 
 def _troubles(report: Findings) -> list[RenderableType]:
-    """Lines on what failed, at its worst, and on what did not run or does not apply, once per reason."""
+    """Return lines on the worst failure of each group, and on checks that did not run or do not apply, one line per reason."""
     parts: list[RenderableType] = []
     for results in report.groups().values():
         failed = [r for r in results if r.outcome is CheckOutcome.FAILED]
@@ -124,7 +127,7 @@ def _troubles(report: Findings) -> list[RenderableType]:
 
 
 def story(result: Result) -> str:
-    """What failed, in which state, by how much, and where it is worst; or why it did not run."""
+    """Return a sentence on a failure with its state, size and worst location, or the reason why the check did not run."""
     what = f"{result.check}, {result.quantity} of {result.subject}" + (f" against {result.against}" if result.against else "")
     if result.measured is None:
         return f"{what}, {result.state}: {result.reason}"
@@ -132,7 +135,7 @@ def story(result: Result) -> str:
 
 
 def _named(report: Findings) -> list[RenderableType]:
-    """What explains a candidate that failed."""
+    """Return lines on the explanations of a candidate that failed."""
     if report.named is None:
         return []
     first, *others = report.named.lines()

@@ -1,4 +1,4 @@
-"""The report: its head, what was found, as text and as files."""
+"""Report of a verification: its head, its results, and its output as text and as files."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ from .shape import Shape
 
 
 class Report(Findings):
-    """What `verify` found; see `Findings` for its attributes. `print(report)` shows it."""
+    """Results of `verify`. See `Findings` for the attributes; `print(report)` shows the report."""
 
     def __str__(self) -> str:
         return as_text(rendered(self))
 
     def save(self, folder: str | Path) -> Path:
-        """Write `report.json` and `report.html`, a file that needs no other, into a folder, which is made if it is missing.
+        """Write `report.json` and the self-contained `report.html` into a folder, and return its path.
 
-        Each is written under another name first and then renamed, so that no file is ever half written.
+        The folder is created if it is missing. Each file is written under another name first and then renamed, so that no file is
+        ever half written.
 
         Raises
         ------
@@ -59,9 +60,9 @@ class Report(Findings):
 
 
 def judge(command: str, head: Mapping[str, Any], tasks: Sequence[Task], quiet: bool, explain: Callable[[Report], None]) -> Report:
-    """Return the report on a candidate without a mesh: carry out the tasks, then let `explain` say what is wrong.
+    """Return the report on a candidate without a mesh: run the tasks, then call `explain` to name the fault.
 
-    `head` has the `lines` on the candidate.
+    `head` holds the `lines` that describe the candidate.
     """
     started, report = time.perf_counter(), Report(circumstances(PACKAGES) | dict(head))
     carry_out(report, command, tasks, quiet, {"what it is": partial(explain, report)})
@@ -72,9 +73,10 @@ def judge(command: str, head: Mapping[str, Any], tasks: Sequence[Task], quiet: b
 def carry_out(
     report: Report, command: str, tasks: Sequence[Task], quiet: bool, then: Mapping[str, Callable[[], None]] | None = None
 ) -> None:
-    """Run tasks, and `then` other steps by their names, with a bar of progress, and add the results to the report.
+    """Run the tasks and then the named steps of `then`, with a progress bar, and add the results to the report.
 
-    Ctrl-C keeps the results so far: tasks that did not run say so, and the other steps are left out.
+    After Ctrl-C the results so far are kept. Tasks that did not run are reported as interrupted, and the remaining steps are
+    skipped.
     """
     steps = then or {}
     with CountedProgress(command, len(tasks) + len(steps), quiet) as progress:
@@ -91,7 +93,7 @@ def carry_out(
 
 
 def folder_for(name: str | Path) -> Path:
-    """The folder of that name, which is made if it is missing; StvkError if it cannot be."""
+    """Return the folder with this path, and create it if it is missing. Raise StvkError if it cannot be created."""
     folder = path("folder", name, "the path of a folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -110,7 +112,7 @@ def write(path: Path, text: str) -> None:
 
 
 def mesh_facts(shape: Shape) -> dict[str, Any]:
-    """Hash, counts and shape of a mesh, and the rule that it is integrated by; the hash covers coordinates and elements."""
+    """Return the hash, counts and shape of a mesh, and its integration rule. The hash covers coordinates and elements."""
     mesh, aspect = shape.mesh, shape.aspect
     a, b = np.array(mesh.element.edges).T
     lengths = np.linalg.norm(mesh.p[:, mesh.t[a]] - mesh.p[:, mesh.t[b]], axis=0)
@@ -135,7 +137,7 @@ def mesh_facts(shape: Shape) -> dict[str, Any]:
 
 
 def material_facts(mesh: ElementMesh, term: StVK) -> str:
-    """A term in one line."""
+    """Return the description of a term in one line."""
     material = term.material
     if isinstance(material, Isotropic):
         words = f"isotropic, E = {_range(material.young)}, nu = {'-' if material.poisson is None else _range(material.poisson)}"
@@ -162,7 +164,7 @@ def _range(values: Any) -> str:
 
 
 def header(shape: Shape, terms: Sequence[StVK], source: str, seed: int) -> dict[str, Any]:
-    """The head of a report on this body; `source` says where the mesh is from."""
+    """Return the head of a report on this body. `source` names the type or origin of the mesh."""
     facts = {
         "mesh": {"source": source} | mesh_facts(shape),
         "material": [material_facts(shape.mesh, term) for term in terms],

@@ -1,4 +1,4 @@
-"""What a check says, how a task turns one measurement into that whatever happens, and all that a verification has found."""
+"""Results of checks, tasks that produce one result each, and the findings of a verification."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .players import METHODS, Foul, Player
 
 
 class CheckOutcome(Enum):
-    """The four ways in which a check can end; the value is the message."""
+    """Outcome of a check. The value is the message."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -24,20 +24,20 @@ class CheckOutcome(Enum):
 
 @dataclass(frozen=True)
 class Result:
-    """One check of one quantity in one state.
+    """Result of one check of one quantity in one state.
 
     Attributes
     ----------
     check : name of the check, such as "agreement".
-    subject : whose W, F or K was checked.
-    quantity : "W", "F", "K" or what else was measured.
+    subject : name of the model whose W, F or K was checked.
+    quantity : "W", "F", "K" or the name of another measured quantity.
     state : name of the state.
-    outcome : how it ended.
-    against : what it was held against.
-    measured, limit : relative to `scale`; None where there is nothing to measure.
-    scale : value and meaning of what the error is relative to.
-    reason : why the limit is what it is; or why the check did not run or does not apply.
-    worst : the worst places: dof, vertex, component, elements.
+    outcome : outcome of the check.
+    against : name of the reference.
+    measured, limit : error and its limit, relative to `scale`; None if nothing was measured.
+    scale : value and meaning of the scale that the error is relative to.
+    reason : reason for the limit, or the reason why the check did not run or does not apply.
+    worst : the worst locations: dof, node, component, elements.
     """
 
     check: str
@@ -53,7 +53,7 @@ class Result:
     worst: dict[str, Any] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in types that JSON has: what is not a number or infinite becomes text."""
+        """Return the result in JSON types. A measured value that is not finite becomes text."""
         entries = asdict(self) | {"outcome": self.outcome.value}
         if self.measured is not None and not math.isfinite(self.measured):
             entries["measured"] = str(self.measured)
@@ -61,7 +61,7 @@ class Result:
 
 
 def judged(measured: float, limit: float, **entries: Any) -> Result:
-    """The result of a measurement: passed if `measured <= limit`; a value that is not a number fails.
+    """Return the result of a measurement. It is passed if `measured <= limit`; nan fails.
 
     >>> judged(float("nan"), 1e-12, check="a", subject="b", quantity="F", state="rest").outcome
     <CheckOutcome.FAILED: 'failed'>
@@ -71,23 +71,24 @@ def judged(measured: float, limit: float, **entries: Any) -> Result:
 
 
 def largest(results: Iterable[Result]) -> float:
-    """The largest finite error that was measured; 0 if there is none."""
+    """Return the largest finite measured error, or 0 if there is none."""
     return max((r.measured for r in results if r.measured is not None and math.isfinite(r.measured)), default=0.0)
 
 
 class NotApplicable(Exception):
-    """The check has no meaning here, by nature; the message says why."""
+    """Exception of a check that does not apply. The message gives the reason."""
 
 
 class CannotTell(Exception):
-    """The check ran and could not decide; the message says why."""
+    """Exception of a check that ran but could not decide. The message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One check of one quantity of one player in one state.
+    """Check of one quantity of one player in one state.
 
-    `needs` are those of W, F, K that the player must have. `measure` returns what `judged` takes, at least `measured` and `limit`.
+    `needs` names the quantities among W, F and K that the player must have. `measure` returns the keyword arguments of `judged`, at
+    least `measured` and `limit`.
     """
 
     check: str
@@ -104,11 +105,11 @@ class Task:
         return same | {"subject": self.player.name}
 
     def missed(self, reason: str, outcome: CheckOutcome = CheckOutcome.COULD_NOT_RUN) -> Result:
-        """The result of a task that could not run, or has no meaning here."""
+        """Return the result of a task that could not run or does not apply."""
         return Result(outcome=outcome, reason=reason, **self._who)
 
     def run(self) -> Result:
-        """The result of the measurement, whatever it raises."""
+        """Return the result of the measurement. Exceptions become results."""
         lacking = [f"{METHODS[quantity]}(u)" for quantity in self.needs if not self.player.has(quantity)]
         if lacking:
             return self.missed(f"{self.player.name} has no {' and no '.join(lacking)}", CheckOutcome.NOT_APPLICABLE)
@@ -124,7 +125,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A hypothesis on what is wrong with a candidate: its name, a sentence, and the largest relative error that it leaves."""
+    """Hypothesis on the fault of a candidate: its name, a sentence, and its largest relative residual."""
 
     name: str
     words: str
@@ -133,14 +134,14 @@ class Explanation:
 
 @dataclass
 class Naming:
-    """What explains the candidate's values; several explanations are one on this body.
+    """Explanations of the candidate's values. Several explanations are equivalent on this body.
 
     Attributes
     ----------
-    explanations : all hypotheses that make the residual vanish; none if there is none.
-    tried : how many were tried.
+    explanations : all hypotheses with a vanishing residual.
+    tried : number of hypotheses that were tried.
     before : the largest relative error without a hypothesis.
-    smallest : where nothing explains it, the least that still fails, or where the explanations hold for a part, the rest; in words.
+    smallest : text on the smallest failing piece if there is no explanation, or on the unexplained rest if there is a partial one.
     """
 
     explanations: list[Explanation] = field(default_factory=list)
@@ -149,7 +150,7 @@ class Naming:
     smallest: str = ""
 
     def explain(self, hypotheses: Iterable[Explanation], limit: float = math.inf) -> bool:
-        """Try hypotheses, keep those that leave a finite error of at most `limit`, and return whether there are any."""
+        """Try hypotheses, append those with a finite residual of at most `limit`, and return whether there are any."""
         tried = list(hypotheses)
         fitting = [one for one in tried if one.residual <= limit and math.isfinite(one.residual)]
         self.tried += len(tried)
@@ -158,11 +159,11 @@ class Naming:
 
     @property
     def names(self) -> list[str]:
-        """The names of the explanations."""
+        """Names of the explanations."""
         return [one.name for one in self.explanations]
 
     def lines(self) -> list[str]:
-        """What a report says."""
+        """Return the lines of a report."""
         if not self.explanations:
             smallest = f" {self.smallest}" if self.smallest else ""
             return [f"No hypothesis explains it: {self.tried} were tried.{smallest}"]
@@ -173,7 +174,7 @@ class Naming:
         return [f"{one} {much}{falls}:", *(f"{e.name}: {e.words}" for e in self.explanations), *rest]
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, in types that JSON has."""
+        """Return all attributes in JSON types."""
         names = [vars(explanation) for explanation in self.explanations]
         before = self.before if math.isfinite(self.before) else str(self.before)
         return {"explanations": names, "tried": self.tried, "error before": before, "smallest": self.smallest}
@@ -181,18 +182,18 @@ class Naming:
 
 @dataclass
 class Findings:
-    """What a verification has found so far.
+    """Findings of a verification so far.
 
     Attributes
     ----------
     header : versions, machine, mesh, material, command line, seed.
-    results : every check of every quantity in every state.
+    results : results of all checks of all quantities in all states.
     precision : rows of error against strain (`checks.precision.precision_table`).
     speed : rows of time and memory (`checks.precision.speed_table`).
-    errors : errors against 50 digits that the speed is shown against.
-    named : what explains a candidate that does not agree; None where none was looked for.
-    interrupted : whether it was stopped before the end.
-    seconds : how long the verification took.
+    errors : errors against 50 digits, which are plotted with the speed.
+    named : explanations of a candidate that does not agree, or None if no explanation was searched for.
+    interrupted : whether the verification was stopped before its end.
+    seconds : duration of the verification [s].
     """
 
     header: dict[str, Any]
@@ -206,30 +207,30 @@ class Findings:
 
     @property
     def passed(self) -> bool:
-        """Whether it ran to the end, something was measured, and everything passed or is not applicable by nature."""
+        """Whether all checks ran, at least one passed, and none failed. Checks that do not apply are ignored."""
         counts = self.counts
         stopped = counts[CheckOutcome.COULD_NOT_RUN] or self.interrupted
         return counts[CheckOutcome.PASSED] > 0 and not (counts[CheckOutcome.FAILED] or stopped)
 
     @property
     def counts(self) -> Counter[CheckOutcome]:
-        """Number of checks by the way they ended."""
+        """Number of checks by outcome."""
         return Counter(result.outcome for result in self.results)
 
     def failures(self, subject: str | None = None) -> list[Result]:
-        """The results that failed, of one subject or of all.
+        """Return the failed results, of one subject or of all.
 
         Raises
         ------
         StvkError
-            if nothing was checked of this subject.
+            if this subject has no results.
         """
         if subject is not None:
             subject = arguments.choice("subject", subject, {result.subject for result in self.results})
         return [r for r in self.results if r.outcome is CheckOutcome.FAILED and subject in (None, r.subject)]
 
     def groups(self) -> dict[tuple[str, str, str, str], list[Result]]:
-        """The results by check, subject, reference and quantity: the lines of a table."""
+        """Return the results by check, subject, reference and quantity, which are the lines of a table."""
         groups: dict[tuple[str, str, str, str], list[Result]] = {}
         checks = list(dict.fromkeys(result.check for result in self.results))
         for result in sorted(self.results, key=lambda result: checks.index(result.check)):
@@ -237,7 +238,7 @@ class Findings:
         return groups
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, in types that JSON has."""
+        """Return all attributes in JSON types."""
         return {
             "passed": self.passed,
             "counts": {outcome.value: self.counts[outcome] for outcome in CheckOutcome},

@@ -1,4 +1,4 @@
-"""The referee before its own test: every check against every planted fault, which of them catches which, and its name."""
+"""Self-test of the referee: every check runs on every planted fault, and each fault must be detected and named."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .faults import FAULTS, bodies
 from .report import folder_for, write
 from .verification import failures_of, name_of
 
-#: Columns of the matrix: the check, and what the letters in its cells mean.
+#: Columns of the matrix: the name of each check, and the meaning of the letters in its cells.
 CHECKS = {
     "agreement": "W, F, K",
     "derivatives": "F, K",
@@ -46,8 +46,8 @@ SHORT = {
     "precision": "digits",
 }
 LETTERS = {"sum of forces": "f", "sum of torques": "t"}
-#: Checks that catch no fault which no other catches: the checks that they stand in for where those cannot judge, and where.
-#: Without those each catches a fault alone, which is held.
+#: Checks that need not detect a fault alone, with the checks that they replace where these cannot decide, and the situation.
+#: Without the replaced checks, each must detect at least one fault alone.
 BACKS_UP: dict[str, tuple[tuple[str, ...], str]] = {
     "derivatives": (("agreement",), "of other laws, which have no reference"),
     "invariance": (("agreement", "derivatives", "closed forms", "precision"), "where W of another law is all there is"),
@@ -62,14 +62,14 @@ BACKS_UP: dict[str, tuple[tuple[str, ...], str]] = {
 
 @dataclass
 class SelfTest:
-    """Which check caught which fault.
+    """Result of the self-test: the faults that each check detects.
 
     Attributes
     ----------
     caught : by fault and check, the quantities that failed, as in `"WFK"`.
     named : by fault, the names that a report gives it.
-    right : by body, what failed of the right model there: nothing, or the test is void.
-    seconds : how long it took.
+    right : by body and check, the quantities of the correct model that failed. There must be none, or the test is invalid.
+    seconds : duration of the test [s].
     """
 
     caught: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -79,32 +79,32 @@ class SelfTest:
 
     @property
     def missed(self) -> list[str]:
-        """Faults that no check catches."""
+        """Faults that no check detects."""
         return [name for name, checks in self.caught.items() if not checks]
 
     @property
     def unnamed(self) -> list[str]:
-        """Faults that do not get the name that they have."""
+        """Faults that have a name but do not get it."""
         return [fault for fault, names in self.named.items() if FAULTS[fault].named and FAULTS[fault].named not in names]
 
     @property
     def wrong_names(self) -> dict[str, list[str]]:
-        """By fault, the names that it gets and does not have."""
+        """Wrong names that each fault gets, by fault."""
         wrong = {fault: [name for name in names if name != FAULTS[fault].named] for fault, names in self.named.items()}
         return {fault: names for fault, names in wrong.items() if names}
 
     def alone(self, check: str, without: tuple[str, ...] = ()) -> list[str]:
-        """Faults that this check alone catches, or would without some others."""
+        """Return the faults that only this check detects if the checks `without` are ignored."""
         return [name for name, checks in self.caught.items() if set(checks) - set(without) == {check}]
 
     @property
     def idle(self) -> list[str]:
-        """Checks that catch nothing alone, nor without those that they back up."""
+        """Checks that detect no fault alone, even without the checks that they back up."""
         return [check for check in CHECKS if not (self.alone(check) or self.alone(check, *BACKS_UP.get(check, ())[:1]))]
 
     @property
     def passed(self) -> bool:
-        """Whether every fault is caught and named, every check has its use, and right models pass."""
+        """Whether every fault is detected and named, no check is idle, and correct models pass."""
         wrong = self.missed or self.idle or any(self.right.values()) or self.unnamed or self.wrong_names
         return bool(self.caught) and not wrong
 
@@ -112,7 +112,7 @@ class SelfTest:
         return as_text(self.rendered())
 
     def rendered(self, width: int = 124) -> RenderableType:
-        """The matrix for a rich console."""
+        """Return the matrix of faults and checks for a rich console."""
         table = grid(
             "Planted faults, and what fails of each check", "fault", "body", *(SHORT.get(check, check) for check in CHECKS)
         )
@@ -150,7 +150,7 @@ class SelfTest:
         return f"[{style}]{word}[/]: {caught} of {len(self.caught)} faults caught by {len(CHECKS)} checks in {self.seconds:.0f} s"
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, in types that JSON has."""
+        """Return all results in JSON types."""
         faults = {
             name: {
                 "description": FAULTS[name].description,
@@ -164,7 +164,10 @@ class SelfTest:
         return {"passed": self.passed, "seconds": self.seconds, "faults": faults, "checks": uses, "right": self.right}
 
     def save(self, folder: str | Path) -> Path:
-        """Write `self-test.json` and `self-test.html` into a folder, which is made if it is missing; errors as of a report."""
+        """Write `self-test.json` and `self-test.html` into a folder, and return its path.
+
+        The folder is created if it is missing. Errors are those of `Report.save`.
+        """
         folder = folder_for(folder)
         write(folder / "self-test.json", json.dumps(self.to_dict(), indent=1))
         console = Console(record=True, width=140, file=io.StringIO(), highlight=False)
@@ -176,13 +179,13 @@ class SelfTest:
 def self_test(*, seed: int = 0, quiet: bool = False) -> SelfTest:
     """Run every check of `verify` against every planted fault.
 
-    A fault is a copy of the model that is wrong in one way, and stands in this package's place before all checks, on a small body
-    that shows it. Right models have to pass on all bodies.
+    A fault is a copy of the model with one error. It replaces this package in all checks, on a small body on which the error has an
+    effect. Correct models must pass on all bodies.
 
     Raises
     ------
     StvkError
-        if an argument is none.
+        if an argument is invalid.
 
     >>> from skfem_stvk.referee.self_test import SelfTest
     >>> SelfTest(caught={"a fault": {}}).missed
@@ -204,7 +207,7 @@ def self_test(*, seed: int = 0, quiet: bool = False) -> SelfTest:
 
 
 def _letters(results: list[Any]) -> dict[str, str]:
-    """The quantities that failed, by check, in the order of the columns."""
+    """Return the quantities that failed, by check, in the order of the columns."""
     found: dict[str, str] = {}
     for check in CHECKS:
         quantities = dict.fromkeys(LETTERS.get(r.quantity, r.quantity) for r in results if r.check == check)

@@ -1,4 +1,4 @@
-"""Checks of anybody's static solver, by problems whose solutions are known."""
+"""Checks of a user's static solver on problems with known solutions."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from .report import Report, judge
 from .results import Explanation, Naming, Task
 from .shape import Shape
 
-#: Cells along each side of the ladder's meshes, by dimension; the first of the second row is the mesh of all other checks.
+#: Cells along each side of the three meshes of the order check, by dimension. SMALL is the mesh of all other checks.
 LADDER = {2: (8, 12, 18), 3: (4, 6, 9)}
 SMALL = {2: 4, 3: 3}
-#: Orders of linear elements, and by how much a fitted one may be smaller.
+#: Orders of linear elements, and the amount by which a fitted order may be smaller.
 ORDERS, SLACK = {"L2": 2.0, "H1": 1.0}, 0.25
-#: Displacement gradients: of the patch test, and of rigid motions the angles [degrees].
+#: Displacement gradient of the patch test, and angles of the rigid motions [degrees].
 STRAINED = np.array([[0.25, 0.10, -0.05], [-0.07, -0.15, 0.12], [0.04, 0.09, 0.20]])
 ANGLES = (30.0, 60.0)
-#: Axes of rotations: none of the coordinates' in space.
+#: Axes of rotation, by dimension. In space it is not a coordinate axis.
 AXIS = {2: np.array([0.0, 0.0, 1.0]), 3: np.array([1.0, 2.0, -2.0])}
-#: Constant body forces, as parts of Young's modulus over the length of the body; small ones for reciprocity.
+#: Constant body force, relative to Young's modulus over the length of the body, and the small one for reciprocity.
 LOAD, SMALL_LOAD = np.array([0.6, -0.4, 0.5]), 0.02
-#: A hypothesis holds if it leaves this part of the load, or this multiple of what rounding of the solver may leave.
+#: A hypothesis holds if its residual is below this part of the load, or below 100 times the solver's tolerance.
 VANISHES = 1e-4
-#: Another equilibrium is off the exact gradient by more than that; the load is integrated by a rule of this order.
+#: Relative error of the gradient above which a solution is another equilibrium, and order of the rule for the load.
 FAR, LOAD_ORDER = 0.5, 4
 
 BodyForceOf = Callable[[Array], Array]
@@ -51,13 +51,13 @@ Solve = Callable[[Any, Isotropic, BodyForceOf, "PrescribedNodes"], Any]
 
 @dataclass(frozen=True)
 class PrescribedNodes:
-    """Nodes whose displacement is prescribed, all components of it; the others are free, and no traction acts.
+    """Nodes at which all components of the displacement are prescribed. The other nodes are free, and no traction acts.
 
     Attributes
     ----------
     nodes : (m,) ids of nodes, columns of `mesh.p`.
-    values : (m, d) their displacements [m].
-    dofs : (m d,) their degrees of freedom, `d * node + component`, in the order of `values.ravel()`.
+    values : (m, d) displacements of these nodes [m].
+    dofs : (m d,) degrees of freedom of these nodes, `d * node + component`, in the order of `values.ravel()`.
     """
 
     nodes: NDArray[np.int64]
@@ -78,40 +78,41 @@ def verify_solver(
     rtol: float = 1e-6,
     quiet: bool = False,
 ) -> Report:
-    """Judge a static solver for St. Venant-Kirchhoff bodies of linear tetrahedra, or triangles in plane strain.
+    """Check a static solver for St. Venant-Kirchhoff bodies of linear tetrahedra, or of triangles in plane strain.
 
-    `solve(mesh, material, body_force, boundary)` is called about twenty times, on cubes of 27 cells or more:
+    This function calls `solve(mesh, material, body_force, boundary)` about twenty times, on cubes of 27 cells or more:
 
-    - `mesh`: `skfem.MeshTet` or `MeshTri`; `mesh.p` (d, nv) are the nodes [m], `mesh.t` (d + 1, nt) the elements, of either
-      orientation.
-    - `material`: `material.young` [Pa], `material.poisson`, and `skfem.models.elasticity.lame_parameters` of both.
-    - `body_force(X)` (d, n) at points `X` (d, n) of the undeformed body: force per undeformed volume [N/m^3]; it does not turn or
-      grow with the body.
-    - `boundary.nodes` (m,), `boundary.values` (m, d): nodes with a prescribed displacement, `boundary.dofs` (m d,) their degrees of
-      freedom `d * node + component`. On the rest of the surface no traction acts.
+    - `mesh`: `skfem.MeshTet` or `MeshTri`. `mesh.p` (d, nv) are the nodes [m], `mesh.t` (d + 1, nt) the elements. Elements may
+      have either orientation.
+    - `material`: has `material.young` [Pa] and `material.poisson`; `skfem.models.elasticity.lame_parameters` takes both.
+    - `body_force(X)` (d, n) at points `X` (d, n) of the undeformed body: force per undeformed volume [N/m^3]. The force does not
+      rotate or grow with the body.
+    - `boundary.nodes` (m,), `boundary.values` (m, d): nodes with a prescribed displacement, and these displacements.
+      `boundary.dofs` (m d,) are their degrees of freedom `d * node + component`. No traction acts on the rest of the surface.
 
-    It returns the displacements of all nodes, (nv, d), or (ndofs,) with the degrees of freedom `d * node + component`. Large
-    displacements are asked for: where a solver needs load steps, it scales `boundary.values` and `body_force` together.
+    `solve` returns the displacements of all nodes, (nv, d), or (ndofs,) with the degrees of freedom `d * node + component`. The
+    displacements are large. If a solver needs load steps, it must scale `boundary.values` and `body_force` together.
 
-    What must hold, to `rtol` of the largest displacement unless another limit is told:
+    The limit of each check is `rtol` times the largest displacement, unless the report gives another limit:
 
-    - boundary values: prescribed nodes are where they are prescribed to be.
-    - rigid motion: a boundary, one face of which is free, turns the body with it, by 30 and 60 degrees.
-    - patch test: a homogeneous strain of 25 % on the boundary is found everywhere; with one free face too, whose traction vanishes.
-    - equilibrium: under a constant load, forces of the nodes balance; of linear elements this has one answer.
-    - symmetry: a mirrored and turned problem has the mirrored and turned solution.
-    - reciprocity (Betti): small loads in turn, `int b1 . u2 = int b2 . u1`, on a strained body.
-    - order: of a manufactured solution on three meshes the errors fall with order 2 in L2 and 1 in H1, at most 0.25 less.
+    - boundary values: prescribed nodes have their prescribed displacements.
+    - rigid motion: a boundary with one free face rotates the body by 30 and 60 degrees.
+    - patch test: a homogeneous strain of 25 % on the boundary gives the same strain everywhere. This also holds with one free face
+      whose traction vanishes.
+    - equilibrium: under a constant load the nodal forces balance. For linear elements these forces are unique.
+    - symmetry: a mirrored and rotated problem has the mirrored and rotated solution.
+    - reciprocity (Betti): two small loads on a strained body satisfy `int b1 . u2 = int b2 . u1`.
+    - order: the errors of a manufactured solution on three meshes fall with order 2 in L2 and 1 in H1, at most 0.25 less.
 
-    If a check fails, hypotheses are tried on the solution under the constant load, and the report says what explains it: a factor
-    in the load or in lambda and mu, linear strain, a load per deformed volume, components that are stored in blocks, ...
+    If a check fails, hypotheses are tried on the solution under the constant load, and the report names those that explain it.
+    Examples are a factor in the load or in lambda and mu, linear strain, a load per deformed volume, or components in blocks.
 
     Parameters
     ----------
-    young, poisson : Young's modulus [Pa] and Poisson's ratio. Take `poisson` neither 0 nor 1/4: lambda is 0, or mu, then.
+    young, poisson : Young's modulus [Pa] and Poisson's ratio. Avoid `poisson = 0`, where lambda is 0, and 1/4, where lambda is mu.
     dimension : 2 or 3.
-    rtol : how exactly the solver solves its equations, relative to the displacements.
-    quiet : show no progress.
+    rtol : relative tolerance to which the solver solves its equations, relative to the displacements.
+    quiet : whether to hide the progress bar.
 
     Raises
     ------
@@ -149,7 +150,7 @@ class _Problem:
 
 
 class _Trial:
-    """The solver, the problems that it is given, and what it answered: each is solved once."""
+    """Solver under test, its problems, and its cached solutions. Each problem is solved once."""
 
     def __init__(self, solve: Solve, material: Isotropic, d: int, rtol: float) -> None:
         self.solve, self.material, self.d, self.rtol = solve, material, d, rtol
@@ -162,28 +163,28 @@ class _Trial:
         self._answers: dict[str, Array | Foul] = {}
 
     def box(self, n: int) -> Any:
-        """The unit cube or square with moved inner nodes, a mesh of scikit-fem."""
+        """Return a scikit-fem mesh of the unit cube or square with displaced inner nodes and `n` cells along each side."""
         moved = moved_box(self.d, n)
         return {2: skfem.MeshTri, 3: skfem.MeshTet}[self.d](moved.p, np.asarray(moved.t, dtype=np.int64))
 
     def constant(self, part: Array) -> BodyForceOf:
-        """A constant body force, `part` (d,) of Young's modulus over the length of the body."""
+        """Return the constant body force `E part / L`, with `part` (d,), Young's modulus E and the length L = 1 of the body."""
         b = self.young * part
         return lambda X: np.repeat(b[:, None], np.shape(X)[1], axis=1)
 
     def loaded(self) -> _Problem:
-        """A constant load on the strained body."""
+        """Return the problem of a constant load on the strained body."""
         return self.problem(self.small, lambda X: self.strained @ X, self.constant(LOAD[: self.d]))
 
     def manufactured(self, n: int) -> _Problem:
-        """The problem with the manufactured solution, on `n` cells per side."""
+        """Return the problem with the manufactured solution, on `n` cells per side."""
         exact = self.exact
         return self.problem(
             self.box(n), lambda X: exact.displacement(X, 1.0), lambda X: exact.body_force(np.asarray(X, dtype=float), 1.0)
         )
 
     def problem(self, mesh: Any, moved: BodyForceOf, force: BodyForceOf | None = None, free: bool = False) -> _Problem:
-        """A body whose surface is displaced by `moved(X)`, the face x = 1 perhaps free."""
+        """Return the problem of a body whose surface is displaced by `moved(X)`. If `free`, the face x = 1 is free."""
         X = mesh.p
         held = ((X == 0) | (X == 1))[free:].any(axis=0) | (X[0] == 0)
         nodes = np.flatnonzero(held)
@@ -191,7 +192,7 @@ class _Trial:
         return _Problem(mesh, boundary, self.constant(np.zeros(self.d)) if force is None else force)
 
     def answer(self, name: str, problem: _Problem) -> Array:
-        """(nv, d) displacements that the solver found; it is asked once for each name."""
+        """Return the displacements that the solver found, (nv, d). The solver is called once for each name."""
         if name not in self._answers:
             try:
                 self._answers[name] = self._ask(problem)
@@ -259,7 +260,7 @@ def _equilibrium(trial: _Trial) -> dict[str, Any]:
 
 
 def _symmetric(trial: _Trial, name: str, Q: Array) -> dict[str, Any]:
-    """The problem in axes that are turned by `Q`: `x -> Q (x - c) + c`, `u -> Q u`, `b -> Q b`."""
+    """Compare with the problem in axes transformed by the orthogonal `Q`: `x -> Q (x - c) + c`, `u -> Q u`, `b -> Q b`."""
     d, problem, c = trial.d, trial.loaded(), np.full((trial.d, 1), 0.5)
     u = trial.answer("loaded", problem)
     mesh = type(problem.mesh)(Q @ (problem.mesh.p - c) + c, problem.mesh.t)
@@ -269,7 +270,10 @@ def _symmetric(trial: _Trial, name: str, Q: Array) -> dict[str, Any]:
 
 
 def _reciprocal(trial: _Trial) -> dict[str, Any]:
-    """`C_ij`: the integral of `u_i` that a small load along `j` makes; loads of both signs take its square out."""
+    """Check the symmetry of `C_ij`, the integral of `u_i` due to a small load along `j`.
+
+    The difference of loads of both signs cancels the terms of second order.
+    """
     d, weights = trial.d, _at_nodes(trial.small, _shape(trial.small).volume)
     C = np.zeros((d, d))
     for j in range(d):
@@ -303,9 +307,10 @@ def _relative(off: float, size: float, limit: float, words: str) -> dict[str, An
 
 
 def _free_at_x(trial: _Trial) -> Array:
-    """Displacement gradient of a homogeneous state without traction across x: `S e_x = 0`, turned by 20 degrees.
+    """Return the displacement gradient of a homogeneous state without traction on faces x = const, rotated by 20 degrees.
 
-    E has no shear with x; of its other entries those of STRAINED, and E_xx = -lam/(lam + 2 mu) (E_yy + E_zz).
+    The condition is `S e_x = 0`. E has no shear with x, `E_xx = -lam/(lam + 2 mu) (E_yy + E_zz)`, and its other entries are those
+    of STRAINED.
     """
     d, E = trial.d, 0.5 * (trial.strained + trial.strained.T)
     E[0, :] = E[:, 0] = 0
@@ -322,19 +327,19 @@ def _symmetries(d: int) -> dict[str, Array]:
 
 
 def _shape(mesh: Any) -> Shape:
-    """The linear simplices of a mesh of scikit-fem."""
+    """Return the shape of a scikit-fem mesh of linear simplices."""
     own = ElementMesh(mesh.p, np.asarray(mesh.t, dtype=np.int32))
     return Shape(own, Discretisation(own.element.name))
 
 
 def _at_nodes(mesh: Any, volumes: Array) -> Array:
-    """(nv,) the volumes of elements, shared evenly among their nodes."""
+    """Return the volumes of elements, shared evenly among their nodes, (nv,)."""
     share = np.broadcast_to(volumes / len(mesh.t), mesh.t.shape)
     return np.bincount(mesh.t.ravel(), share.ravel(), minlength=mesh.p.shape[1])
 
 
 class _Evidence:
-    """The solution of a problem, by default under a constant load: forces that its nodes have by several laws, and the load."""
+    """Solution of a problem, by default under a constant load, with nodal forces by several laws and the nodal load."""
 
     def __init__(self, trial: _Trial, name: str = "loaded", problem: _Problem | None = None) -> None:
         problem = problem or trial.loaded()
@@ -346,24 +351,27 @@ class _Evidence:
         self.load = _at_nodes(problem.mesh, self.shape.volume)[:, None] * self.b
 
     def force(self, lam: float = 1.0, mu: float = 1.0, **changes: Any) -> Array:
-        """(nv, d) forces of a law with these parts of lambda and mu, by default those of St. Venant-Kirchhoff."""
+        """Return the nodal forces (nv, d) for `lam` times lambda and `mu` times mu, by default of St. Venant-Kirchhoff.
+
+        `changes` are attributes of the `ElementModel` to replace.
+        """
         tensor = lame_tensor(lam * self.lam, mu * self.mu, self.u.shape[1])[None]
         return replace(self.model, tensor=tensor, **changes).internal_force(self.u.ravel()).reshape(self.u.shape)
 
     def per_deformed_volume(self) -> Array:
-        """(nv, d) the load where it is one per deformed volume."""
+        """Return the nodal load (nv, d) if the body force acts per deformed volume."""
         F = np.eye(self.u.shape[1]) + self.model.displacement_gradient(self.u.ravel())[:, 0]
         return _at_nodes(self.shape.mesh, self.shape.volume * np.linalg.det(F))[:, None] * self.b
 
     def fitted(self, columns: list[Array], right: Array) -> tuple[Array, float]:
-        """Factors of the columns by least squares at free nodes, and the part of the right-hand side that they leave."""
+        """Return least-squares factors of the columns at free nodes, and the residual relative to the right-hand side."""
         A, f = np.stack([column[self.free].ravel() for column in columns], axis=1), right[self.free].ravel()
         factors, *_ = np.linalg.lstsq(A, f, rcond=None)
         return factors, float(np.linalg.norm(A @ factors - f) / np.linalg.norm(f))
 
 
 def _explain(trial: _Trial, report: Report) -> None:
-    """Name what explains the failures: by the solution under a constant load, or else in words by which checks failed."""
+    """Name the fault, by hypotheses on the solution under a constant load, or else by the checks that failed."""
     if report.passed:
         return
     bad = {result.check for result in report.failures()}
@@ -386,7 +394,7 @@ def _explain(trial: _Trial, report: Report) -> None:
     report.named = naming
 
 
-#: What a failure most often means where no hypothesis explains it, in the order of trust.
+#: The most frequent cause of each failure, for failures that no hypothesis explains. The most reliable checks come first.
 WORDS = {
     "boundary values": "prescribed displacements are ignored or applied in part: their values, or load steps that do not reach 1",
     "rigid motion": "the strain is not objective: linear strain, or updates that add up small rotations",
@@ -399,7 +407,10 @@ WORDS = {
 
 
 def _by_forces(e: _Evidence, limit: float) -> Iterator[list[Explanation]]:
-    """Hypotheses on the forces at free nodes, the simplest first; none if they are right, to `limit`."""
+    """Yield hypotheses on the forces at free nodes, the simplest first.
+
+    If the forces are correct to `limit`, only the first hypothesis is yielded.
+    """
     inner, load = e.force(), np.linalg.norm(e.load[e.free])
     yield [Explanation("no load", "the solution is that without the body force", float(np.linalg.norm(inner[e.free]) / load))]
     (c,), rest = e.fitted([e.load], inner)
@@ -422,7 +433,7 @@ def _by_forces(e: _Evidence, limit: float) -> Iterator[list[Explanation]]:
 
 
 def _other_equilibria(trial: _Trial) -> Iterator[Explanation]:
-    """The manufactured problem if a solution of it is in balance with the load, but far from the exact one."""
+    """Yield an explanation if a solution of the manufactured problem balances the load but is far from the exact solution."""
     for n in LADDER[trial.d]:
         problem = trial.manufactured(n)
         e = _Evidence(trial, f"manufactured {n}", problem)
@@ -440,7 +451,7 @@ def _other_equilibria(trial: _Trial) -> Iterator[Explanation]:
 
 
 def _load(problem: _Problem, order: int) -> Array:
-    """(nv, d) integral of the body force times the shape functions, by a rule of this order."""
+    """Return the integral of the body force times the shape functions, (nv, d), by a rule of this order."""
     d, kind = len(problem.mesh.p), {2: skfem.ElementTriP1, 3: skfem.ElementTetP1}
     basis = skfem.Basis(problem.mesh, skfem.ElementVector(kind[d]()), intorder=order)
     X = np.asarray(basis.global_coordinates())
@@ -449,7 +460,7 @@ def _load(problem: _Problem, order: int) -> Array:
 
 
 def _of_boundary(trial: _Trial, e: _Evidence, limit: float) -> Iterator[Explanation]:
-    """What was made of the prescribed displacements, and whether components are stored in blocks."""
+    """Yield an explanation of wrong boundary displacements: ignored, scaled, or components stored in blocks."""
     at, values = e.u[e.boundary.nodes], e.boundary.values
     size = np.abs(values).max()
     off = float(np.abs(at - values).max() / size)

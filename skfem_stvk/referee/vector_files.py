@@ -1,8 +1,8 @@
-"""Named arrays in a plain text that any language reads in a few lines, and in NPZ files; whatever is in a file, nothing is trusted.
+"""Named arrays in plain text files, which any language reads in a few lines, and in NPZ files. All content is validated.
 
-The text has the line `skfem-stvk vectors 1`, and then each array as a line `NAME TYPE RANK N1 ... NRANK`, with TYPE one of real,
-int and text, followed by its N1 x ... x NRANK values in C order (the last index runs fastest), separated by white space. A text has
-one line for each of its N1 entries. Numbers are written with as many digits as a double needs.
+The first line of a text file is `skfem-stvk vectors 1`. Each array begins with a line `NAME TYPE RANK N1 ... NRANK`, where TYPE is
+real, int or text. Its N1 x ... x NRANK values follow in C order (the last index runs fastest), separated by white space. An array
+of text has one line for each of its N1 entries. Numbers are written with as many digits as a double needs.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ RANKS = 5
 
 
 def type_of(array: NDArray[np.generic]) -> str:
-    """One of `TYPES`."""
+    """Return the key of `TYPES` for an array."""
     return {"f": "real", "i": "int", "U": "text"}[array.dtype.kind]
 
 
 def write_text(path: Path, arrays: Mapping[str, Array]) -> None:
-    """Write the arrays as a plain text."""
+    """Write the arrays to a plain text file."""
     with replacing(path) as beside, beside.open("w", encoding="utf-8") as file:
         file.write(FIRST_LINE + "\n")
         for name, array in arrays.items():
@@ -43,19 +43,22 @@ def write_text(path: Path, arrays: Mapping[str, Array]) -> None:
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
-    """Write the arrays as a compressed NPZ file."""
+    """Write the arrays to a compressed NPZ file."""
     with replacing(path) as beside, beside.open("wb") as file:
         named: dict[str, Any] = dict(arrays)
         np.savez_compressed(file, **named)
 
 
 def read(path: Path, wanted: Iterable[str]) -> dict[str, Array]:
-    """The arrays of a text, or of an NPZ file, that have one of these names, in double precision, 64-bit integers or as text.
+    """Return the arrays of a text file or an NPZ file, in double precision, 64-bit integers or as text.
+
+    `wanted` holds the allowed names.
 
     Raises
     ------
     NotOurs
-        if the file cannot be read as what it should be, or has an array of another name: the line, what is wrong, what is expected.
+        if the file is damaged, of another format, or has an array of another name. The message gives the line, the fault and the
+        expected content.
     """
     try:
         return _read_npz(path, list(wanted)) if path.suffix == ".npz" else _read_text(path, list(wanted))
@@ -116,7 +119,7 @@ def _read_text(path: Path, wanted: list[str]) -> dict[str, Array]:
 
 
 def _header(where: str, line: str, wanted: list[str]) -> tuple[str, str, tuple[int, ...]]:
-    """Name, type and shape that a line says."""
+    """Return name, type and shape from the first line of an array. Raise NotOurs if the line is invalid."""
     name, *words = line.split()
     kind, numbers = (words[0], words[1:]) if words else ("", [])
     whole = all(word.isascii() and word.isdigit() and len(word) < 12 for word in numbers)

@@ -1,8 +1,9 @@
-"""Test vectors: a body, states, and its W, F and K there, for programs in any language.
+"""Test vectors: a body, states, and its W, F and K in these states, for programs in any language.
 
-All numbers are computed from the coordinates, displacements and constants, taken as exact, in 50 decimal digits (`exact`) and
-rounded to double once. Of linear simplices there is L, with which `W = 1/4 sum L_ii zeta_i^2 + 1/2 sum_{pairs} L_ij zeta_i zeta_j`
-over edges and pairs of edges; of other elements the points, and what their deformation gradients are made of.
+All numbers are computed in 50 decimal digits (`exact`) and rounded to double once. Coordinates, displacements and constants are
+taken as exact. For linear simplices the vectors have the coefficients L of
+`W = 1/4 sum L_ii zeta_i^2 + 1/2 sum_{pairs} L_ij zeta_i zeta_j` over edges and pairs of edges. For other elements they have the
+points, and the data from which deformation gradients are computed.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from .verification import claimed_terms
 
 
 class ArrayOfVectors(NamedTuple):
-    """An array of the layout: its type, its sizes by name, its unit, and what it is; and which bodies have it."""
+    """Array of the layout: its type, its sizes by name, its unit, its meaning, and the elements for which it exists."""
 
     type: str
     sizes: tuple[str, ...]
@@ -91,20 +92,20 @@ LAYOUT = {
     "K_columns": ArrayOfVectors("int", ("nnz",), "", "column of each value"),
     "K_values": ArrayOfVectors("real", ("ns", "nnz"), "N/m", "values"),
 }
-#: What another program may give back: any of W, F and one form of K; `states` if it has not all of them, or in another order.
+#: Arrays that another program may return: any of W, F and one form of K. `states` is needed if some are missing or reordered.
 RESULTS = {
     "digest": LAYOUT["digest"],
     "program": ArrayOfVectors("text", ("1",), "", "the name of the program, for the report"),
     **{name: LAYOUT[name] for name in ("states", "W", "F", "K_blocks", "K_values")},
 }
-#: Names of the published sets, which lie in the package.
+#: Names of the published sets, which are files of the package.
 PUBLISHED = ("tetrahedron", "block", "membrane", "curved", "hexahedra")
 HYPOTHESES = {"none": None, "plane strain": "strain", "plane stress": "stress", "uniaxial stress": None}
 NAME = "vectors"
 
 
 class Vectors:
-    """Test vectors as arrays of the layout, which are never written to.
+    """Test vectors as arrays of the layout. The arrays are never modified.
 
     >>> one = published_vectors("tetrahedron")
     >>> one
@@ -121,23 +122,23 @@ class Vectors:
 
     @property
     def title(self) -> str:
-        """The name of the set."""
+        """Name of the set."""
         return str(self.arrays["title"][0])
 
     @cached_property
     def mesh(self) -> ElementMesh:
-        """The body at rest."""
+        """Mesh of the body at rest."""
         return ElementMesh(self.arrays["nodes"].T, self.arrays["elements"].T, element=ELEMENTS[str(self.arrays["kind"][0])])
 
     @property
     def how(self) -> Discretisation:
-        """The kind of element and the rule."""
+        """Kind of element and integration rule."""
         rule = str(self.arrays["rule"][0])
         return Discretisation(str(self.arrays["kind"][0]), None if rule == "usual" else rule)
 
     @property
     def term(self) -> StVK:
-        """The law with its constants, one number where they are the same everywhere."""
+        """St. Venant-Kirchhoff term with its constants. A constant is one number if it is the same in all elements."""
         young, poisson, section = (_one_if_same(self.arrays[name]) for name in ("young", "poisson", "section"))
         if np.isnan(poisson).all():
             poisson = None
@@ -150,9 +151,10 @@ class Vectors:
         return dict(zip(self.arrays["states"].tolist(), self.arrays["u"], strict=True))
 
     def model(self, returned: dict[str, Array] | None = None) -> Any:
-        """An object with `energy`, `internal_force` and `tangent`, as far as there are values, in the states alone.
+        """Return an object with those of `energy`, `internal_force` and `tangent` for which there are values.
 
-        `returned` are values of another program, by default those of these vectors; `states` among them says of which states.
+        The methods raise StvkError except in the states of the vectors. `returned` holds the values of another program. The default
+        is the values of these vectors. `returned["states"]` names the states, if not all states are there.
         """
         values = self.arrays if returned is None else returned
         of = {self.states[name].tobytes(): i for i, name in enumerate(values.get("states", self.arrays["states"]).tolist())}
@@ -170,7 +172,9 @@ class Vectors:
         return model
 
     def save(self, folder: str | Path) -> Path:
-        """Write `vectors.npz`, `vectors.txt` and `README.txt`, which says what is in them, into a folder; it is made if missing.
+        """Write `vectors.npz`, `vectors.txt` and a `README.txt` that describes them into a folder, and return its path.
+
+        The folder is created if it is missing.
 
         Raises
         ------
@@ -185,7 +189,7 @@ class Vectors:
 
 
 def _looked_up(of: dict[bytes, int], values: Array, take: Callable[[Array], Any], u: Array) -> Any:
-    """Return the value in a state that is known; raise StvkError for another one."""
+    """Return the value in the state `u`. Raise StvkError if there is no value for this state."""
     i = of.get(u.tobytes())
     if i is None:
         raise StvkError("there is no value for this state: values are known in the states of the vectors alone")
@@ -203,31 +207,32 @@ def export_vectors(
     seed: int = 0,
     quiet: bool = False,
 ) -> Vectors:
-    """Test vectors of a body of an isotropic St. Venant-Kirchhoff material, in eight states.
+    """Return test vectors of a body of isotropic St. Venant-Kirchhoff material, in eight states.
 
-    Computed in 50 decimal digits: a linear tetrahedron takes about 4 ms, and 10 kB of text. Take a small mesh.
+    All values are computed in 50 decimal digits. A linear tetrahedron takes about 4 ms, and 10 kB of text. Use a small mesh.
 
     Parameters
     ----------
-    mesh : as `verify` takes it.
-    material : an isotropic material, or `StVK` of isotropic materials, each element in one of them; or instead
-    young, poisson : of one material for all elements [Pa, -].
-    quadrature : "exact", or by default the usual rule.
-    title : the name of the set.
-    seed : of the random states.
-    quiet : show no progress.
+    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`, as in `verify`.
+    material : an isotropic material, or `StVK` terms of isotropic materials, with each element in exactly one of them.
+        Alternatively, pass `young` and `poisson`.
+    young, poisson : Young's modulus [Pa] and Poisson's ratio of one material for all elements.
+    quadrature : "exact", or None for the usual rule.
+    title : name of the set.
+    seed : seed of the random states.
+    quiet : whether to hide the progress bar.
 
     Returns
     -------
     Vectors
-        `vectors.save("folder")` writes them.
+        Use `vectors.save("folder")` to write them.
 
     Raises
     ------
     MaterialError
         if a material is not isotropic, or an element has none or several.
     MeshError, RegionError, StvkError
-        as `verify` raises them.
+        under the conditions of `verify`.
 
     >>> import skfem
     >>> two = export_vectors(skfem.MeshTri().scaled((2, 1)), young=1e5, poisson=0.3, quiet=True)
@@ -275,10 +280,15 @@ def export_vectors(
 
 
 def published_vectors(name: str) -> Vectors:
-    """One of the five published sets, which lie in the package: `PUBLISHED`.
+    """Return one of the five published sets of the package, with a name from `PUBLISHED`.
 
-    One scalene tetrahedron; a block of tetrahedra of both orientations and two materials; a membrane of triangles in space; two
-    curved quadratic tetrahedra; two distorted hexahedra. Made by `python -m validation.vectors`.
+    - tetrahedron: one scalene tetrahedron.
+    - block: tetrahedra of both orientations and two materials.
+    - membrane: triangles in space.
+    - curved: two curved quadratic tetrahedra.
+    - hexahedra: two distorted hexahedra.
+
+    `python -m validation.vectors` generates the sets.
     """
     choice("name", name, PUBLISHED)
     with as_file(files("skfem_stvk.referee") / "data" / f"{name}.npz") as file:
@@ -286,12 +296,12 @@ def published_vectors(name: str) -> Vectors:
 
 
 def read_vectors(place: str | Path) -> Vectors:
-    """The vectors of a folder, or of a file `.npz` or `.txt`; whatever has been changed in them is noticed.
+    """Return the vectors of a folder, or of a file `.npz` or `.txt`. The digest is checked, so that any change is detected.
 
     Raises
     ------
     StvkError
-        if there are none, or the file is damaged or was changed.
+        if there are no vectors, or the file is damaged or was changed.
     """
     file = path("place", place, "the path of a folder or a file of vectors")
     if file.is_dir():
@@ -309,7 +319,7 @@ def read_vectors(place: str | Path) -> Vectors:
 
 
 def digest(arrays: dict[str, Array]) -> str:
-    """SHA-256 of all arrays of the layout but the digest itself: names, shapes and values."""
+    """Return the SHA-256 of all arrays of the layout except the digest: names, types, shapes and values."""
     total = hashlib.sha256()
     for name in LAYOUT:
         if name in arrays and name != "digest":
@@ -321,7 +331,7 @@ def digest(arrays: dict[str, Array]) -> str:
 
 
 def sizes_of(arrays: dict[str, Array]) -> dict[str, int]:
-    """What the names of sizes stand for in vectors."""
+    """Return the values of the sizes by name, such as `nv` and `ndofs`."""
     sizes = {"k": ELEMENTS[str(arrays["kind"][0])].k}
     for name, array in arrays.items():
         sizes |= dict(zip(LAYOUT[name].sizes, array.shape, strict=True))
@@ -329,7 +339,7 @@ def sizes_of(arrays: dict[str, Array]) -> dict[str, int]:
 
 
 def readme(vectors: Vectors) -> str:
-    """What is in the files of a folder of vectors."""
+    """Return the text of README.txt, which describes the files of a folder of vectors."""
     sizes = sizes_of(vectors.arrays)
     lines = [
         f"Test vectors '{vectors.title}' of skfem-stvk: {vectors.mesh.nt} {vectors.mesh.kind}, St. Venant-Kirchhoff.",
@@ -358,7 +368,7 @@ def _hypothesis(mesh: ElementMesh, law: StVK) -> str:
 
 
 def _material(mesh: ElementMesh, laws: Sequence[StVK]) -> tuple[dict[str, Any], tuple[Exact, Exact]]:
-    """The constants of each element, and their Lame pair in decimal numbers."""
+    """Return the constants of each element, and the Lame pair in decimal numbers. Raise MaterialError if they are not suitable."""
     young, poisson, section = np.full(mesh.nt, np.nan), np.full(mesh.nt, np.nan), np.ones(mesh.nt)
     laid = np.zeros(mesh.nt, dtype=np.int64)
     for law in laws:
@@ -367,7 +377,7 @@ def _material(mesh: ElementMesh, laws: Sequence[StVK]) -> tuple[dict[str, Any], 
                 f"material = {shown(law)}; expected isotropic materials on the elements of the mesh, as StVK(young=..., "
                 "poisson=...) without simplices: vectors have constants of nothing else."
             )
-        law.stiffness(mesh)  # which refuses constants that do not fit the mesh
+        law.stiffness(mesh)  # raises if the constants do not fit the mesh
         ids = mesh.elements(law.region)
         laid[ids] += 1
         thick = section_of(mesh, law)
@@ -395,7 +405,7 @@ def _lame(young: float, poisson: float, section: float, k: int, condensed: bool)
 
 
 def _edge_form(mesh: ElementMesh, exact: ExactStVK) -> dict[str, Any]:
-    """Edges, pairs of edges that share an element, and their coefficients, summed in decimal numbers."""
+    """Return edges, pairs of edges that share an element, and their coefficients, summed in decimal numbers."""
     local = mesh.element.edges
     L = exact.edge_form(local)
     ends = np.sort(mesh.t.T[:, np.array(local)].astype(np.int64), axis=2)  # (nt, m, 2)

@@ -1,4 +1,4 @@
-"""The referee's one function."""
+"""Verification of an elastic body and of a candidate implementation: `verify`, the main function of the referee."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .report import Report, carry_out, header
 from .results import CheckOutcome, Naming, NotApplicable, Result, Task
 from .shape import Shape
 
-#: The checks, in the order of the report: each takes a case and gives its tasks.
+#: The checks, in the order of the report. Each takes a case and yields its tasks.
 CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (
     agreement,
     derivatives,
@@ -43,7 +43,7 @@ CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (
     homogeneous_states,
     precision,
 )
-#: Those that the sum over edges and pairs of edges goes through as well.
+#: The checks that are also run on the sum over edges and pairs of edges.
 OF_EDGES = (agreement, derivatives, invariance, balance, zero_modes)
 
 
@@ -61,32 +61,33 @@ def verify(
     seed: int = 0,
     quiet: bool = False,
 ) -> Report:
-    """Hold this package's W, F and K, and a candidate's, against scikit-fem's standard assembly and against what must be true.
+    """Check W, F and K of this package, and of a candidate, against scikit-fem's standard assembly and against exact properties.
 
     Parameters
     ----------
-    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`. Or a `ReducedSystem`, without any other argument
-        but `seed` and `quiet`: it is held against its body.
-    material : a material, an `StVK` term, or several terms for several regions; or instead
-    young, poisson : of an isotropic one.
-    degree, quadrature, hourglass : of the elements and where they are integrated, as `System` takes them.
-    candidate : any object with any of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a `LinearOperator`), for the
-        same mesh and rule, with scikit-fem's order of degrees of freedom. Or a class or function that makes one of an
-        `ElementMesh`: if nothing explains why it fails, the smallest piece of the mesh on which it does is looked for.
-    candidate_is_stvk : whether the candidate claims to be St. Venant-Kirchhoff. If not, it is not compared with it, and its
+    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`. A `ReducedSystem` is also accepted, with no
+        other argument than `seed` and `quiet`. It is compared with its full body.
+    material : a material, an `StVK` term, or several terms for several regions. Alternatively, pass `young` and `poisson`.
+    young, poisson : Young's modulus [Pa] and Poisson's ratio of an isotropic material.
+    degree, quadrature, hourglass : element degree, quadrature rule and hourglass coefficient, as in `System`.
+    candidate : an object with at least one of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a
+        `LinearOperator`), for the same mesh and rule, with scikit-fem's order of degrees of freedom. Alternatively, a class or
+        function that makes such an object from an `ElementMesh`. If no hypothesis explains a failure, the report then includes
+        the smallest piece of the mesh on which the candidate fails.
+    candidate_is_stvk : whether the candidate claims to be St. Venant-Kirchhoff. If not, it is not compared with that law, and its
         derivatives get a Taylor test instead of the exact stencil.
-    seed : of the random numbers.
-    quiet : show no progress.
+    seed : seed of the random numbers.
+    quiet : whether to hide the progress bar.
 
     Returns
     -------
     Report
-        `report.passed`, `print(report)`, `report.save("folder")`.
+        Use `report.passed`, `print(report)` and `report.save("folder")`.
 
     Raises
     ------
     MeshError, MaterialError, RegionError
-        for what cannot carry an elastic body.
+        if the mesh, the material or a region does not define an elastic body.
     StvkError
         if the candidate has none of the three methods.
 
@@ -122,13 +123,14 @@ def verify_candidate(
     given: dict[str, Any] | None = None,
     seed: int = 0,
 ) -> Report:
-    """The checks of a candidate alone, without progress, times, and a grip on Ctrl-C.
+    """Run the checks of a candidate alone, without a progress bar, timings or handling of Ctrl-C.
 
-    `terms` are the body that the candidate claims to be; None for another law, of a body that is `homogeneous` or not. `given` are
-    `degree`, `quadrature` and `hourglass`; all else, what is raised too, is as in `verify`.
+    `terms` are the terms that the candidate claims to implement. If `terms` is None, the candidate has another law, and
+    `homogeneous` says whether its body is homogeneous. `given` holds `degree`, `quadrature` and `hourglass`. All other arguments,
+    and the errors, are those of `verify`.
     """
     started = time.perf_counter()
-    stand_in = [StVK(young=1.0, poisson=0.3)]  # which nothing of another law is relative to
+    stand_in = [StVK(young=1.0, poisson=0.3)]  # a placeholder: no check of another law is relative to it
     case = _case(mesh, stand_in if terms is None else terms, given or {}, candidate, seed)
     case.candidate_is_stvk, case.candidate_is_homogeneous = terms is not None, homogeneous
     head = header(case.shape, terms or [], type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
@@ -141,24 +143,27 @@ def verify_candidate(
 
 
 def name_what_failed(report: Report, case: Case, terms: Sequence[StVK], candidate: Any) -> None:
-    """Say what is wrong with a candidate that claims to be this body and is not."""
+    """Store the naming of the fault in `report.named`, if the candidate claims to be this body and fails a check."""
     if case.candidate is None or not case.candidate_is_stvk or not report.failures(CANDIDATE):
         return
     try:
         report.named = name_the_fault(case, terms, candidate if _makes_candidates(candidate) else None)
-    except Exception as error:  # nothing that was found before is lost
+    except Exception as error:  # so that the earlier results are not lost
         report.named = Naming(smallest=f"The hypotheses stopped: {type(error).__name__}: {error}")
 
 
 def _makes_candidates(candidate: Any) -> bool:
-    """Whether it is a class or a function of a mesh, and no candidate itself."""
+    """Return whether `candidate` is a class or a function that makes candidates from a mesh, not a candidate itself."""
     return callable(candidate) and (isinstance(candidate, type) or not any(hasattr(candidate, name) for name in METHODS.values()))
 
 
 def failures_of(
     make: Callable[[ElementMesh, Sequence[StVK]], Any], mesh: ElementMesh, terms: Sequence[StVK], given: dict[str, Any], seed: int
 ) -> list[Result]:
-    """What fails where a model stands in the place of this package: all checks, of precision too, but for the edge form's."""
+    """Return the failed results if a model replaces this package as the object under test.
+
+    All checks run, the checks of precision included. Only the checks of the edge form are left out.
+    """
     case = _case(mesh, terms, given, None, seed)
     case.ours = Player(OURS, make(mesh, terms), case.ours.ndofs)
     if case.homogeneous.same:
@@ -170,12 +175,12 @@ def failures_of(
 def name_of(
     make: Callable[[ElementMesh, Sequence[StVK]], Any], mesh: ElementMesh, terms: Sequence[StVK], given: dict[str, Any], seed: int
 ) -> Naming:
-    """Return what a faulty model is named where it is a candidate."""
+    """Return the naming of the fault if a faulty model is the candidate."""
     return name_the_fault(_case(mesh, terms, given, make(mesh, terms), seed), terms)
 
 
 def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet: bool) -> Report:
-    """The report on a reduced body."""
+    """Return the report on a reduced body. Raise StvkError if `others` names arguments that the reduced body already defines."""
     if others:
         raise StvkError(f"{', '.join(others)} beside a reduced body, which has them; expected verify(reduced).")
     started, body = time.perf_counter(), reduced.body
@@ -189,7 +194,7 @@ def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet:
 
 
 def _tasks(case: Case) -> Iterator[Task]:
-    """The tasks of all checks, each first of the simplices and then of the edges."""
+    """Yield the tasks of all checks, for each check first on the simplices and then on the edges."""
     of_edges = case.of_edges()
     for check in CHECKS:
         yield from check(case)
@@ -207,7 +212,7 @@ def _measure_speed(report: Report, case: Case) -> None:
     try:
         report.speed += list(speed_table(case))
         report.errors |= error_table(case)
-    except Exception as error:  # nothing that was found before is lost
+    except Exception as error:  # so that the earlier results are not lost
         reason = f"{type(error).__name__}: {error}"
         report.results.append(Result("speed", OURS, "W, F, K", STRETCH, CheckOutcome.COULD_NOT_RUN, reason=reason))
 
@@ -215,7 +220,7 @@ def _measure_speed(report: Report, case: Case) -> None:
 def claimed_terms(
     material: Material | StVK | Sequence[StVK] | None, young: ArrayLike | None, poisson: ArrayLike | None
 ) -> list[StVK]:
-    """The terms that are meant, which `verify` takes as a material, as terms, or as constants of an isotropic one."""
+    """Return the `StVK` terms for the arguments of `verify`: a material, terms, or the constants of an isotropic material."""
     if material is None:
         return [StVK(young=young, poisson=poisson)]
     if young is not None or poisson is not None:
@@ -242,14 +247,14 @@ def claimed_terms(
 
 
 def _case(mesh: MeshLike, terms: Sequence[StVK], given: dict[str, Any], candidate: Any, seed: int) -> Case:
-    """The body before the referee; `given` may hold `degree`, `quadrature` and `hourglass` of its elements.
+    """Return the case for a body. `given` may hold `degree`, `quadrature` and `hourglass` of its elements.
 
-    What a candidate claims, the caller sets.
+    The caller sets the claims of the candidate.
     """
     system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
     if candidate is not None and _makes_candidates(candidate):
         candidate = made("candidate(mesh)", partial(candidate, system.mesh))
-    hourglass = given.get("hourglass")  # which the system has looked at
+    hourglass = given.get("hourglass")  # already validated by System
     how = Discretisation(system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else float(hourglass))
     shape, ndofs = Shape(system.mesh, how), system.ndofs
     body, tensor = system.mesh, elasticity(system.mesh, terms, how)
@@ -273,7 +278,7 @@ def _case(mesh: MeshLike, terms: Sequence[StVK], given: dict[str, Any], candidat
 
 
 def _network(mesh: ElementMesh, terms: Sequence[StVK]) -> System:
-    """The body by the sum over edges and pairs of edges; what there is to warn of has been said by that of simplices."""
+    """Return the body as a sum over edges and pairs of edges. Warnings are off, because the system of simplices has issued them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         return System(mesh, EdgeNetwork.of(mesh, terms))

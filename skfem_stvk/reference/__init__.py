@@ -1,4 +1,4 @@
-"""scikit-fem's standard assembly of St. Venant-Kirchhoff elasticity; it shares nothing with what it judges."""
+"""Reference model: scikit-fem's standard assembly of St. Venant-Kirchhoff elasticity, independent of the code under test."""
 
 from .kinds import KINDS, curved_elements, points_of
 from .one_point import ReferenceOnePoint

@@ -1,6 +1,7 @@
-"""Kinds of elements as scikit-fem has them: meshes, shape functions, quadrature, and its numbers of nodes.
+"""Kinds of elements by scikit-fem's own tables: meshes, shape functions, quadrature, and node numbers.
 
-Rules are chosen here anew, by scikit-fem's order, so that a wrong table of points or weights elsewhere shows.
+Quadrature rules are chosen independently here, by their order in scikit-fem, so that a wrong table of points or weights elsewhere
+is detected.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ..errors import StvkError
 
 #: Points (k, nq) on the reference element and weights (nq,), as `skfem.Basis(quadrature=...)` takes them.
 Points: TypeAlias = tuple[Array, Array]
-#: What names a rule: "usual", "exact", or the points and weights themselves.
+#: A rule by its name, "usual" or "exact", or by its points and weights.
 RuleLike: TypeAlias = str | Points
 
 
@@ -28,11 +29,11 @@ class ElementKind(NamedTuple):
 
     Attributes
     ----------
-    k : its dimension.
+    k : dimension of the element.
     element : scikit-fem's scalar element.
-    mesh : scikit-fem's mesh of it, or of its corners.
-    curved : scikit-fem's mesh with curved edges, if it has one.
-    orders : of exactness of the usual rule and of the exact one; 1 is the centre.
+    mesh : scikit-fem's mesh of these elements, or of their corners.
+    curved : scikit-fem's mesh with curved edges, or None.
+    orders : order of exactness of the usual and of the exact rule. Order 1 is the rule with the centre as its only point.
     """
 
     k: int
@@ -53,7 +54,7 @@ class ElementKind(NamedTuple):
 
     @property
     def corners(self) -> int:
-        """Number of corners, which are the first nodes."""
+        """Number of corners. The corners are the first nodes."""
         return 2**self.k if self.is_box else self.k + 1
 
     @property
@@ -77,7 +78,7 @@ LINEAR = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
 def points_of(kind: str, rule: RuleLike = "usual") -> Points:
-    """Return points (k, nq) and weights (nq,) of a rule of `skfem.quadrature`; for linear simplices the centre alone.
+    """Return points (k, nq) and weights (nq,) of a rule of `skfem.quadrature`. For linear simplices the only point is the centre.
 
     Raises
     ------
@@ -94,7 +95,7 @@ def points_of(kind: str, rule: RuleLike = "usual") -> Points:
     of = KINDS[kind]
     order = of.orders[rule == "exact"]
     points, weights = get_quadrature(of.element().refdom, order)
-    if order == 1:  # scikit-fem takes three points of a triangle
+    if order == 1:  # scikit-fem's rule of order 1 has three points in a triangle
         points, weights = points.mean(axis=1, keepdims=True), weights.sum(keepdims=True)
     return np.asarray(points), np.asarray(weights)
 

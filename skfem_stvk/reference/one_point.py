@@ -15,17 +15,19 @@ from .kinds import KINDS, points_of
 
 
 class ReferenceOnePoint:
-    """`W = sum of V/2 E : C : E + W_h` with `F = I + sum_a u_a g_a'` from the mean gradients `g_a = int dN_a/dX dV / V`.
+    """Reference model with mean gradients and hourglass control.
+
+    `W = sum of V/2 E : C : E + W_h` with `F = I + sum_a u_a g_a'` and the mean gradients `g_a = int dN_a/dX dV / V`.
 
         W_h = control/16 V sum_a |g_a|^2 sum_k |gamma_k' u|^2        gamma_k = h_k - sum_i (h_k' X_i) g_i
 
-    with the hourglass shapes `h_k`, the products of two and of three reference coordinates in -1 ... 1: one of quadrilaterals, four
-    of hexahedra. Source: Flanagan, Belytschko 1981; Joldes, Wittek, Miller 2008.
+    The hourglass shapes `h_k` are the products of two and of three reference coordinates in -1 ... 1. Quadrilaterals have one,
+    hexahedra four. Source: Flanagan, Belytschko 1981; Joldes, Wittek, Miller 2008.
 
     Parameters
     ----------
     p : (d, nv) coordinates of the nodes [m].
-    t : (2^d, nt) nodes of elements that fill the space, in scikit-fem's local order.
+    t : (2^d, nt) nodes of the elements, in scikit-fem's local order.
     tensor : (nt, d, d, d, d) or (1, d, d, d, d) elasticity tensor times section.
     control : (nt,) or (1,) coefficient of the hourglass control times `lam + 2 mu` times section.
     """

@@ -1,8 +1,8 @@
-"""scikit-fem's standard assembly of the same model: what the package is held against.
+"""Reference model by scikit-fem's standard assembly, with which the package is compared.
 
-It shares no code with what it judges, and is written as well as scikit-fem allows, so that a comparison of speed is fair: all that
-does not depend on the test and trial function is computed once outside of the forms, the fourth-order tangent included, and one
-quadrature point is enough for linear simplices.
+The reference shares no code with the package. It is written as efficiently as scikit-fem allows, so that a comparison of speed is
+fair. All terms that do not depend on the test and trial function are computed once outside of the forms, including the fourth-order
+tangent. Linear simplices have one quadrature point, which is sufficient.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from .kinds import KINDS, LINEAR, RuleLike, curved_elements, derivatives, number
 
 
 class ReferenceStVK:
-    """`W = integral of 1/2 E : C : E` with `E = 1/2 (F'F - I)`, `F = I + grad u`, assembled by scikit-fem.
+    """Reference model `W = integral of 1/2 E : C : E`, `E = 1/2 (F'F - I)`, `F = I + grad u`, assembled by scikit-fem.
 
-    Elements that fill the space are scikit-fem's own: `ElementTetP1`, `ElementTetP2`, `ElementTriP2`, `ElementHex1`, ..., with its
-    mapping of straight or curved ones. Elements of lower dimension than the space, for which scikit-fem has no mesh, are laid flat
-    one by one, and curved ones are integrated over reference elements: the displacement keeps all its components, `F` (d, k)
-    starts from each element's own axes, and the result is summed to the shared nodes. Nodes of no element get no force.
+    Elements with k = d are scikit-fem's own: `ElementTetP1`, `ElementTetP2`, `ElementTriP2`, `ElementHex1`, ..., with its mapping
+    of straight or curved elements. scikit-fem has no mesh for elements of lower dimension than the space. Linear simplices among
+    them are mapped one by one to their own axes. The others, and curved segments on a line, are integrated over reference elements.
+    The displacement has all its components, and `F` (d, k) at rest consists of each element's own axes. The result is summed to the
+    shared nodes. Nodes of no element get no force.
 
     Parameters
     ----------
@@ -33,13 +34,13 @@ class ReferenceStVK:
     t : (n, nt) nodes of the elements, in scikit-fem's local order.
     tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensor in the elements' own axes times their section (`tensors`), or
         (nt, nq, k, k, k, k) at each point.
-    kind : the elements, one of `KINDS`; by default the linear simplices with as many nodes.
-    rule : where it is integrated: "usual", "exact", or points (k, nq) and weights (nq,).
+    kind : kind of the elements, a key of `KINDS`. The default is linear simplices with the number of nodes in `t`.
+    rule : quadrature rule: "usual", "exact", or points (k, nq) and weights (nq,).
 
     Attributes
     ----------
     axes : (nt, d, k) or (nt, nq, d, k) the elements' own axes.
-    measure : (nt, nq) length, area or volume that each point stands for [m^k].
+    measure : (nt, nq) length, area or volume that belongs to each point [m^k].
     """
 
     def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array, kind: str | None = None, rule: RuleLike = "usual") -> None:
@@ -86,7 +87,7 @@ class ReferenceStVK:
         return force if self._gather is None else self._gather.T @ force
 
     def tangent(self, u: Array) -> csr_matrix:
-        """Return the tangent stiffness [N/m]; its pattern depends on the state, for scikit-fem drops zeros."""
+        """Return the tangent stiffness [N/m]. Its pattern depends on the state, because scikit-fem drops zeros."""
         F, _, S = self._state(u)
         A = self._moduli(F, S)
         if self._rest is not None:
@@ -139,13 +140,13 @@ def _tangent(u: Any, v: Any, w: Any) -> Array:
 
 
 def _gradient(v: Any, like: Array) -> Array:
-    """Return the gradient (d, k, nt, nq), also of a one-dimensional field, for which scikit-fem leaves an axis out."""
+    """Return the gradient (d, k, nt, nq), also for a one-dimensional field, where scikit-fem omits an axis."""
     gradient = np.asarray(v.grad)
     return gradient.reshape(*like.shape[:2], *like.shape[-2:])
 
 
 def _mesh(p: Array, t: NDArray[np.int32], kind: str) -> tuple[Any, NDArray[np.int64]]:
-    """Return scikit-fem's mesh of elements that fill the space, and the node (N,) of each of its degrees of freedom."""
+    """Return scikit-fem's mesh of elements with k = d, and the node (N,) of each of its degrees of freedom."""
     of = KINDS[kind]
     vertices, own = np.unique(t[: of.corners].astype(np.int64), return_inverse=True)
     own = own.reshape(of.corners, -1).astype(t.dtype)
@@ -154,13 +155,16 @@ def _mesh(p: Array, t: NDArray[np.int32], kind: str) -> tuple[Any, NDArray[np.in
         return mesh, vertices
     nodes = numbered(mesh, of.element(), t)
     if of.is_box or curved_elements(p, t, kind).any():
-        points = np.ascontiguousarray(p[:, nodes] - p[:, nodes[:1]])  # near zero, where mappings lose no digits
+        points = np.ascontiguousarray(p[:, nodes] - p[:, nodes[:1]])  # near the origin, to avoid round-off of the mappings
         mesh = of.curved(points, own, sort_t=False, validate=False)
     return mesh, nodes
 
 
 def _disjoint(of: Any, corners: Array, t: NDArray[np.int32]) -> tuple[Any, NDArray[np.int64]]:
-    """Return a mesh of elements that share no nodes, from corners (k, nt times their number), and the node of each unknown."""
+    """Return a mesh of elements that share no nodes, and the node of each unknown.
+
+    `corners` are the coordinates of the corners of each element, (k, nt times the number of corners).
+    """
     own = np.arange(corners.shape[1], dtype=np.int32).reshape(-1, of.corners).T.copy()
     mesh = of.mesh(np.ascontiguousarray(corners), own, sort_t=False, validate=False)
     dofs = skfem.Dofs(mesh, of.element())
@@ -172,8 +176,7 @@ def _disjoint(of: Any, corners: Array, t: NDArray[np.int32]) -> tuple[Any, NDArr
 def element_axes(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike = "usual") -> Array:
     """Return orthonormal axes of the elements' own lines or surfaces at each point, (nt, nq, d, k).
 
-    The first axis is along the first reference coordinate (Gram-Schmidt). Where the elements fill the space, the global axes
-    (nt, d, d) are returned.
+    The first axis is along the first reference coordinate (Gram-Schmidt). If k = d, the global axes (nt, d, d) are returned.
     """
     if KINDS[kind].k == len(p):
         return np.broadcast_to(np.eye(len(p)), (t.shape[1], len(p), len(p)))
@@ -194,7 +197,7 @@ def _frames(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike) -> tuple[
     axes, R = np.empty_like(spokes), np.zeros((*spokes.shape[:2], k, k))
     for i in range(k):
         vector = spokes[..., i]
-        for _ in range(2):  # once more, for the digits
+        for _ in range(2):  # the second pass reduces round-off
             for j in range(i):
                 along = (vector * axes[..., j]).sum(axis=2)
                 R[..., j, i] += along
@@ -205,6 +208,6 @@ def _frames(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike) -> tuple[
 
 
 def _laid_flat(p: Array, t: NDArray[np.int32], axes: Array) -> Array:
-    """Return coordinates (k, (k + 1) nt) of each simplex's vertices in its own axes, first vertex at the origin."""
+    """Return coordinates (k, (k + 1) nt) of each simplex's vertices in its own axes, with its first vertex at the origin."""
     x = p.T[t.T] - p.T[t[0]][:, None]
     return np.ascontiguousarray((x @ axes).reshape(-1, axes.shape[2]).T)

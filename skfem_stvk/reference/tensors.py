@@ -1,4 +1,4 @@
-"""Elasticity tensors in full, for the reference: its own Lame pair, rotation and condensation."""
+"""Full elasticity tensors for the reference, with independent Lame constants, rotation and condensation."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..arguments import Array
 
 #: Index pairs of the Voigt order 11, 22, 33, 23, 13, 12.
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
-#: Which of the six act within a simplex of dimension 1, 2 and 3.
+#: Indices of the Voigt components within an element of dimension 1, 2 and 3.
 WITHIN = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}
 
 
 def isotropic_tensor(young: ArrayLike, poisson: ArrayLike, k: int, condensed: bool) -> Array:
-    """Return the tensors (n, k, k, k, k) of `S = lam tr(E) I + 2 mu E`; `condensed`: no stress across the simplex."""
+    """Return the tensors (n, k, k, k, k) of `S = lam tr(E) I + 2 mu E`. If `condensed`, the transverse stress is zero."""
     E = np.atleast_1d(np.asarray(young, dtype=float))
     if k == 1:
         return E.reshape(-1, 1, 1, 1, 1)
@@ -26,7 +26,7 @@ def isotropic_tensor(young: ArrayLike, poisson: ArrayLike, k: int, condensed: bo
 
 
 def lame_tensor(lam: ArrayLike, mu: ArrayLike, k: int) -> Array:
-    """Return `lam d_ij d_kl + mu (d_ik d_jl + d_il d_jk)` (..., k, k, k, k) of constants (...)."""
+    """Return `lam d_ij d_kl + mu (d_ik d_jl + d_il d_jk)` (..., k, k, k, k) for constants (...)."""
     one = np.eye(k)
     spherical = np.einsum("ij,kl->ijkl", one, one)
     symmetric = np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
@@ -34,10 +34,10 @@ def lame_tensor(lam: ArrayLike, mu: ArrayLike, k: int) -> Array:
 
 
 def engineering_matrix(young: Sequence[ArrayLike], poisson: Sequence[ArrayLike], shear: Sequence[ArrayLike]) -> Array:
-    """Return Voigt matrices (n, 6, 6) of `(E_1, E_2, E_3)`, `(nu_23, nu_13, nu_12)`, `(G_23, G_13, G_12)`, in closed form.
+    """Return Voigt matrices (n, 6, 6) for `(E_1, E_2, E_3)`, `(nu_23, nu_13, nu_12)`, `(G_23, G_13, G_12)`, in closed form.
 
     With `nu_ji = nu_ij E_j/E_i` and `D = 1 - nu_12 nu_21 - nu_23 nu_32 - nu_13 nu_31 - 2 nu_21 nu_32 nu_13`:
-    `C_11 = E_1 (1 - nu_23 nu_32)/D`, `C_12 = E_1 (nu_21 + nu_31 nu_23)/D`, and so on round.
+    `C_11 = E_1 (1 - nu_23 nu_32)/D`, `C_12 = E_1 (nu_21 + nu_31 nu_23)/D`, and the others by permutation of the indices.
     """
     values = [np.asarray(value, dtype=float) for value in (*young, *poisson, *shear)]
     e1, e2, e3, n23, n13, n12, g23, g13, g12 = (np.atleast_1d(value) for value in np.broadcast_arrays(*values))
@@ -53,10 +53,10 @@ def engineering_matrix(young: Sequence[ArrayLike], poisson: Sequence[ArrayLike],
 
 
 def anisotropic_tensor(voigt: ArrayLike, frame: ArrayLike | None, axes: Array, condensed: bool) -> Array:
-    """Return tensors (n, k, k, k, k) of Voigt matrices (6, 6) or (n, 6, 6) in the simplices' own axes (n, d, k).
+    """Return tensors (n, k, k, k, k) for Voigt matrices (6, 6) or (n, 6, 6), in the elements' own axes (n, d, k).
 
-    The full tensor is rotated from the material frame into an orthonormal triad that begins with the simplices' axes. Where the
-    stress across them vanishes, the strain across them is eliminated.
+    The full tensor is rotated from the material frame into an orthonormal triad that begins with the elements' axes. If
+    `condensed`, the transverse stress vanishes, and the transverse strain is eliminated.
     """
     k = axes.shape[2]
     matrix = np.asarray(voigt, dtype=float).reshape(-1, 6, 6)
@@ -76,7 +76,7 @@ def anisotropic_tensor(voigt: ArrayLike, frame: ArrayLike | None, axes: Array, c
 
 
 def _tensor(matrix: Array) -> Array:
-    """Return tensors (n, 3, 3, 3, 3) of Voigt matrices (n, 6, 6)."""
+    """Return the tensors (n, 3, 3, 3, 3) for Voigt matrices (n, 6, 6)."""
     row = np.empty((3, 3), dtype=int)
     row[FIRST, SECOND] = row[SECOND, FIRST] = range(6)
     return matrix[:, row[:, :, None, None], row]

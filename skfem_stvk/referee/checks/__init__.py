@@ -1,1 +1,1 @@
-"""The checks, one kind a file: each takes a case and yields results."""
+"""Checks of a verification, one kind per file. Each takes a case and yields tasks."""

@@ -1,14 +1,14 @@
-"""W, F and K agree with scikit-fem's standard assembly, and with one another: F is the derivative of W, and K that of F.
+"""Checks that W, F and K agree with scikit-fem's standard assembly, and that F is the derivative of W and K that of F.
 
-Along a line `u + s v` the energy of St. Venant-Kirchhoff is exactly a quartic in `s`, and the force a cubic. So the five-point
+Along a line `u + s v` the energy of St. Venant-Kirchhoff is exactly a quartic in `s`, and the force a cubic. Hence the five-point
 stencil
 
     f'(0) = [ f(-2) - 8 f(-1) + 8 f(1) - f(2) ] / 12
 
 has no truncation error, and there is no step size to choose. Other laws get a Taylor test with a fitted order.
 
-A reduced body is held against its body in the span of its fields, `u = columns z`, z all amounts, those of lifts among them: W
-against `W(u)`, `dW/dz` against `columns' F(u)`, and `d2W/dz2` against `columns' K(u) columns`.
+A reduced body is compared with its full body in the span of its fields, `u = columns z`, where z holds all amounts, including those
+of lifts. W is compared with `W(u)`, `dW/dz` with `columns' F(u)`, and `d2W/dz2` with `columns' K(u) columns`.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ AGREEMENT = "1e-12 is for round-off of two orders of summation, 1e-15 is usual"
 DERIVATIVES = "1e-12 is for round-off, all that the five-point stencil leaves of this law; 1e-15 is usual"
 STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 ORDER, DIRECTIONS = 1.9, 2
-#: How near the other state of `memory` is: `numpy.allclose` takes the two for one. The values differ by about as much.
+#: Relative distance of the nearby state of `memory`. `numpy.allclose` treats both states as equal; the values differ by about 1e-6.
 NEARBY = 1e-6
 MEMORY = "1e-12 is for sums in another order; what is kept while u is nearly the same is off by 1e-6"
 REDUCED, FULL = "the reduced body", "the body"
-#: The largest displacements of the states of reduced bodies, as parts of their size.
+#: Largest displacements of the states of reduced bodies, relative to the size of the body.
 STATES = {"at rest, nearly": 1e-4, "small": 0.02, "large": 0.3}
 
 
 def agreement(case: Case) -> Iterator[Task]:
-    """Every player against every reference that it must agree with, in every state."""
+    """Yield the comparisons of each player with each reference that it must agree with, in every state."""
     pairs = [(case.ours, case.reference)]
     if case.candidate is not None:
         pairs += [(case.candidate, case.reference), (case.candidate, case.ours)]
@@ -73,7 +73,7 @@ def _matrix_difference(case: Case, K: Any, truth: csr_matrix, u: Array) -> dict[
         return by_entry(
             case.mesh, K - truth, rows, case.limits.of_pairs(u), "largest |K_ref| of the rows, now or at rest", AGREEMENT
         )
-    signs = case.random("agreement").choice([-1.0, 1.0], size=(K.shape[1], 4))  # every entry of a row counts in its products
+    signs = case.random("agreement").choice([-1.0, 1.0], size=(K.shape[1], 4))  # every entry of a row contributes to its products
     error = np.max([np.abs(K @ v - truth @ v) for v in signs.T], axis=0)
     sums = largest_component(np.asarray(abs(truth).sum(axis=1)).ravel(), case.mesh.d)
     limit = case.limits.of_nodes(u)
@@ -81,7 +81,7 @@ def _matrix_difference(case: Case, K: Any, truth: csr_matrix, u: Array) -> dict[
 
 
 def derivatives(case: Case) -> Iterator[Task]:
-    """`dW/du = F` and `dF/du = K` of every player in every state."""
+    """Yield the tests of `dW/du = F` and `dF/du = K` for every player in every state."""
     for player in case.players:
         test = _stencil if case.is_stvk(player) else _taylor
         for state in case.states:
@@ -90,7 +90,7 @@ def derivatives(case: Case) -> Iterator[Task]:
 
 
 def memory(case: Case) -> Iterator[Task]:
-    """W, F and K at u are the same whatever was asked before, at a state that u is nearly equal to among others."""
+    """Yield the tests that W, F and K at u do not depend on earlier calls, for example at a state nearly equal to u."""
     for player in case.players:
         for quantity in "WFK":
             yield Task("memory", player, quantity, STRETCH, quantity, partial(_remembered, case, player, quantity))
@@ -103,7 +103,7 @@ def _remembered(case: Case, player: Player, quantity: str) -> dict[str, Any]:
     def value(u: Array) -> Array:
         return np.atleast_1d(ask(u) @ v if quantity == "K" else ask(u))
 
-    value(far)  # whatever is kept is of a state far away
+    value(far)  # any cached value now belongs to a distant state
     alone = value((1 + NEARBY) * u)
     value(far)
     value(u)
@@ -113,7 +113,7 @@ def _remembered(case: Case, player: Player, quantity: str) -> dict[str, Any]:
 
 
 class Line(NamedTuple):
-    """A function along `u + s v`, and its claimed derivative at `s = 0`."""
+    """Function along `u + s v`, with its claimed derivative at `s = 0`."""
 
     u: Array
     v: Array
@@ -122,7 +122,7 @@ class Line(NamedTuple):
 
 
 def _lines(case: Case, player: Player, quantity: str, state: str) -> Iterator[Line]:
-    """W or F along random lines scaled to the state."""
+    """Yield W or F along random lines scaled to the state."""
     u, rng = case.states[state], case.random(f"derivatives {state}")
     primitive, derivative = (player.W, player.F) if quantity == "F" else (player.F, player.K)
     for _ in range(DIRECTIONS):
@@ -155,13 +155,16 @@ def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, 
 
 
 def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
-    """`|f(s) - f(0) - s f'(0)|` must fall with order 2: the deficit from 2 of the fitted order is measured."""
+    """Return the measurement of a Taylor test: `|f(s) - f(0) - s f'(0)|` must fall with order 2.
+
+    The measured value is 2 minus the fitted order. Raise CannotTell if round-off hides the derivative.
+    """
     start, steps = function(0.0), 0.5 ** np.arange(2, 16)
     remainders = np.array([np.abs(function(s) - start - s * claimed).max() for s in steps])
     round_off = 1e3 * EPS * max(float(np.abs(start).max()), float(np.abs(claimed).max()))
     usable = np.flatnonzero(~(remainders <= round_off))
     if len(usable) >= 3:
-        half = usable[len(usable) // 2 if len(usable) >= 6 else 0 :]  # where the leading term rules
+        half = usable[len(usable) // 2 if len(usable) >= 6 else 0 :]  # the smaller steps, where the leading term dominates
         order = fitted_order(steps[half], remainders[half])
         words = f"fitted to {len(usable)} of {len(steps)} steps, above round-off"
     elif round_off < 1e-6 * steps[0] * float(np.abs(claimed).max()):
@@ -180,14 +183,16 @@ def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str
 
 
 def _badness(measurement: dict[str, Any]) -> float:
-    """The measured value over its limit; not a number is worse than any."""
+    """Return the measured value over its limit, or infinity if the value is not finite."""
     return float(measurement["measured"]) / measurement["limit"] if np.isfinite(measurement["measured"]) else np.inf
 
 
 @runtime_checkable
 class OfFewUnknowns(Protocol):
-    """A body whose displacements are `columns z`: the first `size` of the z are unknown, and their fields orthonormal by `masses`
-    (ndofs,)."""
+    """Reduced body with displacements `columns z`.
+
+    The first `size` entries of z are unknown. Their fields are orthonormal with respect to the lumped `masses` (ndofs,).
+    """
 
     @property
     def body(self) -> System: ...
@@ -203,7 +208,7 @@ class OfFewUnknowns(Protocol):
 
 
 def checks_of_reduced(reduced: OfFewUnknowns, rng: np.random.Generator) -> Iterator[Task]:
-    """The tasks of a reduced body."""
+    """Yield the tasks of a reduced body."""
     player = Player(REDUCED, reduced, reduced.size)
     yield Task("orthonormality", player, "V' M V", "", "", partial(_orthonormal, reduced), against="the identity")
     size = float(np.linalg.norm(np.ptp(reduced.body.mesh.p, axis=1)))
@@ -218,7 +223,7 @@ def checks_of_reduced(reduced: OfFewUnknowns, rng: np.random.Generator) -> Itera
 
 
 def _amounts(reduced: OfFewUnknowns, largest: float, rng: np.random.Generator) -> Array:
-    """Random amounts, of which softer fields have more, with a largest displacement."""
+    """Return random amounts with a prescribed largest displacement. Softer fields get larger amounts."""
     K = reduced.response(np.zeros(reduced.columns.shape[1]))[2]
     z = rng.standard_normal(len(K)) / np.sqrt(np.maximum(np.diagonal(K), np.finfo(float).tiny))
     return np.asarray(z * largest / np.abs(reduced.columns @ z).max())
@@ -231,7 +236,7 @@ def _orthonormal(reduced: OfFewUnknowns) -> dict[str, Any]:
 
 
 def _projected_difference(reduced: OfFewUnknowns, z: Array, number: int) -> dict[str, Any]:
-    """W, F or K against those of the body."""
+    """Compare W, F or K with that of the full body."""
     V, u = reduced.columns, reduced.columns @ z
     full: Callable[[], Any] = (
         lambda: reduced.body.energy(u),
@@ -247,7 +252,7 @@ def _reduced_along(reduced: OfFewUnknowns, z: Array, v: Array, number: int, s: f
 
 
 def _reduced_stencil(reduced: OfFewUnknowns, z: Array, v: Array, number: int) -> dict[str, Any]:
-    """The derivative of W or F along a line, exactly, against F or K."""
+    """Compare the exact derivative of W or F along a line with F or K."""
     claimed = np.atleast_1d(reduced.response(z)[number + 1] @ v)
     terms = np.array([weight * _reduced_along(reduced, z, v, number, s) for s, weight in STENCIL])
     return _relative(terms.sum(axis=0) - claimed, terms, "largest term of the stencil", DERIVATIVES)

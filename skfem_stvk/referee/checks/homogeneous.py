@@ -1,6 +1,6 @@
 """Closed forms of homogeneous states, and the patch test.
 
-With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` of the simplex's own dimensions, nominal stress `P` (force per rest area):
+With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` within the element's dimensions, nominal stress `P` (force per rest area):
 
     uniaxial strain     P_11 = (lam + 2 mu)/2 s (s^2 - 1), P_22 = lam e      W/V = (lam + 2 mu)/2 e^2
     uniaxial stress     P_11 = E/2 s (s^2 - 1),  t^2 = 1 - nu (s^2 - 1)      W/V = E/2 e^2
@@ -9,9 +9,9 @@ With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` of the simplex's own dimensio
     simple shear g      P_12 = mu g + (lam/2 + mu) g^3, P_21 = mu g, P_11 = (lam/2 + mu) g^2, P_22 = (lam + 2 mu)/2 g^2,
                         P_33 = lam/2 g^2                                     W/V = mu g^2/2 + (lam/8 + mu/4) g^4
 
-The patch test is for every law: a homogeneous body under an affine motion has the same stress everywhere.
+The patch test applies to every law: a homogeneous body under an affine motion has the same stress everywhere.
 
-In the plane `E` and `nu` are those of the plane: `nu = lam/(lam + 2 mu)`, `E = 2 mu (1 + nu)`.
+In two dimensions `E` and `nu` are the two-dimensional constants: `nu = lam/(lam + 2 mu)`, `E = 2 mu (1 + nu)`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ..results import NotApplicable, Task
 from ..shape import boundary_nodes
 
 STRETCH, SHEAR = 1.15, 0.4
-#: An affine state without symmetry: stretch, shear and turn together.
+#: Deformation gradient of an affine state without symmetry: stretch, shear and rotation combined.
 AFFINE = np.array([[1.2, 0.3, -0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
 
 
@@ -78,7 +78,7 @@ def simple_shear(k: int, lam: float, mu: float) -> tuple[Array, Array, float]:
 
 
 ClosedForm = Callable[[int, float, float], tuple[Array, Array, float]]
-#: Deformation gradient, nominal stress and energy density by name, and the dimensions in which the state is of its own.
+#: Functions that return deformation gradient, nominal stress and energy density, and the dimensions where each state is distinct.
 CLOSED_FORMS: dict[str, tuple[ClosedForm, tuple[int, ...]]] = {
     "uniaxial strain": (uniaxial_strain, (2, 3)),
     "uniaxial stress": (uniaxial_stress, (1, 2, 3)),
@@ -93,7 +93,7 @@ def _at(k: int) -> tuple[Array, Array, float, float]:
 
 
 def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
-    """`E` and `nu` of an isotropic law in `k` dimensions; on a line `lam` is `E`."""
+    """Return `E` and `nu` of an isotropic law in `k` dimensions. In one dimension `lam` is `E`."""
     if k == 1:
         return lam + 2 * mu, 0.0
     nu = lam / (2 * (lam + mu)) if k == 3 else lam / (lam + 2 * mu)
@@ -101,7 +101,7 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
 
 
 def homogeneous_states(case: Case) -> Iterator[Task]:
-    """Closed forms and the patch test on the homogeneous copy; of the candidate's W and F if the body is its own copy."""
+    """Yield the closed forms and the patch test on the homogeneous copy. A candidate is tested only if the body is its own copy."""
     copy = _of_the_copy(case)
     for player in copy.players:
         for name in CLOSED_FORMS:
@@ -112,7 +112,7 @@ def homogeneous_states(case: Case) -> Iterator[Task]:
 
 
 def _of_the_copy(case: Case) -> Case:
-    """The case of the homogeneous copy: the given one if the body is its own copy."""
+    """Return the case of the homogeneous copy, which is `case` itself if the body is its own copy."""
     body = case.homogeneous
     if body.same:
         return case
@@ -147,11 +147,11 @@ def _closed_form(case: Case, player: Player, quantity: str, name: str) -> dict[s
     if quantity == "W":
         stress, parts = lam * np.trace(E) * np.eye(k) + 2 * mu * E, abs(lam) / 2 * np.trace(E) ** 2 + mu * (E * E).sum()
         lost = float(np.linalg.norm(stress)) * strain / (2 * density)  # dW = S : dE, where W = S : E/2
-        limit = max(case.limits.of_body(u, max(1.0, lost)), LIMIT_BY_ASPECT * parts / density)  # of lambda < 0 parts cancel
+        limit = max(case.limits.of_body(u, max(1.0, lost)), LIMIT_BY_ASPECT * parts / density)  # parts cancel if lambda < 0
         return as_a_whole(abs(player.W(u) / volume - density), density, limit, "energy density", reason)
     mean = player.F(u).reshape(-1, k).T @ X / volume  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
     largest = float(np.abs(P).max())
-    limit = case.limits.of_body(u, max(1.0, (lam + 2 * mu) * strain / largest))  # lam tr E and 2 mu E may all but cancel
+    limit = case.limits.of_body(u, max(1.0, (lam + 2 * mu) * strain / largest))  # lam tr E and 2 mu E may nearly cancel
     return as_a_whole(float(np.abs(mean - P).max()), largest, limit, "largest entry of the nominal stress", reason)
 
 
@@ -182,7 +182,7 @@ def _patch_test(case: Case, player: Player) -> dict[str, Any]:
 
 
 def _stress(case: Case, player: Player, F: Array, forces: Array) -> float:
-    """The largest nominal stress under an affine motion; that of another law is the mean, from the nodal forces (nv, k)."""
+    """Return the largest nominal stress under an affine motion. For another law, use the mean stress from nodal forces (nv, k)."""
     if not case.is_stvk(player):
         return float(np.abs(forces.T @ case.centred).max() / case.shape.volume.sum())
     (lam, mu), E = case.homogeneous.lame, (F.T @ F - np.eye(len(F))) / 2

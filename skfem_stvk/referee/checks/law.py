@@ -1,4 +1,4 @@
-"""Checks of a law at deformation gradients: derivatives, objectivity, symmetries, moduli at rest, inversion, strong ellipticity."""
+"""Checks of a law at deformation gradients: derivatives, objectivity, symmetries, moduli at rest, inversion, ellipticity."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Measurement = dict[str, Any]
 
 
 class LawChecks:
-    """The tasks on a law, and facts that are no checks."""
+    """Tasks that check a law, and facts about it that are not checked."""
 
     def __init__(
         self, law: JudgedLaw, states: dict[str, Array], tensor: Array | None, claims: Any, rng: np.random.Generator
@@ -50,7 +50,7 @@ class LawChecks:
         self.isotropic = claims is not None and isinstance(claims.material, Isotropic)
 
     def tasks(self) -> Iterator[Task]:
-        """Every check in every state."""
+        """Yield every check in every state."""
         one = np.eye(self.law.d)
         for name, F in self.states.items():
             for what in ("P", "A"):
@@ -84,14 +84,14 @@ class LawChecks:
         return np.asarray({"W": self.law.W, "P": self.law.P, "A": self.law.A}[what](F))
 
     def _scale(self, what: str) -> float:
-        """The largest value in the generic states."""
+        """Return the largest value in the generic states."""
         if what not in self.scales:
             self.scales[what] = max(float(np.abs(self._value(what, F)).max()) for F in self.law.generic) or np.inf
         return self.scales[what]
 
     def _relative(self, what: str, error: Array, limit: float, reason: str) -> Measurement:
         scale = self._scale(what)
-        measured = float(np.abs(error).max()) / scale if np.isfinite(scale) else float("nan")  # a law that is zero is none
+        measured = float(np.abs(error).max()) / scale if np.isfinite(scale) else float("nan")  # a law that is zero everywhere fails
         return {
             "measured": measured,
             "limit": limit,
@@ -103,7 +103,7 @@ class LawChecks:
         return "P" if what == "A" and "P" in self.has else "W"
 
     def _derivative(self, what: str, F: Array) -> tuple[Callable[[float], Array], Array]:
-        """The function along a line whose derivative is tested, and the derivative that is claimed."""
+        """Return the function along a line whose derivative is tested, and the claimed derivative."""
         lower, D = self._lower(what), self.along
         if what == "A" and lower == "W":
 
@@ -117,12 +117,12 @@ class LawChecks:
         return lambda s: self._value("P", F + s * D), np.einsum("ijkl,kl->ij", self.law.A(F), D)
 
     def _taylor(self, what: str, F: Array) -> Measurement:
-        """2 minus the order of remainders, from steps of 0.02 on."""
+        """Return the Taylor test for steps of at most 0.02: the measured value is 2 minus the order of the remainders."""
         line, slope = self._derivative(what, F)
         return taylor_order(lambda s: line(0.08 * s), 0.08 * slope)
 
     def _exactly(self, what: str, F: Array) -> Measurement:
-        """By the five-point stencil, which is exact if the function is a quartic along lines."""
+        """Return the test of the derivative by the five-point stencil, which is exact if the function is a quartic along lines."""
         if what == "A" and "P" not in self.has:
             raise NotApplicable("a second derivative of W has no five-point stencil of its own; its Taylor test is held")
         line, slope = self._derivative(what, F)
@@ -143,14 +143,14 @@ class LawChecks:
         }
 
     def _rotated(self, what: str, F: Array, Q: Array, R: Array) -> Measurement:
-        """The value at `Q F R` against that at F, whose first indices `Q` rotates, and `R` the others."""
+        """Compare the value at `Q F R` with the value at F, with its first indices rotated by `Q` and the others by `R`."""
         rotated, value = self._value(what, Q @ F @ R), self._value(what, F)
         if what != "W":
             value = Q @ value @ R if what == "P" else np.einsum("ai,bk,ijkl,jc,ld->acbd", Q, Q, value, R, R)
         return self._relative(what, rotated - value, self._limit(what), _ROUND)
 
     def _limit(self, what: str) -> float:
-        """Round-off; of a C whose geometric part is a derivative by differences, what those leave."""
+        """Return the limit for round-off. It is larger for a C without P, whose geometric part is computed by differences."""
         return 1e-7 if what == "A" and self.law.reading["A"].kind == "C" and "P" not in self.has else 1e-10
 
     def _agreement(self, what: str, F: Array) -> Measurement:
@@ -185,7 +185,7 @@ class LawChecks:
         return self._relative(what, self._value(what, np.eye(self.law.d)), 1e-10, "a body at rest has neither energy nor stress")
 
     def moduli(self, what: str) -> Array:
-        """(d, d, d, d) moduli at rest of W, of P or of A."""
+        """Return the moduli at rest (d, d, d, d) of W, P or A."""
         one = np.eye(self.law.d)
         if what == "A":
             return self.law.A(one)
@@ -198,7 +198,10 @@ class LawChecks:
         return relative(error, scale, 1e-7, "largest modulus of the claim", reason)
 
     def _inversion(self, what: str) -> Measurement:
-        """St. Venant-Kirchhoff is defined there; another law is either defined with its stress and tangent, or none is."""
+        """Check the law at det F < 0.
+
+        St. Venant-Kirchhoff must agree with the claim there. For another law, W, P and A must be all defined or all undefined.
+        """
         mirrored = self.law.generic[0] @ np.diag([-1.0, *[1.0] * (self.law.d - 1)])
         if self.stvk:
             return self._agreement(what, mirrored)
@@ -224,7 +227,7 @@ class LawChecks:
         return {"measured": -least / (scale or np.nan), "limit": -1e-9, "scale": f"{scale:.3e} (largest |A|)", "reason": words}
 
     def facts(self) -> list[str]:
-        """Lines on inversion and strong ellipticity."""
+        """Return lines on inversion and on the loss of strong ellipticity."""
         lines = [self._when_crushed()] if "W" in self.has else []
         for name, path in _PATHS.items():
             lines += self._loss(name, path)
@@ -242,7 +245,7 @@ class LawChecks:
         return "inversion: " + ", ".join(words)
 
     def _loss(self, name: str, path: Callable[[float, int], Array]) -> list[str]:
-        """The stretch at which strong ellipticity is lost first, by halving."""
+        """Return a line with the stretch at which strong ellipticity is first lost, found by bisection."""
         try:
             steps = np.linspace(0, 1, 31)[1:]
             waves = [least_wave(self._tangent(path(s, self.law.d))) for s in steps]
@@ -269,7 +272,7 @@ _PATHS: dict[str, Callable[[float, int], Array]] = {
 
 
 def least_wave(A: Array) -> float:
-    """The smallest eigenvalue of the acoustic tensors `A_iJkL N_J N_L` of unit vectors N, over a net of directions."""
+    """Return the smallest eigenvalue of the acoustic tensors `A_iJkL N_J N_L` over a grid of unit vectors N."""
     d = A.shape[0]
     if not np.isfinite(A).all():
         return float("nan")

@@ -1,7 +1,8 @@
-"""Round-off and speed: errors against 50-digit arithmetic, for small strains, large rotations and far from the origin, and times.
+"""Check of round-off, and tables of errors and times.
 
-Errors are measured on a homogeneous isotropic patch of the mesh, for three forms: ours, the textbook's, and scikit-fem's. Ours is
-judged.
+Errors against 50-digit arithmetic are measured for small strains, large rotations and far from the origin, on a homogeneous
+isotropic patch of the mesh. There are three forms: that of this package, the textbook's, and scikit-fem's. Only the form of this
+package is checked.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ from ..shape import Shape
 STRAINS = 10.0 ** -np.arange(1, 13)
 OFFSETS = (0.0, 1e3, 1e6)
 TEXTBOOK = "|p|^2 - |P|^2"
-#: Points, and least number of elements, of the patch that is computed in 50 digits.
+#: Number of points, and smallest number of elements, of the patch that is computed in 50 digits.
 POINTS, FEWEST = 64, 8
 LIMIT, LIMIT_ROTATED = 1e-13, 50 * EPS
 REPETITIONS, SECONDS = 5, 1.0
 
 
 def precision(case: Case) -> Iterator[Task]:
-    """Errors of our form without and with a rotation; the table is filled when the first is measured."""
+    """Yield the errors of this package's form without and with a rotation. The first measurement fills `case.precision`."""
     for degrees, state in ((0, "no rotation"), (170, "rotated by 170 deg")):
         yield Task("precision", case.ours, "F", state, "F", partial(_worst, case, degrees), against="50 digits")
 
@@ -51,11 +52,11 @@ def _worst(case: Case, degrees: int) -> dict[str, Any]:
     if not case.precision:
         case.precision += list(
             precision_table(case.shape, case.homogeneous, case.random("precision"), case.build)
-        )  # all of it or nothing
+        )  # as one list, so that an error does not leave a part of the table
     rows = [row for row in case.precision if row["form"] == OURS and row["rotation_deg"] == degrees]
     flat = min(LIMIT_BY_ASPECT * float(patch(case.shape).aspect.max()), HIGHEST)
     errors = np.array([row["error"] * (row["strain"] if degrees else 1.0) for row in rows])
-    worst = rows[int(np.argmax(errors))]  # not a number counts as the largest
+    worst = rows[int(np.argmax(errors))]  # argmax selects a nan if there is one
     reason = "1e-13 is for round-off, whatever the strain and the offset: 2 E_ij = q_i . h_j + h_i . Q_j has no cancellation"
     if degrees:
         reason = "50 eps/strain: a rotated body's displacement leaves no more to any form"
@@ -73,13 +74,16 @@ def _worst(case: Case, degrees: int) -> dict[str, Any]:
 def precision_table(
     shape: Shape, body: Homogeneous, rng: np.random.Generator, build: Callable[..., Any] = built
 ) -> Iterator[dict[str, Any]]:
-    """Rows form, rotation_deg, offset_m, strain, error: max |F - F_exact| / max |F_exact| on a patch of the mesh."""
+    """Yield rows of form, rotation_deg, offset_m, strain and error on a patch of the mesh.
+
+    The error is max |F - F_exact| / max |F_exact|.
+    """
     piece, d = patch(shape), shape.mesh.d
     mesh, how, sizes = piece.mesh, piece.how, piece.node_size
     lowest = float(sizes.min() / piece.aspect.max())
     turn = random_rotation(d, rng)
     noise = sizes * rng.standard_normal(mesh.p.shape)
-    for offset in (offset for offset in OFFSETS if EPS * offset < 1e-4 * lowest):  # beyond, the offset itself flattens elements
+    for offset in (offset for offset in OFFSETS if EPS * offset < 1e-4 * lowest):  # larger offsets flatten elements
         x = _representable(mesh.p, how.kind, mesh.t, offset)
         p = x + offset
         forms = forms_on(ElementMesh(p, mesh.t, element=mesh.element), how, body, build)
@@ -96,7 +100,7 @@ def precision_table(
 
 
 def _representable(p: Array, kind: str, t: NDArray[np.int32], offset: float) -> Array:
-    """Coordinates near these that lose nothing when the offset is added, so that straight edges stay straight."""
+    """Return nearby coordinates that are not rounded when the offset is added, so that straight edges stay straight."""
     if not offset:
         return p
     grid, straight = 4 * np.spacing(offset + np.abs(p).max()), ~curved_elements(p, t, kind)
@@ -108,7 +112,7 @@ def _representable(p: Array, kind: str, t: NDArray[np.int32], offset: float) -> 
 
 
 def patch(shape: Shape) -> Shape:
-    """The elements nearest to the middle of the body, about the origin."""
+    """Return the elements nearest to the middle of the body, translated to the origin."""
     mesh = shape.mesh
     centres, count = mesh.p[:, mesh.t].mean(axis=1), max(FEWEST, POINTS // shape.measure.shape[1])
     near = np.sort(np.argsort(((centres.T - mesh.p.mean(axis=1)) ** 2).sum(axis=1), kind="stable")[:count])
@@ -121,7 +125,7 @@ def patch(shape: Shape) -> Shape:
 def forms_on(
     mesh: ElementMesh, how: Discretisation, body: Homogeneous, build: Callable[..., Any] = built
 ) -> dict[str, Callable[[Array], Array]]:
-    """F(u) by name: our form, the textbook form and scikit-fem's."""
+    """Return functions F(u) by name: this package's form, the textbook form and scikit-fem's."""
     forms: dict[str, Callable[[Array], Array]] = {OURS: build(mesh, [body.term], how).internal_force}
     if mesh.element.is_linear_simplex:
         forms[TEXTBOOK] = Textbook(body.term.bind(mesh).form).internal_force
@@ -131,7 +135,7 @@ def forms_on(
 
 
 class Textbook:
-    """F of the edge form with `zeta = |x_a - x_b|^2 - |X_a - X_b|^2` from positions, as textbooks write it, all in one `dtype`."""
+    """F of the edge form with `zeta = |x_a - x_b|^2 - |X_a - X_b|^2` from positions, as in textbooks, all in one `dtype`."""
 
     def __init__(self, form: EdgeForm, dtype: DTypeLike = np.float64) -> None:
         ne, nv = form.edges.shape[1], form.p.shape[1]
@@ -143,7 +147,7 @@ class Textbook:
         self._rest = self._squares(self._differences @ self._X)
 
     def internal_force(self, u: Array) -> Array:
-        """Internal force (ndofs,) [N]."""
+        """Return the internal force (ndofs,) [N]."""
         p = self._differences @ (self._X + u.reshape(self._X.shape))
         tension = self._L @ (self._squares(p) - self._rest)
         return np.asarray(self._to_vertices @ (tension[:, None] * p)).ravel()
@@ -154,7 +158,7 @@ class Textbook:
 
 
 class TextbookAtPoints:
-    """F of elements of any kind from positions: `2 E_ij = x_,i . x_,j - X_,i . X_,j` in the oblique axes at each point."""
+    """F of any elements from positions: `2 E_ij = x_,i . x_,j - X_,i . X_,j` in the oblique axes at each point."""
 
     def __init__(self, mesh: ElementMesh, how: Discretisation, lame: tuple[float, float]) -> None:
         (xi, weights), (self._lam, self._mu) = how.points, lame
@@ -164,7 +168,7 @@ class TextbookAtPoints:
         self._weight = np.sqrt(np.linalg.det(self._metric)) * weights
 
     def internal_force(self, u: Array) -> Array:
-        """Internal force (ndofs,) [N]."""
+        """Return the internal force (ndofs,) [N]."""
         spokes, now = self._squares(self._mesh.p.T + u.reshape(-1, self._mesh.d))
         mixed = self._inverse @ (now - self._metric)
         trace = np.trace(mixed, axis1=2, axis2=3)[..., None, None]
@@ -174,15 +178,17 @@ class TextbookAtPoints:
         return force.ravel()
 
     def _squares(self, x: Array) -> tuple[Array, Array]:
-        """Spokes (nt, nq, k, d) of positions (nv, d), and their products (nt, nq, k, k)."""
+        """Return the base vectors (nt, nq, k, d) for positions (nv, d), and their dot products (nt, nq, k, k)."""
         spokes = np.einsum("qai,atc->tqic", self._table, x[self._mesh.t])
         return spokes, spokes @ np.swapaxes(spokes, 2, 3)
 
 
 def speed_table(case: Case) -> Iterator[dict[str, Any]]:
-    """Rows player, quantity, ns_per_element (best), median_ns_per_element, ratio to the reference's best, peak_bytes_per_element.
+    """Yield rows of times and memory.
 
-    A player that lacks the method or raises has no row, as the check of agreement says.
+    Their keys are player, quantity, method, ns_per_element (best), median_ns_per_element, ratio, peak_bytes_per_element and
+    repetitions. The ratio is the reference's best time over the player's. A player that lacks the method or raises has no row. The
+    check of agreement reports such a player.
     """
     u = case.states[STRETCH]
     for quantity, method in METHODS.items():
@@ -192,7 +198,7 @@ def speed_table(case: Case) -> Iterator[dict[str, Any]]:
                 continue
             call = partial(player.call, quantity, u)
             try:
-                getattr(player, quantity)(u)  # what it returns can be used
+                getattr(player, quantity)(u)  # raises Foul if the result is invalid
                 seconds, peak = _timed(call), _peak(call)
             except Foul:
                 continue
@@ -211,7 +217,7 @@ def speed_table(case: Case) -> Iterator[dict[str, Any]]:
 
 
 def _timed(call: Callable[[], Any]) -> list[float]:
-    """Seconds of each repetition, after one that is not counted."""
+    """Return the seconds of each repetition, after a first call that is not counted."""
     call()
     seconds: list[float] = []
     while len(seconds) < REPETITIONS or (sum(seconds) < SECONDS / 10 and len(seconds) < 100):
@@ -224,7 +230,7 @@ def _timed(call: Callable[[], Any]) -> list[float]:
 
 
 def _peak(call: Callable[[], Any]) -> int:
-    """Most bytes that NumPy and Python held during the call beyond what they held before."""
+    """Return the peak of the memory that NumPy and Python allocated during the call [bytes]."""
     tracemalloc.start()
     try:
         call()
@@ -234,7 +240,7 @@ def _peak(call: Callable[[], Any]) -> int:
 
 
 def error_table(case: Case) -> dict[str, dict[str, float]]:
-    """Errors of W, F and K v against 50 digits on a patch of the body, strained by 0.1 %: what the speed is shown against."""
+    """Return errors of W, F and K v against 50 digits on a patch of the body, strained by 0.1 %. Plots show speed against these."""
     piece, body, how = patch(case.shape), case.homogeneous, case.how
     mesh, control = piece.mesh, body.control(how)
     ours = built(mesh, [body.term], how)
@@ -256,5 +262,5 @@ def error_table(case: Case) -> dict[str, dict[str, float]]:
 
 
 def relative_error(value: Array, truth: Array) -> float:
-    """Largest error of an entry, relative to the largest entry."""
+    """Return the largest error of an entry, relative to the largest entry."""
     return float(np.abs(value - truth).max() / np.abs(truth).max())

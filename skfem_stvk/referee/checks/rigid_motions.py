@@ -1,7 +1,7 @@
-"""Rigid motions: they change only directions, so forces and torques balance; at rest they, and no others, cost nothing.
+"""Checks with rigid motions: invariance, balance of forces and torques, symmetry of K, and zero modes at rest.
 
-Translations, rotations and reflections of the deformed body leave W as it is, and turn F and K with the body. K is symmetric. At
-rest all its pivots are positive once the rigid motions are grounded.
+Translations, rotations and reflections of the deformed body leave W unchanged, and rotate F and K with the body. K is symmetric. At
+rest all its pivots are positive once the rigid motions are constrained.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ from ..results import CannotTell, NotApplicable, Task
 from ..shape import facet_ids
 
 REASON = "1e-12 is for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
-#: A larger body is checked on a piece of this size, all else held: a factorisation of 60 000 unknowns takes 15 s. Of an operator,
-#: the columns of the piece are found one by one.
+#: For a larger body, zero modes are checked on a piece of this size, with all other nodes constrained. A factorisation of 60 000
+#: unknowns takes 15 s. For an operator, the columns of the piece are computed one by one.
 LARGEST, LARGEST_OPERATOR = 60_000, 600
-#: Zero pivots are 1e-12 of the diagonal at this size; those of a beam 1000 times longer than thick are 1e-10.
+#: Pivots below this part of the diagonal count as zero. Zero pivots are 1e-12 of the diagonal at the size LARGEST. The smallest
+#: pivots of a beam 1000 times longer than thick are 1e-10.
 ZERO = 1e-11
 
 
 def invariance(case: Case) -> Iterator[Task]:
-    """`W(g u) = W(u)`, `F(g u) = Q F(u)`, `K(g u) Q = Q K(u)` for the motions `g` with orthogonal `Q`."""
+    """Yield the tests of `W(g u) = W(u)`, `F(g u) = Q F(u)`, `K(g u) Q = Q K(u)` for motions `g` with orthogonal `Q`."""
     d = case.mesh.d
     rng = case.random("invariance")
     mirror = np.eye(d) - 2 * np.outer(np.eye(d)[0], np.eye(d)[0])
@@ -77,7 +78,7 @@ def _change(case: Case, player: Player, quantity: str, motion: str, Q: Array, c:
 
 
 def balance(case: Case) -> Iterator[Task]:
-    """Sums of forces and torques, symmetry of K in every state; rigid modes at rest."""
+    """Yield the sums of forces and torques and the symmetry of K in every state, and the rigid modes at rest."""
     for player in case.players:
         for state in case.states:
             yield Task("balance", player, "sum of forces", state, "F", partial(_forces, case, player, state))
@@ -127,7 +128,10 @@ def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
 
 
 def rigid_motions(X: Array) -> Array:
-    """(ndofs, d (d + 1)/2) translations and infinitesimal rotations about the origin of `X` (nv, d), largest entry 1."""
+    """Return translations and infinitesimal rotations about the origin of `X` (nv, d), (ndofs, d (d + 1)/2).
+
+    The largest entry is 1.
+    """
     d = X.shape[1]
     modes = [np.tile(axis, (len(X), 1)) for axis in np.eye(d)]
     for i, j in combinations(range(d), 2):
@@ -148,7 +152,7 @@ def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
 
 
 def zero_modes(case: Case) -> Iterator[Task]:
-    """Pivots of K at rest that are not positive: motions besides the rigid ones that cost nothing."""
+    """Yield the check that all pivots of K at rest are positive, so that only rigid motions have no energy."""
     for player in case.players:
         yield Task("no further zero mode", player, "K", "rest", "K", partial(_count, case, player))
 
@@ -178,7 +182,7 @@ def _count(case: Case, player: Player) -> dict[str, Any]:
 
 
 def _supported(case: Case, largest: int) -> tuple[NDArray[np.int64], str]:
-    """Degrees of freedom that stay free when the rigid motions are taken away, and how that was done."""
+    """Return the degrees of freedom that stay free after the rigid motions are constrained, and a description of the constraint."""
     d, ndofs = case.mesh.d, case.mesh.p.size
     if ndofs > largest:
         centre = case.centred[case.random("zero modes").integers(case.mesh.nv)]
@@ -190,7 +194,7 @@ def _supported(case: Case, largest: int) -> tuple[NDArray[np.int64], str]:
 
 
 def _columns(K: Any, free: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The square block of an operator on some degrees of freedom, column by column."""
+    """Return the square block of an operator on some degrees of freedom, computed column by column."""
     unit, columns = np.zeros(K.shape[1]), []
     for dof in free:
         unit[dof] = 1.0
@@ -200,10 +204,10 @@ def _columns(K: Any, free: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pivots of a factorisation that keeps to the diagonal, and the diagonal entries, in the order of K.
+    """Return the pivots of a factorisation with diagonal pivoting, and the diagonal entries, in the order of K.
 
-    A shift keeps an exactly singular matrix from stopping it. The pivot of a mode that is spread over all degrees of freedom grows
-    by their number times the shift, and has to stay far below what counts as zero.
+    A shift of the diagonal prevents an error for an exactly singular matrix. The pivot of a mode that involves all degrees of
+    freedom grows by their number times the shift. It must stay far below ZERO. Raise CannotTell if the factorisation fails.
     """
     diagonal = np.abs(K.diagonal())
     part = max(0.01 * ZERO / max(len(diagonal), 1), EPS)
@@ -219,7 +223,7 @@ def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def facet_connected_parts(mesh: ElementMesh) -> int:
-    """Number of parts of the mesh whose elements are connected by whole facets."""
+    """Return the number of parts of the mesh whose elements are connected by whole facets."""
     ids = facet_ids(mesh)
     incidence = csr_matrix((np.ones(ids.size), (ids.ravel(), np.tile(np.arange(mesh.nt), len(ids)))))
     return int(connected_components(incidence.T @ incidence, directed=False)[0])
