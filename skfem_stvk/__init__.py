@@ -1,4 +1,4 @@
-"""St. Venant-Kirchhoff elasticity on simplices from edges, and the referee for everybody else's: a plugin for scikit-fem."""
+"""St. Venant-Kirchhoff elasticity on simplices from edges, and a referee for other implementations: a plugin for scikit-fem."""
 
 from importlib import import_module
 from importlib.util import find_spec
@@ -6,14 +6,14 @@ from typing import Any
 
 __version__ = "0.1.0"
 
-# A line `from .MODULE import NAME as NAME` for each public name. What a program does not name is not imported.
+# A line `from .MODULE import NAME as NAME` for each public name. Names that a program does not use are not imported.
 with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as _stub:
     _MODULES = {words[-1]: words[1] for words in map(str.split, _stub) if words[:1] == ["from"]}
 __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, or a part of the package, which is imported when it is first asked for."""
+    """Return a public name, or a submodule, which is imported on first access."""
     if name in _MODULES:
         globals()[name] = getattr(import_module(_MODULES[name], __name__), name)
         return globals()[name]

@@ -30,7 +30,7 @@ PACKAGES = (
 
 
 def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
-    """Return versions of Python and the packages; "not installed" for those that are not."""
+    """Return the versions of Python and the packages; "not installed" for missing packages."""
 
     def installed(package: str) -> str:
         try:
@@ -42,7 +42,7 @@ def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """Return processor, cores, system and the settings that change a speed."""
+    """Return the processor, number of cores, system, and settings that affect speed."""
     limits = [f"{name}={os.environ[name]}" for name in THREAD_LIMITS if name in os.environ]
     return {
         "system": platform.platform(),
@@ -61,7 +61,7 @@ def _processor() -> str:
 
 
 def circumstances(packages: Iterable[str]) -> dict[str, Any]:
-    """Return date, command, versions and machine of a run."""
+    """Return the date, command, versions and machine of a run."""
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),

@@ -1,7 +1,7 @@
-"""Arguments of users, turned into numbers, arrays, names and paths; or refused with the argument's name.
+"""Conversion of user-supplied arguments to numbers, arrays, names and paths; invalid ones are refused with the argument's name.
 
-Every function takes the argument's name first, as it stands in messages, then what was given, and the class of the `error` that it
-raises for anything but what it is named for.
+The first argument of every function is the argument's name as shown in messages, and the second is the user-supplied value. `error`
+is the class of the error that is raised for an invalid value.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from numpy.typing import NDArray
 
 from .errors import StateError, StvkError, name_ids, name_known
 
-#: Numbers in an array, mostly of double precision: docstrings say the shape.
+#: Array of numbers, mostly in double precision: docstrings give the shape.
 Array = NDArray[Any]
 
-#: The longest path that systems take [characters], and the longest name of a file or folder in it [bytes].
+#: Longest path that operating systems accept [characters], and longest name of a file or folder in it [bytes].
 LONGEST_PATH, LONGEST_NAME = 4096, 255
-#: The largest whole number of 64 bits.
+#: Largest integer of 64 bits.
 MOST = int(np.iinfo(np.int64).max)
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
-#: Variables of the environment by which a process that starts learns how many threads it has.
+#: Environment variables that set the number of threads of a new process.
 THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Declaration of a parameter in the annotation of a field, from which the keys of scenes are derived.
+    """Declaration of a parameter in the annotation of a field; the keys of scenes are derived from it.
 
     Attributes
     ----------
-    dimension : dimension of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and places.
+    dimension : dimension of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and locations.
     sentence : one sentence about it.
     gt, ge, lt, le : limits of each of its numbers.
-    values : the texts that it may be, if these are few.
+    values : the permitted texts, if these are few.
     components : whether it is a vector: one to three numbers.
-    otherwise : the value that a default of None stands for; None if it stands for no value.
+    otherwise : meaning of a default of None; None if the default means no value.
     """
 
     dimension: str | None
@@ -61,7 +61,7 @@ class Quantity:
 
 
 def shown(value: Any) -> str:
-    """A value as a message shows it: on one line, never long, whatever its own `repr` does.
+    """Return a value as text for a message: on one line and short, even if its `repr` is long or fails.
 
     >>> shown("a" * 500) == repr("a" * 500), len(shown(10 ** 10000)) < 90
     (False, True)
@@ -84,7 +84,9 @@ def number(
     error: type[StvkError] = StvkError,
     closed: bool = False,
 ) -> float:
-    """A finite number strictly between `low` and `high`; `closed`: or one of them. Bools and complex numbers are none.
+    """Return a finite number strictly between `low` and `high`, or with `closed` one of the limits.
+
+    Bools and complex numbers are refused.
 
     >>> number("rtol", np.float32(0.5), low=0, high=1)
     0.5
@@ -93,7 +95,7 @@ def number(
     skfem_stvk.errors.StvkError: rtol = '1e-8'; expected a number between 0 and 1, such as 1e-8.
     """
     if type(given) is float and low < given < high and isfinite(given):
-        return given  # in the loops of solvers, most often
+        return given  # the most frequent case in the loops of solvers
     value = _real(given)
     inside = value is not None and (low < value < high or (closed and value in (low, high)))
     if value is None or not inside or not isfinite(value):
@@ -104,7 +106,7 @@ def number(
 def whole(
     name: str, given: Any, expected: str = "a whole number", least: int = 0, most: int = MOST, error: type[StvkError] = StvkError
 ) -> int:
-    """A whole number from `least` to `most`; neither a bool nor 2.5 is one.
+    """Return a whole number from `least` to `most`; a bool or 2.5 is refused.
 
     >>> whole("steps", np.int32(4), least=1)
     4
@@ -117,7 +119,7 @@ def whole(
 
 
 def flag(name: str, given: Any, error: type[StvkError] = StvkError) -> bool:
-    """True or False, and nothing else that Python would take for one of them.
+    """Return True or False; refuse any other object, even if Python could use it as a truth value.
 
     >>> flag("quiet", "yes")
     Traceback (most recent call last):
@@ -129,7 +131,7 @@ def flag(name: str, given: Any, error: type[StvkError] = StvkError) -> bool:
 
 
 def choice(name: str, given: Any, known: Iterable[str], error: type[StvkError] = StvkError) -> str:
-    """One of the known names, which an error names, with the one that was probably meant.
+    """Return one of the known names; an error lists them and suggests the most similar one.
 
     >>> choice("kind", "barier", ["barrier", "quadratic"])
     Traceback (most recent call last):
@@ -142,7 +144,7 @@ def choice(name: str, given: Any, known: Iterable[str], error: type[StvkError] =
 
 
 def text(name: str, given: Any) -> str:
-    """Return text that can be shown: at most 1000 characters, none of them for control.
+    """Return text that can be displayed: at most 1000 characters, without control characters.
 
     >>> text("label", "stress" + chr(0))
     Traceback (most recent call last):
@@ -154,7 +156,7 @@ def text(name: str, given: Any) -> str:
 
 
 def path(name: str, given: Any, expected: str = "a path", error: type[StvkError] = StvkError) -> Path:
-    """A path that the system's functions take: not empty, without NUL, and with no name that is too long.
+    """Return a path that the operating system accepts: not empty, without NUL, and without names that are too long.
 
     >>> path("save", 3, "the path of a .pvd file")
     Traceback (most recent call last):
@@ -171,20 +173,22 @@ def path(name: str, given: Any, expected: str = "a path", error: type[StvkError]
 
 
 def _bytes(part: str) -> float:
-    """Number of bytes of a name of a file; infinite if no file can have it."""
+    """Return the number of bytes of a file name; infinity if the name cannot be encoded."""
     try:
         return len(os.fsencode(part))
-    except UnicodeEncodeError:  # half of a pair of surrogates
+    except UnicodeEncodeError:  # an unpaired surrogate
         return inf
 
 
 def array(
     name: str, given: Any, shape: tuple[int | None, ...], expected: str, error: type[StvkError] = StvkError, what: str = "entry"
 ) -> NDArray[np.float64]:
-    """Finite numbers in double precision, as an array of this shape; None stands for any length. It may be the given array itself.
+    """Return finite numbers in double precision, as an array of this shape; None in `shape` means any length.
 
-    Text, bools, complex numbers, objects, ragged lists and masked entries are refused, and numbers that are not finite, which are
-    named by their place along the last axis as `what`.
+    The result may be the user-supplied array itself.
+
+    Text, bools, complex numbers, objects, ragged lists, masked entries and numbers that are not finite are refused. The message
+    names numbers that are not finite by their index along the last axis, called `what`.
 
     >>> array("force", [[1, 2], [3]], (2, None), "(2, n) numbers")
     Traceback (most recent call last):
@@ -206,10 +210,12 @@ def array(
 
 
 def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
-    """A vector (n,) of numbers, one for each of what `each` names, in single or double precision as given.
+    """Return a vector (n,) of numbers in single or double precision, whichever it has.
 
-    The numbers need not be finite, and are not copied if they are floating-point numbers and contiguous. `kinds` are NumPy's
-    letters of the types that are taken, "fiuc" with complex numbers. All else raises StateError, masked entries too.
+    `each` names the objects with one number each in messages.
+
+    The numbers need not be finite. Contiguous floating-point arrays are not copied. `kinds` are NumPy's letters of the accepted
+    types, "fiuc" with complex numbers. All other types raise StateError, and so do masked entries.
 
     >>> vector("u", [1, 2], 2)
     array([1., 2.])
@@ -232,7 +238,9 @@ def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, ki
 
 
 def real_array(given: Any) -> NDArray[np.float64] | None:
-    """An array in double precision, possibly the given one itself; None for what holds no real numbers, or masked ones.
+    """Return an array in double precision, possibly the argument itself.
+
+    Return None if the argument does not hold real numbers, or has masked entries.
 
     >>> real_array([1, 2]), real_array([1, "2"]), real_array(np.ma.masked_equal([1, 2], 2))
     (array([1., 2.]), None, None)
@@ -242,9 +250,11 @@ def real_array(given: Any) -> NDArray[np.float64] | None:
 
 
 def whole_array(given: Any) -> NDArray[Any] | None:
-    """An array of whole numbers or of bools, such as ids or a mask, possibly the given one itself; None for what is neither.
+    """Return an array of whole numbers or bools, such as ids or a mask; None for any other object.
 
-    Empty lists are ids, of which there are none.
+    The result may be the argument itself.
+
+    Empty lists count as empty arrays of ids.
 
     >>> whole_array([3, 1]), whole_array([]), whole_array([0.5]), whole_array({3, 1})
     (array([3, 1]), array([], dtype=int64), None, None)
@@ -256,7 +266,7 @@ def whole_array(given: Any) -> NDArray[Any] | None:
 
 
 def plain_array(given: Any) -> NDArray[Any] | None:
-    """An array as NumPy makes it; None for masked entries, ragged lists, and objects whose own conversion fails.
+    """Return the array that NumPy makes of an object; None for masked entries, ragged lists and failing conversions.
 
     >>> plain_array([[1], [2, 3]]), plain_array("a")
     (None, array('a', dtype='<U1'))
@@ -270,16 +280,16 @@ def plain_array(given: Any) -> NDArray[Any] | None:
 
 
 def own(specification: Any) -> None:
-    """Let a frozen dataclass keep copies of what it was given, so that it stays what it is whatever becomes of the originals."""
+    """Replace the fields of a frozen dataclass by copies, so that later changes of the originals have no effect."""
     for field in fields(specification):
         object.__setattr__(specification, field.name, frozen(getattr(specification, field.name)))
 
 
 def frozen(given: Any, depth: int = 8) -> Any:
-    """A copy that does not change with the original: arrays that cannot be written to, lists and dicts with all that is in them.
+    """Return a copy that is independent of the original: read-only arrays, and lists and dicts with copied contents.
 
-    A series of pandas becomes an array, as does whatever else NumPy takes for one. Other objects, such as functions, are handed
-    back, and so is what lies deeper than `depth`: nothing of use does, and a list may hold itself.
+    A pandas series becomes an array, as does any other object that NumPy converts. Other objects, such as functions, are returned
+    unchanged. Contents deeper than `depth` are also returned unchanged, because a list may contain itself.
 
     >>> values = np.array([1.0, 2.0])
     >>> kept = frozen([values, "x"])
@@ -291,7 +301,7 @@ def frozen(given: Any, depth: int = 8) -> Any:
         copy = np.array(given, subok=True)
         copy.flags.writeable = False
         return copy
-    if "skfem" in sys.modules and isinstance(given, sys.modules["skfem"].DofsView):  # whoever has one has imported it
+    if "skfem" in sys.modules and isinstance(given, sys.modules["skfem"].DofsView):  # exists only if skfem is imported
         return replace(given, nodal_ix=frozen(given.nodal_ix), nodal_rows=frozen(given.nodal_rows))
     if depth and isinstance(given, Mapping):
         return {key: frozen(value, depth - 1) for key, value in given.items()}
@@ -304,7 +314,7 @@ def frozen(given: Any, depth: int = 8) -> Any:
 
 
 def _real(given: Any) -> float | None:
-    """The argument as a float; None if it is no number."""
+    """Return the argument as a float; None if it is not a number."""
     if isinstance(given, np.ndarray) and given.ndim == 0:
         given = given[()]
     if isinstance(given, bool | np.bool_) or not isinstance(given, Real):

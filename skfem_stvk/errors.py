@@ -1,6 +1,6 @@
-"""The errors and warnings of the package, and how ids are named in them.
+"""Errors and warnings of the package, and the description of ids in them.
 
-Every message says what it got, what was expected, the ids, the likely cause and the next step.
+Every message says what was given, what was expected, the ids, the likely cause and the next step.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike
 
 
 class Remark(NamedTuple):
-    """A fault of a mesh or of a scene, or a doubt about it.
+    """Fault of a mesh or of a scene, or a doubt about it.
 
     Attributes
     ----------
-    name : in a few words, such as "duplicates".
-    ids : of the elements or nodes, ascending; empty if it is about none.
-    text : with the first of these, the likely cause and the next step.
-    refused : whether no body can be made of it; else it is probably not what was meant.
+    name : a few words, such as "duplicates".
+    ids : ids of the elements or nodes, ascending; empty if the remark concerns none.
+    text : message with the first of these ids, the likely cause and the next step.
+    refused : whether the input is unusable; if False, it is usable but probably unintended.
     """
 
     name: str
@@ -36,45 +36,46 @@ class Remark(NamedTuple):
 
 
 class StvkError(ValueError):
-    """Base of all errors that this package raises."""
+    """Base class of all errors of this package."""
 
 
 class MeshError(StvkError):
-    """The mesh cannot carry an elastic body as it is."""
+    """Error of a mesh that cannot carry an elastic body in its present form."""
 
 
 class MaterialError(StvkError):
-    """A material constant is missing, out of range or of the wrong shape."""
+    """Error of a material constant that is missing, out of range or of the wrong shape."""
 
 
 class RegionError(StvkError):
-    """A region is unknown, empty or out of range."""
+    """Error of a region that is unknown, empty or out of range."""
 
 
 class LoadError(StvkError):
-    """A load has values of the wrong shape, or that are not finite, or acts where it has no meaning."""
+    """Error of a load with values of the wrong shape, values that are not finite, or a location where it is not defined."""
 
 
 class SupportError(StvkError):
-    """A body is not held, or it is held in a way that contradicts itself."""
+    """Error of a body with insufficient or contradictory supports."""
 
 
 class StateError(StvkError):
-    """A displacement vector has the wrong length or is not finite."""
+    """Error of a displacement vector that has the wrong length or is not finite."""
 
 
 class AnalysisError(StvkError, RuntimeError):
-    """A solve or a motion did not end as it should: the base of `SolveError` and `SimulationError`.
+    """Base class of `SolveError` and `SimulationError`: a solve or a motion did not end successfully.
 
-    Its `__cause__` may be any exception that interrupted the analysis, also one that is no `StvkError`.
+    The `__cause__` is the exception that interrupted the analysis, if any. It may be of any type, not only `StvkError`.
     """
 
 
 class SceneError(StvkError):
-    """A scene cannot be read, or does not say what can be built; with all that is wrong in it, one complaint per line.
+    """Error of a scene that cannot be read, or does not describe a valid model. The message has one line per complaint.
 
-    `complaints` are `(path, line, message)`: the path of a key as the scene writes it (`terms[1].g`, "" for the scene as a whole),
-    the line of the scene, counted from 1 (None if there is none, as for what `--set` or a program gave), and what is wrong there.
+    `complaints` are tuples `(path, line, message)`. `path` is the path of a key in the scene (`terms[1].g`, "" for the whole
+    scene). `line` is its line in the scene, counted from 1. The line is None for values that do not come from a file, such as those
+    of `--set` or of a program. `message` is the complaint.
     """
 
     def __init__(self, message: str, complaints: Iterable[tuple[str, int | None, str]] = ()) -> None:
@@ -86,15 +87,15 @@ class SceneError(StvkError):
 
 
 class StvkWarning(UserWarning):
-    """The input can be used, but is probably not what was meant."""
+    """Warning about input that can be used, but is probably not intended."""
 
 
-#: The folder of this package and Python's name for the machinery of imports: warnings point at the first line outside of both.
+#: Folder of this package, and Python's name for its import machinery: warnings point at the first line outside of both.
 _PACKAGE = str(Path(__file__).parent) + os.sep, "<frozen importlib"
 
 
 def warn(text: str) -> None:
-    """Issue a `StvkWarning` that points at the user's line, however deep in the package it was found."""
+    """Issue a `StvkWarning` that points at the user's line, at any depth of calls inside the package."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         frame, level = frame.f_back, level + 1
@@ -102,7 +103,7 @@ def warn(text: str) -> None:
 
 
 def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:
-    """The first few of the ids and how many there are.
+    """Return a description of ids: their number and the first few.
 
     >>> name_ids([3, 7], "element")
     '2 elements (3, 7)'
@@ -116,7 +117,7 @@ def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:
 
 
 def name_known(name: str, known: Iterable[str], most: int = 100) -> str:
-    """The known names, the first of them if they are many, and the one that was probably meant.
+    """Return a list of the known names as text, at most `most` of them, and the name that is most similar to `name`.
 
     >>> name_known("tpi", ["wall", "tip"])
     "known: 'tip', 'wall'. Did you mean 'tip'?"

@@ -1,4 +1,4 @@
-"""NPZ files that others may have written or damaged: their arrays, or an error in words."""
+"""Reading of NPZ files from untrusted sources: their arrays, or an error message."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from .errors import StvkError
 
 
 class NotArrays(StvkError):
-    """A fault of an NPZ file, as a clause that follows its name."""
+    """Fault of an NPZ file; the message is a clause that follows the file name."""
 
 
 def arrays_of(file: Path | IO[bytes], wanted: Callable[[str], bool] = lambda name: True, largest: int = 0) -> dict[str, Array]:
-    """Return the wanted arrays by name. Each array takes as much memory as the file holds of it.
+    """Return the requested arrays by name. The memory of each array is limited by its size in the file.
 
     Parameters
     ----------
-    file : path of a regular file, or the content of one.
-    wanted : whether to read the array of a name; may raise a StvkError.
-    largest : bytes of the largest array in a compressed file. By default compressed files are refused, since a small one may unpack
-        to a large one.
+    file : path of a regular file, or a binary stream with its content.
+    wanted : function that returns whether to read the array of a name; it may raise a StvkError.
+    largest : limit on the bytes of an array in a compressed file. By default compressed files are refused, because a small one may
+        unpack to a large one.
 
     Raises
     ------
     NotArrays
-        if the file is damaged, no NPZ file, or declares more numbers than there are.
+        if the file is damaged, is not an NPZ file, or declares more numbers than it holds.
 
     >>> import io
     >>> content = io.BytesIO()
@@ -53,12 +53,12 @@ def arrays_of(file: Path | IO[bytes], wanted: Callable[[str], bool] = lambda nam
             }
     except StvkError:
         raise
-    except Exception as error:  # any that zipfile, its decoders, NumPy and Python's tokenizer raise for damaged bytes
+    except Exception as error:  # zipfile, its decoders, NumPy and Python's tokenizer raise many types for damaged bytes
         raise NotArrays(f"it is no whole .npz file ({type(error).__name__}: {error})") from error
 
 
 def _array(archive: ZipFile, member: Any, largest: int) -> Array:
-    """Return one array, after its declared size was compared with that of the member that holds it."""
+    """Return one array, after its declared size was compared with the size of its archive member."""
     if member.file_size != member.compress_size and member.file_size > largest:
         raise NotArrays(
             f"{member.filename} is compressed, and unpacks to {member.file_size} bytes; expected at most {largest}"
@@ -73,7 +73,7 @@ def _array(archive: ZipFile, member: Any, largest: int) -> Array:
 
 
 def _declared(content: IO[bytes]) -> int:
-    """Bytes of the array that begins here in NumPy's format, as far as its header says."""
+    """Return the bytes of the array at the position of the stream, according to its header in NumPy's format."""
     old = np.lib.format.read_magic(content) == (1, 0)
     shape, _, dtype = (np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0)(content)
     return prod(shape) * int(dtype.itemsize)

@@ -1,4 +1,4 @@
-"""Text for a terminal, tables in the house style, and the progress of analyses and long commands."""
+"""Text for a terminal, tables in a uniform style, and the progress of analyses and long commands."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 WIDTH = 124
-#: Exit codes of the commands: all went well; a check did not pass, or a solve did not converge; bad input; a scene is not as
-#: expected; Ctrl-C.
+#: Exit codes of the commands: success; a check did not pass, or a solve did not converge; bad input; a scene does not give the
+#: expected results; Ctrl-C.
 DONE, NOT_PASSED, BAD_INPUT, NOT_AS_EXPECTED, INTERRUPTED = 0, 1, 2, 3, 130
-#: Time from one line of progress to the next where there is no terminal [s].
+#: Interval between lines of progress without a terminal [s].
 LINES = 5.0
 
 Entered = TypeVar("Entered", bound="Progress")
 
 
 def printable(text: str) -> str:
-    """Return text that a terminal shows as it is: neither markup nor control characters act, and lines stay lines.
+    """Return text that a terminal shows literally: markup and control characters are escaped, and line breaks stay.
 
     >>> printable("[bold]bracket\\x1b[2J.msh")
     '\\\\[bold]bracket\\\\x1b[2J.msh'
@@ -33,7 +33,9 @@ def printable(text: str) -> str:
 
 
 def console(width: int | None = None, **options: Any) -> Console:
-    """Return a console that prints text as it is, as wide as its terminal, or `width` if it is none; `options` are those of rich.
+    """Return a console that prints text without changes; `options` are those of rich.
+
+    The console is as wide as its terminal, or `width` if there is no terminal.
 
     >>> console(20).print(":cat: 12")
     :cat: 12
@@ -44,14 +46,14 @@ def console(width: int | None = None, **options: Any) -> Console:
 
 
 def as_text(renderable: RenderableType, width: int = WIDTH) -> str:
-    """Return plain text, without blanks at the ends of lines."""
+    """Return plain text, without trailing blanks."""
     buffer = io.StringIO()
     console(width, file=buffer, no_color=True).print(renderable)
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()).strip("\n")
 
 
 def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
-    """Return a table in the house style; the columns named in `right` hold numbers."""
+    """Return a table in the style of this package; the columns named in `right` hold numbers."""
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
         table.add_column(escape(column), justify="right" if column in right else "left", no_wrap=column in right, overflow="fold")
@@ -59,9 +61,9 @@ def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
 
 
 class Progress:
-    """Lines on standard output, and on a terminal a bar on standard error that goes away when the work is done; nothing if quiet.
+    """Progress display: lines on standard output, and on a terminal a temporary bar on standard error; nothing if `quiet`.
 
-    The bar has its name, rich's `columns` and a description; `options` are those of rich's `Progress`.
+    The bar shows its name, rich's `columns` and a description; `options` are those of rich's `Progress`.
     """
 
     def __init__(self, name: str, quiet: bool, columns: tuple[ProgressColumn, ...], **options: Any) -> None:
@@ -88,25 +90,25 @@ class Progress:
             print(line, flush=True)
 
     def show(self, **changes: Any) -> None:
-        """Draw the bar anew, with changes as rich's `Progress.update` takes them."""
+        """Update and redraw the bar; `changes` are as in rich's `Progress.update`."""
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], refresh=True, **changes)
 
 
 class CountedProgress(Progress):
-    """A bar that counts so many pieces of work."""
+    """Progress bar that counts `total` work items."""
 
     def __init__(self, command: str, total: int, quiet: bool) -> None:
         super().__init__(command, quiet, (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()))
         self.show(total=total)
 
     def step(self, description: str) -> None:
-        """Say that one more piece of work begins."""
+        """Show that the next work item begins."""
         self.show(advance=1, description=description)
 
 
 def duration(seconds: float) -> str:
-    """Return seconds in words, to two numbers.
+    """Return a duration [s] as text with two significant digits or two units.
 
     >>> duration(0.0123), duration(59.4), duration(192), duration(7500)
     ('0.012 s', '59 s', '3 min 12 s', '2 h 5 min')

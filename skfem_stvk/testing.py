@@ -1,4 +1,4 @@
-"""The referee in the tests of other packages: an assertion per kind of candidate, which fails with what was found.
+"""The referee for the tests of other packages: one assertion per kind of candidate, which fails with the findings.
 
 The fixture and marks of the pytest plugin (`skfem_stvk.pytest_plugin`) call these functions.
 """
@@ -25,13 +25,16 @@ from .referee.verification import claimed_terms, verify_candidate
 from .terminal import as_text, printable
 from .terms import StVK
 
-#: Kinds of elements that `small_mesh` makes: those of scikit-fem's meshes.
+#: Kinds of elements for `small_mesh`: those of scikit-fem's meshes.
 KINDS = tuple(name for name, element in ELEMENTS.items() if element.mesh is not None)
-ONE_LINE = 100_000  # columns: whoever shows the text breaks its lines
+ONE_LINE = 100_000  # columns: the viewer of the text breaks its lines
 
 
 class Inconsistent(AssertionError):
-    """A candidate that did not pass; `report` is all that was found. Its text names every check that failed or could not run."""
+    """Error of a candidate that did not pass.
+
+    `report` has all findings. The message names every check that failed or could not run.
+    """
 
     def __init__(self, report: Report, candidate: Any) -> None:
         self.report = report
@@ -40,14 +43,16 @@ class Inconsistent(AssertionError):
 
 
 def _story(report: Report, name: str) -> str:
-    """A line that says how many checks did not pass; what the bug is, if it was asked; a line for each check and quantity that
-    failed, at its worst; and for each check that could not run somewhere the first reason.
+    """Return the message of a candidate that did not pass.
+
+    The first line has the number of checks that did not pass. Then follow the identified bug, if identification was requested, and
+    the worst failure of each check and quantity. The last lines have the first reason of each check that could not run somewhere.
     """
     failed, missed = report.counts[CheckOutcome.FAILED], report.counts[CheckOutcome.COULD_NOT_RUN]
     asked = len(report.results) - report.counts[CheckOutcome.NOT_APPLICABLE]
     numbers = f"{failed} of {asked} checks failed, {missed} could not run" if asked else "no check applies to it"
     lines = [f"{name} is not consistent: {numbers} (seed {report.header.get('seed', 0)})"]
-    if report.named is not None:  # before all else: JUnit's message has only the first lines
+    if report.named is not None:  # first, since JUnit's message has only the first lines
         lines += report.named.lines()
     lines += report.header.get("lines", [])
     for results in report.groups().values():
@@ -75,31 +80,40 @@ def assert_consistent(
     homogeneous: bool = True,
     seed: int = 0,
 ) -> Report:
-    """Assert that W, F and K of a model fit each other and are those of an elastic body: of St. Venant-Kirchhoff, or of any law.
+    """Assert that W, F and K of a model are consistent and are those of an elastic body.
 
-    With a material the model claims to be St. Venant-Kirchhoff, and must agree with scikit-fem and with this package; its
-    derivatives must be exact. Without one it may be any hyperelastic law, such as neo-Hookean: F is the derivative of W and K that
-    of F, to second order in Taylor tests; translations and rotations change nothing; forces and torques balance; K is symmetric and
-    has the rigid modes, and no others, as its null space at rest; and under an affine motion no force is left on inner nodes.
+    With a material, the model claims to be St. Venant-Kirchhoff. Then it must agree with scikit-fem and with this package, and its
+    derivatives must be exact. Without a material, the model may be any hyperelastic law, such as neo-Hookean. Then these properties
+    are checked:
+
+    - F is the derivative of W, and K is the derivative of F, to second order in Taylor tests.
+
+    - Translations and rotations change nothing, and forces and torques balance.
+
+    - K is symmetric, and its null space at rest consists of exactly the rigid modes.
+
+    - Under an affine motion no force is left on inner nodes.
 
     Parameters
     ----------
-    model : any object with any of `energy(u)` [J], `internal_force(u)` (ndofs,) [N] and `tangent(u)` (ndofs, ndofs) [N/m], dense,
-        sparse or a `LinearOperator`. Degrees of freedom are `d * node + component`.
+    model : object with at least one of `energy(u)` [J], `internal_force(u)` (ndofs,) [N] and `tangent(u)` (ndofs, ndofs) [N/m]. The
+        tangent is dense, sparse or a `LinearOperator`. Degrees of freedom are `d * node + component`.
     mesh, material, young, poisson, degree, quadrature, hourglass, seed : as in `verify`.
-    homogeneous : of another law, whether its constants and directions are the same everywhere: only then a patch test has meaning.
+    homogeneous : whether the constants and directions of another law are the same everywhere. Only then does a patch test have
+        meaning.
 
     Returns
     -------
     Report
-        of what passed.
+        report of the checks that passed.
 
     Raises
     ------
     Inconsistent
-        an `AssertionError` whose text names every check that failed, with its error, limit and worst place; it has the `report`.
+        an `AssertionError` with the attribute `report`. Its message names every failed check with its error, limit and worst
+        location.
     StvkError, MeshError, MaterialError, RegionError
-        as `verify` does.
+        as in `verify`.
 
     >>> import skfem
     >>> from skfem_stvk import NeoHookean, StVK, System
@@ -126,23 +140,23 @@ def assert_consistent(
 
 
 def assert_law(**law: Any) -> Report:
-    """Assert that an energy density, a stress and a tangent, any subset, fit each other and are a hyperelastic law.
+    """Assert that an energy density, a stress and a tangent, or a subset, are consistent and form a hyperelastic law.
 
     Parameters
     ----------
-    law : the arguments of `verify_law`: `energy`, `stress`, `elasticity`, `claims`, `at`, ...
+    law : arguments of `verify_law`: `energy`, `stress`, `elasticity`, `claims`, `at`, ...
 
     Returns
     -------
     Report
-        of what passed.
+        report of the checks that passed.
 
     Raises
     ------
     Inconsistent
-        an `AssertionError` whose text names every check that failed; it has the `report`.
+        an `AssertionError` with the attribute `report`. Its message names every failed check.
     StvkError, MaterialError
-        as `verify_law` does.
+        as in `verify_law`.
 
     >>> import numpy as np
     >>> def S(F):
@@ -165,13 +179,15 @@ def assert_law(**law: Any) -> Report:
 
 
 def small_mesh(kind: str, seed: int = 0) -> skfem.Mesh:
-    """A scikit-fem mesh of the unit interval, square or cube to try a model on: 3 nodes along each edge, the inner ones for a patch
-    test; no two edges alike, simplices of both orientations, those of second order with curved edges.
+    """Return a small scikit-fem mesh of the unit interval, square or cube for tests of a model.
+
+    The mesh has 3 nodes along each edge, and the inner ones serve a patch test. All edges differ. Simplices have both orientations,
+    and elements of second order have curved edges.
 
     Raises
     ------
     StvkError
-        for kinds of elements that are not in `KINDS`.
+        for a kind of elements that is not in `KINDS`.
 
     >>> small_mesh("tetrahedra").t.shape
     (4, 48)
@@ -183,7 +199,7 @@ def small_mesh(kind: str, seed: int = 0) -> skfem.Mesh:
     rng, d = np.random.default_rng(seed), element.k
     mesh = element.linear.mesh.init_tensor(*[np.array([0.0, 0.4, 1.0])] * d)
     t = mesh.t.copy()
-    if len(t) == d + 1:  # a simplex is turned round by exchanging two vertices
+    if len(t) == d + 1:  # the orientation of a simplex is reversed by exchanging two vertices
         half = rng.random(t.shape[1]) < 0.5
         t[:2, half] = t[1::-1, half]
     mesh = replace(mesh, doflocs=mesh.doflocs + 0.06 * rng.uniform(-1, 1, mesh.doflocs.shape), t=t)

@@ -1,1 +1,1 @@
-"""Newton's method and eigenvalue tools on a `Problem` that knows its own unknowns; outcomes and progress of analyses."""
+"""Newton's method and eigenvalue tools for a `Problem` that defines its own unknowns; outcomes and progress of analyses."""

@@ -1,4 +1,4 @@
-"""Eigenvalues of the tangent over the free degrees of freedom: those that say whether a state is stable."""
+"""Eigenvalues of the tangent over the free degrees of freedom. Their signs say whether a state is stable."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, shifted
 from .newton import usable
 from .problem import EigenProblem, Tangent
 
-#: Of the eigenvalue; the mode is good to its square root.
+#: Relative precision of the eigenvalue; the error of the mode is its square root.
 PRECISION = 1e-6
-#: Iterations at most, of the inverse iteration and of LOBPCG; vectors of LOBPCG.
+#: Largest numbers of inverse iterations and of LOBPCG iterations; number of vectors in LOBPCG.
 MOST_INVERSE, MOST_LOBPCG, BLOCK = 50, 60, 4
 #: The lowest eigenvalue is found when its residual is below this part of it.
 GOOD = 0.1
@@ -26,7 +26,10 @@ GOOD = 0.1
 
 @dataclass(frozen=True)
 class Mode:
-    """An eigenvalue of K [N/m] and its eigenvector (ndofs,), of length one; `error` is how far from an eigenvalue it is at most."""
+    """Eigenvalue of K [N/m] with its eigenvector (ndofs,) of length one.
+
+    `error` is an upper bound of the distance from `value` to the nearest eigenvalue.
+    """
 
     value: float
     vector: Array
@@ -34,7 +37,10 @@ class Mode:
 
 
 def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Array] = ()) -> Mode | None:
-    """The mode nearest to zero, at right angles to those `without`, by inverse iteration; None if K is exactly singular."""
+    """Return the mode with the eigenvalue nearest to zero, by inverse iteration; None if K is exactly singular.
+
+    The search is limited to vectors orthogonal to the modes in `without`.
+    """
     factors = problem.factorise(u, t)
     others = [_unit(problem, problem.space.restrict(mode)) for mode in without]
     x = _unit(problem, problem.space.random())
@@ -54,10 +60,12 @@ def nearest_mode(problem: EigenProblem, u: Array, t: float, without: Sequence[Ar
 
 
 def lowest_mode(problem: EigenProblem, u: Array, t: float) -> Mode:
-    """The lowest eigenvalue by LOBPCG (Knyazev 2001), preconditioned by loose solves with the tangent without negative tensions.
+    """Return the lowest eigenvalue by LOBPCG (Knyazev 2001) and its mode.
 
-    Where that does not converge, as in slender bodies, up to `COUNTED` unknowns by factorisations. A value within rounding is 0: it
-    has no sign.
+    The preconditioner is an inexact solve with the tangent without negative tensions.
+
+    LOBPCG may not converge, for example in slender bodies. Then factorisations are used, for up to `COUNTED` unknowns. A value
+    below round-off has no sign and is returned as 0.
     """
     mode, floor = _by_lobpcg(problem, u, t), rounding(problem, u, t)
     if mode.error > GOOD * abs(mode.value) and problem.space.n <= COUNTED:
@@ -66,7 +74,7 @@ def lowest_mode(problem: EigenProblem, u: Array, t: float) -> Mode:
 
 
 def rounding(problem: EigenProblem, u: Array, t: float) -> float:
-    """`8 eps |K|` [N/m]: eigenvalues below have no sign but that of rounding."""
+    """Return the round-off limit `8 eps |K|` [N/m]. The sign of an eigenvalue below this limit is round-off."""
     return ROUNDING * problem.stiffness_norm(u, t)
 
 
@@ -75,7 +83,7 @@ def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
     K = problem.operator(u, t)
     M = LinearOperator(K.shape, matvec=lambda r: problem.solve(factors, np.ravel(r), 0.1).x, dtype=np.float64)
     X = np.stack([problem.space.random(seed) for seed in range(min(BLOCK, max(K.shape[0] // 5, 1)))], axis=1)
-    with warnings.catch_warnings():  # what it has when it stops is an upper bound, and good enough for a sign
+    with warnings.catch_warnings():  # an unconverged value is still an upper bound, and precise enough for a sign
         warnings.simplefilter("ignore")
         values, vectors = lobpcg(K, X, M=M, largest=False, tol=None, maxiter=MOST_LOBPCG)
     first = int(np.argmin(values))
@@ -85,7 +93,10 @@ def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
 
 
 def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, floor: float) -> Mode:
-    """The lowest mode by inverse iteration from a shift below all eigenvalues; `above` is not below the lowest one."""
+    """Return the lowest mode by inverse iteration with a shift below all eigenvalues.
+
+    `above` is an upper bound of the lowest eigenvalue.
+    """
     K, unknowns = problem.matrix(u, t)
     shift = -max(2 * abs(min(above, 0.0)), 4 * floor)
     while eigenvalues_below(K, shift, unknowns):

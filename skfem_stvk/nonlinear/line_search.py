@@ -1,4 +1,4 @@
-"""How far to go along a direction of descent."""
+"""Line search along a direction of descent."""
 
 from __future__ import annotations
 
@@ -10,24 +10,29 @@ from ..arguments import Array
 from ..terms.load import Time
 from .problem import Problem, Residual, slope
 
-#: A residual along the line is as good as zero below this part of what it was.
+#: The slope along the line counts as zero below this fraction of its initial value.
 GOOD_ENOUGH = 0.1
 
 
 def length(problem: Problem, u: Array, v: Array, t: Time, at_zero: Residual, longest: float) -> float | None:
-    """The factor `s` of the direction `v` from `u`, where the residual is `at_zero`: `longest` at most; None if there is none."""
+    """Return the factor `s <= longest` of the direction `v` from `u`; None if no factor is found.
+
+    `at_zero` is the residual at `u`.
+    """
     at_start = slope(problem, at_zero, v)
     if not problem.quartic:
         return root_of_slope(lambda s: slope(problem, problem.residual(u + s * v, t), v), at_start, longest)
     c = problem.energy_along(u, v, t)
-    if abs(c[1] - at_start) > 0.1 * abs(at_start):  # rounding is as large as what there is to gain
+    if abs(c[1] - at_start) > 0.1 * abs(at_start):  # round-off is as large as the possible decrease
         return min(1.0, longest)
     s = min(quartic_minimum(c), longest)
     return s if np.isfinite(s) else None
 
 
 def quartic_minimum(c: Array) -> float:
-    """The first minimum at `s > 0` of `c0 + c1 s + ... + c4 s^4`, which falls at 0; infinite if it never ceases to fall.
+    """Return the first minimum at `s > 0` of `c0 + c1 s + ... + c4 s^4`; infinity if the polynomial never stops falling.
+
+    The polynomial must fall at 0. Later minima belong to other states, including mirrored ones.
 
     Those behind it belong to other states, mirrored ones among them.
 
@@ -41,7 +46,7 @@ def quartic_minimum(c: Array) -> float:
     if not slope.any():
         return np.inf
     with np.errstate(divide="ignore"):
-        unit = float(((np.abs(c[1] / slope)) ** (1 / (k - 1))).min())  # in which no term is larger than the first
+        unit = float(((np.abs(c[1] / slope)) ** (1 / (k - 1))).min())  # scaling of `s` in which no term exceeds the first one
     scaled = np.append(slope * unit ** (k - 1.0), c[1]) / abs(c[1])
     roots = np.roots(scaled)
     real = np.sort(roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 0)])
@@ -49,10 +54,12 @@ def quartic_minimum(c: Array) -> float:
 
 
 def root_of_slope(slope: Callable[[float], float], at_zero: float, longest: float = np.inf, most: int = 12) -> float | None:
-    """A length `s` with `|slope(s)| <= 0.1 |slope(0)|`, by doubling and safeguarded secants; None if it is not found.
+    """Return a length `s` with `|slope(s)| <= 0.1 |slope(0)|`; None if none is found within the evaluation limit.
 
-    `slope(s)` is the residual times the direction, negative at zero; it is not asked for beyond `longest`, which is the answer if
-    the slope is negative there still.
+    The method is doubling, then safeguarded secants.
+
+    `slope(s)` is the residual times the direction, and is negative at zero. It is not evaluated beyond `longest`. If the slope is
+    still negative at `longest`, the result is `longest`.
 
     >>> round(root_of_slope(lambda s: s**3 - 8, -8.0), 1)
     2.0

@@ -16,16 +16,17 @@ from .line_search import length
 from .outcome import Status
 from .problem import Problem, Residual, Tangent, slope
 
-#: With the line search, the same from a state with elements inside out, and with full steps.
+#: Iteration limits: with the line search, with the line search from a state with inverted elements, and with full steps.
 MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20
-#: The loosest linear solve of an iterative solver (Eisenstat and Walker 1996, choice 2).
+#: Largest relative tolerance of an iterative linear solve (Eisenstat and Walker 1996, choice 2).
 LOOSEST = 0.1
-#: The line search stops at this part of the length at which the first element would be flat; below the other one it is over.
+#: The line search stops at `BEFORE_THE_LIMIT` times the step at which the first element becomes flat. If that is less than
+#: `SHORTEST` of the full step, the method ends.
 BEFORE_THE_LIMIT, SHORTEST = 0.8, 1e-3
 
 
 class End(Enum):
-    """How Newton's method ended; the value says it in words."""
+    """Reason why Newton's method ended; the value is its description."""
 
     CONVERGED = "the residual is below rtol times loads and reactions"
     AT_ROUND_OFF = "the residual is what rounding leaves"
@@ -43,23 +44,24 @@ class End(Enum):
 
     @property
     def status(self) -> Status:
-        """The status of a state that was found, if it is stable and not inside out."""
+        """Status of the converged state, provided that the state is stable and has no inverted elements."""
         return Status.CONVERGED if self is End.CONVERGED else Status.AT_ROUND_OFF
 
 
 @dataclass
 class Iterations:
-    """What happened in the iterations, one entry each.
+    """Record of the iterations of Newton's method; each list has one entry per iteration.
 
     Attributes
     ----------
-    residuals : relative to loads and reactions, where each iteration began and at the end.
+    residuals : relative to loads and reactions, at the beginning of each iteration and at the end.
     lengths : factors of the line search.
     tangents : "exact", "clamped" or "shifted".
-    linear : iterations of the linear solver.
-    negative_pivots : of the last exact tangent, or of that of the state that was found; None if the solver does not know.
-    restarted : after how many iterations full steps were given up and it began anew with the line search; None if it did not.
-    detail : what a failure says of itself.
+    linear : numbers of iterations of the linear solver.
+    negative_pivots : number of negative pivots of the last exact tangent, or of the tangent at the converged state; None if the
+        solver does not report it.
+    restarted : number of full-step iterations before the method restarted with the line search; None if it did not restart.
+    detail : description of a failure.
     """
 
     residuals: list[float] = field(default_factory=list)
@@ -76,23 +78,28 @@ class Iterations:
 
 @dataclass(frozen=True)
 class NewtonOptions:
-    """What is looked for, and how."""
+    """Options of one Newton solve."""
 
-    rtol: float  # the residual is small enough below this part of its scale
-    most_inside_out: int = 0  # so many elements may be inside out in the state that is found
+    rtol: float  # relative tolerance: the residual is small enough below this fraction of its scale
+    most_inside_out: int = 0  # largest number of inverted elements allowed in the result
     full_first: bool = True  # try full steps first
-    watch: Callable[[Iterations], None] = lambda record: None  # is told of each iteration as it begins
+    watch: Callable[[Iterations], None] = lambda record: None  # called at the beginning of each iteration
 
 
 def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[Array, End, Iterations]:
-    """Equilibrium at load factor `t` from the state `u`, in which what is held is where it belongs.
+    """Find the equilibrium at load factor `t`, starting from `u`.
 
-    With `full_first`, full steps of the exact tangent are tried: slender bodies bend that way in a third of the iterations, for a
-    full step stretches them first and a line search does not let it. Unless they arrive, at a stable state, with no more than
-    `most_inside_out` elements inside out and none that would be flat on the straight way there, it begins anew with the line
-    search, which is exact where W is a quartic along any line and loads are dead, a tangent that is positive definite where the
-    exact one gives no descent, and steps that end before elements turn inside out, unless some are already. Starts with such
-    elements lie among saddle points, which an indefinite tangent leads to: the positive definite one leads past them.
+    `u` must satisfy the prescribed displacements at `t`.
+
+    With `full_first`, the method first tries full steps of the exact tangent. Slender bodies bend in a third of the iterations this
+    way. A full step stretches them first, and a line search does not allow that. The result of the full steps is accepted if it
+    meets three conditions. It is a stable equilibrium. It has at most `most_inside_out` inverted elements. No element would become
+    flat on the straight line from `u` to the result.
+
+    Otherwise the method restarts from `u` with the line search. The line search is exact where W is a quartic along any line and
+    loads are dead. If the exact tangent gives no direction of descent, a positive definite tangent replaces it. Steps end before
+    elements invert, unless some elements are inverted already. Starting states with inverted elements lie among saddle points. An
+    indefinite tangent leads to the saddle points, and the positive definite tangent leads past them.
     """
     record = Iterations()
     if wanted.full_first:
@@ -125,7 +132,7 @@ class _Descent:
                 self._wanted.watch(record)
                 end = arrived(problem, u, t, residual, before, rtol)
                 if end is not None:
-                    if len(record):  # each iteration has made an exact tangent, also where another one was taken
+                    if len(record):  # each iteration has factorised an exact tangent, even if the step used another tangent
                         record.negative_pivots = problem.negative_pivots()
                     return u, end
                 if len(record) == most:
@@ -146,9 +153,11 @@ class _Descent:
             return u, End.OVERFLOW
 
     def _direction(self, u: Array, residual: Residual, rtol: float, tangled: bool) -> Array | None:
-        """Newton's direction, with the first tangent that gives one of descent; for full steps the exact one only.
+        """Return Newton's direction for the first tangent that gives a direction of descent; None if no tangent does.
 
-        With elements inside out, an exact tangent with negative eigenvalues is left out.
+        Full steps use the exact tangent only.
+
+        If elements are inverted, an exact tangent with negative eigenvalues is skipped.
         """
         problem, t, record = self._problem, self._t, self._record
         for tangent in Tangent if self._search else (Tangent.EXACT,):
@@ -171,7 +180,10 @@ class _Descent:
         return None
 
     def _moved(self, u: Array, v: Array, residual: Residual, tangled: bool) -> Array | End:
-        """`u + s v`: a full step, or one that ends before elements turn inside out; `tangled` ones pass through zero volume."""
+        """Return `u + s v` for a full step, or for a step that ends before elements invert.
+
+        If `tangled` (elements are inverted already), the step may pass through zero volume.
+        """
         if not self._search:
             self._record.lengths.append(1.0)
             return u + v
@@ -187,26 +199,31 @@ class _Descent:
 
 
 def arrived(problem: Problem, u: Array, t: Time, residual: Residual, before: Residual | None, rtol: float) -> End | None:
-    """How the state is one of equilibrium, if it is; `before` is the residual of the iteration before."""
+    """Return why the state counts as an equilibrium, or None if it is not an equilibrium.
+
+    `before` is the residual of the previous iteration.
+    """
     if residual.size <= rtol * residual.scale:
         return End.CONVERGED
-    # the estimate is an upper one: what rounding leaves has also ceased to fall
+    # the estimate is an upper bound, so the residual must also have stopped falling
     ceased = before is None or residual.size > before.size / 2
     return End.AT_ROUND_OFF if ceased and residual.size <= problem.round_off(u, t) else None
 
 
 def _forcing(last: float, now: Residual, before: Residual) -> float:
-    """How precise the next linear solve of an iterative solver has to be."""
+    """Return the relative tolerance of the next linear solve of an iterative solver."""
     new = 0.9 * (now.size / before.size) ** 2
     kept = 0.9 * last**2
     return min(LOOSEST, max(new, kept) if kept > 0.1 else new)
 
 
 def usable(solution: Solution, singular: bool = False) -> bool:
-    """Whether Newton's method can go on with a solution: also a less precise one, if it answers most of the residual.
+    """Return whether Newton's method can use a solution.
 
-    Where K is expected to be as good as `singular`, all that is missing lies along the mode in which the body gives way, and any
-    answer of a direct solver will do.
+    A solution of reduced precision is usable if its relative residual is at most `LOOSEST`.
+
+    Set `singular` if K is expected to be nearly singular. Then the error of the solution lies along the mode in which the body
+    gives way. In this case an inaccurate solution of a direct solver is usable.
     """
     imprecise = solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
     enough = solution.residual <= LOOSEST or (singular and solution.outcome is Outcome.INACCURATE)

@@ -1,4 +1,4 @@
-"""Outcomes of analyses, and Ctrl-C, which waits for the end of a step."""
+"""Outcomes of analyses, and handling of Ctrl-C, which takes effect at the end of a step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _asked = False
 
 
 class Status(Enum):
-    """The outcome of a static solve, of one of its steps, or of a motion; its value says it in words."""
+    """Outcome of a static solve, of one of its steps, or of a motion; the value is its description."""
 
     CONVERGED = "converged"
     AT_ROUND_OFF = "converged as far as rounding allows"
@@ -31,7 +31,7 @@ class Status(Enum):
 
     @property
     def success(self) -> bool:
-        """Whether the end was reached in a state that is stable, as far as was seen, and has no element inside out."""
+        """Whether the analysis reached its end without inverted elements, in a state that is stable as far as known."""
         return self in (Status.CONVERGED, Status.AT_ROUND_OFF, Status.FINISHED)
 
     def __str__(self) -> str:
@@ -39,11 +39,11 @@ class Status(Enum):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a static solve or a motion.
+    """Interruption of a static solve or a motion by Ctrl-C.
 
     Attributes
     ----------
-    result : what there is so far: a `StaticResult` or a `Run`.
+    result : the result so far, a `StaticResult` or a `Run`.
     """
 
     def __init__(self, result: Any) -> None:
@@ -52,7 +52,7 @@ class Interrupted(KeyboardInterrupt):
 
     @property
     def run(self) -> Any:
-        """The result of a motion, as in `SimulationError.run`."""
+        """Result of a motion, as in `SimulationError.run`."""
         return self.result
 
     def __reduce__(self) -> Any:
@@ -61,9 +61,9 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def finishing_steps() -> Iterator[None]:
-    """Let the first Ctrl-C within end an analysis after the step that it is in, and another one at once.
+    """Make the first Ctrl-C end an analysis after its current step, and a second Ctrl-C end it at once.
 
-    Signals are of the main thread; in others nothing changes.
+    Only the main thread receives signals. In other threads this context manager has no effect.
     """
     global _asked
     if threading.current_thread() is not threading.main_thread():
@@ -79,13 +79,16 @@ def finishing_steps() -> Iterator[None]:
 
 
 def stop_if_asked() -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was pressed since: analyses call it after each step, when all of it is written."""
+    """Raise KeyboardInterrupt if Ctrl-C was pressed.
+
+    Analyses call this function after each step, when all output of the step is written.
+    """
     if _asked:
         raise KeyboardInterrupt
 
 
 def ask_to_finish() -> None:
-    """Let an analysis that runs end after the step that it is in, as the first Ctrl-C does."""
+    """Make a running analysis end after its current step, as the first Ctrl-C does."""
     global _asked
     _asked = True
 

@@ -1,7 +1,7 @@
-"""The joint of nonlinear solves: what Newton's method asks of a problem, and what the walk along a path asks in addition.
+"""Interface between nonlinear solvers and problems: the requirements of Newton's method, and those of continuation along a path.
 
-A static state, a time step, a model of twenty unknowns or one that is spread over ranks are siblings here: each knows where its
-vectors live (`system.space`). Two kinds of vectors are told apart:
+A static state, a time step, a model with twenty unknowns and a model distributed over ranks all implement this interface. Each
+problem defines the space of its vectors (`system.space`). There are two kinds of vectors:
 
     u, v    states and directions, of the space `states`; Newton's method adds `u + s v` and does nothing else with them
     x, b    the unknowns of a linear solve, of `space`, which is part of `states`: `space.expand(x)` is their direction
@@ -24,11 +24,11 @@ from ..terms.load import Time
 
 
 class Tangent(Enum):
-    """What Newton's method solves with, in the order in which it tries them.
+    """Tangents that Newton's method solves with, in the order in which it tries them.
 
     exact       the Jacobian
     clamped     without negative tensions of edges: positive semi-definite
-    shifted     that, and a little stiffness against the ground: positive definite, for flat membranes and slack cables
+    shifted     clamped, with a small stiffness against the ground: positive definite, for flat membranes and slack cables
     """
 
     EXACT = "exact"
@@ -38,88 +38,91 @@ class Tangent(Enum):
 
 @dataclass(frozen=True)
 class Residual:
-    """Forces that are not in equilibrium."""
+    """Residual force of a state."""
 
     vector: Array  # (n,) residual `F - f_ext`, one entry per unknown [N]
-    size: float  # its norm
-    scale: float  # norm of the loads plus that of the reactions, what `size` is small against
+    size: float  # norm of `vector`
+    scale: float  # norm of the loads plus norm of the reactions, the reference for `size`
 
     @property
     def relative(self) -> float:
-        """`size / scale`; 0 if there is no force at all."""
+        """Relative residual `size / scale`; 0 if all forces are zero."""
         return self.size / self.scale if self.scale > 0 else float(self.size > 0)
 
 
 class Problem(Protocol):
-    """An equation `r(u, t) = 0`, as Newton's method sees it."""
+    """Equation `r(u, t) = 0` to be solved by Newton's method."""
 
     @property
     def space(self) -> Space:
-        """The space of the unknowns."""
+        """Space of the unknowns."""
 
     @property
     def states(self) -> Space:
-        """The space of states and directions; those on the mesh are `states.expand(u)`."""
+        """Space of states and directions; `states.expand(u)` are the displacements on the mesh."""
 
     @property
     def iterative(self) -> bool:
-        """Whether linear solves iterate; otherwise factors count negative eigenvalues."""
+        """Whether linear solves are iterative; direct factors count negative eigenvalues."""
 
     @property
     def quartic(self) -> bool:
         """Whether the residual is the gradient of a potential that is a quartic along any line."""
 
     def residual(self, u: Array, t: Time) -> Residual:
-        """What is not in equilibrium at `u`; raises StateError where numbers overflow."""
+        """Return the residual at `u`; raise StateError if numbers overflow."""
 
     def round_off(self, u: Array, t: Time) -> float:
-        """Size of the residual that is left by rounding alone [N]."""
+        """Return the norm of the residual that is due to round-off [N]."""
 
     def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
-        """The Jacobian at `u`, or what stands in for it, ready to solve with."""
+        """Return the factors of the Jacobian at `u`, or of the requested substitute."""
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
-        """The solution of `K x = b` (n,)."""
+        """Solve `K x = b`, with `b` and `x` (n,), to the relative tolerance `rtol`."""
 
     def take_over(self, u: Array, t: Time) -> bool:
-        """Whether a direct solver takes over from here on, because an iterative one met its round-off in the Jacobian at `u`."""
+        """Switch to a direct solver if the iterative one failed at `u` only by round-off; return whether it switched."""
 
     def negative_pivots(self) -> int | None:
-        """How many eigenvalues of the exact tangent that was factorised last are negative; None if that is not known."""
+        """Return the number of negative eigenvalues of the last factorised exact tangent; None if it is unknown."""
 
     def energy_along(self, u: Array, v: Array, t: Time) -> Array:
-        """(5,) coefficients of the potential along `u + s v`, but for the constant one; for a problem that is `quartic`."""
+        """Return the coefficients (5,) of the potential along `u + s v`.
+
+        The constant coefficient is arbitrary. The problem must be `quartic`.
+        """
 
     def step_limit(self, u: Array, v: Array) -> float:
-        """How far along `u + s v` no more elements turn inside out; infinite where nothing limits a step."""
+        """Return the largest `s` up to which no further element inverts along `u + s v`; infinity if there is no limit."""
 
     def on_this_side(self, u: Array, found: Array) -> bool:
-        """Whether no element would be flat on the straight way from `u` to `found`: none is turned through itself."""
+        """Return whether no element becomes flat on the straight line from `u` to `found`, that is, none is inverted on the way."""
 
     def inside_out(self, u: Array) -> Sized:
-        """What is inside out at `u`; as many as it has entries, named by `named`."""
+        """Return the inverted elements at `u`. The length of the result is their number, and `named` describes them."""
 
     def named(self, inside_out: Any) -> str:
-        """The first few of what is inside out, and where they are; empty if there are none."""
+        """Return a description of the first few inverted elements with their locations; empty if there are none."""
 
 
 class EigenProblem(Problem, Protocol):
-    """A problem whose Jacobian is looked at for its eigenvalues, to tell whether a state is stable."""
+    """Problem with access to the eigenvalues of its Jacobian, which say whether a state is stable."""
 
     @property
     def symmetric(self) -> bool:
-        """Whether the Jacobian that was factorised last is symmetric, to rounding."""
+        """Whether the last factorised Jacobian is symmetric, to round-off."""
 
     def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
-        """The Jacobian at `u`, beside what is factorised, and its unknowns."""
+        """Return the Jacobian at `u`, independent of the factorised one, and its unknowns."""
 
     def operator(self, u: Array, t: Time) -> LinearOperator | csr_matrix:
-        """The Jacobian at `u`, beside what is factorised, for products `K @ x`."""
+        """Return the Jacobian at `u`, independent of the factorised one, as an operator for products `K @ x`."""
 
     def stiffness_norm(self, u: Array, t: Time) -> float:
-        """What no eigenvalue of the Jacobian at `u` is much larger than [N/m]."""
+        """Return an approximate upper bound of the eigenvalues of the Jacobian at `u` [N/m]."""
 
 
 def slope(problem: Problem, residual: Residual, v: Array) -> float:
-    """`r . v` [J]: how the potential, if there is one, changes along a direction."""
+    """Return the slope `r . v` [J], the derivative of the potential, if one exists, along the direction `v`."""
     return problem.space.dot(residual.vector, problem.space.restrict(v))

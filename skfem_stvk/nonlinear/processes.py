@@ -1,4 +1,4 @@
-"""Work in several processes: each that crashes takes nothing else with it, and all end with the one that started them."""
+"""Work in several processes. A crash of one process does not affect the others, and all end with their parent process."""
 
 from __future__ import annotations
 
@@ -19,26 +19,28 @@ from .outcome import ask_to_finish, finishing_steps, stop_if_asked
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-#: What is asked of the processes.
+#: Requests to the processes.
 GO_ON, FINISH, END = 0, 1, 2
-#: Seconds between looks at what happened.
+#: Polling interval [s].
 PAUSE = 0.1
-#: What a process does with its tasks.
+#: Function that a process applies to its tasks.
 _work: Callable[[Any], Any] | None = None
 
 
 class Crashed:
-    """The result of a task whose process ended at once: memory ran out, it was killed, or a library crashed."""
+    """Result of a task whose process ended abnormally: memory ran out, the process was killed, or a library crashed."""
 
 
 def in_processes(
     work: Callable[[Task], Result], waiting: deque[Task], jobs: int, each: int
 ) -> Iterator[tuple[Task, Result | Crashed]]:
-    """Tasks as they are done, with their results, in so many processes on so many threads each.
+    """Yield tasks with their results as they finish, in `jobs` processes with `each` threads each.
 
-    The caller may append tasks to `waiting` between two results. `work` goes to each process once, and must be one that `pickle`
-    takes; what it raises is raised here. After Ctrl-C no task is begun, those that run end after the step that they are in, and
-    KeyboardInterrupt is raised when all of them have been handed back; at once after a second one.
+    The caller may append tasks to `waiting` between two results. `work` is sent to each process once, so `pickle` must accept it.
+    An exception of `work` is raised again here.
+
+    After Ctrl-C no new task begins, and running tasks end after their current step. KeyboardInterrupt is raised when all running
+    tasks have been yielded. A second Ctrl-C raises it at once.
     """
     context = multiprocessing.get_context("spawn")
     asked = context.Value("i", GO_ON, lock=False)
@@ -77,7 +79,10 @@ def in_processes(
 
 
 def is_started_for_work() -> bool:
-    """Whether this process was started by another one, which imports the program anew: it is not to start processes itself."""
+    """Return whether this process was started by another one to work for it.
+
+    Such a process imports the main program again, so it must not start processes itself.
+    """
     return multiprocessing.parent_process() is not None
 
 
@@ -87,7 +92,7 @@ def _process(context: Any, asked: Any, work: Callable[[Any], Any]) -> ProcessPoo
 
 @contextmanager
 def _starting(each: int) -> Iterator[None]:
-    """Processes that start within have so many threads, and leave Ctrl-C to this one."""
+    """Start processes inside this context with `each` threads and with Ctrl-C blocked, so that only the parent receives it."""
     before = {name: os.environ.get(name) for name in THREAD_LIMITS}
     masks = hasattr(signal, "pthread_sigmask")  # not on Windows
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if masks else set()
@@ -105,7 +110,7 @@ def _starting(each: int) -> Iterator[None]:
 
 
 def _begin(asked: Any, work: Callable[[Any], Any]) -> None:
-    """Prepare a process: it knows its work, and ends with the one that started it."""
+    """Prepare a process: set its work function, and start the thread that ends it together with its parent."""
     global _work
     _work = work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -118,7 +123,10 @@ def _do(task: Any) -> Any:
 
 
 def _listen(asked: Any) -> None:
-    """Do what is asked, until the process that asks is gone: a run that nobody waits for would be in the way of the next one."""
+    """Carry out requests, and end this process when its parent has ended.
+
+    A process without a parent would slow down the next run.
+    """
     parent = multiprocessing.parent_process()
     while parent is not None and parent.is_alive() and asked.value != END:
         if asked.value == FINISH:

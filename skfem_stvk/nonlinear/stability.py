@@ -1,4 +1,4 @@
-"""Whether a state of equilibrium is stable, as far as statics can tell: by the eigenvalues of its tangent."""
+"""Static stability of an equilibrium, from the eigenvalues of its tangent."""
 
 from __future__ import annotations
 
@@ -24,26 +24,27 @@ NOT_FOUND = (
 )
 NOT_COUNTED = "Whether the state is stable is not known: pivots of K were too small to have a sign."
 
-#: Unknowns up to which all eigenvalues are worked out; of more, so many nearest to zero, and so many at most.
+#: Number of unknowns up to which all eigenvalues are computed. For larger problems: first and largest number of eigenvalues near
+#: zero.
 DENSE, FIRST, MOST = 200, 6, 24
-#: An imaginary part below this part of an eigenvalue is what rounding leaves of two real ones that are nearly the same.
+#: An imaginary part below this fraction of the eigenvalue is the round-off of two nearly equal real eigenvalues.
 REAL = float(np.sqrt(np.finfo(float).eps))
 
 
 class Verdict(NamedTuple):
-    """What is known of the stability of a state."""
+    """Result of a stability check of a state."""
 
-    stable: bool  # False where an eigenvalue of K was found to be negative; True also where nothing is known, as `doubt` says then
-    negative: int | None  # how many eigenvalues are, of a K that is not symmetric how many real ones; None if not counted
-    doubt: str = ""  # what was not looked at or is not known, in a sentence; empty if there is nothing to say
+    stable: bool  # False if a negative eigenvalue of K was found; True also if nothing is known, see `doubt`
+    negative: int | None  # number of negative eigenvalues, only real ones if K is not symmetric; None if not counted
+    doubt: str = ""  # sentence on what was not checked or is not known; empty if there is nothing to report
 
 
 def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
-    """What the tangent says of the state `u` (ndofs,) at `t`.
+    """Return the stability of the state `u` (ndofs,) at `t`, from its tangent.
 
-    The pivots of a direct solver count negative eigenvalues. CG does not count; it solves for a random force, in which every mode
-    of buckling takes part, and meets negative curvature if there is any, or its own round-off. So what CG says against a state, or
-    does not know, is confirmed before it counts, and so are pivots: by eigenvalues that are negative beyond rounding.
+    The pivots of a direct solver count negative eigenvalues. CG does not count them. Instead it solves for a random force, which
+    excites every buckling mode. CG then meets negative curvature if there is any, or its own round-off. A negative or undecided
+    result, of CG or of the pivots, is therefore confirmed by eigenvalues that are negative beyond round-off.
     """
     factors = problem.factorise(u, t)
     if not problem.symmetric:
@@ -59,7 +60,7 @@ def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
 
 def _confirmed(problem: EigenProblem, u: Array, t: float) -> Verdict:
-    """The verdict by factorisation, up to `COUNTED` unknowns and with a direct solver; otherwise by the lowest eigenvalue."""
+    """Return the verdict by factorisation, for a direct solver or up to `COUNTED` unknowns; otherwise by the lowest eigenvalue."""
     if not problem.iterative or problem.space.n <= COUNTED:
         counts = inertia(*problem.matrix(u, t))
         if counts is None:
@@ -72,7 +73,7 @@ def _confirmed(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
 
 def _divergence(problem: EigenProblem, u: Array, t: float) -> Verdict:
-    """The verdict on a tangent that is not symmetric: whether a real eigenvalue is negative."""
+    """Return the verdict for a tangent that is not symmetric: unstable if a real eigenvalue is negative."""
     found = real_eigenvalues(*problem.matrix(u, t))
     if found.negative:
         return Verdict(False, found.negative)
@@ -85,21 +86,21 @@ def _divergence(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
 
 class RealEigenvalues(NamedTuple):
-    """Numbers of real eigenvalues."""
+    """Numbers of real eigenvalues by sign."""
 
-    negative: int  # below `-8 eps |K|`, those that were found; at least 1 where the determinant is negative
+    negative: int  # found below `-8 eps |K|`; at least 1 where the determinant is negative
     unsigned: int  # between `-8 eps |K|` and `8 eps |K|`
-    all_of_them: bool  # whether no others can be negative
-    looked_at: int  # how many eigenvalues, those nearest to zero
+    all_of_them: bool  # whether no other eigenvalue can be negative
+    looked_at: int  # number of eigenvalues checked, those nearest to zero
 
 
 def real_eigenvalues(K: csr_matrix, unknowns: Unknowns) -> RealEigenvalues:
-    """Numbers of real eigenvalues of `K`, whose pattern is symmetric and whose values are not.
+    """Return the numbers of real eigenvalues of `K`, which has a symmetric pattern and unsymmetric values.
 
-    Every real eigenvalue lies above the lowest one of the symmetric part `S = (K + K')/2`: where that is positive definite, none is
-    negative. Otherwise the determinant, the product of all, is negative where their number is odd; and those nearest to zero are
-    found by ARPACK, by inverse iteration (shift and invert at 0). They are all within a circle; no others are negative if S has no
-    eigenvalue beyond it.
+    Every real eigenvalue lies above the lowest eigenvalue of the symmetric part `S = (K + K')/2`. If `S` is positive definite, no
+    real eigenvalue is negative. Otherwise ARPACK finds the eigenvalues nearest to zero by inverse iteration (shift and invert at
+    0). They all lie in a circle around 0. No other real eigenvalue is negative if `S` has no eigenvalue below minus the radius. The
+    determinant is the product of all eigenvalues. If it is negative, the number of negative real eigenvalues is odd.
     """
     n = unknowns.n
     S = csr_matrix(((K.data + K.data[transposition(K)]) / 2, K.indices, K.indptr), shape=K.shape)
@@ -123,7 +124,7 @@ def real_eigenvalues(K: csr_matrix, unknowns: Unknowns) -> RealEigenvalues:
 
 
 def _factors(K: csr_matrix, unknowns: Unknowns) -> tuple[Factors, bool | None]:
-    """Factors of K, and whether its determinant is negative; None if they do not say."""
+    """Return the factors of K, and whether its determinant is negative; None if the factors do not provide the sign."""
     if unknowns.n > COUNTED:
         return direct(unknowns.n).analyse(unknowns).factorise(K, Kind.GENERAL), None
     factors = SuperLU().analyse(unknowns).factorise(K, Kind.GENERAL)
@@ -137,7 +138,7 @@ def _counted(values: Array, floor: float, all_of_them: bool) -> RealEigenvalues:
 
 
 def _nearest(K: csr_matrix, inverse: LinearOperator, number: int) -> Array:
-    """The eigenvalues nearest to zero, `number` of them or as many as were found."""
+    """Return the `number` eigenvalues nearest to zero, or fewer if ARPACK does not find all of them."""
     start = Space(K.shape[0]).random()
     try:
         values = eigs(K, number, sigma=0.0, OPinv=inverse, v0=start, tol=1e-8, return_eigenvectors=False)

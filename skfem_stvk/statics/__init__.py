@@ -1,4 +1,4 @@
-"""Quasi-static solves: Newton's method, paths in load steps or by arc length, and a result that says how it came out."""
+"""Quasi-static solves: Newton's method, paths in load steps or by arc length, and results with their outcome."""
 
 from ..nonlinear.newton import End, Iterations
 from ..nonlinear.outcome import Interrupted, Status

@@ -1,4 +1,4 @@
-"""The path by its length, through limit points, where the load turns back."""
+"""Arc-length continuation, which follows a path through limit points, where the load reverses."""
 
 from __future__ import annotations
 
@@ -15,28 +15,31 @@ from .history import Attempt, Step
 from .stop import Goal
 from .walk import SMALLEST, Course, Walk
 
-#: Iterations that a step of the right length takes, and how much longer the next may be.
+#: Number of iterations for which the step size is right; largest growth factor of the step size.
 ITERATIONS, GROWTH = 4, 1.5
-#: A step is not longer than so many times the first one, or so many of the parts of the displacements so far, one per step in load.
+#: Limits of a step: `LARGEST` times the first step, or `PARTS` times the displacements so far per step in load, whichever is
+#: larger.
 LARGEST, PARTS = 4.0, 2.0
-#: Smallest cosine of the angle by which the path may turn in a step; below the other one the next step shrinks.
+#: Smallest cosine of the angle between the path directions before and after a step; below `SHARP` the next step shrinks.
 SHARPEST, SHARP = 0.5, 0.9
-#: Steps are shortened down to this part of the first one where it is not sure that they stay on the path.
+#: Smallest step size, as a fraction of the first step, to which steps are cut while it is uncertain that they stay on the path.
 SURE = 0.02
-#: The load may change by so many times what the tangent foretells. Where it changes more, a body that was nearly a mechanism has
-#: become stiff; then the first step is shortened until it does not, or foretells no more than such a part of the first load.
+#: Largest ratio of the load change in a step to the change that the tangent predicts. A larger ratio means that a body that was
+#: nearly a mechanism has become stiff. Then the first step is shortened, unless the predicted change is below `TINY` times the
+#: first load.
 FORETOLD, TINY = 100.0, 1e-15
-#: A state that is looked for between two others is no further beside them than this part of the way.
+#: Tolerance for a state sought between two others: this fraction of the distance between them, beyond either end.
 BESIDE = 1e-6
 
 
 class ArcLength(Walk):
-    """States along the path, whose length `s` is that of the displacements; t is unknown like them.
+    """Arc-length continuation. The length `s` is measured in displacements, and `t` is an unknown like them.
 
-    A step goes along the tangent of the path, `K du = -dr/dt dt`, and from there, by Newton's method, to the equilibrium in the
-    plane across it (Riks 1979, in the space of displacements). It is halved where that fails, elements would turn inside out, the
-    path turns sharply or the load changes far more than the tangent foretells. Which of the two ways the tangent points is told by
-    the last one: it passes bifurcations on the path that it is on.
+    A step has a predictor and a corrector. The predictor follows the tangent of the path, `K du = -dr/dt dt`. The corrector is
+    Newton's method to the equilibrium in the plane orthogonal to the tangent (Riks 1979, in the space of displacements). A step is
+    halved if the corrector fails or elements would invert. It is also halved if the path turns sharply, or if the load changes far
+    more than the tangent predicts. The orientation of the tangent follows from the previous one. Therefore the method passes
+    bifurcations and stays on its path.
     """
 
     name: ClassVar[str] = "arc-length"
@@ -87,7 +90,7 @@ class ArcLength(Walk):
         return outcome
 
     def _set_out(self, found: Heading) -> None:
-        """The first heading, and the first step: that part of the load."""
+        """Set the first heading and the first step size, which corresponds to the first part of the load."""
         self._first = self._size = self._first_load / found.rate
         ahead = self._goal.towards(self.u, self.t, found.direction, found.rate)
         self._heading = found if ahead > 0 else found.reversed()
@@ -96,7 +99,7 @@ class ArcLength(Walk):
         problem, way, length = self.problem, self._heading, self._size
         assert way is not None
         u = self.u + length * way.direction
-        place = problem.states.dot(way.direction, self.u) + length  # of the plane across the path, along it
+        place = problem.states.dot(way.direction, self.u) + length  # offset of the plane orthogonal to the path, along the tangent
         found = self._correct(u, self.t + length * way.rate, Hyperplane(way.direction, 0.0, place, length))
         if isinstance(found, Attempt):
             return found
@@ -135,7 +138,10 @@ class ArcLength(Walk):
         return self._accept(t, u, end, record, critical)
 
     def _hopped(self, after: Point, critical: tuple[CriticalPoint, ...]) -> bool:
-        """Whether the step led to another path: its critical points are not all found, or do not explain how stability changed."""
+        """Return whether the step jumped to another path.
+
+        This is so if its critical points are not all found, or do not explain the change of stability.
+        """
         if not all(point.resolved for point in critical):
             return True
         if self._point is None or self._point.negative is None or after.negative is None:
@@ -143,7 +149,10 @@ class ArcLength(Walk):
         return (len(critical) - abs(after.negative - self._point.negative)) % 2 == 1
 
     def _landed(self, u: Array, t: float, turned: bool) -> tuple[Array, float, End, Iterations] | Attempt | None:
-        """The first state on the step to `(u, t)` that is on a level, before or behind a limit point; None if there is none."""
+        """Return the first state on a level within the step to `(u, t)`; None if the step crosses no level.
+
+        If the load reverses in the step, the parts before and after the limit point are searched separately.
+        """
         ends, begin = [(u, t)], (self.u, self.t)
         if turned and self._goal.has_levels:
             top = turning_point(self.problem, Point(*begin, None, None), Point(u, t, None, None), self._rtol)
@@ -166,7 +175,7 @@ class ArcLength(Walk):
         return None
 
     def _correct(self, u: Array, t: float, plane: Hyperplane) -> tuple[Array, float, End, Iterations] | Attempt:
-        """The equilibrium in a plane, with no more elements inside out than there are."""
+        """Find the equilibrium in a plane with no more inverted elements than allowed; return a failed attempt otherwise."""
         u, t, end, record = correct(self.problem, u, t, plane, self._rtol, self._course.iterating)
         if not end.converged:
             return Attempt(t, end, record)
@@ -181,5 +190,5 @@ class ArcLength(Walk):
         if cosine < SHARP:
             factor = min(factor, 1 / GROWTH)
         part = PARTS * self._first_load * self.problem.states.norm(self.u - self._from)
-        longest, shortest = max(LARGEST * self._first, part), SMALLEST * self._first  # only what fails ends the path
+        longest, shortest = max(LARGEST * self._first, part), SMALLEST * self._first  # only failed attempts end the path
         self._size = max(min(factor * self._size, longest), shortest)

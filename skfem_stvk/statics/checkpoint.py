@@ -1,4 +1,4 @@
-"""A path on disk: every accepted state as it is found, from which a later call goes on."""
+"""Path on disk: every accepted state is written as soon as it is found, and a later call can resume from it."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ from .equilibrium import NOTHING
 from .history import Step
 from .load_steps import LARGEST, LoadSteps
 
-#: How a state of a path may come out.
+#: Possible outcomes of a state on a path.
 EQUILIBRIA = Status.CONVERGED, Status.AT_ROUND_OFF, Status.UNSTABLE, Status.INVERTED
-#: The strain energy of a state is what the system says now, but for this part of it; its residual at most so many times the former.
+#: Relative tolerance of the strain energy in a file against the energy of the system. Largest factor by which the residual may
+#: exceed the residual in the file.
 ENERGY, LOOSER = 1e-6, 10.0
-#: What to do about states of another problem.
+#: Remedy for states of another problem.
 AGAIN = "Give the same again to resume it, or name another folder; overwrite=True without resume replaces what is there."
 
 Measured = Annotated[float, AllowInfNan(True)]
 
 
 class IterationsRecord(Record):
-    """`Iterations` of Newton's method."""
+    """`Iterations` of Newton's method in a file."""
 
     residuals: Annotated[list[Measured], Field(min_length=1)]
     lengths: list[Measured]
@@ -47,7 +48,7 @@ class IterationsRecord(Record):
 
 
 class FindingRecord(Record):
-    """`Finding`, but for its elements."""
+    """`Finding` without its elements."""
 
     name: str
     extreme: float
@@ -55,7 +56,7 @@ class FindingRecord(Record):
 
 
 class CriticalRecord(Record):
-    """`CriticalPoint`, but for its arrays."""
+    """`CriticalPoint` without its arrays."""
 
     kind: Literal[LIMIT_POINT, BIFURCATION]  # type: ignore[valid-type]
     t: float
@@ -63,7 +64,7 @@ class CriticalRecord(Record):
 
 
 class WalkRecord(Record):
-    """State with which a walk goes on, see `Walk.saved`; entries that may be None belong to one method."""
+    """State from which a continuation resumes, see `Walk.saved`. Entries that may be None belong to one method."""
 
     size: NonNegativeFloat
     first: NonNegativeFloat
@@ -78,7 +79,7 @@ class WalkRecord(Record):
 
 
 class StepRecord(Record):
-    """`Step`, but for its arrays."""
+    """`Step` without its arrays."""
 
     t: float
     status: Literal[tuple(one.name for one in EQUILIBRIA)]  # type: ignore[valid-type]
@@ -95,7 +96,7 @@ class StepRecord(Record):
 
 
 class StateHeader(Header):
-    """The header of a file of one state: its number on the path, the state, and what the walk was about to do."""
+    """Header of a file with one state: its number on the path, the state, and the next step of the continuation."""
 
     number: NonNegativeInt
     step: StepRecord
@@ -103,10 +104,10 @@ class StateHeader(Header):
 
 
 class PathCheckpoint(FolderStore[StateHeader]):
-    """A folder with a file for each state of a path: a run that is killed keeps all that it found.
+    """Folder with a file for each state of a path. A run that is killed loses no finished state.
 
-    A run that goes on finds its states in `steps`, and in `saved` what the walk was about to do after the last one. Otherwise the
-    first state replaces what is there, states of another problem only if they are to be overwritten.
+    A resumed run finds its states in `steps`, and the state of the continuation after the last step in `saved`. Without `resume`,
+    the first state replaces the existing files. States of another problem are replaced only with `overwrite`.
     """
 
     known, name = PATH, PATH_FILE
@@ -132,8 +133,8 @@ class PathCheckpoint(FolderStore[StateHeader]):
                 self.refuse_to_replace(file)
 
     def add(self, step: Step, saved: dict[str, Any]) -> None:
-        """Write a state, and what the walk will do next."""
-        while self._former:  # from the last one on, so that what is there is always a path from its beginning
+        """Write a state and the state of the continuation after it."""
+        while self._former:  # last file first, so that the remaining files always form a path from its beginning
             self._former[-1].unlink(missing_ok=True)
             self._former.pop()
         about, arrays = _packed(step, saved)
@@ -141,7 +142,7 @@ class PathCheckpoint(FolderStore[StateHeader]):
         self._count += 1
 
     def _load(self, files: list[Path]) -> None:
-        """The states, and what the walk was about to do after the last one; none and nothing if there are none."""
+        """Read the states and the state of the continuation after the last one; both stay empty if there are no files."""
         for number, file in enumerate(files):
             if file != self.numbered(number):
                 raise StvkError(
@@ -158,7 +159,7 @@ class PathCheckpoint(FolderStore[StateHeader]):
 
 
 def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The part of the header that JSON can write, and the arrays."""
+    """Return the part of the header that JSON can represent, and the arrays."""
     plain = {field.name: getattr(step, field.name) for field in fields(step) if field.name not in ("u", "findings", "critical")}
     plain |= {"status": step.status.name, "end": step.end.name, "iterations": asdict(step.iterations)}
     plain["findings"] = [{"name": one.name, "extreme": one.extreme, "text": one.text} for one in step.findings]
@@ -169,7 +170,10 @@ def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str
 
 
 def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> Step:
-    """The state; raises ValueError or KeyError in words if it is none of the system."""
+    """Return the state of a file.
+
+    Raise ValueError or KeyError with a message if it does not belong to the system.
+    """
     n = system.ndofs
     plain = record.model_dump()
     plain |= {"status": Status[record.status], "end": End[record.end], "iterations": Iterations(**plain["iterations"])}
@@ -195,14 +199,14 @@ def _elements(arrays: dict[str, Array], name: str, system: System) -> Array:
 
 
 def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
-    """Refuse a state that is not the next one of its path; raises ValueError in words."""
+    """Raise ValueError with a message if a state is not the next one of its path."""
     step, walk = steps[-1], header.walk
     options: dict[str, Any] = dict(header.problem.method)
     if header.number != number:
         raise ValueError(f"it is state {header.number} of its path, not {number}")
     load_steps = options["method"] == LoadSteps.name
     needed = ("straight", "full_first") if load_steps else ("turns", "states", "rate", "goal")
-    counted = [getattr(walk, name) for name in needed[:2]]  # what a method counts or knows from the beginning
+    counted = [getattr(walk, name) for name in needed[:2]]  # counts and flags that a method has from the beginning
     if walk.model_fields_set != {"size", "first", "reached", "largest", *needed} or None in counted:
         raise ValueError("what the walk does next is not what its method needs")
     if not load_steps:
@@ -215,7 +219,7 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
 
 
 def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
-    """Refuse displacements and a load factor that are no equilibrium of the system; raises ValueError in words."""
+    """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
     held, places = system.supports.held, system.supports.values(step.t)
     gap = np.abs(step.u[held] - places).max(initial=0.0)
     if gap > 1e-9 * (np.abs(places).max(initial=0.0) + np.abs(step.u).max(initial=0.0)):

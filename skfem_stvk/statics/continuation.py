@@ -1,4 +1,4 @@
-"""Continuation of a path: its tangent, and the equilibrium in a plane across it, in displacements and load factor."""
+"""Tools of continuation: the tangent of a path, and the equilibrium in a plane across it, in displacements and load factor."""
 
 from __future__ import annotations
 
@@ -12,31 +12,34 @@ from ..errors import StateError
 from ..nonlinear.newton import End, Iterations, arrived, usable
 from .equilibrium import Equilibrium
 
-#: Iterations at most; a step that needs more is too long.
+#: Largest number of iterations. A step that needs more is too long.
 MOST_IN_PLANE = 12
-#: A state is in the plane if it is no further from it than this part of the step.
+#: Tolerance of a state's distance from the plane, as a fraction of the step.
 IN_PLANE = 1e-10
 
 
 @dataclass(frozen=True)
 class Heading:
-    """The tangent of the path at a state, `du/ds` and `dt/ds`, `s` the length of the path in displacements."""
+    """Unit tangent of the path at a state: `du/ds` and `dt/ds`, with the path length `s` measured in displacements."""
 
     direction: Array  # (ndofs,) `du/ds`, of length one
     rate: float  # `dt/ds` [1/m]; it changes its sign at limit points
-    negative: int | None  # how many eigenvalues of K are negative; None if K is not symmetric or a pivot says nothing
+    negative: int | None  # number of negative eigenvalues of K; None if K is not symmetric or a pivot is too small
 
     def reversed(self) -> Heading:
-        """The heading that goes the other way."""
+        """Return the opposite heading."""
         return Heading(-self.direction, -self.rate, self.negative)
 
     def along(self, v: Array, problem: Equilibrium) -> Heading:
-        """This heading or the reversed one, whichever does not point against `v` (ndofs,)."""
+        """Return this heading or the opposite one, so that the result does not point against `v` (ndofs,)."""
         return self if problem.states.dot(self.direction, v) >= 0 else self.reversed()
 
 
 def heading(problem: Equilibrium, u: Array, t: float, singular: bool = False) -> Heading | str:
-    """Towards growing t at an equilibrium: `K du = -dr/dt dt`; or why there is none. `singular` as in `usable`."""
+    """Return the heading towards growing `t` at an equilibrium, from `K du = -dr/dt dt`.
+
+    If there is no heading, return the reason. `singular` as in `usable`.
+    """
     factors = problem.factorise(u, t)
     forces, held = problem.rate(u, t)
     solution = problem.solve(factors, forces, 1e-10)
@@ -51,29 +54,30 @@ def heading(problem: Equilibrium, u: Array, t: float, singular: bool = False) ->
 
 @dataclass(frozen=True)
 class Hyperplane:
-    """The states with `normal . u + weight t = value`.
+    """Set of states with `normal . u + weight t = value`.
 
-    Across the path it is that of Riks (1979), `weight` 0: it goes through limit points, where t turns back and displacements do
-    not. With `normal` 0 it holds the load, with `weight` 0 and a mean of displacements as `normal` it holds those.
+    With `weight` 0 and the tangent as `normal`, it is the plane of Riks (1979) across the path. This plane crosses limit points,
+    where `t` reverses and displacements do not. With `normal` 0 the plane prescribes the load. With `weight` 0 and `normal` an
+    average of displacements, it prescribes this average.
     """
 
     normal: Array
     weight: float
     value: float
-    reach: float  # how far it is from the state before, in the units of `value`
+    reach: float  # distance of the plane from the previous state, in the units of `value`
 
     def miss(self, u: Array, t: float, problem: Equilibrium) -> float:
-        """How far the state is from it."""
+        """Return the distance of the state `(u, t)` from the plane, in the units of `value`."""
         return self.value - problem.states.dot(self.normal, u) - self.weight * t
 
 
 def correct(
     problem: Equilibrium, u: Array, t: float, plane: Hyperplane, rtol: float, watch: Callable[[float, Iterations], None]
 ) -> tuple[Array, float, End, Iterations]:
-    """The equilibrium in the plane, from `u` (ndofs,) and `t` near it, by full steps of the exact tangent.
+    """Find the equilibrium in the plane by full steps of the exact tangent, starting from `u` (ndofs,) and `t` near it.
 
-    Each solves `K a = -r` and `K b = -dr/dt` with one factorisation, `du = a + dt b`, and `dt` from the plane: K alone may be as
-    good as singular, at a limit point, where `a` and `b` are large and their sum is not.
+    Each step solves `K a = -r` and `K b = -dr/dt` with one factorisation. The update is `du = a + dt b`, with `dt` from the
+    equation of the plane. At a limit point K may be nearly singular. There `a` and `b` are large, but their sum is not.
     """
     record, before = Iterations(), None
     try:

@@ -14,17 +14,17 @@ from .continuation import Hyperplane, correct, heading
 from .equilibrium import Equilibrium
 
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
-#: How well its place is known, as a part of the step on which it lies; residuals there are this much smaller than elsewhere.
+#: Relative precision of the location of a critical point on its step; factor by which residuals there are smaller than elsewhere.
 TOLERANCE, TIGHTER = 1e-10, 1e-3
-#: What has fallen below this part of its values at the ends of the step is zero: on large meshes rounding is not far below.
+#: A test value below this fraction of its values at the ends of the step is zero. On large meshes round-off is not far below.
 NOISE = 1e-9
-#: So far beside a state is looked for another one, where K is too singular to be solved with; a part of the step.
+#: Where K is too singular for a solve, the state is moved by this fraction of the step.
 BESIDE = 1e-8
 
 
 @dataclass(frozen=True)
 class Point:
-    """A state on a path: how many eigenvalues of K are negative, and the lowest one [N/m], as far as they are known."""
+    """State on a path, with the number of negative eigenvalues of K and the lowest eigenvalue [N/m], where known."""
 
     u: Array
     t: float
@@ -33,23 +33,23 @@ class Point:
 
     @property
     def unstable(self) -> bool:
-        """Whether an eigenvalue is known to be negative."""
+        """Whether a negative eigenvalue is known."""
         return bool(self.negative) or (self.lowest is not None and self.lowest < 0)
 
 
 @dataclass(frozen=True, eq=False)
 class CriticalPoint:
-    """A state at which the tangent is singular, so that the body begins or ceases to give way.
+    """State with a singular tangent, at which the body begins or ceases to give way.
 
     Attributes
     ----------
-    kind : "limit point": the load factor turns back, and under more load the body snaps. "bifurcation": another path crosses this
-        one, and the body buckles into it.
+    kind : "limit point": the load factor reverses, and under more load the body snaps. "bifurcation": another path crosses this
+        path, and the body buckles into it.
     t, u : load factor and displacements (ndofs,) [m].
-    mode : (ndofs,) how the body gives way: the eigenvector of K for the eigenvalue zero, its largest entry 1. A small part of it,
-        added to the mesh, is the imperfection that leads to the other path.
-    resolved : whether it was found, to 1e-8 of the step on which it lies. If not, `t` and `u` lie on the straight line between two
-        states of the path: where the lowest eigenvalue would vanish there, as far as it is known.
+    mode : (ndofs,) eigenvector of K for the eigenvalue zero, scaled to a largest entry of 1: the motion in which the body gives
+        way. A small multiple of it, added to the mesh, is the imperfection that leads to the other path.
+    resolved : whether the point was located to 1e-8 of its step. If not, `t` and `u` are interpolated linearly between two states
+        of the path. The interpolation uses the zero of the lowest eigenvalue, where that is known.
     """
 
     kind: str
@@ -65,13 +65,13 @@ class CriticalPoint:
 
 
 class _Lost(Exception):
-    """The path between two states is not found, or does not do what it was expected to."""
+    """Failure to find the path between two states, or unexpected behaviour of the path."""
 
 
 def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: float) -> tuple[CriticalPoint, ...]:
-    """The critical points on the step from `before` to `after`; `turned`: the load factor turned back on it.
+    """Return the critical points on the step from `before` to `after`. `turned` says whether the load factor reverses on the step.
 
-    Where it turns, `dt/ds` has a root; where otherwise an eigenvalue of K changes its sign, that has one.
+    At a limit point `dt/ds` has a root. At a bifurcation an eigenvalue of K changes its sign and has a root.
     """
     if before.lowest is not None and after.lowest is not None:
         if (before.lowest < 0) == (after.lowest < 0):
@@ -99,12 +99,12 @@ def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: 
 
 
 def _on_mesh(problem: Equilibrium, point: CriticalPoint) -> CriticalPoint:
-    """The point with displacements in place of states of the problem."""
+    """Return the point with displacements and mode on the mesh instead of states of the problem."""
     return replace(point, u=problem.states.expand(point.u), mode=_scaled(problem.states.expand(point.mode)))
 
 
 def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float) -> tuple[Array, float] | None:
-    """The state between two others at which the load factor turns back; None if it is not found."""
+    """Return the state between two others at which the load factor reverses; None if it is not found."""
     chord = _Chord(problem, before, after, rtol)
     f = chord.root(chord.rate)
     try:
@@ -114,7 +114,7 @@ def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float
 
 
 def _point(kind: str, chord: _Chord, f: float | None, without: Sequence[Array]) -> CriticalPoint:
-    """The state at the part `f` of the step, with a mode at right angles to those of its other points."""
+    """Return the critical point at the fraction `f` of the step; its mode is orthogonal to the modes `without` of the others."""
     if f is None:
         return _unresolved(kind, chord.before, chord.after, 0.5, chord.direction)
     try:
@@ -135,14 +135,14 @@ def _scaled(mode: Array) -> Array:
 
 
 class _Chord:
-    """The path between two states, by equilibria in planes across the straight line from one to the other."""
+    """Path between two states, computed as equilibria in planes orthogonal to the straight line between them."""
 
     def __init__(self, problem: Equilibrium, before: Point, after: Point, rtol: float) -> None:
         self._problem, self.before, self.after, self._rtol = problem, before, after, rtol
         self.direction, self._fewest = after.u - before.u, 0
 
     def at(self, f: float) -> tuple[Array, float]:
-        """The state at the part `f` of the line, or a little beside it."""
+        """Return the state at the fraction `f` of the line, or very close to it where K is singular."""
         if f in (0.0, 1.0):
             point = self.after if f else self.before
             return point.u, point.t
@@ -153,7 +153,10 @@ class _Chord:
         raise _Lost
 
     def _corrected(self, f: float) -> tuple[Array, float] | None:
-        """The equilibrium in the plane across the line there, if Newton's method finds it: K may be singular to the last digit."""
+        """Return the equilibrium in the plane at the fraction `f` of the line; None if Newton's method fails.
+
+        It may fail because K may be singular to the last digit.
+        """
         dot, length = self._problem.states.dot, self._problem.states.norm(self.direction)
         if not length:
             return None
@@ -166,7 +169,7 @@ class _Chord:
         return (u, t) if end.converged or close else None
 
     def root(self, test: Callable[[float], float]) -> float | None:
-        """The part of the line at which a test changes its sign; None if the path is not found on the way."""
+        """Return the fraction of the line at which a test function changes its sign; None if it is not found."""
         try:
             ends = test(0.0), test(1.0)
             if not ends[0] * ends[1] < 0:
@@ -178,14 +181,14 @@ class _Chord:
                 value = values[f] if f in values else test(f)
                 return 0.0 if abs(value) < noise else value
 
-            from scipy.optimize import brentq  # takes long to import, and hardly a path needs it
+            from scipy.optimize import brentq  # slow to import, and rarely needed
 
             return float(brentq(tested, 0.0, 1.0, xtol=TOLERANCE, rtol=4 * np.finfo(float).eps))
         except _Lost:
             return None
 
     def changes(self) -> int:
-        """How many eigenvalues change their sign on the way, by the tangents of the states themselves; 0 if that is unknown."""
+        """Return the number of eigenvalues that change their sign on the step, from the tangents at both ends; 0 if unknown."""
         first, last = self._negative(0.0), self._negative(1.0)
         if first is None or last is None:
             return 0
@@ -197,12 +200,15 @@ class _Chord:
         return self._problem.negative_pivots()
 
     def rate(self, f: float) -> float:
-        """`dt/ds`, which is zero at a limit point; zero, too, where K is too singular to be solved with."""
+        """Return `dt/ds`, which is zero at a limit point. It is also 0 where K is too singular for a solve."""
         found = heading(self._problem, *self.at(f), singular=True)
         return 0.0 if isinstance(found, str) else found.along(self.direction, self._problem).rate
 
     def eigenvalue(self, passed: int, f: float) -> float:
-        """The eigenvalue nearest to zero, negative where more than `passed` have changed sign; zero if a pivot is too small."""
+        """Return the eigenvalue nearest to zero; zero if a pivot is too small.
+
+        The sign is negative where more than `passed` eigenvalues have changed sign.
+        """
         mode = nearest_mode(self._problem, *self.at(f))
         negative = self._problem.negative_pivots()
         if mode is None or negative is None:
@@ -210,7 +216,10 @@ class _Chord:
         return abs(mode.value) * (1 if negative <= self._fewest + passed else -1)
 
     def mode(self, f: float, without: Sequence[Array]) -> Array | None:
-        """(ndofs,) in which the body gives way there; a little beside it where K is too singular to be solved with."""
+        """Return the mode (ndofs,) in which the body gives way at the fraction `f`; None if none is found.
+
+        Where K is too singular for a solve, the mode is computed at a state very close to `f`.
+        """
         for beside in (f, f + BESIDE, f - BESIDE):
             mode = nearest_mode(self._problem, *self.at(beside), without)
             if mode is not None:

@@ -1,4 +1,4 @@
-"""The equilibrium of a body as a nonlinear problem: its residual, its tangents and how it moves as the load factor grows."""
+"""Equilibrium of a body as a nonlinear problem: its residual, its tangents and its rate of change with the load factor."""
 
 from __future__ import annotations
 
@@ -22,19 +22,21 @@ from ..system.free_tangent import FreeTangent, kind_of
 from ..system.round_off import EPS
 from ..terms.load import Time
 
-#: Loads and reactions below this part of the largest on the path count as this part: where they go back to zero, nothing else is
-#: left to be small against.
+#: Lower bound of the scale of the residual, as a fraction of the largest loads and reactions on the path. It applies where loads
+#: and reactions return to zero.
 NOTHING = 1e-6
-#: How often on a path it is asked whether CG met negative curvature or its own round-off.
+#: Largest number of checks on a path whether CG met negative curvature or only its own round-off.
 MOST_DOUBTS = 3
-#: Linear solves of a body that is linear are as precise as this at least: one of them is all there is.
+#: Largest relative tolerance of the linear solves of a linear body, which needs only one solve.
 PRECISE = 1e-10
-#: Part of the load factor, or of 1, over which loads and prescribed displacements are differenced; exact for what grows linearly.
+#: Relative step of the load factor for finite differences of loads and prescribed displacements. They are exact for linear growth.
 DIFFERENCE = 1e-6
 
 
 class Equilibrium(Equation):
-    """`F(u) = f_ext(u, t)` over the free entries of the states of a body, an `EigenProblem`; its states form a path as t grows.
+    """Equilibrium `F(u) = f_ext(u, t)` over the free entries of the states of a body, an `EigenProblem`.
+
+    Its states form a path as `t` grows.
 
     Parameters
     ----------
@@ -42,7 +44,7 @@ class Equilibrium(Equation):
 
     Attributes
     ----------
-    largest : the largest of the forces on the path so far [N].
+    largest : largest force scale on the path so far [N].
     """
 
     def __init__(self, body: System | Coordinates, solver: LinearSolver | None, watch: Stopwatch) -> None:
@@ -87,7 +89,10 @@ class Equilibrium(Equation):
             return self.tangent.factorise(K, exact)
 
     def take_over(self, u: Array, t: Time) -> bool:
-        """As in `Problem`: if a factorisation, up to `COUNTED` unknowns and a few times on a path, finds no negative eigenvalue."""
+        """Switch to a direct solver if a factorisation finds no negative eigenvalue; return whether it switched.
+
+        The check is made for up to `COUNTED` unknowns, and `MOST_DOUBTS` times on a path.
+        """
         if not self.iterative or self.space.n > COUNTED or not self._doubts:
             return False
         self._doubts -= 1
@@ -103,13 +108,13 @@ class Equilibrium(Equation):
             return self.tangent.beside(u, t)
 
     def operator(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
-        if not isinstance(self.tangent, FreeTangent) or not self.system.dead:  # the stiffness of loads is a matrix
+        if not isinstance(self.tangent, FreeTangent) or not self.system.dead:  # the load stiffness exists only as a matrix
             return self.matrix(u, t)[0]
         with self._watch("assemble"):
             return FreeOperator(self.system.linear_operator(u), self.tangent.free)
 
     def stiffness_norm(self, u: Array, t: Time) -> float:
-        """The largest sum of a row of K, or twice that of the blocks of its diagonal [N/m]."""
+        """Return the largest absolute row sum of K [N/m]; for an operator, twice the largest row sum of its diagonal blocks."""
         K = self.operator(u, t)
         if isinstance(K, csr_matrix):
             return float(abs(K).sum(axis=1).max())
@@ -125,30 +130,33 @@ class Equilibrium(Equation):
         return named_elements(self.system.mesh, inside_out)
 
     def rate(self, u: Array, t: float) -> tuple[Array, Array]:
-        """(n,) `-dr/dt` and the motion of constrained entries, a direction; by the tangent that was made last."""
+        """Return `-dr/dt` (n,) and the rate of the constrained entries, a direction.
+
+        The force of the constrained entries uses the tangent that was made last.
+        """
         dt = DIFFERENCE * max(abs(t), 1.0) * (1 if t < 0.5 else -1)  # functions of t may end at 0 and 1
         forces, moves = self.change(u, t, t + dt)
         return forces / dt, moves / dt
 
     def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
-        """The change to `later`, as in `rate`: (n,) forces [N], and the motion of constrained entries."""
+        """Return the change from `t` to `later`, as in `rate`: forces (n,) [N], and the motion of constrained entries."""
         with self._watch("assemble"):
             loads = self.body.external_force(u, later) - self.body.external_force(u, t)
         moves = self.body.prescribe(np.zeros(self.states.n), later) - self.body.prescribe(np.zeros(self.states.n), t)
         return self.space.restrict(loads) - self.force_of(moves), moves
 
     def accept(self, u: Array, t: Time) -> None:
-        """Note that `u` is a state of the path: its forces are something that others are small against."""
+        """Record `u` as a state of the path: update the largest force, the reference for small residuals."""
         residual = self.residual(u, t)
         self.largest = max(self.largest, residual.scale, residual.size)
 
     def forget(self) -> None:
-        """Drop what a solver keeps from the steps before, so that a path resumed here has the same numbers."""
+        """Drop solver data of earlier steps, so that a resumed path gives the same numbers as this one."""
         if self.tangent.lasting is None:
             self.tangent.forget()
 
     def energies(self, u: Array, t: Time) -> tuple[float, float]:
-        """Strain energy and potential [J]; NaN if a term has no energy, or a load no potential."""
+        """Return the strain energy and the potential [J]; NaN if a term has no energy, or a load has no potential."""
         with self._watch("assemble"):
             return sum(self.body.elastic_energies(u)), self.body.potential(u, t) if self.system.conservative else float("nan")
 

@@ -1,4 +1,4 @@
-"""The path of a static solve: its steps, and the attempts that failed."""
+"""Path of a static solve: its steps and the failed attempts."""
 
 from __future__ import annotations
 
@@ -14,32 +14,33 @@ from ..nonlinear.outcome import Status
 from ..results.monitors import Finding
 from .critical import CriticalPoint
 
-#: From here on a state is further from where the path pointed than bending or twisting bodies get (1.2 at most on the hard cases).
+#: Value of `Step.jump` above which a state counts as a jump. Bending and twisting bodies stay below it (1.2 at most on the hard
+#: cases).
 JUMPED = 5.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Step:
-    """A state of equilibrium on the path.
+    """State of equilibrium on the path.
 
     Attributes
     ----------
     t : load factor.
     u : (ndofs,) displacements [m].
-    status : of this state; unstable and inside-out states are equilibria too.
-    end : how Newton's method ended.
+    status : status of this state. Unstable and inverted states are equilibria too.
+    end : reason why Newton's method ended.
     iterations : residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's
         method.
     strain_energy : [J]; NaN if a term has no energy.
     potential : strain energy less the work of the loads [J]; NaN if a term has no energy, or a load no potential.
-    smallest_volume_ratio : the smallest J of an element; below 0 it is inside out.
+    smallest_volume_ratio : smallest volume ratio J of an element. An element with J below 0 is inverted.
     lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
-    jump : how far the state is from where the two before it pointed to, as a multiple of the way there. Above 5 the body has
-        snapped or buckled: then it is that of the part of the step where it did, from where the tangent there points to. None if
-        nothing pointed there.
-    findings : where the model is not to be trusted, with element ids.
-    critical : limit points and bifurcations between the state before and this one.
-    seconds : that the step took, failed attempts included.
+    jump : distance of the state from the extrapolation of the two states before it, as a multiple of the extrapolated distance.
+        Above 5 the body has snapped or buckled. Then the value refers to the part of the step with the jump, and to its
+        extrapolation by the tangent. None if there is no extrapolation.
+    findings : elements in which the model is not reliable, with their ids.
+    critical : limit points and bifurcations between the previous state and this one.
+    seconds : duration of the step [s], including failed attempts.
     """
 
     t: float
@@ -58,13 +59,16 @@ class Step:
 
     @property
     def negative(self) -> int | None:
-        """How many eigenvalues of K are negative, by the tangent of the state, or by the last one of Newton's
-        method where load steps changed nothing; None if the solver does not count them."""
+        """Number of negative eigenvalues of K; None if the solver does not count them.
+
+        The count comes from the tangent at the state. If a load step does not change the count, it comes from the last tangent of
+        Newton's method.
+        """
         return self.iterations.negative_pivots
 
     @property
     def jumped(self) -> bool:
-        """Whether it is far from where the path pointed."""
+        """Whether the state is far from the extrapolated one, see `jump`."""
         return self.jump is not None and self.jump > JUMPED
 
     def __str__(self) -> str:
@@ -81,7 +85,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A step that failed, and was cut back."""
+    """Failed step, which was cut back."""
 
     t: float
     end: End
@@ -93,12 +97,12 @@ class Attempt:
 
 
 class History(Sequence[Step]):
-    """The steps of a path, in order.
+    """Steps of a path, in order.
 
     Attributes
     ----------
-    attempts : steps that failed and were cut back.
-    ends_in_failure : whether the last thing that happened was one of those.
+    attempts : failed steps, which were cut back.
+    ends_in_failure : whether the last outcome was a failed attempt.
     """
 
     def __init__(self) -> None:
@@ -114,7 +118,7 @@ class History(Sequence[Step]):
             self.attempts.append(outcome)
 
     def judge_last(self, status: Status) -> None:
-        """What was found about the last state when all was done."""
+        """Set the final status of the last state, after the end of the solve."""
         self._steps[-1] = replace(self._steps[-1], status=status)
 
     @overload
@@ -144,7 +148,7 @@ class History(Sequence[Step]):
 
     @property
     def iterations(self) -> int:
-        """Iterations of Newton's method in all, those of failed attempts included."""
+        """Total number of iterations of Newton's method, including failed attempts."""
         return sum(len(step.iterations) for step in self._steps) + sum(len(attempt.iterations) for attempt in self.attempts)
 
     def __repr__(self) -> str:

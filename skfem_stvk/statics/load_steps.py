@@ -1,4 +1,4 @@
-"""The path from the first load to the full one, in steps of the load that adapt."""
+"""Path from the first load to the full load, in load steps of adaptive size."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from .equilibrium import Equilibrium
 from .history import JUMPED, Attempt, Step
 from .walk import SMALLEST, Course, Walk
 
-#: A step that took no more iterations lets the next one grow, by this factor, up to this many times the first one.
+#: A step with at most `FEW` iterations lets the next one grow by `GROWTH`, up to `LARGEST` times the first step.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0
-#: From here on a state is so far from where the path pointed that states in between are looked at, with residuals below `LOOSE`.
+#: Value of `jump` above which intermediate states are computed, with the residual tolerance `LOOSE`.
 FAR, LOOSE = 2.0, 1e-6
-#: A force along the straight way to the next state that is off a straight line by less than this part of its growth is no snap.
+#: Largest relative deviation from linear growth of the force along the straight line to the next state; below it there is no
+#: snap-through.
 STRAIGHT = 0.1
-#: States this near to where the tangents at both of them point, as a part of the way, lie on one path.
+#: Two states lie on one path if each is this near to the prediction by the tangent at the other, relative to the predicted change.
 NEAR = 0.5
-#: A step is halved so often, and so many states in between are looked for at most.
+#: Largest number of halvings of a step, and of intermediate states.
 HALVED, MOST = 6, 16
 
 
 class LoadSteps(Walk):
-    """States under loads that grow up to t = 1, the first step `first`.
+    """Continuation in load steps up to t = 1, with the first step `first`.
 
-    A step starts where the two states before it point to, or, after one that failed, from the last state, with the tangent's answer
-    to the prescribed displacements. It is halved when Newton's method fails or would turn elements inside out.
+    A step starts from the extrapolation of the two states before it. After a failed step it starts from the last state, moved by
+    the tangent's response to the prescribed displacements. A step is halved if Newton's method fails or elements would invert.
     """
 
     name: ClassVar[str] = "load-steps"
@@ -76,14 +77,14 @@ class LoadSteps(Walk):
         return self._accept(t, u, end, record, jump=jump)
 
     def _equilibrium(self, before: OnPath, start: Array, t: float) -> Array | None:
-        """The state at `t` on the way from one before, to the precision that telling a jump takes."""
+        """Find the state at `t` after the state `before`, to the precision needed to detect a jump; None if it is not found."""
         if len(self.problem.inside_out(start)) > self._allowed or not self.problem.on_this_side(before.u, start):
             start = self.problem.body.prescribe(before.u.copy(), t)
         u, end, _ = newton(self.problem, start, t, NewtonOptions(max(self._rtol, LOOSE), self._allowed))
         return u if end.converged else None
 
     def _pointed(self, t: float) -> Array | None:
-        """Displacements to which the last two states point; None if they are the same."""
+        """Extrapolate the last two states to `t`; None if they are equal."""
         if self._before is None or np.array_equal(self.u, self._before[1]):
             return None
         t_before, u_before = self._before
@@ -99,7 +100,7 @@ class LoadSteps(Walk):
         return self.u + move if not move.any() else self._carried(move, t)
 
     def _carried(self, move: Array, t: float) -> Array:
-        """The state moved by `move` at the held degrees of freedom, and the others as the tangent answers it."""
+        """Return the state with constrained degrees of freedom moved by `move`, and the others by the tangent's response."""
         problem = self.problem
         for tangent in Tangent:
             factors = problem.factorise(self.u, t, tangent)
@@ -111,29 +112,30 @@ class LoadSteps(Walk):
 
 
 class OnPath(NamedTuple):
-    """An equilibrium on the path: load factor and displacements (ndofs,)."""
+    """Equilibrium on the path: load factor and displacements (ndofs,)."""
 
     t: float
     u: Array
 
 
-#: The equilibrium at a load factor, looked for from a state before it and from displacements near it; None if it is not found.
+#: Function that finds the equilibrium at a load factor, from a state before it and a starting point near it; it returns None on
+#: failure.
 Solve = Callable[[OnPath, Array, float], "Array | None"]
 
 
 class Between:
-    """The way between two states that a step of the load led from and to.
+    """Jump detection between two states at the ends of a load step.
 
-    A body that follows its path is where the tangents at both ends say, once the step is small enough. One that snapped is not,
-    however small it is. So a step that is not is halved: the equilibrium in the middle is found, and both halves are looked at,
-    those before first.
+    If the body follows its path, the tangents at both ends predict the other end, once the step is small enough. After a snap they
+    do not, for any step size. Therefore a step without this agreement is halved: the equilibrium in the middle is computed, and the
+    first half is checked before the second.
     """
 
     def __init__(self, problem: Equilibrium, solve: Solve) -> None:
         self._problem, self._solve, self._left = problem, solve, MOST
 
     def jump(self, before: OnPath, after: OnPath) -> float | None:
-        """How far the body jumped from where the path pointed, as in `Step.jump`; None where no jump is found."""
+        """Return the size of the jump, as in `Step.jump`; None if no jump is found."""
         if self._is_straight(before, after):
             return None
         try:
@@ -142,7 +144,10 @@ class Between:
             return None
 
     def _is_straight(self, before: OnPath, after: OnPath) -> bool:
-        """Whether the elastic force along the straight way, a cubic, is about linear: no load had to fall on it."""
+        """Return whether the elastic force along the straight line between the states, a cubic, is nearly linear.
+
+        Then the load never had to decrease.
+        """
         body = self._problem.body
         if not body.quartic:
             return False
@@ -150,7 +155,10 @@ class Between:
         return bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
 
     def _jump(self, before: OnPath, after: OnPath, halved: int, most: float = 0.0) -> float | None:
-        """`most`: how far off states were in the longer parts of the step that hold this one."""
+        """Return the size of the jump as in `jump`, by recursive halving.
+
+        `most` is the largest prediction error over the longer parts that contain this part.
+        """
         norm, forward = self._problem.states.norm, self._answer(before, after.t)
         if forward is None or not norm(forward):
             return None
@@ -176,7 +184,7 @@ class Between:
         return None if u is None else OnPath(t, u)
 
     def _answer(self, state: OnPath, t: float) -> Array | None:
-        """(ndofs,) the displacements with which the tangent at a state answers loads and supports at `t`; None if it cannot."""
+        """Return the tangent's response (ndofs,) at a state to loads and supports at `t`; None if the solve fails."""
         problem = self._problem
         factors = problem.factorise(state.u, state.t)
         forces, moves = problem.change(state.u, state.t, t)

@@ -1,4 +1,4 @@
-"""A result in words: what came out, why, and what to try."""
+"""Messages of results: the outcome, its cause and advice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RESIST = {
     True: "more steps or a finer mesh there, a stiffer VolumePenalty if there is one, or spread the load over more of the "
     "boundary.",
 }
-#: What to try; of what is crushed by whether there is a penalty already.
+#: Advice by the reason of a failure. For inverted elements it depends on whether there is a penalty already.
 TRY = {
     End.NO_DESCENT: "Is it a mechanism: a part that only one vertex or edge holds, a flat membrane or a cable without tension? "
     "Hold it, stretch it first, or put it on an ElasticFoundation. If the body buckles there, give it a small imperfection.",
@@ -33,21 +33,21 @@ TRY = {
     End.OVERFLOW: "Are units mixed up, or is the load far too large for the stiffness?",
     End.TOO_SHARP: "Try more steps.",
 }
-#: What to try where no state was found of a body that has no stiffness across itself at rest.
+#: Advice if no state was found for a body without transverse stiffness at rest.
 SLACK = (
     "Membranes and cables have no stiffness across themselves until they are in tension. Take one step (steps=1); or stretch them "
     "first, by displacements of their rim; or let them swing into place under the load and go on from there: run = "
     "simulate(system, BackwardEuler(dt), until=...), then solve_static(system, u0=run.u, t0=0.999)."
 )
-#: A branch ends where the lowest eigenvalue of K has fallen below this part of what it was at the start.
+#: A branch ends if the lowest eigenvalue of K has fallen below this fraction of its value at the start.
 GIVEN_WAY = 0.1
-#: So many elements take part most are named.
+#: Number of elements named that deform most.
 MOST_NAMED = 5
 
 
 def what_to_try(end: End, system: System) -> str:
-    """Advice after a step that failed."""
-    softens = np.isfinite(system.smallest_stretch(np.zeros(system.ndofs)))  # only laws that soften are asked for stretches
+    """Return advice after a failed step."""
+    softens = np.isfinite(system.smallest_stretch(np.zeros(system.ndofs)))  # only laws that soften return finite stretches
     advice = f"{GIVES_WAY} " * bool(softens) + f"Try {RESIST[system.resists_inversion]}"
     if end is End.OUT_OF_ITERATIONS:
         return f"Try more steps, or look at the last state: result.plot(). {advice}"
@@ -56,22 +56,22 @@ def what_to_try(end: End, system: System) -> str:
 
 @dataclass(frozen=True)
 class Ending:
-    """What is known of a solve when it ends, of which its message is made."""
+    """Data on the end of a solve, from which its message is written."""
 
     system: System
     status: Status
-    method: str  # name of the walk
+    method: str  # name of the continuation method
     history: History
     t: float  # load factor of the last state
-    verdict: Verdict  # of the last state, if the path arrived
-    inverted: str  # names elements inside out or flat
-    branch: str  # says whether a branch ends where it stopped
-    started: bool  # whether the path began at displacements that were given
-    cause: BaseException | None  # what interrupted it
+    verdict: Verdict  # stability of the last state, if the path reached its end
+    inverted: str  # names of inverted or flat elements
+    branch: str  # sentence on whether a branch ends at the last state
+    started: bool  # whether the path began at user-supplied displacements
+    cause: BaseException | None  # exception that interrupted the solve
 
 
 def reason(ending: Ending) -> str:
-    """The message of a result."""
+    """Return the message of a result."""
     status, history, t, verdict = ending.status, ending.history, ending.t, ending.verdict
     if status is Status.UNSTABLE:
         count = f"K has {verdict.negative} negative eigenvalue(s)" if verdict.negative else "K is not positive definite"
@@ -112,7 +112,7 @@ def reason(ending: Ending) -> str:
 
 
 def _may_be_slack(system: System) -> bool:
-    """Whether a body has membranes or cables, which move across themselves without stiffness at rest."""
+    """Return whether a body has membranes or cables, which have no transverse stiffness at rest."""
     return any(body.mesh.k < body.mesh.d for body in (system.body, *system.body.beside))
 
 
@@ -139,7 +139,7 @@ def _why(ending: Ending) -> str:
 
 
 def _jumped(history: History) -> str:
-    """Sentence about load steps that landed far from where the path pointed; empty if there are none."""
+    """Return a sentence on load steps that ended far from the extrapolated state; empty if there are none."""
     befores = [None, *history[:-1]]
     jumps = [(before, step) for before, step in zip(befores, history, strict=True) if step.jumped]
     if not jumps:
@@ -161,12 +161,15 @@ def _critical(history: History) -> str:
 
 
 def _found(history: History) -> str:
-    """What the monitors found in the last state."""
+    """Return the findings of the monitors in the last state."""
     return "".join(f" {finding.text}" for finding in history[-1].findings) if len(history) else ""
 
 
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
-    """Words on the last state `u` of a path that began at `start`; empty if K is as stiff as ever, or not symmetric."""
+    """Return a sentence on the end of the branch at the last state `u` of a path that began at `start`.
+
+    It is empty if K has kept its stiffness, or is not symmetric.
+    """
     try:
         before = _lowest(problem, start, t0)
         now = None if before is None else _lowest(problem, u, t)
@@ -182,13 +185,16 @@ def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float
 
 
 def _lowest(problem: Equilibrium, u: Array, t: float) -> tuple[float, Array] | None:
-    """The lowest eigenvalue, or of a direct solver the one nearest to zero, and its mode; None if there is none to speak of."""
+    """Return the lowest eigenvalue of K and its mode; with a direct solver, the eigenvalue nearest to zero.
+
+    Return None if there is none or K is not symmetric.
+    """
     mode = lowest_mode(problem, u, t) if problem.iterative else nearest_mode(problem, u, t)
     return None if mode is None or not problem.symmetric else (mode.value, mode.vector)
 
 
 def _where(problem: Equilibrium, u: Array, mode: Array) -> str:
-    """The elements that the mode deforms most, by the change of their edges."""
+    """Return a description of the elements that the mode deforms most, by the displacements relative to their mean."""
     mesh = problem.system.mesh
     v = problem.states.expand(mode).reshape(-1, mesh.d)
     moves = v[mesh.t] - v[mesh.t].mean(axis=0)

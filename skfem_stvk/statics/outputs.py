@@ -1,4 +1,4 @@
-"""What a static solve prints and writes while it runs: lines and a bar, a series of states, and the checkpoint."""
+"""Output of a static solve while it runs: lines and a progress bar, a series of states, and the checkpoint."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Write: TypeAlias = Callable[[float, Step], object]
 
-#: Load factors at which loads and prescribed displacements are evaluated to know a problem again.
+#: Load factors at which loads and prescribed displacements are evaluated to identify a problem.
 MOMENTS = 0.5, 1.0
 
 
@@ -31,13 +31,16 @@ MOMENTS = 0.5, 1.0
 def opened(
     outlets: Outlets, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
 ) -> Iterator[tuple[Write, PathCheckpoint | None]]:
-    """A function that writes a state to the series, and the checkpoint, where they were asked for; nobody else can write them."""
+    """Yield a function that writes a state to the series, and the checkpoint; each only if requested.
+
+    Both are locked against other writers.
+    """
     with ExitStack() as stack:
         write, kept = _nothing, None
         if outlets.save is not None or outlets.checkpoint is not None:
             problem = Fingerprint("path of equilibria", system, options, MOMENTS, start)
         if outlets.checkpoint is not None:
-            from .checkpoint import PathCheckpoint  # and pydantic, only where one is written
+            from .checkpoint import PathCheckpoint  # imports pydantic, needed only for checkpoints
 
             kept = stack.enter_context(PathCheckpoint(outlets.checkpoint, system, problem, outlets))
         if outlets.save is not None:
@@ -51,11 +54,11 @@ def _add(series: Series, fields: Fields, t: float, step: Step) -> None:
 
 
 def _nothing(t: float, step: Step) -> None:
-    """Write nothing: no series was asked for."""
+    """Write nothing, because no series was requested."""
 
 
 class PathProgress(Progress):
-    """A line for each state on standard output; on a terminal also a bar that goes away when the work is done. Nothing if quiet."""
+    """Progress of a path: a line for each state on standard output, and on a terminal a temporary bar; nothing if `quiet`."""
 
     def __init__(self, header: str, quiet: bool) -> None:
         super().__init__("statics", quiet, (BarColumn(), TimeElapsedColumn()))
@@ -63,11 +66,11 @@ class PathProgress(Progress):
         self.print(header)
 
     def iterating(self, t: float, record: Iterations) -> None:
-        """Show that an iteration begins."""
+        """Show the beginning of an iteration."""
         self.show(description=f"t {t:.4g}, iteration {len(record)}, residual {record.residuals[-1]:.1e}")
 
     def line(self, outcome: Step | Attempt) -> None:
-        """Print a state that was found, now or by the run that is resumed, or a step that has to be cut back."""
+        """Print a state that was found, now or by the resumed run, or a failed step."""
         self.print(str(outcome))
         if isinstance(outcome, Step):
             self.show(completed=min(max(outcome.t, 0.0), 1.0))
@@ -75,5 +78,5 @@ class PathProgress(Progress):
                 self.print(str(point))
 
     def resumed(self, folder: Path, states: int) -> None:
-        """Print that what comes first was found before."""
+        """Print that the first states come from an earlier run."""
         self.print(f"kept in {folder}: {states} states")

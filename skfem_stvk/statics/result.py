@@ -1,4 +1,4 @@
-"""What a static solve found."""
+"""Result of a static solve."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from .history import History
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StaticResult:
-    """A state of equilibrium, the path to it, and how it was found.
+    """State of equilibrium with the path to it and its outcome.
 
     Attributes
     ----------
-    u : (ndofs,) displacements of the last state of equilibrium that was found [m].
-    t : its load factor; 1 where load steps reached the full load.
-    status, message : how it came out, in a word and in full.
-    history : the states on the way, with iterations, residuals, line-search factors and tangents; `history.attempts` are those that
-        failed.
+    u : (ndofs,) displacements [m] of the last state of equilibrium.
+    t : load factor of this state; 1 where load steps reached the full load.
+    status, message : outcome, and its full description.
+    history : states on the path, with iterations, residuals, line-search factors and tangents; `history.attempts` are the failed
+        steps.
     solver : name of the linear solver.
-    seconds : by part: assemble, factor, solve, other.
-    projected : whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Reactions take a linear solve then.
+    seconds : seconds by part: assemble, factor, solve, other.
+    projected : whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Then reactions need a linear solve.
     """
 
     system: System
@@ -54,26 +54,26 @@ class StaticResult:
 
     @property
     def success(self) -> bool:
-        """Whether the full load is carried by a state that is stable, as far as was seen, with no element inside out."""
+        """Whether the body carries the full load without inverted elements, in a state that is stable as far as known."""
         return self.status.success
 
     @property
     def critical_points(self) -> tuple[CriticalPoint, ...]:
-        """Limit points and bifurcations on the path, in order, with the modes in which the body gives way."""
+        """Limit points and bifurcations on the path, in order, each with its mode."""
         return self.history.critical_points
 
     def reaction(self, where: Where | None = None) -> Reaction:
-        """Force of the ground on the body at a place: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
+        """Return the force of the ground on the body at a location: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
 
-        Supports and foundations make it; all of them and the loads add up to zero. `where` is a boundary, a node set, vertex ids or
-        a predicate; None for all of them.
+        The force is that of supports and foundations. The sum of all reactions and loads is zero. `where` is a boundary, a node
+        set, vertex ids or a predicate; None for the whole body.
 
         Raises
         ------
         RegionError
-            if there is no such place.
+            if there is no such location.
         SupportError
-            if no support and no foundation is there.
+            if no support or foundation acts there.
         """
         vertices = held_vertices(self.system, where)
         forces = ground_forces_at_rest(self.system, self.u, self.t, self.projected)
@@ -85,28 +85,28 @@ class StaticResult:
         return Fields.of(self.system).at(self.u)
 
     def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
-        """Stress [Pa] by its measure: "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,).
+        """Return the stress [Pa] of a measure: "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,).
 
-        With `at="nodes"` it is averaged over the elements around each node.
+        With `at="nodes"` the stress is averaged over the elements around each node.
 
         Raises
         ------
         StvkError
-            if there is no such measure or place.
+            if the measure is unknown, or `at` is neither "elements" nor "nodes".
         """
         at = arguments.choice("at", at, ("elements", "nodes"))
         name = f"{measure.removesuffix('_stress')}_stress" if isinstance(measure, str) else measure
         return self.state[name] if at == "elements" else self.state.at_nodes(name)
 
     def energies(self) -> dict[str, float]:
-        """Energy by term [J]: strain energies, NaN for a term without one, and the potentials of those loads that have one."""
+        """Return the energy by term [J]: strain energies, NaN for a term without one, and the potentials of loads that have one."""
         return self.system.energies(self.u, self.t)
 
     def save(self, path: str | os.PathLike[str], fields: Sequence[str] = DEFAULT) -> Path:
-        """Write displacements and fields: of the last good state to a .vtu file, or of the whole path to a .pvd file.
+        """Write displacements and fields of the last state to a .vtu file, or of the whole path to a .pvd file.
 
-        A .pvd file has one .vtu file per state. All files are written beside and renamed into place, or none; raises as in
-        `results.write_vtu`.
+        A .pvd file has one .vtu file per state. All files are written under temporary names and then renamed, so that either all or
+        none change. Errors as in `results.write_vtu`.
         """
         if arguments.path("path", path, "the path of a .vtu or of a .pvd file").suffix != ".pvd":
             return write_vtu(path, self.state, fields)
@@ -130,11 +130,11 @@ class StaticResult:
 
 
 class SolveError(AnalysisError):
-    """A static solve did not end as it should.
+    """Error of a static solve that did not end successfully.
 
     Attributes
     ----------
-    result : what was found so far, with the last good state.
+    result : the result so far, with the last good state.
     """
 
     def __init__(self, result: StaticResult) -> None:

@@ -61,53 +61,52 @@ def solve_static(
     quiet: bool = False,
     raise_on_failure: bool = True,
 ) -> StaticResult:
-    """Equilibrium `F(u) = f_ext(u, t)` on the path from t = 0, along which loads and prescribed displacements grow.
+    """Find the equilibrium `F(u) = f_ext(u, t)` on the path from t = 0, along which loads and prescribed displacements grow.
 
-    Newton's method with the exact tangent where its step is one of descent and the tangent without negative tensions where it is
-    not, the line search exact where W is a quartic along lines; steps grow and are cut back as they succeed and fail. A step in
-    which elements would turn inside out is cut back too.
+    The method is Newton's method. It uses the exact tangent where this gives a direction of descent, and the tangent without
+    negative tensions elsewhere. The line search is exact where W is a quartic along lines. Steps grow after success and are cut
+    back after failure. A step in which elements would invert is cut back, too.
 
     Parameters
     ----------
-    system : with `fixed` and `prescribed` supports that leave no rigid motion; or a `ReducedSystem` of such a body, whose few
-        coordinates take no `solver` and no `checkpoint`.
-    steps : the first step is 1/steps of the load.
-    method : "load-steps" to t = 1; or "arc-length", which follows the path by its length through limit points, where the load turns
-        back and the body would snap, and through bifurcations, as far as `stop` says. Unstable states on it are what is asked for:
-        they do not raise.
-    stop : of arc length, by default `Stop(load=1.0)`.
+    system : body with `fixed` and `prescribed` supports that leave no rigid motion; or a `ReducedSystem` of such a body. A reduced
+        system has few coordinates, and takes no `solver` and no `checkpoint`.
+    steps : the first load step is 1/steps of the load; later steps adapt.
+    method : "load-steps" to t = 1; or "arc-length", up to `stop`. Arc length follows the path through limit points, where the load
+        reverses and the body would snap, and through bifurcations. Unstable states on this path are expected results and raise no
+        error.
+    stop : end of an arc-length path, by default `Stop(load=1.0)`.
     solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg", or an object of `skfem_stvk.linear`; see "how to
-        choose a solver". Arc length takes direct ones.
-    rtol : the residual's 2-norm is small enough below `rtol` times that of the loads plus that of the reactions.
-    u0, t0 : (ndofs,) displacements to start from [m] and their load factor, by default none at 0.
-    stability : find the lowest eigenvalue of K at each state where the solver does not count negative ones, as direct ones do
-        anyway.
-    ellipticity : look at each state for elements that have lost strong ellipticity.
-    save : a .pvd file that is written as the states are found, with one .vtu each.
-    fields : what these hold beside displacements, see `skfem_stvk.results.names()`; by default stresses and strains.
-    checkpoint : a folder that keeps each state as it is found.
-    resume : go on with the states that `checkpoint` holds, if any; another `stop` may be given. Otherwise they are replaced.
-    overwrite : let `save` and `checkpoint` replace what belongs to another problem, with another mesh, other terms, supports or
+        choose a solver". Arc length needs a direct solver.
+    rtol : relative tolerance: 2-norm of the residual over the sum of the 2-norms of loads and reactions.
+    u0, t0 : initial displacements (ndofs,) [m] and their load factor; by default zero displacements at 0.
+    stability : find the lowest eigenvalue of K at each state where the solver does not count negative eigenvalues. Direct solvers
+        always count them.
+    ellipticity : check each state for elements that have lost strong ellipticity.
+    save : a .pvd file that is written as the states are found, with one .vtu file each.
+    fields : fields in these files in addition to displacements, see `skfem_stvk.results.names()`; by default stresses and strains.
+    checkpoint : a folder to which each state is written as it is found.
+    resume : continue from the states in `checkpoint`, if any; `stop` may differ. Otherwise the states are replaced.
+    overwrite : allow `save` and `checkpoint` to replace files of another problem, with another mesh, other terms, supports or
         options.
     quiet : print nothing.
-    raise_on_failure : raise where the result is no success; otherwise look at `result.status`. What interrupts the path, such as
-        Ctrl-C or a full disk, is raised in any case.
+    raise_on_failure : raise an error if the result is no success; otherwise check `result.status`. An interruption of the path,
+        such as Ctrl-C or a full disk, is raised in any case.
 
     Raises
     ------
     LoadError, SupportError
-        if nothing acts on the body, or its supports leave rigid motions or mechanisms, which are counted and named.
+        if nothing acts on the body, or its supports leave rigid motions or mechanisms. The message counts and names them.
     SolveError
-        if no stable state at the end was found, or something failed on the way, such as a load's function or the disk; it says why
-        and what to try, and carries the result so far.
+        if no stable state at the end was found, or something failed on the way, such as a load's function or the disk. The error
+        contains the reason, advice and the result so far.
     StvkError
-        for other parameters that are not as they should be; where `save` or `checkpoint` belong to another problem, or are being
-        written by another run.
+        if another parameter is invalid; if `save` or `checkpoint` belong to another problem, or another run is writing them.
 
     Warns
     -----
     StvkWarning
-        where the model is not to be trusted: elements that lock, or are pressed beyond where the material softens; see
+        if the model is not reliable in some elements: they lock, or are compressed beyond the point where the material softens; see
         `step.findings`.
 
     >>> import skfem
@@ -141,7 +140,7 @@ def solve_static(
 
 @dataclass(frozen=True, kw_only=True)
 class StaticOptions:
-    """The keywords of `solve_static`, as they are explained there; refuses what makes no sense."""
+    """Keyword arguments of `solve_static`, see there; invalid ones are refused."""
 
     steps: int
     method: str
@@ -172,11 +171,11 @@ class StaticOptions:
 
     @property
     def arc_length(self) -> bool:
-        """Whether the path is followed by its length."""
+        """Whether the method is arc length."""
         return self.method == ArcLength.name
 
     def solver_for(self, body: System | Coordinates) -> LinearSolver | None:
-        """The linear solver for a body, None for one on a basis; refuses options that a body on a basis does not take."""
+        """Return the linear solver for a body, None for a reduced system; refuse options that a reduced system does not support."""
         if isinstance(body, System):
             return solver_for(body, self.solver, self.arc_length)
         if not is_auto(self.solver):
@@ -189,7 +188,7 @@ class StaticOptions:
         return None
 
     def signature(self, solver: str) -> dict[str, Any]:
-        """StaticOptions by which a checkpoint knows its problem again."""
+        """Return the options that identify a problem in a checkpoint."""
         return {
             "method": self.method,
             "steps": int(self.steps),
@@ -200,7 +199,10 @@ class StaticOptions:
 
 
 def _start(system: System, u0: ArrayLike | None) -> Array:
-    """The displacements to start from; refuses a system on which nothing acts, or that moves without strain."""
+    """Return the initial displacements.
+
+    Refuse a system on which nothing acts, or that can move without strain.
+    """
     if system.dtype != np.float64:
         raise StvkError(
             f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
@@ -210,13 +212,13 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
-    system.elastic_energies(start)  # refuses what overflows
+    system.elastic_energies(start)  # raises an error on overflow
     system.check_held()
     return start
 
 
 class _Solve:
-    """One solve: the walk along the path, what is written on the way, and what is said of it in the end."""
+    """One solve: continuation along the path, output on the way, and evaluation of the result."""
 
     def __init__(self, body: System | Coordinates, u0: ArrayLike | None, options: StaticOptions) -> None:
         self._system = system = body.system if isinstance(body, Coordinates) else body
@@ -228,7 +230,7 @@ class _Solve:
         self._cause: BaseException | None = None
 
     def result(self) -> StaticResult:
-        """The result, or what is raised instead."""
+        """Return the result, or raise the error that replaces it."""
         options, history, problem, body = self._options, self._history, self._problem, self._problem.body
         header = f"{body!r}, {problem.space.n} of them free; solver '{self._asked}'"
         start = {"u0": sums(self._start)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
@@ -244,7 +246,7 @@ class _Solve:
             try:
                 self._follow(walk, write, kept, report)
                 self._judge(problem, walk)
-            except (KeyboardInterrupt, Exception) as error:  # a full disk, a load's function that fails: the states so far are kept
+            except (KeyboardInterrupt, Exception) as error:  # for example a full disk, a load's function: keep the states so far
                 self._cause = error
         result = self._ended(problem, walk)
         for text in _new_findings(history):
@@ -264,7 +266,7 @@ class _Solve:
         return ArcLength(problem, start, t0, course, Goal(options.stop or Stop(load=1.0), self._system, problem.states))
 
     def _follow(self, walk: Walk, write: Write, kept: PathCheckpoint | None, report: PathProgress) -> None:
-        """The states that are kept from before, and those that follow."""
+        """Record the states of the checkpoint and the states that follow."""
         found = [] if kept is None else kept.steps
         if kept is not None and found:
             report.resumed(kept.folder, len(found))
@@ -285,7 +287,7 @@ class _Solve:
             write(len(self._history) if self._options.arc_length else outcome.t, outcome)
 
     def _judge(self, problem: Equilibrium, walk: Walk) -> None:
-        """What is known of the stability of the last state; of a path that stopped, whether its branch ends there."""
+        """Check the stability of the last state; if the path stopped early, check whether its branch ends there."""
         history, t0 = self._history, float(self._options.t0)
         if not walk.reached:
             if len(history) and not history[-1].negative:
@@ -331,7 +333,10 @@ class _Solve:
 
 
 def _new_findings(history: History) -> Iterator[str]:
-    """What the monitors found on the path, where they first did; of elements inside out the states say it themselves."""
+    """Yield the findings of the monitors, each at its first state on the path.
+
+    Inverted elements are omitted, because the status of the states reports them.
+    """
     known = {"inside out"}
     for step in history:
         for finding in step.findings:

@@ -1,4 +1,4 @@
-"""The end of a path that is followed by its length: a `Stop`, and levels on a mesh."""
+"""End of an arc-length path: a `Stop`, and its levels on a mesh."""
 
 from __future__ import annotations
 
@@ -17,24 +17,26 @@ from ..system import System
 from .continuation import Hyperplane
 from .history import Step
 
-#: A path that is given no other number of states ends after so many.
+#: Largest number of states on a path, if `Stop(states=...)` is not given.
 MOST_STATES = 1000
-#: A path that begins on a level does not cross it there, and one that ends on it does; so near, as a part of the step, it is on it.
-#: But a step counts as no longer than so many times the level: the first one of a body that is nearly a mechanism goes far beyond.
+#: `STANDS` is the tolerance, as a fraction of the step, within which a state lies on a level. A path that begins on a level does
+#: not cross it there, and a path that ends on a level does. The step counts as at most `FAR` times the level, because the first
+#: step of a body that is nearly a mechanism goes far beyond.
 STANDS, FAR = 1e-9, 1e3
 
 
 @dataclass(frozen=True, repr=False)
 class Stop:
-    """The end of a path of equilibria; whichever of these is reached first.
+    """End of a path of equilibria: the first of these conditions that is reached.
 
     Parameters
     ----------
-    load : a load factor, reached exactly. Below the one at the start it makes the path begin backwards, with falling load.
-    displacement : a place, a component and a value such as `("apex", "z", -0.2)` [m]: when the mean of this displacement over the
-        vertices there reaches it, exactly. Without a load, the path begins in its direction.
-    turns : so many limit points have been passed.
-    states : so many states have been found. A path that has reached nothing else after 1000 states has stopped before its end.
+    load : a load factor, reached exactly. If it is below the load factor at the start, the path begins with a falling load.
+    displacement : a location, a component and a value such as `("apex", "z", -0.2)` [m]. The mean of this displacement over the
+        vertices there reaches the value exactly. Without a load, the path begins in its direction.
+    turns : number of limit points that have been passed.
+    states : number of states that have been found. If nothing else is reached after 1000 states, the path counts as stopped before
+        its end.
 
     >>> Stop(displacement=("apex", "z", -0.2), turns=2)
     Stop(displacement=('apex', 'z', -0.2), turns=2)
@@ -62,9 +64,9 @@ class Stop:
 
 
 class Goal:
-    """A `Stop` on a mesh: levels of load or displacement, and numbers of turns and states.
+    """`Stop` on a mesh: levels of load or displacement, and numbers of limit points and states.
 
-    `states` is the space of the states of a problem, by default that of all displacements.
+    `states` is the space of the states of a problem, by default the space of all displacements.
     """
 
     def __init__(self, stop: Stop, system: System, states: Space | None = None) -> None:
@@ -77,7 +79,7 @@ class Goal:
             self._levels.append((self._states.restrict(normal), weight, value))
 
     def towards(self, u: Array, t: float, direction: Array, rate: float) -> float:
-        """1 if this direction leads towards the first level, or there is none, -1 if it leads away."""
+        """Return 1 if a direction leads towards the first level, or if there is none; -1 if it leads away."""
         if not self._levels:
             return 1.0
         normal, weight, value = self._levels[0]
@@ -87,11 +89,14 @@ class Goal:
 
     @property
     def has_levels(self) -> bool:
-        """Whether a load or a displacement is to be reached."""
+        """Whether the stop has a level of load or displacement."""
         return bool(self._levels)
 
     def crossed(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Hyperplane] | None:
-        """The part of the way from `(u, t)` to `(v, s)` at which the first level is crossed, and its plane; None if none is."""
+        """Return the location and the plane of the first level that the step from `(u, t)` to `(v, s)` crosses; None without one.
+
+        The location is a fraction of the step.
+        """
         found, dot = [], self._states.dot
         for normal, weight, value in self._levels:
             begin, end = dot(normal, u) + weight * t, dot(normal, v) + weight * s
@@ -103,7 +108,10 @@ class Goal:
         return min(found, key=lambda one: one[0], default=None)
 
     def refuse_passed(self, u0: Array, t0: float, steps: Sequence[Step]) -> None:
-        """Refuse states from `(u0, t0)` on of which some have passed a level already; names those between which they did."""
+        """Raise StvkError if the path from `(u0, t0)` through `steps` has crossed a level already.
+
+        The message names the two states around the crossing.
+        """
         states = [(u0, t0), *((step.u, step.t) for step in steps)]
         for place, (one, other) in enumerate(pairwise(states)):
             if self.crossed(*one, *other) is not None:
@@ -115,24 +123,24 @@ class Goal:
                 )
 
     def saved(self) -> list[list[float]]:
-        """Numbers that tell it from another one."""
+        """Return numbers that identify the goal."""
         levels = [
             [weight, value, self._states.dot(normal, np.arange(1.0, len(normal) + 1))] for normal, weight, value in self._levels
         ]
         return [*levels, [float(self._stop.turns or 0), float(self._stop.states or 0)]]
 
     def counted(self, turns: int, states: int) -> bool:
-        """Whether there have been enough."""
+        """Return whether the requested number of limit points or of states is reached."""
         both = (turns, self._stop.turns), (states, self._stop.states)
         return any(asked is not None and found >= asked for found, asked in both)
 
     def exhausted(self, states: int) -> bool:
-        """Whether there have been more than anybody expects."""
+        """Return whether the default limit on the number of states is reached."""
         return self._stop.states is None and states >= MOST_STATES
 
 
 def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]:
-    """The mean over the vertices of a place as a level."""
+    """Return the mean displacement over the vertices of a location as a level: its normal (ndofs,), load weight and value."""
     mesh = system.mesh
     if not isinstance(given, tuple | list) or len(given) != 3:
         raise StvkError(f"Stop: displacement = {shown(given)}; expected a place, a component and a value: ('apex', 'z', -0.2).")

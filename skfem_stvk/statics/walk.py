@@ -1,4 +1,4 @@
-"""A walk along a path of equilibria: where it stands, and what is said of each state on it."""
+"""Continuation along a path of equilibria: its current state, and the evaluation of each state."""
 
 from __future__ import annotations
 
@@ -19,41 +19,45 @@ from .critical import CriticalPoint, Point, find
 from .equilibrium import Equilibrium
 from .history import Attempt, Step
 
-#: Steps are shortened down to this part of the first one.
+#: Smallest step, as a fraction of the first one.
 SMALLEST = 1 / 1024
 
 
 @dataclass(frozen=True)
 class Course:
-    """How a path is walked, whatever the method."""
+    """Options of a continuation that all methods share."""
 
-    first: float  # the first step, as a part of the load
-    rtol: float  # the residual is small enough below this part of loads and reactions
-    monitors: Monitors  # looks at each state
-    stability: bool  # find the lowest eigenvalue at each state where the solver does not count negative ones
-    iterating: Callable[[float, Iterations], None]  # is told of each iteration as it begins
+    first: float  # first step, as a fraction of the load
+    rtol: float  # relative tolerance of the residual against loads and reactions
+    monitors: Monitors  # checks of each state
+    stability: bool  # compute the lowest eigenvalue where the solver does not count negative ones
+    iterating: Callable[[float, Iterations], None]  # called at the beginning of each iteration
 
 
 class Walk(ABC):
-    """A walk from the state `u0` at `t0` on; `t`, `u`: the last state, `reached`: whether the end that was asked for is."""
+    """Continuation from the state `u0` at `t0`.
+
+    `t` and `u` are the last state. `reached` says whether the requested end is reached.
+    """
 
     name: ClassVar[str]
 
     def __init__(self, problem: Equilibrium, u0: Array, t0: float, course: Course) -> None:
         self.problem, self._course, self._rtol = problem, course, course.rtol
         self.t, self.u, self.reached = t0, u0, False
-        self._first = self._size = 0.0  # of steps, in the measure of the walk
+        self._first = self._size = 0.0  # step sizes, in the measure of the method
         self._lost, self._clock = False, perf_counter()
         self._allowed = len(problem.inside_out(u0))
-        self._point: Point | None = None  # displacements that are given may be no state of the path
+        self._point: Point | None = None  # user-supplied displacements may not be a state of the path
         if not u0.any():
             self._point = Point(u0, t0, None if problem.iterative else self._negative_at_rest(), None)
         problem.accept(u0, t0)
 
     def _negative_at_rest(self) -> int | None:
-        """Negative eigenvalues of K without displacements: none without tension of edges, unless loads have a stiffness.
+        """Return the number of negative eigenvalues of K at zero displacements: 0 unless loads have a stiffness.
 
-        Membranes and cables move across themselves without any then: pivots have the sign of rounding, so they are confirmed.
+        Membranes and cables without tension have zero transverse stiffness. Their pivots are round-off, so the count is checked
+        with eigenvalues.
         """
         if self.problem.system.dead:
             return 0
@@ -62,7 +66,7 @@ class Walk(ABC):
         return judged(self.problem, self.u, self.t).negative if found else found
 
     def states(self, resumed: bool) -> Iterator[Step | Attempt]:
-        """The states, as far as there are any, and the attempts that failed in between."""
+        """Yield the states of the path, and the failed attempts between them."""
         if not resumed:
             outcome = self._begin()
             if outcome is not None:
@@ -77,36 +81,39 @@ class Walk(ABC):
             yield outcome
 
     def _begin(self) -> Step | Attempt | None:
-        """The state at `t0`: `u0`, unless something acts there already."""
+        """Return the equilibrium at `t0`; None if the start is zero and in equilibrium."""
         problem, u = self.problem, self._start(self.t)
-        if self._allowed:  # supports tangle it further
+        if self._allowed:  # the supports may invert more elements
             self._allowed = max(self._allowed, len(problem.inside_out(u)))
         if not u.any() and problem.residual(u, self.t).size == 0:
             return None
-        problem.accept(u, self.t)  # the supports may move it out of a balance that `u0` is in
+        problem.accept(u, self.t)  # the supports may disturb the balance of `u0`
         outcome = self._newton(u, self.t, full_first=True)
         self._lost, self._point = isinstance(outcome, Attempt), None
         return outcome if isinstance(outcome, Attempt) else self._accept(self.t, *outcome)
 
     def _leave_the_start(self) -> None:
-        """Hold what comes to the forces of the states found: those of a tangled start may be a million times as large."""
+        """Set the reference force from the last state alone, without that of the start.
+
+        The forces of a start with inverted elements may be a million times as large.
+        """
         self.problem.largest = 0.0
         self.problem.accept(self.u, self.t)
 
     @abstractmethod
     def _start(self, t: float) -> Array:
-        """The state from which Newton's method starts; what is held is where it belongs at `t`."""
+        """Return the state from which Newton's method starts; it satisfies the prescribed displacements at `t`."""
 
     @abstractmethod
     def _advance(self) -> Step | Attempt | None:
-        """The next state, or an attempt that failed and leaves everything as it was; None if nothing is left to try."""
+        """Return the next state, or a failed attempt, which changes no state; None if there is nothing left to try."""
 
     def saved(self) -> dict[str, Any]:
-        """Numbers that a later walk goes on with, beside its states."""
+        """Return the data from which a later run resumes, in addition to its states."""
         return {"size": self._size, "first": self._first, "reached": self.reached, "largest": self.problem.largest}
 
     def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
-        """Stand where another walk stood when it had found these states."""
+        """Resume from the states and the saved data of an earlier run."""
         last, t0 = steps[-1], self.t
         self._size, self._first, self.problem.largest = saved["size"], saved["first"], saved["largest"]
         self.reached, self.t, self.u = saved["reached"], last.t, last.u
@@ -116,7 +123,7 @@ class Walk(ABC):
             self._leave_the_start()
 
     def _newton(self, start: Array, t: float, full_first: bool) -> tuple[Array, End, Iterations] | Attempt:
-        """Newton's method at the load factor `t`, unless the start is inside out."""
+        """Apply Newton's method at the load factor `t`; fail at once if the start has inverted elements."""
         turned = self.problem.inside_out(start)
         if len(turned) > self._allowed or not self.problem.on_this_side(self.u, start):
             return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(turned)))
@@ -133,13 +140,13 @@ class Walk(ABC):
         critical: tuple[CriticalPoint, ...] | None = None,
         jump: float | None = None,
     ) -> Step:
-        """A state of the path, with what there is to say of it; `critical`: the points before it, if they have been looked for."""
+        """Accept a state of the path and return its step; `critical` are the points before it, if they are known."""
         problem, before = self.problem, self._point
         problem.accept(u, t)
         problem.body.commit(u)
         inverted, full = problem.inside_out(u), problem.states.expand(u)
         if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
-            problem.factorise(u, t)  # the last tangent of Newton's method, if there was one, was a little before the state
+            problem.factorise(u, t)  # the last tangent of Newton's method, if any, belongs to the iterate before
             record.negative_pivots = problem.negative_pivots()
         if self._course.stability and record.negative_pivots is None and not problem.iterative:
             record.negative_pivots = judged(problem, u, t).negative

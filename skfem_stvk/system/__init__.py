@@ -1,4 +1,4 @@
-"""Terms that share one mesh and one pattern, what loads them, and what holds them."""
+"""Terms that share one mesh and one pattern of K, with their loads and supports."""
 
 from .mass import Mass
 from .operator import FreeOperator, TangentOperator

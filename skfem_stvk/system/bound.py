@@ -1,4 +1,4 @@
-"""Terms on one mesh: what they are on it, by which names, and what they say of the shape of the body."""
+"""Terms bound to one mesh: their names, and the checks of the shape of the body."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from ..mesh.displacements import by_vertex
 from ..terms import Body, BoundLoad, BoundTerm, CanRemove, Grounded, HasState, HasStretch, HasVolume, Load, Term, is_load
 from ..terms.connectivity import Connected
 
-#: Elements of a smaller part of their volume are flat: what is left of it is rounding.
+#: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
 
 
 class BoundTerms:
     """Terms and loads on one mesh, with results of a `dtype`.
 
-    Of the specifications `terms`, the `elastic_terms` act within and the `loads` from outside; `bound_terms` and `bound_loads` are
-    what those are on this mesh, `pair_terms` the elastic ones with what is made of their blocks.
+    The specifications `terms` consist of `elastic_terms` for internal forces and `loads` for external forces. `bound_terms` and
+    `bound_loads` are their forms on this mesh. `pair_terms` are the elastic ones with their blocks.
 
-    The `body` is the mesh with the terms on its elements; terms that are `beside`, with elements of lower dimensions on the same
-    nodes, are those of the bodies `body.beside`. Ids of elements are of the mesh.
+    The `body` is the mesh with the terms on its elements. Terms on elements of lower dimensions, on the same nodes, belong to the
+    bodies `body.beside`. Element ids are those of the mesh.
     """
 
     def __init__(
@@ -64,27 +64,27 @@ class BoundTerms:
             warn(f"{name_ids(bare, mesh.word)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     def _terms_on(self, number: int) -> list[Any]:
-        """The elastic terms on the mesh, for 0, or on one of those beside."""
+        """Return the elastic terms on the mesh, for number 0, or on one of the meshes of lower dimensions."""
         return [term for one, term in zip(self._of, self.elastic_terms, strict=True) if one == number]
 
     @property
     def _on_mesh(self) -> list[tuple[Any, BoundTerm]]:
-        """The elastic terms on the elements of the mesh, and what they are there."""
+        """Elastic terms on the elements of the mesh: pairs of specification and bound term."""
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
 
     @property
     def removed(self) -> NDArray[np.int64]:
-        """Ids of the elements that were taken out, ascending: see `System.without`."""
+        """Ids of the removed elements, ascending: see `System.without`."""
         return np.flatnonzero(self.body.gone)
 
     @property
     def bare(self) -> NDArray[np.int64]:
-        """Nodes without elements, because those were taken out, ascending."""
+        """Nodes that have lost all their elements by removal, ascending."""
         return np.flatnonzero(self.body.bare)
 
     def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
-        """Ids of the elements that are meant and are not taken out yet, ascending; errors as in `System.without`."""
+        """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
         given = whole_array(elements)
         none = given is not None and (given.shape == (0,) or (given.dtype == bool and given.shape == (self.mesh.nt,)))
         none = none and not np.any(given)
@@ -99,7 +99,7 @@ class BoundTerms:
         return np.flatnonzero(gone & ~self.body.gone)
 
     def _refuse_terms_that_keep_elements(self) -> None:
-        """Refuse to take elements out of terms that know nothing of it."""
+        """Raise StvkError if a term or load does not support the removal of elements."""
         keeping = [type(term).__name__ for term, bound in self._on_mesh if not isinstance(bound, CanRemove)]
         keeping += [
             type(load).__name__
@@ -143,17 +143,17 @@ class BoundTerms:
 
     @property
     def elastic_names(self) -> list[str]:
-        """Names of `elastic_terms` in `energies` and in messages: their types and their numbers among all terms."""
+        """Names of `elastic_terms` in `energies` and in messages: type and number among all terms."""
         return [name for name, term in self._named if not is_load(term)]
 
     @cached_property
     def without_energy(self) -> list[str]:
-        """Names of the elastic terms whose force is not the gradient of an energy."""
+        """Names of the elastic terms without an energy, that is, whose force is not a gradient."""
         return [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
 
     @property
     def resists_inversion(self) -> bool:
-        """Whether a term resists that elements turn inside out, as `VolumePenalty` does."""
+        """Whether a term resists the inversion of elements, as `VolumePenalty` does."""
         return any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
 
     @property
@@ -163,12 +163,12 @@ class BoundTerms:
 
     @property
     def dead(self) -> bool:
-        """Whether all loads keep size and direction wherever the body goes: then the Jacobian is the tangent of an energy."""
+        """Whether all loads are dead, that is, keep size and direction. Then the Jacobian is the tangent of an energy."""
         return self._elastic and all(load.dead for load in self.bound_loads)
 
     @property
     def constant_tangent(self) -> bool:
-        """Whether the Jacobian is the same at all displacements and times: what is linear, under dead loads."""
+        """Whether the Jacobian is the same at all displacements and times: linear terms under dead loads."""
         return self.dead and all(getattr(term, "constant_tangent", False) for term in self.bound_terms)
 
     @property
@@ -176,12 +176,12 @@ class BoundTerms:
         return not self.without_energy and all(term.symmetric for term in self.bound_terms)
 
     def commit(self, u: ArrayLike) -> None:
-        """Tell terms with a memory that displacements `u` (ndofs,) are those of a state that an analysis has accepted."""
+        """Accept displacements `u` (ndofs,) as a state of the analysis; terms with history store it."""
         for term in self._remembering:
             term.commit(self._state(u))
 
     def restore(self) -> None:
-        """Tell terms with a memory that states after the last accepted one were not accepted."""
+        """Discard states after the last accepted one in terms with history."""
         for term in self._remembering:
             term.restore()
 
@@ -190,19 +190,19 @@ class BoundTerms:
         return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasState)]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
-        """The smallest ratio `J` of an element's volume at `u` to that at rest; below zero it is inside out.
+        """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.
 
-        For triangles in space and segments in more than one dimension it is the ratio of areas and lengths, which has no sign.
+        For triangles in space and segments in more than one dimension `J` is the ratio of areas and lengths, which has no sign.
         StateError as in `energy`.
         """
         x = self._state(u)
         return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
 
     def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
-        """The smallest `s > 0` at which an element right side out at `u` (`J > 0`) has no volume left at `u + s v`; or infinity.
+        """Return the smallest `s > 0` at which an element with `J > 0` at `u` becomes flat at `u + s v`; infinity if none does.
 
-        Exact: `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no inside: nothing limits
-        them. StateError as in `energy`, for `v` too.
+        The result is exact, because `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no
+        orientation and give no limit. StateError as in `energy`, for `v` too.
 
         >>> import skfem
         >>> from skfem_stvk import StVK, System
@@ -216,7 +216,7 @@ class BoundTerms:
         return min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf)
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
-        """Ids of the elements that are inside out or flat at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
+        """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
         x = self._state(u)
@@ -224,16 +224,17 @@ class BoundTerms:
         return np.unique(np.concatenate(turned))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
-        """The smallest principal stretch of the mesh's elements at `u`, within their own dimensions: 1 at rest, 0 flat. Errors as
-        in `energy`.
+        """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
 
-        Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body gives way: under uniaxial compression more shortening takes less force.
+        The stretch is measured within the element's own dimensions.
+
+        Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body softens: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
         return min((term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch)), default=np.inf)
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Ids of the elements whose smallest principal stretch at `u` is less than `below`, ascending.
+        """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
 
         StateError as in `energy`.
         """
@@ -246,7 +247,7 @@ class BoundTerms:
 
     @cached_property
     def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
-        """Terms that know the volumes of all elements that any term has, and the ids of theirs; most often the first alone."""
+        """Terms that provide volume ratios, and the ids of their elements; most often the first term covers all elements."""
         kept: list[tuple[NDArray[np.int64], HasVolume]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
         for specification, term in self._on_mesh:
@@ -262,12 +263,12 @@ class BoundTerms:
         return [(f"{type(term).__name__} {number}", term) for number, term in enumerate(self.terms)]
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
-        """Displacements as (nv, d)."""
+        """Return displacements as (nv, d)."""
         return by_vertex(self.mesh, u, name)
 
 
 def checked_terms(given: Any) -> tuple[Any, ...]:
-    """One term or several, as a tuple; refuses what are no terms."""
+    """Return one term or several as a tuple; raise StvkError for an object that is not a term."""
     terms = tuple(given) if isinstance(given, Sequence) else (given,)
     if not terms:
         raise StvkError("Got no terms; expected at least one, such as StVK(young=..., poisson=...).")

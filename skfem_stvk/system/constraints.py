@@ -1,4 +1,4 @@
-"""What linear constraints between bodies leave free: a null space by elimination, body by body."""
+"""Null space of linear constraints between bodies, by elimination of one body after another."""
 
 from __future__ import annotations
 
@@ -12,22 +12,29 @@ from scipy.linalg import solve_triangular
 
 from ..arguments import Array
 
-#: Constraints of unit size that resist a motion less than this do not: joints that are closer together than 3e-7 of a body are one.
+#: A unit constraint with a pivot below this value does not constrain. Joints that are closer together than 3e-7 of a body count as
+#: one.
 NOTHING = 3e-7
 SAMPLES = 8
-#: A body with more neighbours than that, when it is the one with the fewest, is not eliminated: at most some ms are spent on one.
+#: Largest number of neighbours of a body that is eliminated, which limits the time for one body to some ms.
 MOST_NEIGHBOURS = 24
 
 
 class Block(NamedTuple):
-    """Constraints `rows @ concatenate(q of the bodies) = 0`, with (n, m r) coefficients of the r unknowns of each of m bodies."""
+    """Constraints `rows @ concatenate(q of the bodies) = 0`.
+
+    `rows` are (n, m r) coefficients of the r unknowns of each of m bodies.
+    """
 
     bodies: tuple[int, ...]
     rows: Array
 
 
 class _Eliminated(NamedTuple):
-    """A body's unknowns by its neighbours' and the free ones of its own: `R q[order] + others @ q(neighbours) = 0`."""
+    """Eliminated body: its unknowns follow from those of its neighbours and from its free ones.
+
+    The equation is `R q[order] + others @ q(neighbours) = 0`.
+    """
 
     body: int
     neighbours: tuple[int, ...]
@@ -37,16 +44,25 @@ class _Eliminated(NamedTuple):
 
 
 def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
-    """How much constraints leave free of `count` bodies with `r` unknowns each, and what.
+    """Return the numbers of free unknowns of bodies under constraints, and samples of the null space.
 
-    A sparse QR factorisation whose fronts are bodies, those with the fewest neighbours first. An unknown without a pivot is free;
-    which body it is counted for depends on the order, the sum over bodies that hang together does not. Rows are orthogonally
-    transformed and never scaled, so rounding stays as small as it was. Where bodies hang together like trees, time and memory are
-    proportional to them. Where thousands fill the plane or space, what is left when each has more than 24 neighbours is taken to be
-    at rest: all that is found is free then, but not all that is free is found.
+    There are `count` bodies with `r` unknowns each.
 
-    Entries of every row and the norm of every block should be about 1. Returned are (count,) free unknowns, whose sum is the
-    dimension of the null space, (count, r, 8) random vectors of it, and (count,) whether a body is taken to be at rest.
+    The method is a sparse QR factorisation. Each front is a body, and bodies with the fewest neighbours come first. An unknown
+    without a pivot is free. The assignment of free unknowns to bodies depends on the order, but their sum over connected bodies
+    does not. Rows are orthogonally transformed and never scaled, so round-off does not grow.
+
+    If the connections form trees, time and memory are proportional to the number of bodies. If thousands of bodies fill the plane
+    or space, elimination stops when each remaining body has more than 24 neighbours. The remaining bodies are assumed at rest. Then
+    all motions found are free, but some free motions may be missed.
+
+    Entries of every row and the norm of every block should be about 1.
+
+    Returns
+    -------
+    free : (count,) numbers of free unknowns, whose sum is the dimension of the null space.
+    samples : (count, r, 8) random vectors of the null space.
+    at_rest : (count,) whether a body is assumed at rest.
 
     >>> equal = Block((0, 1), np.array([[1.0, -1.0]]))
     >>> free, samples, _ = free_motions([equal], count=2, r=1)
@@ -68,7 +84,7 @@ def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[n
 
 
 def compressed(rows: Array) -> Array:
-    """Constraints that say the same as `rows` (n, m), of norm 1 at most, and no more than m."""
+    """Return constraints equivalent to `rows` (n, m), of norm 1 at most, and at most m of them."""
     if len(rows) > rows.shape[1]:
         rows = _triangle(rows)
     return rows / max(1.0, float(np.linalg.norm(rows)))
@@ -116,7 +132,7 @@ def _eliminate(blocks: Sequence[Block], count: int, r: int) -> list[_Eliminated]
 
 
 def _front(blocks: dict[int, Block], bodies: tuple[int, ...], r: int) -> tuple[Array, Array]:
-    """(n, r) coefficients of the first of the `bodies` in the `blocks`, and those of the others."""
+    """Return the coefficients (n, r) of the first of the `bodies` in the `blocks`, and those of the other bodies."""
     place = {body: i for i, body in enumerate(bodies)}
     rows = np.zeros((sum(len(block.rows) for block in blocks.values()), len(bodies), r))
     first = 0
@@ -128,12 +144,15 @@ def _front(blocks: dict[int, Block], bodies: tuple[int, ...], r: int) -> tuple[A
 
 
 def _triangle(rows: Array) -> Array:
-    """(m, m) R of the QR factorisation of `rows` (n, m), n >= m: constraints that say the same."""
+    """Return R (m, m) of the QR factorisation of `rows` (n, m), n >= m, which are equivalent constraints."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _pivots(body: int, around: tuple[int, ...], own: Array, rest: Array) -> tuple[_Eliminated, Array]:
-    """The body's unknowns from the rows with pivots, and the other rows, in which it is no more: Householder reflections."""
+    """Return the eliminated body from the rows with pivots, and the other rows, which no longer contain it.
+
+    The elimination uses Householder reflections with column pivoting.
+    """
     r = own.shape[1]
     order, rank = np.arange(r), 0
     while rank < min(own.shape):

@@ -1,4 +1,4 @@
-"""Bodies whose displacements are those of a few coordinates, their masses and their tangents in these."""
+"""Bodies with displacements in a few coordinates, with their masses and tangents in these coordinates."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .round_off import below, largest_error
 from .signature import sums
 from .system import System
 
-#: States whose energy, force and stiffness are kept: a step has two points of Gauss and its end.
+#: Number of states with cached energy, force and stiffness: a time step has two Gauss points and its end.
 KEPT = 3
 
 
@@ -36,21 +36,21 @@ class FreeCoordinates(NamedTuple):
 
 
 class Coordinates(ABC):
-    """A body with displacements `u = columns z`, which answers in the coordinates `z` as a `System` does in displacements.
+    """Body with displacements `u = columns z`, with the interface of a `System` in the coordinates `z`.
 
-    The first `size` of the coordinates `z = (q, s)` (m,) are free, the others are prescribed. The body must not have terms with a
-    memory.
+    The first `size` of the coordinates `z = (q, s)` (m,) are free, the others are prescribed. The body must not have terms with
+    history.
 
     Attributes
     ----------
     system : the body with all its displacements; results are on its mesh.
-    columns : (ndofs, m) displacements for each of the coordinates; the first `size` are orthonormal by the masses.
+    columns : (ndofs, m) displacements of the coordinates; the first `size` are orthonormal in the masses.
     masses : (ndofs,) lumped masses.
     free : `FreeCoordinates`.
     """
 
     constant_tangent: ClassVar[bool] = False
-    #: Names of terms without an energy: there are none, and the energies of terms are not told apart.
+    #: Names of terms without an energy: none, and the energies of single terms are not available.
     without_energy: ClassVar[tuple[str, ...]] = ()
     elastic_names: ClassVar[tuple[str, ...]] = ()
 
@@ -69,36 +69,36 @@ class Coordinates(ABC):
 
     @abstractmethod
     def held_values(self, t: Time) -> Array:
-        """(l,) prescribed coordinates `s` at load factor `t`, or at a `Moment`."""
+        """Return the prescribed coordinates `s` (l,) at load factor `t`, or at a `Moment`."""
 
     @abstractmethod
     def response(self, z: Array) -> tuple[float, Array, Array]:
-        """Strain energy [J], its gradient (m,) and its second derivatives (m, m)."""
+        """Return the strain energy [J], its gradient (m,) and its second derivatives (m, m)."""
 
     @abstractmethod
     def energy_along(self, z: Array, v: Array) -> Array:
-        """(5,) coefficients of the strain energy along `z + s v`, where that is quartic."""
+        """Return the coefficients (5,) of the strain energy along `z + s v`, if it is quartic."""
 
     @abstractmethod
     def external_force(self, z: Array, t: Time) -> Array:
-        """(m,) loads on the coordinates, `columns' f_ext`."""
+        """Return the loads on the coordinates (m,), `columns' f_ext`."""
 
     @abstractmethod
     def load_stiffness(self, z: Array, t: Time) -> Array | None:
-        """(m, m) minus the derivative of the loads; None if all of them are dead."""
+        """Return minus the derivative of the loads (m, m); None if all of them are dead."""
 
     @property
     def mesh(self) -> ElementMesh:
-        """The mesh of the body."""
+        """Mesh of the body."""
         return self.system.mesh
 
     @property
     def signature(self) -> list[float]:
-        """A few numbers by which files know the basis again."""
+        """Numbers that identify the basis in files."""
         return [float(self.size), *sums(self.columns)]
 
     def state(self, u: ArrayLike, t: Time) -> Array:
-        """(m,) coordinates nearest to displacements (ndofs,) by mass, with the prescribed ones at `t`."""
+        """Return the coordinates (m,) nearest to displacements (ndofs,) in the mass norm, with the prescribed ones at `t`."""
         x, s = finite_vector("u", u, self.system.ndofs), self.held_values(t)
         basis, lifts = self.columns[:, : self.size], self.columns[:, self.size :]
         return np.concatenate([basis.T @ (self.masses * (x - lifts @ s)), s])
@@ -110,7 +110,7 @@ class Coordinates(ABC):
 
     @in_turn
     def linearize(self, z: Array) -> tuple[float, Array, Array]:
-        """Return `response`, which is kept for the last three states. The arrays must not be changed."""
+        """Return `response`, cached for the last three states. The arrays must not be changed."""
         key = z.tobytes()
         if key not in self._known:
             if len(self._known) == KEPT:
@@ -119,54 +119,54 @@ class Coordinates(ABC):
         return self._known[key]
 
     def elastic_energies(self, z: Array) -> list[float]:
-        """The strain energy, of all terms together [J]."""
+        """Return the strain energy of all terms together [J], in a list."""
         return [self.linearize(z)[0]]
 
     def internal_force(self, z: Array) -> Array:
-        """(m,) `dW/dz`."""
+        """Return `dW/dz` (m,)."""
         return self.linearize(z)[1].copy()
 
     def energy_and_force(self, z: Array, out: Array) -> tuple[float, Array]:
-        """The strain energy, and `dW/dz`, which is written to `out`."""
+        """Return the strain energy and `dW/dz`, which is written to `out`."""
         energy, out[:], _ = self.linearize(z)
         return energy, out
 
     def jacobian(self, z: Array, t: Time) -> Array:
-        """(m, m) derivative of the residual."""
+        """Return the derivative of the residual (m, m)."""
         K, follows = self.linearize(z)[2], self.load_stiffness(z, t)
         return K if follows is None else K + follows
 
     def linear_operator(self, z: Array) -> Array:
-        """(m, m) `d2W/dz2`, for products `K @ x`."""
+        """Return `d2W/dz2` (m, m), for products `K @ x`."""
         return self.linearize(z)[2]
 
     def potential(self, z: Array, t: Time) -> float:
-        """Strain energy and the potentials of the loads [J]."""
+        """Return the sum of strain energy and potentials of the loads [J]."""
         u = self.space.expand(z)
         return self.linearize(z)[0] + (self.system.potential(u, t) - self.system.energy(u))
 
     def mass(self, kind: str) -> CoordinateMass:
-        """The lumped mass; StvkError if another `kind` is asked for."""
+        """Return the lumped mass; raise StvkError for another `kind`."""
         if kind != CoordinateMass.kind:
             raise StvkError(f"mass = {kind!r} for a reduced system; expected 'lumped': its basis is orthonormal in those masses.")
         return CoordinateMass(self)
 
     def inside_out(self, z: Array) -> NDArray[np.int64]:
-        """Ids of the elements that are inside out or flat; the answer for the last state is kept."""
+        """Return the ids of the inverted or flat elements; the result for the last state is cached."""
         looked = self._looked  # read once, since other threads write it
         if looked is None or not np.array_equal(looked[0], z):
             looked = self._looked = z.copy(), self.system.inside_out(self.space.expand(z))
         return looked[1]
 
     def commit(self, z: Array) -> None:  # noqa: B027
-        """Do nothing: there is no memory."""
+        """Do nothing, because no term has history."""
 
     def restore(self) -> None:  # noqa: B027
         """Do nothing, as in `commit`."""
 
 
 class CoordinateMass:
-    """`columns' M columns` (m, m) of lumped masses M, and momenta in coordinates and their rates."""
+    """Mass matrix `columns' M columns` (m, m) for lumped masses M, and momenta in coordinates and their rates."""
 
     kind: ClassVar[str] = "lumped"
 
@@ -188,18 +188,21 @@ class CoordinateMass:
         self._sums = np.vstack([self.matrix, linear, turning.reshape(3 * m, m)])
 
     def multiply(self, v: Array, out: Array | None = None) -> Array:
-        """`M v` (m,)."""
+        """Return `M v` (m,)."""
         product: Array = np.dot(self.matrix, v, out=out)
         return product
 
     def solve(self, f: Array) -> Array:
-        """Accelerations (m,) under forces (m,), zero in prescribed coordinates: their columns are orthogonal to the others in M."""
+        """Return accelerations (m,) under forces (m,).
+
+        They are zero in prescribed coordinates, whose columns are M-orthogonal to the others.
+        """
         a = np.zeros_like(f)
         a[: self._free] = self._factors.solve(f[: self._free]).x
         return a
 
     def momenta(self, z: Array, v: Array, sums: Array) -> None:
-        """Write `v' M v`, and linear and angular momentum, to `sums` (8,)."""
+        """Write `v' M v`, linear momentum and angular momentum to `sums` (8,)."""
         products, m = self._sums @ v, len(v)
         sums[0] = v @ products[:m]
         sums[1:7] = products[m : m + 6]
@@ -207,7 +210,7 @@ class CoordinateMass:
 
 
 class DenseTangent:
-    """The tangent of a body in coordinates, with the methods that equations call on `FreeTangent`; its factors are dense."""
+    """Tangent of a body in coordinates, with dense factors and the interface of `FreeTangent`."""
 
     solver: ClassVar[DenseSolver] = DenseSolver()
     multigrid: ClassVar[None] = None
@@ -221,15 +224,15 @@ class DenseTangent:
         self._K = np.zeros((body.space.n,) * 2)
         lengths = np.sqrt(np.einsum("ij,ij->j", body.columns, body.columns))
         held = self.held.restrict(lengths)
-        #: Forces on free coordinates over those on prescribed ones that the same forces on nodes make: their units differ.
+        #: Ratio of forces on free coordinates to forces on prescribed ones for the same nodal forces; their units differ.
         self._alike = float(self.space.restrict(lengths).mean() / held.mean()) if len(held) else 0.0
 
     def at(self, z: Array, t: Time, kept: Tensions, shifted: bool) -> Array:
-        """(m, m) the exact Jacobian: `factorise` makes it positive definite where another one is asked for."""
+        """Return the exact Jacobian (m, m); `factorise` makes it positive definite on request."""
         return self.body.jacobian(z, t)
 
     def factorise(self, K: Array, exact: bool = True) -> DenseFactors:
-        """Factors of `K` (m, m) over the free coordinates; unless it is `exact`, with the absolute values of its eigenvalues."""
+        """Return the factors of `K` (m, m) over the free coordinates; unless `exact`, with absolute values of the eigenvalues."""
         self._K, free = K, K[self._free, self._free]
         if not self.body.system.conservative:
             self.symmetric = bool(np.abs(free - free.T).max() <= SYMMETRIC * np.abs(free).max())
@@ -239,34 +242,37 @@ class DenseTangent:
         return factors
 
     def force_of(self, w: Array) -> Array:
-        """(n,) `K w` for a change `w` (m,) of prescribed coordinates, with the K that was factorised last."""
+        """Return `K w` (n,) for a change `w` (m,) of prescribed coordinates, with the last factorised K."""
         force: Array = self._K[self._free] @ w
         return force
 
     def beside(self, z: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
-        """The Jacobian over the free coordinates as a sparse matrix, with all entries, and its unknowns."""
+        """Return the Jacobian over the free coordinates as a full matrix in sparse format, and its unknowns."""
         n, K = self.space.n, self.body.jacobian(z, t)[self._free, self._free]
         indices, indptr = np.tile(np.arange(n), n), n * np.arange(n + 1)
         sparse = csr_matrix((K.ravel(), indices, indptr), shape=(n, n))
         return sparse, Unknowns(np.arange(n), np.zeros(n, dtype=np.int64), sparse.indptr, sparse.indices)
 
     def scale(self, loads: Array, left: Array) -> float:
-        """Norm of the loads plus that of the reactions, which are in `left` (m,)."""
+        """Return the norm of the loads plus the norm of the reactions, which are in `left` (m,)."""
         return self.space.norm(self.space.restrict(loads)) + self._alike * self.held.norm(self.held.restrict(left))
 
     def round_off(self, z: Array, K: Array | None = None) -> Array:
-        """(m,) `|K| |z|`, rounding errors of the internal force over eps, 0 where they say nothing. K is by default that at `z`."""
+        """Return `|K| |z|` (m,), the round-off of the internal force over eps. K is by default the stiffness at `z`.
+
+        Entries are 0 where the estimate is too large to be meaningful.
+        """
         K = self.body.linearize(z)[2] if K is None else K
         return below(self._largest_error, np.abs(K) @ np.abs(z))
 
     @cached_property
     def _largest_error(self) -> Array:
-        """(m,) the bound of all nodes, times the columns [N m]."""
+        """Bound of the round-off (m,): the nodal bounds times the columns [N m]."""
         bound: Array = largest_error(self.body.system) @ np.abs(self.body.columns)
         return bound
 
     def forget(self) -> None:
-        """Do nothing: nothing is kept from one matrix to the next."""
+        """Do nothing, because no data is reused from one matrix to the next."""
 
     def take(self, solver: Any) -> None:
-        """Do nothing: no other solver takes over."""
+        """Do nothing, because no other solver can take over."""

@@ -1,4 +1,4 @@
-"""The part that the equations of a body have in common: linear solves, and elements that turn inside out."""
+"""Common part of the equations of a body: linear solves and checks for inverted elements."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ NO_ELEMENTS: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
 
 class Equation:
-    """An equation over the free entries of the states of a body.
+    """Equation over the free entries of the states of a body.
 
-    The body answers energies, forces and elements inside out in its states, the tangent over its free entries makes the factors.
+    The body provides energies, forces and inverted elements for its states. The tangent over its free entries provides the factors.
     `watch` measures the time of each part of the work.
 
     Attributes
     ----------
-    states, space : the spaces of states and of unknowns.
-    unlimited : whether elements do not limit a step.
-    blind : whether elements inside out are not looked for.
+    states, space : spaces of the states and of the unknowns.
+    unlimited : whether steps are taken without a limit by the inversion of elements.
+    blind : whether checks for inverted elements are skipped.
     """
 
-    #: Linear solves are as precise as this at least.
+    #: Largest relative tolerance of linear solves.
     precise = float("inf")
 
     def __init__(
@@ -39,12 +39,12 @@ class Equation:
     ) -> None:
         self.body, self.tangent, self._watch = body, tangent, watch
         self.states, self.space = body.space, tangent.space
-        self.blind = body.constant_tangent  # the one state is what it is, and no other way leads there
-        self.unlimited = self.blind or isinstance(body, Coordinates)  # elements of a body on a basis are looked at in its states
+        self.blind = body.constant_tangent  # a linear body has only one solution
+        self.unlimited = self.blind or isinstance(body, Coordinates)  # a reduced body checks elements at its states
 
     @property
     def system(self) -> System:
-        """The body with all its displacements."""
+        """Body with all its displacements."""
         return self.body.system if isinstance(self.body, Coordinates) else self.body
 
     @property
@@ -52,7 +52,7 @@ class Equation:
         return self.tangent.solver.iterative
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
-        """The solution of `K x = b`, as precise as `precise` at least."""
+        """Solve `K x = b` to the tolerance `rtol`, or to `precise` if that is smaller."""
         with self._watch("solve"):
             return factors.solve(b, min(rtol, self.precise))
 
@@ -61,7 +61,7 @@ class Equation:
             return None if self.tangent.exact is None else self.tangent.exact.negative_pivots
 
     def force_of(self, w: Array) -> Array:
-        """(n,) force on the unknowns if the constrained entries change by `w` [N], by the tangent that was made last."""
+        """Return the force (n,) on the unknowns [N] due to a change `w` of the constrained entries, with the last tangent."""
         with self._watch("assemble"):
             return self.tangent.force_of(w)
 
@@ -72,7 +72,7 @@ class Equation:
             return self.system.step_limit(self._reached(u), v)
 
     def on_this_side(self, u: Array, found: Array) -> bool:
-        """As in `Problem`; always true of states with elements inside out, which have to turn."""
+        """Return as in `Problem`; always True for states with inverted elements, which must pass through zero volume."""
         return self.step_limit(u, found - u) > 1 or len(self.inside_out(u)) > 0
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:
@@ -82,5 +82,5 @@ class Equation:
             return self.body.inside_out(self._reached(u))
 
     def _reached(self, u: Array) -> Array:
-        """The state of the body for an unknown state `u` of the equation."""
+        """Return the state of the body for an unknown state `u` of the equation."""
         return u

@@ -1,4 +1,4 @@
-"""The tangent over the free degrees of freedom: made in place, as a matrix or as an operator, and factorised by a linear solver."""
+"""Tangent over the free degrees of freedom, assembled in place as a matrix or an operator, and factorised by a linear solver."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from .rigid import rigid_modes
 from .round_off import below, largest_error
 from .system import System
 
-#: What is added to a tangent without any stiffness in some direction, as a part of the largest diagonal entry of each vertex.
+#: Stiffness added to a tangent that may be singular, as a fraction of the largest diagonal entry of each vertex.
 SHIFT = 1e-4
-#: A Jacobian is symmetric to this part of its largest entry.
+#: Largest asymmetry of a symmetric Jacobian, relative to its largest entry.
 SYMMETRIC = 1e-12
 
 
 class FreeTangent:
-    """The tangent of a system over its free degrees of freedom: the analysis of K, and K itself, always in the same place.
+    """Tangent of a system over its free degrees of freedom: the analysis of K and K itself, in reused memory.
 
-    An equation makes K by `at`, or by `matrix` or `operator` if it adds parts of its own (masses, damping), and has it factorised.
-    Where `kind` says that K need not be symmetric, the values of each matrix tell whether it is: `symmetric` is that of the last
-    one. `exact` are the factors of the last Jacobian that nothing stood in for.
+    An equation assembles K with `at`, or with `matrix` or `operator` if it adds parts of its own (masses, damping). Then it calls
+    `factorise`. If `kind` allows a K that is not symmetric, the values of each matrix decide. `symmetric` is the result for the
+    last one. `exact` are the factors of the last exact Jacobian, without a substitute.
 
     Attributes
     ----------
-    space, held : the spaces of the free and of the constrained degrees of freedom.
-    position : (ndofs,) displacements of the body now [m], for solvers that use its rigid motions; `at` sets it.
+    space, held : spaces of the free and of the constrained degrees of freedom.
+    position : (ndofs,) current displacements of the body [m], for solvers that use its rigid motions; `at` sets it.
     """
 
     def __init__(self, system: System, solver: LinearSolver, kind: Kind) -> None:
@@ -51,25 +51,25 @@ class FreeTangent:
         self.take(solver)
 
     def take(self, solver: LinearSolver) -> None:
-        """Solve with this solver from here on."""
+        """Use this solver from now on."""
         self.solver = solver
         self.exact: Factors | None = None
         self._made_for: int | None = None
         self._turned: NDArray[np.int64] | None = None
         self._K: csr_matrix | None = None
         self._made_at: Array | None = None
-        self._lacking: tuple[Time | None, Tensions] | None = None  # of a K that was made without that of what is held
+        self._lacking: tuple[Time | None, Tensions] | None = None  # arguments of a K without the columns of constrained dofs
         self._Kff: csr_matrix | None = None
         self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
 
     def follow(self, system: System) -> None:
-        """Go on with the torn system, which has the same pattern of K: the analysis of the solver stays."""
+        """Continue with a system with removed elements, which has the same pattern of K. The analysis of the solver is reused."""
         self.system, self.free = system, self.free.of(system)
         self._operator = self._made_for = None
         self.__dict__.pop("_largest_error", None)
 
     def unknowns(self) -> Unknowns:
-        """The unknowns; with the structure of K unless it is never formed."""
+        """Return the unknowns, with the structure of K unless the solver never forms K."""
         places = np.divmod(self.free.free, self.system.mesh.d)
         if self.solver.matrix_free:
             return Unknowns(*places)
@@ -77,14 +77,16 @@ class FreeTangent:
         return Unknowns(*places, self.free.structure.indptr, self.free.structure.indices, self.rigid_modes, ends)
 
     def rigid_modes(self) -> Array:
-        """(n, r) rigid motions of the body as it is deformed now."""
+        """Return the rigid motions (n, r) of the body in its current position."""
         mesh = self.system.mesh
         return rigid_modes(mesh.p.T + self.position.reshape(-1, mesh.d))[self.free.free]
 
     def at(self, u: Array, t: Time, kept: Tensions, shifted: bool) -> csr_matrix | FreeOperator:
-        """The Jacobian at `u` (ndofs,) over the free degrees of freedom, for `factorise`, with the tensions that are `kept`.
+        """Return the Jacobian at `u` (ndofs,) over the free degrees of freedom, for `factorise`.
 
-        `shifted`: with a little stiffness on the diagonal, so that it is positive definite.
+        `kept` are the tensions of edges that enter it.
+
+        With `shifted`, a small stiffness is added to the diagonal, so that the matrix is positive definite.
         """
         self.position = u
         if self.solver.matrix_free:
@@ -97,8 +99,11 @@ class FreeTangent:
         return K
 
     def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
-        """The Jacobian at `u` (ndofs,) of all degrees of freedom, in the place of the one before; without a time, the elastic K.
-        Where a term has changed which vertices it couples, K has another structure, which is analysed anew."""
+        """Return the Jacobian at `u` (ndofs,) of all degrees of freedom, in the memory of the previous one.
+
+        If `t` is None, return the elastic K. If a term has changed the nodes it couples, K has another structure, which is analysed
+        again.
+        """
         self._follow_pattern()
         self._lacking = None
         if t is None:
@@ -109,11 +114,14 @@ class FreeTangent:
 
     @property
     def straight(self) -> bool:
-        """Whether K over the free degrees of freedom is enough: no support moves, but for a start that is off them."""
+        """Whether K over the free degrees of freedom is sufficient, because no support moves.
+
+        A start that violates the supports is an exception.
+        """
         return not self.system.supports.prescribed.size
 
     def free_matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
-        """As `matrix`, of the free degrees of freedom; without all of it where that is enough."""
+        """Return K as in `matrix`, over the free degrees of freedom; all of K is assembled only where it is needed."""
         if not self.straight:
             return self.restricted(self.matrix(u, t, kept))
         self._follow_pattern()
@@ -128,7 +136,7 @@ class FreeTangent:
         return self._Kff
 
     def operator(self, u: Array, kept: Tensions = ALL) -> TangentOperator:
-        """The tangent at `u` (ndofs,) as an operator on all degrees of freedom, in the place of the one before."""
+        """Return the tangent at `u` (ndofs,) as an operator on all degrees of freedom, in the memory of the previous one."""
         if self._operator is None:
             self._operator = self.system.linear_operator(u, kept=kept)
         else:
@@ -140,19 +148,22 @@ class FreeTangent:
             self.take(self.solver)
 
     def restricted(self, K: csr_matrix) -> csr_matrix:
-        """`K` of the free degrees of freedom, in the place of the one before."""
+        """Return `K` restricted to the free degrees of freedom, in the memory of the previous restriction."""
         self._Kff = self.free.matrix(K, out=self._Kff)
         return self._Kff
 
     def shift(self, diagonal: Array) -> Array:
-        """(n,) a little stiffness for each free degree of freedom, small against the largest of its vertex."""
+        """Return a stiffness (n,) for each free degree of freedom, small against the largest diagonal entry of its vertex."""
         vertex = self.free.free // self.system.mesh.d
         largest = np.zeros(self.system.mesh.nv)
         np.maximum.at(largest, vertex, diagonal)
         return SHIFT * np.where(largest > 0, largest, largest.max())[vertex]
 
     def factorise(self, K: Any, exact: bool = True) -> Factors:
-        """Factors of `K` over the free degrees of freedom, a matrix or an operator; `exact`: nothing stands in for it."""
+        """Return the factors of `K`, a matrix or an operator over the free degrees of freedom.
+
+        `exact` says that `K` is the exact Jacobian, not a substitute.
+        """
         factors = self._analysis.factorise(K, self._kind_of(K, exact))
         self._made_for = self.system.pattern_version if exact else None
         if exact:
@@ -161,7 +172,7 @@ class FreeTangent:
 
     @property
     def multigrid(self) -> AmgAnalysis | None:
-        """The analysis of multigrid, which keeps its hierarchy from matrix to matrix; None with other solvers."""
+        """Analysis of multigrid, which reuses its hierarchy from matrix to matrix; None with other solvers."""
         return self._analysis if isinstance(self._analysis, AmgAnalysis) else None
 
     def forget(self) -> None:
@@ -171,11 +182,11 @@ class FreeTangent:
 
     @property
     def lasting(self) -> Factors | None:
-        """The factors of the last Jacobian, where it is the same everywhere and still what it was then; None elsewhere."""
+        """Factors of the last Jacobian if it is constant and its pattern has not changed; None otherwise."""
         return self.exact if self.system.constant_tangent and self._made_for == self.system.pattern_version else None
 
     def force_of(self, w: Array) -> Array:
-        """(n,) `K w` for displacements `w` (ndofs,) of held degrees of freedom, by the K that was made last."""
+        """Return `K w` (n,) for displacements `w` (ndofs,) of constrained degrees of freedom, with the last K."""
         if not w.any():
             return np.zeros(len(self.free.free))
         if self._lacking is not None and self._made_at is not None:
@@ -185,16 +196,16 @@ class FreeTangent:
         return np.asarray((K @ w)[self.free.free])
 
     def beside(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
-        """The Jacobian at `u` over the free degrees of freedom as a matrix of its own, and its unknowns."""
+        """Return the Jacobian at `u` over the free degrees of freedom as a new matrix, and its unknowns."""
         K = self.system.jacobian(u, t, free=self.free)
         return K, Unknowns(*np.divmod(self.free.free, self.system.mesh.d), K.indptr, K.indices)
 
     def scale(self, loads: Array, left: Array) -> float:
-        """Norm of the loads plus that of the reactions, which are in `left` (ndofs,) [N]."""
+        """Return the norm of the loads plus the norm of the reactions, which are in `left` (ndofs,) [N]."""
         return self.system.space.norm(loads) + self.held.norm(self.held.restrict(left))
 
     def round_off(self, u: Array) -> Array:
-        """(ndofs,) sums as in `System.round_off`, 0 where they say nothing [N]."""
+        """Return the sums (ndofs,) of `System.round_off` [N], with 0 where they are too large to be meaningful."""
         return below(self._largest_error, self.system.round_off(u))
 
     @cached_property
@@ -202,7 +213,10 @@ class FreeTangent:
         return largest_error(self.system)
 
     def _kind_of(self, K: Any, exact: bool) -> Kind:
-        """What K is: with loads that follow the body symmetric, too, where the rim of their surface is held or they are closed."""
+        """Return the kind of K.
+
+        With follower loads K may be symmetric, too, if the rim of their surface is constrained or the surface is closed.
+        """
         if self.kind is not Kind.GENERAL:
             return Kind.POSITIVE_DEFINITE if not exact and self.system.dead else self.kind
         if self._turned is None:
@@ -213,18 +227,21 @@ class FreeTangent:
 
 
 def entries_of(system: System) -> int:
-    """About how many entries K has, from the term that couples the most pairs of nodes."""
+    """Return the approximate number of entries of K, from the term that couples the most pairs of nodes."""
     pairs = max((term.nodes_paired.shape[1] for term in system.bound_terms), default=0)
     return int(system.mesh.d**2 * (system.mesh.nv + 2 * pairs))
 
 
 def kind_of(system: System) -> Kind:
-    """What the Jacobian of a system is."""
+    """Return the kind of the Jacobian of a system."""
     return Kind.SYMMETRIC if system.conservative else Kind.GENERAL
 
 
 def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
-    """The solver, with a matrix where loads have a stiffness, since operators have that of elastic terms alone; or an error."""
+    """Return the solver, switched to an assembled matrix if loads have a stiffness, since operators contain elastic terms only.
+
+    Raise StvkError if the solver cannot assemble a matrix.
+    """
     if system.dead or not solver.matrix_free:
         return solver
     if not isinstance(solver, BlockJacobiCg):
@@ -236,6 +253,6 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
 
 
 def solver_for(system: System, solver: str | LinearSolver, indefinite: bool = False) -> LinearSolver:
-    """The linear solver that is asked for, as `choose` has it, for the Jacobian of a system over its free degrees of freedom."""
+    """Return the requested linear solver, see `choose`, for the Jacobian over the free degrees of freedom of a system."""
     free = system.ndofs - len(system.supports.held)
     return with_loads(choose(solver, free, kind_of(system), indefinite, entries_of(system)), system)

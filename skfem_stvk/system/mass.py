@@ -1,4 +1,4 @@
-"""The mass of a body, lumped at its nodes or consistent with its shape functions."""
+"""Mass of a body, lumped at its nodes or consistent with its shape functions."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from ..terms import Body
 from ..terms.spread import Spread
 from .pattern import FreeDofs, Patterned
 
-#: Elements whose Jacobians differ by less than this factor count as straight for bounds on eigenvalues of their masses.
+#: Largest ratio of Jacobians in an element that counts as straight in the eigenvalue bounds of element masses.
 STRAIGHT = 1.02
-#: Elements of which eigenvalues are computed at once; beyond them by this much is rounding.
+#: Number of elements per batch of eigenvalue computations; relative margin for round-off.
 AT_ONCE, ROUNDING = 4096, 1e-10
 
 
 class Mass(ABC):
-    """The mass matrix M of a body; `System.mass(kind)` makes it.
+    """Mass matrix M of a body, from `System.mass(kind)`.
 
         lumped        M_aa = sum over elements of s_ea m_e, positive shares s_ea of sum 1: `terms.spread.lumped_shares`
         consistent    M_ab = sum over elements of the integral of rho N_a N_b
 
         linear simplices    s_ea = 1/(k + 1)        integral = m_e / ((k + 1) (k + 2)) (1 + delta_ab)
 
-    the same for each component. Both have the mass of the body, the consistent one its centre of mass and its moments of inertia,
-    too. The lumped one has its centre of mass unless quadratic elements are curved.
+    M is the same for each component. Both kinds give the mass of the body. The consistent one also gives its centre of mass and
+    moments of inertia. The lumped one gives the centre of mass unless quadratic elements are curved.
 
     Attributes
     ----------
     kind : "lumped" or "consistent".
-    vertex : (nv,) lumped masses of the nodes [kg]; unless elements are quadratic the row sums of either.
-    free : (nv, d) whether a degree of freedom is free, and of a node that has elements.
+    vertex : (nv,) lumped masses of the nodes [kg]; unless elements are quadratic, the row sums of either kind.
+    free : (nv, d) whether a degree of freedom is free and its node has elements.
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -68,14 +68,14 @@ class Mass(ABC):
         self._weigh()
 
     def of(self, system: Patterned, body: Body) -> Mass:
-        """Return the mass of the torn `body`; nodes that have lost all of their elements count as held."""
+        """Return the mass of a `body` with removed elements; nodes that have lost all of their elements count as constrained."""
         left = copy(self)
         left._system, left._body = system, body
         left._weigh()
         return left
 
     def _weigh(self) -> None:
-        """Take the masses of the elements of the body."""
+        """Compute the masses from the elements of the body."""
         self.vertex: Array = self._body.lumped_mass
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
         is_free[self._held] = False
@@ -92,11 +92,11 @@ class Mass(ABC):
     @property
     @abstractmethod
     def matrix(self) -> csr_matrix:
-        """M (ndofs, ndofs): diagonal if it is lumped, otherwise in the pattern of K."""
+        """M (ndofs, ndofs): a diagonal matrix if lumped, otherwise in the pattern of K."""
 
     @abstractmethod
     def multiply(self, v: Array, out: Array | None = None) -> Array:
-        """`M v` (ndofs,), written to `out` if that is given; it may be `v`.
+        """Return `M v` (ndofs,), written to `out` if given; `out` may be `v`.
 
         Raises
         ------
@@ -106,21 +106,24 @@ class Mass(ABC):
 
     @abstractmethod
     def solve(self, f: Array) -> Array:
-        """The accelerations `M^-1 f` (ndofs,) [m/s^2] that forces `f` (ndofs,) [N] cause while what is held does not move.
+        """Return the accelerations `M^-1 f` (ndofs,) [m/s^2] under forces `f` (ndofs,) [N].
 
-        It is 0 at what is held, whatever acts there: M over the free degrees of freedom is inverted. Errors as in `multiply`.
+        Constrained degrees of freedom do not move.
+
+        Their accelerations are 0, whatever force acts there: M over the free degrees of freedom is inverted. Errors as in
+        `multiply`.
         """
 
     @abstractmethod
     def _values(self) -> tuple[NDArray[np.intp], Array]:
-        """(n, d) places in the values of a K, and (n, 1) or (n, d) what is added there."""
+        """Return indices (n, d) in the values of K, and the values (n, 1) or (n, d) to add there."""
 
     def memory(self) -> int:
-        """Bytes of its arrays."""
+        """Return the bytes of the arrays."""
         return nbytes([value for value in (*vars(self).values(), *(self._places or ())) if isinstance(value, np.ndarray)])
 
     def add_to(self, K: csr_matrix, factor: float, free: FreeDofs | None = None) -> None:
-        """Add `factor` M to a K of the system, in place, or to one over the `free` degrees of freedom.
+        """Add `factor` M in place to a K of the system, or to one over the `free` degrees of freedom.
 
         Raises
         ------
@@ -142,7 +145,7 @@ class Mass(ABC):
         K.data[places] += number("factor", factor, "a finite number") * values
 
     def _diagonals(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.intp]:
-        """(n, d) places of the diagonals of blocks `(a, b)` in the values of K, worked out once for each version of its pattern."""
+        """Return the indices (n, d) of the diagonals of blocks `(a, b)` in the values of K, cached for each pattern version."""
         pattern, known = self._system.pattern, self._places
         if known is None or known[0] != pattern.version:
             first, steps = pattern.places(a, b), np.arange(self._d)
@@ -150,7 +153,7 @@ class Mass(ABC):
         return known[1]
 
     def _vector(self, name: str, given: Any) -> Array:
-        """(ndofs,) finite numbers in double precision."""
+        """Return finite numbers (ndofs,) in double precision."""
         return finite_vector(name, given, self.free.size).astype(np.float64, copy=False)
 
     def _refuse_bare(self) -> None:
@@ -166,7 +169,7 @@ class Mass(ABC):
 
 
 class LumpedMass(Mass):
-    """Mass that is a number for each node."""
+    """Mass with one number for each node."""
 
     kind = "lumped"
 
@@ -191,17 +194,19 @@ class LumpedMass(Mass):
 
 
 class ConsistentMass(Mass):
-    """A number for each pair of nodes; solved with by a fixed number of steps of Chebyshev's iteration (Wathen, Rees 2009).
+    """Mass with one number for each pair of nodes.
 
-    Scaled by their diagonals, the eigenvalues of the whole M, held or not, are between the least and the largest of the elements':
-    see `bounds_of_elements`.
+    Systems are solved by a fixed number of steps of Chebyshev's iteration (Wathen, Rees 2009).
+
+    The eigenvalues of `D^-1 M`, with the diagonal D of M, lie between the least and the largest ones of the element matrices. This
+    holds for the whole M and for its free part: see `bounds_of_elements`.
     """
 
     kind = "consistent"
 
     def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
         bodies = (body, *body.beside)
-        self._heavy = [np.flatnonzero(one.mass > 0) for one in bodies]  # only elements that have mass couple their nodes
+        self._heavy = [np.flatnonzero(one.mass > 0) for one in bodies]  # only elements with mass couple their nodes
         bounds = [
             bounds_of_elements(one.mesh.p, one.mesh.t[:, heavy], one.mesh.element)
             for one, heavy in zip(bodies, self._heavy, strict=True)
@@ -254,30 +259,34 @@ class ConsistentMass(Mass):
         return super().memory() + nbytes([self._scalar.data, self._scalar.indices, self._scalar.indptr])
 
 
-#: By name, in the order in which messages name them.
+#: Kinds of mass by name, in the order of messages.
 KINDS: dict[str, type[Mass]] = {"lumped": LumpedMass, "consistent": ConsistentMass}
 
 
 def _scalar_matrix(t: NDArray[np.int32], values: Array, nv: int) -> csr_matrix:
-    """(nv, nv) consistent masses of one component, from those of the elements `t` (n, nt): `values` (n, n, nt)."""
-    if len(t) > 4:  # more than a linear simplex has: half of the pairs
+    """Return the consistent mass matrix (nv, nv) of one component.
+
+    `values` (n, n, nt) are the mass matrices of the elements `t` (n, nt).
+    """
+    if len(t) > 4:  # more nodes than a linear simplex: use half of the pairs
         a, b = np.triu_indices(len(t))
         values = values[a, b] * np.where(a == b, 1.0, 2.0)[:, None]
         row, column = t[a].ravel(), t[b].ravel()
     else:
         row, column = (np.broadcast_to(ids, values.shape).ravel() for ids in (t[:, None], t[None]))
     matrix = csr_matrix((values.ravel() / 2, (row, column)), shape=(nv, nv))
-    matrix = csr_matrix(matrix + matrix.T)  # to the last bit as symmetric as no order of summation is
+    matrix = csr_matrix(matrix + matrix.T)  # bitwise symmetric, which a plain summation is not
     matrix.sort_indices()
     return matrix
 
 
 def bounds_of_elements(p: Array, t: NDArray[np.int32], element: Element) -> tuple[float, float]:
-    """Numbers that no eigenvalue of `D^-1 M` of elements `t` (n, nt) with diagonals D is below, and none above.
+    """Return a lower and an upper bound of the eigenvalues of `D^-1 M` for elements `t` (n, nt) with diagonals D.
 
-    Of straight elements they are those of the reference element, 1/2 and (k + 2)/2 of a linear simplex. If the Jacobian of another
-    one is between j and r j at the points, those of the reference element between them over and times r bound its own; elements
-    are taken from the largest r on, and their own eigenvalues, until that of the others lies between what is known.
+    For straight elements these are the eigenvalues of the reference element, 1/2 and (k + 2)/2 for a linear simplex. For other
+    elements, let the Jacobian at the points lie between j and r j. Then the bounds are those of the reference element, divided by r
+    and multiplied by r. Eigenvalues are computed element by element, from the largest r on, until the bounds of the remaining
+    elements lie within the computed range.
     """
     if element.is_linear_simplex:
         return 0.5, (element.k + 2) / 2
@@ -297,12 +306,12 @@ def bounds_of_elements(p: Array, t: NDArray[np.int32], element: Element) -> tupl
 
 
 def _extreme(matrices: Array) -> tuple[float, float]:
-    """The least and the largest eigenvalue of matrices (n, m, m), scaled by their diagonals; a little beyond, for rounding."""
+    """Return the least and the largest eigenvalue of matrices (n, m, m), scaled by their diagonals, with a margin for round-off."""
     scale = 1 / np.sqrt(np.einsum("naa->na", matrices))
     values = np.linalg.eigvalsh(matrices * scale[:, :, None] * scale[:, None])
     return float(values[:, 0].min()) * (1 - ROUNDING), float(values[:, -1].max()) * (1 + ROUNDING)
 
 
 def _inverse(diagonal: Array, is_free: NDArray[np.bool_]) -> Array:
-    """(nv, d) of free degrees of freedom, 0 for those that are held."""
+    """Return the inverse (nv, d) of `diagonal` at free degrees of freedom, and 0 at constrained ones."""
     return np.where(is_free, 1 / np.where(is_free.any(axis=1), diagonal, 1.0)[:, None], 0.0)

@@ -1,4 +1,4 @@
-"""Whether a body is held: no rigid motion of a part is left, nor a mechanism of pieces that less than a facet joins."""
+"""Check of supports: no part may keep a rigid motion, nor a mechanism of pieces joined by less than a facet."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from .rigid import centred, motions, name_part, parts_of, rigid_modes_left
 
 Ids = NDArray[Any]
 
-#: Pieces that turn against each other by less than this part of the largest motion do not.
+#: Relative rotations of pieces below this fraction of the largest motion count as zero.
 ALIKE = 1e-6
 MOST = 5
 
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What a part can do besides moving as a whole: how many motions, and the first few of its joints in words."""
+    """Motions of a part other than rigid ones: their number, and the first few of its joints in words."""
 
     part: int
     who: str
@@ -44,17 +44,20 @@ class Mechanism:
 
 
 class Corners(NamedTuple):
-    """(n,) the nodes of each piece, each once: `vertex`, ascending, and `piece`."""
+    """Nodes of each piece, each once: `vertex` (n,), ascending, and `piece` (n,)."""
 
     vertex: Ids
     piece: Ids
 
 
 def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], held: NDArray[Any], solid: NDArray[np.bool_]) -> None:
-    """Refuse a body that can move without strain: whose `terms` hold it together and to the ground, with supports at `held`.
+    """Raise SupportError if a body can move without strain.
 
-    Mechanisms are looked for where elements are rigid as long as they are not strained: those that fill their space, the plane too,
-    and are `solid` (nt,), of an elastic material. Cables, trusses and membranes in space are held by tension, not known here.
+    The `terms` connect the body and tie it to the ground. The supports constrain the degrees of freedom `held`.
+
+    Mechanisms are searched among elements that are rigid when unstrained. These elements are `solid` (nt,), that is, of an elastic
+    material, and have the dimension of the space or the plane. Cables, trusses and membranes in space are stabilised by tension,
+    which is not known here.
     """
     edges = [joined(term) for term in terms]
     held = np.union1d(held, grounded_dofs(terms)).astype(np.int64)
@@ -81,13 +84,13 @@ def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], held: NDArray[Any]
 
 
 def grounded_dofs(terms: Sequence[Any]) -> NDArray[np.int64]:
-    """Degrees of freedom that terms tie to the ground, ascending."""
+    """Return the degrees of freedom that terms tie to the ground, ascending."""
     found = [term.grounded for term in terms if hasattr(term, "grounded")]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *found]))
 
 
 def _listed(items: Sequence[Any], what: str) -> str:
-    """The first few in words, and how many more there are."""
+    """Return the first few items in words, and the number of the others."""
     more = f"; and {len(items) - MOST} more {what}" if len(items) > MOST else ""
     return "; ".join(str(item) for item in items[:MOST]) + more
 
@@ -104,14 +107,15 @@ def mechanisms(
     element: Element | None = None,
     word: str = "vertex",
 ) -> list[Mechanism]:
-    """Motions of pieces of a part against each other without strain, to first order.
+    """Return the relative motions of pieces of a part without strain, to first order.
 
-    A piece is what facets join: tetrahedra by triangles, triangles in the plane by edges; unstrained it is rigid. Pieces move alike
-    at the nodes that they share: one is a ball joint, in the plane a hinge; several on a line are a hinge; others hold.
+    A piece consists of elements joined by facets: tetrahedra by triangles, triangles in the plane by edges. An unstrained piece is
+    rigid. Pieces have equal motions at shared nodes. One shared node is a ball joint, in the plane a hinge. Several shared nodes on
+    a line are a hinge. Other sets of shared nodes join the pieces rigidly.
 
-    Of the elements `t` (n, nt), by default linear simplices, those with ids `solid` are rigid. `part` (nv,) are the numbers of the
-    parts, of which `rigid` says how many rigid modes are left to them as a whole. A part where `edges` (2, ne) of terms join what
-    is of no common piece counts as held together. A `word` is what nodes are called.
+    The elements `t` (n, nt) are linear simplices by default; those with ids `solid` are rigid. `part` (nv,) are the numbers of the
+    parts, and `rigid` gives the number of rigid modes of each part as a whole. A part counts as connected if `edges` (2, ne) of
+    terms join nodes without a common piece. `word` is the name of a node in messages.
 
     >>> p = np.array([[0.0, 1, 0, 1, 2], [0, 0, 1, 2, 1]])   # two triangles that share vertex 1
     >>> t = np.array([[0, 1], [1, 3], [2, 4]])
@@ -145,7 +149,7 @@ def mechanisms(
     moves[cluster[np.abs(samples).max(axis=(1, 2)) > ALIKE]] = True
     turning = _turning(corners, cluster, moves, np.bincount(of_element[of_element >= 0], minlength=len(size)))
     count = np.bincount(of_part, weights=free, minlength=len(several)).astype(int)
-    whole = np.bincount(of_part, weights=at_rest, minlength=len(several)) == 0  # then its rigid modes are among what was found
+    whole = np.bincount(of_part, weights=at_rest, minlength=len(several)) == 0  # then the motions found include its rigid modes
     found: list[Mechanism] = []
     for own in _grouped(np.array([part[vertices[0]] for _, vertices in turning])):
         i = int(part[turning[own[0]][1][0]])
@@ -158,7 +162,7 @@ def mechanisms(
 
 
 def pieces(t: Ids, nv: int, element: Element) -> Ids:
-    """The number (nt,) of the piece of each element `t` (n, nt): elements that share a facet are of one piece.
+    """Return the piece number (nt,) of each element `t` (n, nt): elements that share a facet belong to one piece.
 
     >>> from skfem_stvk.elements import ELEMENTS
     >>> pieces(np.array([[0, 2, 6], [1, 4, 7], [3, 5, 8], [2, 3, 5]]), 9, ELEMENTS["quadrilaterals"])
@@ -177,20 +181,23 @@ def _corners(t: Ids, piece: Ids) -> Corners:
 
 
 def _places(keys: Ids, among: Ids) -> Ids:
-    """Where `keys` stand among ascending ones; -1 where they do not."""
+    """Return the indices of `keys` in the ascending array `among`; -1 for missing keys."""
     place = np.minimum(np.searchsorted(among, keys), len(among) - 1)
     return np.where(among[place] == keys, place, -1)
 
 
 def _bridges(corners: Corners, edges: Sequence[Ids], nv: int) -> Ids:
-    """First vertices of the edges whose ends are of no common piece."""
+    """Return the first vertices of the edges with ends in no common piece."""
     has = csr_matrix((np.ones(len(corners.vertex), dtype=np.int8), corners), shape=(nv, int(corners.piece.max()) + 1))
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
     return a[np.asarray(has[a].multiply(has[b]).sum(axis=1)).ravel() == 0]
 
 
 def _joints(corners: Corners, modes: Array) -> Iterator[Block]:
-    """The motion of a vertex is the same in the first piece that has it and in each other one: blocks for pairs of pieces."""
+    """Yield the joint constraints, one block for each pair of pieces.
+
+    The motion of a vertex is equal in its first piece and in each of its other pieces.
+    """
     first = np.unique(corners.vertex, return_index=True, return_inverse=True)
     one, other = first[1][first[2]], np.arange(len(corners.vertex))
     joint = one != other
@@ -202,7 +209,7 @@ def _joints(corners: Corners, modes: Array) -> Iterator[Block]:
 
 
 def _supports(corners: Corners, modes: Array, held: Ids) -> Iterator[Block]:
-    """Held components of vertices do not move: a block for each piece."""
+    """Yield the support constraints, one block for each piece: constrained components of vertices do not move."""
     vertex, component = np.divmod(held, modes.shape[1])
     begin, end = np.searchsorted(corners.vertex, vertex), np.searchsorted(corners.vertex, vertex, side="right")
     row = np.repeat(np.arange(len(held)), end - begin)
@@ -212,7 +219,7 @@ def _supports(corners: Corners, modes: Array, held: Ids) -> Iterator[Block]:
 
 
 def _grouped(keys: Ids) -> list[Ids]:
-    """Places of equal keys."""
+    """Return groups of indices with equal keys."""
     if not len(keys):
         return []
     order = np.argsort(keys, kind="stable")
@@ -220,10 +227,12 @@ def _grouped(keys: Ids) -> list[Ids]:
 
 
 def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
-    """Number of the cluster of each piece: pieces that share vertices and never turn against each other.
+    """Return the cluster number of each piece.
 
-    `turns` (n, 1 or 3, m) are the rotations of pieces in random motions, in units of 1/size. At a vertex, pieces that turn alike
-    follow each other in the order of one component of them, along a random axis.
+    A cluster consists of pieces that share vertices and never rotate against each other.
+
+    `turns` (n, 1 or 3, m) are the rotations of pieces in random motions, in units of 1/size. At each vertex the pieces are sorted
+    by the rotation about a random axis. Then pieces with equal rotations are neighbours.
     """
     turns = turns / size[:, None, None]
     axis = np.random.default_rng(1).standard_normal(turns.shape[1])
@@ -236,7 +245,10 @@ def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
 
 
 def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements: Ids) -> list[tuple[int, Ids]]:
-    """Clusters that turn and the vertices about which they do, against one there that is at rest, otherwise the largest."""
+    """Return the clusters that rotate, and the vertices about which they rotate.
+
+    The reference is a cluster at rest at the same vertices, or else the largest one.
+    """
     rank = np.empty(len(moves), dtype=np.int64)
     rank[np.lexsort((-elements, moves))] = np.arange(len(moves))
     vertex, ranked = _corners(corners.vertex[None], rank[cluster][corners.piece])
@@ -250,7 +262,7 @@ def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements:
 
 
 def _place(p: Array, vertices: Ids, word: str) -> str:
-    """Nodes on a line, with their coordinates."""
+    """Return a description of nodes on a line, with coordinates."""
     ends = vertices[np.lexsort(p[:, vertices][::-1])[[0, -1]]]
     points = [f"({', '.join(f'{c:.9g}' for c in p[:, v])})" for v in ends]
     if len(vertices) == 1:

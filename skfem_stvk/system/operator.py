@@ -1,4 +1,4 @@
-"""The tangent stiffness as an operator: its product with a vector, without forming it."""
+"""Tangent stiffness as an operator: its product with a vector, without an assembled matrix."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from .pattern import FreeDofs
 
 
 class TangentOperator(LinearOperator):
-    """`v -> K(u) v` for scipy's iterative solvers, prepared once at `u` and applied often.
+    """Operator `v -> K(u) v` for scipy's iterative solvers, prepared once at `u` and applied often.
 
-    Prepared are the blocks of the edges, 1.2 x 9 numbers per tetrahedron; their transposes, the diagonal and the pattern are never
-    made: `(K v)_a = sum_b K_ab (v_b - v_a)`. `System.linear_operator` makes it.
+    The prepared data are the blocks of the edges, 1.2 x 9 numbers per tetrahedron. Their transposes, the diagonal and the pattern
+    are never formed: `(K v)_a = sum_b K_ab (v_b - v_a)`. `System.linear_operator` returns such an operator.
 
     Attributes
     ----------
-    nodal_shape : (nv, d), the shape that vectors have within.
+    nodal_shape : (nv, d), the internal shape of vectors.
     """
 
     def __init__(
@@ -45,9 +45,10 @@ class TangentOperator(LinearOperator):
         super().__init__(dtype, (self._u.size, self._u.size))
 
     def prepare(self, u: ArrayLike, *, kept: Tensions = ALL, force: Array | None = None) -> float:
-        """Fill the blocks anew, at other displacements `u` (ndofs,) [m]; the strain energy `W(u)` [J] comes with them.
+        """Recompute the blocks at other displacements `u` (ndofs,) [m], and return the strain energy `W(u)` [J].
 
-        `kept`: which tensions of edges stay in it. `force` (nv, d): the internal force `F(u)` [N] is added to it, in the same pass.
+        `kept` are the tensions of edges that enter K. The internal force `F(u)` [N] is added to `force` (nv, d), if given, in the
+        same pass.
 
         Raises
         ------
@@ -55,7 +56,7 @@ class TangentOperator(LinearOperator):
             if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
         """
         x, energy = self._state(u), 0.0
-        self._ready = False  # until all of it is done
+        self._ready = False  # until all blocks are computed
         for i, term in enumerate(self._terms):
             part, self._blocks[i] = term.blocks(x, force, self._blocks[i], kept)
             energy += part
@@ -65,39 +66,39 @@ class TangentOperator(LinearOperator):
         return energy
 
     def scale_and_add(self, factor: float, others: Sequence[tuple[float, TangentOperator]] = ()) -> None:
-        """`factor K + sum of c K_other` in the place of K, for pairs `(c, other)` of operators of the same system.
+        """Replace K by `factor K + sum of c K_other`, for pairs `(c, other)` of operators of the same system.
 
-        With a constant one at rest it is the tangent of a body with Rayleigh damping. The next `prepare` begins anew.
+        With a constant operator at rest, the result is the tangent of a body with Rayleigh damping. The next `prepare` replaces it.
 
         Raises
         ------
         StvkError
-            if another operator is of other terms.
+            if another operator belongs to other terms.
         StateError
-            if the last `prepare` of one of them did not end well.
+            if the last `prepare` of one of them failed.
         """
         for operator in (self, *(other for _, other in others)):
             operator._refuse_unprepared()
             if any(a is not b for a, b in zip_longest(self._terms, operator._terms)):
                 raise StvkError("Got an operator of other terms; expected those of linear_operator() of one and the same system.")
-        self._at = None  # a sum is the tangent nowhere
+        self._at = None  # a sum is not the tangent at any state
         for i, blocks in enumerate(self._blocks):
             blocks *= factor
             for c, other in others:
-                n = min(len(blocks), len(other._blocks[i]))  # behind the edges is what threads added, as many as there were
+                n = min(len(blocks), len(other._blocks[i]))  # entries after the edges depend on the thread count
                 run(block_kernels.add_scaled, parts_of(n, 0.02, threads()), c, other._blocks[i], blocks)
 
     def is_at(self, u: Array) -> bool:
-        """Whether it is the tangent, with all tensions, at these displacements (nv, d)."""
+        """Return whether the operator is the tangent, with all tensions, at displacements `u` (nv, d)."""
         return self._at == ALL and np.array_equal(self._u, u)
 
     def diagonal_blocks(self) -> Array:
-        """(nv, d, d) the blocks `K_aa` [N/m], for a preconditioner.
+        """Return the blocks `K_aa` (nv, d, d) [N/m], for a preconditioner.
 
         Raises
         ------
         StateError
-            if the last `prepare` did not end well.
+            if the last `prepare` failed.
         """
         self._refuse_unprepared()
         nv, d = self.nodal_shape
@@ -107,7 +108,7 @@ class TangentOperator(LinearOperator):
         return out
 
     def add_norms(self, x: Array, out: Array) -> None:
-        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out`, both (nv,), with norms of blocks that may be too large.
+        """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out`; `x` and `out` are (nv,).
 
         Errors as in `diagonal_blocks`.
         """
@@ -116,13 +117,15 @@ class TangentOperator(LinearOperator):
             term.pairs.add_norms(blocks, x, out)
 
     def add_product(self, x: Array, out: Array) -> None:
-        """Add `K x` to `out`, both (nv, d). Errors as in `diagonal_blocks`."""
+        """Add `K x` to `out`; `x` and `out` are (nv, d). Errors as in `diagonal_blocks`."""
         self._refuse_unprepared()
         for term, blocks in zip(self._terms, self._blocks, strict=True):
             term.pairs.add_product(blocks, x, out)
 
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
-        """The blocks, not copied, for solvers that multiply by themselves; None unless it is made of one term, on elements.
+        """Return the blocks without a copy, for solvers with products of their own.
+
+        Return None unless the operator consists of one term on elements.
 
         Errors as in `diagonal_blocks`.
         """
@@ -134,7 +137,7 @@ class TangentOperator(LinearOperator):
         return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], term.pairs.own.vertices, shift)
 
     def memory(self) -> int:
-        """Bytes of what is prepared."""
+        """Return the bytes of the prepared data."""
         return self._u.nbytes + sum(blocks.nbytes for blocks in self._blocks)
 
     def _matvec(self, v: Array) -> Array:
@@ -154,17 +157,17 @@ class TangentOperator(LinearOperator):
 
 
 class FreeOperator(LinearOperator):
-    """The tangent restricted to the degrees of freedom that are free, for solvers that need no matrix.
+    """Tangent restricted to the free degrees of freedom, for solvers that need no matrix.
 
-    It is always that of `tangent`: when that is prepared anew, so is this. Python threads take turns, since the vectors that it
-    works in are made once.
+    The operator always follows `tangent`: after `tangent.prepare(u)` it belongs to the new `u`. A lock admits one Python thread at
+    a time, since the work vectors are shared.
 
     Parameters
     ----------
-    tangent : the operator of all degrees of freedom.
-    held : which of them are free.
-    shift : (n,) stiffness against the ground that is added to the free ones [N/m]; none by default. It is not copied: written to in
-        place, it counts from the next product on.
+    tangent : operator of all degrees of freedom.
+    held : the free and the constrained degrees of freedom.
+    shift : (n,) stiffness against the ground that is added at the free degrees of freedom [N/m]; none by default. It is not copied,
+        so a later change in place takes effect from the next product on.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -184,9 +187,9 @@ class FreeOperator(LinearOperator):
         super().__init__(tangent.dtype, (len(held.free), len(held.free)))
 
     def diagonal_blocks(self) -> Array:
-        """(nv, d, d) the blocks `K_aa` [N/m], with rows and columns of the identity for degrees of freedom that are held.
+        """Return the blocks `K_aa` (nv, d, d) [N/m], with rows and columns of the identity for constrained degrees of freedom.
 
-        Errors as in those of the tangent.
+        Errors as in `TangentOperator.diagonal_blocks`.
         """
         blocks = self.tangent.diagonal_blocks()
         vertex, component = np.divmod(self.held.fixed, blocks.shape[1])
@@ -198,7 +201,7 @@ class FreeOperator(LinearOperator):
         return blocks
 
     def by_edges(self) -> EdgeBlocks | None:
-        """The blocks as in the tangent, with the shift."""
+        """Return the blocks as in `TangentOperator.by_edges`, with the shift."""
         return self.tangent.by_edges(self.shift)
 
     @in_turn
@@ -216,7 +219,7 @@ class FreeOperator(LinearOperator):
 
 
 def refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
-    """Refuse results, called `name`, that are not finite at displacements `u`."""
+    """Raise StateError if results, called `name`, are not finite at displacements `u`."""
     if not (isfinite(values) if isinstance(values, float | int) else all_finite(np.asarray(values))):
         raise StateError(
             f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"

@@ -1,4 +1,4 @@
-"""The pattern of K: which blocks there are, where their values stand, and which of them belong to free degrees of freedom."""
+"""Sparsity pattern of K: its blocks, the indices of their values, and the part over the free degrees of freedom."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..mesh.mesh import check_index_range
 
 
 class Structure:
-    """Rows and columns of a CSR matrix of `nnz` values: int32 arrays `indptr` and `indices`, columns sorted; read only."""
+    """Rows and columns of a CSR matrix with `nnz` values: int32 arrays `indptr` and `indices`, columns sorted, read only."""
 
     def __init__(self, indptr: NDArray[np.int32], indices: NDArray[np.int32], shape: tuple[int, int]) -> None:
         self.indptr, self.indices, self.shape, self.nnz = indptr, indices, shape, len(indices)
@@ -29,16 +29,17 @@ class Structure:
         self._known: tuple[Any, ...] = ()
 
     def matrix(self, data: NDArray[Any]) -> csr_matrix:
-        """A CSR matrix around the values `data` (nnz,), which it does not copy.
+        """Return a CSR matrix with the values `data` (nnz,), which are not copied.
 
-        Its index arrays are copies, so that changing the matrix in place cannot harm the structure.
+        The index arrays are copies, so that changes of the matrix in place cannot corrupt the structure.
         """
         return csr_matrix((data, self.indices.copy(), self.indptr.copy()), shape=self.shape)
 
     def fits(self, matrix: Any, dtype: DTypeLike) -> bool:
-        """Whether this is a CSR matrix of this type that still has this structure, and room for its values.
+        """Return whether `matrix` is a CSR matrix of this type with this structure and with memory for its values.
 
-        What was found to fit last is not looked through again while it holds the same index arrays: edits of those go unnoticed.
+        The last matrix that fitted is not checked again while it has the same index arrays. Changes inside these arrays are not
+        noticed.
         """
         if not isinstance(matrix, csr_matrix) or matrix.dtype != dtype or matrix.shape != self.shape or matrix.nnz != self.nnz:
             return False
@@ -53,7 +54,7 @@ class Structure:
         return fits
 
     def refuse_other(self, K: Any) -> None:
-        """Refuse what is no matrix of this pattern."""
+        """Raise StvkError if `K` is not a matrix of this pattern."""
         if not isinstance(K, csr_matrix) or not self.fits(K, K.dtype):
             raise StvkError(
                 f"K = {shown(K)} does not have the pattern of this system's K ({self.shape}, {self.nnz} values). Hand in what "
@@ -65,22 +66,22 @@ class Structure:
 
 
 class Pattern(Structure):
-    """The full block pattern of a matrix with a `d x d` block for each vertex and each pair of vertices on an edge.
+    """Full block pattern of a matrix with a `d x d` block for each vertex and each pair of vertices on an edge.
 
-    Zeros are kept, so the pattern does not depend on the state, and a symbolic factorisation can be reused.
+    Zeros are stored, so the pattern does not depend on the state, and a symbolic factorisation can be reused.
 
     Parameters
     ----------
-    pairs : of each term, (2, n) vertices `a < b`.
-    version : how often terms have changed their pairs before.
+    pairs : (2, n) vertices `a < b` of each term.
+    version : number of earlier changes of the pairs by terms.
 
     Attributes
     ----------
-    version : as given; what is worked out for a pattern is good for its version alone.
+    version : as passed in; data computed for a pattern are valid for its version only.
     indptr, indices : int32 arrays of scipy's CSR format, columns sorted; read only.
     shape : (ndofs, ndofs).
     nnz : number of values.
-    strides : (nv,) values from a row of a vertex to its next.
+    strides : (nv,) number of values between the rows of a vertex.
 
     Raises
     ------
@@ -96,7 +97,9 @@ class Pattern(Structure):
         super().__init__(*expand(self._begin, self._columns, d), (d * nv, d * nv))
 
     def places(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
-        """(n,) place in the CSR values of the first value of each block `(a, b)`; its next rows follow after `strides[a]`.
+        """Return the index (n,) in the CSR values of the first value of each block `(a, b)`.
+
+        The next rows of the block follow after `strides[a]` values each.
 
         Raises
         ------
@@ -114,12 +117,12 @@ class Pattern(Structure):
         return places.astype(np.int32)
 
     def memory(self) -> int:
-        """Bytes of its arrays."""
+        """Return the bytes of the arrays."""
         return sum(array.nbytes for array in (self._begin, self._columns, self.strides, self.indptr, self.indices))
 
 
 class Patterned(Protocol):
-    """What has degrees of freedom and, when it is asked for, a pattern of K."""
+    """Object with degrees of freedom and a pattern of K, made on request."""
 
     @property
     def ndofs(self) -> int:
@@ -127,11 +130,11 @@ class Patterned(Protocol):
 
     @property
     def pattern(self) -> Pattern:
-        """The pattern of K, of the version that is good now."""
+        """Current version of the pattern of K."""
 
 
 def _numbers(name: str, given: Any, n: int) -> Array:
-    """A number, or (n,) of them, in the precision in which they are given; complex ones as well, such as parts of modes."""
+    """Return one number or (n,) numbers in their own precision; complex numbers are accepted, such as parts of modes."""
     values, each = plain_array(given), f"{name} degree of freedom"
     if values is not None and values.ndim == 0:
         return finite_vector(name, values.reshape(1), 1, each, kinds="fiuc").reshape(())
@@ -139,17 +142,16 @@ def _numbers(name: str, given: Any, n: int) -> Array:
 
 
 class FreeDofs:
-    """The degrees of freedom that are not held, and K restricted to them by a gather that is computed once, when it is first
-    needed.
+    """Free degrees of freedom, and K restricted to them by a gather. The gather indices are computed once, on first use.
 
     Parameters
     ----------
-    system : whose they are.
-    fixed : degrees of freedom that are held; `System.free_dofs` also takes places.
+    system : system of the degrees of freedom.
+    fixed : constrained degrees of freedom; `System.free_dofs` also takes locations.
 
     Attributes
     ----------
-    free, fixed : their numbers, ascending; scikit-fem's `I` and `D`.
+    free, fixed : numbers of the degrees of freedom, ascending; scikit-fem's `I` and `D`.
 
     Raises
     ------
@@ -191,7 +193,7 @@ class FreeDofs:
         self._known: tuple[int, Structure, NDArray[np.int32]] | None = None
 
     def of(self, system: Patterned) -> FreeDofs:
-        """The same degrees of freedom of a system that shares the pattern of K."""
+        """Return the same degrees of freedom for another system with the same pattern of K."""
         other = copy(self)
         other._system = system
         return other
@@ -203,16 +205,19 @@ class FreeDofs:
 
     @property
     def pattern(self) -> Pattern:
-        """The pattern of all of K."""
+        """Pattern of the whole K."""
         return self._system.pattern
 
     @property
     def places(self) -> NDArray[np.int32]:
-        """Where the values of K over the free degrees of freedom stand in those of K, ascending."""
+        """Indices in the values of K of the values of K over the free degrees of freedom, ascending."""
         return self._restriction()[1]
 
     def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
-        """Structure of K over the free degrees of freedom, and where its values stand in those of K: once for each version."""
+        """Return the structure of K over the free degrees of freedom, and the indices of its values in those of K.
+
+        Both are cached for each version of the pattern.
+        """
         pattern, known = self._system.pattern, self._known
         if known is None or known[0] != pattern.version:
             self._known = known = pattern.version, *self._restricted(pattern)
@@ -231,7 +236,9 @@ class FreeDofs:
         return Structure(indptr, number[pattern.indices[places]].astype(np.int32), (len(free),) * 2), places
 
     def matrix(self, K: csr_matrix, out: csr_matrix | None = None) -> csr_matrix:
-        """`K` (ndofs, ndofs) of the system's pattern restricted to the free rows and columns; `out` is filled anew.
+        """Return `K` (ndofs, ndofs), which has the system's pattern, restricted to the free rows and columns.
+
+        The values are written to `out` if given.
 
         Raises
         ------
@@ -251,15 +258,15 @@ class FreeDofs:
         return out
 
     def vector(self, free: ArrayLike, fixed: ArrayLike = 0.0) -> Array:
-        """(ndofs,) vector with these values at the free and at the fixed degrees of freedom; `x[held.free]` goes the other way.
+        """Return a vector (ndofs,) with these values at the free and the fixed degrees of freedom; `x[held.free]` is the inverse.
 
         Raises
         ------
         StvkError
-            if there are not as many values.
+            if a number of values does not match.
         """
         inner, outer = _numbers("free", free, len(self.free)), _numbers("fixed", fixed, len(self.fixed))
-        least = np.complex64 if outer.dtype.kind == "c" else np.float32  # one number for all does not ask for more precision
+        least = np.complex64 if outer.dtype.kind == "c" else np.float32  # a single number does not raise the precision
         x = np.empty(self._system.ndofs, dtype=np.result_type(inner, outer if outer.ndim else least, least))
         x[self.free], x[self.fixed] = inner, outer
         return x
@@ -269,9 +276,9 @@ class FreeDofs:
 
 
 class BareDiagonal:
-    """The diagonal of K for `nodes` without elements: a `stiffness` [N/m], the mean of the diagonal of the whole body at rest.
+    """Diagonal of K for `nodes` without elements: a `stiffness` [N/m], the mean diagonal of the whole body at rest.
 
-    With it K stays positive definite, and as well conditioned as it was. There is no force to it.
+    This diagonal keeps K positive definite and as well conditioned as before. It has no corresponding force.
     """
 
     def __init__(self, stiffness: float, nodes: NDArray[np.int64]) -> None:
@@ -279,12 +286,12 @@ class BareDiagonal:
 
     @classmethod
     def of(cls, blocks: Array) -> BareDiagonal:
-        """The diagonal of a body with diagonal blocks (nv, d, d) [N/m] at rest; no node is without elements yet."""
+        """Return the diagonal for a body with diagonal blocks (nv, d, d) [N/m] at rest, and without bare nodes yet."""
         mean = float(np.einsum("vcc->", blocks.astype(np.float64))) / blocks[..., 0].size
         return cls(mean if np.isfinite(mean) and mean > 0 else 1.0, np.empty(0, dtype=np.int64))
 
     def write(self, pattern: Pattern, data: Array, free: FreeDofs | None) -> None:
-        """Write it to the values of K, or of K over the `free` degrees of freedom."""
+        """Write the diagonal to the values of K, or of K over the `free` degrees of freedom."""
         a = self.nodes.astype(np.int32)
         if not len(a):
             return
@@ -297,7 +304,7 @@ class BareDiagonal:
 
 
 def _union(pairs: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
-    """(2, n) the pairs of all terms in lexicographic order, each once."""
+    """Return the pairs (2, n) of all terms in lexicographic order, without duplicates."""
     every = np.ascontiguousarray(np.concatenate([np.empty((2, 0), dtype=np.int32), *pairs], axis=1), dtype=np.int32)
     (a, b), (c, d) = every[:, :-1], every[:, 1:]
     if len(pairs) == 1 and ((a < c) | ((a == c) & (b < d))).all():

@@ -12,15 +12,18 @@ from .system import System
 
 @runtime_checkable
 class ReducedLike(Protocol):
-    """A body whose displacements are those of a few coordinates, which `solve_static` and `simulate` accept like a `System`."""
+    """Body with displacements in a few coordinates, which `solve_static` and `simulate` accept like a `System`."""
 
     @property
     def in_coordinates(self) -> Coordinates:
-        """The body as equations take it; its `system` is the one with all its displacements, on whose mesh results are."""
+        """Body in coordinates, the form that equations use.
+
+        Its `system` is the full body, and results are on the mesh of that body.
+        """
 
 
 def checked_system(system: Any, name: str = "system") -> System:
-    """Return the system; raise StvkError, with its name, if it is none."""
+    """Return the system; raise StvkError, with `name`, for any other object."""
     if not isinstance(system, System):
         raise StvkError(f"{name} = {shown(system)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
     return system

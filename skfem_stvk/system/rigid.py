@@ -1,4 +1,4 @@
-"""Rigid motions: those of a body, and those that its supports leave to its parts as a whole."""
+"""Rigid motions of a body, and rigid motions that the supports leave to its parts."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from ..arguments import Array
 from ..errors import name_ids
 from ..mesh.facets import linked
 
-#: Below this part of the largest, what resists a motion is rounding: supports that are closer together than 3e-7 of a body are one.
+#: Resistance to a motion below this fraction of the largest is round-off. Supports that are closer together than 3e-7 of a body
+#: count as one.
 NOTHING = 1e-13
-#: How many parts that come loose messages name.
+#: Number of disconnected parts that messages name.
 SHOWN = 3
 
 
 def rigid_modes(x: Array) -> Array:
-    """(ndofs, r) unit translations, and rotations of unit size at most about the centre of the nodes `x` (nv, d).
+    """Return (ndofs, r) unit translations and rotations about the centre of the nodes `x` (nv, d), of unit size at most.
 
-    `r` is 1, 3, 6 for d = 1, 2, 3; fewer of them are independent where all nodes are on a line.
+    `r` is 1, 3, 6 for d = 1, 2, 3. If all nodes lie on a line, fewer of the motions are independent.
 
     >>> rigid_modes(np.array([[0.0, 0.0], [2.0, 0.0]]))
     array([[ 1.,  0., -0.],
@@ -37,7 +38,7 @@ def rigid_modes(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Left:
-    """What a part of a body can do: its number, its nodes in words, how many rigid modes it has, and which."""
+    """Rigid motions left to a part of a body: its number, its nodes in words, the number of modes and their names."""
 
     part: int
     who: str
@@ -49,9 +50,11 @@ class Left:
 
 
 def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any], word: str = "vertex") -> list[Left]:
-    """What each part of a body can still do as a whole when degrees of freedom are `held`; `part` (nv,) are numbers of parts.
+    """Return the rigid motions of each part of a body when degrees of freedom `held` are constrained.
 
-    `word` is what a node is called.
+    `part` (nv,) are the numbers of the parts.
+
+    `word` is the name of a node in messages.
 
     >>> square, one = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.zeros(4, dtype=int)
     >>> str(rigid_modes_left(square, one, held=np.array([0, 4]))[0])
@@ -74,13 +77,13 @@ def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any], word: str
 
 
 def parts_of(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
-    """(nv,) number of the part of each node: parts are what `edges` (2, ne) connect."""
+    """Return the part number (nv,) of each node: parts are connected by `edges` (2, ne)."""
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
     return linked(a, b, nv)
 
 
 def name_part(part: NDArray[Any], i: int, word: str = "vertex") -> str:
-    """A part by its nodes, which are called by a word."""
+    """Return a description of a part by its nodes; `word` is the name of a node."""
     own = np.flatnonzero(part == i)
     if len(own) < len(part):
         return f"the part of {name_ids(own, word)}"
@@ -88,7 +91,7 @@ def name_part(part: NDArray[Any], i: int, word: str = "vertex") -> str:
 
 
 def centred(p: Array, part: NDArray[Any]) -> tuple[Array, Array, Array]:
-    """Centre (n, d) and size (n,) of the parts, and (nv, d) coordinates from there in units of the size."""
+    """Return the centre (n, d) and the size (n,) of the parts, and centred coordinates (nv, d) in units of the size."""
     count = np.bincount(part)
     centre = np.stack([np.bincount(part, weights=row) / count for row in p])
     x = p - centre[:, part]
@@ -99,7 +102,7 @@ def centred(p: Array, part: NDArray[Any]) -> tuple[Array, Array, Array]:
 
 
 def motions(x: Array) -> Array:
-    """(nv, d, r) unit translations, and rotations about zero: in the plane, or about each axis."""
+    """Return (nv, d, r) unit translations and rotations about zero: in the plane, or about each axis."""
     nv, d = x.shape
     modes = np.zeros((nv, d, {1: 1, 2: 3, 3: 6}[d]))
     modes[:, range(d), range(d)] = 1
@@ -112,7 +115,7 @@ def motions(x: Array) -> Array:
 
 
 def _gram(modes: Array, part: NDArray[Any], parts: int) -> Array:
-    """(parts, r, r) sums of the products of motions `modes` (n, c, r)."""
+    """Return the Gram matrices (parts, r, r) of motions `modes` (n, c, r), summed over each part."""
     r = modes.shape[2]
     gram = np.empty((parts, r, r))
     for i in range(r):
@@ -123,7 +126,7 @@ def _gram(modes: Array, part: NDArray[Any], parts: int) -> Array:
 
 
 def _free(resisted: Array, moved: Array) -> Array:
-    """(r, m) orthonormal motions that nothing resists and that move something."""
+    """Return orthonormal motions (r, m) that meet no resistance and move the part."""
     values, vectors = np.linalg.eigh(resisted)
     free = vectors[:, values <= NOTHING * np.trace(resisted)]
     values, vectors = np.linalg.eigh(free.T @ moved @ free)
@@ -131,7 +134,9 @@ def _free(resisted: Array, moved: Array) -> Array:
 
 
 def names(free: Array, d: int, centre: Array, size: float) -> list[str]:
-    """Motions in words: `free` (r, m) are orthonormal translations, and rotations about the `centre` in units of the `size`.
+    """Return descriptions of motions.
+
+    `free` (r, m) are orthonormal coefficients of translations, and of rotations about the `centre` in units of the `size`.
 
     >>> names(np.eye(3)[:, [1, 2]], 2, np.zeros(2), 1.0)
     ['translation along y', 'rotation in the plane']
@@ -147,10 +152,10 @@ def names(free: Array, d: int, centre: Array, size: float) -> list[str]:
 
 
 def _rotation(turning: Array, axis: Array, translations: Array, centre: Array, size: float) -> str:
-    """The motion among `turning` (r, m) that turns about the direction `axis`, in words."""
+    """Return a description of the motion among `turning` (r, m) that rotates about the direction `axis`."""
     d = len(centre)
     motion = turning @ np.linalg.lstsq(turning[d:], axis, rcond=None)[0]
-    v = motion[:d]  # at right angles to the translations, since `turning` is
+    v = motion[:d]  # orthogonal to the translations, since `turning` is
     if d == 2:
         point = centre + size * np.array([-v[1], v[0]]) * np.sign(axis[0])
         return "rotation in the plane" if translations.shape[1] else f"rotation about the point {_numbers(point, size)}"
@@ -164,7 +169,7 @@ def _rotation(turning: Array, axis: Array, translations: Array, centre: Array, s
 
 
 def _axes(basis: Array) -> list[Array]:
-    """Directions that span what the orthonormal columns of `basis` (d, m) do: coordinate axes as far as they are in it."""
+    """Return directions with the same span as the orthonormal columns of `basis` (d, m): coordinate axes if possible."""
     axes = [e for e in np.eye(len(basis)) if np.linalg.norm(basis.T @ e) > 1 - 1e-9]
     rest = basis - sum((np.outer(e, e @ basis) for e in axes), np.zeros_like(basis))
     left, values, _ = np.linalg.svd(rest, full_matrices=False)
@@ -173,7 +178,7 @@ def _axes(basis: Array) -> list[Array]:
 
 
 def _direction(a: Array) -> str:
-    """`x`, `y`, `z`, or components.
+    """Return `x`, `y`, `z`, or components.
 
     >>> _direction(np.array([0.0, 1.0])), _direction(np.array([0.6, 0.8]))
     ('y', '(0.6, 0.8)')
@@ -182,21 +187,21 @@ def _direction(a: Array) -> str:
 
 
 def _numbers(x: Array, size: float) -> str:
-    """Coordinates, with what is nothing against the size as zero."""
+    """Return coordinates in words; values that are negligible against the size are shown as zero."""
     x = np.where(np.abs(x) < 1e-6 * size, 0.0, x)
     return f"({', '.join(f'{value:.6g}' for value in x)})"
 
 
 class Pieces(NamedTuple):
-    """The parts that terms hold together now.
+    """Parts that terms connect at present.
 
     Attributes
     ----------
-    part : (nv,) number of the part that each node is of.
-    bare : (nv,) whether nothing holds it any more.
-    held : (parts,) whether a support or a foundation holds it anywhere.
-    element : (nt,) number of the part that each element is of, -1 if it was taken out.
-    word : what messages call a node.
+    part : (nv,) part number of each node.
+    bare : (nv,) whether a node has lost all its elements.
+    held : (parts,) whether a support or a foundation acts on a part.
+    element : (nt,) part number of each element, -1 if it was removed.
+    word : name of a node in messages.
     """
 
     part: NDArray[Any]
@@ -207,7 +212,7 @@ class Pieces(NamedTuple):
 
     @classmethod
     def of(cls, system: Any) -> Pieces:
-        """Those of a system as it is."""
+        """Return the present parts of a system."""
         mesh, part = system.mesh, system.parts()
         bare, held = np.zeros(mesh.nv, dtype=bool), np.zeros(int(part.max()) + 1, dtype=bool)
         bare[system.bare] = True
@@ -217,9 +222,12 @@ class Pieces(NamedTuple):
         return cls(part, bare, held, element, mesh.word)
 
     def come_loose(self, before: Pieces) -> str:
-        """The parts that nothing holds now, and that were held, or no parts of their own, before; empty if there are none.
+        """Return a description of the parts that have become loose since `before`; empty if there are none.
 
-        Of a part that nothing held before, the largest piece is still the body.
+        A part is loose if no support or foundation acts on it now. It has become so if it was supported before, or was no part of
+        its own.
+
+        The largest piece of a part that was unsupported before still counts as the body.
         """
         size = np.bincount(self.part[~self.bare], minlength=len(self.held))
         first = np.unique(self.part, return_index=True)[1]

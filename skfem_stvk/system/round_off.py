@@ -1,4 +1,4 @@
-"""Bounds of rounding errors, above which an estimate says nothing about a residual."""
+"""Bounds of round-off errors, above which an estimate says nothing about a residual."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from ..edges.pairs import joined
 from .system import System
 
 EPS = float(np.finfo(float).eps)
-#: The largest rounding error of a force that counts, as a part of the stiffness at rest times an edge. Errors are 1e-10 of it and
-#: less, unless stretches of inverted elements nearly cancel: there the tangent has no bound, and they are 1e-3 to 100 of it.
+#: Largest round-off of a force that counts, as a fraction of the stiffness at rest times an edge length. Errors are at most 1e-10
+#: of this product, unless stretches of inverted elements nearly cancel. In that case the tangent has no bound, and the errors are
+#: 1e-3 to 100 of it.
 MOST = 1e-6
 
 
@@ -31,5 +32,5 @@ def largest_error(system: System) -> Array:
 
 
 def below(largest: Array, sums: Array) -> Array:
-    """Return `sums`, which are rounding errors over eps, with 0 in place of entries whose errors are above `largest`."""
+    """Return `sums`, which are round-off errors over eps, with 0 for entries with an error above `largest`."""
     return np.where(EPS * sums <= largest, sums, 0.0)

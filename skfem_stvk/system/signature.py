@@ -1,4 +1,4 @@
-"""Numbers by which files are matched to their problem: of its mesh, terms, supports and method."""
+"""Numbers that match files to their problem: its mesh, terms, supports and method."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from ..errors import StvkError
 from ..terms.load import Moment, Time
 from .system import System
 
-#: Two systems are the same if their numbers are, but for rounding.
+#: Relative tolerance within which the numbers of equal systems agree.
 SAME = 1e-9
-#: The shear and the compression at which elastic terms are looked at.
+#: Shear and compression at which elastic terms are evaluated.
 SHEAR, COMPRESSED = 0.01, 0.6
-#: Most moments at which loads are evaluated, and most numbers of one kind.
+#: Largest number of moments at which loads are evaluated, and of numbers of one kind.
 MOST = 9
 Kind: TypeAlias = Literal["path of equilibria", "motion"]
-#: What is solved, and how its loads are asked for at a moment.
+#: Kinds of problems, and the argument for their loads at a moment.
 KINDS: dict[str, Callable[[float], Time]] = {"path of equilibria": float, "motion": lambda t: Moment(t, 1.0)}
 
 
 @dataclass(frozen=True)
 class Signature:
-    """The signature of a problem, as it stands in each file of a run.
+    """Signature of a problem, stored in each file of a run.
 
-    The `method` has all options on which the states depend. `numbers` are of the system and of its first state, by name, with loads
+    `method` has all options that affect the states. `numbers` describe the system and its first state, by name. They include loads
     and prescribed displacements at the `moments`: load factors or times [s].
     """
 
@@ -47,9 +47,10 @@ class Signature:
 
 
 class Fingerprint:
-    """Numbers that identify a problem, and the check that a file is one of its own.
+    """Fingerprint of a problem, and the check that a file belongs to this problem.
 
-    `start` has what else the states depend on, such as `u0`: by name a few numbers, see `sums`. The others are as in `Signature`.
+    `start` has other data that affect the states, such as `u0`: a few numbers by name, see `sums`. The other arguments are as in
+    `Signature`.
     """
 
     def __init__(
@@ -67,11 +68,11 @@ class Fingerprint:
 
     @cached_property
     def signature(self) -> Signature:
-        """The signature in the files of the problem."""
+        """Signature in the files of the problem."""
         return Signature(kind=self._kind, method=self._method, moments=self._moments, numbers=self._numbers(self._moments))
 
     def differences(self, then: Signature) -> str:
-        """What the problem of a file had otherwise, in words; empty if it is this one."""
+        """Return a description of the differences from the problem of a file; empty if it is the same problem."""
         if then.kind != self._kind:
             return f"it holds a {then.kind}, this is a {self._kind}"
         options = sorted({*then.method, *self._method})
@@ -82,25 +83,25 @@ class Fingerprint:
         ]
         try:
             now = self._numbers(then.moments)
-        except Exception as error:  # other loads, which know nothing of these moments
+        except Exception as error:  # other loads, which may be undefined at these moments
             return "; ".join([*was, f"the loads of now cannot be had at the moments of then ({error})"])
         changed = [name for name in now if not _alike(then.numbers.get(name, []), now[name])]
         return "; ".join([*was, *([f"{', '.join(changed)} changed"] if changed else [])])
 
     def refuse_other(self, then: Signature, file: Path, remedy: str) -> None:
-        """Refuse a file of another problem."""
+        """Raise StvkError if a file belongs to another problem."""
         differences = self.differences(then)
         if differences:
             raise StvkError(f"{file} is of another problem: {differences}. {remedy}")
 
     def _numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
-        """What is worked out for these moments, once: a path has a file for each state."""
+        """Return the numbers for these moments, cached because a path has a file for each state."""
         if tuple(moments) not in self._known:
             self._known[tuple(moments)] = self._worked_out(moments)
         return self._known[tuple(moments)]
 
     def _worked_out(self, moments: Sequence[float]) -> dict[str, list[float]]:
-        """Numbers that change with the mesh, the terms, the supports, and loads and prescribed displacements at these moments."""
+        """Return numbers that depend on mesh, terms and supports, and on loads and prescribed displacements at these moments."""
         system, mesh = self._system, self._system.mesh
         x = mesh.p.T - mesh.p.mean(axis=1)
         u = (x @ (SHEAR * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d)))).ravel()
@@ -113,7 +114,7 @@ class Fingerprint:
         if system.body.beside:
             every = [[body.mesh.nt, *sums(body.mesh.t)] for body in system.body.beside]
             numbers["the elements beside the mesh"] = [value for values in every for value in values]
-        if not mesh.element.is_linear_simplex:  # others tell their rules apart only where strain differs from point to point
+        if not mesh.element.is_linear_simplex:  # quadrature rules of other elements differ only if strain varies inside an element
             bent = u + SHEAR * np.sin(x.ravel() / np.abs(x).max())
             numbers["the elastic terms"] += [_energy(system, bent), *sums(system.internal_force(bent))]
             numbers["the elements"] = [mesh.element.k, mesh.element.degree, not mesh.element.is_simplex]
@@ -128,12 +129,15 @@ class Fingerprint:
 
 
 def _energy(system: System, u: Array) -> float:
-    """Strain energy of the terms that have one [J]."""
+    """Return the strain energy of the terms that have one [J]."""
     return float(np.nansum(system.elastic_energies(u)))
 
 
 def sums(values: Array) -> list[float]:
-    """Two finite numbers, never near zero by cancellation, that change with each value, its sign and its place."""
+    """Return two finite numbers that change with each value, its sign and its index.
+
+    Neither is near zero by cancellation.
+    """
     weights = 1.5 + np.cos(np.arange(values.size))
     with np.errstate(over="ignore", invalid="ignore"):
         size, balance = weights @ np.abs(values.ravel()), weights @ values.ravel()

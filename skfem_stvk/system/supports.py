@@ -1,4 +1,4 @@
-"""How a body is held: which degrees of freedom do not move, and which move as prescribed."""
+"""Supports of a body: fixed degrees of freedom, and prescribed displacements."""
 
 from __future__ import annotations
 
@@ -16,34 +16,35 @@ from ..terms.load import Moment, Time, Value
 
 Dofs = NDArray[np.int64]
 
-#: By place: `{"wall": "xyz"}`; or pairs of a place and what is said about it, for places that cannot be keys, such as arrays.
+#: Supports by location: `{"wall": "xyz"}`; or pairs of a location and its support, for locations that cannot be keys, such as
+#: arrays.
 Displacements: TypeAlias = Mapping[Any, Any] | Iterable[tuple[Where, Any]]
 
 
 class Supports:
-    """The degrees of freedom of a body that are held: those that are fixed, and those whose displacements are prescribed.
+    """Constrained degrees of freedom of a body: fixed ones, and those with prescribed displacements.
 
     Parameters
     ----------
-    mesh : of the body.
-    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`; bare integers at a place are nodes. Or
-        what scikit-fem's `basis.get_dofs(...)` returned, one or several by name: exactly those degrees of freedom.
-    prescribed : displacements [m], by place and component: `{"handle": {"x": 0.01}}`; a number, (n,) values for the nodes there,
-        in the order of ids as given, otherwise ascending, or a function of t or of (x, t). Or one function of (x, t) for all
-        components of a place, which returns (d, n). What is given by constants ramps with the load factor.
+    mesh : mesh of the body.
+    fixed : components that do not move, by location: `{"wall": "xyz", "symmetry": "y"}`; bare integers as a location are nodes. Or
+        the result of scikit-fem's `basis.get_dofs(...)`, one or several by name: exactly those degrees of freedom.
+    prescribed : displacements [m], by location and component: `{"handle": {"x": 0.01}}`. A value is a number, a function of t or of
+        (x, t), or (n,) values for the nodes there. The values are in the order of the ids as passed in, otherwise ascending. For
+        all components of a location use one function of (x, t) that returns (d, n). Constants ramp with the load factor.
 
     Attributes
     ----------
-    fixed, prescribed, held : degrees of freedom `d * node + component`, ascending; `held` are both.
-    steady : whether all displacements are given by constants, not by functions.
+    fixed, prescribed, held : degrees of freedom `d * node + component`, ascending; `held` is the union of the other two.
+    steady : whether all displacements are constants, not functions.
 
     Raises
     ------
     RegionError
-        if there is nothing at a place.
+        if a location has no nodes.
     SupportError
-        if a component is not of the mesh; a value has the wrong shape or is not finite; a degree of freedom is both fixed and
-        prescribed, or prescribed twice with different values; or none is free.
+        if the mesh does not have a component; if a value has the wrong shape or is not finite; if a degree of freedom is both fixed
+        and prescribed, or prescribed twice with different values; or if none is free.
 
     >>> mesh = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> supports = Supports(mesh, {(0,): "xy"}, {(1,): {"y": 0.1}})
@@ -71,14 +72,14 @@ class Supports:
             self.values(t)
 
     def values(self, t: Time) -> NDArray[np.float64]:
-        """Displacements of `held` at load factor `t`, or at a `Moment` [m].
+        """Return the displacements of `held` at load factor `t`, or at a `Moment` [m].
 
         Raises
         ------
         StateError
-            if `t` is no finite number.
+            if `t` is not a finite number.
         SupportError
-            if a function does not return finite values, or two of them give different ones for the same degree of freedom.
+            if a function does not return finite values, or two functions return different ones for the same degree of freedom.
         """
         values, moment = np.zeros(len(self.held)), Moment.checked(t)
         for place, value in self._motions:
@@ -89,7 +90,7 @@ class Supports:
         return values
 
     def _move(self, where: Where, given: Any) -> list[tuple[Dofs, Value]]:
-        """Degrees of freedom whose displacements are prescribed there, and the values by component and node."""
+        """Return the degrees of freedom with displacements prescribed at a location, and the values by component and node."""
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
         x = self._mesh.p[:, vertices]
@@ -124,13 +125,13 @@ class Supports:
             )
 
     def _name(self, dofs: Dofs) -> str:
-        """Degrees of freedom in words, by component."""
+        """Return a description of degrees of freedom, by component."""
         vertices, components = np.divmod(dofs, self._mesh.d)
         return "; ".join(f"{'xyz'[c]} of {name_ids(vertices[components == c], self._mesh.word)}" for c in np.unique(components))
 
 
 def fixed_dofs(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> Dofs:
-    """Degrees of freedom that components at places are, or that scikit-fem found; ascending. Errors as in `Supports`.
+    """Return the degrees of freedom of components at locations, or of scikit-fem's result, ascending. Errors as in `Supports`.
 
     >>> mesh = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> fixed_dofs(mesh, [([2, 0], "y")])
@@ -142,7 +143,10 @@ def fixed_dofs(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> Dof
 
 
 def dofs_at(mesh: ElementMesh, given: Any) -> Any:
-    """Degrees of freedom of all that `fixed_dofs` takes, and of all components at a name or predicate; others as they are given."""
+    """Return the degrees of freedom of an argument.
+
+    The argument is as in `fixed_dofs`, or a name or predicate for all components there. Any other argument is returned unchanged.
+    """
     if isinstance(given, str) or callable(given):
         return _dofs(vertices_at(mesh, given, "fixed"), range(mesh.d), mesh.d)
     pairs = isinstance(given, list | tuple) and any(
@@ -153,7 +157,7 @@ def dofs_at(mesh: ElementMesh, given: Any) -> Any:
 
 def _fixed_at(mesh: ElementMesh, where: Where, letters: Any) -> Dofs:
     what = f"fixed on {describe(where)}"
-    if isinstance(letters, DofsView):  # one of those by name that get_dofs({...}) returned
+    if isinstance(letters, DofsView):  # one entry of the dict that get_dofs({...}) returned
         return dofs_of(mesh, letters, what)
     return _dofs(vertices_at(mesh, where, what), _components(mesh, letters, what), mesh.d)
 
@@ -168,7 +172,7 @@ def _components(mesh: ElementMesh, letters: Any, what: str) -> list[int]:
 
 
 def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
-    """Places and what is said about them."""
+    """Return pairs of a location and its support."""
     pairs = list(given.items()) if isinstance(given, Mapping) else given if given is not None else []
     if not isinstance(pairs, list | tuple) or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs):
         bare = ""
@@ -182,7 +186,7 @@ def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
 
 
 def _dofs(vertices: NDArray[np.int64], components: Iterable[int], d: int) -> Dofs:
-    """(n c,) degrees of freedom of these components, node by node."""
+    """Return the degrees of freedom (n c,) of these components, node by node."""
     return (d * vertices[:, None] + np.array(list(components))).ravel()
 
 

@@ -1,4 +1,4 @@
-"""A system: terms that share one mesh and one pattern of K, its loads and its supports."""
+"""System: terms that share one mesh and one pattern of K, with loads and supports."""
 
 from __future__ import annotations
 
@@ -52,43 +52,45 @@ Torn = TypeVar("Torn", bound="System")
 
 
 class System(BoundTerms):
-    """An elastic body: its strain energy W, internal force F and tangent stiffness K; what acts on it, and how it is held.
+    """Elastic body: its strain energy W, internal force F and tangent stiffness K, with its loads and supports.
 
         W = 1/4 sum L_ij zeta_i zeta_j        F = dW/du        K = d2W/du2
 
-    over edges and tetrahedron-sharing edge pairs, `zeta` the squared elongations of the edges; of elements that are no linear
-    simplices it is the sum over the strains at their points. Displacements `u` are flat vectors with the degree of freedom `d *
-    node + component`, scikit-fem's for `ElementVector(ElementTetP1())`, `ElementTetP2()`, `ElementHex1()` and the like.
+    The sum is over edges and pairs of edges that share a tetrahedron, with the squared elongations `zeta` of the edges. For
+    elements other than linear simplices, it is the sum over the strains at their points. Displacements `u` are flat vectors with
+    the degree of freedom `d * node + component`. This is scikit-fem's order for `ElementVector(ElementTetP1())`, `ElementTetP2()`,
+    `ElementHex1()` and similar elements.
 
-    `energy`, `internal_force`, `tangent` and `product` are elastic; `potential`, `residual` and `jacobian` are those of all terms,
-    at the load factor `t`. Supports change none of them: they say which degrees of freedom a solver keeps.
+    `energy`, `internal_force`, `tangent` and `product` are elastic. `potential`, `residual` and `jacobian` include the loads at the
+    load factor `t`. Supports change none of them: they determine which degrees of freedom a solver keeps.
 
     Parameters
     ----------
-    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`; or bare points (d, n), if terms bring elements of
-        their own: `StVK(..., simplices=...)`. Those of the highest dimension are `mesh` then, of which names and ids of elements
-        are; those of lower dimensions, membranes and cables, are beside it, on the same nodes.
-    terms : a term, or several that add up: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
+    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`; or bare points (d, n), if terms have elements of
+        their own: `StVK(..., simplices=...)`. Then the elements of the highest dimension become `mesh`, and names and ids of
+        elements refer to them. Elements of lower dimensions, such as membranes and cables, are stored separately on the same nodes.
+    terms : a term, or several to be added: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
         `NodalLoad`, `Traction`, `Pressure`.
-    fixed : components that do not move, by place: `{"wall": "xyz", "symmetry": "y"}`. A place is the name of a boundary or of a
-        node set, node ids, a predicate of the coordinates, as in scikit-fem, or what its `basis.get_dofs(...)` returned, which
-        stands for its nodes. As a whole, `fixed=basis.get_dofs(...)`, it is its own degrees of freedom; bare integers are always
-        nodes.
-    prescribed : displacements by place and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
-    degree : of the shape functions of simplices: 2 makes linear ones quadratic, with straight edges, 1 quadratic ones linear; by
-        default they are as in the mesh.
-    quadrature : "exact" integrates W exactly on elements with straight edges; by default quadratic segments, triangles and
+    fixed : components that do not move, by location: `{"wall": "xyz", "symmetry": "y"}`. A location is the name of a boundary or of
+        a node set, node ids, or a predicate of the coordinates, as in scikit-fem. The result of `basis.get_dofs(...)` as a location
+        means its nodes. The whole argument `fixed=basis.get_dofs(...)` means exactly its degrees of freedom. Bare integers are
+        always nodes.
+    prescribed : displacements by location and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
+    degree : degree of the shape functions of simplices, by default that of the mesh. 2 makes linear simplices quadratic, with
+        straight edges, and 1 makes quadratic ones linear.
+    quadrature : "exact" integrates W exactly on elements with straight edges. By default quadratic segments, triangles and
         tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.elements.rule_of`). "one-point" is for
-        these: mean gradients, and a control of hourglass modes, which they do not see.
-    hourglass : of "one-point", by default 0.05: the energy `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is
-        added, with `g_a` the mean gradients and `gamma_k` the mode's signs +-1 at the nodes less what is affine of them.
-    dtype : float64, or float32: half the memory, faster on large meshes, with errors of 1e-6 instead of 1e-15 (of the largest
-        entry, and on elements that are not flat).
+        quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean gradients.
+    hourglass : coefficient for "one-point", by default 0.05. The energy
+        `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is added. Here `g_a` are the mean gradients, and `gamma_k`
+        are the signs +-1 of the mode at the nodes without their affine part.
+    dtype : float64; or float32, with half the memory and more speed on large meshes. Errors of float32 are 1e-6 instead of 1e-15,
+        relative to the largest entry and on elements that are not flat.
 
     Raises
     ------
     MeshError, MaterialError, RegionError, LoadError, SupportError
-        for what cannot carry an elastic body, load or hold it, before any work, with ids.
+        if mesh, terms, loads or supports are invalid for an elastic body, before any computation, with ids.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK
@@ -125,7 +127,7 @@ class System(BoundTerms):
         check_mesh(mesh, found.beside)
         if not double:
             warn_of_flat_elements(mesh)
-        self.quadrature, self.rule = quadrature, rule  # as it was given, and what it means
+        self.quadrature, self.rule = quadrature, rule  # the argument, and the rule it selects
         self.supports = Supports(mesh, fixed, prescribed)
         super().__init__(mesh, found.terms, np.float64 if double else np.float32, rule, found)
         self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in self._turning_loads()]
@@ -134,35 +136,35 @@ class System(BoundTerms):
         self._places: tuple[int, list[Any], list[Rows]] | None = None
         self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
-        self._whole: csr_matrix | None = None  # K of which only a part was asked for
+        self._whole: csr_matrix | None = None  # the whole K, when only a part was requested
         self._bare: BareDiagonal | None = None
         self._pieces: Pieces | None = None
         self._turn = Turn()
 
     def without(self: Torn, elements: str | ArrayLike) -> Torn:
-        """The body without these elements, as a new system; this one stays as it is.
+        """Return the body without these elements, as a new system; this system does not change.
 
-        The elements leave all terms, the mass and the loads: facets of none but them carry no traction, pressure or foundation, and
-        the faces that they leave open carry none either. Both systems share the mesh, the pattern of K and where terms stand in it;
-        coefficients are copied, with zeros for the elements. Nodes that are left without elements stay where they are, without mass
-        and force, with a diagonal in K. What terms remember goes along.
+        The elements are removed from all terms, the mass and the loads. A facet that belongs only to removed elements carries no
+        traction, pressure or foundation, and newly exposed faces carry none either. Both systems share the mesh, the pattern of K
+        and the indices of the terms in it. Coefficients are copied, with zeros for the removed elements. Nodes that lose all
+        elements stay at their position, without mass and force, and get a diagonal in K. Terms retain their history.
 
         Parameters
         ----------
-        elements : ids, a mask (nt,), or the name of a subdomain. Elements that are out already may be named again; without any
-            others, this system is returned.
+        elements : ids, a mask (nt,), or the name of a subdomain. Elements that are removed already may be named again. If no other
+            elements are named, the method returns this system.
 
         Raises
         ------
         RegionError
-            if ids are out of range or repeated, a mask has another length, or no element would be left.
+            if ids are out of range or repeated, a mask has the wrong length, or no element would remain.
         StvkError
-            if a term cannot do without elements, by its name.
+            if a term does not support the removal of elements; the message names it.
 
         Warns
         -----
         StvkWarning
-            if parts come loose, which no support and no foundation holds: statics refuses them, in motion they fly.
+            if parts become loose, without a support or foundation: a static solve refuses them, and in a motion they fly freely.
 
         >>> import skfem
         >>> from skfem_stvk import StVK
@@ -195,7 +197,7 @@ class System(BoundTerms):
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
     def remove(self, elements: str | ArrayLike) -> NoReturn:
-        """Raise StvkError, which names `without`: systems do not change."""
+        """Raise StvkError that refers to `without`: systems do not change."""
         raise StvkError(
             "System.remove(elements) took elements out in place; systems do not change any more. Expected "
             "torn = system.without(elements), which returns the torn body and leaves this one whole."
@@ -203,13 +205,15 @@ class System(BoundTerms):
 
     @property
     def made_from(self) -> MeshLike:
-        """The mesh or the points that it was built from, of which terms may have brought simplices of their own."""
+        """Mesh or points from which the system was built; terms may have added simplices of their own."""
         return self._made_from
 
     @property
     def made_of(self) -> Mapping[str, Any]:
-        """What it was built from beside its mesh, as it was given: `terms`, `fixed`, `prescribed`, `quadrature`, `hourglass`,
-        `dtype`."""
+        """Arguments of the system other than the mesh, as passed in.
+
+        The keys are `terms`, `fixed`, `prescribed`, `quadrature`, `hourglass` and `dtype`.
+        """
         return MappingProxyType(self._made_of)
 
     def _turning_loads(self) -> list[TurningLoad]:
@@ -217,11 +221,11 @@ class System(BoundTerms):
 
     @cached_property
     def space(self) -> Space:
-        """The space of displacements of all degrees of freedom."""
+        """Space of displacements of all degrees of freedom."""
         return Space(self.ndofs)
 
     def prescribe(self, u: Array, t: Time) -> Array:
-        """Write the displacements of supports at load factor `t`, or at a `Moment`, to `u` (ndofs,), in place."""
+        """Write the displacements of supports at load factor `t`, or at a `Moment`, to `u` (ndofs,) in place; return `u`."""
         u[self.supports.held] = self.supports.values(t)
         return u
 
@@ -232,13 +236,13 @@ class System(BoundTerms):
 
     @property
     def pattern_version(self) -> int:
-        """How often terms have changed which nodes they couple; what is worked out for a pattern is good for one version."""
+        """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
         return sum(map(version_of, self._changing))
 
     @property
     @in_turn
     def pattern(self) -> Pattern:
-        """The pattern of all K of this system, unless a term changes which nodes it couples; made when it is first needed."""
+        """Pattern of every K of this system, unless a term changes the nodes it couples; created on first use."""
         version = self.pattern_version
         if self._pattern is None or self._pattern.version != version:
             pairs = [term.nodes_paired for term in self.bound_terms]
@@ -248,7 +252,7 @@ class System(BoundTerms):
 
     @in_turn
     def _rows(self) -> tuple[list[Any], list[Rows]]:
-        """Where blocks of terms and of loads stand in the values of K, worked out once for each version of the pattern."""
+        """Return the indices of the blocks of terms and loads in the values of K, cached for each version of the pattern."""
         pattern = self.pattern
         if self._places is None or self._places[0] != pattern.version:
             terms = [term.rows(pattern) for term in self.pair_terms]
@@ -256,12 +260,12 @@ class System(BoundTerms):
         return self._places[1:]
 
     def energy(self, u: ArrayLike) -> float:
-        """Strain energy `W(u)` [J].
+        """Return the strain energy `W(u)` [J].
 
         Raises
         ------
         StvkError
-            if a term has no energy, as `Corotated(rotation="vertex")`.
+            if a term has no energy, such as `Corotated(rotation="vertex")`.
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
@@ -269,7 +273,7 @@ class System(BoundTerms):
         return sum(self.elastic_energies(u))
 
     def internal_force(self, u: ArrayLike) -> Array:
-        """Internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
+        """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
 
         StateError as in `energy`.
         """
@@ -279,10 +283,10 @@ class System(BoundTerms):
         return force.ravel()
 
     def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
-        """`W(u)` [J] and `F(u)` (ndofs,) [N], for the price of one of them.
+        """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
 
-        F is written to `out`, by default a new array. Errors as in `energy`, and StvkError if `out` is no array of floats of that
-        shape, in one piece.
+        F is written to `out`, by default a new array. Errors as in `energy`, and StvkError if `out` is not a contiguous array of
+        floats of that shape.
         """
         self._refuse_without_energy()
         x = self._state(u)
@@ -292,11 +296,11 @@ class System(BoundTerms):
         return energy, force.reshape(-1) if out is None else out
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
-        """Tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m], always of the same pattern, zeros kept.
+        """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m]. The pattern is always the same, and zeros are stored.
 
-        `out` is a matrix that this method returned before, to be filled anew; by default a new one. With `free`, which `free_dofs`
-        returned, K has the rows and columns of the free degrees of freedom alone; where elements alone have a part in it, it is
-        written straight, without the others. StateError as in `energy`, and StvkError if `out` has another pattern.
+        `out` is a matrix that this method returned before, and is overwritten; by default K is a new matrix. With `free`, a result
+        of `free_dofs`, K has only the rows and columns of the free degrees of freedom. If only elements contribute, this part is
+        assembled directly. StateError as in `energy`, and StvkError if `out` has another pattern.
         """
         x = self._state(u)
         if free is not None:
@@ -306,7 +310,7 @@ class System(BoundTerms):
         return K
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
-        """`W(u)`, `F(u)` and `K(u)` in one pass over the elements, for little more than K.
+        """Return `W(u)`, `F(u)` and `K(u)` from one pass over the elements, at little more than the cost of K.
 
         `out` as in `tangent`, errors as in `energy`.
         """
@@ -320,9 +324,10 @@ class System(BoundTerms):
 
     @in_turn
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """`K(u) v` (ndofs,) [N], without forming K. StateError as in `energy`, for `v` too.
+        """Return `K(u) v` (ndofs,) [N], without forming K. StateError as in `energy`, for `v` too.
 
-        The first product at a `u` prepares what the next ones there use again; they take less time than one with an assembled K.
+        The first product at a `u` prepares data that further products at this `u` reuse. These take less time than one with an
+        assembled K.
         """
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
@@ -334,7 +339,7 @@ class System(BoundTerms):
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
-        """`v -> K(u) v` as an operator of its own for `scipy.sparse.linalg`; `kept` as in `jacobian`.
+        """Return the operator `v -> K(u) v` for `scipy.sparse.linalg`, with its own data; `kept` as in `jacobian`.
 
         >>> import numpy as np, skfem
         >>> from skfem_stvk import StVK
@@ -348,10 +353,10 @@ class System(BoundTerms):
 
     @in_turn
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """Sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
+        """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-        Terms that change with it, as frames that are given, are from now on what they are at `t`; so they are after `jacobian`.
-        StateError as in `energy`, for `t` too, and LoadError if a load that is given as a function does not return finite values.
+        Terms that depend on `t`, such as user-supplied frames, are set to their values at `t` by this method and by `jacobian`.
+        StateError as in `energy`, for `t` too, and LoadError if a load's function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
         tell(self.bound_terms, moment)
@@ -361,7 +366,7 @@ class System(BoundTerms):
         return force.ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
-        """Total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
+        """Return the total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
 
         Errors as in `energy` and `external_force`, and LoadError if a load has no potential, such as follower pressure.
         """
@@ -375,7 +380,7 @@ class System(BoundTerms):
 
     @in_turn
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """`F(u) - f_ext(u, t)` (ndofs,) [N]; at rest it vanishes but for the reactions at the supports.
+        """Return the residual `F(u) - f_ext(u, t)` (ndofs,) [N]; in equilibrium only the reactions at the supports are not zero.
 
         StateError as in `energy`.
         """
@@ -386,11 +391,12 @@ class System(BoundTerms):
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
-        """Derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]; `out`, `free` and errors as in
-        `tangent`.
+        """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m].
 
-        `kept` are the tensions of edges that stay in it: `TENSILE` and `NONE` of `skfem_stvk.edges` leave out all that can make K
-        indefinite, what the pressure of a `VolumePenalty` adds as well. It is positive semi-definite then, but for the loads.
+        `out`, `free` and errors are as in `tangent`.
+
+        `kept` are the tensions of edges that enter K. `TENSILE` and `NONE` of `skfem_stvk.edges` omit all parts that can make K
+        indefinite, including that of the pressure of a `VolumePenalty`. Then K is positive semi-definite, apart from the loads.
         """
         moment, factors, x = self._moment(t), _factors(kept), self._state(u)
         tell(self.bound_terms, moment)
@@ -403,7 +409,10 @@ class System(BoundTerms):
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
-        """`-df_ext/du` (ndofs, ndofs) [N/m] of loads with a potential that are not dead; else None. Errors as in `jacobian`."""
+        """Return `-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead.
+
+        Return None if there are none. Errors as in `jacobian`.
+        """
         x, moment = self._state(u), self._moment(t)
         turning = [of for load, of in self._turning if load.symmetric]
         if not turning:
@@ -415,9 +424,9 @@ class System(BoundTerms):
         return K
 
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
-        """Energy by term [J], named after its type and number: strain energies, and the potentials of loads that have one.
+        """Return the energy [J] by term, named by type and number: strain energies, and potentials of the loads that have one.
 
-        NaN for an elastic term without an energy.
+        An elastic term without an energy has NaN.
         """
         x, moment = self._state(u), self._moment(t)
         elastic = iter(self.elastic_energies(u))
@@ -426,7 +435,7 @@ class System(BoundTerms):
         return {name: value for name, value in values.items() if value is not None}
 
     def elastic_energies(self, u: ArrayLike) -> list[float]:
-        """Strain energy of each of `elastic_terms` [J]; NaN for one without an energy. StateError as in `energy`."""
+        """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy. StateError as in `energy`."""
         x = self._state(u)
         energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
         refuse_overflow(sum(energies), "W", x)
@@ -434,7 +443,7 @@ class System(BoundTerms):
 
     @in_turn
     def mass(self, kind: str = "lumped") -> Mass:
-        """The mass of the body by the density of its materials: "lumped" at its nodes, or "consistent" with its shape functions.
+        """Return the mass of the body from the densities: "lumped" at its nodes, or "consistent" with its shape functions.
 
         MaterialError if a material has no density, or a node that can move has no mass; StvkError if `kind` is unknown.
         """
@@ -448,7 +457,10 @@ class System(BoundTerms):
         return grounded_dofs(self.bound_terms)
 
     def foundation_force(self, u: ArrayLike) -> Array:
-        """Force of the foundations on the body (ndofs,) [N]: minus their part of the internal force. StateError as in `energy`."""
+        """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force.
+
+        StateError as in `energy`.
+        """
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in self.bound_terms:
             if isinstance(term, Grounded):
@@ -458,13 +470,15 @@ class System(BoundTerms):
 
     @property
     def quartic(self) -> bool:
-        """Whether the strain energy along any line is exactly a quartic: that of `VolumePenalty` is not."""
+        """Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not."""
         return all(isinstance(term, Quartic) for term in self.bound_terms)
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
-        """(5,) coefficients of the strain energy along `u + s v` [J]: `W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4`, exactly.
+        """Return the coefficients (5,) of the strain energy [J] along `u + s v`, which are exact.
 
-        StateError as in `energy`, for `v` too, and StvkError if the energy is no quartic: ask `quartic`.
+            W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4
+
+        StateError as in `energy`, for `v` too, and StvkError if the energy is not a quartic, see `quartic`.
         """
         quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
         if len(quartics) < len(self.bound_terms):
@@ -476,9 +490,11 @@ class System(BoundTerms):
         return coefficients
 
     def round_off(self, u: ArrayLike) -> Array:
-        """(ndofs,) sums of the absolute values of all that adds up to `F(u)` [N]: times eps, the size of its rounding error.
+        """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
 
-        Displacements count as rounded, too: no `u` can do better. Errors as in `internal_force`.
+        The sums times eps estimate the round-off of F.
+
+        The round-off of the displacements is included, because no `u` can be more precise. Errors as in `internal_force`.
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
         for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
@@ -489,10 +505,10 @@ class System(BoundTerms):
         return sums.ravel()
 
     def check_held(self) -> None:
-        """Refuse a body that can move without strain, by its supports and foundations.
+        """Raise SupportError if supports and foundations let the body move without strain.
 
-        The SupportError counts and names the rigid modes that are left to each part, and the pieces that can turn about the
-        nodes or edges that join them.
+        The message gives the number and the names of the rigid modes of each part. It also names the pieces that can rotate about
+        the nodes or edges that join them.
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.body.terms:
@@ -504,25 +520,25 @@ class System(BoundTerms):
         check_held(self.mesh, self.bound_terms, np.union1d(self.supports.held, stay), solid & ~self.body.gone)
 
     def parts(self) -> NDArray[np.int32]:
-        """(nv,) number of the part that each node is of: parts are what terms hold together."""
+        """Return the part number (nv,) of each node: parts are connected by terms."""
         return parts_of([joined(term) for term in self.bound_terms], self.mesh.nv)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
-        """The degrees of freedom that are not `fixed`, and K restricted to them without slicing.
+        """Return the degrees of freedom that are not `fixed`; the object also restricts K to them without slicing.
 
         Parameters
         ----------
-        fixed : what scikit-fem's `basis.get_dofs(...)` returned; the name of a boundary or node set or a predicate, for all
-            components there; components by place as in `System(fixed=...)`; or bare integers, which are degrees of freedom `d *
-            node + component` here, and nodes at the places of `System(fixed=...)`.
+        fixed : the result of scikit-fem's `basis.get_dofs(...)`; the name of a boundary or node set, or a predicate, for all
+            components there; components by location as in `System(fixed=...)`; or bare integers. Here bare integers are degrees of
+            freedom `d * node + component`. As locations in `System(fixed=...)` they are nodes.
 
-        RegionError or SupportError if there is nothing at a place, or a component is not of the mesh; StvkError if a degree of
+        RegionError or SupportError if a location has no nodes, or the mesh does not have a component. StvkError if a degree of
         freedom is out of range, or none is free.
         """
         return FreeDofs(self, dofs_at(self.mesh, fixed))
 
     def memory(self) -> dict[str, int]:
-        """Bytes of what the system holds now, by part; what has not been asked for yet is not there.
+        """Return the bytes that the system uses now, by part; data that are not computed yet count as 0.
 
         >>> import skfem
         >>> from skfem_stvk import StVK
@@ -545,11 +561,11 @@ class System(BoundTerms):
         return parts
 
     def _moment(self, t: Time) -> Moment:
-        """The moment of the loads at load factor `t`."""
+        """Return the moment of the loads at load factor `t`."""
         return Moment.checked(t)
 
     def _refuse_without_energy(self) -> None:
-        """Refuse to return one energy for terms of which some have none."""
+        """Raise StvkError if some terms have no energy."""
         if self.without_energy:
             raise StvkError(
                 f"{', '.join(self.without_energy)} has no energy; expected terms whose force is the gradient of one, such as StVK. "
@@ -582,8 +598,10 @@ class System(BoundTerms):
         *,
         free: FreeDofs | None = None,
     ) -> float:
-        """Fill the values of K, or of K over the `free` degrees of freedom, of which `every` term has these rows; adds the force;
-        the energy."""
+        """Fill the values of K, or of K over the `free` degrees of freedom; return the energy.
+
+        `every` has the rows of each term. The internal force is added to `force` if given.
+        """
         add = self.mesh.d**2 * every[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
@@ -600,7 +618,10 @@ class System(BoundTerms):
     def _part(
         self, x: Array, free: FreeDofs, out: csr_matrix | None, kept: Tensions, make: Callable[[csr_matrix | None], csr_matrix]
     ) -> csr_matrix:
-        """K over the free degrees of freedom: straight where all that has a part in it can, else of all K, which `make` gives."""
+        """Return K over the free degrees of freedom.
+
+        It is assembled directly if all contributions support this. Otherwise it is a part of the whole K, from `make`.
+        """
         if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
             raise StvkError(
                 f"free = {shown(free)}; expected what free_dofs() of this system returned: K over the degrees of freedom of "
@@ -621,7 +642,7 @@ class System(BoundTerms):
 
 
 def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:
-    """The mesh with shape functions of this degree."""
+    """Return the mesh with shape functions of this degree."""
     try:
         return ElementMesh.of(mesh).with_degree(degree)
     except MeshError as error:
@@ -634,7 +655,7 @@ def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:
 
 
 def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | None) -> Quadrature:
-    """The points of elements that `quadrature` names."""
+    """Return the quadrature rule that `quadrature` names."""
     kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
     if kind != "one-point":
         if hourglass is not None:
@@ -652,7 +673,7 @@ def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | 
 
 
 def _no_mean(mesh: ElementMesh) -> str:
-    """Why elements have no mean gradients with hourglass control, and what to do."""
+    """Return the reason why elements have no mean gradients with hourglass control, and a remedy."""
     if mesh.element.shape.one_point:
         return (
             "mean gradients are along the axes of space, and a surface in space has others from point to point. Leave it out, for "
@@ -664,7 +685,7 @@ def _no_mean(mesh: ElementMesh) -> str:
 
 
 def _float_type(dtype: Any) -> np.dtype[Any]:
-    """Double or single precision."""
+    """Return the type of double or single precision; raise StvkError for any other."""
     try:
         found = np.dtype(dtype)
     except Exception:  # TypeError mostly, but not of all text
@@ -675,7 +696,7 @@ def _float_type(dtype: Any) -> np.dtype[Any]:
 
 
 def array_to_fill(mesh: ElementMesh, out: Array) -> Array:
-    """An array of floats (ndofs,) in one piece to write to, as (nv, d); anything else is refused."""
+    """Return a contiguous array of floats (ndofs,) as (nv, d) to write to; raise StvkError for any other object."""
     own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
     if not own or out.shape != (mesh.p.size,) or not (out.flags.carray and out.dtype.isnative):
         raise StvkError(
@@ -686,7 +707,7 @@ def array_to_fill(mesh: ElementMesh, out: Array) -> Array:
 
 
 def _factors(kept: Tensions) -> Tensions:
-    """Refuses what are no factors of tensions."""
+    """Return the factors of tensions; raise StvkError for any other object."""
     if not isinstance(kept, Tensions):
         raise StvkError(
             f"kept = {shown(kept)}; expected ALL, TENSILE, NONE or WARPED of skfem_stvk.edges, or Tensions(positive, negative)."
