@@ -1,4 +1,4 @@
-"""The entry point of the command `skfem-stvk`, which is `python -m skfem_stvk.cli` as well."""
+"""Entry point of the command `skfem-stvk`, also run by `python -m skfem_stvk.cli`."""
 
 import signal
 import sys

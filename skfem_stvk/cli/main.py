@@ -19,12 +19,13 @@ from . import referee, scenes, warm_up
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code is 0 if all went well, 1 if a check did not pass or a solve did not converge, 2 for bad
-    input, 3 if a scene is not as expected, 130 if it was interrupted."""
+    """Run the command and return its exit code: 0 for success, 1 if a check failed or a solve did not converge, 2 for bad input, 3
+    if a scene does not meet its expectations, 130 if interrupted.
+    """
     options = _parser().parse_args(arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # names of files need not be text
+            stream.reconfigure(errors="backslashreplace")  # names of files may be invalid text
     notes = console(stderr=True)
     try:
         with warnings.catch_warnings():
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = partial(_show, notes, warnings.showwarning)
             code: int = options.run(options)
             return code
-    except AnalysisError:  # which something unforeseen has interrupted
+    except AnalysisError:  # an unforeseen error interrupted the analysis
         raise
     except (StvkError, OSError) as error:
         notes.print(f"[bold red]error[/] {printable(str(error))}", soft_wrap=True)
@@ -52,7 +53,9 @@ def _show(notes: Console, otherwise: Callable[..., None], message: Warning | str
 
 @dataclass(frozen=True)
 class Command:
-    """What `skfem-stvk NAME` runs, which gives the exit code; the line of the help; and what adds its arguments."""
+    """Command `skfem-stvk NAME`: the function that runs it and returns the exit code, its line of help, and the function that adds
+    its arguments.
+    """
 
     run: Callable[[argparse.Namespace], int]
     help: str

@@ -1,4 +1,4 @@
-"""The commands that judge, and how they write and print their results."""
+"""Commands of the referee, and the output of their results."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from ..referee.verification import verify
 from ..terminal import BAD_INPUT, DONE, NOT_PASSED, WIDTH, console, printable
 from ..terms import StVK
 
-#: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios such that lambda != mu.
+#: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios give lambda != mu.
 EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
 
 
 def _add_body(parser: argparse.ArgumentParser, without: str) -> None:
-    """Add the arguments of a mesh with one material; `without` says what is done without a mesh."""
+    """Add the arguments of a mesh with one material; `without` describes the command without a mesh."""
     parser.add_argument("mesh", nargs="?", help=f"mesh file; by default {without}")
     parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, help="Poisson's ratio")
@@ -63,7 +63,7 @@ def verify_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Hold W, F and K against scikit-fem's standard assembly and against what must be true; exit code 0 if all passed."""
+    """Compare W, F and K with scikit-fem's standard assembly, and check their invariants; exit code 0 if all passed."""
     if options.out is not None:
         refuse_unwritable(options.out)
     if options.self_test:
@@ -222,9 +222,9 @@ Rendering = Callable[[int], RenderableType]
 
 
 def give(rendering: Rendering, width: int, save: Callable[[str], object], folder: str | None, files: str) -> None:
-    """Write results before anything is printed, as a closed pipe ends the program; what goes wrong waits until they are printed.
+    """Write results before anything is printed, as a closed pipe ends the program; errors of writing are raised after printing.
 
-    Standard output is as wide as the terminal, or `width` if it is none.
+    Standard output is as wide as the terminal, or `width` if it is not a terminal.
     """
     failure = None
     try:
@@ -241,12 +241,12 @@ def give(rendering: Rendering, width: int, save: Callable[[str], object], folder
 
 
 def print_line(text: str) -> None:
-    """Print one line on standard output, however wide the terminal is."""
+    """Print one line on standard output, for any width of the terminal."""
     console().print(printable(text), soft_wrap=True)
 
 
 def refuse_unwritable(name: str) -> None:
-    """Refuse, before the work, a folder that cannot be written to; make nothing yet."""
+    """Refuse, before the work, a folder that is not writable; do not make it yet."""
     folder = path("--out", name, "the path of a folder, which is made if it is missing")
     nearest = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
     if not nearest.is_dir():

@@ -1,4 +1,4 @@
-"""The commands on scenes: init, info (of a mesh and of the installation, too), solve, sweep."""
+"""Commands on scenes: init, info (also of a mesh and of the installation), solve, sweep."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ..scene.info import Inspection, inspect_mesh, inspect_scene
 from ..scene.outcome import SceneOutcome, as_printed
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_PASSED, WIDTH, console, printable
 
-#: Options that make the material of a mesh.
+#: Options for the material of a mesh.
 MATERIAL = ("young", "poisson", "density")
-#: Optional packages, and what installs them.
+#: Optional packages, and the commands that install them.
 OPTIONAL = {
     "pypardiso": "pip install 'skfem-stvk[pardiso]'",
     "pyvista": "pip install 'skfem-stvk[plot]'",
@@ -87,7 +87,7 @@ def solve(options: argparse.Namespace) -> int:
 
 
 def _print(outcome: SceneOutcome) -> None:
-    """Say how it came out, what was expected, and where results are."""
+    """Print the outcome, the expectations, and the folder of results."""
     out = console()
     out.print(f"{outcome.status}: {printable(outcome.message)}", soft_wrap=True)
     for one in outcome.judged:
@@ -135,11 +135,11 @@ def info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def info(options: argparse.Namespace) -> int:
-    """Say what would be built of a scene or of a mesh, and what is wrong with it.
+    """Print the body that a scene or a mesh would build, and its faults.
 
     The exit code is 2 if no body can be made of it.
 
-    Without a file: versions, the machine, threads, caches and every optional package, or the line that installs it.
+    Without a file, print versions, the machine, threads, caches and every optional package, or the line that installs it.
     """
     if options.footprint:
         return _footprint(options)
@@ -172,7 +172,7 @@ def _optional() -> dict[str, str]:
 
 
 def _caches() -> dict[str, str]:
-    """Return the folder of compiled kernels, and whether it can be written to."""
+    """Return the folder of compiled kernels, and whether it is writable."""
     folder = getattr(getattr(expand, "_cache", None), "cache_path", None)
     if folder is None:
         return {"kernels kept in": "no folder: every process compiles. Set NUMBA_CACHE_DIR to one that can be written to"}

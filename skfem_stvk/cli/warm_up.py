@@ -38,7 +38,7 @@ def _move(body: System) -> None:
         simulate(body, integrator, until=1e-3, quiet=True)
 
 
-#: Work on a body that compiles kernels, each in a process of its own; kernels of an earlier row are on disk for the next one.
+#: Work on a body that compiles kernels, each in a separate process; kernels of an earlier row are on disk for the next one.
 ROWS: tuple[dict[str, Callable[[System], object]], ...] = (
     {"bodies": lambda body: None},
     {
@@ -52,7 +52,7 @@ WORK = {name: work for row in ROWS for name, work in row.items()}
 
 
 def body_of(element: str, law: str) -> System:
-    """Return a small body of elements of this kind, held where x = 0."""
+    """Return a small body of elements of this kind, fixed at x = 0."""
     kind = ELEMENTS[element]
     one = np.arange(kind.n, dtype=np.int32)[:, None]
     mesh: Any = ElementMesh(kind.nodes.T, one, element=kind) if kind.mesh is None else kind.mesh().refined(2)  # two levels of AMG
@@ -62,7 +62,9 @@ def body_of(element: str, law: str) -> System:
 
 
 def compile_kernels(task: tuple[str, str, str]) -> int | str:
-    """Compile what a task (element, law, work) needs; the number of kernels that were not on disk, or why there is no such body."""
+    """Compile the kernels of a task (element, law, work); return the number of kernels not yet on disk, or why the body is
+    impossible.
+    """
     element, law, work = task
     first_use.quiet, before = True, first_use.count
     try:
@@ -87,9 +89,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def warm_up(options: argparse.Namespace) -> int:
-    """Compile the kernels of elements and laws, on all cores: W, F, K, `K v`, statics and motions of a first run need no more time.
+    """Compile the kernels of elements and laws on all cores, so that W, F, K, `K v`, statics and motions of a first run need no
+    compilation.
 
-    Machine code is kept on disk, in the folder that `skfem-stvk info` names.
+    Machine code is stored on disk, in the folder that `skfem-stvk info` names.
     """
     elements, laws = _chosen("elements", options.elements, ELEMENTS), _chosen("laws", options.laws, LAWS)
     if not first_use.on_disk:
@@ -114,7 +117,7 @@ def warm_up(options: argparse.Namespace) -> int:
 
 
 def _chosen(option: str, names: list[str], known: dict[str, Any]) -> list[str]:
-    """Return the names that were given, or all."""
+    """Return the user-supplied names, or all."""
     if names == ["all"]:
         return list(known)
     if unknown := [name for name in names if name not in known]:

@@ -1,4 +1,4 @@
-"""Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the heart."""
+"""Edges, tetrahedron-sharing edge pairs (TSEPs), their coefficients L, and the assembly from them: the core of the package."""
 
 from .assembly import Assembly
 from .form import EdgeForm

@@ -1,4 +1,4 @@
-"""Methods that laws register in addition to W, F and K: of strains quadratic in displacements, mean forces, round-off."""
+"""Methods that laws register in addition to W, F and K: for strains quadratic in displacements, mean forces and round-off."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from .form import EdgeForm
 from .stiffness import FramedStiffness, GeneralStiffness, Stiffness
 from .topology import in_lanes, out_of_lanes
 
-#: Places of the strains of elements of so many dimensions in the order 11, 22, 33, 12, 13, 23.
+#: Component indices (i, j) of the strain, by element dimension, in the order 11, 22, 33, 12, 13, 23.
 PLACES = {1: (0,), 2: (0, 1, 3), 3: (0, 1, 2, 3, 4, 5)}
 
 
 @in_turn
 def add_round_off(term: Assembly, u: Array, out: Array) -> None:
-    """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N].
+    """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N].
 
-    Times eps it is the size of the force's rounding error, of which that of `u` itself is a part. The errors of sheets and cables
-    that bear no compression are at most those of the same strains with all of their stress.
+    Times eps, the sum bounds the rounding error of the force, including the error from rounding `u` itself. The errors of
+    tension-only sheets and cables are at most those of the same strains with the full stress.
     """
     term.elements.gather(u)
     law = IsotropicLaw(term.law.D) if isinstance(term.law, TensionLaw) else term.law
@@ -43,15 +43,14 @@ def add_round_off(term: Assembly, u: Array, out: Array) -> None:
 
 
 def add_sizes_thrice(term: Assembly, u: Array, out: Array) -> None:
-    """Add three times what `add_sizes` does to `out` (nv, d) [N]: stretches, and frames that are rotated, have errors of several
-    eps."""
+    """Add three times the result of `add_sizes` to `out` (nv, d) [N]. Stretches and rotated frames have errors of several eps."""
     sizes = np.zeros(u.shape)
     term.add_sizes(u, sizes)
     out += 3 * sizes
 
 
 def _change(term: Assembly, u0: Array, u1: Array) -> Array:
-    """Gather the state `u0` (nv, d); the change to `u1` in the order of the kernels."""
+    """Gather the state `u0` (nv, d) and return the change to `u1` in the order of the kernels."""
     term.elements.gather(u0)
     change = term.elements.own.gathered("direction", u1, np.float64)
     change -= term.elements.u
@@ -60,27 +59,27 @@ def _change(term: Assembly, u0: Array, u1: Array) -> Array:
 
 @in_turn
 def discrete_mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-    """Add to `force` (nv, d) [N] what stresses between two states `u0`, `u1` (nv, d) pull, as in `HasMeanForce`.
+    """Add the force of the stresses between the states `u0` and `u1` (nv, d) to `force` (nv, d) [N], as in `HasMeanForce`.
 
-    It is a discrete gradient of the energy (`kernels.discrete_gradient`): forces and torques about `X + (1 - theta) u0 + theta
-    u1` balance, and for `w0 = w1 = theta = 1/2` the work over `u1 - u0` is `W(u1) - W(u0)` to rounding of these two.
+    The force is a discrete gradient of the energy (`kernels.discrete_gradient`). Forces and torques about `X + (1 - theta) u0 +
+    theta u1` balance. For `w0 = w1 = theta = 1/2`, the work over `u1 - u0` is `W(u1) - W(u0)`, up to the rounding of both energies.
     """
     rule = DiscreteGradient(float(weights[0]), float(weights[1]), float(theta), term.elements.k == term.elements.d)
     R = float(sum(term.run(element_kernels.forces_along, force, _change(term, u0, u1), rule)))
     if not np.isfinite(R):
-        term.energy_and_force(u1)  # which says why
+        term.energy_and_force(u1)  # raises an error with the reason
     return R
 
 
 @in_turn
 def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-    """Add to `force` (nv, d) [N] what mean tensions of two states `u0`, `u1` (nv, d) pull along the edges as they are in between.
+    """Add the force of the mean tensions of two states `u0`, `u1` (nv, d), along the edges in between, to `force` (nv, d) [N].
 
         f_a = sum_b t_ab (p_a - p_b)        t = L (w0 zeta(u0) + w1 zeta(u1)),  p at (1 - theta) u0 + theta u1
 
-    Forces and torques about `p` balance. The work over `u1 - u0` is `W(u1) - W(u0)` for `w0 = w1 = theta = 1/2`, and with other
-    weights of sum 1 more by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J], which is returned: zero for a rigid motion, and never
-    negative.
+    Forces and torques about `p` balance. For `w0 = w1 = theta = 1/2`, the work over `u1 - u0` is `W(u1) - W(u0)`. With other
+    weights of sum 1, the work is larger by `(w1 - w0)` times `1/4 dzeta' L dzeta` [J]. The function returns this last number, which
+    is zero for a rigid motion and never negative.
     """
     rule = MeanStress(float(weights[0]), float(weights[1]), float(theta))
     return float(sum(term.run(element_kernels.forces_along, force, _change(term, u0, u1), rule)))
@@ -88,12 +87,13 @@ def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float
 
 @in_turn
 def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
-    """Add to `force` (nv, d) the resistance of the edges to velocities `v` at `u` (nv, d), for a relaxation time of 1 s.
+    """Add the resistance of the edges to velocities `v` at `u` (nv, d), for a relaxation time of 1 s, to `force` (nv, d).
 
         f_a = sum_b t_ab (p_a - p_b)        t = L dzeta/dt,  dzeta_ab/dt = 2 (p_a - p_b) . (v_a - v_b)
 
-    It is `2 J' L J v`, the product with the Gauss-Newton tangent, and the derivative by `v` of `R = 1/4 dzeta/dt' L dzeta/dt`
-    [W], which is returned: the power that it takes is `2 R`. Rigid motions, turning ones too, meet no resistance.
+    The force is `2 J' L J v`, the product with the Gauss-Newton tangent. It is also the derivative of `R = 1/4 dzeta/dt' L
+    dzeta/dt` [W] by `v`. The function returns `R`; the dissipated power is `2 R`. Rigid motions, including rotations, meet no
+    resistance.
     """
     term.elements.gather(u)
     V = term.elements.own.gathered("direction", v, np.float64)
@@ -102,7 +102,9 @@ def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
 
 @in_turn
 def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
-    """(5,) coefficients `c` [J] of the energy along `u + s v`, both (nv, d): exactly `c_0 + c_1 s + ... + c_4 s^4`, at any `s`."""
+    """Return the coefficients `c` (5,) [J] of the energy along `u + s v`, both (nv, d): `c_0 + c_1 s + ... + c_4 s^4`, exact at any
+    `s`.
+    """
     elements = term.elements
     elements.gather(u)
     V = elements.own.gathered("direction", v, np.float64)
@@ -111,15 +113,14 @@ def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
 
 
 def smallest_stretches(term: Assembly, u: Array) -> NDArray[np.float64]:
-    """(nt,) smallest principal stretch at `u` (nv, d) within their own dimensions, of the elements in the order in which they were
-    given."""
+    """Return the smallest principal stretch (nt,) of each element at `u` (nv, d), within its own dimensions, in the user's order."""
     own = np.empty(len(term.elements.t) * LANES)
     _smallest_stretch(term, u, own)
     return term.of_elements(own)
 
 
 def smallest_stretch(term: Assembly, u: Array) -> float:
-    """The smallest of `smallest_stretches(u)`, of linear simplices for one and a half times the price of F."""
+    """Return the smallest entry of `smallest_stretches(u)`. For linear simplices this costs one and a half times as much as F."""
     return _smallest_stretch(term, u, np.empty(0)) if term.gone is None else float(smallest_stretches(term, u).min())
 
 
@@ -135,7 +136,7 @@ def _smallest_stretch(term: Assembly, u: Array, out: Array) -> float:
 def tensions(term: Assembly, u: Array) -> Array:
     """Return the tensions `t = L zeta` (ne,) [N/m] at `u` (nv, d) of the edges in lexicographic order, without `form`.
 
-    StvkError for other elements than linear simplices.
+    Raises StvkError for elements other than linear simplices.
     """
     _refuse_points(term)
     term.elements.gather(u)
@@ -155,7 +156,7 @@ def edge_form(term: Assembly) -> EdgeForm:
 
 
 def _refuse_points(term: Assembly) -> None:
-    """Refuse elements that are no linear simplices, whose strain differs from point to point."""
+    """Refuse elements other than linear simplices: their strain differs from point to point."""
     if term.points is not None:
         raise StvkError(
             f"{term.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of "
@@ -164,11 +165,11 @@ def _refuse_points(term: Assembly) -> None:
 
 
 def strain_products(term: Assembly, fields: Array, most: int) -> Iterator[Array]:
-    """Yield rows as in `HasStrainProducts`; rows of zeros for elements that were taken out."""
+    """Yield rows as in `HasStrainProducts`. The rows of removed elements are zero."""
     elements, X = term.elements, np.zeros((len(fields), 3))
     X[elements.own.vertices] = elements.X.reshape(-1, 3)
     k, nt = elements.k, len(elements.elements)
-    fields = np.concatenate([X[:, : elements.d, None], fields], axis=2)  # with x_0 = 1 the place where a node is
+    fields = np.concatenate([X[:, : elements.d, None], fields], axis=2)  # x_0 = 1 multiplies the node's own coordinates
     n, s = fields.shape[2], k * (k + 1) // 2
     pairs, at_once = n * (n + 1) // 2, max(1, most // s)
     work, out = np.empty((s, pairs)), np.empty((min(at_once, nt) * s, pairs))
@@ -190,7 +191,7 @@ def strain_products(term: Assembly, fields: Array, most: int) -> Iterator[Array]
 
 
 def _factors(term: Assembly, ids: NDArray[np.int64], q: int) -> tuple[Array, Array]:
-    """`Ri` (n, k, k) at a point of elements in their own order, and `L` (n, s, s) with `W = 1/2 |L M|^2` there."""
+    """Return `Ri` (n, k, k) at a point of elements in their own order, and the factor `L` (n, s, s) with `W = 1/2 |L M|^2` there."""
     m, k, (block, lane) = numbers_in(term.law), term.elements.k, np.divmod(ids, LANES)
     at, weight = block * m * LANES, 1.0
     if term.points is not None:
@@ -202,7 +203,7 @@ def _factors(term: Assembly, ids: NDArray[np.int64], q: int) -> tuple[Array, Arr
 
 
 def _forms(numbers: Array) -> Array:
-    """(n, 6, 6) `C` with `W = 1/2 M' C M` for strains in the order of the kernels, from the numbers of a law of StVK (n, m)."""
+    """Return `C` (n, 6, 6) with `W = 1/2 M' C M`, for strains in the order of the kernels, from the numbers (n, m) of a StVK law."""
     twice = np.array([1.0, 1, 1, 2, 2, 2])
     if numbers.shape[1] == 2:
         trace = np.outer(*[np.array([1.0, 1, 1, 0, 0, 0])] * 2)
@@ -214,7 +215,7 @@ def _forms(numbers: Array) -> Array:
 
 
 def square_roots(C: Array) -> Array:
-    """(n, s, s) L with `L' L = C`, symmetric and positive semi-definite but for rounding."""
+    """Return `L` (n, s, s) with `L' L = C`, for `C` symmetric and positive semi-definite up to rounding."""
     try:
         return np.ascontiguousarray(np.swapaxes(np.linalg.cholesky(C), 1, 2))
     except np.linalg.LinAlgError:  # no stiffness in some direction
@@ -223,14 +224,14 @@ def square_roots(C: Array) -> Array:
 
 
 def _of_elements(B: Array, ids: NDArray[np.int64]) -> Array:
-    """(n, m, 3) of elements from a table (blocks, m, 3, LANES)."""
+    """Return the entries (n, m, 3) of elements from a table (blocks, m, 3, LANES)."""
     block, lane = np.divmod(ids, LANES)
     return np.asarray(B[block, :, :, lane])
 
 
 @in_turn
 def rotate_frames(term: Assembly, t: Any) -> None:
-    """Rotate the frames to where they are at load factor or moment `t`."""
+    """Rotate the frames to their orientation at load factor or time `t`."""
     elements, m = term.elements, numbers_in(term.law)
     assert isinstance(term.stored, FramedStiffness)
     R = in_lanes(term.stored.frames(t).reshape(-1, 9)[elements.elements].T.astype(term.dtype)).reshape(-1, 9, LANES)
@@ -238,7 +239,7 @@ def rotate_frames(term: Assembly, t: Any) -> None:
     term.law.D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
 
 
-#: St. Venant-Kirchhoff's law: on linear simplices an edge form, and much is known exactly.
+#: St. Venant-Kirchhoff's law. On linear simplices it is an edge form, and many results are exact.
 STVK = offering(
     __name__,
     "STVK",
@@ -255,9 +256,9 @@ STVK = offering(
 )
 #: An energy of the strain.
 OF_STRAIN = offering(__name__, "OF_STRAIN", mean_force=discrete_mean_force)
-#: Sheets and cables that bear no compression.
+#: Tension-only sheets and cables.
 TENSION = offering(__name__, "TENSION", mean_force=discrete_mean_force, add_round_off=add_round_off)
-#: An energy of principal stretches, whose decomposition rounds more than a sum does.
+#: An energy of principal stretches. Their decomposition has larger rounding errors than a sum.
 STRETCHES = offering(__name__, "STRETCHES", passes_inversion=True, add_round_off=add_sizes_thrice)
-#: Linear elasticity in user-supplied frames: energy that the body gains or loses as these rotate is work from outside.
+#: Linear elasticity in user-supplied frames. Energy that the body gains or loses as the frames rotate is external work.
 FRAMED = offering(__name__, "FRAMED", has_energy=False, at=rotate_frames, add_round_off=add_sizes_thrice)

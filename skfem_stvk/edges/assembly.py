@@ -1,4 +1,4 @@
-"""W, F and K of energies that are a sum over elements, and the volumes of those elements; laws register further methods."""
+"""W, F and K of energies that are a sum over elements, and the volumes of those elements. Laws register further methods."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from .topology import out_of_lanes, own_order, pairs_of
 
 
 class Assembly(PairTerm):
-    """A law at the points of elements: the calls of its kernels, and how the volumes of the elements change.
+    """Energy of a law at the points of elements, and the changes of the elements' volumes.
 
-    Ratios of volumes are below zero where an element is inside out, whichever way round its nodes are numbered. Of surfaces in
-    space, and of segments in more than one dimension, they are ratios of areas and lengths, which have no sign. Elements that
-    are no linear simplices have a ratio at each point and at each node, and the smallest of these counts; their smallest
-    stretch is that of their points, where the law is asked.
+    Volume ratios are below zero for inverted elements, for either numbering of the nodes. For surfaces in space, and for segments
+    in more than one dimension, they are ratios of areas and lengths, which have no sign. Elements other than linear simplices have
+    a ratio at each point and at each node; the smallest of these counts. Their smallest stretch is taken over the points at which
+    the law is evaluated.
 
     Parameters
     ----------
     p, t : rest coordinates (d, nv) [m], and nodes (n, nt) of the elements.
-    stored : the law, and what it stores of each element: computed in double, then rounded.
+    stored : the law and its stored numbers of each element: computed in double, then rounded.
     quadrature : the kind of elements and the rule, by default linear simplices.
-    dtype : of results and of what is stored.
+    dtype : of results and of stored numbers.
     resistance : (nt,) `hourglass/16 (lam + 2 mu)` times section, of boxes with one point.
     elements : (nt,) their ids, for messages; by default 0, 1, ...
     """
 
     symmetric = balanced = has_energy = True
-    #: Whether linear simplices have an edge form, so that tensions are those of edges, and K at rest can be rotated with elements.
+    #: Whether linear simplices have an edge form, so that edges have tensions, and K at rest can be rotated with elements.
     by_edges = False
 
     def __init__(
@@ -69,20 +69,20 @@ class Assembly(PairTerm):
         numbers = stored.numbers(p, quadrature, order, dtype).astype(self.dtype)
         self.points, self._D = self.elements.in_points(numbers)
         last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
-        last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # what only fills it has no stiffness
+        last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # unused lanes of the last block have no stiffness
         self.gone: NDArray[np.bool_] | None = None
         self._t_of_volumes = self.elements.t
         if self.by_edges:
             self.simplices = p, t
-        if stored.barrier:  # which needs them for its messages
+        if stored.barrier:  # the barrier needs them for its messages
             self._ids = np.arange(t.shape[1]) if elements is None else elements
 
     @in_turn
     def without(self, gone: NDArray[np.bool_]) -> Assembly:
-        """Return the term without the elements that are `gone` (nt,), in the order in which they were given.
+        """Return the term without the removed elements `gone` (nt,), in the user's order.
 
-        Their numbers are zero, as those of the lanes that only fill the last block: they have neither energy nor stiffness, and the
-        pattern stays as it is. They have no volume that could be lost, and no stretch: both count as infinite.
+        The numbers of removed elements are zero, like those of the unused lanes of the last block. They have neither energy nor
+        stiffness, and the pattern stays as it is. They have no volume that could be lost and no stretch: both count as infinite.
         """
         left, elements = copy(self), self.elements
         left.gone, left._D, left._t_of_volumes = gone, self._D.copy(), elements.t.copy()
@@ -98,12 +98,12 @@ class Assembly(PairTerm):
             left.points = self.points._replace(resistance=self.points.resistance.copy())
             left.points.resistance[block, lane] = 0
         nodes = left._t_of_volumes.reshape(blocks, -1, LANES)
-        nodes[block, :, lane] = nodes[block, 0, lane][:, None]  # all in one place: no volume, now or later
+        nodes[block, :, lane] = nodes[block, 0, lane][:, None]  # all nodes coincide, so the volume is always zero
         return left
 
     @cached_property
     def nodes_joined(self) -> NDArray[np.int32]:
-        """(2, n) the pairs of nodes that elements hold together: `nodes_paired`, but for those of elements that were taken out."""
+        """Pairs of nodes (2, n) that elements join: `nodes_paired` without those of removed elements."""
         if self.gone is None:
             return self.nodes_paired
         elements = self.elements
@@ -112,7 +112,7 @@ class Assembly(PairTerm):
 
     @cached_property
     def pairs(self) -> PairBlocks:
-        """Products and matrices that are made of the blocks."""
+        """Products and matrices of the blocks."""
         return PairBlocks(self.elements.own, self.elements.edges, self.elements.d)
 
     @property
@@ -123,10 +123,11 @@ class Assembly(PairTerm):
     def run(
         self, kernel: Callable[..., Any], force: Array | None, *more: Any, law: Any = None, to: tuple[Any, ...] = ()
     ) -> list[Any]:
-        """Run a kernel that adds forces to nodes, at the displacements that were gathered last; return its results by part.
+        """Run a kernel that adds forces to nodes, at the displacements gathered last, and return its results by part.
 
-        Its arguments are nodes and slots of the blocks, where it writes `to`, points, law, rest coordinates, displacements, `more`,
-        and slots of forces, which are added to `force` (nv, d): none without a force. Nothing is added where a barrier is infinite.
+        The kernel's arguments are, in this order: nodes and slots of the blocks, its output `to`, points, law, rest coordinates,
+        displacements, `more`, and slots of forces. The slots are added to `force` (nv, d) unless it is None. Nothing is added if a
+        barrier is infinite.
         """
         elements, shares = self.elements, self.elements.forces
         f = np.empty(0, dtype=self.dtype) if force is None else elements.own.slots("F", shares)
@@ -141,24 +142,24 @@ class Assembly(PairTerm):
 
     @in_turn
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
+        """Return the strain energy [J] at displacements `u` (nv, d) [m]; add the internal force `dW/du` [N] to `force` (nv, d)."""
         self.elements.gather(u)
         W = sum(self._energies(force))
         return W if self.has_energy else 0.0
 
     def _energies(self, force: Array | None) -> list[float]:
-        """The energy by part, at the displacements that were gathered last; adds to `force`."""
+        """Return the energy by part, at the displacements gathered last; add the force to `force`."""
         return self.run(element_kernels.energy_and_force, force)
 
     def _linearize(self, to: PairSlots | RowSlots, kept: Tensions, force: Array | None) -> list[tuple[float, float]]:
-        """Do what `_energies` does, and write the blocks of the edges to `to`; energy and trace of K by part."""
+        """Do the same as `_energies`, write the blocks of the edges to `to`, and return energy and trace of K by part."""
         law, elements = self.law, self.elements
         if kept.warped and self.by_edges:
             law = WarpedLaw(law.D, law, flat_of(elements.k, elements.d))
         return self.run(element_kernels.linearize, force, float(kept.positive), float(kept.negative), law=law, to=(to,))
 
     def _total(self, found: list[tuple[float, float]]) -> tuple[float, float]:
-        """The energy and the trace of K from all parts."""
+        """Return the energy and the trace of K, summed over all parts."""
         energies, traces = zip(*found, strict=True)
         return sum(energies) if self.has_energy else 0.0, sum(traces)
 
@@ -169,14 +170,14 @@ class Assembly(PairTerm):
             self.refuse_inside_out()
 
     def refuse_inside_out(self) -> None:
-        """Refuse the displacements that were gathered last, at which elements have no volume left at a point."""
+        """Refuse the displacements gathered last if elements have no volume left at a point."""
         refuse_inside_out(self._volume_ratios(self.elements.at_points), self._ids, self.stored.barrier)
 
     @in_turn
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        """Return, as in `PairTerm`, the blocks `K_ab` (9 ne,) of the edges, with room for the sums of threads.
+        """Return the blocks `K_ab` (9 ne,) of the edges, as in `PairTerm`, with extra space for the sums of threads.
 
-        With an edge form they are `K = 2 J' L J + sum g t Lap (x) I`, `g` the factors of `kept` for tensions `t`.
+        With an edge form they are `K = 2 J' L J + sum g t Lap (x) I`. `g` are the factors of `kept` for tensions `t`.
         """
         elements = self.elements
         to, total = elements.blocks, elements.edges.total
@@ -193,7 +194,7 @@ class Assembly(PairTerm):
         return W, blocks
 
     def own_tensions(self) -> Array:
-        """Tensions of the edges in their own order, at the displacements that were gathered last."""
+        """Return the tensions of the edges in their own order, at the displacements gathered last."""
         elements = self.elements
         to, total = elements.blocks, elements.edges.total
         t = elements.own.room("t", total + len(to.extra), self.dtype)
@@ -208,14 +209,16 @@ class Assembly(PairTerm):
         return ElementRows(self.elements, self.pairs, pattern, self.dtype)
 
     def by_rows(self, kept: Tensions) -> bool:
-        """Return as in `PairTerm`; the signs of tensions of edges are known only when all elements have been added."""
+        """Return whether `fill` works row by row, as in `PairTerm`. Signs of edge tensions are known only after all elements are
+        added.
+        """
         return not self.by_edges or kept.negative == kept.positive or self.points is not None
 
     @in_turn
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
-        """Fill K as in `PairTerm`, without an array of all blocks where it is made `by_rows`."""
+        """Fill K as in `PairTerm`. If K is made `by_rows`, no array of all blocks is needed."""
         if not self.by_rows(kept):
             return super().fill(u, rows.of_all_pairs, data, add, force, kept)
         self.elements.gather(u)
@@ -225,13 +228,13 @@ class Assembly(PairTerm):
 
     @in_turn
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
-        """(nt,) ratios at `u` (nv, d), of the elements in the order in which they were given."""
+        """Return the volume ratios (nt,) of the elements at `u` (nv, d), in the user's order."""
         self.elements.gather(u)
         return np.min([self._volume_ratios(points) for points in self._checked_at], axis=0)
 
     @in_turn
     def smallest_volume_ratio(self, u: Array) -> float:
-        """The smallest of `volume_ratios(u)`, of linear simplices for half the price of F."""
+        """Return the smallest entry of `volume_ratios(u)`. For linear simplices this costs half as much as F."""
         self.elements.gather(u)
         if self.gone is not None:
             return min(float(self._volume_ratios(points).min()) for points in self._checked_at)
@@ -239,7 +242,9 @@ class Assembly(PairTerm):
 
     @in_turn
     def step_limit(self, u: Array, v: Array) -> float:
-        """The smallest `s > 0` at which an element right side out at `u` has no volume left at `u + s v` (nv, d); or infinity."""
+        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume left at `u + s v` (nv, d); or
+        infinity.
+        """
         elements = self.elements
         if elements.k < elements.d:
             return np.inf
@@ -251,13 +256,13 @@ class Assembly(PairTerm):
 
     @property
     def _checked_at(self) -> tuple[Points | MeanPoints | None, ...]:
-        """Tables of the places where volumes are looked at: linear simplices have one volume, others one at each point and node."""
+        """Tables of the points at which volumes are checked: one for linear simplices, else each point and each node."""
         if self.points is None:
             return (None,)
         return self.elements.at_points, self.elements.at_nodes
 
     def _volume_ratios(self, points: Points | MeanPoints | None) -> NDArray[np.float64]:
-        """The smallest ratio of each element among these points, at the displacements that were gathered last."""
+        """Return the smallest ratio of each element over these points, at the displacements gathered last."""
         own = np.empty(len(self.elements.t) * LANES)
         self._smallest_volume_ratio(points, own)
         return self.of_elements(own)
@@ -268,32 +273,32 @@ class Assembly(PairTerm):
         return min(run(volume_kernels.volume_ratios, elements.forces.parts, *arrays, elements.k, elements.d, out))
 
     def of_elements(self, own: Array) -> Array:
-        """(nt,) values of the elements in the order in which they were given; infinite for those that were taken out."""
+        """Return values of the elements in the user's order, (nt,); infinite for removed elements."""
         values = self.elements.in_their_order(own)
         if self.gone is not None:
             values[self.gone] = np.inf
         return values
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.elements.memory()
         parts["elements"] += self._D.nbytes
         return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
 
 
 def offering(module: str, name: str, **abilities: Any) -> type[Assembly]:
-    """Return the assembly of a law that can do more than W, F and K.
+    """Return the assembly class of a law that has methods in addition to W, F and K.
 
-    The law registers functions, whose first argument is the assembly, under the names that others ask for (`terms.protocols`), and
-    flags of the class. `module` and `name` say where the result is kept, so that pickles find it.
+    The law registers functions under the names in `terms.protocols`, and flags of the class. Each function takes the assembly as
+    its first argument. `module` and `name` say where the result is assigned, so that pickles find it.
     """
     return cast(type[Assembly], type(name, (Assembly,), {"__module__": module, "__doc__": Assembly.__doc__, **abilities}))
 
 
 def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], barrier: str) -> None:
-    """Refuse a state of elements with these `ids` and ratios `J`, of which one at least is not positive, but for rounding.
+    """Refuse a state of elements with these `ids` and ratios `J` of which at least one is not positive, within rounding.
 
-    `barrier`: what is infinite there, and what to take instead.
+    `barrier`: the quantity that is infinite there, and the remedy.
     """
     least = ratios.min()
     raise StateError(

@@ -1,4 +1,4 @@
-"""Elements as the kernels read them: in blocks of lanes and in an order of their own, with vectors to work in."""
+"""Elements as the kernels read them: in blocks of lanes, in an order of their own, with scratch vectors."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_ed
 
 
 class OwnVertices:
-    """Vertices (n,) in the kernels' order: vectors of three components for each, and how threads share what they add to them.
+    """Vertices (n,) in the kernels' order, scratch vectors with three components per vertex, and the threads' shares in their sums.
 
-    Python threads take `turn`s, since the vectors are in use during a call.
+    Python threads take turns (`turn`), since the vectors are in use during a call.
     """
 
     def __init__(self, vertices: NDArray[np.int32], dtype: DTypeLike) -> None:
@@ -34,7 +34,7 @@ class OwnVertices:
         self._kept: dict[str, Array] = {}
 
     def share(self, name: str, make: Callable[[int], Shares]) -> Shares:
-        """Shares for numba's number of threads, made once; those for another number are thrown away."""
+        """Return the shares for numba's number of threads. They are made once; shares for another number are discarded."""
         if threads() != self._threads:
             self._threads, self._shared = threads(), {}
         if name not in self._shared:
@@ -42,30 +42,30 @@ class OwnVertices:
         return self._shared[name]
 
     def room(self, name: str, size: int, dtype: DTypeLike) -> Array:
-        """A vector to work in, kept from call to call; a new one is zero."""
+        """Return a scratch vector of this name, which is retained from call to call; a new one is zero."""
         if name not in self._kept or len(self._kept[name]) != size:
             self._kept[name] = np.zeros(size, dtype=dtype)
         return self._kept[name]
 
     def gathered(self, name: str, x: Array, dtype: DTypeLike) -> Array:
-        """A field `x` (nv, d) of the mesh in the kernels' order, (3 n,)."""
+        """Return a field `x` (nv, d) of the mesh in the kernels' order, (3 n,)."""
         own = self.room(name, 3 * len(self.vertices), dtype)
         block_kernels.gather(x, self.vertices, own)
         return own
 
     def slots(self, name: str, shares: Shares) -> Array:
-        """Zeros for what the shares add to vertices."""
+        """Return zeros for the sums that the shares add to vertices."""
         slots = self.room(name, 3 * (len(self.vertices) + len(shares.extra)), self.dtype)
         slots[:] = 0
         return slots
 
     def add(self, f: Array, shares: Shares, out: Array) -> None:
-        """Add what stands in the slots to `out` (nv, d) of the mesh."""
+        """Add the values in the slots to `out` (nv, d) of the mesh."""
         block_kernels.fold(f, len(self.vertices), shares.extra, 3)
         block_kernels.add_scattered(f, self.vertices, out)
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         return {
             "shares of threads": nbytes([value for value in self._shared.values() if len(value.parts) > 2]),
             "vectors": nbytes(list(self._kept.values())),
@@ -73,13 +73,14 @@ class OwnVertices:
 
 
 class Quadrature(NamedTuple):
-    """A kind of element, and where integrals over it are taken.
+    """Kind of element and its integration points.
 
     Attributes
     ----------
     element : the kind.
     rule : its points and weights.
-    hourglass : of boxes with one point and mean gradients, how much the modes that these do not see are resisted; else None.
+    hourglass : for boxes with one point and mean gradients, the resistance to hourglass modes, which these do not detect; else
+        None.
     """
 
     element: Element
@@ -88,12 +89,12 @@ class Quadrature(NamedTuple):
 
     @classmethod
     def of(cls, element: Element, kind: str = "usual", hourglass: float | None = None) -> Quadrature:
-        """The element with its rule of this kind, as `elements.rule_of` names them."""
+        """Return the quadrature of the element with its rule of this kind, as `elements.rule_of` names them."""
         return cls(element, rule_of(element, kind), hourglass)
 
 
 def simplex_quadrature(k: int) -> Quadrature:
-    """Linear simplices of dimension `k`, with their one point."""
+    """Return the quadrature of linear simplices of dimension `k`, with their one point."""
     return Quadrature.of(linear_simplex(k))
 
 
@@ -103,10 +104,10 @@ class Frames(NamedTuple):
     Attributes
     ----------
     k : dimension of the elements.
-    spokes : (n, k, d) at rest [m].
-    Ri : (6, n) in the order 11, 12, 13, 22, 23, 33 [1/m].
+    `spokes` : (n, k, d) base vectors at rest [m].
+    Ri : (6, n) entries 11, 12, 13, 22, 23, 33 [1/m] of the inverse of R.
     size : (n,) determinant of R [m^k].
-    local : (k + 1, n) which vertices of the simplices as given the vertices are that the spokes go to; for linear simplices.
+    local : (k + 1, n) for each vertex of a base vector, its index in the user-supplied simplex; for linear simplices.
     """
 
     k: int
@@ -117,12 +118,12 @@ class Frames(NamedTuple):
 
     @property
     def axes(self) -> Array:
-        """(n, d, k) the frame as columns `Q_j = sum_i Ri_ij P_i`."""
+        """Frame (n, d, k) as columns `Q_j = sum_i Ri_ij P_i`."""
         return np.einsum("nid,nij->ndj", self.spokes, self.upper(self.Ri)[:, : self.k, : self.k])
 
     @staticmethod
     def upper(six: Array) -> Array:
-        """(n, 3, 3) upper triangles of the numbers 11, 12, 13, 22, 23, 33 (6, n)."""
+        """Return the upper triangles (n, 3, 3) with the entries 11, 12, 13, 22, 23, 33 (6, n)."""
         out = np.zeros((six.shape[1], 3, 3))
         rows, columns = np.triu_indices(3)
         out[:, rows, columns] = six.T
@@ -130,8 +131,8 @@ class Frames(NamedTuple):
 
 
 def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadrature, order: OwnOrder) -> Iterator[Frames]:
-    """The frames at each point of elements with nodes `t` (n, nt) of the mesh; their size times the weight is that of a linear
-    simplex.
+    """Yield the frames at each point of elements with nodes `t` (n, nt) of the mesh. Their size times the weight is the size of a
+    linear simplex.
     """
     element, rule = quadrature.element, quadrature.rule
     if element.is_linear_simplex:
@@ -149,7 +150,7 @@ def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadratu
 
 
 def mean_gradients(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Array, Array]:
-    """(nt, n, d) means `int dN_a/dX dV / V` over boxes that fill the space, and (nt,) volumes `V`."""
+    """Return the means `int dN_a/dX dV / V` (nt, n, d) over boxes that fill the space, and their volumes `V` (nt,)."""
     rule = rule_of(element)
     spokes = np.ascontiguousarray(spokes_at(p, t, element, rule.points))
     volumes = np.abs(np.linalg.det(spokes)) * rule.weights
@@ -158,13 +159,13 @@ def mean_gradients(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Ar
 
 
 def mean_frames(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Array, Array]:
-    """`Ri = I` (6, nt) and the volumes (nt,): mean gradients are those along the axes of space."""
+    """Return `Ri = I` (6, nt) and the volumes (nt,): mean gradients are taken along the axes of space."""
     unit = np.array([1.0, 0, 0, float(len(p) > 1), 0, float(len(p) > 2)])
     return np.repeat(unit[:, None], t.shape[1], axis=1), sizes_of(p, t, element, "usual")
 
 
 def mean_points(p: Array, order: OwnOrder, quadrature: Quadrature, resistance: Array, dtype: DTypeLike) -> MeanPoints:
-    """The table of boxes with one point; `resistance` (nt,) is `hourglass/16 (lam + 2 mu)` times section."""
+    """Return the table of boxes with one point; `resistance` (nt,) is `hourglass/16 (lam + 2 mu)` times section."""
     element = quadrature.element
     t = order.vertices[order.t]
     gradients, volumes = mean_gradients(p, t, element)
@@ -173,7 +174,7 @@ def mean_points(p: Array, order: OwnOrder, quadrature: Quadrature, resistance: A
     B[: n - 1, : element.k] = gradients[:, 1:].transpose(1, 2, 0)
     c = resistance[order.elements] * volumes * (gradients**2).sum(axis=(1, 2))
     c = in_lanes(c[None])
-    c.ravel()[t.shape[1] :] = 0  # what only fills the last block
+    c.ravel()[t.shape[1] :] = 0  # unused lanes of the last block
     signs = 2 * element.nodes - 1
     modes = [signs[:, list(axes)].prod(axis=1) for size in range(2, element.k + 1) for axes in combinations(range(element.k), size)]
     H = np.zeros((len(modes), len(B)))
@@ -183,11 +184,11 @@ def mean_points(p: Array, order: OwnOrder, quadrature: Quadrature, resistance: A
 
 
 class OwnElements:
-    """Elements in blocks of lanes. What only K needs is made at the first K, and vectors when they are first used.
+    """Elements in blocks of lanes. The data that only K needs are made at the first K, and vectors when they are first used.
 
-    They have `k` dimensions in a space of `d` and the nodes `own`; `elements` (nt,) are their positions in the order as given,
-    `t` (blocks, n LANES) their nodes, those of linear simplices filled up to four; `X`, `u` (3 n,) are rest coordinates and the
-    displacements that were gathered last. `points` is the table of the kernels, None for linear simplices.
+    The elements have `k` dimensions in a space of `d` dimensions, and the nodes `own`. `elements` (nt,) are their positions in the
+    user's order. `t` (blocks, n LANES) are their nodes; those of linear simplices are padded to four. `X`, `u` (3 n,) are rest
+    coordinates and the displacements gathered last. `points` is the table of the kernels, None for linear simplices.
     """
 
     def __init__(
@@ -211,7 +212,7 @@ class OwnElements:
             self.points = self._table(*quadrature.rule, dtype)
 
     def _table(self, xi: Array, weights: Array, dtype: DTypeLike) -> Points:
-        """The kernels' table of reference points `xi` (nq, k), for one lane of one number at each."""
+        """Return the kernels' table of reference points `xi` (nq, k), for one lane with one number at each point."""
         element = self.element
         B = np.zeros((len(xi), -(-(element.n - 1) // 3) * 3, 3))
         B[:, : element.n - 1, : element.k] = element.derivatives(xi)[:, 1:]
@@ -220,21 +221,21 @@ class OwnElements:
 
     @cached_property
     def at_points(self) -> Points | MeanPoints | None:
-        """The table in double, for what is asked of the shape of elements at the points: one number to a point."""
+        """Table of the points in double, for the shape of elements there: one number per point."""
         if isinstance(self.points, MeanPoints):
             return _in_double(self.points)
         return None if self.points is None else _one_number(self._table(*self._rule, np.float64))
 
     @cached_property
     def at_nodes(self) -> Points | None:
-        """The table at the nodes of the element, in double: the shape may turn inside out there first."""
+        """Table of the nodes of the element, in double: an element may invert at a node first."""
         if self.points is None:
             return None
         xi = self.element.nodes
         return _one_number(self._table(xi, np.ones(len(xi)), np.float64))
 
     def in_points(self, numbers: NDArray[Any]) -> tuple[Points | MeanPoints | None, NDArray[Any]]:
-        """Numbers (m, nq, nt) of a law at points, its elements in their own order, as kernels read them, and the table for them."""
+        """Return a law's numbers (m, nq, nt) at points in the layout of the kernels, and the table of points for them."""
         m, nq, _ = numbers.shape
         lanes = in_lanes(numbers.reshape(m * nq, -1)).reshape(-1, m, nq, LANES).transpose(0, 2, 1, 3)
         if self.points is None:
@@ -244,12 +245,12 @@ class OwnElements:
 
     @cached_property
     def edges(self) -> OwnEdges:
-        """The pairs of nodes of all elements, in the kernels' order."""
+        """Pairs of nodes of all elements, in the kernels' order."""
         return own_edges(out_of_lanes(self.t, len(self.elements))[: self.element.n].astype(np.int32), self.element)
 
     @cached_property
     def lexicographic(self) -> NDArray[np.int32]:
-        """(ne,) places in the kernels' order of the edges in the mesh's lexicographic order."""
+        """Index (ne,) in the kernels' order of each edge in the mesh's lexicographic order."""
         ends = np.sort(self.own.vertices[self.edges.edges].T, axis=0)
         return lexicographic_order(ends, int(ends.max()) + 1)
 
@@ -270,37 +271,37 @@ class OwnElements:
 
     @property
     def _work(self) -> float:
-        """A block of elements is as much work as so many linear simplices."""
+        """Work of one block of elements, in linear simplices."""
         return LANES * (1.0 if self.points is None else len(self.points.weights) * self.element.n / 4)
 
     def gather(self, u: Array) -> None:
-        """Take displacements `u` (nv, d) of the mesh."""
+        """Gather the displacements `u` (nv, d) of the mesh into `u` of the kernels."""
         block_kernels.gather(u, self.own.vertices, self.u)
 
     def in_their_order(self, own: Array) -> Array:
-        """(nt,) values of the elements in the order in which they were given."""
+        """Return the values (nt,) of the elements in the user's order."""
         values = np.empty(len(self.elements))
         values[self.elements] = own[: len(values)]
         return values
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         made = [self.__dict__.get(name, ()) for name in ("edges", "lexicographic")]
         own = self.t, self.own.vertices, self.elements, self.X, self.u
         return {"elements": nbytes(own), "own edges": nbytes(made)} | self.own.memory()
 
 
 def _one_number(points: Points) -> Points:
-    """The table where an element has one number at each point."""
+    """Return the table for elements with one number at each point."""
     return points._replace(starts=points.starts * LANES)
 
 
 def _in_double(points: MeanPoints) -> MeanPoints:
-    """The table in double, where an element has one number at its point."""
+    """Return the table in double, for elements with one number at their point."""
     reals = {name: getattr(points, name).astype(np.float64) for name in ("B", "weights", "modes", "resistance")}
     return points._replace(starts=points.starts * LANES, **reals)
 
 
 def nbytes(arrays: Any) -> int:
-    """Bytes of an array, of what says its own, or of a tree of those."""
+    """Return the bytes of an array, of an object with `nbytes`, or of a tree of both."""
     return int(arrays.nbytes) if hasattr(arrays, "nbytes") else sum(map(nbytes, arrays))

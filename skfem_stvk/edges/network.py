@@ -1,4 +1,4 @@
-"""W, F and K of networks: edges and pairs of edges with constant coefficients, whatever they come from."""
+"""W, F and K of networks: edges and pairs of edges with constant coefficients from any source."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .elements import OwnVertices, nbytes
 from .pairs import ALL, PairBlocks, PairTerm, Tensions
 from .topology import Ids, OwnEdges, Shares, shares_of, vertex_order
 
-#: An edge, and a pair of edges, are as much work as so many linear simplices.
+#: Work of an edge, and of a pair of edges, in linear simplices.
 EDGE, PAIR = 0.25, 0.1
 
 
@@ -30,7 +30,7 @@ Torn = TypeVar("Torn", bound="ElementNetwork")
 
 
 class Network(PairTerm):
-    """`W = 1/2 sum A_ij z_i z_j` over edges and pairs of edges, with an elongation `z` of each edge (`kernels.networks`).
+    """Energy `W = 1/2 sum A_ij z_i z_j` over edges and pairs of edges, with an elongation `z` of each edge (`kernels.networks`).
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Network(PairTerm):
     edges : (2, ne) vertices `a < b`, each edge once.
     pairs : (2, n) edges `i < j`, each pair once.
     own, between : (ne,) and (n,) coefficients `A_ii` of edges and `A_ij` of pairs.
-    dtype : of results and of what is stored.
+    dtype : of results and of stored numbers.
     """
 
     symmetric = balanced = has_energy = True
@@ -47,7 +47,8 @@ class Network(PairTerm):
     def __init__(self, p: Array, edges: Ids, pairs: Ids, own: Array, between: Array, *, dtype: DTypeLike = np.float64) -> None:
         self.d = len(p)
         vertices = vertex_order(edges, p.shape[1])
-        #: Whether vectors of the mesh are the kernels' own, so that no copy of them is needed: a sixth of the time of springs.
+        #: Whether vectors of the mesh are in the kernels' order, so that no copy is needed: a copy takes a sixth of the time of
+        #: springs.
         self._as_given = self.d == 3 and np.array_equal(vertices, np.arange(p.shape[1]))
         self.own = OwnVertices(vertices, dtype)
         super().__init__(self.own.turn)
@@ -72,14 +73,14 @@ class Network(PairTerm):
         self._blocks = PairBlocks(self.own, self._joined, self.d)
 
     def _take(self, own: Array, between: Array) -> None:
-        """Use coefficients (ne,) and (n,), in the order in which edges and pairs were given."""
+        """Use the coefficients (ne,) and (n,), in the user's order of edges and pairs."""
         filling = len(self.edges) - len(self.order)
         self._own = np.pad(own[self.order], (0, filling)).astype(self.own.dtype)
         self._between = between[self._sorting].astype(self.own.dtype)
 
     @property
     def nodes_paired(self) -> NDArray[np.int32]:
-        """(2, n) pairs of vertices `a < b` of the mesh that K couples."""
+        """Pairs of vertices `a < b` (2, n) of the mesh that K couples."""
         return np.sort(self.own.vertices[self._joined.edges].T, axis=0)
 
     @property
@@ -87,7 +88,7 @@ class Network(PairTerm):
         return self._blocks
 
     def _find_blocks(self) -> tuple[OwnEdges, NDArray[np.uint32]]:
-        """The pairs of vertices that K couples, edges first, and (n, 4) where pairs of edges add to their blocks."""
+        """Return the pairs of vertices that K couples, edges first, and the blocks (n, 4) to which pairs of edges add."""
         ne, n = len(self.order), len(self.own.vertices)
         edges = self.edges[:ne]
         starts = np.searchsorted(edges[:, 0], np.arange(n + 1)).astype(np.int64)
@@ -95,13 +96,13 @@ class Network(PairTerm):
         parts = parts_of(len(to), PAIR, 1)
         missing = sum(run(network_kernels.find_blocks, parts, edges, starts, self.coupled, to)) if len(to) else 0
         joined = edges
-        if missing:  # ends of edges that no edge joins
+        if missing:  # ends of two paired edges without an edge between them
             every = np.stack([edges[self.coupled[:, 0]][:, [0, 0, 1, 1]], edges[self.coupled[:, 1]][:, [0, 1, 0, 1]]])
             lost = (to & ~TRANSPOSED) == ne + SPARE
             ends = np.sort(every[:, lost], axis=0).astype(np.int64)
             codes, found = np.unique(ends[0] * n + ends[1], return_inverse=True)
             to[lost] = (to[lost] & TRANSPOSED) | (ne + found).astype(np.uint32)
-            to[every[0] == every[1]] += np.uint32(len(codes))  # the diagonals move behind the new blocks
+            to[every[0] == every[1]] += np.uint32(len(codes))  # the indices of diagonal blocks shift behind the new blocks
             joined = np.concatenate([edges, np.stack(np.divmod(codes, n), axis=1).astype(np.int32)])
         number = lexicographic_order(np.ascontiguousarray(joined.T), max(n, 1))
         return OwnEdges(joined, number, np.empty((0, 0), dtype=np.uint32), np.zeros(1, dtype=np.int64)), to
@@ -128,14 +129,14 @@ class Network(PairTerm):
         return self.own.share("K of pairs", shares)
 
     def _gathered(self, u: Array) -> Array:
-        """(3 n,) displacements of the vertices in their own order."""
+        """Return the displacements (3 n,) of the vertices in their own order."""
         if self._as_given and u.dtype == np.float64 and u.flags.c_contiguous:
             return u.reshape(-1)
         return self.own.gathered("u of edges", u, np.float64)
 
     @contextmanager
     def _adding(self, force: Array | None) -> Iterator[tuple[Shares, Array]]:
-        """Shares, and slots that are added to `force` (nv, d) in the end: none without a force."""
+        """Yield shares and slots, and add the slots to `force` (nv, d) in the end; yield empty slots if `force` is None."""
         shares, f = self._forces, np.empty(0, dtype=self.own.dtype)
         if force is None:
             yield shares, f
@@ -147,7 +148,7 @@ class Network(PairTerm):
             self.own.add(f, shares, force)
 
     def _elongate(self, u: Array, name: str = "") -> tuple[Array, Array, Array]:
-        """`z` (ne,), `g` (3 ne,) and `1/l` (ne,) at displacements `u` (nv, d), in arrays of this name."""
+        """Return `z` (ne,), `g` (3 ne,) and `1/l` (ne,) at displacements `u` (nv, d), in arrays of this name."""
         ne, dtype = len(self.edges), self.own.dtype
         z, g, over = (self.own.room(f"{what}{name}", size, dtype) for what, size in (("z", ne), ("g", 3 * ne), ("1/l", ne)))
         arrays = self.edges, self._rest, self._gathered(u), z, g, over
@@ -155,7 +156,7 @@ class Network(PairTerm):
         return z, g, over
 
     def _tensions(self, z: Array, name: str = "s") -> Array:
-        """The tensions `s = A z` (ne,) of the edges, from their elongations `z` (ne,)."""
+        """Return the tensions `s = A z` (ne,) of the edges, from their elongations `z` (ne,)."""
         ne, shares = len(self.edges), self._coupling
         s = self.own.room(name, ne + len(shares.extra), self.own.dtype)
         np.multiply(self._own, z, out=s[:ne])
@@ -166,7 +167,7 @@ class Network(PairTerm):
         return s[:ne]
 
     def _pull(self, z: Array, s: Array, g: Array, force: Array | None) -> float:
-        """`1/2 s . z`; adds `s g` to `force` (nv, d)."""
+        """Return `1/2 s . z`; add `s g` to `force` (nv, d)."""
         with self._adding(force) as (shares, f):
             return sum(run(network_kernels.pull, shares.parts, shares.slots.reshape(-1, 2), z, s, g, f))
 
@@ -195,7 +196,8 @@ class Network(PairTerm):
 
     @in_turn
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add to `force` (nv, d) [N] what mean tensions of two states pull along the edges in between: as in `HasMeanForce`.
+        """Add the force of the mean tensions of two states, along the edges in between, to `force` (nv, d) [N], as in
+        `HasMeanForce`.
 
             s = A (w0 z(u0) + w1 z(u1))        along the mean slopes that take z(u0) to z(u1)
 
@@ -213,11 +215,13 @@ class Network(PairTerm):
 
     @abstractmethod
     def _mean_slopes(self, g: Array, first: Array, last: Array, between: Array) -> Array:
-        """Slopes (3 ne,) whose products with changes of edges are changes of `z`, from `g` in between and `1/l` of three states."""
+        """Return slopes (3 ne,) whose products with changes of edges are changes of `z`, from `g` in between and `1/l` of three
+        states.
+        """
 
     @in_turn
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
-        """Add the Gauss-Newton tangent at `u` times `v` to `force` (nv, d), `s = A dz/dt`; half the power that it takes [W]."""
+        """Add the Gauss-Newton tangent at `u` times `v` to `force` (nv, d), `s = A dz/dt`; return half the dissipated power [W]."""
         _, g, _ = self._elongate(u)
         rate = np.einsum("nc,nc->n", g.reshape(-1, 3), self._differences(v)).astype(self.own.dtype)
         return self._pull(rate, self._tensions(rate), g, force)
@@ -230,33 +234,33 @@ class Network(PairTerm):
         return V[a] - V[b]
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         arrays = self.edges, self.coupled, self.order, self._rest, self._own, self._between, self._to, self._joined
         return {"edges and pairs": nbytes(arrays)} | self.own.memory()
 
 
 class ElementNetwork(Network):
-    """A network of elements, which can be removed: `left` gives the coefficients without the elements that are `gone` (n,)."""
+    """Network of elements that can be removed: `left` returns the coefficients without the removed elements `gone` (n,)."""
 
     def __init__(self, *network: Any, left: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
         self._left = left
         super().__init__(*network, **options)
 
     def without(self: Torn, gone: NDArray[np.bool_]) -> Torn:
-        """Return the network without the elements that are `gone` (n,), of the region in their order."""
+        """Return the network without the removed elements `gone` (n,), in the region's order."""
         other = copy(self)
         other._take(*self._left(gone))
         return other
 
     @property
     def nodes_joined(self) -> NDArray[np.int32]:
-        """(2, n) vertices of the edges that have a stiffness."""
+        """Vertices (2, n) of the edges that have a stiffness."""
         ne = len(self.order)
         return np.sort(self.own.vertices[self.edges[:ne][self._own[:ne] != 0].T], axis=0)
 
 
 class QuarticNetwork(Network):
-    """A network with `z = |p|^2 - |P|^2` and `A = L/2`: `W = 1/4 sum L_ij z_i z_j`, a quartic along any line."""
+    """Network with `z = |p|^2 - |P|^2` and `A = L/2`: `W = 1/4 sum L_ij z_i z_j`, a quartic along any line."""
 
     by_length = False
 
@@ -265,7 +269,7 @@ class QuarticNetwork(Network):
 
     @in_turn
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
-        """(5,) coefficients of the energy along `u + s v`: `z + s z' + s^2 z''` with `z' = 2 p . V`, `z'' = |V|^2`."""
+        """Return the coefficients (5,) of the energy along `u + s v`: `z + s z' + s^2 z''` with `z' = 2 p . V`, `z'' = |V|^2`."""
         (z, g, _), V = self._elongate(u), self._differences(v)
         first, second = np.einsum("nc,nc->n", g.reshape(-1, 3), V), np.einsum("nc,nc->n", V, V)
         s, t, w = (self._tensions(x.astype(self.own.dtype)).astype(np.float64) for x in (z.copy(), first, second))
@@ -273,12 +277,12 @@ class QuarticNetwork(Network):
 
 
 class HookeanNetwork(ElementNetwork):
-    """A network with `z = l - L` and `A = k`: springs that resist changes of length, `W = 1/2 sum k_ij z_i z_j`."""
+    """Network with `z = l - L` and `A = k`: springs that resist changes of length, `W = 1/2 sum k_ij z_i z_j`."""
 
     by_length = True
 
     def _mean_slopes(self, g: Array, first: Array, last: Array, between: Array) -> Array:
-        """`l1 - l0 = (p0 + p1) . (p1 - p0) / (l0 + l1)`: the edges in between, over the mean of both lengths."""
+        """Return the edges in between, divided by the mean of both lengths: `l1 - l0 = (p0 + p1) . (p1 - p0) / (l0 + l1)`."""
         lengths = [np.divide(1, x, out=np.zeros_like(x), where=x > 0) for x in (first, last, between)]
         mean = (lengths[0] + lengths[1]) / 2
         scale = np.divide(lengths[2], mean, out=np.zeros_like(mean), where=mean > 0)

@@ -1,4 +1,4 @@
-"""Blocks of node pairs: all there is of a stiffness; its rows, values, product, diagonal and norms are made of them here."""
+"""Blocks of node pairs, the stored form of a stiffness. Its rows, values, product, diagonal and norms are made of them here."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ AXES = {1: (0,), 2: (0, 1), 3: (0, 1, 2)}
 
 
 class Tensions(NamedTuple):
-    """Factors of the tensions of edges in `K = 2 J' L J + sum_ab g_ab t_ab Lap_ab (x) I`, `g` that of the sign of `t`.
+    """Factors of the tensions of edges in `K = 2 J' L J + sum_ab g_ab t_ab Lap_ab (x) I`; `g` depends on the sign of `t`.
 
-    The forces are not touched by them. The pressure of a `VolumePenalty` counts as a negative tension.
+    The forces do not depend on these factors. The pressure of a `VolumePenalty` counts as a negative tension.
 
         ALL         the exact tangent
         TENSILE     clamped: without negative tensions, positive semi-definite
         NONE        Gauss-Newton, `2 J' L J`: positive semi-definite
-        WARPED      K(0) turned with each element by the rotation nearest to its F: positive semi-definite. Of terms that
-                    have no such thing, `NONE`
+        WARPED      K(0) rotated with each element by the rotation nearest to its F: positive semi-definite. Terms without
+                    rotated elements use `NONE`
 
     Attributes
     ----------
     positive, negative : factors of tensions `t > 0` and `t < 0`.
-    warped : whether K(0), turned, stands in for what does not depend on tensions.
+    warped : whether the rotated K(0) replaces the part that does not depend on tensions.
 
     >>> Tensions(1.0, 0.0) == TENSILE
     True
@@ -55,7 +55,7 @@ WARPED = Tensions(0.0, 0.0, warped=True)
 
 
 class Linearized(NamedTuple):
-    """The energy, and a number that shows whether K overflowed, as filling the values of K finds them.
+    """Energy, and a number that shows whether K overflowed, as found while the values of K are filled.
 
     Attributes
     ----------
@@ -68,26 +68,26 @@ class Linearized(NamedTuple):
 
 
 class BlockPattern(Protocol):
-    """A pattern of K, as blocks of node pairs see it."""
+    """Pattern of K in blocks of node pairs."""
 
     indptr: NDArray[np.int32]
-    """(rows + 1,) where the values of rows begin."""
+    """Index (rows + 1,) of the first value of each row."""
     strides: NDArray[np.int32]
-    """(nv,) values from a row of a vertex to its next."""
+    """Number of values (nv,) from one row of a vertex to its next row."""
 
     def places(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
-        """(n,) place of the first value of each block `(a, b)`."""
+        """Return the index (n,) of the first value of each block `(a, b)`."""
 
 
 class Rows(NamedTuple):
-    """Places of blocks in the values of K: the stars of vertices (`kernels.blocks.fill_rows`), or blocks one by one.
+    """Indices of blocks in the values of K: the stars of vertices (`kernels.blocks.fill_rows`), or single blocks.
 
     Attributes
     ----------
-    begin : (n + 1,) where the stars begin; empty for blocks one by one.
-    entries : (m,) the block that stands at each place.
-    places : (m,) the first value of each.
-    strides : values from a row of a vertex, or of a block, to its next.
+    begin : (n + 1,) index of the first entry of each star; empty for single blocks.
+    entries : (m,) the block at each entry.
+    places : (m,) the index of the first value of each.
+    strides : number of values from one row of a vertex, or of a block, to its next row.
     """
 
     begin: NDArray[np.int64]
@@ -97,13 +97,13 @@ class Rows(NamedTuple):
 
     @property
     def size(self) -> int:
-        """The number of blocks that are written to the matrix."""
+        """Number of blocks that are written to the matrix."""
         return len(self.entries)
 
 
 @dataclass
 class NodeBlocks:
-    """Arrays that a term adds its blocks to [N/m].
+    """Arrays to which a term adds its blocks [N/m].
 
     Attributes
     ----------
@@ -120,7 +120,8 @@ class NodeBlocks:
 class PairBlocks:
     """Symmetric and balanced blocks: `K_ba = K_ab'` and `K_aa = -sum_b K_ab`.
 
-    All methods are linear in the `blocks` (9 n,) of the pairs `edges` of vertices `own`, in their order, with `d` components.
+    All methods are linear in the `blocks` (9 n,). These belong to the pairs `edges` of the vertices `own`, in their order, with `d`
+    components.
     """
 
     def __init__(self, own: OwnVertices, edges: OwnEdges, d: int) -> None:
@@ -133,26 +134,26 @@ class PairBlocks:
 
     @property
     def edges(self) -> NDArray[np.int32] | None:
-        """(n, 2) pairs of numbers of `own.vertices` in the order of the blocks, if there are no other blocks; else None."""
+        """Pairs (n, 2) of indices into `own.vertices`, in the order of the blocks, if there are no other blocks; else None."""
         return self._edges.edges
 
     def given(self, blocks: Array) -> NodeBlocks:
-        """Zeros among the `blocks`, for a term to add to."""
+        """Set the `blocks` to zero and return views into them, to which a term adds."""
         blocks[:] = 0
         return NodeBlocks(blocks.reshape(-1, 3, 3)[:, : self.d, : self.d], None, None)
 
     def complete(self, blocks: Array) -> None:
-        """Write what follows from the blocks that a term gave."""
+        """Write the blocks that follow from those of a term, such as diagonal blocks."""
 
     def rows(self, pattern: BlockPattern) -> Rows:
-        """Return the places of the blocks in the values of a matrix of this pattern."""
+        """Return the indices of the blocks in the values of a matrix of this pattern."""
         vertices = self.own.vertices
         begin, others, entries = self._edges.stars(len(vertices))
         mine = np.repeat(vertices, np.diff(begin))
         return Rows(begin, entries, pattern.places(mine, vertices[others]), pattern.strides[vertices])
 
     def fill(self, rows: Rows, blocks: Array, add: bool, data: Array) -> float:
-        """Write K [N/m] to the CSR values `data`, or add it to them; a sum that is not finite if any value is not."""
+        """Write K [N/m] to the CSR values `data`, or add it to them; return a sum that is not finite if any value is not."""
         parts = parts_of(len(self.own.vertices), 1, threads())
         return sum(run(block_kernels.fill_rows, parts, *rows, blocks, AXES[self.d], add, data))
 
@@ -178,14 +179,15 @@ class PairBlocks:
         return self.own.share("K v", lambda n: shares_of(self._edges.edges, len(self.own.vertices), 0.25, n))
 
     def memory(self) -> int:
-        """Bytes of its arrays, without those of `own`."""
+        """Return the bytes of its arrays, without those of `own`."""
         return nbytes(self._edges)
 
 
 class GivenBlocks(PairBlocks):
     """Blocks that are not symmetric, or not balanced: `K_ab` of the pairs, `K_ba`, and `K_aa`.
 
-    Given are the `K_aa` of vertices `nodes` (m,) of the mesh; without `nodes` they are `-sum_b K_ab` of all vertices of pairs.
+    The term supplies the `K_aa` of vertices `nodes` (m,) of the mesh. Without `nodes` they are `-sum_b K_ab` of all vertices of
+    pairs.
     """
 
     def __init__(self, own: OwnVertices, edges: OwnEdges, d: int, nodes: NDArray[np.int32] | None, symmetric: bool) -> None:
@@ -243,7 +245,7 @@ class GivenBlocks(PairBlocks):
 
     @cached_property
     def _to_rows(self) -> csr_matrix:
-        """(vertices, blocks) ones where a block is in the row of a vertex."""
+        """Matrix (vertices, blocks) of ones where a block is in the row of a vertex."""
         n = len(self._row)
         return csr_matrix((np.ones(n), (self._row, np.arange(n))), shape=(len(self.own.vertices), n))
 
@@ -256,7 +258,9 @@ class GivenBlocks(PairBlocks):
 
 
 def blocks_between(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairBlocks:
-    """Blocks of the `nodes_paired` (2, n) of a term in its own order, each once, and of its `nodes` unless it is `balanced`."""
+    """Return blocks of the `nodes_paired` (2, n) of a term, each once and in its own order, and of its `nodes` unless it is
+    `balanced`.
+    """
     pairs = np.ascontiguousarray(term.nodes_paired, dtype=np.int32)
     if pairs.ndim != 2 or len(pairs) != 2:
         raise StvkError(f"{type(term).__name__}: nodes_paired has shape {pairs.shape}; expected (2, n) pairs of vertices.")
@@ -279,15 +283,15 @@ def blocks_between(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairBlocks:
 
 
 class BoundTerm(Protocol):
-    """An elastic term on a body: it couples pairs of vertices and has a force. It also is a `NarrowTerm` or a `PairTerm`.
+    """Elastic term on a body that couples pairs of vertices and has a force. Each is also a `NarrowTerm` or a `PairTerm`.
 
     Attributes
     ----------
-    symmetric : whether `K_ba = K_ab'`; if not, it gives both.
-    balanced : whether the rows of K sum to zero, so that `K_aa = -sum_b K_ab`; if not, it gives those of its `nodes` (m,).
+    symmetric : whether `K_ba = K_ab'`; if not, the term supplies both.
+    balanced : whether the rows of K sum to zero, so that `K_aa = -sum_b K_ab`; if not, the term supplies those of its `nodes` (m,).
     has_energy : whether the force is the gradient of an energy; if not, `energy_and_force` returns 0.
 
-    One with the attribute `constant_tangent`, which is True, has the same K at all displacements: it is factorised once.
+    A term with the attribute `constant_tangent`, which is True, has the same K at all displacements, so K is factorised once.
     """
 
     symmetric: bool
@@ -296,25 +300,25 @@ class BoundTerm(Protocol):
 
     @property
     def nodes_paired(self) -> NDArray[np.int32]:
-        """(2, n) pairs of vertices `a < b` that it couples, each once, in any order."""
+        """Pairs of vertices `a < b` (2, n) that the term couples, each once, in any order."""
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Strain energy [J] at displacements `u` (nv, d); adds the internal force [N] to `force` (nv, d)."""
+        """Return the strain energy [J] at displacements `u` (nv, d); add the internal force [N] to `force` (nv, d)."""
 
 
 @runtime_checkable
 class NarrowTerm(BoundTerm, Protocol):
-    """A term with the fewest methods: it adds the blocks of its pairs to given arrays."""
+    """Term with the fewest methods: it adds the blocks of its pairs to arrays that the caller supplies."""
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         """Add the blocks of K [N/m] at `u` (nv, d).
 
-        `kept`: which tensions stay in it; a term without tensions may give all of K always.
+        `kept`: which tensions K includes; a term without tensions may always add all of K.
         """
 
 
 class PairTerm(ABC):
-    """A term whose stiffness is blocks of node pairs. Python threads take turns: arrays are in use during a call."""
+    """Term with a stiffness in blocks of node pairs. Python threads take turns, because its arrays are in use during a call."""
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
@@ -323,35 +327,35 @@ class PairTerm(ABC):
     @property
     @abstractmethod
     def pairs(self) -> PairBlocks:
-        """Products and matrices that are made of the blocks."""
+        """Products and matrices of the blocks."""
 
     @abstractmethod
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Strain energy [J] at displacements `u` (nv, d) [m]; adds the internal force `dW/du` [N] to `force` (nv, d)."""
+        """Return the strain energy [J] at displacements `u` (nv, d) [m]; add the internal force `dW/du` [N] to `force` (nv, d)."""
 
     @abstractmethod
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        """The energy [J] and the blocks at `u` (nv, d); adds the internal force to `force` (nv, d).
+        """Return the energy [J] and the blocks at `u` (nv, d); add the internal force to `force` (nv, d).
 
-        `out` are blocks that this method returned before, to be filled anew. `kept`: which tensions of edges stay in K.
+        `out` are blocks that this method returned before; they are overwritten. `kept`: which tensions of edges K includes.
         """
 
     def rows(self, pattern: BlockPattern) -> Any:
-        """Return the places of the blocks in the values of a matrix of this pattern, for `fill`; `size` is their number."""
+        """Return the indices of the blocks in the values of a matrix of this pattern, for `fill`; `size` is their number."""
         return self.pairs.rows(pattern)
 
     @in_turn
     def fill(self, u: Array, rows: Any, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
-        """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; the others as in `blocks`."""
+        """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; the other arguments as in `blocks`."""
         W, self._filled = self.blocks(u, force, self._filled, kept)
         return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
 
     def by_rows(self, kept: Tensions) -> bool:
-        """Whether `fill` makes K row by row: then it also writes a part of it, by `rows(pattern).part(places)`."""
+        """Return whether `fill` makes K row by row. If so, it also writes a part of K, with `rows(pattern).part(places)`."""
         return False
 
     def add_sizes(self, u: Array, out: Array) -> None:
-        """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` to `out`, both (nv, d) [N]: no less than all that adds up to a smooth F."""
+        """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` to `out`, both (nv, d) [N]: at least the sum of all summands of a smooth F."""
         force, sizes, diagonal = np.zeros(u.shape), np.zeros(len(u)), np.zeros((*u.shape, u.shape[1]))
         _, blocks = self.blocks(u, force)
         lengths = np.linalg.norm(u, axis=1)
@@ -365,7 +369,7 @@ Own = TypeVar("Own", bound="Coupled")
 
 
 class Coupled:
-    """A term or load, and blocks of the pairs that it names: others when it says that it couples others."""
+    """Term or load with the blocks of its pairs; the blocks are made again when it couples other pairs."""
 
     def __init__(self, term: Any, nv: int, d: int, dtype: DTypeLike) -> None:
         self.term, self._space = term, (nv, d, dtype)
@@ -373,7 +377,7 @@ class Coupled:
 
     @property
     def pairs(self) -> PairBlocks:
-        """Products and matrices that are made of the blocks."""
+        """Products and matrices of the blocks."""
         version, (of, pairs) = version_of(self.term), self._known
         if of != version:
             pairs = blocks_between(self.term, *self._space)
@@ -387,7 +391,7 @@ class Coupled:
         return other
 
     def own_memory(self) -> int:
-        """Bytes of its arrays, without those of the term."""
+        """Return the bytes of its arrays, without those of the term."""
         return self.pairs.memory() + sum(self.pairs.own.memory().values()) + self.pairs.own.vertices.nbytes
 
     def add_stiffness(self, u: Array, t: Any, rows: Rows, data: Array) -> None:
@@ -400,7 +404,7 @@ class Coupled:
 
 
 class Narrow(Coupled, PairTerm):
-    """A narrow term, and what is made of its blocks."""
+    """Narrow term with its blocks."""
 
     def __init__(self, term: NarrowTerm, nv: int, d: int, dtype: DTypeLike) -> None:
         Coupled.__init__(self, term, nv, d, dtype)
@@ -418,7 +422,7 @@ class Narrow(Coupled, PairTerm):
 
 
 def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
-    """A term with what is made of its blocks, on a mesh of `nv` vertices in `d` dimensions; one that gives none is refused."""
+    """Return the term with its blocks, on a mesh of `nv` vertices in `d` dimensions; refuse a term without blocks."""
     if isinstance(term, PairTerm):
         return term
     if not isinstance(term, NarrowTerm):
@@ -431,7 +435,7 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
 
 
 def joined(term: Any) -> NDArray[np.int32]:
-    """(2, n) the pairs of vertices that a term holds together: `nodes_paired`, unless it was told to do without elements."""
+    """Return the pairs of vertices (2, n) that a term joins: `nodes_paired`, unless elements were removed from it."""
     pairs: NDArray[np.int32] = getattr(term, "nodes_joined", term.nodes_paired)
     return pairs
 

@@ -1,4 +1,4 @@
-"""An energy of the volume ratios of elements, as a law on elements."""
+"""Energy of the volume ratios of elements, as a law on elements."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .pairs import Tensions
 from .stiffness import StoredLaw
 from .topology import OwnOrder
 
-#: What messages say of elements with `J <= 0`.
+#: End of messages about elements with `J <= 0`.
 BARRIER_IS_INFINITE = (
     "the barrier of a VolumePenalty is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); "
     'or take kind="compression" or "quadratic", which push such elements back.'
@@ -45,15 +45,15 @@ class PenaltyStiffness(StoredLaw):
         return D
 
     def numbers(self, p: Array, quadrature: Quadrature, order: OwnOrder, dtype: DTypeLike) -> Array:
-        """(2, nq, nt) `k V0` and `1/C0` at each point, with the sign that `C0` has; the weights of a table of points are not in
-        `V0`.
+        """Return `k V0` and `1/C0` (2, nq, nt) at each point, with the sign of `C0`. `V0` excludes the weights of a table of
+        points.
         """
         t, stiffness, element = order.vertices[order.t], self._stiffness[order.elements], quadrature.element
         if element.is_linear_simplex:
             corners = p[:, t]
             C0 = np.linalg.det((corners[:, 1:] - corners[:, :1]).transpose(2, 1, 0))[None]
             return np.stack([stiffness * np.abs(C0) / factorial(len(p)), 1 / C0])
-        if quadrature.hourglass is not None:  # the frame is that of space
+        if quadrature.hourglass is not None:  # the frame is the axes of space
             _, volumes = mean_frames(p, t, element)
             return np.stack([stiffness * volumes, np.ones_like(volumes)])[:, None]
         C0 = np.stack([determinants(spokes_at(p, t, element, xi[None]))[:, 0] for xi in quadrature.rule.points])
@@ -62,7 +62,7 @@ class PenaltyStiffness(StoredLaw):
 
 @in_turn
 def add_round_off(term: Assembly, u: Array, out: Array) -> None:
-    """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding."""
+    """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding error."""
     term.elements.gather(u)
     term.run(penalty_kernels.penalty_round_off, out, *_arguments(term))
 
@@ -72,19 +72,21 @@ def _energies(term: Assembly, force: Array | None) -> list[float]:
 
 
 def _linearize(term: Assembly, to: PairSlots | RowSlots, kept: Tensions, force: Array | None) -> list[tuple[float, float]]:
-    """The part of `psi'` in K is skew, without diagonal: if it overflows, so does the energy, which is added to the trace."""
+    """Return energies and traces with the energy added to the trace, so that the trace shows an overflow of the part of `psi'` in
+    K. That part is skew and has no diagonal; if it overflows, so does the energy.
+    """
     found = term.run(penalty_kernels.penalty_linearize, force, *_arguments(term), float(kept.negative), to=(to,))
     return [(W, trace + W) for W, _, trace in found]
 
 
 def _arguments(term: Assembly) -> tuple[int, int]:
-    """The arguments of the kernels that those of other laws have not."""
+    """Return the arguments of the kernels that other laws do not have."""
     assert isinstance(term.stored, PenaltyStiffness)
     return term.elements.k, term.stored.kind
 
 
 def _check(term: Assembly, found: list[Any]) -> None:
-    """Refuse results with a smallest `J` of the barrier that is not positive: elements have no volume left at a point."""
+    """Refuse results of the barrier with a smallest `J` that is not positive: elements have no volume left at a point."""
     if min(one[1] if isinstance(one, tuple) else one for one in found) <= 0:
         term.refuse_inside_out()
 

@@ -1,4 +1,4 @@
-"""The stiffness of elements: the coefficients L of the edges of linear simplices, and what the laws of the kernels store.
+"""Stiffness of elements: the coefficients L of the edges of linear simplices, and the stored numbers of the kernels' laws.
 
 For edges `(a, b)` and `(c, d)` of a simplex of volume `V` with gradients `g_a` of its barycentric coordinates:
 
@@ -30,19 +30,19 @@ from .topology import OwnOrder
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
 VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
-#: Elements of fewer than three dimensions by their dimension and whether they lie in a space of more.
+#: Kinds of elements of fewer than three dimensions, by their dimension and whether their space has more.
 FLAT = {(1, False): LINE, (1, True): CABLE, (2, False): SHEET, (2, True): MEMBRANE}
 #: The order of the strains `M_ij` and stresses `S_ij` of the kernels.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class StoredLaw(ABC):
-    """A law on elements, as assembly sees it.
+    """Law on elements, as assembly sees it.
 
     Attributes
     ----------
-    law : the law of the kernels, made of its numbers `D`: the type by which they choose its formulas.
-    barrier : part of messages: the quantity that is infinite where elements are inside out or flat, and the remedy; "" if none is.
+    law : the law of the kernels, made of its numbers `D`; its type selects the formulas of the kernels.
+    barrier : part of messages: the quantity that is infinite where elements are inverted or flat, and the remedy; "" without one.
     """
 
     law: Any
@@ -54,18 +54,20 @@ class StoredLaw(ABC):
 
 
 class LawInFrames(StoredLaw):
-    """A law on elements with formulas in frames at their points.
+    """Law on elements with formulas in frames at their points.
 
     Attributes
     ----------
-    moduli : number of stored numbers, the first ones, that are moduli times a size, which must not over- or underflow.
+    moduli : number of stored numbers that are moduli times a size; these come first, and must not over- or underflow.
     """
 
     moduli: int
 
     @abstractmethod
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """(m, n) what the law stores beside `Ri` of these `elements`, in their frames, per unit of the points' weights."""
+        """Return the law's stored numbers (m, n), other than `Ri`, of these `elements` in their frames, per unit of the points'
+        weights.
+        """
 
     def numbers(self, p: Array, quadrature: Quadrature, order: OwnOrder, dtype: DTypeLike) -> Array:
         found = []
@@ -81,14 +83,14 @@ class Stiffness(LawInFrames):
 
     @abstractmethod
     def coefficients(self, p: Array, t: NDArray[np.int32]) -> Array:
-        """(n, m, m) `L` of linear simplices with vertices `t` (k + 1, n), for the pairs of their edges [J/m^4]."""
+        """Return `L` (n, m, m) of linear simplices with vertices `t` (k + 1, n), for the pairs of their edges [J/m^4]."""
 
 
 class IsotropicStiffness(Stiffness):
-    """Lame constants times section, (n,) each: those that act within the elements' own dimensions.
+    """Lame constants times section, (n,) each, within the elements' own dimensions.
 
-    `law` makes the law of the kernels of numbers that are these two: St. Venant-Kirchhoff's, which alone has coefficients, or
-    another one.
+    `law` makes the law of the kernels from these two numbers: St. Venant-Kirchhoff's or another one. Only St. Venant-Kirchhoff's
+    has coefficients.
     """
 
     moduli = 2
@@ -100,22 +102,22 @@ class IsotropicStiffness(Stiffness):
         return isotropic_coefficients(Geometry(p, t), self.lam, self.mu)
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """`lam/2` and `mu` times the size."""
+        """Return `lam/2` and `mu` times the size."""
         lam, mu = self.lam[elements], self.mu[elements]
-        if at.k == 1:  # one strain: lam + 2 mu is all there is, and mu may be zero
+        if at.k == 1:  # with one strain only lam + 2 mu counts, and mu may be zero
             lam, mu = 0 * lam, mu + lam / 2
         return np.stack([at.size * lam / 2, at.size * mu])
 
 
 def flat_of(k: int, d: int) -> Flat | None:
-    """Return the kind of elements of dimension `k` in `d` for laws of principal stretches: None if solid."""
+    """Return the kind of elements of dimension `k` in `d` dimensions for laws of principal stretches; None for solids."""
     return None if k == 3 else Flat(FLAT[k, k < d])
 
 
 class FramedStiffness(IsotropicStiffness):
-    """Lame constants as in `IsotropicStiffness`, and a rotation for each element, which is none at first.
+    """Lame constants as in `IsotropicStiffness`, and a rotation for each element, at first the identity.
 
-    `frames` gives rotations (nt, 3, 3) for a time or load factor, checked.
+    `frames` returns checked rotations (nt, 3, 3) for a time or load factor.
     """
 
     def __init__(self, lam: Array, mu: Array, frames: Callable[[Any], Array]) -> None:
@@ -123,7 +125,7 @@ class FramedStiffness(IsotropicStiffness):
         self.frames = frames
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """`lam/2` and `mu` times the size, and nine numbers of the rotation, row by row."""
+        """Return `lam/2` and `mu` times the size, and the nine entries of the rotation, row by row."""
         return np.concatenate([super().stored(at, elements), np.repeat(np.eye(3).reshape(9, 1), len(elements), axis=1)])
 
 
@@ -142,7 +144,7 @@ class AnisotropicStiffness(Stiffness):
         return general_coefficients(geometry, C * self.section[:, None, None])
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """`C/2` times the size, in the frames."""
+        """Return `C/2` times the size, in the frames."""
         inner = own_stiffness(self.material, self.hypothesis, at.axes, elements)
         return _upper_half(inner, at.k, at.size * self.section[elements] / 2)
 
@@ -160,25 +162,25 @@ class GeneralStiffness(Stiffness):
         return self._compute()
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """With `zeta = Q M`, `M` of the frames, `W = 1/4 zeta' L zeta` is `1/4 M' (Q' L Q) M`."""
+        """Return the numbers of `1/4 M' (Q' L Q) M = W = 1/4 zeta' L zeta`, with `zeta = Q M` and `M` of the frames."""
         assert at.local is not None
         edges = np.array(LOCAL_EDGES[at.k])
         number = np.zeros((at.k + 1, at.k + 1), dtype=np.int64)
         number[edges[:, 0], edges[:, 1]] = number[edges[:, 1], edges[:, 0]] = np.arange(len(edges))
-        own = number[at.local[edges[:, 0]], at.local[edges[:, 1]]].T  # (n, m) the edges in their old order
+        own = number[at.local[edges[:, 0]], at.local[edges[:, 1]]].T  # (n, m) the edges in the user's order
         L = self._compute()[elements[:, None, None], own[:, :, None], own[:, None, :]]
         R = np.zeros((len(elements), 3, 3))
         R[:, : at.k, : at.k] = np.linalg.inv(Frames.upper(at.Ri)[:, : at.k, : at.k])
         pairs = np.array(VOIGT[at.k]).T
         ends = np.concatenate([np.zeros((len(elements), 3, 1)), R], axis=2)[:, :, : at.k + 1]  # corners in the frame, (n, 3, k + 1)
         e = ends[:, :, edges[:, 1]] - ends[:, :, edges[:, 0]]  # zeta = e' M e
-        Q = e[:, pairs[0]] * e[:, pairs[1]]  # (n, s, m): off the diagonal M_ij and M_ji stand apart
+        Q = e[:, pairs[0]] * e[:, pairs[1]]  # (n, s, m): off the diagonal M_ij and M_ji are separate
         return _upper_half(Q @ L @ np.swapaxes(Q, 1, 2), at.k, np.ones(len(elements)))
 
 
 def _upper_half(C: Array, k: int, scale: Array) -> Array:
-    """(21, n) the upper half of `C` (n, s, s), in the Voigt order, in that of the kernels; zero for what is lacking in three
-    dimensions.
+    """Return the upper half of `C` (n, s, s), in Voigt order, as (21, n) in the order of the kernels. Components missing from three
+    dimensions are zero.
     """
     places = [PAIRS.index((min(pair), max(pair))) for pair in VOIGT[k]]
     full = np.zeros((len(C), 6, 6))
@@ -188,9 +190,11 @@ def _upper_half(C: Array, k: int, scale: Array) -> Array:
 
 
 def check_range(moduli: Array, at: Frames, elements: NDArray[np.int32], dtype: DTypeLike) -> None:
-    """Refuse moduli times size, of the size `w`, unless W, F and K of the sizes `w`, `w Ri` and `w Ri Ri` are numbers.
+    """Refuse moduli times size, of the size `w`, unless W, F and K of the sizes `w`, `w Ri` and `w Ri Ri` are in the range of
+    `dtype`.
 
-    So are the squares of F and K, which solvers add up, and a little more. Else they would be zero without a word, or overflow.
+    The squares of F and K, which solvers add up, and a margin must be in this range too. Otherwise they would overflow, or become
+    zero without an error.
     """
     limits = np.finfo(dtype)
     low, high = 1e4 * float(np.sqrt(limits.tiny)), 1e-4 * float(np.sqrt(limits.max))
@@ -205,7 +209,7 @@ def check_range(moduli: Array, at: Frames, elements: NDArray[np.int32], dtype: D
 
 
 def isotropic_coefficients(geometry: Geometry, lam: Array, mu: Array) -> Array:
-    """(nt, m, m) from the Gram matrix; `lam` and `mu` are those that act within the simplex's own dimensions."""
+    """Return the coefficients (nt, m, m) from the Gram matrix; `lam` and `mu` act within the simplex's own dimensions."""
     G = geometry.gram
     a, b = np.array(LOCAL_EDGES[G.shape[1] - 1]).T
     edge = G[:, a, b]
@@ -216,7 +220,7 @@ def isotropic_coefficients(geometry: Geometry, lam: Array, mu: Array) -> Array:
 
 
 def general_coefficients(geometry: Geometry, C: Array) -> Array:
-    """(nt, m, m) from the elasticity tensor `C` (nt, s, s) in the simplex's own axes, in Voigt order."""
+    """Return the coefficients (nt, m, m) from the elasticity tensor `C` (nt, s, s) in the simplex's own axes, in Voigt order."""
     a, b = np.array(LOCAL_EDGES[geometry.gradients.shape[1] - 1]).T
     g = geometry.gradients
     M = -0.25 * (g[:, a, :, None] * g[:, b, None, :] + g[:, b, :, None] * g[:, a, None, :])
@@ -225,10 +229,10 @@ def general_coefficients(geometry: Geometry, C: Array) -> Array:
 
 
 def own_stiffness(material: FramedMaterial, hypothesis: Hypothesis, axes: Array, elements: NDArray[Any]) -> Array:
-    """(n, s, s) the elasticity tensor of these `elements` in their own axes (n, d, k), in Voigt order.
+    """Return the elasticity tensor (n, s, s) of these `elements` in their own axes (n, d, k), in Voigt order.
 
-    Where the stress across elements vanishes the compliance acts on the other stresses: `C_own = (N' C^-1 N)^-1` with `N` the units
-    of stress within elements, in material axes.
+    If the stress across elements vanishes, the compliance acts on the other stresses: `C_own = (N' C^-1 N)^-1`. `N` are the unit
+    stresses within elements, in material axes.
     """
     solid, C = np.zeros((len(elements), 3, axes.shape[2])), material.stiffness()
     solid[:, : axes.shape[1]] = axes
@@ -243,7 +247,7 @@ def own_stiffness(material: FramedMaterial, hypothesis: Hypothesis, axes: Array,
 
 
 def unit_stresses(axes: Array) -> Array:
-    """Return the Voigt vectors (n, s, 6) of a unit of each stress component within elements with axes as columns (n, 3, k)."""
+    """Return the Voigt vectors (n, s, 6) of each unit stress component within elements with axes as columns (n, 3, k)."""
     i, j = np.array(VOIGT[axes.shape[2]]).T
     first, second = np.swapaxes(axes[:, :, i], 1, 2), np.swapaxes(axes[:, :, j], 1, 2)  # (n, s, 3)
     dyads = first[..., :, None] * second[..., None, :]
@@ -264,6 +268,6 @@ def multiplicity(k: int) -> Array:
 
 
 def _voigt(tensor: Array, shear: float) -> Array:
-    """Symmetric tensors (..., n, n) as Voigt vectors; `shear` is 2 for strains and 1 for stresses."""
+    """Return symmetric tensors (..., n, n) as Voigt vectors; `shear` is 2 for strains and 1 for stresses."""
     i, j = np.array(VOIGT[tensor.shape[-1]]).T
     return tensor[..., i, j] * np.where(i == j, 1.0, shear)

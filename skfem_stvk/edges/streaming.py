@@ -1,4 +1,4 @@
-"""The values of K row by row, each as soon as the last element of its node has been added: setup and calls of `kernels.rows`."""
+"""Values of K row by row, each row written once the last element of its node is added: setup and calls of `kernels.rows`."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .topology import Shares
 
 Result = TypeVar("Result")
 
-#: Bytes of a matrix from which on it is written past the caches: a smaller one is read from them afterwards.
+#: Size in bytes from which a matrix is written past the caches; a smaller one is read from the caches afterwards.
 PAST_CACHES = 2**21
-#: Bytes of slots that a core's own cache holds.
+#: Bytes of slots that fit into a core's own cache.
 IN_CACHE = 2**20
 
 
@@ -32,10 +32,11 @@ class RowPlan(NamedTuple):
 
     Attributes
     ----------
-    parts : of the blocks of lanes.
-    slots : for the kernels, but for the values of K.
-    in_work : rows that threads write by themselves; the others have elements of several threads, and are written afterwards.
-    starts, sources : the slots in which threads add to the slots of pairs of those others (`kernels.rows.fold_slots`).
+    parts : parts of the blocks of lanes, one per thread.
+    slots : arguments of the kernels except the values of K.
+    in_work : number of rows that threads write by themselves; the others have elements of several threads, and are written
+        afterwards.
+    starts, sources : slots in which threads add to the pair slots of those other rows (`kernels.rows.fold_slots`).
     """
 
     parts: NDArray[np.int64]
@@ -46,7 +47,9 @@ class RowPlan(NamedTuple):
 
 
 class RowOrder(NamedTuple):
-    """Nodes (n,) in the order of their rows, how many rows threads write by themselves, and how many are done before each block."""
+    """Nodes (n,) in the order of their rows, the number of rows that threads write by themselves, and of rows done before each
+    block.
+    """
 
     nodes: NDArray[np.int64]
     in_work: int
@@ -54,9 +57,9 @@ class RowOrder(NamedTuple):
 
 
 class RowBlocks(NamedTuple):
-    """Blocks of the rows: where those of each begin, their pair of nodes, -1 for the node itself, and their places.
+    """Blocks of the rows: the first of each row, their pair of nodes (-1 for the node itself), and their indices in the values.
 
-    `first` is the place of the first value of each row, `columns` are places of blocks from there, `strides` as in `Rows`.
+    `first` is the index of the first value of each row, `columns` are indices of blocks from there, `strides` as in `Rows`.
     """
 
     begin: NDArray[np.int64]
@@ -67,14 +70,14 @@ class RowBlocks(NamedTuple):
 
 
 class ElementRows:
-    """Places of the blocks of elements in the values of a matrix.
+    """Indices of the blocks of elements in the values of a matrix.
 
     Parameters
     ----------
-    elements : whose.
-    pairs : what is made of their blocks.
-    pattern : of the matrix.
-    dtype : of its values.
+    elements : the elements.
+    pairs : their blocks of node pairs.
+    pattern : pattern of the matrix.
+    dtype : type of its values.
     """
 
     def __init__(self, elements: OwnElements, pairs: PairBlocks, pattern: BlockPattern, dtype: DTypeLike) -> None:
@@ -84,17 +87,18 @@ class ElementRows:
 
     @property
     def size(self) -> int:
-        """The number of blocks of this term in the matrix: one for each node, two for each pair of nodes."""
+        """Number of blocks of this term in the matrix: one for each node, two for each pair of nodes."""
         return len(self._elements.own.vertices) + 2 * self._elements.edges.total
 
     @cached_property
     def of_all_pairs(self) -> Rows:
-        """Places of the blocks of all pairs, for terms that make these first."""
+        """Indices of the blocks of all pairs, for terms that make all blocks first."""
         return self._pairs.rows(self._pattern)
 
     def fill(self, linearize: Callable[[Any], list[Result]], data: Array, add: bool) -> tuple[list[Result], float]:
-        """Have the kernel `linearize` write the values of K, or add them, by slots that it is handed; what it returns for each
-        part, and the trace of rows that were written afterwards."""
+        """Write or add the values of K with the kernel `linearize`, which is called with the slots. Return its result for each
+        part, and the trace of rows that are written afterwards.
+        """
         plan = self.plan
         # all of K is written, and no other term has a part in it
         whole = not add and self._elements.d**2 * self.size == self._pattern.indptr[-1]
@@ -110,13 +114,13 @@ class ElementRows:
 
     @property
     def plan(self) -> RowPlan:
-        """For the number of threads that there are now; that for another number is thrown away."""
+        """Plan for numba's present number of threads; a plan for another number is discarded."""
         if self._plan is None or self._plan[0] != threads():
             self._plan = threads(), self._made(self._elements.forces)
         return self._plan[1]
 
     def part(self, places: NDArray[np.int32]) -> PartOfRows:
-        """The same for a matrix of the values at these `places` (n,) alone, ascending; that for others is thrown away."""
+        """Return the rows of a matrix of only the values `places` (n,), ascending; rows for other values are discarded."""
         part = self._part
         if part is None or part.places is not places:
             self._part = part = PartOfRows(self, places)
@@ -133,11 +137,11 @@ class ElementRows:
         part_of, last = last_uses(self._elements.t, shares.parts, n)
         nodes = np.argsort(part_of, kind="stable")
         in_work = int(np.count_nonzero(part_of < len(shares.parts) - 1))
-        complete = np.maximum.accumulate(last[nodes[:in_work]])  # one after the other, as they are written
+        complete = np.maximum.accumulate(last[nodes[:in_work]])  # rows are written one after the other
         return RowOrder(nodes, in_work, np.searchsorted(complete, np.arange(len(self._elements.t) + 1)))
 
     def _blocks(self, order: RowOrder) -> RowBlocks:
-        """Place the blocks of each row, its own and those of pairs, in the values of the matrix."""
+        """Find the indices of each row's blocks, its own and those of pairs, in the values of the matrix."""
         pattern, vertices = self._pattern, self._elements.own.vertices
         star, others, entries = self._elements.edges.stars(len(vertices))
         pair_of = np.where(entries == OWN, -1, np.where(entries >= 0, entries, -1 - entries))
@@ -150,7 +154,7 @@ class ElementRows:
         return RowBlocks(begin, pair_of[gathered], first, columns, pattern.strides[mine])
 
     def _table(self, shares: Shares, order: RowOrder, blocks: RowBlocks) -> RowPlan:
-        """Give each pair a slot for as long as it is needed; the table of the kernels."""
+        """Assign a slot to each pair for as long as it is needed, and return the table of the kernels."""
         elements, pairs, parts, in_work = self._elements, self._elements.edges, shares.parts, order.in_work
         first, strides, sizes = blocks.first, blocks.strides, elements.d * blocks.strides
         row_of = np.empty(len(order.nodes), dtype=np.int64)
@@ -192,18 +196,18 @@ class ElementRows:
 
     @property
     def nbytes(self) -> int:
-        """The number of bytes that its arrays take."""
+        """Number of bytes of its arrays."""
         plan = () if self._plan is None else [value for value in self._plan[1].slots if isinstance(value, np.ndarray)]
         return nbytes(plan) + nbytes(self.__dict__.get("of_all_pairs", ()))
 
 
 class PartOfRows(ElementRows):
-    """Places of the blocks of elements in a part of a matrix, such as that of free degrees of freedom.
+    """Indices of the blocks of elements in a part of a matrix, such as that of free degrees of freedom.
 
     Parameters
     ----------
-    whole : where they stand in all of it.
-    places : of the values that the part has, ascending.
+    whole : their indices in the whole matrix.
+    places : the values in the part, ascending.
     """
 
     def __init__(self, whole: ElementRows, places: NDArray[np.int32]) -> None:
@@ -211,7 +215,7 @@ class PartOfRows(ElementRows):
         self._whole, self.places = whole, places
 
     def _made(self, shares: Shares) -> RowPlan:
-        """Return the plan of the whole matrix without the rows, and the entries of rows, that the part does not have."""
+        """Return the plan of the whole matrix without the rows, and the entries of rows, outside the part."""
         whole = self._whole.plan
         slots, places = whole.slots, self.places
         first, last = np.searchsorted(places, slots.first), np.searchsorted(places, slots.first + slots.sizes)
@@ -223,7 +227,7 @@ class PartOfRows(ElementRows):
 
 
 def on_lines(size: int, dtype: np.dtype[Any]) -> Array:
-    """Zeros (size,) that begin where a line of the caches begins."""
+    """Return zeros (size,) that begin at the start of a cache line."""
     zeros = np.zeros(size + LINE // dtype.itemsize, dtype=dtype)
     skipped = -zeros.ctypes.data % LINE // dtype.itemsize
     return zeros[skipped : skipped + size]

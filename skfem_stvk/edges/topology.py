@@ -1,4 +1,4 @@
-"""Edges of simplices in scikit-fem's order, the kernels' own order of simplices, and how threads share them."""
+"""Edges of simplices in scikit-fem's order, the kernels' own order of simplices, and the shares of threads in them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Ids = NDArray[np.int32]
 
 
 def edge_topology(t: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Edges (2, ne) of simplices `t` (k + 1, nt), and the edges (m, nt) of each simplex.
+    """Return the edges (2, ne) of simplices `t` (k + 1, nt), and the edges (m, nt) of each simplex.
 
-    Edges are end vertices `a < b` in lexicographic order, scikit-fem's `mesh.edges` (`mesh.facets` for triangles); those of a
-    simplex are `m = k (k + 1)/2` in the order of `LOCAL_EDGES`, its `mesh.t2e` (`mesh.t2f`).
+    Edges are end vertices `a < b` in lexicographic order, as in scikit-fem's `mesh.edges` (`mesh.facets` for triangles). Each
+    simplex has `m = k (k + 1)/2` edges in the order of `LOCAL_EDGES`, as in `mesh.t2e` (`mesh.t2f`).
 
     >>> edge_topology(np.array([[0, 1], [1, 2], [2, 3]]))
     (array([[0, 0, 1, 1, 2],
@@ -36,15 +36,15 @@ def edge_topology(t: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.i
 
 
 def pairs_of(t: NDArray[np.int32], element: Element) -> NDArray[np.int32]:
-    """(2, n) pairs of nodes `a < b` that share an element, in lexicographic order: of linear simplices their edges."""
+    """Return the pairs of nodes `a < b` (2, n) that share an element, in lexicographic order: for linear simplices their edges."""
     return edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), np.array(element.pairs), int(t.max()) + 1)[0]
 
 
-#: Bytes of blocks on a front from which on another order of nodes is looked for: they fit into a core's cache with all else.
+#: Front size in bytes of blocks above which another node order is tried; smaller fronts fit into a core's cache with all else.
 SMALL_FRONT = 2**17
-#: The mesh's own order is kept unless it has a front that is larger by this factor: rows of K are written one after the other then.
+#: The mesh's own order is used unless its front is larger by this factor, since rows of K are then written one after the other.
 GAIN = 1.5
-#: ... and unless more of its nodes than this part come before all of their neighbours: sweeps (SSOR) carry little then.
+#: A new order is also tried if more than this fraction of nodes precede all their neighbours, since SSOR sweeps then carry little.
 ALONE = 0.05
 
 
@@ -54,10 +54,10 @@ def front(pairs: Ids, n: int) -> int:
 
 
 def alone(pairs: Ids, n: int) -> float:
-    """The part of `n` nodes that come before all of their neighbours in the `pairs` (2, m), `a < b`.
+    """Return the fraction of `n` nodes that precede all of their neighbours in the `pairs` (2, m), `a < b`.
 
-    Few in the order of a generator's grid, a sixth where a mesh was refined: the vertices of the coarse one come first. What a
-    sweep carries from node to node begins anew at each of them, and SSOR takes up to a third more iterations.
+    They are few in the order of a generator's grid. After refinement they are a sixth, since the vertices of the coarse mesh come
+    first. A sweep carries nothing into such a node from earlier ones, and SSOR takes up to a third more iterations.
     """
     comes_later = np.zeros(n, dtype=bool)
     comes_later[pairs[1]] = True
@@ -65,14 +65,14 @@ def alone(pairs: Ids, n: int) -> float:
 
 
 class OwnOrder(NamedTuple):
-    """Elements in an order that the caches and sweeps like; users never see it.
+    """Elements in an order that suits the caches and sweeps; users never see it.
 
-    Nodes (only those that the elements have) in the mesh's order if that is good, else in reverse Cuthill-McKee order, ascending in
-    each linear simplex, elements sorted by them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron instead of 107 in
-    the mesh's own order (`python -m validation kernels`).
+    Only nodes of the elements are included. They are in the mesh's order if that is good, else in reverse Cuthill-McKee order. They
+    ascend in each linear simplex, and elements are sorted by them. On 38 000 tetrahedra of Gmsh, K takes 61 ns per tetrahedron
+    instead of 107 in the mesh's own order (`python -m validation kernels`).
 
-    `vertices` (nv,) are nodes of the mesh, `elements` (nt,) the positions of the elements in the order in which they were given,
-    `t` (n, nt) their nodes in this order, and `local` (n, nt) which node of the element each of them was.
+    `vertices` (nv,) are nodes of the mesh, and `elements` (nt,) the positions of the elements in the user's order. `t` (n, nt) are
+    their nodes in the new order, and `local` (n, nt) is the index of each in its element.
     """
 
     vertices: Ids
@@ -82,8 +82,8 @@ class OwnOrder(NamedTuple):
 
 
 def vertex_order(edges: Ids, n: int) -> Ids:
-    """Return the nodes of `n` that pairs `edges` (2, ne), `a < b`, have: in their own order if that is good, else in that of
-    `OwnOrder`.
+    """Return the nodes, out of `n`, of the pairs `edges` (2, ne), `a < b`. They are in their own order if that is good, else in
+    that of `OwnOrder`.
     """
     used = np.zeros(n, dtype=bool)
     used[edges.ravel()] = True
@@ -103,7 +103,9 @@ def vertex_order(edges: Ids, n: int) -> Ids:
 
 
 def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
-    """The order for elements `t` (n, nt) with these pairs of nodes `edges` (2, ne) in lexicographic order.
+    """Return the order for elements `t` (n, nt) with the pairs of nodes `edges` (2, ne) in lexicographic order.
+
+    `ascending`: whether the nodes of each element are sorted, too.
 
     `ascending`: whether the nodes of each element are sorted, too.
     """
@@ -120,11 +122,11 @@ def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
 
 
 class OwnEdges(NamedTuple):
-    """Pairs of nodes (ne, 2), `a < b`, of linear simplices their edges, in the order in which the elements first use them.
+    """Pairs of nodes (ne, 2), `a < b`, in the order in which the elements first use them; for linear simplices their edges.
 
-    `number` (ne,) are the places in this order of the pairs in lexicographic order, `t2e` (blocks, m LANES) the pairs of the
-    elements, `marks` (blocks + 1,) how many the blocks before use, and `turned` (blocks, m LANES) has the bit `TRANSPOSED`
-    where the first node of an element's pair has the higher number; it is empty if none has.
+    `number` (ne,) are the indices in this order of the pairs in lexicographic order. `t2e` (blocks, m LANES) are the pairs of the
+    elements. `marks` (blocks + 1,) is the number of pairs in use before each block. `turned` (blocks, m LANES) has the bit
+    `TRANSPOSED` where the first node of an element's pair has the higher number; it is empty if none has.
     """
 
     edges: Ids
@@ -139,14 +141,14 @@ class OwnEdges(NamedTuple):
         return len(self.edges)
 
     def stars(self, n: int) -> tuple[NDArray[np.int64], Ids, Ids]:
-        """Return `begin`, others and entries as `kernels.topology.stars` of `n` nodes, with the numbers of pairs in this order."""
+        """Return `begin`, others and entries as `kernels.topology.stars` of `n` nodes, with the indices of pairs in this order."""
         begin, others, entries = stars(np.ascontiguousarray(self.edges[self.number].T), n)
         number = self.number[np.where(entries >= 0, entries, -1 - entries) * (entries != OWN)]
         return begin, others, np.where(entries == OWN, OWN, np.where(entries >= 0, number, -1 - number)).astype(np.int32)
 
 
 def own_edges(t: Ids, element: Element) -> OwnEdges:
-    """The pairs of nodes of elements `t` (n, nt) in their own order."""
+    """Return the pairs of nodes of elements `t` (n, nt) in the kernels' order."""
     local = np.array(element.pairs)
     edges, t2e = edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), local, int(t.max()) + 1)
     turned = np.where(t[local[:, 0]] > t[local[:, 1]], TRANSPOSED, np.uint32(0)) if not element.is_linear_simplex else None
@@ -159,7 +161,7 @@ def own_edges(t: Ids, element: Element) -> OwnEdges:
 
 
 def in_lanes(rows: NDArray[Any]) -> NDArray[Any]:
-    """(blocks, m LANES) of the columns of `rows` (m, n); the last column stands again in what is left over of the last block."""
+    """Return the columns of `rows` (m, n) as blocks (blocks, m LANES); unused lanes of the last block repeat the last column."""
     m, n = rows.shape
     blocks = -(-n // LANES)
     padded = np.pad(rows, ((0, 0), (0, blocks * LANES - n)), mode="edge")
@@ -167,16 +169,17 @@ def in_lanes(rows: NDArray[Any]) -> NDArray[Any]:
 
 
 def out_of_lanes(blocks: NDArray[Any], n: int) -> NDArray[Any]:
-    """(m, n) rows that `in_lanes` put into blocks."""
+    """Return the rows (m, n) that `in_lanes` put into blocks."""
     m = blocks.shape[1] // LANES
     return blocks.reshape(-1, m, LANES).transpose(1, 0, 2).reshape(m, -1)[:, :n]
 
 
 class Shares(NamedTuple):
-    """Rows of targets where `parts` (n + 1,) begin and end, and `slots` where each adds what it computes, in place of the targets.
+    """Rows of targets for each part, from `parts` (n + 1,), and `slots` to which each adds its results, instead of the targets.
 
-    A target belongs to the first part that has it. Other parts add to slots of their own behind the targets, those of `extra`, and
-    those are folded back in a fixed order: no races, and results do not depend on which thread is faster.
+    A target belongs to the first part that has it. Other parts add to their own slots behind the targets, those of `extra`. These
+    slots are then added to the targets in a fixed order. So there are no races, and results do not depend on the order in which
+    threads finish.
     """
 
     parts: NDArray[np.int64]
@@ -185,7 +188,7 @@ class Shares(NamedTuple):
 
 
 def shares_of(targets: NDArray[Any], size: int, each: float, threads: int) -> Shares:
-    """Shares of the rows of `targets` (n, m), which are 0 ... size - 1; a row is as much work as `each` simplices."""
+    """Return the shares of the rows of `targets` (n, m), which are 0 ... size - 1; a row is as much work as `each` simplices."""
     parts = parts_of(len(targets), each, threads)
     n = len(parts) - 1
     if n == 1:

@@ -1,4 +1,4 @@
-"""Forces without an energy: stiffness that is turned at the nodes, and a stress that is continued below a stretch."""
+"""Forces without an energy: a stiffness rotated at the nodes, and stresses extrapolated below a stretch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .pairs import ALL, NodeBlocks, Tensions
 
 
 class WithoutEnergy:
-    """A force on elements that is the gradient of no energy; volumes are those of the elements of an assembly."""
+    """Force on elements that is not the gradient of an energy; volumes are those of the elements of an assembly."""
 
     symmetric = has_energy = False
 
@@ -23,16 +23,16 @@ class WithoutEnergy:
 
 
 class VertexWarping(WithoutEnergy):
-    """`F_a = R_a sum_b K_ab (R_a' x_b - X_b)`, `R_a` the rotation nearest to the mean of F around node a, K that at rest.
+    """Force `F_a = R_a sum_b K_ab (R_a' x_b - X_b)`, with the rotation `R_a` nearest to the mean F around node a, and K at rest.
 
-    With the tangent `R_a K_ab R_a' + dF_a/dw_a dw_a/dx_b` of the turn `w_a` of `R_a`; without the second part for other `kept`
-    than `ALL`, which is not symmetric all the same.
+    The tangent is `R_a K_ab R_a' + dF_a/dw_a dw_a/dx_b`, with the rotation vector `w_a` of `R_a`. For `kept` other than `ALL` the
+    second part is omitted; the tangent is still not symmetric.
 
     Parameters
     ----------
-    mesh : whose elements fill their space, of two or three dimensions.
+    mesh : the mesh; its elements fill their space, of two or three dimensions.
     t : (n, nt) nodes of the elements.
-    of : the assembly of which K is taken at rest.
+    of : the assembly that supplies K at rest.
     """
 
     balanced = False
@@ -65,7 +65,7 @@ class VertexWarping(WithoutEnergy):
         self._X = p.T[self.nodes]
 
     def _now(self, u: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Positions (m, d), rotations and `S` (m, 3, 3), forces (m, d) and the blocks turned (pairs, d, d)."""
+        """Return positions (m, d), rotations and `S` (m, 3, 3), forces (m, d) and the rotated blocks (pairs, d, d)."""
         x, d, row, column = self._X + u[self.nodes], self._X.shape[1], self._row, self._column
         F = np.zeros((len(x), 3, 3)) + np.diag([0.0] * d + [1.0] * (3 - d))
         np.add.at(F[:, :d, :d], row, (x[column] - x[row])[:, :, None] * self._g[:, None, :])
@@ -80,13 +80,13 @@ class VertexWarping(WithoutEnergy):
         return x, R, S, force, K
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """0; adds the internal force [N] at `u` (nv, d) to `force` (nv, d)."""
+        """Return 0; add the internal force [N] at `u` (nv, d) to `force` (nv, d)."""
         if force is not None:
             force[self.nodes] += self._now(u)[3]
         return 0.0
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of all that adds up to the force at `u` (nv, d) to `out` (nv, d) [N], positions among them."""
+        """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N], positions included."""
         x, _, _, _, K = self._now(u)
         ends = np.abs(u[self.nodes])[self._column] + np.abs(u[self.nodes])[self._row] + np.abs(x[self._column] - x[self._row])
         np.add.at(out, self.nodes[self._row], 2 * np.einsum("nij,nj->ni", np.abs(K), ends))
@@ -114,26 +114,26 @@ class VertexWarping(WithoutEnergy):
         blocks.own += K[2 * n :]
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         own = sum(x.nbytes for x in (self._K, self._g, self._row, self._column, self._X))
         return self._of.memory() | {"turned at the nodes": own}
 
 
 class StressExtension(WithoutEnergy):
-    """St. Venant-Kirchhoff's principal stresses, each continued with the slope `lam + 2 mu` below a stretch `threshold`.
+    """Principal stresses of St. Venant-Kirchhoff, extrapolated linearly with slope `lam + 2 mu` below a stretch `threshold`.
 
     p_i = dw/ds_i at c + (lam + 2 mu) d_i        c_i = max(s_i, threshold), d = s - c
 
-    The derivative of `p_i` by another stretch below the threshold is zero, that of the other by `s_i` is not: there is no energy,
-    and the tangent, which is the exact one for any `kept`, is not symmetric.
+    The derivative of `p_i` by another stretch below the threshold is zero, but the derivative of that stretch's stress by `s_i` is
+    not. So there is no energy. The tangent, which is exact for any `kept`, is not symmetric.
 
     Parameters
     ----------
-    mesh : whose elements fill their space, of two or three dimensions.
+    mesh : the mesh; its elements fill their space, of two or three dimensions.
     t : (n, nt) nodes of the elements.
     lam, mu : (nt,) times section.
     threshold : the stretch.
-    of : an assembly on the same elements, whose pairs of nodes and volumes these are.
+    of : an assembly on the same elements, which supplies pairs of nodes and volumes.
     """
 
     balanced = passes_inversion = True
@@ -152,7 +152,7 @@ class StressExtension(WithoutEnergy):
         self._ends, self._place, self._turned = ends, np.searchsorted(key, low * n + high), first > second
 
     def _now(self, u: Array) -> tuple[Array, ...]:
-        """`U`, `V`, `s`, `c`, `E`, whether stretches lie above the threshold, and `p`: (q, nt, d) at each point."""
+        """Return `U`, `V`, `s`, `c`, `E`, whether stretches lie above the threshold, and `p`: (q, nt, d) at each point."""
         x = (self._X + u)[self._t]
         U, s, Vt = _signed_svd(np.einsum("anx,qnad->qnxd", x, self._g))
         V = np.swapaxes(Vt, 2, 3)
@@ -163,7 +163,7 @@ class StressExtension(WithoutEnergy):
         return U, V, s, c, E, s > self._a, p
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """0; adds the internal force [N] at `u` (nv, d) to `force` (nv, d)."""
+        """Return 0; add the internal force [N] at `u` (nv, d) to `force` (nv, d)."""
         if force is not None:
             U, V, *_, p = self._now(u)
             pulled = np.einsum("qnxi,qni,qndi,qnad->anx", U, p, V, self._g, optimize=True)
@@ -199,13 +199,13 @@ class StressExtension(WithoutEnergy):
             np.add.at(blocks.reverse, place[turned], K[a, b][turned])
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         own = sum(x.nbytes for x in (self._g, self._lam, self._mu, self._place, self._turned))
         return self._of.memory() | {"gradients at points": own}
 
 
 def gradients_at_points(mesh: ElementMesh, t: NDArray[np.int32], quadrature: Quadrature) -> list[tuple[Array, Array]]:
-    """Gradients of the shape functions (nt, n, d), and sizes (nt,) with the weight, at each point of elements that fill their
+    """Return gradients of the shape functions (nt, n, d), and sizes (nt,) with the weight, at each point. The elements fill their
     space.
     """
     found, rule = [], quadrature.rule
@@ -225,7 +225,7 @@ def _signed_svd(F: Array) -> tuple[Array, Array, Array]:
 
 
 def _blocks_at_rest(of: Assembly, d: int) -> Array:
-    """(n, d, d) blocks of K at rest of its pairs of nodes, in their order."""
+    """Return the blocks (n, d, d) of K at rest of the assembly's pairs of nodes, in their order."""
     _, blocks = of.blocks(np.zeros((int(of.nodes_paired.max()) + 1, d)))
     every = np.asarray(blocks, dtype=np.float64)[: of.pairs.size].reshape(-1, 3, 3)[:, :d, :d]
     first, second = of.elements.own.vertices[of.elements.edges.edges].T
@@ -234,12 +234,12 @@ def _blocks_at_rest(of: Assembly, d: int) -> Array:
 
 
 def _in_space(x: Array) -> Array:
-    """Vectors with three components."""
+    """Return the vectors padded to three components."""
     return np.concatenate([x, np.zeros((len(x), 3 - x.shape[1]))], axis=1)
 
 
 def _cross(v: Array) -> Array:
-    """(n, 3, 3) matrices `[v]`, `[v] x = v x x`."""
+    """Return the matrices `[v]` (n, 3, 3) with `[v] x = v x x`."""
     out = np.zeros((len(v), 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[:, j, i], out[:, i, j] = v[:, k], -v[:, k]

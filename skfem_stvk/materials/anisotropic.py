@@ -16,7 +16,7 @@ from .material import FramedMaterial, constant
 
 @runtime_checkable
 class HasElements(Protocol):
-    """A mesh, as fibres need to know it: nodes `p` (d, nv) and elements `t` (n, nt); scikit-fem's, or an `ElementMesh`."""
+    """Mesh with the arrays that fibres need: nodes `p` (d, nv) and elements `t` (n, nt); scikit-fem's, or an `ElementMesh`."""
 
     @property
     def p(self) -> Array: ...
@@ -77,7 +77,7 @@ class Orthotropic(FramedMaterial):
     Raises
     ------
     MaterialError
-        for constants out of range, or that give no positive definite matrix, with element ids.
+        for constants out of range, or without a positive definite matrix, with element ids.
 
     >>> wood = Orthotropic(young=(11e9, 0.9e9, 0.5e9), poisson=(0.6, 0.45, 0.37), shear=(0.04e9, 0.7e9, 0.75e9))
     >>> wood.stiffness().shape
@@ -128,14 +128,14 @@ class TransverselyIsotropic(FramedMaterial):
     young_axial, young_transverse : moduli along and across the axis [Pa].
     poisson_axial : contraction across under tension along the axis (nu_12 = nu_13).
     poisson_transverse : contraction across under tension across (nu_23).
-    shear_axial : shear modulus of planes that hold the axis [Pa] (G_12 = G_13); the other is `E_t/(2 (1 + nu_23))`.
+    shear_axial : shear modulus of planes that contain the axis [Pa] (G_12 = G_13); the other is `E_t/(2 (1 + nu_23))`.
     frame : material axes as columns, see `FramedMaterial`.
     density : mass density [kg/m^3].
 
     Raises
     ------
     MaterialError
-        for constants out of range, or that give no positive definite matrix, with element ids.
+        for constants out of range, or without a positive definite matrix, with element ids.
 
     >>> ply = TransverselyIsotropic(140e9, 10e9, poisson_axial=0.3, poisson_transverse=0.4, shear_axial=5e9)
     >>> ply.stiffness().shape
@@ -158,14 +158,15 @@ class TransverselyIsotropic(FramedMaterial):
     def from_lame(
         cls, lam: ArrayLike, mu: ArrayLike, along: ArrayLike, *, frame: ArrayLike | None = None, density: ArrayLike | None = None
     ) -> TransverselyIsotropic:
-        """Isotropic with Lame constants `lam`, `mu` [Pa], and stiffer by `along` [Pa] in the direction `a` of its fibres:
+        """Return a material with Lame constants `lam`, `mu` [Pa], and `along` [Pa] more stiffness in the direction `a` of its
+        fibres:
 
             W = lam/2 (tr E)^2 + mu tr E^2 + along/2 (a'E a)^2
 
-        It is the kind of law that Picinbono, Delingette and Ayache (2003) take for organs with fibres; their printed formula was
-        not found. Where constants of Lame's kind differ by `d_lam` and `d_mu` along the fibres alone, so that `d_lam/2 (a'E a)^2 +
-        d_mu (a'E a)^2` is added, `along = d_lam + 2 d_mu`. Sheared along its fibres it is as stiff as across. `mu`, `3 lam + 2 mu`
-        and the modulus along the fibres have to be positive.
+        Picinbono, Delingette and Ayache (2003) use a law of this kind for organs with fibres; their printed formula was not found.
+        If the Lame constants along the fibres differ by `d_lam` and `d_mu`, the added energy is `d_lam/2 (a'E a)^2 + d_mu (a'E
+        a)^2`, and `along = d_lam + 2 d_mu`. The shear stiffness along the fibres equals that across. `mu`, `3 lam + 2 mu` and the
+        modulus along the fibres must be positive.
 
         >>> fibres = TransverselyIsotropic.from_lame(1.5, 1.0, along=10.0)
         >>> fibres.stiffness().round(12)[:3, :3].tolist(), round(float(fibres.young_axial), 12)
@@ -196,23 +197,23 @@ class TransverselyIsotropic(FramedMaterial):
 
 
 def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], ArrayLike]) -> Array:
-    """(nt, d, d) frames whose first axes are along a field of directions, for fibres: `TransverselyIsotropic(..., frame=...)`.
+    """Return frames (nt, d, d) with first axes along a field of directions, for fibres: `TransverselyIsotropic(..., frame=...)`.
 
-    The other axes are at right angles to it, in any way: those of a material with fibres alone do not matter. Directions have any
-    length, and fibres no sign: from directions at nodes each element has the axis along which those at its nodes are largest,
-    whichever way they point.
+    The other axes are at any right angles to the first, since they do not matter for a material with only fibres. Directions have
+    any length, and fibres have no sign. From directions at nodes, each element gets the axis along which those at its nodes are
+    largest, in either sense.
 
     Parameters
     ----------
-    mesh : in two or three dimensions.
+    mesh : mesh in two or three dimensions.
     directions : (d,) for all elements; (nt, d), one for each; (nv, d), one at each node; or a function of the centres x (d, nt) of
         the elements that returns (d,) or (d, nt).
 
     Raises
     ------
     MaterialError
-        if they have another shape, are not finite or zero, with ids; or if there are as many nodes as elements, so that (n, d) may
-        be either: give a function then.
+        if they have another shape, are not finite or zero, with ids; or if there are as many nodes as elements, so that (n, d)
+        is ambiguous: use a function then.
 
     >>> import skfem
     >>> ring = skfem.MeshTri.init_tensor(np.linspace(1, 2, 3), np.linspace(0, 1, 3))
@@ -266,7 +267,7 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
 
 
 def _at_elements(at_nodes: Array, t: Array) -> Array:
-    """(nt, d) axes of fibres in elements from directions (nv, d) at nodes: of the largest eigenvalue of the sum of their dyads."""
+    """Return axes (nt, d) of fibres in elements from directions (nv, d) at nodes: the main eigenvectors of the sums of their dyads."""
     bad = np.flatnonzero(~np.isfinite(at_nodes).all(axis=1))
     if len(bad):
         raise MaterialError(f"frames_along: {name_ids(bad, 'node')}: no direction, for it is not finite.")

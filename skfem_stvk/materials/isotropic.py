@@ -22,7 +22,7 @@ class Isotropic(Material):
     Parameters
     ----------
     young : Young's modulus [Pa], positive.
-    poisson : Poisson's ratio, in (-1, 1/2); in plane stress in (-1, 1). Segments have no use for it.
+    poisson : Poisson's ratio, in (-1, 1/2); in plane stress in (-1, 1). Segments do not use it.
     density : mass density [kg/m^3].
 
     Raises
@@ -74,10 +74,10 @@ class Isotropic(Material):
             constant(self.poisson, f"poisson ({hypothesis.value})", low=-1.0, high=0.5)
 
     def lame(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
-        """The pair `(lam, mu)` [Pa] that acts within the element's own dimensions.
+        """Return the pair `(lam, mu)` [Pa] within the element's own dimensions.
 
         `lam = E nu/((1 + nu)(1 - 2 nu))` in solids and plane strain, `E nu/(1 - nu^2)` in plane stress; `mu = E/(2 (1 + nu))`.
-        Under uniaxial stress the one modulus is `lam + 2 mu = E`: the pair is `(E, 0)`.
+        Under uniaxial stress the only modulus is `lam + 2 mu = E`, and the pair is `(E, 0)`.
         """
         young = np.asarray(self.young)
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:

@@ -1,4 +1,4 @@
-"""Base of all materials: checked constants, a density, a frame, and whether they fit a region."""
+"""Base of all materials: checked constants, a density, a frame, and the check that they fit a region."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..errors import MaterialError, name_ids
 
 
 class Hypothesis(Enum):
-    """Which components of strain or stress vanish across an element."""
+    """Assumption on the components of strain or stress that vanish across an element."""
 
     SOLID = "three-dimensional"
     PLANE_STRAIN = "plane strain"
@@ -28,7 +28,7 @@ class Hypothesis(Enum):
         return self in (Hypothesis.PLANE_STRESS, Hypothesis.UNIAXIAL_STRESS)
 
 
-#: The parameter that all materials have.
+#: The parameter of all materials.
 Density = Annotated[ArrayLike | None, Quantity("density", "Mass density; motion, modes and gravity need it.", gt=0)]
 
 
@@ -57,8 +57,8 @@ class Material:
 class FramedMaterial(Material, ABC):
     """A material given by constants along its own axes.
 
-    `frame`'s columns are the material axes in global coordinates: (3, 3), (2, 2) for axes in the plane, or one per element with
-    one more axis in front; the global axes by default.
+    The columns of `frame` are the material axes in global coordinates: (3, 3), or (2, 2) for axes in the plane. One frame per
+    element has one more axis in front. The default is the global axes.
     """
 
     frame: Annotated[
@@ -83,7 +83,7 @@ class FramedMaterial(Material, ABC):
 
 
 def _orthonormal(frame: ArrayLike) -> Array:
-    """The frame as (3, 3) or (n, 3, 3)."""
+    """Return the frame as (3, 3) or (n, 3, 3)."""
     given = real_array(frame)
     size = 2 if given is not None and given.shape[-2:] == (2, 2) else 3
     array = constant(frame, "frame", shape=(size, size))
@@ -118,9 +118,9 @@ def _refuse_indefinite(stiffness: Array) -> None:
 
 
 def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np.inf, shape: tuple[int, ...] = ()) -> Array:
-    """The constant as an array of the given shape, or with one more axis in front for one value per element.
+    """Return the constant as an array of this shape; one value per element has one more axis in front.
 
-    It is refused, with the ids, where it is not finite, or not strictly between `low` and `high`.
+    A constant that is not finite, or not strictly between `low` and `high`, is refused with the element ids.
     """
     given = real_array(value)
     if given is None:

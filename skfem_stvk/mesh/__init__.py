@@ -1,4 +1,4 @@
-"""Meshes of elements, their geometry, what is wrong with them, and how they are read and made."""
+"""Meshes of elements, their geometry, faults, readers and generators."""
 
 from .generators import bar, box, cylinder
 from .mesh import ElementMesh, MeshLike

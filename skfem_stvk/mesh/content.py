@@ -1,4 +1,4 @@
-"""The elements that a mesh of meshio's holds: their kind, their nodes and groups, and warnings of what is left out."""
+"""Elements of a meshio mesh: their kind, their nodes and groups, and warnings of omitted parts."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Content(NamedTuple):
 
 
 def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
-    """Return the elements of a mesh of meshio's, as `read_mesh` takes them from a file; `name` stands for it in messages."""
+    """Return the elements of a meshio mesh, as `read_mesh` takes them from a file; messages begin with `name`."""
     try:
         check_cells(raw)
     except Damaged as error:
@@ -56,7 +56,7 @@ def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
 def content_of(
     raw: meshio.Mesh, name: str, degree: int | None = None, dimension: int | None = None, keep: Collection[str] = ()
 ) -> Content:
-    """Return the elements of what was read, whose cells have been checked; `name` stands for it in messages.
+    """Return the elements of a mesh as read, whose cells have been checked; messages begin with `name`.
 
     The other arguments are those of `read_mesh`.
     """
@@ -82,7 +82,7 @@ def content_of(
     if element.degree == 2:
         boundaries = completed("Boundary", boundaries, named(element.facet), numbers, keep)
         cables = completed("Lines", cables, element.edge, numbers, keep)
-        cables = {key: ids[:, np.argsort(ids[-1])] for key, ids in cables.items()}  # as `check_numbers` has them
+        cables = {key: ids[:, np.argsort(ids[-1])] for key, ids in cables.items()}  # in the order that `check_numbers` requires
     node_sets = {
         key: np.sort(numbers.number[ids]) for key, ids in nodes_on(numbers.order, inner, node_groups(raw, sets, base)).items()
     }
@@ -90,7 +90,7 @@ def content_of(
 
 
 def check_cells(mesh: meshio.Mesh) -> None:
-    """Refuse cells that do not have the nodes of their type or name nodes that are not there, and ids that stand twice."""
+    """Refuse cells with a wrong number of nodes for their type or with unknown nodes, and repeated ids."""
     points = real_array(mesh.points)
     if points is None or points.ndim != 2:
         raise Damaged("its points are not rows of real numbers")
@@ -138,13 +138,13 @@ def element_of(raw: meshio.Mesh, base: Element, degree: int | None) -> Element:
     quadratic = base.quadratic
     if quadratic is None or degree == 1:
         return base
-    ours = (quadratic.cell_type, base.cell.lagrange)[: 1 if quadratic.in_cells else 2]  # Lagrange cells have another order then
+    ours = (quadratic.cell_type, base.cell.lagrange)[: 1 if quadratic.in_cells else 2]  # Lagrange cells then have another order
     known = all(block.type in ours and block.data.shape[1] == quadratic.n for block in raw.cells if is_of(block, base))
     return quadratic if known else base
 
 
 def warn_of_cells(raw: meshio.Mesh, element: Element, degree: int | None) -> None:
-    """Warn of cells that carry volume but are not of the kind, and of elements that are taken by their corners."""
+    """Warn of cells that carry volume but are not of the kind, and of elements that are reduced to their corners."""
     carriers = [block for block in raw.cells if len(block) and block.dim == element.k]
     base = element.linear
     if others := [block for block in carriers if not is_of(block, base)]:
@@ -163,9 +163,9 @@ class Numbers(NamedTuple):
 
     Attributes
     ----------
-    order : (nv,) nodes of the file in their new order: vertices, then middles of edges.
-    number : new number of each node of the file, -1 for those that are dropped.
-    between : corners between which the further nodes of elements are, by new numbers (`facets.further_nodes`).
+    order : (nv,) nodes of the file in their new order: vertices, then edge midpoints.
+    number : new number of each node of the file, -1 for dropped nodes.
+    between : corners between which the further nodes of elements lie, by new numbers (`facets.further_nodes`).
     """
 
     order: NDArray[Any]
@@ -176,7 +176,7 @@ class Numbers(NamedTuple):
 def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, ends: NDArray[Any]) -> Numbers:
     """Return the numbers of the nodes of elements `t` (n, nt), and of other `ends`, among `count` in a file.
 
-    Vertices keep their order, middles get scikit-fem's.
+    Vertices keep their order; edge midpoints get scikit-fem's.
     """
     used = np.union1d(t[: base.n], ends)
     number = np.full(count, -1, dtype=np.int32)
@@ -211,7 +211,7 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, end
 def completed(
     what: str, groups: dict[str, NDArray[Any]], kind: Element, numbers: Numbers, keep: Collection[str]
 ) -> dict[str, NDArray[Any]]:
-    """Add the middles of edges to facets or segments of this quadratic `kind`; leave out those on no element, with a warning.
+    """Add the edge midpoints to facets or segments of this quadratic `kind`; leave out those on no element, with a warning.
 
     Raises
     ------
@@ -235,13 +235,13 @@ def completed(
 
 
 def dimension_of(raw: meshio.Mesh, dimension: int | None) -> int | None:
-    """Return the dimension that was asked for, or the one that the file states, if any."""
+    """Return the requested dimension, or the one that the file states, if any."""
     stated = raw.cell_data.get(DIMENSION)
     return int(stated[0][0]) if dimension is None and stated is not None else dimension
 
 
 def warn_of_vertices(count: int, base: Element, used: NDArray[Any], inner: NDArray[Any]) -> None:
-    """Warn of vertices, of which there are `count`, that no element and no element of higher order has."""
+    """Warn of vertices, out of `count`, that belong to no element and to no element of higher order."""
     if len(unused := np.setdiff1d(np.arange(count), np.union1d(used, inner))):
         warn(
             f"{name_ids(unused, 'vertex')}: on none of the {base.name}, so dropped; the later ones move up. Centres of arcs, or "
@@ -250,7 +250,9 @@ def warn_of_vertices(count: int, base: Element, used: NDArray[Any], inner: NDArr
 
 
 def merge_copies(t: NDArray[Any], subdomains: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Merge elements that Gmsh 2.2 writes once for each of their groups; copies within one are left for `check_mesh` to name."""
+    """Merge elements that Gmsh 2.2 writes once for each of their groups; copies within one group are left for `check_mesh` to
+    report.
+    """
     order = np.lexsort(t)
     starts = np.append(True, (t[:, order[1:]] != t[:, order[:-1]]).any(axis=0))
     first = np.empty_like(order)
@@ -276,7 +278,7 @@ def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[s
 
 
 def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the used nodes of each set without empty sets, and warn of lost nodes that are no inner nodes of elements."""
+    """Return the used nodes of each set without empty sets, and warn of lost nodes that are not inner nodes of elements."""
     kept = {}
     for name, members in sets.items():
         kept[name] = np.intersect1d(members, used)

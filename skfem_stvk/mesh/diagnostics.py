@@ -1,4 +1,4 @@
-"""Checks of a mesh, made before any work is done on it."""
+"""Checks of a mesh, before any other work."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
 from .points import extremes, signed, spokes_at
 
-#: Of edges in powers of ten: squares of volumes are numbers in double precision then.
+#: Limits of edges, as powers of ten: squares of volumes are then in the range of double precision.
 LARGEST_EXPONENT = 50
-#: Of projections of points of size one.
+#: Tolerance of projections of points of size one.
 ROUND_OFF = 1e-14
-#: Elements that are looked at together, at all of their points: some 40 of 9 numbers each, which stay in cache.
+#: Number of elements that are checked together, at all of their points: some 40 of 9 numbers each fit into the cache.
 CHUNK = 512
 
 
 def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
-    """Refuse a mesh that cannot carry an elastic body, and warn of one that is probably not what was meant.
+    """Refuse a mesh that cannot carry an elastic body, and warn of a mesh that is probably not intended.
 
-    Elements `beside` it are on the same nodes: each is looked at as well, and nodes that are on one of them are on an element.
+    Elements `beside` it are on the same nodes. Each such mesh is checked as well, and its nodes count as nodes on an element.
 
-    Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` tells of all faults.
+    Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` reports all faults.
 
     Raises
     ------
     MeshError
-        with the ids of: vertices that are not finite; elements that repeat a vertex, have no volume, stand twice, or, if they are
-        curved or boxes, fold over themselves; vertices on no element.
+        with the ids of: vertices that are not finite; elements that repeat a vertex, have no volume, are duplicates, or, for
+        curved elements and boxes, fold over themselves; vertices on no element.
 
     Warns
     -----
     StvkWarning
-        of vertices in the same place, and of parts that are not connected.
+        for vertices at the same point, and for parts that are not connected.
     """
     for one in (mesh, *beside):
         for fault in faults(one, (*beside, mesh)):
             if one is not mesh and fault.name not in ("collapsed", "flat", "folded", "duplicates"):
-                continue  # a fault of nodes, which is reported once
+                continue  # this is a fault of nodes, reported once
             text = f"The {one.element.name}: {fault.text}" if beside else fault.text
             if fault.refused:
                 raise MeshError(text)
@@ -52,9 +52,9 @@ def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
 
 
 def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[Remark]:
-    """Yield all faults of a mesh, refused ones first; each is searched for when it is asked for.
+    """Yield all faults of a mesh, refused ones first; each search starts on request.
 
-    Meshes `together` with it on the same nodes say which nodes are on elements, and what is connected.
+    Meshes `together` with it on the same nodes also determine which nodes are on elements, and which parts are connected.
     """
     together = together or (mesh,)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(mesh.p).all(axis=0))
@@ -92,7 +92,7 @@ def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[
 def sound_elements(
     mesh: ElementMesh, finite: NDArray[np.bool_], collapsed: NDArray[np.bool_]
 ) -> tuple[MeshArrays, NDArray[np.int64]]:
-    """Return the elements with neither `collapsed` (nt,) corners nor nodes that are not `finite` (nv,), and their ids."""
+    """Return the elements, and their ids, without `collapsed` (nt,) corners and with all nodes `finite` (nv,)."""
     if finite.all() and not collapsed.any():
         return mesh, np.arange(mesh.nt)
     kept = np.flatnonzero(finite[mesh.t].all(axis=0) & ~collapsed)
@@ -101,7 +101,7 @@ def sound_elements(
 
 
 def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Remark]:
-    """Yield simplices without volume, and elements whose Jacobian vanishes or changes its sign."""
+    """Yield faults for simplices without volume, and for elements whose Jacobian vanishes or changes its sign."""
     if mesh.element.is_linear_simplex:
         if len(bad := ids[flat_elements(mesh)]):
             text = (
@@ -133,21 +133,22 @@ def element_order(mesh: MeshArrays) -> str:
 
 def flat_elements(mesh: MeshArrays) -> NDArray[np.int64]:
     """Return linear simplices whose smallest height is below rounding of the coordinates, or 1e-12 of the longest edge."""
-    p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor vanish
+    p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor underflow
     parallelepiped, longest, largest_facet = measures(p, mesh.t)
     rounding = np.finfo(float).eps * np.abs(p).max(axis=0)[mesh.t].max(axis=0)
     nothing = 1e-12 * longest + 4 * rounding
     flat = parallelepiped <= nothing * largest_facet
     if mesh.k == 3:
-        flat |= largest_facet <= nothing * longest  # all vertices in a line: the volume is noise of noise
+        flat |= largest_facet <= nothing * longest  # for collinear vertices the volume is only rounding
     return np.flatnonzero(flat)
 
 
 def folded_elements(mesh: MeshArrays) -> NDArray[np.int64]:
     """Return elements whose Jacobian vanishes or changes its sign among its points (usual and exact rules) and nodes.
 
-    In a space of more dimensions the sign is that of the turn from the spokes at the centre: no more than a right angle. Zero is a
-    height as in `flat_elements`, which is at least `|J| / |P|^(k - 1)`: only where this is small heights are worked out.
+    In a space of more dimensions, the sign is negative where the element is rotated by more than a right angle from its base
+    vectors at the centre. Zero is a height as in `flat_elements`. The height is at least `|J| / |P|^(k - 1)`, so it is computed
+    only where this bound is small.
     """
     p, element = mesh.p / scale_of(mesh.p), mesh.element
     rules = [rule_of(element, kind).points for kind in ("one-point", "usual", "exact")]
@@ -169,13 +170,13 @@ def folded_elements(mesh: MeshArrays) -> NDArray[np.int64]:
 
 
 def scale_of(p: NDArray[np.float64]) -> float:
-    """Return the power of two next to the largest coordinate: to divide by it costs no digit."""
+    """Return the power of two next to the largest coordinate; division by it has no rounding error."""
     largest = float(np.abs(p).max())
     return 2.0 ** np.clip(np.floor(np.log2(largest)), -1021, 1022) if largest > 0 else 1.0
 
 
 def _faults_of_range(mesh: MeshArrays) -> Iterator[Remark]:
-    """Yield elements of a size at which squares of volumes leave the range of double precision."""
+    """Yield faults for elements of a size at which squares of volumes leave the range of double precision."""
     scale = scale_of(mesh.p)
     longest = longest_edges(mesh, mesh.p / scale)
     longest = longest[longest > 0]
@@ -209,19 +210,19 @@ def warn_of_flat_elements(mesh: ElementMesh) -> None:
 
 
 def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[np.bool_]) -> Iterator[Remark]:
-    """Yield nodes closer than 1e-6 of the median longest edge: seams that do not hold together."""
+    """Yield a fault for nodes closer than 1e-6 of the median longest edge: unconnected seams."""
     near = 1e-6 * float(np.median(longest_edges(sound, sound.p)))
     nodes = np.flatnonzero(finite)
     p = mesh.p if len(nodes) == mesh.nv else mesh.p[:, nodes]
     size = np.ptp(p, axis=1).max()
     if not size > 0:
         return
-    # far from zero, on which scipy's tree never ends where a library has made the process flush denormal numbers
+    # shifted away from zero, where scipy's tree never ends if a library made the process flush denormal numbers
     away = 1 + (p - p.min(axis=1, keepdims=True)) / size
     close = _close_along_a_line(away, near / size)
     if not len(close):
         return
-    from scipy.spatial import cKDTree  # takes long to import, and hardly a mesh needs it
+    from scipy.spatial import cKDTree  # slow to import, and few meshes need it
 
     if len(pairs := cKDTree(away[:, close].T).query_pairs(near / size, output_type="ndarray")):
         bad = np.unique(nodes[close[pairs[:, 1]]])
@@ -234,7 +235,7 @@ def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[n
 
 def _close_along_a_line(x: NDArray[np.float64], near: float) -> NDArray[np.intp]:
     """Return ids of points (d, n) of size one that include all with others within `near`: by projections on one line."""
-    along = np.array([0.7236067977, 0.5877852523, 0.3616170474])[: len(x)] @ x  # a line that no mesh is aligned with
+    along = np.array([0.7236067977, 0.5877852523, 0.3616170474])[: len(x)] @ x  # a line with which no mesh is aligned
     order = np.argsort(along)
     meets = np.diff(along[order]) <= near + ROUND_OFF
     return np.sort(order[np.append(meets, False) | np.append(False, meets)])
@@ -258,7 +259,7 @@ def _on_elements(meshes: Sequence[ElementMesh]) -> NDArray[np.bool_]:
 def sizes_of_parts(meshes: Sequence[ElementMesh]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the number of the connected part of each node (nv,) of meshes on the same nodes, and the nodes of each part (n,).
 
-    A node on no element is a part of its own, which counts 0 nodes.
+    A node on no element is a separate part, which counts 0 nodes.
     """
     part = parts(meshes)
     used = _on_elements(meshes)

@@ -17,7 +17,7 @@ from .mesh import ElementMesh
 def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
     """Return `u` (ndofs,) by vertex or node as (nv, d).
 
-    It is not copied if it is in double or single precision and contiguous; otherwise it is as in `finite_vector`.
+    `u` is not copied if it is in double or single precision and contiguous; otherwise it is converted as by `finite_vector`.
 
     >>> by_vertex(ElementMesh(p=[[0, 1], [0, 0]], t=[[0], [1]]), [1, 2, 3, 4])
     array([[1., 2.],
@@ -44,7 +44,7 @@ def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom"
 def all_finite(values: Array) -> bool:
     """Return whether no entry is infinite or NaN.
 
-    Then their sum is finite; only where it is not, which may be overflow, every entry is looked at.
+    A finite sum proves this. If the sum is not finite, which may be overflow, every entry is checked.
 
     >>> all_finite(np.array([1e308, 1e308])), all_finite(np.array([np.inf, -np.inf]))
     (True, False)

@@ -1,4 +1,4 @@
-"""The facets of simplices: which are shared, where given ones stand among them, and which side of a surface is which."""
+"""Facets of simplices: shared facets, the indices of listed facets, and the sides of a surface."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class MeshArrays:
 
     @property
     def corners(self) -> Ids:
-        """(m, nt) corners of the elements: of quadratic ones without the middles of edges."""
+        """Corners (m, nt) of the elements: for quadratic elements without the edge midpoints."""
         return self.t[: self.element.corners]
 
     @property
     def facet(self) -> Element:
-        """Element of the facets, whose nodes arrays of facets (m, n) have."""
+        """Element of the facets; arrays of facets (m, n) have its nodes."""
         return named(self.element.facet)
 
     @property
@@ -48,7 +48,7 @@ class MeshArrays:
 
     @property
     def nv(self) -> int:
-        """Number of nodes: of vertices, and of middles of edges that quadratic elements have."""
+        """Number of nodes: vertices, and edge midpoints of quadratic elements."""
         return self.p.shape[1]
 
     @property
@@ -73,14 +73,14 @@ class MeshArrays:
 
     @cached_property
     def surface(self) -> Ids:
-        """(m, n) nodes of the boundary facets, turned outwards (`facets.boundary_facets`); found when first asked for."""
+        """Nodes (m, n) of the boundary facets, oriented outwards (`facets.boundary_facets`); computed at first use."""
         facets = boundary_facets(self)
         facets.flags.writeable = False
         return facets
 
 
 class Cells(MeshArrays):
-    """Elements as bare arrays, which may leave nodes out."""
+    """Elements as bare arrays, which need not use all nodes."""
 
     def __init__(self, p: NDArray[np.float64], t: Ids, element: Element) -> None:
         self.p, self.t, self.element = p, t, element
@@ -89,9 +89,9 @@ class Cells(MeshArrays):
 def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids]:
     """Return all facets (m, nf) of elements `t` in scikit-fem's order, and the facets of each element (f, nt).
 
-    Each stands once, with all its nodes as `named(element.facet)` has them. Corners of simplices and of edges of quadrilaterals
-    ascend, those of hexahedra go round the facet. The second array is the facet opposite to each vertex of simplices, and each of
-    `element.facets` of other elements. By default the elements are linear simplices.
+    Each facet occurs once, with all its nodes in the order of `named(element.facet)`. Corners of simplices and of edges of
+    quadrilaterals ascend; those of hexahedra go around the facet. For simplices, the second array is the facet opposite to each
+    vertex; for other elements, each of `element.facets`. By default the elements are linear simplices.
 
     >>> facets_of(np.array([[0, 1], [1, 2]]), 3)
     (array([[0, 1, 2]], dtype=int32), array([[1, 2],
@@ -120,8 +120,8 @@ def facet_ids(mesh: MeshArrays) -> Ids:
 def boundary_facets(mesh: MeshArrays) -> Ids:
     """Return the facets (m, n) of one element only, with outward orientation where the elements fill the space.
 
-    Those of tetrahedra and hexahedra are counterclockwise when seen from outside; those of triangles and quadrilaterals in the
-    plane have the body on their left. Middles follow the corners. `mesh.surface` keeps them.
+    Facets of tetrahedra and hexahedra are counterclockwise when seen from outside. Facets of triangles and quadrilaterals in the
+    plane have the body on their left. Midside nodes follow the corners. `mesh.surface` caches the result.
 
     >>> from skfem_stvk import ElementMesh
     >>> boundary_facets(ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [2], [1]]))
@@ -161,7 +161,7 @@ def find_facets(wanted: Ids, facets: Ids, nv: int) -> NDArray[np.int64]:
 def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:
     """Return the edges (2, ne) of elements with `corners` (n, nt) in scikit-fem's order, and the edges of each element (m, nt).
 
-    Ends of edges ascend, all in lexicographic order; segments are their own edges.
+    The ends of each edge ascend, and edges are in lexicographic order; segments are their own edges.
     """
     if element.k == 1:
         return corners, np.arange(corners.shape[1], dtype=np.int32)[None]
@@ -171,8 +171,8 @@ def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:
 def further_nodes(corners: Ids, element: Element, nv: int) -> tuple[list[Ids], Ids]:
     """Return the further nodes of elements with these `corners` (m, nt) among `nv` vertices, in scikit-fem's order.
 
-    The first result has the corners between which they are: arrays (m, n) for edges, faces and cells, where the `element` has
-    nodes. The second one has the further nodes of each element, (n, nt), counted from 0 through these arrays.
+    The first result has the corners between which these nodes lie: arrays (m, n) for edges, faces and cells, where the `element`
+    has nodes. The second result has the further nodes of each element, (n, nt), counted from 0 through these arrays.
     """
     groups, numbers, begin = [], [], 0
     for size in sorted({len(ids) for ids in element.means}):
@@ -189,9 +189,9 @@ def further_nodes(corners: Ids, element: Element, nv: int) -> tuple[list[Ids], I
 
 
 def with_middles(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -> Ids:
-    """Return facets (m, n) with all their nodes, from their corners among `nv` vertices, whose order stays.
+    """Return facets (m, n) with all their nodes, from their corners among `nv` vertices; the order of the corners is unchanged.
 
-    The further nodes, from `nv` on, are `between` corners as `further_nodes` lists them; -1 where there is no such node.
+    The further nodes, from `nv` on, lie `between` corners as `further_nodes` lists them; -1 marks a missing node.
 
     >>> with_middles(np.array([[2, 1], [1, 0]]), named("quadratic segments"), [np.array([[0, 0, 1], [1, 2, 2]])], 3)
     array([[2, 1],
@@ -211,7 +211,9 @@ def with_middles(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -
 
 
 def _ascending(t: Ids, element: Element) -> tuple[Ids, NDArray[np.integer]]:
-    """Return simplices with their corners in ascending order and their middles accordingly, and the local numbers of corners."""
+    """Return simplices with their corners in ascending order and their edge midpoints accordingly, and the local numbers of
+    corners.
+    """
     corner = nodes = np.argsort(t[: element.corners], axis=0)
     if element.means:
         a, b = np.transpose(element.means)
@@ -225,7 +227,7 @@ def _listed(t: Ids, element: Element) -> tuple[Ids, Ids]:
     """Return the first, second, ... facets (m, f nt) of elements, as `element.facets` lists them, and their corners, ascending."""
     every = np.concatenate([t[list(facet)] for facet in element.facets], axis=1)
     corners = every[: named(element.facet).corners]
-    return every, corners if element.is_simplex else np.sort(corners, axis=0)  # those of ascending simplices ascend
+    return every, corners if element.is_simplex else np.sort(corners, axis=0)  # facets of ascending simplices ascend
 
 
 def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
@@ -237,7 +239,7 @@ def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
 
 
 def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
-    """Return columns of the facets that only one element has; each is given with ascending vertices."""
+    """Return columns of the facets that only one element has; each facet has ascending vertices."""
     order, new = grouped(ordered, nv)
     return order[new & np.append(new[1:], True)]
 
@@ -265,7 +267,7 @@ def grouped(facets: Ids, nv: int) -> tuple[Ids, NDArray[np.bool_]]:
 
 
 class NamedFacets(Mapping[str, NDArray[np.int32]]):
-    """Facets (m, n) by name, from their numbers in scikit-fem's order; the first look at one finds all facets of the mesh."""
+    """Facets (m, n) by name, from their numbers in scikit-fem's order; the first access computes all facets of the mesh."""
 
     def __init__(self, t: Ids, nv: int, element: Element, ids: Mapping[str, Any]) -> None:
         self._t, self._nv, self._element, self._ids = t, nv, element, frozen(ids)
@@ -297,9 +299,9 @@ class NamedFacets(Mapping[str, NDArray[np.int32]]):
 def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the faces to reverse, so that all neighbours have the orientation of the first face of their piece.
 
-    `t` (m, n) are their corners. Neighbours are two at an edge of no other, a piece is connected by those: they look to the same
-    side if they go along it in opposite directions. The second array says whether the piece of each has two sides, unlike a
-    Moebius strip.
+    `t` (m, n) are the corners of the faces. Neighbours are two faces at an edge without a third; a piece is connected by such
+    edges. Neighbours have the same orientation if they run along their edge in opposite directions. The second array says whether
+    the piece of each face has two sides, unlike a Moebius strip.
 
     >>> turned_alike(np.array([[0, 1], [1, 2], [2, 3]]), 4)
     (array([False,  True]), array([ True,  True]))
@@ -315,7 +317,7 @@ def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDAr
 
 
 def linked(a: NDArray[Any], b: NDArray[Any], n: int) -> NDArray[np.int32]:
-    """Return the number (n,) of the part of each of `n` things, of which links join each of `a` to that of `b`.
+    """Return the number (n,) of the connected part of each of `n` items; links join each item of `a` to that of `b`.
 
     >>> linked(np.array([0, 3]), np.array([1, 4]), 5)
     array([0, 0, 1, 2, 2], dtype=int32)

@@ -1,4 +1,4 @@
-"""What a mesh file holds, read by meshio or by the readers of formats here: a regular file that holds what it declares."""
+"""Content of mesh files, read by meshio or by the readers of this package; a file must hold the content that it declares."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def load(path: Path) -> meshio.Mesh:
 
 
 def parts_of(path: Path) -> list[Path]:
-    """Return the regular files that a mesh is read from: a file, and the files that it includes or names, if it is not damaged."""
+    """Return the regular files of a mesh: a file, and the files that it includes or names, if it is not damaged."""
     try:
         parts = [path, *PARTS.get(path.suffix.lower(), lambda path: ())(path)]
     except (Damaged, OSError):
@@ -62,21 +62,21 @@ def quietly(path: Path) -> meshio.Mesh:
     try:
         with redirect_stdout(printed), redirect_stderr(StringIO()), np.errstate(over="ignore"):
             return meshio.read(path)
-    except SystemExit as error:  # how meshio gives up, after printing why
+    except SystemExit as error:  # meshio exits this way after printing the reason
         raise Damaged(" ".join(printed.getvalue().split()) or "meshio does not say why") from error
-    except KeyError as error:  # how meshio looks up ids
+    except KeyError as error:  # meshio raises it for unknown ids
         raise Damaged(f"it names {error.args[0]!r}, which is not defined in it") from error
 
 
 def check_counts(mesh: meshio.Mesh, counts: Counts) -> None:
-    """Refuse a mesh that is not what was declared."""
+    """Refuse a mesh that differs from the declared counts."""
     for what, declared, read in zip(("nodes", "cells"), counts, (len(mesh.points), sum(map(len, mesh.cells))), strict=True):
         if declared is not None and declared != read:
             raise Damaged(f"{declared} {what} are declared, {read} were read")
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no regular file, empty, or of a format that is refused or unknown."""
+    """Refuse a file that is not regular, is empty, or has a refused or unknown format."""
     try:
         if not path.is_file():
             what = "is no regular file" if path.exists() else "is no file"
@@ -101,7 +101,7 @@ def check_file(path: Path) -> None:
 
 
 def damaged(path: Path, reason: str) -> MeshError:
-    """Return the error for a file that does not hold together."""
+    """Return the error for a file with inconsistent content."""
     again = "Write it anew" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
     return MeshError(
         f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"

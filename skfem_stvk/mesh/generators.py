@@ -1,4 +1,4 @@
-"""Meshes that are generated: boxes, bars and cylinders, with named boundaries and all elements turned the same way."""
+"""Generated meshes: boxes, bars and cylinders, with named boundaries and all elements of the same orientation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .points import orientations
 
 #: Kinds of elements of a box by its dimension, the default first.
 KINDS = {1: ("segments",), 2: ("triangles", "quadrilaterals"), 3: ("tetrahedra", "hexahedra")}
-#: Sides of a box along each axis, with the least and the largest coordinate, as scikit-fem's `with_defaults` names them.
+#: Sides of a box along each axis, with the smallest and the largest coordinate, as scikit-fem's `with_defaults` names them.
 SIDES = (("left", "right"), ("bottom", "top"), ("front", "back"))
 
 
@@ -88,20 +88,20 @@ def bar(length: float, width: float, cells: Any, element: str = "tetrahedra") ->
 def cylinder(radius: float, length: float, cells: Any, inner_radius: float = 0.0) -> ElementMesh:
     """Return a cylinder of tetrahedra about the x axis, from x = 0 on, solid or hollow.
 
-    Boundaries are "left" (x = 0), "right", "side", and of a hollow one "inside". The nodes of the side lie on the cylinder; its
-    facets are flat, so that the volume of `n` facets round a solid one is `n/(2 pi) sin(2 pi/n)` of the cylinder's.
+    Boundaries are "left" (x = 0), "right", "side", and for a hollow cylinder "inside". The nodes of the side lie on the cylinder.
+    Its facets are flat, so that the volume of a solid one with `n` facets around is `n/(2 pi) sin(2 pi/n)` of the cylinder's.
 
     Parameters
     ----------
     radius : outer radius [m].
     length : along x [m].
     cells : number of cells along x; and across, from the axis or the bore to the side.
-    inner_radius : of the bore [m], 0 for none.
+    inner_radius : radius of the bore [m], 0 for none.
 
     Raises
     ------
     MeshError
-        for lengths that are not positive, numbers of cells that are not whole, and a bore that is not within.
+        for lengths that are not positive, numbers of cells that are not integers, and a bore that does not fit.
 
     >>> mesh = cylinder(radius=0.5, length=2.0, cells=(8, 2))
     >>> mesh, sorted(mesh.boundaries)
@@ -122,7 +122,7 @@ def cylinder(radius: float, length: float, cells: Any, inner_radius: float = 0.0
         (a, b, c, c + n),
         (a, b, b + n, c + n),
         (a, a + n, b + n, c + n),
-    )  # from the first node of each side, as neighbours do
+    )  # from the first node of each side, as for neighbours
     t = np.concatenate([np.stack(nodes) for nodes in prisms], axis=1)
     mesh = ElementMesh(p, turned(p, t, named("tetrahedra")))
     on_rim = {name: np.tile(np.isin(np.arange(n), ids), along + 1) for name, ids in rim.items()}

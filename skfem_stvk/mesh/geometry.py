@@ -1,4 +1,4 @@
-"""Volumes and shape-function gradients of simplices; spokes, sizes and shapes of all elements."""
+"""Volumes and shape-function gradients of simplices; base vectors, sizes and shapes of all elements."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .points import extremes, spokes_at
 class Geometry:
     """Rest geometry of `nt` simplices of dimension `k` in a space of dimension `d`.
 
-    The gradients are held in an orthonormal basis of each simplex's own plane or line, where they have `k` components; for `k = d`
-    that basis is the global one.
+    The gradients have `k` components, in an orthonormal basis of each simplex's own plane or line. For `k = d` that basis is the
+    global one.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class PointGeometry(NamedTuple):
 
     Attributes
     ----------
-    volume : (nt,) weight times length, area or volume there [m^k].
+    volume : (nt,) weight times length, area or volume at the point [m^k].
     gradients : (nt, n, k) gradients of the shape functions in the axes there [1/m].
     axes : (nt, d, k) an orthonormal basis of the element's own plane or line there, as columns.
     """
@@ -74,7 +74,7 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
 
 
 def _axes(spokes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return an orthonormal basis (nt, d, k) of base vectors (nt, d, k), given as columns, and these in that basis (nt, k, k)."""
+    """Return an orthonormal basis (nt, d, k) of base vectors (nt, d, k), as columns, and the base vectors in that basis (nt, k, k)."""
     d, k = spokes.shape[1:]
     return (np.broadcast_to(np.eye(d), spokes.shape), spokes) if d == k else np.linalg.qr(spokes)
 
@@ -94,8 +94,8 @@ def edge_lengths(mesh: MeshArrays) -> NDArray[np.float64]:
 def aspect_ratios(mesh: MeshArrays) -> NDArray[np.float64]:
     """Return longest edge over smallest height (nt,): 1.22 for a regular tetrahedron, 1 for a segment, a square or a cube.
 
-    Elements with several points count as flat as they are at the worst of their usual points: there they are the simplex, or the
-    box, of their spokes. The ratio is infinite where there is no height.
+    For elements with several points, the worst of their usual points counts. At each point the element is taken as the simplex, or
+    the box, of its base vectors. The ratio is infinite for zero height.
     """
     if mesh.k == 1:
         return np.ones(mesh.nt)

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 #: Ids within each cell block of the file, by name.
 Sets = dict[str, list[NDArray[np.int64]]]
 MOST_VALUES = 64
-#: The array of cells that says how many coordinates count, where their values do not: of a flat membrane in space.
+#: Cell array with the number of coordinates, where their values do not determine it: for a flat membrane in space.
 DIMENSION = "stvk:dimension"
-#: Arrays at points that mark the nodes of a set begin so, and its name follows.
+#: Beginning of the names of point arrays that mark the nodes of a set; the set's name follows.
 NODE_SET = "stvk:n:"
 
 
@@ -141,7 +141,7 @@ def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArra
     return groups | {name: np.union1d(groups.get(name, []), ids).astype(np.int64) for name, ids in raw.point_sets.items()}
 
 
-#: Numbers of corners by the family of a cell in meshio's words: of the elements, and of two kinds of cells that are none.
+#: Numbers of corners by the family of a cell in meshio's terms: of the elements, and of two unsupported kinds of cells.
 CORNERS = {one.cell.family: one.corners for one in (POINT, *ELEMENTS.values())} | {"pyramid": 5, "wedge": 6}
 
 
@@ -166,7 +166,7 @@ def from_cells(kind: str, cells: NDArray[Any]) -> tuple[NDArray[Any], Element]:
 
 
 def linear_kind(cell_type: str) -> str:
-    """Return the name of the linear element with the corners of a type of cell in meshio's words; empty for other cells.
+    """Return the name of the linear element with the corners of a cell type in meshio's terms; empty for other cells.
 
     >>> linear_kind("tetra10"), linear_kind("hexahedron"), linear_kind("wedge")
     ('tetrahedra', 'hexahedra', '')
@@ -176,7 +176,7 @@ def linear_kind(cell_type: str) -> str:
 
 
 def node_count(cell_type: str) -> int | None:
-    """Return the number of nodes of a type of cell in meshio's words; None if it is not known, or cells have several.
+    """Return the number of nodes of a cell type in meshio's terms; None if it is unknown, or varies from cell to cell.
 
     >>> node_count("wedge"), node_count("pyramid"), node_count("tetra10"), node_count("polygon")
     (6, 5, 10, None)
@@ -207,7 +207,7 @@ def _in_our_order(t: NDArray[Any], element: Element) -> NDArray[Any]:
 
 
 def inner_nodes(cells: Iterable[Any]) -> NDArray[np.int64]:
-    """Return the nodes of elements of higher order that are no corners: on edges, faces or inside."""
+    """Return the nodes of elements of higher order that are not corners: on edges, faces or inside."""
     kinds = [(block, linear_kind(block.type)) for block in cells if len(block)]
     blocks = [np.ravel(block.data[:, named(kind).n :]) for block, kind in kinds if kind]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *blocks])).astype(np.int64)

@@ -1,4 +1,4 @@
-"""A mesh of elements of one kind as bare arrays: what every part of the package computes on."""
+"""Mesh of elements of one kind as bare arrays, the basis of all computations in the package."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .places import Box, Marked, checked_facets, checked_lines, describe, facets
 if TYPE_CHECKING:
     from .content import Content
 
-#: What `System` and `verify` take for a mesh: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
+#: Meshes that `System` and `verify` accept: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
 MeshLike: TypeAlias = Any
 
 FIRST = "ELEMENTS['hexahedra']"
@@ -35,18 +35,19 @@ LARGEST_INDEX = np.iinfo(np.int32).max
 class ElementMesh(Marked):
     """Elements of dimension `k` in a space of dimension `d >= k`, all of one kind.
 
-    Nodes are the vertices, then, of quadratic elements, the middles of their edges, numbered as scikit-fem numbers the degrees of
-    freedom of the same element: tetrahedra have one on each of `mesh.edges`, triangles on each of `mesh.facets`, segments one each.
+    Nodes are the vertices, followed in quadratic elements by the midpoints of their edges. They are numbered as scikit-fem numbers
+    the degrees of freedom of the same element. Tetrahedra have one midpoint on each of `mesh.edges`, triangles on each of
+    `mesh.facets`, and segments one each.
 
     Parameters
     ----------
     p : (d, nv) coordinates of the nodes [m], as in scikit-fem.
-    t : (n, nt) nodes of the elements, in scikit-fem's local order; both orientations are fine.
+    t : (n, nt) nodes of the elements, in scikit-fem's local order; both orientations are allowed.
     subdomains : element ids by name.
-    boundaries : facets by name, each as an (m, n) array of the nodes of a facet: its corners, then middles.
+    boundaries : facets by name, each as an (m, n) array of the nodes of a facet: its corners, then edge midpoints.
     node_sets : node ids by name.
     element : the kind of elements, by default the linear simplices with as many vertices.
-    lines : segments by name, each as an (m, n) array of the nodes of a segment: its ends, then its middle. Cables of a solid.
+    lines : segments by name, each as an (m, n) array of the nodes of a segment: its ends, then its midpoint. Cables of a solid.
 
     Raises
     ------
@@ -63,7 +64,7 @@ class ElementMesh(Marked):
     subdomains: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     boundaries: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
     node_sets: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
-    element: Element = field(default_factory=lambda: cast(Element, None))  # by default what follows from t
+    element: Element = field(default_factory=lambda: cast(Element, None))  # by default derived from t
     lines: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -113,10 +114,10 @@ class ElementMesh(Marked):
     def of(cls, mesh: MeshLike) -> ElementMesh:
         """Return the elements of a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh` (returned itself).
 
-        MeshTet2 and MeshTri2 are quadratic simplices, with their curved edges, MeshHex1 and MeshQuad1 hexahedra and quadrilaterals;
-        their nodes are scikit-fem's degrees of freedom of the same element. Arrays are linear simplices. From a `meshio.Mesh` is
-        taken what `read_mesh` takes from a file. Subdomains and boundaries come along; the facets of these are found when they are
-        first looked at, which costs more than an assembly.
+        MeshTet2 and MeshTri2 are quadratic simplices, with their curved edges. MeshHex1 and MeshQuad1 are hexahedra and
+        quadrilaterals. Their nodes are scikit-fem's degrees of freedom of the same element. Arrays are linear simplices. A
+        `meshio.Mesh` is read as `read_mesh` reads a file. Subdomains and boundaries are included. The facets of boundaries are
+        computed at first use, which costs more than an assembly.
         """
         if isinstance(mesh, cls):
             return mesh
@@ -128,7 +129,7 @@ class ElementMesh(Marked):
             return cls(p, t, mesh.subdomains or {}, NamedFacets(t, p.shape[1], element, mesh.boundaries or {}), element=element)
         if isinstance(mesh, tuple | list) and len(mesh) == 2:
             return cls(*mesh)
-        if "meshio" in sys.modules and isinstance(mesh, sys.modules["meshio"].Mesh):  # whoever has one has imported meshio
+        if "meshio" in sys.modules and isinstance(mesh, sys.modules["meshio"].Mesh):  # else no meshio.Mesh exists
             from .content import content_in_memory
 
             return cls.made_of(content_in_memory(mesh, "The meshio.Mesh"), "The meshio.Mesh")
@@ -151,12 +152,12 @@ class ElementMesh(Marked):
         return f"{self.element.name} in {self.d}D"
 
     def with_boundaries(self, boundaries: Mapping[str, Any]) -> ElementMesh:
-        """Return the same mesh with more boundaries, each a place (`mesh.places.Where`) such as a predicate, as in scikit-fem.
+        """Return the same mesh with more boundaries, each a location (`mesh.places.Where`) such as a predicate, as in scikit-fem.
 
         Raises
         ------
         RegionError
-            if there is no facet at a place.
+            if there is no facet at a location.
 
         >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
         >>> mesh.with_boundaries({"left": lambda x: x[0] == 0}).boundaries["left"]
@@ -172,8 +173,9 @@ class ElementMesh(Marked):
     def with_degree(self, degree: int) -> ElementMesh:
         """Return the same body with shape functions of degree 1, on its corners, or 2, with straight edges.
 
-        Boundaries and node sets come along. Of degree 2 a boundary has the middles of its edges too, and a node set those of edges
-        both ends of which are in it, so that a set of the vertices of a face holds the whole face; of degree 1 both are without.
+        Boundaries and node sets are converted. With degree 2, a boundary also has the midpoints of its edges. A node set also has
+        the midpoints of edges with both ends in the set, so that the vertices of a face give the whole face. With degree 1, both
+        lose the midpoints.
 
         Raises
         ------
@@ -183,7 +185,7 @@ class ElementMesh(Marked):
         Warns
         -----
         StvkWarning
-            where quadratic elements are reduced, with the number of edges that are curved.
+            if quadratic elements are reduced, with the number of curved edges.
 
         >>> ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
         ElementMesh: 1 quadratic triangles in 2D, 6 nodes
@@ -242,7 +244,7 @@ class ElementMesh(Marked):
         Raises
         ------
         MeshError
-            if the factor is no finite positive number.
+            if the factor is not a finite positive number.
 
         >>> ElementMesh(p=[[0, 2000, 3000]], t=[[0, 1], [1, 2]]).scaled(1e-3).p
         array([[0., 2., 3.]])
@@ -253,9 +255,9 @@ class ElementMesh(Marked):
     def renumbered(self) -> tuple[ElementMesh, NDArray[np.int32]]:
         """Return the same body with its vertices in reverse Cuthill-McKee order, and the old number of each new node (nv,).
 
-        Rows of K of nodes that are near each other lie side by side then: K of a mesh that is numbered at random takes two thirds
-        of the time (`docs/speed.md`). Boundaries and node sets come along; elements keep their order. A field `x` (nv, d) of this
-        mesh is `x[nodes]` of the other.
+        Rows of K of neighbouring nodes are then close in memory: K of a randomly numbered mesh takes two thirds of the time
+        (`docs/speed.md`). Boundaries and node sets are renumbered; elements keep their order. A field `x` (nv, d) of this mesh is
+        `x[nodes]` on the new mesh.
 
         >>> line = ElementMesh(p=[[0, 2, 1, 3]], t=[[0, 1, 2], [2, 3, 1]])
         >>> mesh, nodes = line.renumbered()
@@ -281,9 +283,9 @@ class ElementMesh(Marked):
         return mesh, nodes
 
     def ends(self) -> NDArray[np.int32] | None:
-        """Return the two nodes (nv, 2) between which each middle of an edge lies; a vertex has itself twice.
+        """Return the two nodes (nv, 2) between which each edge midpoint lies; a vertex has itself twice.
 
-        None for linear elements, and for elements that have nodes elsewhere.
+        Return None for linear elements, and for elements with other nodes.
 
         >>> ElementMesh(p=[[0.0, 2.0]], t=[[0], [1]]).with_degree(2).ends()
         array([[0, 0],
@@ -304,13 +306,13 @@ class ElementMesh(Marked):
     def elements(self, region: str | Box | NDArray[Any] | None) -> NDArray[np.int64]:
         """Return the ids of the elements of a region.
 
-        A region is a name in `subdomains`, a `Box` that holds their centres, element ids, a mask, or None for all. The centre of an
+        A region is a name in `subdomains`, a `Box` around their centres, element ids, a mask, or None for all. The centre of an
         element is the mean of its corners.
 
         Raises
         ------
         RegionError
-            if the name is unknown, or the ids are none, out of range or repeated.
+            if the name is unknown, or the ids are empty, out of range or repeated.
         """
         if region is None:
             return np.arange(self.nt)
@@ -355,7 +357,7 @@ class ElementMesh(Marked):
 
 
 def _element_of(mesh: skfem.Mesh) -> Element:
-    """Return the element of a scikit-fem mesh; other meshes are refused."""
+    """Return the element of a scikit-fem mesh; refuse other meshes."""
     name = type(mesh).__name__
     if isinstance(mesh, MeshDG):
         raise MeshError(
@@ -392,7 +394,7 @@ def _with_all_middles(
 
 
 def _other_arrays(t: NDArray[Any]) -> str:
-    """Return a hint for an array of elements that are no linear simplices."""
+    """Return a hint for an array of elements that are not linear simplices."""
     meant = [name for name, element in ELEMENTS.items() if t.ndim == 2 and not element.is_linear_simplex and element.n == len(t)]
     if not meant:
         return "Transpose arrays of shape (nt, k + 1)."
@@ -404,15 +406,15 @@ def _other_arrays(t: NDArray[Any]) -> str:
 
 
 def checked_degree(degree: Any) -> int:
-    """Return the degree, 1 or 2; anything else is refused."""
+    """Return the degree, 1 or 2; refuse anything else."""
     return whole("degree", degree, "1 or 2, the degree of the shape functions of simplices", 1, 2, MeshError)
 
 
 def check_numbers(t: NDArray[np.int32], element: Element) -> None:
-    """Refuse elements whose nodes are not the vertices and then the further nodes, in scikit-fem's order."""
+    """Refuse elements whose nodes are not the vertices followed by the further nodes, in scikit-fem's order."""
     corners, middles = t[: element.corners], t[element.corners :]
     first = int(middles.min())
-    ascending = np.unique(middles)  # a part of a body, such as its skin, has some of its middles
+    ascending = np.unique(middles)  # a part of a body, such as its skin, has only some of its midpoints
     expected = ascending[np.minimum(further_nodes(corners, element, int(t.max()) + 1)[1], len(ascending) - 1)]
     if len(bad := np.flatnonzero((corners >= first).any(axis=0) | (middles != expected).any(axis=0))):
         order = {1: "the segments", 2: "mesh.facets", 3: "mesh.edges"}[element.k]
@@ -425,7 +427,7 @@ def check_numbers(t: NDArray[np.int32], element: Element) -> None:
 
 
 def vertex_ids(given: Any) -> NDArray[Any]:
-    """Return the vertices of the elements as an array, of whatever type."""
+    """Return the vertices of the elements as an array of any type."""
     try:
         if np.ma.is_masked(given):
             raise ValueError
@@ -435,7 +437,7 @@ def vertex_ids(given: Any) -> NDArray[Any]:
 
 
 def check_index_range(count: int, what: str) -> None:
-    """Refuse what 32-bit indices cannot count, before any array of that size is made.
+    """Refuse a count beyond 32-bit indices, before any array of that size is made.
 
     >>> check_index_range(3 * 10**9, "non-zeros of K")
     Traceback (most recent call last):

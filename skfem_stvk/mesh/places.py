@@ -1,4 +1,4 @@
-"""Places on a mesh, where it is held or loaded: by name, by node ids, by a predicate of the coordinates, by a shape."""
+"""Locations on a mesh for supports and loads: by name, by node ids, by a predicate of the coordinates, by a shape."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from ..elements.element import named
 from ..errors import RegionError, name_ids, name_known
 from .facets import MeshArrays, find_facets
 
-#: The name of a boundary or of a node set; node ids, or a mask; a predicate of coordinates `x` (d, n), as in scikit-fem:
-#: `lambda x: x[0] == 0`, or a shape, which is one: `Box`, `Plane`, `NearestNode`; or what scikit-fem's `basis.get_dofs(...)`
-#: returned, which stands for its nodes. Nodes are vertices and, of quadratic elements, middles of edges.
+#: Location on a mesh: the name of a boundary or of a node set; node ids, or a mask; or a predicate of coordinates `x` (d, n), as in
+#: scikit-fem: `lambda x: x[0] == 0`. The shapes `Box`, `Plane` and `NearestNode` are predicates. The result of scikit-fem's
+#: `basis.get_dofs(...)` means its nodes. Nodes are vertices and, in quadratic elements, edge midpoints.
 Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
-#: Vertices count as the same within this part of the size of the mesh: files keep fewer digits than arrays.
+#: Vertices are at the same point within this fraction of the size of the mesh: files keep fewer digits than arrays.
 SAME_PLACE = 1e-6
 
 
 class PlaceShape(ABC):
-    """A place by its shape: a predicate of coordinates `x` (d, n) that can be written down, good wherever a place is."""
+    """Location by its shape: a predicate of coordinates `x` (d, n) as data, allowed in all arguments that take a location."""
 
-    points: ClassVar[tuple[str, ...]]  # names of the fields that have one coordinate for each dimension
+    points: ClassVar[tuple[str, ...]]  # names of the fields with one coordinate per dimension
 
     def __post_init__(self) -> None:
         kind = type(self).__name__
@@ -46,11 +46,11 @@ class PlaceShape(ABC):
     @property
     @abstractmethod
     def words(self) -> str:
-        """The place in words, for messages."""
+        """Location in words, for messages."""
 
     @abstractmethod
     def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
-        """Return which of the points (d, n) of a body of this size are at the place, (n,)."""
+        """Return whether (n,) each of the points (d, n) of a body of this size is at the location."""
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.bool_]:
         x = np.asarray(x)
@@ -61,18 +61,18 @@ class PlaceShape(ABC):
 
 @dataclass(frozen=True)
 class Box(PlaceShape):
-    """The nodes within a box along the axes, its sides included; as a region, the elements with their centres in it.
+    """Nodes within a box along the axes, its sides included; as a region, the elements with their centres in it.
 
     Nodes outside by less than 1e-6 of the size of the mesh count as inside.
 
     Parameters
     ----------
-    low, high : (d,) the least and the largest coordinates [m]; equal ones make it flat.
+    low, high : (d,) the smallest and the largest coordinates [m]; equal ones make it flat.
 
     Raises
     ------
     RegionError
-        for what are no finite coordinates, and where `low` is above `high`.
+        for coordinates that are not finite, and if `low` is above `high`.
 
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
@@ -100,18 +100,18 @@ class Box(PlaceShape):
 
 @dataclass(frozen=True)
 class Plane(PlaceShape):
-    """The nodes on a plane; in two dimensions on a line, in one at a point.
+    """Nodes on a plane; in two dimensions on a line, in one at a point.
 
     Parameters
     ----------
-    point : (d,) a point of it [m].
-    normal : (d,) its normal, of any length but zero.
-    within : how far from it nodes may be [m]; by default 1e-6 of the size of the mesh.
+    point : (d,) a point of the plane [m].
+    normal : (d,) its normal, of any nonzero length.
+    within : the largest distance of nodes from the plane [m]; by default 1e-6 of the size of the mesh.
 
     Raises
     ------
     RegionError
-        for what are no finite coordinates, a normal of length zero, and a distance that is not positive.
+        for coordinates that are not finite, a normal of length zero, and a distance that is not positive.
 
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
@@ -137,14 +137,14 @@ class Plane(PlaceShape):
         return f"the plane through {_written(self.point)} with normal {_written(self.normal)}"
 
     def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
-        normal = np.array(self.normal) / np.abs(self.normal).max()  # whatever its length, without overflow
+        normal = np.array(self.normal) / np.abs(self.normal).max()  # normalised without overflow
         distance = (normal / np.linalg.norm(normal)) @ (x - np.array(self.point)[:, None])
         return np.asarray(np.abs(distance) <= (SAME_PLACE * size if self.within is None else self.within))
 
 
 @dataclass(frozen=True)
 class NearestNode(PlaceShape):
-    """The one node that is nearest to a point, of several that are equally near the first.
+    """The node nearest to a point; among several equally near nodes the first.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class NearestNode(PlaceShape):
     Raises
     ------
     RegionError
-        for what are no finite coordinates; on a mesh, if the point is further from all nodes than the mesh is large.
+        for coordinates that are not finite; on a mesh, if the distance of the point from all nodes is larger than the mesh.
 
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
@@ -208,9 +208,9 @@ class Marked(MeshArrays):
 
 
 def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:
-    """Return ids of the nodes there, at least one: listed ids, each once, in the order in which they are given, others ascending.
+    """Return ids of the nodes at a location, at least one: listed ids, each once, in the user's order, others ascending.
 
-    Messages of the RegionError begin with `what` asks for them.
+    Messages of the RegionError begin with the purpose `what`.
 
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]], node_sets={"corner": [3]})
@@ -237,7 +237,7 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
 
 
 def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
-    """Return the facets (m, n) at a place, each once: those of a named boundary, or boundary facets with all nodes there.
+    """Return the facets (m, n) at a location, each once: those of a named boundary, or boundary facets with all nodes there.
 
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
@@ -260,7 +260,7 @@ def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np
 
 
 def in_order(mesh: Marked, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the nodes (n,) of the facets at a place in the order of values for them, that of `vertices_at`."""
+    """Return the nodes (n,) of the facets at a location in the order of values for them, that of `vertices_at`."""
     ids = np.unique(facets).astype(np.int64)
     if isinstance(where, str) or callable(where):
         return ids
@@ -269,7 +269,7 @@ def in_order(mesh: Marked, where: Where, facets: NDArray[np.int32]) -> NDArray[n
 
 
 def describe(where: Any) -> str:
-    """Return a place in words.
+    """Return a location in words.
 
     >>> describe("tip"), describe([3, 4]), describe(lambda x: x[0] == 0)
     ("'tip'", '2 vertices (3, 4)', "the predicate '<lambda>'")
@@ -324,7 +324,7 @@ def checked_lines(mesh: Marked, name: str) -> NDArray[np.int32]:
 
 
 def _checked(mesh: Marked, given: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
-    """Return the nodes (m, n) of facets or segments, each once; other arrays raise RegionError, which begins with `what`."""
+    """Return the nodes (m, n) of facets or segments, each once; refuse other arrays with a RegionError that begins with `what`."""
     ids = np.asarray(given)
     if ids.ndim != 2 or len(ids) != m or not ids.size or ids.dtype.kind not in "iu":
         raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected ({m}, n), n > 0: the nodes of {word}s.")
@@ -336,7 +336,7 @@ def _checked(mesh: Marked, given: Any, m: int, what: str, word: str) -> NDArray[
 def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
     try:
         mask = np.asarray(predicate(mesh.p.copy()))
-    except RegionError as error:  # of a shape, which says what is wrong
+    except RegionError as error:  # from a shape, with its own message
         raise RegionError(f"{what}: {error}") from error
     except Exception as error:
         raise RegionError(
@@ -379,19 +379,19 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
 
 
 def _array(given: Any) -> NDArray[Any] | None:
-    """Return ids or a mask as an array; None for what is neither."""
+    """Return ids or a mask as an array; None for anything else."""
     return nodes_of(given) if isinstance(given, DofsView) else whole_array(given)
 
 
 def nodes_of(view: DofsView) -> NDArray[Any]:
-    """Return the nodes of a view, maybe of another mesh: its vertices in its own order, then its middles of edges."""
+    """Return the nodes of a view, possibly of another mesh: its vertices in its own order, then its edge midpoints."""
     dofs, d = view.obj, len(view.obj.nodal_dofs)
     others = [every[0, ix] // d for every, ix in _beside_vertices(view)] if d else []
     return np.concatenate([np.arange(dofs.topo.nvertices)[view.nodal_ix], *others]).astype(np.int64)
 
 
 def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
-    """Return degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not among them.
+    """Return degrees of freedom of the view on this mesh, ascending; components that were dropped from it are not included.
 
     >>> import skfem
     >>> from skfem_stvk import ElementMesh
@@ -405,7 +405,7 @@ def dofs_of(mesh: MeshArrays, view: DofsView, what: str) -> NDArray[np.int64]:
 
 
 def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
-    """Refuse degrees of freedom of a basis on another mesh, or of other elements than vectors with the nodes of this mesh."""
+    """Refuse degrees of freedom of a basis on another mesh, or of elements other than vectors with the nodes of this mesh."""
     dofs, numbers = view.obj, np.arange(mesh.p.size).reshape(mesh.nv, mesh.d).T
     count, theirs = int(mesh.corners.max()) + 1 if mesh.element.degree > 1 else mesh.nv, dofs.topo.nvertices
     p, own = dofs.topo.doflocs[:, :theirs], mesh.p[:, :count]
@@ -425,7 +425,7 @@ def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
 
 
 def _beside_vertices(view: DofsView) -> list[tuple[NDArray[Any], Any]]:
-    """Return all degrees of freedom (d, n) of edges, facets and interiors, where there are any, and which of them the view has."""
+    """Return all degrees of freedom (d, n) of edges, facets and interiors, if there are any, and a mask of those in the view."""
     dofs = view.obj
     every = (dofs.edge_dofs, view.edge_ix), (dofs.facet_dofs, view.facet_ix), (dofs.interior_dofs, view.interior_ix)
     return [(of, ix) for of, ix in every if of.size]

@@ -1,7 +1,7 @@
-"""Elements and facets at points of the reference element: where these are, the spokes there, and what they span.
+"""Elements and facets at points of the reference element: positions, base vectors, and the sizes that these span.
 
-At a reference point `xi` an element has the spokes `P_i = sum_a dN_a/dxi_i X_a`, the columns of the Jacobian matrix: those of a
-linear simplex are `X_i - X_0` everywhere.
+At a reference point `xi` an element has the base vectors `P_i = sum_a dN_a/dxi_i X_a`, the columns of the Jacobian matrix. For a
+linear simplex they are `X_i - X_0` everywhere.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from ..arguments import Array
 from ..elements import Element, rule_of
 from ..kernels.geometry import measures
 
-#: Elements at a time whose spokes at all points stay in the cache: a tenth of the time.
+#: Number of elements at a time: their base vectors at all points stay in the cache. This takes a tenth of the time.
 CHUNK = 2048
-#: How far nodes of straight elements may be from where they belong, relative to the largest coordinate: a middle is rounded once,
-#: the sum of corners that it is compared with three times, and the corners of a box that was turned as often. Where more was lost
-#: elements count as curved, which costs time and no digits; what counts as straight moves by no more than coordinates are rounded.
+#: Tolerance for nodes of straight elements, relative to the largest coordinate. A midpoint is rounded once, the sum of corners that
+#: it is compared with three times, and the corners of a rotated box as often. Elements with larger errors count as curved, which
+#: costs time but no accuracy. Elements within the tolerance move by no more than the rounding of coordinates.
 ROUNDED = 8 * float(np.finfo(float).eps)
 
 
 def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
-    """Return the spokes `sum_a dN_a/dxi_i x_a` (nt, nq, k, d) at reference points `xi` (nq, k) of elements `t` (n, nt).
+    """Return the base vectors `sum_a dN_a/dxi_i x_a` (nt, nq, k, d) at reference points `xi` (nq, k) of elements `t` (n, nt).
 
-    `x` (d, nv) are coordinates, or displacements, whose differences along the spokes these are then. The result is a view in which
-    elements are next to each other: what is done to one component of all is fast.
+    `x` (d, nv) are coordinates. If `x` are displacements, the results are their differences along the base vectors. The result is a
+    view with adjacent elements, so that operations on one component of all elements are fast.
 
     >>> from skfem_stvk.elements import ELEMENTS
     >>> x, t = np.array([[0.0, 2, 0], [0, 0, 3]]), np.array([[0], [1], [2]])
@@ -36,16 +36,16 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
            [0., 3.]])
     """
     nt, d, nq = t.shape[1], len(x), len(xi)
-    derivatives = element.derivatives(xi).transpose(0, 2, 1)  # one product for each point: none so large that BLAS starts threads
-    differences = _by_node(x, t[1:]) - _by_node(x, t[:1])  # far from the origin no digits are lost
+    derivatives = element.derivatives(xi).transpose(0, 2, 1)  # one small product for each point: BLAS starts no threads
+    differences = _by_node(x, t[1:]) - _by_node(x, t[:1])  # differences lose no digits far from the origin
     return (derivatives[:, :, 1:] @ differences).reshape(nq, element.k, d, nt).transpose(3, 0, 1, 2)
 
 
 def are_straight(p: Array, t: Any, element: Element) -> Any:
-    """Return whether the spokes of each element (nt,) are the same everywhere, to within `ROUNDED` of its coordinates.
+    """Return whether the base vectors of each element (nt,) are the same everywhere, to within `ROUNDED` of its coordinates.
 
-    Simplices are straight if each middle is in the middle, quadrilaterals and hexahedra if they are parallelograms and
-    parallelepipeds.
+    Simplices are straight if each edge midpoint is in the middle. Quadrilaterals and hexahedra are straight if they are
+    parallelograms and parallelepipeds.
     """
     xi = element.nodes
     origin = np.flatnonzero((xi == 0).all(axis=1))[0]
@@ -63,7 +63,7 @@ def _by_node(x: Array, t: Any) -> Array:
 def sizes_at_points(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
     """Return weight times length, area or volume [m^k] of elements or facets `t` (m, n) at each point of a rule, (nq, n).
 
-    Their sums are the sizes: exact for all but curved lines and surfaces in a space of more dimensions.
+    Their sums are the sizes: exact except for curved lines and surfaces in a space of more dimensions.
     """
     points, weights = rule_of(element, kind)
     sizes = np.empty((len(weights), t.shape[1]))
@@ -84,7 +84,7 @@ def sizes_of(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
 
 
 def determinants(spokes: Array) -> Array:
-    """Return the determinants (...,) of spokes (..., d, d), which are negative for inverted elements."""
+    """Return the determinants (...,) of base vectors (..., d, d), which are negative for inverted elements."""
     p = np.moveaxis(spokes, (-2, -1), (0, 1))
     if len(p) == 1:
         return np.asarray(p[0, 0])
@@ -99,9 +99,10 @@ def orientations(p: Array, t: Any, element: Element) -> Array:
 
 
 def signed(spokes: Array, centre: Array) -> Array:
-    """Return determinants (nt, nq) of spokes (nt, nq, k, d); for k < d sizes, negative where inverted against those at `centre`.
+    """Return determinants (nt, nq) of base vectors (nt, nq, k, d); for k < d sizes, negative where inverted against those at
+    `centre`.
 
-    Turned over means by more than a right angle: `det P P_c'` of the spokes P and those at the `centre` P_c is negative.
+    Inverted means rotated by more than a right angle: `det P P_c'` of the base vectors P and those at the `centre` P_c is negative.
     """
     if spokes.shape[-2] == spokes.shape[-1]:
         return determinants(spokes)
@@ -110,7 +111,7 @@ def signed(spokes: Array, centre: Array) -> Array:
 
 
 def measures_of(spokes: Array) -> Array:
-    """Return length, area or volume (...,) of the parallelepiped that spokes (..., k, d) span; 1 for k = 0.
+    """Return length, area or volume (...,) of the parallelepiped that base vectors (..., k, d) span; 1 for k = 0.
 
     >>> float(measures_of(np.array([[3.0, 0, 4]]))), float(measures_of(np.array([[2.0, 0, 0], [1, 0, 3]])))
     (5.0, 6.0)
@@ -125,9 +126,10 @@ def measures_of(spokes: Array) -> Array:
 
 
 def normals_of(spokes: Array) -> Array:
-    """Return normals (..., d) of facets from their spokes (..., d - 1, d), as long as the parallelogram is large.
+    """Return normals (..., d) of facets from their base vectors (..., d - 1, d), with the area of the parallelogram as their
+    length.
 
-    They look outwards for facets in the order of `mesh.surface`.
+    They point outwards for facets in the order of `mesh.surface`.
 
     >>> normals_of(np.array([[0.0, 2.0]])), normals_of(np.array([[1.0, 0, 0], [0, 2, 0]]))
     (array([ 2., -0.]), array([0., 0., 2.]))
@@ -139,7 +141,7 @@ def normals_of(spokes: Array) -> Array:
 
 
 def extremes(spokes: Array, simplex: bool) -> tuple[Array, Array]:
-    """Return longest edge and inverse smallest height (...,) of the simplex or parallelepiped of spokes (..., k, d)."""
+    """Return longest edge and inverse smallest height (...,) of the simplex or parallelepiped of base vectors (..., k, d)."""
     p = np.moveaxis(spokes, (-2, -1), (0, 1))
     k = len(p)
     edges = [*p, *(p[i] - p[j] for i in range(k) for j in range(i))] if simplex else [*p]

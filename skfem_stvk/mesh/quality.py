@@ -1,4 +1,4 @@
-"""How good the elements of a mesh are, and which are the worst: also of a mesh that no body can be made of."""
+"""Quality of the elements of a mesh, and its worst elements, even for a mesh that cannot carry a body."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from .facets import Cells
 from .geometry import aspect_ratios, edge_lengths
 from .mesh import ElementMesh, MeshLike
 
-#: Elements that are flatter, and edges that are shorter than this part of the usual ones, make a motion slow and stresses poor.
+#: Limits of flatness, and of edges as a fraction of the usual ones, beyond which motions are slow and stresses inaccurate.
 FLAT, SHORT = 100.0, 1e-3
 
 
 @dataclass(frozen=True)
 class Extreme:
-    """The worst of a measure of elements.
+    """Worst elements by one measure.
 
     Attributes
     ----------
-    name : of the measure, such as "largest aspect ratio".
+    name : name of the measure, such as "largest aspect ratio".
     dimension : "length", "size" [m^k], "angle" [degrees] or "" for numbers.
-    median : of all elements, of what the name says.
-    value : of the worst one.
+    median : median of the measure over all elements.
+    value : value of the worst element.
     elements : ids, the worst first.
-    values : theirs.
+    values : their values.
     """
 
     name: str
@@ -46,19 +46,19 @@ class Extreme:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeshQuality:
-    """Shapes of the elements of a mesh, and all that is wrong with it; `mesh_quality` makes it.
+    """Shapes of the elements of a mesh, and all its faults; `mesh_quality` makes it.
 
     Attributes
     ----------
     size : (nt,) lengths, areas or volumes [m^k], positive for both orientations.
     aspect : (nt,) longest edge over smallest height at the worst of an element's points; 1.22 for a regular tetrahedron, 1 for a
-        segment, a square or a cube; infinite where there is no volume.
-    angles : (2, nt) smallest and largest angle [degrees]: of tetrahedra and hexahedra between faces (dihedral; 70.5 in a regular
-        tetrahedron), of triangles and quadrilaterals between edges. By corners, as if edges were straight; NaN of segments.
+        segment, a square or a cube; infinite for zero volume.
+    angles : (2, nt) smallest and largest angle [degrees]: for tetrahedra and hexahedra between faces (dihedral; 70.5 in a regular
+        tetrahedron), for triangles and quadrilaterals between edges. By corners, as if edges were straight; NaN for segments.
     edges : (2, nt) shortest and longest edge, from corner to corner [m].
-    turned : (nt,) whether an element is turned round, which does no harm; False where elements do not fill the space.
+    turned : (nt,) whether an element has negative orientation, which is harmless; False where elements do not fill the space.
     parts : (n,) nodes in each connected part, the largest first.
-    faults : all that is wrong or doubtful, with ids, cause and next step; `fault.refused`: `System` refuses such a mesh.
+    faults : all faults and doubts, with ids, cause and remedy; `fault.refused`: `System` refuses such a mesh.
 
     Elements with nodes that are not finite, or with the same corner twice, have NaN.
     """
@@ -74,16 +74,16 @@ class MeshQuality:
 
     @property
     def sound(self) -> bool:
-        """Whether a body can be made of the mesh."""
+        """Whether the mesh can carry a body."""
         return not any(fault.refused for fault in self.faults)
 
     def worst(self, name: str, n: int = 5) -> Extreme:
-        """Return the n worst elements by a measure, such as "largest aspect ratio"; errors name them all.
+        """Return the n worst elements by a measure, such as "largest aspect ratio"; errors list all measures.
 
         Raises
         ------
         StvkError
-            if there is no such measure, or n is no whole number from 1 on.
+            if the measure is unknown, or n is not a positive integer.
         """
         values, sign, dimension = self._measures[choice("name", name, tuple(self._measures))]
         n = whole("n", n, "a number of elements, from 1", 1)
@@ -100,7 +100,7 @@ class MeshQuality:
 
     @cached_property
     def _measures(self) -> dict[str, tuple[Array, int, str]]:
-        """Values, 1 if the largest and -1 if the smallest is the worst, and the dimension."""
+        """Values by name, 1 if the largest and -1 if the smallest is the worst, and the dimension."""
         return {
             "largest aspect ratio": (self.aspect, 1, ""),
             "smallest angle": (self.angles[0], -1, "angle"),
@@ -124,17 +124,17 @@ class MeshQuality:
 def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQuality:
     """Return the shapes of all elements of a mesh, its worst elements and all of its faults.
 
-    A mesh that `System` refuses is told of as well, with all of its faults at once.
+    A mesh that `System` refuses is accepted here, and all of its faults are reported at once.
 
     Parameters
     ----------
-    mesh : as `System` takes it.
-    others : meshes of cables and membranes on the same nodes, which connect parts: those of `system.body.beside`.
+    mesh : mesh as `System` takes it.
+    others : meshes of cables and membranes on the same nodes, which connect parts, such as `system.body.beside`.
 
     Raises
     ------
     MeshError
-        for arrays that are no mesh.
+        for arrays that are not a mesh.
 
     >>> import skfem
     >>> quality = mesh_quality(skfem.MeshTet().refined(1))
@@ -152,7 +152,7 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
         finite, ordered = np.isfinite(mesh.p).all(axis=0), np.sort(mesh.t, axis=0)
         sound, kept = sound_elements(mesh, finite, (ordered[1:] == ordered[:-1]).any(axis=0))
         if len(kept):
-            scale = scale_of(sound.p)  # so that volumes neither overflow nor vanish
+            scale = scale_of(sound.p)  # so that volumes neither overflow nor underflow
             cells = Cells(sound.p / scale, sound.t, sound.element)
             lengths = edge_lengths(cells)
             size[kept] = points.sizes_of(cells.p, cells.t, cells.element, "usual") * scale**k
@@ -167,7 +167,7 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
 
 
 def _angles(cells: Cells) -> Array:
-    """Return smallest and largest angle (2, nt) [degrees] between edges (k = 2) or faces (k = 3) that meet, by corners."""
+    """Return smallest and largest angle (2, nt) [degrees] between adjacent edges (k = 2) or faces (k = 3), by corners."""
     x = np.zeros((3, *cells.corners.shape))
     x[: cells.d] = cells.p[:, cells.corners]
     low, high = np.full(cells.nt, np.inf), np.full(cells.nt, -np.inf)
@@ -196,7 +196,7 @@ def _corners_of_angles(element: Element) -> Iterator[tuple[int, int, int, int]]:
 
 
 def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[Remark]:
-    """Yield faults of elements that a body can be made of, but none that is fast and good."""
+    """Yield doubts about elements that can carry a body, but make it slow or inaccurate."""
     flat = np.flatnonzero((aspect > FLAT) & np.isfinite(aspect))
     if len(flat):
         worst = flat[np.argsort(-aspect[flat], kind="stable")]

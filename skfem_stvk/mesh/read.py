@@ -1,4 +1,4 @@
-"""Mesh files, each a regular file that holds what it declares; nothing is printed."""
+"""Mesh files; a file must be regular and hold the content that it declares. Nothing is printed."""
 
 from __future__ import annotations
 
@@ -16,42 +16,41 @@ def read_mesh(
 ) -> ElementMesh:
     """Read the elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/meshes.md`.
 
-    Taken are the elements of the highest dimension in the file: tetrahedra, triangles and segments, of second order too, with their
-    curved edges, or hexahedra or quadrilaterals. Vertices are in the order of the file; the middles of edges follow in scikit-fem's
-    order. Triangles and quadrilaterals are in 2D if all their z are equal, otherwise membranes in 3D; segments likewise in 1D, 2D
-    or 3D. Elements of third order and higher, and hexahedra and quadrilaterals of second order, are taken by their corners.
+    The elements of the highest dimension in the file are read: tetrahedra, triangles and segments, also of second order with curved
+    edges, or hexahedra or quadrilaterals. Vertices are in the order of the file; edge midpoints follow in scikit-fem's order.
+    Triangles and quadrilaterals are in 2D if all their z are equal, otherwise membranes in 3D; segments likewise in 1D, 2D or 3D.
+    Elements of third order and higher, and hexahedra and quadrilaterals of second order, are reduced to their corners.
 
-    Physical groups, element sets and the subdomains of scikit-fem's `mesh.save` become `subdomains`, or `boundaries`
-    where they hold facets. Node sets and physical points (and curves between solids) become
-    `node_sets`. Segments of a file of solids become `lines` as well. If the elements are in no such group, arrays of integers with
-    at most 64 values become subdomains 'NAME:VALUE'. Elements that Gmsh writes once for each of several groups are taken once.
+    Physical groups, element sets and the subdomains of scikit-fem's `mesh.save` become `subdomains`, or `boundaries` if they
+    contain facets. Node sets and physical points (and curves between solids) become `node_sets`. Segments in a file of solids also
+    become `lines`. If the elements are in no such group, arrays of integers with at most 64 values become subdomains 'NAME:VALUE'.
+    Elements that Gmsh writes once for each of several groups are read once.
 
     Parameters
     ----------
-    degree : 1 takes elements of second order by their corners, with a warning that says so; 2 makes straight quadratic simplices
-        of linear ones. By default each file is what it is.
-    dimension : number of coordinates, if elements that are flat are to be in a space of more: 3 makes membranes of triangles
-        whose z are all equal.
-    keep : names of groups of facets or segments that terms bring as elements of their own, `StVK(..., simplices=NAME)`. Their
-        nodes stay, though no other element has them.
+    degree : 1 reduces elements of second order to their corners, with a warning; 2 makes straight quadratic simplices of linear
+        ones. By default the degree is that of the file.
+    dimension : number of coordinates, for flat elements in a space of more dimensions: 3 makes membranes of triangles with equal z.
+    keep : names of groups of facets or segments that terms use as their own elements, `StVK(..., simplices=NAME)`. Their nodes
+        stay, even without another element.
 
     Raises
     ------
     MeshError
         if the file is missing, empty, damaged, or of a format that is unknown or refused; if it needs a package that is not
-        installed, has no such elements of the dimension of its cells, or both simplices and hexahedra or quadrilaterals; if
-        `dimension` is too small; if elements to `keep` are on no edge of quadratic ones.
+        installed; if it has no such elements of the dimension of its cells, or both simplices and hexahedra or quadrilaterals;
+        if `dimension` is too small; if elements to `keep` are not on an edge of the quadratic elements.
 
     Warns
     -----
     StvkWarning
-        of cells and vertices that are left out, and of elements of higher order that are taken by their corners.
+        for cells and vertices that are left out, and for elements of higher order that are reduced to their corners.
 
     >>> from importlib.resources import files
     >>> sorted(read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh")).subdomains)
     ['bracket', 'bushing']
     """
-    from .content import content_of  # meshio is imported only when a file is read
+    from .content import content_of  # meshio is imported only for reading files
     from .files import load
 
     file = checked_path("path", path, "the path of a mesh file", MeshError)
@@ -63,8 +62,8 @@ def read_mesh(
 def embedded_mesh() -> ElementMesh:
     """Return an angle bracket [m] with a fillet, a bolt hole and a bushing of its own subdomain, meshed by Gmsh.
 
-    Subdomains 'bracket' and 'bushing'; boundaries 'bolt' (the wall of the hole in the base) and 'bore' (inside the
-    bushing). Half of the elements are turned round. Made by `python -m validation.meshes`.
+    Subdomains are 'bracket' and 'bushing'; boundaries are 'bolt' (the wall of the hole in the base) and 'bore' (inside the
+    bushing). Half of the elements have negative orientation. Made by `python -m validation.meshes`.
     """
     with as_file(files("skfem_stvk.mesh") / "data" / "bracket.msh") as path:
         return read_mesh(path)

@@ -1,4 +1,4 @@
-"""Fields of displacements that span a reduced body: modes, modal derivatives, snapshots, and the lifts of prescribed motion."""
+"""Displacement fields that span a reduced body: modes, modal derivatives, snapshots, and the lifts of prescribed motion."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from ..terms import Body
 from ..terms.body import HasMass, HasSection
 from ..terms.load import Moment
 
-#: Fields of which less is left beside the others are rounding.
+#: A field whose remainder after projection on the others is smaller than this fraction is rounding.
 INDEPENDENT = 1e-10
-#: What prescribed displacements may be off the span of their lifts, as a part of the largest.
+#: Maximum distance of prescribed displacements from the span of their lifts, as a fraction of the largest.
 EXACT = 1e-10
-#: At which times functions are looked at, by default; and how many independent fields they may have.
+#: Default times at which functions are sampled, and their maximum number of independent fields.
 TIMES, MOST_LIFTS = tuple(np.linspace(0.0, 1.0, 33).tolist()), 12
-#: Number of unknowns by default.
+#: Default number of unknowns.
 SIZE = 30
-#: Residual of modes.
+#: Tolerance of the residual of modes.
 CONVERGED = 1e-5
-#: Modes are looked for in a Krylov space of blocks of so many more than asked for; so many blocks at most.
+#: Block size of the Krylov space for modes, in excess of the requested number, and maximum number of blocks.
 MORE, MOST_BLOCKS = 8, 12
-#: The largest displacement of fields whose second derivative of F is taken: of a quartic energy as a part of the body's size; of
-#: others, where it is not exact, as a part of the least distance of two nodes of an element.
+#: Largest displacement of fields for second derivatives of F: for a quartic energy as a fraction of the body's size. For others,
+#: where the result is not exact, as a fraction of the least distance of two nodes of an element.
 LARGE, SMALL = 0.3, 1e-3
 
 
 class _UnitDensity:
-    """The elements of a term, with density 1."""
+    """Elements of a term, with density 1."""
 
     def __init__(self, term: HasSection) -> None:
         self.region, self.section, self.confined_modulus = term.region, term.section, term.confined_modulus
@@ -44,7 +44,7 @@ class _UnitDensity:
 
 
 def masses_of(system: System) -> Array:
-    """(ndofs,) lumped masses, by which fields are orthogonal; of a body without any density those of density 1."""
+    """Return the lumped masses (ndofs,), by which fields are orthogonal; for a body without any density those of density 1."""
     bodies = [system.body, *system.body.beside]
     heavy = [term for body in bodies for term in body.terms if isinstance(term, HasMass)]
     if any(getattr(getattr(term, "material", None), "density", 1.0) is not None for term in heavy):
@@ -61,7 +61,7 @@ def _of_unit_density(body: Body) -> Body:
 class Lifts:
     """Prescribed displacements as `fields @ s(t)`, with the response of the body at rest to each: `fields` (ndofs, l).
 
-    `held` (n, l) are their displacements at the degrees of freedom that are held, with orthogonal columns.
+    `held` (n, l) are their displacements at the constrained degrees of freedom, with orthogonal columns.
     """
 
     def __init__(self, body: System, fields: Array) -> None:
@@ -72,7 +72,7 @@ class Lifts:
 
     @classmethod
     def of(cls, body: System, rest: AtRest, times: Sequence[float] | None) -> Lifts:
-        """Lifts of all that is held at any of the times, and of what is given by constants at any factor."""
+        """Return the lifts of all supports at any of the times, and of constant displacements at any factor."""
         supports, moments = body.supports, TIMES if times is None else times
         seen = np.array([supports.values(Moment(t, factor)) for t in moments for factor in (0.0, 1.0)]).T
         if not seen.any():
@@ -93,14 +93,14 @@ class Lifts:
         return cls(body, fields)
 
     def across(self, masses: Array, basis: Array) -> Array:
-        """The fields less what of them is in the span of a basis: orthogonal to it by mass, the same where the body is held."""
+        """Return the fields minus their part in the span of a basis: orthogonal to it by mass, and unchanged at supports."""
         across = self.fields
-        for _ in range(2):  # the second time takes what rounding has left
+        for _ in range(2):  # the second pass removes rounding
             across = across - basis @ (basis.T @ (masses[:, None] * across))
         return across
 
     def amounts(self, moment: Moment) -> Array:
-        """`s(t)` (l,) [m]; SupportError if what is held then is off the span of the lifts."""
+        """Return `s(t)` (l,) [m]; SupportError if the prescribed displacements at `t` are off the span of the lifts."""
         supports, (key, s) = self._body.supports, self._last  # read once, since other threads write it
         if supports.steady and key == moment:
             return s
@@ -119,17 +119,17 @@ class Lifts:
         return s
 
     def amounts_of(self, held: Array) -> Array:
-        """(l,) least squares of displacements (n,) or (n, m) at what is held."""
+        """Return the least-squares amounts (l,) for displacements (n,) or (n, m) at constrained degrees of freedom."""
         return np.asarray(((self.held.T @ held).T / self._squares).T)
 
 
 class Candidates(NamedTuple):
-    """Fields that a basis is made of, each of unit mass times its weight.
+    """Fields from which a basis is made, each of unit mass times its weight.
 
     Attributes
     ----------
     fields : (ndofs, n).
-    words : how many there are, for messages.
+    words : their numbers, for messages.
     """
 
     fields: Array
@@ -137,10 +137,10 @@ class Candidates(NamedTuple):
 
 
 def vibration_modes(masses: Array, rest: AtRest, n: int) -> tuple[Array, Array]:
-    """Eigenvalues (n,) and vectors (free, n) of unit mass of the lowest modes at rest: `K x = omega^2 M x`.
+    """Return eigenvalues (n,) and vectors (free, n) of unit mass of the lowest modes at rest: `K x = omega^2 M x`.
 
-    By a block Krylov space of `K^-1 M`, so that one factorisation does for all that is solved, with many right sides at once; its
-    blocks are larger than any multiple eigenvalue is likely to be.
+    The method is a block Krylov space of `K^-1 M`, so that one factorisation is enough for all solves, each with many right sides.
+    Blocks are larger than the likely multiplicity of any eigenvalue.
     """
     count, M = len(rest.free), masses[rest.free]
     if not 1 <= n <= count:
@@ -168,7 +168,7 @@ def vibration_modes(masses: Array, rest: AtRest, n: int) -> tuple[Array, Array]:
 
 
 def _independent(masses: Array, fields: Array) -> Array:
-    """Orthonormal fields (n, k) that span `fields` (n, m), less what is rounding of others."""
+    """Return orthonormal fields (n, k) that span `fields` (n, m), without remainders that are rounding."""
     sizes = np.sqrt((masses[:, None] * fields**2).sum(axis=0))
     fields = fields[:, sizes > 0] / sizes[sizes > 0]
     values, c = np.linalg.eigh(fields.T @ (masses[:, None] * fields))
@@ -178,9 +178,9 @@ def _independent(masses: Array, fields: Array) -> Array:
 
 
 def second_derivatives(body: System, fields: Array) -> Callable[[int, int], Array]:
-    """`d2F/du2` at rest along two of the `fields` (ndofs, n): `(i, j) -> (ndofs,)`, exact where the energy is a quartic.
+    """Return `d2F/du2` at rest along two of the `fields` (ndofs, n): `(i, j) -> (ndofs,)`, exact if the energy is a quartic.
 
-    F is a cubic then, so that `F(v) + F(-v)` is its second derivative along v, twice; no step is small.
+    F is then a cubic, so that `F(v) + F(-v)` is its second derivative applied twice to v; no step is small.
     """
     mesh = body.mesh
     if body.quartic:
@@ -217,11 +217,11 @@ def candidates_of(
     *,
     tick: Callable[[str], None] = lambda done: None,
 ) -> Candidates:
-    """Modes, modal derivatives and snapshots (ndofs, m), which are 0 where the body is held.
+    """Return modes, modal derivatives and snapshots (ndofs, m), which are 0 where the body is constrained.
 
         K(0) phi_ij = -(dK/du . phi_j) phi_i        weights: l_1/l_i of a mode, l_1^2/(l_i l_j) of a derivative
 
-    with `l` the eigenvalues `omega^2`. Source: Barbic, James (2005). Here fields have unit mass before they are weighted, so that
+    `l` are the eigenvalues `omega^2`. Source: Barbic, James (2005). Here fields have unit mass before they are weighted, so that
     units make no difference.
     """
     free, words = rest.free, []
@@ -252,7 +252,7 @@ def candidates_of(
 
 
 def checked_snapshots(body: System, lifts: Lifts, given: ArrayLike | None) -> Array | None:
-    """Snapshots (ndofs, m) less their lifts, 0 where the body is held; refused if they move what is held otherwise."""
+    """Return snapshots (ndofs, m) minus their lifts, 0 at supports; refuse snapshots that violate the supports."""
     if given is None:
         return None
     n, held = body.ndofs, body.supports.held
@@ -270,9 +270,9 @@ def checked_snapshots(body: System, lifts: Lifts, given: ArrayLike | None) -> Ar
 
 
 def reduced_to(masses: Array, candidates: Candidates, size: int | None) -> Array:
-    """(ndofs, size) fields, orthonormal by mass, that hold most of the candidates: the first principal components.
+    """Return fields (ndofs, size), orthonormal by mass, that represent most of the candidates: the first principal components.
 
-    By default `SIZE`, or as many as are independent. StvkError if there are not so many.
+    By default `size` is `SIZE`, or the number of independent fields. StvkError if there are fewer.
     """
     fields, there = candidates.fields, candidates.fields.shape[1]
     if size is not None and size > there:
@@ -294,7 +294,7 @@ def reduced_to(masses: Array, candidates: Candidates, size: int | None) -> Array
     kept = fields @ (directions[:size].T / sizes[:size])
     weighted = np.linalg.qr(kept)[0]
     weighted *= np.sign(np.einsum("ij,ij->j", weighted, kept))
-    weighted[~kept.any(axis=1)] = 0  # what is held, but for rounding
+    weighted[~kept.any(axis=1)] = 0  # supports, except for rounding
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
     basis = np.ascontiguousarray(weighted * inverse[:, None])
     off = departure(masses, basis)
@@ -304,11 +304,11 @@ def reduced_to(masses: Array, candidates: Candidates, size: int | None) -> Array
 
 
 def departure(masses: Array, basis: Array) -> float:
-    """The largest entry of `V' M V - I`."""
+    """Return the largest entry of `V' M V - I`."""
     product: Array = basis.T @ (masses[:, None] * basis)
     return float(np.abs(product - np.eye(basis.shape[1])).max(initial=0.0))
 
 
 def _sizes(masses: Array, fields: Array) -> Array:
-    """(n,) norms of fields (ndofs, n) by mass."""
+    """Return the norms (n,) of fields (ndofs, n) by mass."""
     return np.asarray(np.sqrt(np.einsum("in,i,in->n", fields, masses, fields)))

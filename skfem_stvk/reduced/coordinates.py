@@ -1,4 +1,4 @@
-"""A body in precomputed coordinates: its energy is one quartic, and what is no quartic is added from the mesh or from samples."""
+"""A body in precomputed coordinates: its energy is one quartic, and other energies are added from the mesh or from samples."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .sampled import Sampling, sampled_part
 
 
 class PrecomputedCoordinates(Coordinates):
-    """The coordinates `z = (q, s)` of a `ReducedSystem`, with its precomputed `quartic`; `sampled` elements stand for all."""
+    """Coordinates `z = (q, s)` of a `ReducedSystem`, with its precomputed `quartic`; `sampled` elements represent all."""
 
     def __init__(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int) -> None:
         super().__init__(body, columns, size, masses_of(body))
@@ -37,7 +37,7 @@ class PrecomputedCoordinates(Coordinates):
 
     @property
     def coefficients(self) -> Array:
-        """The distinct coefficients of the quartic."""
+        """Distinct coefficients of the quartic."""
         return self._quartic.T
 
     @property
@@ -65,7 +65,7 @@ class PrecomputedCoordinates(Coordinates):
         return c
 
     def external_force(self, z: Array, t: Time) -> Array:
-        """(m,) loads on the coordinates; those that are dead and given by constants cost nothing of the mesh."""
+        """Return the loads (m,) on the coordinates; constant dead loads are precomputed, at no cost of the mesh."""
         force = self._dead_force(t)
         if self._changing:
             u, moment = (self.columns @ z).reshape(-1, self.mesh.d), Moment.checked(t)
@@ -90,7 +90,7 @@ class PrecomputedCoordinates(Coordinates):
         return self.linearize(z)[0] - float(self._dead_force(t) @ z)
 
     def _dead_force(self, t: Time) -> Array:
-        """(m,) the projected force of loads that are dead and given by constants."""
+        """Return the projected force (m,) of constant dead loads."""
         moment = Moment.checked(t)
         if moment.mass not in self._steady_forces:
             force, x = np.zeros(self.mesh.p.T.shape), np.zeros(self.mesh.p.T.shape)

@@ -1,4 +1,4 @@
-"""Static solves on a grid of displacements of a handle, each started from its neighbour nearer to rest; in processes if asked."""
+"""Static solves on a grid of displacements of a handle, each started from its neighbour nearer to rest; in processes on request."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from ..terms.load import Moment, Time
 
 
 class DisplacementGrid:
-    """The product of axes of displacements (n_c,), ascending, numbered with the last axis fastest; and the way through it.
+    """Product of axes of displacements (n_c,), ascending, numbered with the last axis fastest, and the order of its points.
 
-    The way begins at the point nearest to zero, `first`; the `nearer` neighbours of a point are one step closer to it.
+    The order begins at the point nearest to zero, `first`. The `nearer` neighbours of a point are one step closer to `first`.
     """
 
     def __init__(self, axes: tuple[Array, ...]) -> None:
@@ -42,19 +42,19 @@ class DisplacementGrid:
         return len(self.points)
 
     def number(self, place: tuple[int, ...]) -> int:
-        """The number of a point by its places on the axes."""
+        """Return the number of a point from its indices on the axes."""
         return int(np.ravel_multi_index(place, self.shape))
 
     def place(self, number: int) -> tuple[int, ...]:
-        """The places of a point on the axes."""
+        """Return the indices of a point on the axes."""
         return tuple(map(int, np.unravel_index(number, self.shape)))
 
     def steps(self, number: int) -> int:
-        """Steps along axes from the first point."""
+        """Return the number of steps along axes from the first point."""
         return sum(abs(i - first) for i, first in zip(self.place(number), self._first, strict=True))
 
     def neighbours(self, number: int, nearer: bool) -> list[int]:
-        """The neighbours along axes that are one step closer to the first point, or further from it; those least away first."""
+        """Return the neighbours along axes one step closer to the first point, or further from it; the least distant first."""
         here, found = self.place(number), []
         for c, (i, first, axis) in enumerate(zip(here, self._first, self.axes, strict=True)):
             for j in (i - 1, i + 1):
@@ -64,13 +64,13 @@ class DisplacementGrid:
 
     @cached_property
     def cells(self) -> Array:
-        """(m, 2^d) numbers of the corners of each cell between neighbours; axes of one value have no extent."""
+        """Numbers (m, 2^d) of the corners of each cell between neighbours; axes of one value have no extent."""
         spans = [range(max(n - 1, 1)) for n in self.shape]
         corners = list(product(*((0, 1) if n > 1 else (0,) for n in self.shape)))
         return np.array([[self.number(tuple(np.add(cell, corner))) for corner in corners] for cell in product(*spans)])
 
     def point(self, number: int) -> Array:
-        """(d,) displacement of a point; numbers that go on after the grid are of the middles of cells."""
+        """Return the displacement (d,) of a point; numbers beyond the grid are midpoints of cells."""
         if number < len(self):
             return np.asarray(self.points[number])
         return np.asarray(self.points[self.cells[number - len(self)]].mean(axis=0))
@@ -80,7 +80,8 @@ class DisplacementGrid:
 class HandlePath:
     """The path of a handle: a straight line from displacement `start` to `end` (d,) [m] as t goes from 0 to 1.
 
-    Loads and the body's own prescribed displacements stay as they are at t = 1, or, with `from_rest`, grow as the handle moves.
+    Loads and the body's own prescribed displacements are constant at their values at t = 1. With `from_rest` they grow as the
+    handle moves.
     """
 
     start: Array
@@ -123,7 +124,7 @@ class DrivenSystem(System):
 
 
 class HandleTask(NamedTuple):
-    """One solve: the handle moves from `start`, where the displacements are `u0` (None at rest), to `end`."""
+    """Data of one solve: the handle moves from `start`, where the displacements are `u0` (None at rest), to `end`."""
 
     number: int
     start: Array
@@ -132,9 +133,9 @@ class HandleTask(NamedTuple):
 
 
 class HandleState(NamedTuple):
-    """Result of a displacement of the handle: `u` (ndofs,) [m], the `force` (d,) that holds it there [N].
+    """Result of a displacement of the handle: `u` (ndofs,) [m], and the `force` (d,) on the handle [N].
 
-    If there is no stable equilibrium the `message` says why; `warning` has what is not to be trusted.
+    If there is no stable equilibrium, `message` says why; `warning` lists unreliable results.
     """
 
     u: Array
@@ -145,7 +146,7 @@ class HandleState(NamedTuple):
 
 @dataclass(frozen=True)
 class HandleSolver:
-    """Solves a body with its handle displaced, one displacement after the other; it goes to processes by `pickle`."""
+    """Solver for a body with its handle displaced, one displacement after the other; it can be pickled for processes."""
 
     made_from: MeshLike
     made_of: Mapping[str, Any]
@@ -157,12 +158,12 @@ class HandleSolver:
 
     @cached_property
     def driven(self) -> DrivenSystem:
-        """The body with the handle among its supports."""
+        """Body with the handle among its supports."""
         body = System(self.made_from, **self.made_of).without(self.removed)
         return DrivenSystem.of(body, self.handle)
 
     def __call__(self, task: HandleTask) -> HandleState | None:
-        """The state, or None if Ctrl-C came before it was found."""
+        """Return the state, or None if Ctrl-C came before it was found."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
@@ -194,10 +195,10 @@ class HandleSolver:
         return HandleState(np.zeros(self.driven.ndofs), np.zeros(self.driven.mesh.d), message)
 
     def refuse_processes(self) -> None:
-        """Refuse bodies that cannot go to processes."""
+        """Refuse bodies that cannot be pickled for processes."""
         try:
             pickle.dumps(self)
-        except Exception as error:  # pickle raises what it likes
+        except Exception as error:  # pickle raises many kinds of errors
             raise StvkError(
                 f"The body cannot go to other processes ({error}). A lambda, or a function within another one, is a place or "
                 "a load of it: use names, Box(...) or functions of a module, or jobs=1."
@@ -207,14 +208,14 @@ class HandleSolver:
 class HandleSolves:
     """All solves of a grid, and of `checks` midpoints of cells, in an order in which each has a solved neighbour to start from.
 
-    The neighbour is the same whatever is done first, so that the states do not depend on the number of processes, nor on what
-    `kept` has from before.
+    The neighbour does not depend on the order of the solves. So the states do not depend on the number of processes, nor on the
+    earlier states in `kept`.
     """
 
     def __init__(self, grid: DisplacementGrid, solver: HandleSolver, checks: int | None, kept: Mapping[int, HandleState]) -> None:
         cells = len(grid.cells)
         self.grid, self._solver, self._kept = grid, solver, kept
-        #: Number of midpoints that are solved, if all points of the grid are.
+        #: Number of midpoints to solve, if all points of the grid are solved.
         self.checks = cells if checks is None else min(checks, cells)
         self._between = False
         self.states: dict[int, HandleState] = {}
@@ -222,9 +223,10 @@ class HandleSolves:
         self._waiting: deque[HandleTask] = deque()
 
     def run(self, jobs: int, each: int) -> Iterator[tuple[int, HandleState, bool]]:
-        """Numbers of points and their states as they are found, and whether to keep them; midpoints count on from the grid.
+        """Yield numbers of points and their states as they are found, and whether to store them; midpoints have numbers after the
+        grid.
 
-        After Ctrl-C, KeyboardInterrupt is raised when what runs has come to an end.
+        After Ctrl-C, KeyboardInterrupt is raised when running solves have ended.
         """
         start = np.zeros(self.grid.points.shape[1])
         self._offer(HandleTask(self.grid.first, start, self.grid.points[self.grid.first], None))
@@ -251,7 +253,7 @@ class HandleSolves:
                 stop_if_asked()
 
     def _go_on(self) -> None:
-        """Ask for the midpoints when all of the grid is known."""
+        """Request the midpoints once the whole grid is known."""
         grid = self.grid
         if self._between or len(self.states) != len(grid):
             return
@@ -272,7 +274,7 @@ class HandleSolves:
             self._waiting.append(task)
 
     def _settle(self, number: int, state: HandleState) -> None:
-        """Take a state in, and offer those points all of whose nearer neighbours are known now."""
+        """Store a state, and offer the points with all of their nearer neighbours known."""
         grid, known = self.grid, [(number, state)]
         while known:
             number, state = known.pop()

@@ -1,4 +1,4 @@
-"""The energy of a reduced body as one quartic: its coefficients, precomputed in blocks of elements, and W, F and K from them."""
+"""Energy of a reduced body as one quartic: its coefficients, precomputed in blocks of elements, and W, F and K from them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..system import Pattern, System, TangentOperator
 from ..system.operator import refuse_overflow
 from ..terms import BoundTerm, HasStrainProducts
 
-#: Bytes of the rows of strains that are made at once.
+#: Bytes of the rows of strains that are made in one block.
 BLOCK = 32_000_000
 
 
@@ -29,8 +29,9 @@ def coefficients(n: int) -> int:
 
 
 def bytes_needed(size: int) -> int:
-    """Bytes that the quartic of a body with so many unknowns, lifts included, needs while it is made: `r^4/24 + r^4/4` numbers of 8
-    bytes, and a block of strains with what it is made of."""
+    """Return the bytes that the quartic of a body with `size` unknowns, lifts included, needs while it is made. These are `r^4/24 +
+    r^4/4` numbers of 8 bytes, and a block of strains with its inputs.
+    """
     pairs = (size + 1) * (size + 2) // 2
     return 8 * (coefficients(size + 1) + pairs**2) + 2 * BLOCK
 
@@ -43,7 +44,7 @@ def rows_of(term: BoundTerm, body: System) -> int:
 
 
 def seconds_needed(size: int, rows: int) -> float:
-    """About how long it takes to add up the products of so many rows, by how long a few take now."""
+    """Return the approximate time to add up the products of so many rows, from the measured time of a few."""
     pairs, some = (size + 1) * (size + 2) // 2, 64
     few = np.ones((pairs, some), order="F")
     dsyrk(1.0, few, lower=1)
@@ -53,9 +54,9 @@ def seconds_needed(size: int, rows: int) -> float:
 
 
 class ReducedQuartic:
-    """`W = sum T_abcd x_a x_b x_c x_d` of `x = (1, z)`: a quartic of the amounts `z` (n - 1,), by its distinct coefficients T.
+    """Quartic `W = sum T_abcd x_a x_b x_c x_d` of `x = (1, z)` and the amounts `z` (n - 1,), by its distinct coefficients T.
 
-    See `kernels.reduced` for their order. All of one state comes from one pass over T.
+    See `kernels.reduced` for their order. All results at one state come from one pass over T.
     """
 
     def __init__(self, n: int, T: Array) -> None:
@@ -64,12 +65,12 @@ class ReducedQuartic:
         self._work = np.empty(pairs), np.empty((n, pairs)), np.empty(pairs)
 
     def linearize(self, x: Array) -> tuple[float, Array, Array]:
-        """W at `x` (n,), its gradient (n,) and its second derivatives (n, n), those by `x_0` among them."""
+        """Return W at `x` (n,), its gradient (n,) and its second derivatives (n, n), including those by `x_0`."""
         G, H = np.empty(self.n), np.empty((self.n, self.n))
         return reduced_kernels.quartic(self.T, x, *self._work, G, H), G, H
 
     def along(self, x: Array, y: Array) -> Array:
-        """(5,) coefficients `c` of the energy at `x + s y`, both (n,)."""
+        """Return the coefficients `c` (5,) of the energy at `x + s y`, both (n,)."""
         W, G, H = self.linearize(x)
         last, g, _ = self.linearize(y)
         return np.array([W, G @ y, y @ H @ y / 2, g @ x, last])
@@ -78,7 +79,7 @@ class ReducedQuartic:
 def quartic_of(
     body: System, terms: Sequence[BoundTerm], fields: Array, tick: Callable[[int], None] = lambda done: None
 ) -> ReducedQuartic:
-    """The energy of bound terms that are `Quartic` for displacements `fields @ z`, `fields` (ndofs, R)."""
+    """Return the energy of bound terms that are `Quartic` for displacements `fields @ z`, `fields` (ndofs, R)."""
     n, pairs = fields.shape[1] + 1, (fields.shape[1] + 1) * (fields.shape[1] + 2) // 2
     nodal = np.ascontiguousarray(fields).reshape(body.mesh.nv, body.mesh.d, -1)
     C, T = np.zeros((pairs, pairs), order="F"), np.empty(coefficients(n))
@@ -106,16 +107,16 @@ def _row(d: int, c: int) -> int:
 
 
 def _set_quadratic(T: Array, n: int, K: Array) -> None:
-    """Let the quadratic part be `1/2 z' K z`."""
+    """Set the quadratic part to `1/2 z' K z`."""
     for d in range(1, n):
         for c in range(1, d + 1):
             T[_row(d, c)] = K[c - 1, d - 1] / (2 if c == d else 1)
 
 
 def _add_by_tangents(T: Array, term: BoundTerm, fields: Array, body: System) -> None:
-    """Add the cubic and quartic coefficients of a term of which only W, F and K are known.
+    """Add the cubic and quartic coefficients of a term with only W, F and K.
 
-    K is quadratic in z, so that its differences along fields and pairs of fields are its parts, exactly: no step is small.
+    K is quadratic in z, so that its differences along fields and pairs of fields are exact; no step is small.
     """
     part, R = MeshPart(body.mesh, [term], fields), fields.shape[1]
     h = np.linalg.norm(np.ptp(body.mesh.p, axis=1)) / (2 * np.abs(fields).max(axis=0))
@@ -139,13 +140,12 @@ def _add_by_tangents(T: Array, term: BoundTerm, fields: Array, body: System) -> 
 
 
 def _orders(*indices: int) -> int:
-    """The product of the factorials of how often each index stands there."""
+    """Return the product of the factorials of the multiplicities of the indices."""
     return int(np.prod([factorial(indices.count(index)) for index in set(indices)]))
 
 
 class MeshPart:
-    """The part of bound terms in W, F and K over fields of displacements (ndofs, R), by those of their mesh: its cost is that of
-    the mesh."""
+    """Part of bound terms in W, F and K over fields of displacements (ndofs, R), computed on their mesh and at its cost."""
 
     def __init__(self, mesh: ElementMesh, terms: Sequence[BoundTerm], fields: Array) -> None:
         self._mesh, self._fields = mesh, fields
@@ -155,7 +155,7 @@ class MeshPart:
         self._K = self._pattern.matrix(np.zeros(self._pattern.nnz))
 
     def linearize(self, z: Array) -> tuple[float, Array, Array]:
-        """W, F (R,) and K (R, R) at amounts z (R,)."""
+        """Return W, F (R,) and K (R, R) at amounts z (R,)."""
         x, energy = by_vertex(self._mesh, self._fields @ z), 0.0
         force, data = np.zeros(x.shape), self._K.data
         data[:] = 0

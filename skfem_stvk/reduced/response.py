@@ -1,4 +1,4 @@
-"""Precomputed response: static solves on a grid of displacements of a handle, and what lies between them by interpolation."""
+"""Precomputed response: static solves on a grid of displacements of a handle, and interpolation between them."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleS
 if TYPE_CHECKING:
     from .stores import PointsCheckpoint
 
-#: Points of an axis that an answer takes into account, on both sides as many where there are.
+#: Number of points of an axis in an interpolation, equally many on both sides where possible.
 STENCIL = 4
-#: From this tolerance on vectors are kept in single precision, which takes half the memory, and half the time of an answer.
+#: Tolerance from which vectors are stored in single precision, which halves the memory and the time of an answer.
 SINGLE = 1e-6
-#: Displacements outside of an axis by this part of its length count as its end.
+#: Displacements outside of an axis by this fraction of its length count as its end.
 ROUNDED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class BetweenPoints:
-    """Errors of the answers in the middle of cells, by solves that are not in the table.
+    """Errors of the answers in the middle of cells, from solves outside the table.
 
     Attributes
     ----------
-    points : (m, d) displacements of the handle that were solved for [m].
-    force : (m,) error of the force, as a part of the largest force in the table.
-    u : (m,) largest error of a node's displacement, as a part of the largest displacement in the table.
-    unsolved : what was found out instead at midpoints that have no stable equilibrium, in words.
+    points : (m, d) displacements of the handle of these solves [m].
+    force : (m,) error of the force, as a fraction of the largest force in the table.
+    u : (m,) largest error of a node's displacement, as a fraction of the largest displacement in the table.
+    unsolved : messages on midpoints without a stable equilibrium.
     """
 
     points: Array
@@ -59,12 +59,12 @@ class BetweenPoints:
 
     @property
     def largest_force(self) -> float:
-        """The largest error of a force; NaN if nothing was measured."""
+        """Largest error of a force; NaN without a measurement."""
         return float(self.force.max()) if len(self.force) else float("nan")
 
     @property
     def largest_u(self) -> float:
-        """The largest error of displacements; NaN if nothing was measured."""
+        """Largest error of displacements; NaN without a measurement."""
         return float(self.u.max()) if len(self.u) else float("nan")
 
     def __str__(self) -> str:
@@ -81,28 +81,29 @@ class BetweenPoints:
 class PrecomputedResponse:
     """Response of a body to displacements of a handle, from static solves on a grid of them: `answers(d) -> force, u`.
 
-    The table has the force exactly and the displacements of all nodes in a basis of their singular vectors. Between the points
-    polynomials of degree 3 go through the 4 nearest points of each axis (fewer on shorter axes): answers are exact at the points,
-    continuous, and wrong by O(h^4) between them, of which `error` has measured values. The solves begin at rest, or at the point
-    nearest to it, and go from there to the other points along the axes, so that they stay on the branch of equilibria that begins
-    there. After Zhong, Wachowiak and Peters (2005).
+    The table has the exact forces, and the displacements of all nodes in a basis of their singular vectors. Between the points,
+    polynomials of degree 3 interpolate the 4 nearest points of each axis (fewer on shorter axes). Answers are exact at the points,
+    continuous, and have errors O(h^4) between them; `error` has measured values. The solves begin at rest, or at the point nearest
+    to rest. They continue along the axes to the other points, so that they stay on the branch of equilibria through the first
+    point. After Zhong, Wachowiak and Peters (2005).
 
-    A point without a stable equilibrium is a hole: it is warned of, answers in cells with it are refused, and cells beside them are
-    interpolated linearly, with a jump of O(h^2) at their sides.
+    A point without a stable equilibrium is a hole, and a warning reports it. Answers in cells with a hole are refused. Cells next
+    to them are interpolated linearly, with a jump of O(h^2) at their sides.
 
     Parameters
     ----------
-    body : a `System` with supports that leave no rigid motion once the handle is held. Its loads and prescribed displacements act
-        in full, as at t = 1.
-    handle : the place whose nodes are all displaced alike: a name, node ids, a predicate, a shape; none of them fixed or
+    body : a `System` with supports that leave no rigid motion once the handle is constrained. Its loads and prescribed
+        displacements act in full, as at t = 1.
+    handle : the location whose nodes all have the same displacement: a name, node ids, a predicate, a shape; none of them fixed or
         prescribed in the body.
     displacements : an axis of ascending displacements (n_c,) for each component [m], with zero on each or between its values. An
-        axis of one value holds its component there.
-    tolerance : the displacements in the table are exact up to this part of the largest one, by the 2-norm over all nodes.
+        axis of one value fixes its component there.
+    tolerance : error of displacements in the table, as a fraction of the largest one, in the 2-norm over all nodes.
     checks : number of cells in whose middle the error is measured, spread over the grid; None for all of them.
-    steps, rtol, solver : of each solve, as in `solve_static`; the first step of each is 1/steps of its way.
-    jobs : solves at a time, each in a process of its own, of programs under `if __name__ == "__main__":`; 1 is this process.
-    checkpoint : a folder that keeps each solve as it is found. The same call goes on with what is there.
+    steps, rtol, solver : of each solve, as in `solve_static`; the first step of each solve is 1/steps of its path.
+    jobs : number of solves at a time, each in a separate process, in programs under `if __name__ == "__main__":`; 1 is this
+        process.
+    checkpoint : a folder that stores each solve as it is found. The same call continues from the stored solves.
     quiet : print nothing.
 
     Attributes
@@ -110,22 +111,21 @@ class PrecomputedResponse:
     axes : the displacements.
     nodes : (m,) ids of the nodes of the handle.
     forces : (n_1, ..., n_d, d) force at each point of the grid [N].
-    rank : number of vectors that displacements are made of.
-    holes : why there is no answer, by displacement.
+    rank : number of basis vectors of the displacements.
+    holes : reasons for missing answers, by displacement.
     error : `BetweenPoints`.
 
     Raises
     ------
     StvkError, RegionError, SupportError
-        for arguments that are not as they should be; for a checkpoint of another problem; if the first solve fails, from which all
-        others go on.
+        for invalid arguments; for a checkpoint of another problem; if the first solve fails, from which all others start.
     KeyboardInterrupt
-        after Ctrl-C; what is done is in the checkpoint.
+        after Ctrl-C; finished solves are in the checkpoint.
 
     Warns
     -----
     StvkWarning
-        of holes, and where solves warned.
+        for holes, and for warnings of the solves.
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -177,7 +177,7 @@ class PrecomputedResponse:
         with ExitStack() as stack:
             kept: PointsCheckpoint | None = None
             if folder is not None:
-                from .stores import PointsCheckpoint  # and pydantic, only where files are
+                from .stores import PointsCheckpoint  # it imports pydantic, which only files need
 
                 sizes, last = (body.ndofs, body.mesh.d), len(grid) + len(grid.cells) - 1
                 kept = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
@@ -188,14 +188,15 @@ class PrecomputedResponse:
         self._warn(states)
 
     def __call__(self, displacement: ArrayLike) -> tuple[Array, Array]:
-        """The force on the handle (d,) [N] and the displacements of all nodes (ndofs,) [m], for a displacement of the handle (d,).
+        """Return the force on the handle (d,) [N] and the displacements of all nodes (ndofs,) [m], for a displacement of the handle
+        (d,).
 
-        The force is what holds the handle there, `StaticResult.reaction(handle).resultant`; what a hand feels is its negative.
+        The force holds the handle there, `StaticResult.reaction(handle).resultant`; the handle's force on a hand is its negative.
 
         Raises
         ------
         StateError
-            outside of an axis, which is named with the value and its range; where a hole is near; for what are no finite numbers.
+            outside of an axis, with its name, the value and the range; near a hole; for numbers that are not finite.
         """
         d = array("displacement", displacement, (len(self.axes),), f"{len(self.axes)} finite numbers, one per axis [m]", StateError)
         found = self._interpolated(d)
@@ -205,7 +206,7 @@ class PrecomputedResponse:
         return found[: len(d)], u
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the table to an .npz file, for `PrecomputedResponse.load`; the path, or what `write_vtu` raises."""
+        """Write the table to an .npz file, for `PrecomputedResponse.load`; return the path. Raises the errors of `write_vtu`."""
         from .stores import TableFile
 
         path = output_path(path, ".npz")
@@ -219,13 +220,13 @@ class PrecomputedResponse:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], body: System) -> PrecomputedResponse:
-        """The response that `save` wrote.
+        """Return the response that `save` wrote.
 
         Raises
         ------
         StvkError
-            if the file is of another body, which it is known by its mesh, terms, supports and loads, or cannot be read, or if its
-            arrays are not those of a table.
+            if the file is of a body with another mesh, other terms, supports or loads, if it cannot be read, or if its arrays
+            are not those of a table.
         """
         from .stores import TableFile, check_table, nodes_of
 
@@ -248,22 +249,22 @@ class PrecomputedResponse:
 
     @property
     def body(self) -> System:
-        """The body that answers."""
+        """Body of the response."""
         return self._body
 
     @property
     def forces(self) -> Array:
-        """(n_1, ..., n_d, d) force at each point of the grid [N]; zero at holes."""
+        """Forces (n_1, ..., n_d, d) at each point of the grid [N]; zero at holes."""
         return self._table[..., : len(self.axes)]
 
     @property
     def rank(self) -> int:
-        """Number of vectors that displacements are made of."""
+        """Number of basis vectors of the displacements."""
         return int(self._basis.shape[1])
 
     @property
     def holes(self) -> dict[tuple[float, ...], str]:
-        """Why there is no answer, by displacement of the handle, from those nearest to rest on."""
+        """Reasons for missing answers, by displacement of the handle, in order of the distance from rest."""
         near = sorted(range(len(self._grid)), key=lambda k: (self._grid.steps(k), k))
         return {tuple(self._grid.point(k).tolist()): self._why[k] for k in near if self._why[k]}
 
@@ -276,7 +277,7 @@ class PrecomputedResponse:
         )
 
     def _make(self, grid: DisplacementGrid, nodes: NDArray[np.int64], states: Mapping[int, HandleState], tolerance: float) -> None:
-        """The table and its basis from the states at the points of the grid, its errors from those between."""
+        """Make the table and its basis from the states at the points of the grid, and its errors from those between."""
         self._grid, self.axes, self.nodes, n = grid, grid.axes, nodes, len(grid)
         self._why = [states[k].message for k in range(n)]
         self._solved = np.array([not why for why in self._why]).reshape(grid.shape)
@@ -305,7 +306,7 @@ class PrecomputedResponse:
         self._held, self._held_at, self._whole = supports.held, supports.values(1.0), bool(self._solved.all())
 
     def _interpolated(self, d: Array) -> Array:
-        """(d + rank,) force and amounts of the vectors at a displacement of the handle."""
+        """Return the force and the amounts of the vectors (d + rank,) at a displacement of the handle."""
         wide = [_weights(axis, value, "xyz"[c], STENCIL) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
         if not self._whole and not self._covered(wide):
             wide = [_weights(axis, value, "xyz"[c], 2) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
@@ -317,11 +318,11 @@ class PrecomputedResponse:
         return values
 
     def _covered(self, stencil: list[tuple[int, Array]]) -> bool:
-        """Whether there is no hole among the points that count."""
+        """Return whether no point of the stencil is a hole."""
         return not len(self._missing(stencil))
 
     def _missing(self, stencil: list[tuple[int, Array]]) -> Array:
-        """(m, d) places of the holes among the points that count."""
+        """Return the indices (m, d) of the holes in the stencil."""
         solved = self._solved[tuple(slice(begin, begin + len(weights)) for begin, weights in stencil)]
         counts = np.ones((), dtype=bool)
         for _, weights in stencil:
@@ -335,7 +336,7 @@ class PrecomputedResponse:
         return f"displacement = {_written(d)} is in a cell with {at}, where there is no answer: {self._why[hole]}"
 
     def _warn(self, states: Mapping[int, HandleState]) -> None:
-        """Warn of holes, and of what the solves warned of."""
+        """Warn of holes, and repeat warnings of the solves."""
         holes = self.holes
         if holes:
             named = ", ".join(_written(at) for at in list(holes)[:3]) + (", ..." if len(holes) > 3 else "")
@@ -347,7 +348,7 @@ class PrecomputedResponse:
 
 
 class _GridProgress(Progress):
-    """A bar on a terminal, elsewhere a line every few seconds."""
+    """Progress bar on a terminal, elsewhere a line every few seconds."""
 
     def __init__(self, header: str, total: int, quiet: bool) -> None:
         super().__init__("response", quiet, (BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()))
@@ -365,7 +366,7 @@ class _GridProgress(Progress):
 
 
 def _solved(solves: HandleSolves, kept: PointsCheckpoint | None, jobs: int, quiet: bool) -> Mapping[int, HandleState]:
-    """All states of a grid and of midpoints."""
+    """Return all states of a grid and of midpoints."""
     grid, cores = solves.grid, threads()
     total = len(grid) + solves.checks
     jobs = max(1, min(jobs, cores, total))
@@ -388,7 +389,7 @@ def _solved(solves: HandleSolves, kept: PointsCheckpoint | None, jobs: int, quie
 
 
 def _axes(given: Any, d: int) -> tuple[Array, ...]:
-    """Axes of displacements that are good for a grid."""
+    """Return the axes of displacements, checked for a grid."""
     expected = f"a tuple of {d} axes of displacements, one per component, such as (x, y, z) with x = np.linspace(-0.1, 0.1, 5)"
     if not isinstance(given, list | tuple) or len(given) != d:
         raise StvkError(f"displacements = {shown(given)}; expected {expected[:-1] if d == 1 else expected}.")
@@ -409,7 +410,7 @@ def _axes(given: Any, d: int) -> tuple[Array, ...]:
 
 
 def _driven(body: System, nodes: NDArray[np.int64], where: str) -> DrivenSystem:
-    """The body with its handle held; refused where nodes of it are held otherwise, or where the body still moves without strain."""
+    """Return the body with its handle constrained. Refuse it if the handle's nodes have other supports, or rigid motions remain."""
     both = np.intersect1d(nodes, body.supports.held // body.mesh.d)
     if len(both):
         raise SupportError(
@@ -426,7 +427,7 @@ def _fingerprint(body: System, options: Mapping[str, Any], nodes: NDArray[np.int
 
 
 def _weights(axis: Array, value: float, letter: str, most: int) -> tuple[int, Array]:
-    """The first of the points of an axis that count at a value, and their weights: Lagrange's polynomials through them."""
+    """Return the first point of an axis in the interpolation at a value, and the weights of Lagrange's polynomials."""
     low, high, n = axis[0], axis[-1], len(axis)
     if not low <= value <= high:
         slack = ROUNDED * max(high - low, abs(low), abs(high))
@@ -448,13 +449,14 @@ def _weights(axis: Array, value: float, letter: str, most: int) -> tuple[int, Ar
 
 
 def _compressed(states: Array, tolerance: float) -> tuple[Array, Array, float]:
-    """Vectors (ndofs, r) and amounts (n, r) of them that make up the states (n, ndofs), and what is left out of one at most.
+    """Return vectors (ndofs, r) and their amounts (n, r) that represent the states (n, ndofs), and the largest remainder of a
+    state.
 
-    What is left out is less than the tolerance times the largest state, by the 2-norm; both are parts of that.
+    The remainder is less than the tolerance. Both are fractions of the largest state, in the 2-norm.
     """
     left, sizes, right = np.linalg.svd(states, full_matrices=False)
     amounts = left * sizes
-    lost = np.sqrt(np.cumsum(amounts[:, ::-1] ** 2, axis=1)[:, ::-1])  # (n, r) without the vectors from each on
+    lost = np.sqrt(np.cumsum(amounts[:, ::-1] ** 2, axis=1)[:, ::-1])  # (n, r) norms without the vectors from each on
     largest = np.linalg.norm(amounts, axis=1).max()
     worst = np.append(lost.max(axis=0), 0.0)
     rank = max(1, int(np.argmax(worst <= tolerance * largest)))

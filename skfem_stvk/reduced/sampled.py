@@ -1,4 +1,4 @@
-"""Sampled elements: a few, with weights that are not negative, whose forces in the span of some fields stand for those of all."""
+"""Sampled elements: a few elements with non-negative weights, whose forces in the span of some fields approximate those of all."""
 
 from __future__ import annotations
 
@@ -15,29 +15,28 @@ from ..system import System
 from ..terms import Body
 from .quartic import MeshPart
 
-#: States that weights are fitted to, and others that they are tried on.
+#: Numbers of states for fitting the weights, and for testing them.
 FITTED, UNSEEN = 24, 8
-#: So many elements, drawn at random, may be chosen; each time this part of what is asked for is added to them.
+#: Number of candidate elements, drawn at random, and the fraction of the requested number that each round adds.
 CANDIDATES, AT_ONCE = 2000, 0.05
-#: How often that is done at most, and by which part the error has to fall each time.
+#: Maximum number of rounds, and the fraction by which the error must fall in each.
 MOST_ROUNDS, PROGRESS = 100, 1e-4
-#: The largest displacement of these states as a part of the size of the body, and how often it is halved where elements turn
-#: inside out.
+#: Largest displacement of these states as a fraction of the size of the body, and the maximum number of halvings where elements
+#: invert.
 LARGE, MOST = 0.2, 12
 
-#: What stands for a material when a law is made.
+#: Shorthand parameters of a law, reset where it is copied, since its material is set.
 NO_SHORTHAND: dict[str, Any] = {"young": None, "poisson": None, "density": None}
 
 
 class Sampling(NamedTuple):
-    """Sampled elements of a term, and how good they are.
+    """Sampled elements of a term, and their errors.
 
     Attributes
     ----------
     elements : (n,) their ids.
-    weights : (n,) how many elements each stands for; none is negative.
-    fitted, unseen : the error of the reduced force, relative to its size, over the states that weights were fitted to, and over
-        others.
+    weights : (n,) the number of elements that each represents; none is negative.
+    fitted, unseen : the error of the reduced force, relative to its size, over the states for fitting, and over others.
     """
 
     elements: NDArray[np.int64]
@@ -47,10 +46,10 @@ class Sampling(NamedTuple):
 
 
 def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[MeshPart, Sampling]:
-    """The part of a term in W, F and K from about `count` of its elements: at a cost that does not depend on the mesh.
+    """Return the part of a term in W, F and K from about `count` of its elements, at a cost that does not depend on the mesh.
 
-    Elements are taken greedily, those first whose forces are most along what is lacking, and weights fitted by least squares that
-    are not negative, over random states in which softer fields have more. Source: An, Kim, James, "Optimizing cubature for
+    Elements are chosen greedily: those whose forces are most along the residual come first. Weights are fitted by non-negative
+    least squares over random states, in which softer fields have larger amounts. Source: An, Kim, James, "Optimizing cubature for
     efficient integration of subspace deformations" (2008).
 
     StvkError for terms without a material that has Young's modulus.
@@ -74,7 +73,7 @@ def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[M
 
 
 class _Apart:
-    """The elements of a term, each with nodes of its own, so that forces on nodes are those of elements."""
+    """Elements of a term, each with separate nodes, so that forces on nodes are those of elements."""
 
     def __init__(self, body: System, term: Any, ids: NDArray[np.int64], columns: Array) -> None:
         t = body.mesh.t[:, ids]
@@ -84,7 +83,7 @@ class _Apart:
         self.t, self._d, self._columns = t, body.mesh.d, columns.reshape(body.mesh.nv, body.mesh.d, -1)
 
     def forces(self, z: Array, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
-        """(R, n) forces of the `chosen` elements over the fields, and (R,) of all."""
+        """Return forces (R, n) of the `chosen` elements over the fields, and those of all (R,)."""
         on_nodes = np.zeros((self.t.size, self._d))
         self.bound.energy_and_force((np.ascontiguousarray(self._columns @ z))[self.t.ravel("F")], on_nodes)
         f: Array = on_nodes.reshape(self.t.shape[1], len(self.t), self._d)
@@ -95,7 +94,7 @@ class _Apart:
 
 
 def _states(body: System, columns: Array, apart: _Apart, rng: np.random.Generator) -> Array:
-    """(states, R) amounts, of which softer fields have more; small enough that the forces are finite."""
+    """Return amounts (states, R), larger for softer fields, and small enough for finite forces."""
     operator = body.linear_operator(np.zeros(body.ndofs))
     stiffness = np.array([column @ (operator @ column) for column in np.ascontiguousarray(columns.T)])
     states = rng.standard_normal((FITTED + UNSEEN, columns.shape[1])) / np.sqrt(stiffness)
@@ -106,14 +105,14 @@ def _states(body: System, columns: Array, apart: _Apart, rng: np.random.Generato
         try:
             if all(np.isfinite(apart.forces(z, np.arange(1))[1]).all() for z in states):
                 return np.asarray(states)
-        except StateError:  # elements without volume
+        except StateError:  # inverted elements
             pass
         states /= 2
     raise StateError("sampled: forces are not finite even in small states; are elements of the body flat?")
 
 
 def _equations(apart: _Apart, states: Array, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Forces of elements as columns, and of all, each state relative to its own."""
+    """Return forces of elements as columns, and of all elements, each state relative to its total."""
     found = [apart.forces(z, chosen) for z in states]
     sizes = [np.linalg.norm(own) for _, own in found]
     A = np.concatenate([each / size for (each, _), size in zip(found, sizes, strict=True)])
@@ -121,8 +120,8 @@ def _equations(apart: _Apart, states: Array, chosen: NDArray[np.int64]) -> tuple
 
 
 def _greedy(A: Array, b: Array, count: int) -> tuple[NDArray[np.int64], Array]:
-    """Columns and their weights, not negative, with `A w = b` nearly."""
-    from scipy.optimize import nnls  # which is large: imported only where elements are sampled
+    """Return columns and their non-negative weights `w` with `A w` close to `b`."""
+    from scipy.optimize import nnls  # large: imported only for sampling
 
     norms, own = np.maximum(np.linalg.norm(A, axis=0), np.finfo(float).tiny), np.empty(0, dtype=np.int64)
     r, weights = b, np.empty(0)
@@ -143,7 +142,7 @@ def _greedy(A: Array, b: Array, count: int) -> tuple[NDArray[np.int64], Array]:
 
 
 def _part(body: System, term: Any, places: NDArray[np.int64], found: Sampling, columns: Array) -> MeshPart:
-    """W, F and K of the sampled elements, with stiffnesses times weights, on their nodes alone."""
+    """Return W, F and K of the sampled elements, with stiffnesses times weights, on only their nodes."""
     mesh = body.mesh
     nodes, t = np.unique(mesh.t[:, found.elements], return_inverse=True)
     small = ElementMesh(mesh.p[:, nodes], t.reshape(len(mesh.t), -1).astype(np.int32), element=mesh.element)

@@ -1,4 +1,4 @@
-"""Files of reduced systems and of precomputed responses: bases, each solve of a grid as it is found, and the table of all."""
+"""Files of reduced systems and of precomputed responses: bases, each solve of a grid as it is found, and the complete table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .handle_solves import HandleState
 
 
 class ReducedFile(Store[Header]):
-    """The file of a reduced system: its fields and coefficients."""
+    """File of a reduced system: its fields and coefficients."""
 
     known = "reduced body of skfem-stvk", 1
     schema = Header
@@ -24,7 +24,7 @@ class ReducedFile(Store[Header]):
 
 
 class PointHeader(Header):
-    """The header of a file of one point: its number, and the messages of its `HandleState`."""
+    """Header of the file of one point: its number, and the messages of its `HandleState`."""
 
     number: NonNegativeInt
     message: str
@@ -32,7 +32,7 @@ class PointHeader(Header):
 
 
 class TableHeader(Header):
-    """The header of the file of a table: all of it but the arrays."""
+    """Header of the file of a table: all data except the arrays."""
 
     holes: dict[str, str]
     compression: NonNegativeFloat
@@ -40,7 +40,7 @@ class TableHeader(Header):
 
 
 class PointsCheckpoint(FolderStore[PointHeader]):
-    """A folder with a file for each solve of a grid: states that it holds, `kept` by number, are not solved again."""
+    """Folder with a file for each solve of a grid: its states, `kept` by number, are not solved again."""
 
     known, name = ("point of a precomputed response of skfem-stvk", 1), "point_{:06d}.npz"
     schema = PointHeader
@@ -67,7 +67,7 @@ class PointsCheckpoint(FolderStore[PointHeader]):
 
 
 class TableFile(Store[TableHeader]):
-    """The file of the table of a response."""
+    """File of the table of a response."""
 
     known = "precomputed response of skfem-stvk", 1
     schema = TableHeader

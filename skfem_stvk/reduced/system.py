@@ -1,4 +1,4 @@
-"""A body with few unknowns: the amounts of some fields of displacements."""
+"""A body with few unknowns: the amounts of some displacement fields."""
 
 from __future__ import annotations
 
@@ -25,45 +25,45 @@ from .basis import SIZE, Lifts, candidates_of, checked_snapshots, departure, mas
 from .coordinates import PrecomputedCoordinates
 from .quartic import ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
 
-#: Bytes that a reduced body may need while it is made, by default.
+#: Default limit of the bytes that a reduced body needs while it is made.
 MOST_MEMORY = 1e9
-#: Modes by default.
+#: Default number of modes.
 MODES = 20
 #: Largest number of modes and of sampled elements; unknowns are limited by memory.
 MOST = 10_000
 
 
 class ReducedSystem:
-    """A St. Venant-Kirchhoff body in the span of a few fields of displacements, as fast on any mesh.
+    """St. Venant-Kirchhoff body in the span of a few displacement fields; its cost does not depend on the mesh.
 
         u = V q + Phi s(t)        W(q, s) one quartic        F = dW/dq (r,)        K = d2W/dq2 (r, r)
 
-    `V` (ndofs, r) is made of natural modes, their modal derivatives and snapshots, and orthonormal by mass; `Phi` (ndofs, l) are
-    lifts, the response of the body at rest to each independent field of prescribed displacements less what of it is in V, and
-    `s(t)` their amounts.
-    `solve_static`, `simulate` and `verify` take it as any system.
+    `V` (ndofs, r) is made of natural modes, their modal derivatives and snapshots, and is orthonormal by mass. `Phi` (ndofs, l) are
+    lifts: the response of the body at rest to each independent field of prescribed displacements, minus its part in V. `s(t)` are
+    their amounts. `solve_static`, `simulate` and `verify` accept it like any system.
 
     Parameters
     ----------
-    body : a `System` that is held so that nothing moves without strain.
-    size : r, the number of unknowns; by default 30, or as many as there are independent fields.
-    modes : how many of the lowest natural modes the basis is made of; 0 for snapshots alone. By default 20, or as many as the body
-        has free degrees of freedom.
-    derivatives : whether all `modes (modes + 1)/2` modal derivatives are, too: without them nothing can turn far.
-    snapshots : (ndofs, n) displacements of the body, such as states of a path, that the basis has to represent as well.
-    times : at which prescribed displacements that are functions are looked at; by default 33 between 0 and 1.
-    sampled : how many elements stand for all, with weights, in terms whose energy is no quartic, such as `NeoHookean`, so that they
-        do not cost the mesh either; 0 for all. `sampling` says how good they are.
-    most_memory : bytes that may be needed while it is made.
+    body : a `System` with supports that leave no motion without strain.
+    size : r, the number of unknowns; by default 30, or the number of independent fields.
+    modes : number of the lowest natural modes in the basis; 0 for snapshots alone. By default 20, or the number of free degrees of
+        freedom.
+    derivatives : whether to include all `modes (modes + 1)/2` modal derivatives. Linear modes alone cannot represent large
+        rotations.
+    snapshots : (ndofs, n) displacements of the body, such as states of a path, that the basis must represent as well.
+    times : times at which prescribed displacements that are functions are sampled; by default 33 between 0 and 1.
+    sampled : number of weighted elements that represent all, in terms whose energy is not a quartic, such as `NeoHookean`, so that
+        their cost does not depend on the mesh either; 0 for all. `sampling` reports their errors.
+    most_memory : maximum number of bytes that are needed while it is made.
     quiet : print nothing.
 
     Attributes
     ----------
-    body, size : as given.
+    body, size : the arguments.
     columns : (ndofs, r + l) V, then Phi.
     basis, lifts : its parts.
-    sampling : by the name of a term its sampled elements, their weights, and the error of the force on states that were fitted
-        and on others.
+    sampling : by the name of a term its sampled elements, their weights, and the error of the force on states for fitting and on
+        others.
     masses : (ndofs,) lumped masses M, of density 1 if the body has none.
 
     Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
@@ -73,7 +73,7 @@ class ReducedSystem:
     SupportError
         if the body can move without strain, or prescribed displacements have too many independent fields.
     StvkError
-        if there are not `size` independent fields, a term has no energy, or it would need more than `most_memory`.
+        if there are fewer than `size` independent fields, a term has no energy, or more than `most_memory` is needed.
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -143,9 +143,9 @@ class ReducedSystem:
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
 
     def save(self, path: str | Path) -> Path:
-        """Write the fields and the coefficients to a file (.npz), from which `load` makes this again within a second.
+        """Write the fields and the coefficients to a file (.npz), from which `load` restores the reduced body within a second.
 
-        StvkError if the path cannot be written to.
+        Raises StvkError if the path is not writable.
         """
         from .stores import ReducedFile  # pydantic is imported only where there are files
 
@@ -158,9 +158,9 @@ class ReducedSystem:
 
     @classmethod
     def load(cls, path: str | Path, body: System) -> ReducedSystem:
-        """The reduced body of a file that `save` wrote, for the same body; loads may be others.
+        """Return the reduced body of a file that `save` wrote, for the same body; loads may differ.
 
-        StvkError if it is no such file, is damaged, or is of a body with another mesh, other terms, masses or supports.
+        Raises StvkError if the file is of another kind or damaged, or of a body with another mesh, other terms, masses or supports.
 
         >>> import skfem, tempfile, os
         >>> from skfem_stvk import StVK, System
@@ -189,41 +189,42 @@ class ReducedSystem:
         return made
 
     def amounts(self, t: Time = 1.0) -> Array:
-        """`s(t)` (l,) [m] of the lifts. SupportError if what is held at `t` is off their span."""
+        """Return the amounts `s(t)` (l,) [m] of the lifts. SupportError if the prescribed displacements at `t` are off their span."""
         return self.in_coordinates.held_values(t)
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
-        """Strain energy `W` [J] at the unknowns `q` (r,).
+        """Return the strain energy `W` [J] at the unknowns `q` (r,).
 
-        StateError if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
+        Raises StateError if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
         """
         return self.in_coordinates.linearize(self.unknowns(q, t))[0]
 
     def internal_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """`F = dW/dq` (r,), which is `V' F(u)` of the body. Errors as in `energy`."""
+        """Return `F = dW/dq` (r,), which is `V' F(u)` of the body. Raises the errors of `energy`."""
         return self.in_coordinates.linearize(self.unknowns(q, t))[1][: self.size].copy()
 
     def tangent(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """`K = d2W/dq2` (r, r), which is `V' K(u) V` of the body. Errors as in `energy`."""
+        """Return `K = d2W/dq2` (r, r), which is `V' K(u) V` of the body. Raises the errors of `energy`."""
         return self.in_coordinates.linearize(self.unknowns(q, t))[2][: self.size, : self.size].copy()
 
     def linearize(self, q: ArrayLike, t: Time = 1.0) -> tuple[float, Array, Array]:
-        """W, F and K, for the price of one of them. Errors as in `energy`."""
+        """Return W, F and K, at the cost of one of them. Raises the errors of `energy`."""
         W, F, K = self.in_coordinates.linearize(self.unknowns(q, t))
         return W, F[: self.size].copy(), K[: self.size, : self.size].copy()
 
     def lift_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """`dW/ds` (l,) [N]: what it takes to hold the lifts where they are. Errors as in `energy`."""
+        """Return `dW/ds` (l,) [N], the forces that hold the lifts. Raises the errors of `energy`."""
         return self.in_coordinates.linearize(self.unknowns(q, t))[1][self.size :].copy()
 
     @property
     def quartic(self) -> bool:
-        """Whether the energy is a quartic altogether, which costs nothing of the mesh."""
+        """Whether the whole energy is a quartic, so that its cost does not depend on the mesh."""
         return self.in_coordinates.quartic
 
     def energy_along(self, q: ArrayLike, v: ArrayLike, t: Time = 1.0) -> NDArray[np.float64]:
-        """(5,) coefficients of the strain energy along `q + s v` [J], exactly. Errors as in `energy`, and StvkError if there is a
-        term whose energy is no quartic."""
+        """Return the exact coefficients (5,) of the strain energy along `q + s v` [J]. Raises the errors of `energy`, and StvkError
+        if the energy of a term is not a quartic.
+        """
         if not self.quartic:
             raise StvkError("The strain energy along a line is no quartic with such terms; ask for energy(q + s v) instead.")
         direction = np.zeros(self.columns.shape[1])
@@ -231,44 +232,47 @@ class ReducedSystem:
         return self.in_coordinates.energy_along(self.unknowns(q, t), direction)
 
     def displacements(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """`u = V q + Phi s(t)` (ndofs,) [m], with what is held exactly where it belongs."""
+        """Return `u = V q + Phi s(t)` (ndofs,) [m], with exact prescribed displacements."""
         u = np.asarray(self.columns @ self.unknowns(q, t))
         u[self.body.supports.held] = self.body.supports.values(t)
         return u
 
     def coordinates(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """`q = V' M (u - Phi s(t))` (r,): the unknowns nearest to displacements `u` (ndofs,), by mass."""
+        """Return `q = V' M (u - Phi s(t))` (r,): the unknowns nearest to displacements `u` (ndofs,), by mass."""
         return self.in_coordinates.state(u, t)[: self.size]
 
     def unknowns(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """`z = (q, s(t))` (r + l,). Errors as in `energy`."""
+        """Return `z = (q, s(t))` (r + l,). Raises the errors of `energy`."""
         return np.concatenate([finite_vector("q", q, self.size, "unknown"), self.amounts(t)])
 
     def external_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """`V' f_ext` (r,) of the loads; those that are dead and given by constants cost nothing of the mesh. Errors as in
-        `energy`."""
+        """Return `V' f_ext` (r,) of the loads; constant dead loads are precomputed, at no cost of the mesh. Raises the errors of
+        `energy`.
+        """
         return self.in_coordinates.external_force(self.unknowns(q, t), t)[: self.size]
 
     def load_stiffness(self, q: ArrayLike, t: Time = 1.0) -> Array | None:
-        """`-V' df_ext/du V` (r, r); None if all loads are dead. Errors as in `energy`."""
+        """Return `-V' df_ext/du V` (r, r); None if all loads are dead. Raises the errors of `energy`."""
         K = self.in_coordinates.load_stiffness(self.unknowns(q, t), t)
         return None if K is None else K[: self.size, : self.size]
 
     def residual(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """`F - V' f_ext` (r,). Errors as in `energy`."""
+        """Return `F - V' f_ext` (r,). Raises the errors of `energy`."""
         return self.internal_force(q, t) - self.external_force(q, t)
 
     def jacobian(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """The derivative of the residual (r, r): K, and what loads that follow the body add. Errors as in `energy`."""
+        """Return the derivative of the residual (r, r): K, plus the stiffness of follower loads. Raises the errors of `energy`."""
         K, more = self.tangent(q, t), self.load_stiffness(q, t)
         return K if more is None else K + more
 
     def potential(self, q: ArrayLike, t: Time = 1.0) -> float:
-        """Strain energy and the potentials of the loads [J]; LoadError if one has none."""
+        """Return the strain energy plus the potentials of the loads [J]; LoadError if a load has none."""
         return self.in_coordinates.potential(self.unknowns(q, t), t)
 
     def response(self, z: Array) -> tuple[float, Array, Array]:
-        """W, `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at all amounts `z = (q, s)`; read only. Errors as in `energy`."""
+        """Return W, `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at all amounts `z = (q, s)`; read only. Raises the errors of
+        `energy`.
+        """
         return self.in_coordinates.linearize(finite_vector("z", z, self.columns.shape[1], "amount"))
 
     def __repr__(self) -> str:
@@ -276,12 +280,12 @@ class ReducedSystem:
 
 
 def _fingerprint(body: System, masses: Array) -> Fingerprint:
-    """A reduced body depends on the mesh, the elastic terms, on what is held and on masses; not on loads."""
+    """Return the fingerprint of the mesh, the elastic terms, supports and masses; loads are not included."""
     return Fingerprint("path of equilibria", body, {}, [], {"masses": sums(masses)})
 
 
 def npz(name: str, given: Any) -> Path:
-    """The path of an .npz file."""
+    """Return the path of an .npz file."""
     file = path_of(name, given, "the path of an .npz file")
     if file.suffix != ".npz":
         raise StvkError(f"{name} = {shown(given)} does not end in .npz; expected the path of an .npz file.")
@@ -289,7 +293,7 @@ def npz(name: str, given: Any) -> Path:
 
 
 class _Stages(Progress):
-    """Cost of a reduced body while it is made: printed before, refused above a limit, shown as progress.
+    """Cost of a reduced body while it is made: printed before, refused above a limit, and shown as progress.
 
     `count` is the number of modes and derivatives.
     """
@@ -312,7 +316,7 @@ class _Stages(Progress):
             )
 
     def stage(self, words: str) -> None:
-        """Say what begins."""
+        """Print the next stage."""
         self.show(description=words)
 
     def rows(self, done: int) -> None:

@@ -1,15 +1,15 @@
-"""Strong ellipticity: whether small motions of an element spread as waves, or the material itself gives way in a band.
+"""Strong ellipticity: whether small motions of an element propagate as waves, or the material itself localises in a band.
 
 A plane wave `a cos(N . X - w t)` of small amplitude in a homogeneous body has `rho w^2 = a . Q(N) a`, with the acoustic tensor
 
     Q(N) = (N . S N) I + F [N . C . N] F' + psi'' n n'        [N . C . N]_MN = C_MJNL N_J N_L        n = cof F N
 
-the last of `VolumePenalty`; `a . Q(N) a` is also the second derivative of the energy density along `F + s a (x) N`. Where it is not
-positive for all unit `a` and `N`, strong ellipticity is lost: what comes then depends on the mesh, however fine that is.
+The last term is that of `VolumePenalty`. `a . Q(N) a` is also the second derivative of the energy density along `F + s a (x) N`. If
+it is not positive for all unit `a` and `N`, strong ellipticity is lost. Results then depend on the mesh, however fine it is.
 
-It is a form `sum M_ik,JL a_i a_k N_J N_L`, of second degree in each. Directions `N` in the element and motions `a` of it have its
-own dimensions: in plane strain and plane stress both are in the plane, for that is how the triangles can move. Membranes and cables
-in space are left out: under any compression they move across themselves, which is wrinkling, and at rest they are just about to.
+`a . Q(N) a` is a form `sum M_ik,JL a_i a_k N_J N_L`, of second degree in each. Directions `N` in the element and motions `a` have
+its own dimensions. In plane strain and plane stress both are in the plane, since triangles can only move there. Membranes and
+cables in space are left out: under any compression they move transversely, which is wrinkling, and at rest they are at this limit.
 """
 
 from __future__ import annotations
@@ -28,23 +28,24 @@ from .response import ElasticBody, Masked, Response
 
 Ids = NDArray[np.int64]
 
-#: Directions to begin with, on half a circle and half a sphere.
+#: Number of starting directions, on half a circle and half a sphere.
 DIRECTIONS = {2: 24, 3: 150}
-#: How far from the best of them the second one is sought [rad].
+#: Minimum angle between the best direction and the second one [rad].
 APART = 0.5
-#: Elements at a time: what is in use of them stays in the cache.
+#: Number of elements at a time: their data fit into the cache.
 CHUNK = 256
-#: Steps from the best of them, the longest [rad], and what they may leave of the value, over the largest number of the form.
+#: Newton steps from the best directions, the longest step [rad], and the tolerance of the value over the largest number of the
+#: form.
 MOST_STEPS, LONGEST, ENOUGH = 30, 0.3, 1e-13
 
 
 def smallest_acoustic_eigenvalue(state: Response) -> Masked:
-    """The smallest eigenvalue (nt,) [Pa] of the acoustic tensors `Q(N)` of all unit `N`.
+    """Return the smallest eigenvalue (nt,) [Pa] of the acoustic tensors `Q(N)` over all unit `N`.
 
     Strong ellipticity is lost where it is not positive.
 
-    Directions are sampled, and the best of them, and the best away from it, improved by Newton's method. An isotropic solid at rest
-    has `mu`. Elements in no term are masked, and all membranes and cables in space.
+    Directions are sampled. The best one, and the best one away from it, are improved by Newton's method. An isotropic solid at rest
+    has `mu`. Elements without a term, and all membranes and cables in space, are masked.
     """
     mesh, lowest = state.fields.mesh, np.zeros(state.fields.mesh.nt)
     missing = state.fields.without_term | (mesh.k < mesh.d)
@@ -54,7 +55,7 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
 
 
 def refuse_other_laws(fields: ElasticBody) -> None:
-    """Refuse a body with a law that is not St. Venant-Kirchhoff's: the tensors here are those of that law."""
+    """Refuse a body with a law other than St. Venant-Kirchhoff's: the tensors here are those of that law."""
     for part in fields.parts:
         if part.law is not None or part.linear:
             law = "LinearElastic" if part.linear else type(part.law).__name__
@@ -65,13 +66,15 @@ def refuse_other_laws(fields: ElasticBody) -> None:
 
 
 def without_ellipticity(responses: Sequence[Response]) -> tuple[Ids, Array]:
-    """Ids (n,) of the elements where strong ellipticity is lost, ascending, and their `smallest_acoustic_eigenvalue` (n,) [Pa].
+    """Return the ascending ids (n,) of elements without strong ellipticity, and their `smallest_acoustic_eigenvalue` (n,) [Pa].
 
-    `responses` are those at each point of the elements. It is lost where it is at one of them, and the smallest counts. That is
-    worked out only where it may be lost, which takes a fraction of the time unless the body is compressed all over.
+    `responses` are those at each point of the elements. One point without ellipticity is enough, and the smallest eigenvalue
+    counts. It is computed only where ellipticity may be lost. This takes a fraction of the time unless the whole body is
+    compressed.
 
-    It is not lost where `S_min + c/2 s_min^2 > 0`: the smallest principal stress and stretch, and the smallest eigenvalue `c` of
-    the elasticity tensor. For `a . Q(N) a >= N . S N + B : C : B`, `B` the symmetric part of `F'a (x) N`: `|B|^2 >= |F'a|^2/2`.
+    Ellipticity is not lost if `S_min + c/2 s_min^2 > 0`, with the smallest principal stress and stretch, and the smallest
+    eigenvalue `c` of the elasticity tensor. The reason is `a . Q(N) a >= N . S N + B : C : B` with the symmetric part `B` of `F'a
+    (x) N`: `|B|^2 >= |F'a|^2/2`.
     """
     found = [_lost(response) for response in responses]
     every, lowest = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
@@ -82,7 +85,7 @@ def without_ellipticity(responses: Sequence[Response]) -> tuple[Ids, Array]:
 
 
 def _lost(state: Response) -> tuple[Ids, Array]:
-    """`without_ellipticity` at one point of the elements."""
+    """Return `without_ellipticity` at one point of the elements."""
     mesh = state.fields.mesh
     if mesh.k < mesh.d:
         return np.empty(0, dtype=np.int64), np.empty(0)
@@ -96,9 +99,11 @@ def _lost(state: Response) -> tuple[Ids, Array]:
 
 
 def _response(state: Response) -> tuple[Array, Array, Array, Array]:
-    """Within the elements' own dimensions `F`, `S` (nt, k, k), `C_MJ,NL` (nt, m, m), pairs in Voigt order, and `psi''` (nt,) [Pa].
+    """Return, within the elements' own dimensions, `F`, `S` (nt, k, k), `C_MJ,NL` (nt, m, m), pairs in Voigt order, and `psi''`
+    (nt,) [Pa].
 
-    `S` and `C` are those of the materials alone, by their law for one unit of each strain: what vanishes across is condensed out.
+    `S` and `C` are those of the materials alone, by their law for one unit of each strain. Vanishing components across are
+    condensed out.
     """
     fields, k = state.fields, state.fields.mesh.k
     refuse_other_laws(fields)
@@ -119,7 +124,7 @@ def _response(state: Response) -> tuple[Array, Array, Array, Array]:
 
 
 def _curvature(state: Response) -> Array:
-    """(nt,) `psi''(J)` [Pa] of all volume penalties."""
+    """Return `psi''(J)` (nt,) [Pa] of all volume penalties."""
     curvature = np.zeros(state.fields.mesh.nt)
     for part in state.fields.volume_parts:
         e = dilation(state.gradient[part.elements])
@@ -136,7 +141,9 @@ def _smallest_of(ids: Ids, F: Array, S: Array, C: Array, curvature: Array) -> Ar
 
 
 def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
-    """The form `M_ik,JL` (n, k, k, k, k), symmetric in `ik` and `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m), `psi''` (n,)."""
+    """Return the form `M_ik,JL` (n, k, k, k, k), symmetric in `ik` and `JL`, of `F`, `S` (n, k, k), `C_MJ,NL` (n, m, m), `psi''`
+    (n,).
+    """
     n, k, _ = F.shape
     place = voigt_places(k)
     tensor = C[:, place[:, :, None, None], place].reshape(n, k, -1)  # M JNL
@@ -152,9 +159,10 @@ def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
 
 
 def smallest(form: Array) -> Array:
-    """(n,) smallest values of forms `M_ik,JL a_i a_k N_J N_L` (n, k, k, k, k) over unit `a` and `N`.
+    """Return the smallest values (n,) of forms `M_ik,JL a_i a_k N_J N_L` (n, k, k, k, k) over unit `a` and `N`.
 
-    Never below them; of 6000 random and very anisotropic ones all were found, from the best direction alone all but 13.
+    The results are never below the true minima. For 6000 random and very anisotropic forms all minima were found; from the best
+    direction alone, all but 13.
     """
     k = form.shape[1]
     if k == 1:
@@ -167,18 +175,18 @@ def smallest(form: Array) -> Array:
 
 
 def directions(k: int) -> Array:
-    """(n, k) unit vectors, spread evenly over half a circle or half a sphere."""
+    """Return unit vectors (n, k), spread evenly over half a circle or half a sphere."""
     n = DIRECTIONS[k]
     if k == 2:
         angle = np.pi * np.arange(n) / n
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    height, angle = (np.arange(n) + 0.5) / n, np.pi * (3 - np.sqrt(5)) * np.arange(n)  # turning by the golden angle
+    height, angle = (np.arange(n) + 0.5) / n, np.pi * (3 - np.sqrt(5)) * np.arange(n)  # rotates by the golden angle
     radius = np.sqrt(1 - height**2)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
 def _lowest_eigenvalue(Q: Array) -> Array:
-    """The smallest eigenvalue (n, s) of symmetric matrices (n, m, s) in Voigt order, to half of the digits where it repeats."""
+    """Return the smallest eigenvalue (n, s) of symmetric matrices (n, m, s) in Voigt order, to half of the digits where it repeats."""
     if Q.shape[1] == 3:
         a, b, c = Q[:, 0], Q[:, 1], Q[:, 2]
         return (a + b) / 2 - np.sqrt(((a - b) / 2) ** 2 + c**2)
@@ -193,9 +201,10 @@ def _lowest_eigenvalue(Q: Array) -> Array:
 
 
 def _improved(form: Array, N: Array) -> Array:
-    """Local minima (n,) of the smallest eigenvalue of `Q(N)`, from `N` (n, k), by Newton's method that always goes downhill.
+    """Return local minima (n,) of the smallest eigenvalue of `Q(N)`, from `N` (n, k), by a Newton method that always descends.
 
-    With the unit eigenvector `a` of the smallest eigenvalue `q`, the others `b` of `q_b`, and `N` moved to `N + T d` across itself:
+    With the unit eigenvector `a` of the smallest eigenvalue `q`, the others `b` of `q_b`, and `N` moved to `N + T d`, `T` across
+    `N`:
 
         g = T' G N    G_JL = M_ik,JL a_i a_k        H = T' G T - q I - sum_b c_b c_b'/(q_b - q)    c_b = 2 T' (M_ik,JL b_i a_k N_L)
     """
@@ -232,12 +241,14 @@ def _improved(form: Array, N: Array) -> Array:
 
 
 def _acoustic_tensor(form: Array, N: Array) -> Array:
-    """The acoustic tensors `Q(N)` (n, k, k) of forms, each for one `N`."""
+    """Return the acoustic tensors `Q(N)` (n, k, k) of forms, each for one `N`."""
     return ((form @ N[:, None, None, :, None])[..., 0] @ N[:, None, :, None])[..., 0]
 
 
 def _across(N: Array) -> Array:
-    """(n, k, k - 1) orthonormal vectors across unit vectors: columns of the reflection that takes the last axis to `N` or `-N`."""
+    """Return orthonormal vectors (n, k, k - 1) across unit vectors: columns of the reflection that takes the last axis to `N` or
+    `-N`.
+    """
     k = N.shape[1]
     v = N.copy()
     v[:, -1] += np.where(N[:, -1] < 0, -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""Fields of a body by name, by element and by node, for any displacements: what its mesh and its terms give is kept."""
+"""Fields of a body by name, by element and by node, for any displacements; data of its mesh and terms are retained."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from .table import find
 
 
 class Fields(ElasticBody):
-    """Strains and stresses of a body, for any displacements of it.
+    """Strains and stresses of a body, for any of its displacements.
 
     Parameters
     ----------
     mesh : as `System` takes it.
-    terms : a term, or several; loads among them carry no stress and are passed over.
-    quadrature : as `System` takes it: where elements with several points have their fields.
+    terms : a term, or several; loads among them carry no stress and are skipped.
+    quadrature : as `System` takes it: the points at which elements with several points have their fields.
 
-    Where several terms share an element, their forces add up: stress is that of all of them per `section`, the largest of theirs
-    (the same for all in solids), and a strain across that differs between them is averaged, weighted by their sections. The stress
-    of one of them is that of `Fields(mesh, [term])`.
+    If several terms share an element, their forces add up. The stress is that of all of them per `section`, the largest of their
+    sections (the same for all in solids). A strain across that differs between terms is averaged, weighted by their sections. For
+    the stress of one term use `Fields(mesh, [term])`.
 
     Attributes
     ----------
     section : (nt,) thickness [m], area [m^2] or 1.
     volume : (nt,) rest volume [m^3]: length, area or volume times section.
-    without_term : (nt,) whether an element is in no term, or in one whose stress is not known.
+    without_term : (nt,) whether an element is in no term, or in a term with unknown stress.
 
     Raises
     ------
     MaterialError, RegionError
         if a term does not fit the mesh.
     StvkError
-        if none of the terms carries stress.
+        if no term carries stress.
 
     >>> import skfem
     >>> from skfem_stvk import StVK
@@ -54,14 +54,15 @@ class Fields(ElasticBody):
 
     @classmethod
     def of(cls, system: Any) -> Fields:
-        """The fields of a system, at the points where its elements are integrated, without those that were taken out until now; and
-        of the elements beside its mesh."""
+        """Return the fields of a system, at the points where its elements are integrated, without elements that are removed so far;
+        and those of the elements in `beside`.
+        """
         fields = cls(system.mesh, system.body.terms, getattr(system, "quadrature", None))
         fields.leave_out(system.removed)
         fields.beside = tuple(cls(body.mesh, body.terms) for body in system.body.beside)
         return fields
 
-    #: Those of elements of lower dimensions on the same nodes.
+    #: Fields of elements of lower dimensions on the same nodes.
     beside: tuple[Fields, ...] = ()
 
     @cached_property
@@ -70,9 +71,10 @@ class Fields(ElasticBody):
 
     @cached_property
     def to_nodes(self) -> Array:
-        """(n, nq) what the nodes of an element have of what is at its points: linear, in boxes along each axis, through them.
+        """Matrix (n, nq) from values at the points of an element to values at its nodes: linear, in boxes along each axis, through
+        the points.
 
-        Where there are more points than corners, it is the one with the least squares.
+        With more points than corners, it is the least-squares fit.
         """
         element = self.mesh.element
         corners = element.linear
@@ -80,7 +82,7 @@ class Fields(ElasticBody):
         return np.asarray(corners.values(element.nodes) @ np.linalg.pinv(inner))
 
     def at(self, u: ArrayLike, v: ArrayLike | None = None) -> State:
-        """The state at displacements `u` (ndofs,) [m], of a body in motion with velocities `v` (ndofs,) [m/s].
+        """Return the state at displacements `u` (ndofs,) [m], for a body in motion with velocities `v` (ndofs,) [m/s].
 
         Raises
         ------
@@ -92,19 +94,18 @@ class Fields(ElasticBody):
 
 
 class State:
-    """Fields at displacements `u` (nv, d) [m], each worked out when first asked for.
+    """Fields at displacements `u` (nv, d) [m], each computed at first use.
 
-    `state[name]` has values by element, of elements with several points the means over their volume; `state.at_points(name)` has
-    them at the points, `state.at_nodes(name)` by node.
+    `state[name]` has values by element; for elements with several points they are the means over the volume.
+    `state.at_points(name)` has values at the points, and `state.at_nodes(name)` by node.
 
-    Elements and nodes that have no value are masked (a `numpy.ma.MaskedArray`): elements in no term have no stress and, below three
-    dimensions, no strain across; those that were taken out of the body have nothing. Where nothing is missing, the array is a plain
-    one.
+    Elements and nodes without a value are masked (a `numpy.ma.MaskedArray`). Elements without a term have no stress and, below
+    three dimensions, no strain across. Removed elements have no values. If no value is missing, the array is not masked.
 
     Attributes
     ----------
     v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
-    beside : the states of elements of lower dimensions on the same nodes: membranes and cables beside tetrahedra.
+    `beside` : states of elements of lower dimensions on the same nodes: membranes and cables on tetrahedra.
     """
 
     def __init__(self, fields: Fields, u: Array, v: Array | None = None) -> None:
@@ -120,24 +121,25 @@ class State:
         return [Response(self.fields, self.u, place) for place in self.fields.points]
 
     def __getitem__(self, name: str) -> Array:
-        """(nt, ...) values by element of the field of this name, `results.names()` lists them.
+        """Return the values (nt, ...) by element of the field of this name; `results.names()` lists the names.
 
         Raises
         ------
         StvkError
-            if there is no such field.
+            if no field has this name.
         """
         return masked(*self.raw(name))
 
     def at_nodes(self, name: str, region: str | NDArray[Any] | None = None) -> Array:
-        """(nv, ...) averages over the elements around each node, weighted by rest volume; with a `region`, over its elements only.
+        """Return averages (nv, ...) over the elements around each node, weighted by rest volume; with a `region`, over its elements
+        only.
 
-        What is at several points of an element is extrapolated to its nodes first.
+        Values at several points of an element are first extrapolated to its nodes.
 
         Raises
         ------
         StvkError
-            if there is no such field or region.
+            if the field or the region does not exist.
         """
         fields, outside = self.fields, np.ones(self.fields.mesh.nt, dtype=bool)
         outside[fields.mesh.elements(region)] = False
@@ -148,44 +150,46 @@ class State:
         return masked(*fields.average.of_corners(values, missing | outside))
 
     def extrapolated(self, name: str) -> Masked:
-        """(n, nt, ...) values at the nodes of each element from those at its points, and the elements (nt,) that have none."""
+        """Return the values (n, nt, ...) at the nodes of each element from those at its points, and the elements (nt,) without
+        values.
+        """
         values, missing = self._at_points(name)
         return np.tensordot(self.fields.to_nodes, values, axes=1), missing
 
     def at_points(self, name: str) -> Array:
-        """(nt, nq, ...) values at the points of the elements of the field of this name, those of `elements.rule_of(mesh.element)`.
+        """Return the values (nt, nq, ...) of the field at the points of the elements, those of `elements.rule_of(mesh.element)`.
 
         Raises
         ------
         StvkError
-            if there is no such field.
+            if no field has this name.
         """
         values, missing = self._at_points(name)
         return masked(np.moveaxis(values, 0, 1), missing)
 
     def raw(self, name: str) -> Masked:
-        """Values by element, finite everywhere, and which of them mean nothing."""
+        """Return values by element, finite everywhere, and a mask of the invalid ones."""
         if len(self.fields.points) == 1:
             return self.responses[0].value(find(name).of)
         values, missing = self._at_points(name)
         return np.einsum("qn,qn...->n...", self.fields.weights, values), missing
 
     def _at_points(self, name: str) -> Masked:
-        """(nq, nt, ...) values at the points, and the elements (nt,) that have none at one of them."""
+        """Return the values (nq, nt, ...) at the points, and the elements (nt,) without a value at one of them."""
         values, missing = zip(*[response.value(find(name).of) for response in self.responses], strict=True)
         return np.array(values), np.any(missing, axis=0)
 
     @property
     def vectors(self) -> dict[str, Array]:
-        """(nv, d) by name: the displacements, and the velocities if there are any."""
+        """Vectors (nv, d) by name: the displacements, and the velocities if there are any."""
         return {"displacement": self.u} | ({} if self.v is None else {"velocity": self.v})
 
 
 class NodalAverage:
     """Averages at nodes over the elements around them, weighted by rest volume; the operator is built once.
 
-    It smooths what is constant in each element, across the boundary of two materials too, where stresses jump: average over one
-    region at a time there, by leaving the others out.
+    The average also smooths across the boundary of two materials, where stresses jump. There, average over one region at a time, by
+    leaving the others out.
 
     >>> average = NodalAverage(np.array([[0, 1], [1, 2]]), np.array([1.0, 3.0]), 4)
     >>> average(np.array([10.0, 20.0]), np.array([False, False]))
@@ -198,14 +202,14 @@ class NodalAverage:
         self._sum = csr_matrix((np.tile(volume, size), (t.ravel(), np.tile(np.arange(nt), size))), shape=(nodes, nt))
 
     def __call__(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        """(nodes, ...) averages of (nt, ...) values over the elements that are not missing, and the nodes without any."""
+        """Return averages (nodes, ...) of values (nt, ...) over the elements that are not missing, and the nodes without any."""
         weight = self._sum @ np.where(missing, 0.0, 1.0)
         flat = np.where(missing[:, None], 0.0, values.reshape(len(values), -1))
         average = (self._sum @ flat) / np.where(weight > 0, weight, 1.0)[:, None]
         return average.reshape(-1, *values.shape[1:]), weight == 0
 
     def of_corners(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        """Averages as by a call, of values (n, nt, ...) that each element has at each of its nodes."""
+        """Return averages as `__call__` does, of values (n, nt, ...) at the nodes of each element."""
         weight = self._sum @ np.where(missing, 0.0, 1.0)
         shares = np.where(missing, 0.0, self._volume)
         flat = shares[:, None] * values.reshape(*self._t.shape, -1)
@@ -215,7 +219,7 @@ class NodalAverage:
 
 
 def split_nodes(t: NDArray[np.integer], part: NDArray[np.integer]) -> tuple[NDArray[np.int64], int]:
-    """Numbers (k + 1, nt) of the nodes, and how many, after each is split into one for every part that meets there.
+    """Return indices (k + 1, nt) of the nodes, and their number, after each node is split into one for every part that meets there.
 
     >>> split_nodes(np.array([[0, 1], [1, 2]]), np.array([0, 1]))
     (array([[0, 2],
@@ -227,14 +231,14 @@ def split_nodes(t: NDArray[np.integer], part: NDArray[np.integer]) -> tuple[NDAr
 
 
 def checked_state(state: Any) -> State:
-    """Refuse what is not a state."""
+    """Return the state; refuse other objects."""
     if not isinstance(state, State):
         raise StvkError(f"state = {shown(state)}; expected a state, such as result.state or Fields(mesh, terms).at(u).")
     return state
 
 
 def masked(values: Array, missing: NDArray[np.bool_]) -> Array:
-    """The values, masked where there are none; as they are if none is missing."""
+    """Return the values, masked where they are missing; unchanged if none is missing."""
     if not missing.any():
         return values
     mask = np.broadcast_to(missing.reshape(-1, *(1,) * (values.ndim - 1)), values.shape)

@@ -1,4 +1,4 @@
-"""Files that are whole or not there: written beside their place, forced to the disk, renamed into it."""
+"""Files that are complete or absent: written under a temporary name, flushed to the disk, and renamed."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from ..errors import StvkError
 
 
 class WriteError(StvkError, OSError):
-    """A file could not be written, because the disk is full for example. What was there before is still there."""
+    """Error for a file that could not be written, for example because the disk is full. An earlier file still exists."""
 
 
 class NotOurs(StvkError):
-    """A file that cannot be read as what it should be."""
+    """Error for a file that is not of the expected format."""
 
 
 def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
-    """The path as one that can be written, with one of the suffixes: call it before expensive work.
+    """Return the path if it is writable and has one of the suffixes; call this before expensive work.
 
     >>> output_path("missing/bracket.vtu", ".vtu")
     Traceback (most recent call last):
@@ -67,11 +67,11 @@ def content_of(path: Path, largest: int) -> bytes:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A path beside `path` to write to; renamed into place at the end, removed on an error.
+    """Yield a temporary path next to `path`; it is renamed to `path` at the end, or removed on an error.
 
-    Whoever reads `path` finds the old file or the new one, never a part of it, whenever the program is killed; what is left beside
-    it then, `.NAME.part`, is removed by the next one. If it cannot be written, a WriteError says what to do. The target of a
-    symbolic link stays as it is, whether `path` or `.NAME.part` is the link.
+    A reader of `path` finds the old file or the new one, never a part of it, even if the program is killed. A killed program leaves
+    `.NAME.part`, which the next writer removes. If the file cannot be written, a WriteError states the remedy. If `path` or
+    `.NAME.part` is a symbolic link, its target is not changed.
     """
     part = path.with_name(f".{path.name}.part")
     try:
@@ -90,7 +90,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def cannot_write(path: Path, error: OSError) -> WriteError:
-    """The error to raise where a file could not be written, with the number of the system's own error."""
+    """Return the error for a file that could not be written, with the system's error number."""
     if isinstance(error, WriteError) and isinstance(error.__cause__, OSError):
         error = error.__cause__
     why = error.strerror or str(error) or type(error).__name__
@@ -102,9 +102,9 @@ def cannot_write(path: Path, error: OSError) -> WriteError:
 
 
 def try_to_write(folder: Path, name: str = "") -> None:
-    """Raise the OSError that writing a file of this name to the folder would end with.
+    """Raise the OSError that writing a file of this name to the folder would raise.
 
-    The file that is made has no name itself, so that nothing is left of it whenever the program is killed.
+    The test file has no name, so that nothing is left if the program is killed.
     """
     with suppress(FileNotFoundError):
         (folder / name).lstat()  # a name may be too long
@@ -113,7 +113,7 @@ def try_to_write(folder: Path, name: str = "") -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Force the new name to the disk too, where folders can be (not on Windows)."""
+    """Flush the new name to the disk too, where the system can do this for folders (not on Windows)."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -123,7 +123,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def output_folder(path: Path) -> Path:
-    """The path as a folder that can be written to, made if it is not there: call it before expensive work."""
+    """Return the path as a writable folder, which is made if it is missing; call this before expensive work."""
     try:
         path.mkdir(exist_ok=True)
         try_to_write(path)
@@ -140,9 +140,9 @@ class Outlets:
 
     save: Path | None  # the .pvd file of a series of states
     checkpoint: Path | None  # its folder
-    resume: bool  # whether to go on with what the checkpoint holds
-    overwrite: bool  # whether to replace what belongs to another problem
-    fields: Any = None  # names of what its states hold beside displacements and velocities, None for the usual ones
+    resume: bool  # whether to continue from the checkpoint
+    overwrite: bool  # whether to replace files of another problem
+    fields: Any = None  # names of further fields of its states, None for the usual ones
     every: int | None = None  # steps from one state of the series to the next, None for the usual number
 
     @classmethod

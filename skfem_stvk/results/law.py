@@ -1,7 +1,7 @@
-"""The law of a material on elements: frames, full strain and stress from the strain within, and an energy of the volume.
+"""Law of a material on elements: frames, full strain and stress from the strain within, and an energy of the volume.
 
 A frame has the axes of the element's own line or plane, then the normals: three columns in any space.
-Across an element either the strain vanishes (plane strain), or the stress does (plane stress, segments), which gives the strain.
+Across an element either the strain vanishes (plane strain), or the stress does (plane stress, segments); this gives the strain.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ FIRST, SECOND = np.array(VOIGT[3]).T
 
 
 def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array, frames: Array) -> tuple[Array, Array]:
-    """`E` and `S` (n, 3, 3) [1], [Pa] in the elements' `rest_frames`, from the Green-Lagrange strain (n, k, k) in their own axes.
+    """Return `E` and `S` (n, 3, 3) [1], [Pa] in the elements' `rest_frames`, from the Green-Lagrange strain (n, k, k) in their own
+    axes.
 
     >>> E, S = strain_and_stress(Isotropic(1.0, 0.25), Hypothesis.PLANE_STRESS, np.array([[[0.1, 0], [0, 0]]]), np.eye(3)[None])
     >>> np.round(np.diagonal(E[0]), 4), np.round(np.diagonal(S[0]), 4)
@@ -35,7 +36,7 @@ def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array,
 
 
 def dilation(gradient: Array) -> Array:
-    """(n,) `J - 1 = det(I + H) - 1` from displacement gradients `H` (n, k, k), without cancellation at small strain."""
+    """Return `J - 1 = det(I + H) - 1` (n,) from displacement gradients `H` (n, k, k), without cancellation at small strain."""
     k, trace = gradient.shape[1], np.trace(gradient, axis1=1, axis2=2)
     if k == 1:
         return trace
@@ -46,10 +47,10 @@ def dilation(gradient: Array) -> Array:
 
 
 def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """`S = psi' J C^-1 = psi' A A'/J` (n, 3, 3) with the adjugate `A` of `I + H`, and where it is infinite; 0 there.
+    """Return `S = psi' J C^-1 = psi' A A'/J` (n, 3, 3), `A` the adjugate of `I + H`, and a mask where it is infinite; 0 there.
 
-    It is that of the slope `psi'(J)` [Pa] and the displacement gradients `H` (n, k, k) of elements that fill their space. Cauchy's
-    stress is `psi' I` within the elements, and across those that are held there (plane strain).
+    The inputs are the slope `psi'(J)` [Pa] and the displacement gradients `H` (n, k, k) of elements that fill their space. The
+    Cauchy stress is `psi' I` within the elements, and also across those constrained there (plane strain).
     """
     k = gradient.shape[1]
     F = np.eye(3) + embedded(gradient)
@@ -63,12 +64,12 @@ def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_])
 
 
 def adjugate(F: Array) -> Array:
-    """(n, 3, 3) adjugates `det(F) F^-1` of matrices (n, 3, 3)."""
+    """Return the adjugates `det(F) F^-1` of matrices (n, 3, 3)."""
     return np.stack([np.cross(F[:, :, i - 2], F[:, :, i - 1]) for i in range(3)], axis=1)
 
 
 def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tuple[Array, Array]:
-    """`S = lam tr(E) I + 2 mu E`, and the strain across where the stress there vanishes."""
+    """Return `S = lam tr(E) I + 2 mu E`, and the strain across if the stress there vanishes."""
     lam, mu = (value[..., None, None] for value in material.lame(hypothesis))
     trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
     E, k = embedded(strain), strain.shape[1]
@@ -80,7 +81,7 @@ def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tu
 
 
 def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
-    """`S = C : E` in material axes, `turn` the frames in them."""
+    """Return `E` and `S = C : E`, computed in material axes; `turn` are the frames in these axes."""
     E, back = embedded(strain), np.swapaxes(turn, 1, 2)
     own = turn @ E @ back
     stress = np.squeeze(C @ (own[:, FIRST, SECOND] * multiplicity(3))[..., None], axis=-1)
@@ -88,7 +89,7 @@ def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
 
 
 def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
-    """The stress `s` that there is, from `(N' C^-1 N) s = e` with the dyads `N` of the axes, and the full strain `C^-1 N s`."""
+    """Return the full strain `C^-1 N s` and the stress `s` within, from `(N' C^-1 N) s = e` with the dyads `N` of the axes."""
     k, compliance = strain.shape[1], np.linalg.inv(C)
     i, j = np.array(VOIGT[k]).T
     N = unit_stresses(turn[:, :, :k])
@@ -102,7 +103,7 @@ def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
 
 
 def in_space(vectors: Array) -> Array:
-    """Vectors (n, d), or (n, d, k) as columns, in a space of three dimensions, padded with zeros.
+    """Return vectors (n, d), or (n, d, k) as columns, padded with zeros to three dimensions.
 
     >>> in_space(np.array([[2.0]]))
     array([[2., 0., 0.]])
@@ -113,7 +114,7 @@ def in_space(vectors: Array) -> Array:
 
 
 def rest_frames(axes: Array) -> Array:
-    """(n, 3, 3) right-handed frames that begin with the elements' axes (n, d, k); the global ones for `k = d`."""
+    """Return right-handed frames (n, 3, 3) that begin with the elements' axes (n, d, k); the global axes for `k = d`."""
     n, d, k = axes.shape
     if k == d:
         return np.broadcast_to(np.eye(3), (n, 3, 3))
@@ -128,11 +129,11 @@ def rest_frames(axes: Array) -> Array:
 
 
 def current_normals(frames: Array, tangents: Array, d: int) -> Array:
-    """(n, 3, 3 - k) unit normals of the elements as they are now, from their rest frames and current tangents (n, 3, k).
+    """Return the unit normals (n, 3, 3 - k) of the deformed elements, from their rest frames and current tangents (n, 3, k).
 
-    Those of a membrane in space follow its tangents. Those of a segment are turned with it by the smallest rotation that takes its
-    old direction to the new one: a segment does not tell how far it turns about itself. In a space that the elements fill, and
-    where one has shrunk to a point or a line, the normals stay as they were.
+    Normals of a membrane in space follow its tangents. Normals of a segment are rotated with it by the smallest rotation from its
+    rest direction to its current one, since a segment does not determine its rotation about itself. Normals stay at rest in a space
+    that the elements fill, and where an element has shrunk to a point or a line.
     """
     k = tangents.shape[2]
     if k == d:
@@ -150,9 +151,9 @@ def current_normals(frames: Array, tangents: Array, d: int) -> Array:
 
 
 def _turned(normal: Array, old: Array, new: Array) -> Array:
-    """The normal turned by the smallest rotation from `t0` to `t`: `R n = n - (t . n)/(1 + t0 . t) (t0 + t)`.
+    """Return the normal rotated by the smallest rotation from `t0` to `t`: `R n = n - (t . n)/(1 + t0 . t) (t0 + t)`.
 
-    Opposite directions are half a turn in the plane of `t0` and `n`.
+    For opposite directions it is a rotation by 180 degrees in the plane of `t0` and `n`.
     """
     bisector = old + new
     squared = (bisector**2).sum(axis=1, keepdims=True)  # 2 (1 + t0 . t)

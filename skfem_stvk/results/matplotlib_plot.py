@@ -1,4 +1,4 @@
-"""Pictures and films by matplotlib. It is imported here, so this module is imported only when one of them is asked for."""
+"""Pictures and films by matplotlib. This module imports matplotlib, so it is imported only when a picture is drawn."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from ..elements import linear_simplex
 from .picture import Film, Picture, View, subdivided
 
 MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
-#: Yellow to red without the palest tenth, which white paper would swallow.
+#: Yellow to red without the palest tenth, which is invisible on white paper.
 COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["YlOrRd"](np.linspace(0.12, 1, 256))).with_extremes(bad=MISSING)
-PIECES = 30_000  # in which triangles are cut, so that colours run smoothly
+PIECES = 30_000  # number of pieces of triangles, so that colours are smooth
 VIEW = (24.0, -50.0)  # elevation and azimuth [degrees]
 LIGHT = np.array([0.35, -0.55, 0.76])
-#: Of films, in inches and dots per inch: an even number of pixels, as .mp4 has it.
+#: Size of films, in inches and dots per inch: an even number of pixels, as .mp4 requires.
 SIZE, DPI = (7.0, 4.5), 120
 
 
 def draw(picture: Picture, path: Path | None) -> Figure:
-    """The figure; it is written to `path` if there is one, else pyplot can show it."""
+    """Return the figure; it is written to `path` if there is one, else pyplot can show it."""
     figure = new_figure(SIZE, interactive=path is None)
     Stage(figure, picture, View.of([picture])).show(picture)
     if path is not None:
@@ -42,7 +42,7 @@ def draw(picture: Picture, path: Path | None) -> Figure:
 
 
 def new_figure(size: tuple[float, float], interactive: bool) -> Figure:
-    """A figure of this size [inch]; one that pyplot can show if it is interactive."""
+    """Return a figure of this size [inch]; pyplot can show an interactive one."""
     if not interactive:
         return Figure(figsize=size, layout="constrained")
     from matplotlib import pyplot
@@ -51,7 +51,7 @@ def new_figure(size: tuple[float, float], interactive: bool) -> Figure:
 
 
 class Stage:
-    """Axes and a colour bar on an empty figure, for the view of all pictures of a body, shown one after the other."""
+    """Axes and a colour bar on an empty figure, with one view for all pictures of a body, which are shown one after the other."""
 
     def __init__(self, figure: Figure, picture: Picture, view: View) -> None:
         self._colours = ScalarMappable(Normalize(*view.limits), COLOURS)
@@ -64,7 +64,7 @@ class Stage:
             figure.text(0.01, 0.01, f"displacements × {picture.scale:g}", fontsize=8, color=REST)
 
     def show(self, picture: Picture) -> None:
-        """Show this picture instead of the one before."""
+        """Show this picture instead of the previous one."""
         for artist in self._shown:
             artist.remove()
         self._shown = self._draw(self._axes, picture, self._colours)
@@ -86,14 +86,14 @@ def _axes_in_plane(figure: Figure, box: Array, picture: Picture) -> Any:
 
 
 def _draw_in_plane(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """Draw a picture in the plane; the artists that were added."""
+    """Draw a picture in the plane; return the added artists."""
     rest, moved = picture.rest[:, :2].copy(), picture.moved[:, :2]
     points: Any  # an array, which it takes and is faster with than with the list that its types ask for
     points, values = _pieces(moved[picture.cells], picture.values)
     rgba = colours.to_rgba(values)
     marks = []
     if picture.d == 1:
-        rest[:, 1] -= 0.04 * np.ptp(picture.rest[:, 0])  # beside the deformed body, which would hide it
+        rest[:, 1] -= 0.04 * np.ptp(picture.rest[:, 0])  # next to the deformed body, which would hide it
         marks = axes.plot(*rest.T, "|", color=REST, ms=6)
     shown: list[Any] = [LineCollection(rest[picture.lines.T], colors=REST, linewidths=0.8, zorder=1)]
     if len(picture.cells) == 2:
@@ -131,7 +131,7 @@ def _zoom(size: Array) -> float:
 
 
 def _draw_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """Draw a picture in space; the artists that were added."""
+    """Draw a picture in space; return the added artists."""
     art: Any = import_module("mpl_toolkits.mplot3d.art3d")
     points, values = _pieces(picture.moved[picture.cells], picture.values)
     rgba = colours.to_rgba(values)
@@ -151,7 +151,7 @@ def _draw_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list
 
 
 def _sorted_together(triangles: Array, rgba: Array, picture: Picture) -> tuple[Array, Array]:
-    """Triangles and outlines with their colours, lines as flat triangles: matplotlib hides what is behind within one list only."""
+    """Return triangles and outlines with their colours, lines as flat triangles: matplotlib sorts by depth within one list only."""
     rgba[:, :3] *= _brightness(triangles)[:, None]
     rest, moved = (_pieces(x[picture.lines], np.zeros(picture.lines.shape))[0][:, [0, 1, 1]] for x in (picture.rest, picture.moved))
     elevation, azimuth = np.radians(VIEW)
@@ -162,15 +162,15 @@ def _sorted_together(triangles: Array, rgba: Array, picture: Picture) -> tuple[A
 
 
 def _brightness(triangles: Array) -> Array:
-    """(n,) how much light each triangle (n, 3, 3) throws back, of 1."""
+    """Return the fraction (n,) of light that each triangle (n, 3, 3) reflects."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(normals, axis=1)
     cosine: Array = np.abs(normals @ LIGHT) / np.where(length > 0, length, 1.0)
-    return np.minimum(0.8 + 0.2 * cosine, 1.0)  # rounding may leave more than all
+    return np.minimum(0.8 + 0.2 * cosine, 1.0)  # rounding may exceed 1
 
 
 def _pieces(points: Array, values: Array) -> tuple[Array, Array]:
-    """Cells (m, n, d) with values (m, n) at their corners, cut in equal pieces (pieces, m, d), with one value each."""
+    """Return cells (m, n, d) with values (m, n) at their corners, cut into equal pieces (pieces, m, d), with one value each."""
     m, n, d = points.shape
     cuts = int(np.clip((PIECES / n) ** (1 / (m - 1)), 1, 8))
     face = linear_simplex(m - 1)
@@ -183,7 +183,7 @@ def _pieces(points: Array, values: Array) -> tuple[Array, Array]:
 
 
 def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:
-    """Write a film as a .gif or an .mp4 file, by the suffix, whatever the path ends in."""
+    """Write a film as a .gif or an .mp4 file, by the `suffix`, for any ending of the path."""
     figure = new_figure(SIZE, interactive=False)
     figure.set_dpi(DPI)
     canvas, shown = FigureCanvasAgg(figure), _shown(figure, film)
@@ -199,7 +199,7 @@ def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:
 
 
 def _shown(figure: Figure, film: Film) -> Iterator[Picture]:
-    """Show one picture after the other, on a figure with the layout of the first."""
+    """Yield the pictures one after the other, shown on a figure with the layout of the first."""
     view, pictures = film.developed()
     title = figure.suptitle(" ", fontsize=11, color=EDGE)
     stage = None
@@ -222,7 +222,7 @@ def _image(canvas: FigureCanvasAgg, palette: Image.Image) -> Image.Image:
 
 
 def _palette(in_space: bool) -> Image.Image:
-    """The 256 colours of all frames: those of the bar, in space in several lights, and greys."""
+    """Return the 256 colours of all frames: those of the bar, in space in several brightnesses, and greys."""
     lights = np.linspace(0.8, 1.0, 5) if in_space else np.ones(1)
     greys = np.linspace(0.0, 1.0, 36)
     shades = COLOURS(np.linspace(0, 1, (256 - len(greys)) // len(lights)))[:, :3]

@@ -1,4 +1,4 @@
-"""Elements in which the model is not to be trusted, however well the equations are solved."""
+"""Elements in which the model is not reliable, even if the equations are solved accurately."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ LOCKING, SOFTENING = 0.45, 3**-0.5
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A doubt about elements.
+    """Warning about elements.
 
     Attributes
     ----------
     name : "locking", "inside out", "compressed" or "not elliptic".
     elements : (n,) their ids in the mesh, ascending.
-    extreme : of them, in the same order: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the
-        smallest eigenvalue of the acoustic tensor [Pa].
-    text : what, how many, where, what that means, and what to do.
+    extreme : their most extreme value: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest
+        eigenvalue of the acoustic tensor [Pa], in the order of the names.
+    text : the fault, the number of elements, a location, the consequence and the remedy.
     """
 
     name: str
@@ -44,14 +44,14 @@ class Finding:
 
 
 class Monitors:
-    """Search for elements where the model is at its end; without `ellipticity` it costs about two forces per state.
+    """Search for elements outside the range of the model; without `ellipticity` it costs about two forces per state.
 
-        locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices are far too stiff, and boxes
-                        with more points than one; for those that are not isotropic that of the Reuss averages,
-                        `(3 K - 2 G)/(6 K + 2 G)`: one stress in all directions
-        inside out      J <= 1e-9, of elements that fill their space: inside out or flat, as in `System.inside_out`
+        locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices, and boxes with more than one
+                        point, are much too stiff; for anisotropic materials that of the Reuss averages,
+                        `(3 K - 2 G)/(6 K + 2 G)`: the stress is the same in all directions
+        inside out      J <= 1e-9, for elements that fill their space: inverted or flat, as in `System.inside_out`
         compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point; at the points
-        not elliptic    strong ellipticity lost, if asked for: see `results.ellipticity`
+        not elliptic    strong ellipticity lost, on request: see `results.ellipticity`
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
@@ -137,17 +137,17 @@ class Monitors:
 
 
 def named_elements(mesh: ElementMesh, ids: NDArray[np.int64]) -> str:
-    """The first few elements, and where the first one is at rest; empty if there are none."""
+    """Return the first few elements, and the location of the first one at rest; empty if there are none."""
     return f"{name_ids(ids, 'element')}, the first one near x = {point_of(mesh, ids[0])}" if len(ids) else ""
 
 
 def point_of(mesh: ElementMesh, element: int) -> str:
-    """The centre of an element at rest."""
+    """Return the centre of an element at rest."""
     return f"({', '.join(f'{x:.4g}' for x in mesh.p[:, mesh.t[:, element]].mean(axis=1))})"
 
 
 def poisson_of(material: Material) -> Array:
-    """Poisson's ratio, a number or (n,); of a material that is not isotropic that of its Reuss averages, 0 if there is none.
+    """Return Poisson's ratio, a number or (n,); for anisotropic materials that of the Reuss averages, 0 if there is none.
 
     >>> from skfem_stvk import Isotropic, Orthotropic
     >>> round(float(poisson_of(Orthotropic(young=(2.6, 2.6, 2.6), poisson=(0.3, 0.3, 0.3), shear=(1.0, 1.0, 1.0)))), 12)

@@ -21,24 +21,24 @@ from ..terms import EdgeNetwork, SpringNetwork, StVK
 from ..terms.spring_network import RULES
 from .files import output_path
 
-#: Calls that are timed at least, and for so long at least [s].
+#: Minimum number of timed calls, and minimum total time [s].
 CALLS, SECONDS = 3, 0.05
-#: A model with a smaller error of F is the elastic body itself, but for rounding.
+#: A model with a smaller error of F equals the elastic body up to rounding.
 EXACT = 1e-9
 
 
 @dataclass(frozen=True)
 class Row:
-    """A model beside the elastic body at one state.
+    """Comparison of a model with the elastic body at one state.
 
     Attributes
     ----------
-    name : of the model.
+    name : name of the model.
     force : `|F - F_StVK| / |F_StVK|`, Euclidean norms over all degrees of freedom.
     energy : `W / W_StVK - 1`.
     at_rest : `|K(0) - K_StVK(0)| / |K_StVK(0)|`, Frobenius norms.
     ns : time for W and F [ns per element].
-    ratio : that of `StVK` is 1.
+    ratio : time relative to that of `StVK`.
     """
 
     name: str
@@ -55,8 +55,8 @@ class NetworkComparison:
 
     Attributes
     ----------
-    shares : the parts of the strain energy in `edges`, `adjacent` and `opposite` pairs of edges, of sum 1; parts of pairs can be
-        negative.
+    shares : the fractions of the strain energy in `edges`, `adjacent` and `opposite` pairs of edges, of sum 1; fractions of pairs
+        can be negative.
     rows : a `Row` for each model, `StVK` first.
     strain : the largest elongation of an edge, `|l/L - 1|`.
     """
@@ -84,7 +84,8 @@ class NetworkComparison:
         return "\n".join(lines)
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw the shares of the energy, and the error of F over time: matplotlib's `Figure`, written to `path` if there is one.
+        """Draw the shares of the energy, and the error of F over time; return matplotlib's `Figure`, written to `path` if there is
+        one.
 
         Raises StvkError if the path does not end in .png, .pdf or .svg or cannot be written.
         """
@@ -93,24 +94,24 @@ class NetworkComparison:
 
 
 def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparison:
-    """Compare networks of springs with the elastic body that they stand for, at a state: how good is a spring network here?
+    """Compare spring networks with the elastic body that they approximate, at a state.
 
-    With the body itself are compared: all edges and pairs of edges (`EdgeNetwork`, exact); without opposite, and without adjacent
-    pairs; edges alone, which are quartic springs; and Hookean springs (`SpringNetwork`) by each rule that is for this material and
-    these elements, `"lloyd"` for other Poisson's ratios than its own, too. Times are those of one run on this machine.
+    The compared models are: all edges and pairs of edges (`EdgeNetwork`, exact); without opposite, and without adjacent pairs;
+    edges alone, which are quartic springs; and Hookean springs (`SpringNetwork`). Each rule for this material and these elements is
+    included, `"lloyd"` also for Poisson's ratios other than its own. Times are those of one run on this machine.
 
     Parameters
     ----------
-    mesh : of linear simplices.
+    mesh : mesh of linear simplices.
     law : the material.
     u : displacements (ndofs,) [m], with strain.
 
     Raises
     ------
     MeshError
-        if the elements are no linear simplices.
+        if the elements are not linear simplices.
     StvkError
-        if `law` is no `StVK`, or `u` has no strain energy.
+        if `law` is not `StVK`, or `u` has no strain energy.
     StateError
         if `u` does not have one finite entry for each degree of freedom.
 
@@ -134,7 +135,7 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
         models["without adjacent pairs"] = network.without("adjacent")
     models["quartic springs"] = network.diagonal()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # of rules for other Poisson's ratios: the table says it
+        warnings.simplefilter("ignore", StvkWarning)  # warnings of rules for other Poisson's ratios: the table reports them
         for rule in RULES:
             springs = SpringNetwork(law.material, rule, None, law.region, law.plane, law.thickness, area=law.area)
             try:
@@ -162,7 +163,7 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
 
 
 def _shares(network: EdgeNetwork, zeta: Array) -> dict[str, float]:
-    """The parts of `1/4 zeta' L zeta` in the edges, and in their pairs."""
+    """Return the fractions of `1/4 zeta' L zeta` in the edges, and in their pairs."""
     i, j = network.pairs
     each = np.asarray(network.L[i, j]).ravel() * zeta[i] * zeta[j] * 2
     parts = {
@@ -175,10 +176,10 @@ def _shares(network: EdgeNetwork, zeta: Array) -> dict[str, float]:
 
 
 def _times(systems: dict[str, System], u: Array) -> dict[str, float]:
-    """The shortest time of W and F of each [s], all in turn."""
+    """Return the shortest time of W and F of each system [s], all in turn."""
     best, out = dict.fromkeys(systems, np.inf), np.zeros(len(u))
     for system in systems.values():
-        system.energy_and_force(u, out=out)  # compiles, and makes what is kept
+        system.energy_and_force(u, out=out)  # compiles, and makes the cached data
     begin, calls = perf_counter(), 0
     while calls < CALLS or perf_counter() - begin < SECONDS * len(systems):
         for name, system in systems.items():

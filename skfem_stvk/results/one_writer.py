@@ -21,11 +21,11 @@ Entered = TypeVar("Entered", bound="OneWriter")
 
 
 class OneWriter:
-    """The right to write a folder, or a file and what belongs to it, while a `with` block lasts.
+    """Exclusive right to write a folder, or a file and the files that belong to it, during a `with` block.
 
-    It is a lock on `.lock` in the folder, or on `.NAME.lock` beside the file, by the real path of the folder. It ends with the
-    process that holds it, however that ends; forked children do not hold it. The holder writes its name to `.writer` or
-    `.NAME.writer`. Another writer is refused by `with`. Two writers are not noticed where the disk has no locks, with a warning.
+    The right is a lock on `.lock` in the folder, or on `.NAME.lock` next to the file, by the real path of the folder. The lock ends
+    with the process that holds it, in any case; forked children do not hold it. The holder writes its name to `.writer` or
+    `.NAME.writer`. `with` refuses another writer. On a disk without locks, two writers are not detected, and a warning says so.
     """
 
     def __init__(self, path: Path) -> None:
@@ -54,11 +54,11 @@ class OneWriter:
         try:
             self._release()
         finally:
-            self._release()  # again, where Ctrl-C has interrupted it
+            self._release()  # again, if Ctrl-C interrupted it
 
     def _acquire(self) -> None:
         """Lock the path, and name the holder."""
-        from filelock import FileLock, Timeout  # only where something is written
+        from filelock import FileLock, Timeout  # imported only for writing
 
         path = self.path
         place, name = Path(os.path.realpath(path if path.is_dir() else path.parent)), "." if path.is_dir() else f".{path.name}."
@@ -67,7 +67,7 @@ class OneWriter:
         try:
             self._lock.acquire(blocking=False)
             self._process = os.getpid()
-            with suppress(OSError):  # the lock alone decides
+            with suppress(OSError):  # only the lock decides
                 self._said.unlink(missing_ok=True)  # a symbolic link would have its target overwritten
                 now = time.strftime("%Y-%m-%d %H:%M:%S")
                 self._said.write_text(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": now}))

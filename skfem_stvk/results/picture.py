@@ -1,4 +1,4 @@
-"""Content of pictures and films of a deformed body, for all programs that draw them."""
+"""Contents of pictures and films of a deformed body, for all drawing programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .table import FIELDS, VECTORS, find
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 Ids = NDArray[np.int64]
 SHARP = np.cos(np.radians(30))
-#: Into how many pieces edges are cut, by how many faces there are at most.
+#: Number of pieces of an edge, by the maximum number of faces.
 CUTS = ((300, 6), (2000, 4), (np.inf, 2))
 
 
@@ -29,39 +29,39 @@ class Picture:
     """Triangles (m = 3) or segments (m = 2) with a colour value at each corner."""
 
     d: int  # dimension of the space
-    rest: Array  # (nv, 3) points at rest [m]: the vertices, of other elements than linear simplices a lattice on each face
+    rest: Array  # (nv, 3) points at rest [m]: the vertices; for other elements than linear simplices a lattice on each face
     moved: Array  # (nv, 3) the same with `scale` times their displacements [m]
     cells: NDArray[np.integer]  # (m, n) points
-    values: Array  # (m, n) at the corners, masked where there are none
+    values: Array  # (m, n) at the corners, masked where missing
     lines: NDArray[np.integer]  # (2, ne) edges that outline the body
-    label: str  # what the colours mean, with the unit
+    label: str  # meaning of the colours, with the unit
     scale: float
     length_unit: str = "m"  # of the coordinates
 
     @property
     def largest(self) -> float:
-        """The largest size of a value; 0 if there is none."""
+        """Largest absolute value; 0 if there is none."""
         return float(np.abs(np.ma.compressed(self.values)).max(initial=0.0))
 
     def in_unit(self, factor: float, unit: str) -> Picture:
-        """The picture with values times the factor, and their unit in the label."""
+        """Return the picture with values times the factor, and their unit in the label."""
         return replace(self, values=self.values * factor, label=f"{self.label} [{unit}]" if unit else self.label)
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Least and largest value, a little apart."""
+        """Smallest and largest value, which always differ a little."""
         return View.of([self]).limits
 
 
 class View(NamedTuple):
     """Common bounds of the pictures of a body."""
 
-    box: Array  # (2, 3) the least and the largest coordinates of the body in all of them, and at rest [m]
-    limits: tuple[float, float]  # least and largest colour value, a little apart
+    box: Array  # (2, 3) smallest and largest coordinates of the body in all of them, and at rest [m]
+    limits: tuple[float, float]  # smallest and largest colour value, which always differ a little
 
     @classmethod
     def of(cls, pictures: Iterable[Picture]) -> View:
-        """The view of these pictures, of which there is at least one."""
+        """Return the view of these pictures, at least one."""
         low, high, corners = np.inf, -np.inf, np.empty((0, 3))
         for picture in pictures:
             known = np.ma.compressed(picture.values)
@@ -69,16 +69,16 @@ class View(NamedTuple):
             corners = np.concatenate([corners, picture.rest, picture.moved])
             corners = np.array([corners.min(axis=0), corners.max(axis=0)])
         if low > high:
-            low, high = 0.0, 1.0  # no value in any
+            low, high = 0.0, 1.0  # no picture has a value
         least = 1e-9 * max(abs(low), abs(high), 1e-300)
         limits = (low, high) if high - low > least else (low - 1e3 * least, high + 1e3 * least)
         return cls(corners, limits)
 
 
 def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | None) -> Picture:
-    """The body at this state, coloured by a field with one component.
+    """Return the body at this state, coloured by a field with one component.
 
-    Values by element are averaged to the nodes within each material, so that stress still jumps from one to the next.
+    Values by element are averaged to the nodes within each material, so that stress still jumps between materials.
     """
     scale, label = checked_scale(scale), checked_label(label)
     _, named, unit = corner_values(checked_state(state), field)
@@ -87,28 +87,28 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
 
 
 def checked_scale(scale: Any) -> float:
-    """Refuse what is no factor of displacements."""
+    """Return the factor of displacements; refuse other values."""
     return number("scale", scale, "a finite factor for the displacements, such as 1")
 
 
 def checked_label(label: Any) -> str | None:
-    """Refuse what is no label of a colour bar."""
+    """Return the label of a colour bar; refuse other values."""
     return None if label is None else text("label", label)
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Pictures of a body in time, each made when it is asked for."""
+    """Pictures of a body in time, each made on request."""
 
     times: list[float]  # [s]
-    picture: Callable[[int], Picture]  # by its number, with values in their unit
-    unit: str  # of the values; empty if they stay as they are
+    picture: Callable[[int], Picture]  # by its index, with values in their unit
+    unit: str  # of the values; empty if they are not converted
     length_unit: str = "m"  # of the coordinates
 
     def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
-        """The view that all pictures share, and each picture with its time in words.
+        """Return the view that all pictures share, and an iterator of each picture with its time in words.
 
-        Pictures have as many axes as the motion takes, in a unit that suits all values.
+        Pictures have as many axes as the motion needs, in a unit that suits all values.
         """
         raw = View.of(map(self.picture, range(len(self.times))))
         low, high = raw.limits
@@ -121,16 +121,16 @@ class Film:
 
 
 def _in_words(times: list[float]) -> list[str]:
-    """The times in words, with as many digits as tell them apart."""
+    """Return the times in words, with enough digits to distinguish them."""
     gaps = np.diff(np.unique(times))
     digits = int(np.clip(1 - np.floor(np.log10(gaps.min())), 0, 9)) if len(gaps) else 3
     return [f"t = {t:.{digits}f}" for t in times]
 
 
 class Sight:
-    """The visible part of a mesh, for pictures of it at any displacements.
+    """Visible part of a mesh, for pictures at any displacements.
 
-    Faces of quadratic elements and of boxes are cut by a lattice, so that curved ones are drawn curved. Elements that are `gone`
+    Faces of quadratic elements and of boxes are cut by a lattice, so that curved faces are drawn curved. Removed elements `gone`
     (nt,) are not drawn.
     """
 
@@ -154,7 +154,7 @@ class Sight:
         self._lines = self._cells if face.k == 1 else self._lattice.lines(x[self._nodes], self._nodes)
 
     def picture(self, u: Array, values: Array, label: str, scale: float) -> Picture:
-        """The picture at displacements `u` (nv, d), coloured by values (n, nt) at the nodes of all elements."""
+        """Return the picture at displacements `u` (nv, d), coloured by values (n, nt) at the nodes of all elements."""
         shift, seen = scale * in_space(u), values[self._seen]
         if self._lattice is None:
             return Picture(self._d, self._rest, self._rest + shift, self._cells, seen, self._lines, label, scale)
@@ -164,13 +164,13 @@ class Sight:
 
 
 class Sights:
-    """The visible parts of a body and of the elements beside it, as they are in a state."""
+    """Visible parts of a body and of its bodies of lower dimensions, with the elements of a state."""
 
     def __init__(self, state: State) -> None:
         self._every = [Sight(one.fields.mesh, one.fields.gone) for one in (state, *state.beside)]
 
     def picture(self, state: State, field: str | ArrayLike, label: str, scale: float) -> Picture:
-        """The picture of a state with the same elements, coloured by a field."""
+        """Return the picture of a state with the same elements, coloured by a field."""
         values = [corner_values(state, field)[0]]
         for one in state.beside:
             mesh = one.fields.mesh
@@ -180,7 +180,7 @@ class Sights:
 
 
 def joined(pictures: Sequence[Picture]) -> Picture:
-    """One picture of several, drawn as the first: of others with triangles those faces that it lacks; segments beside as lines."""
+    """Return several pictures as one. From other pictures with triangles only new faces are added; segments become lines."""
     first, *others = pictures
     for other in others:
         begin = len(first.rest)
@@ -194,7 +194,7 @@ def joined(pictures: Sequence[Picture]) -> Picture:
 
 
 def _among(some: Array, every: Array) -> NDArray[np.bool_]:
-    """Which cells (m, n, 3) have their middles where one of the others has."""
+    """Return a mask of the cells (m, n, 3) with the same centre as another cell."""
     middles = np.concatenate([some, every], axis=1).mean(axis=0)
     keys = np.round(middles / (np.abs(middles).max(initial=0.0) or 1.0), 9)
     _, place = np.unique(keys, axis=0, return_inverse=True)
@@ -203,7 +203,7 @@ def _among(some: Array, every: Array) -> NDArray[np.bool_]:
 
 
 class Lattice:
-    """Points on `n` faces of a kind, evenly spread on the reference element, and the triangles or segments between them."""
+    """Lattice of points on `n` faces of a kind, evenly spread on the reference element, and the triangles or segments between them."""
 
     def __init__(self, face: Element, n: int, d: int) -> None:
         cuts = 2 if d == 1 else next(cuts for most, cuts in CUTS if n <= most)
@@ -212,17 +212,17 @@ class Lattice:
         self.cells = (self._local[:, :, None] + len(self._grid) * np.arange(n)).reshape(len(self._local), -1)
 
     def points(self, x: Array) -> Array:
-        """(points of all faces, 3) what is interpolated between nodes (m, n, 3), face by face."""
+        """Return values (points of all faces, 3) interpolated between nodes (m, n, 3), face by face."""
         return np.einsum("pm,mnc->npc", self._N, x).reshape(-1, x.shape[2])
 
     def values(self, values: Array) -> Array:
-        """Values at the corners of the cells, from values (m, n) at the nodes; masked where a face has none."""
+        """Return values at the corners of the cells, from values (m, n) at the nodes; masked where a face has none."""
         missing = np.asarray(np.ma.getmaskarray(values)).any(axis=0)
         found = (self._N @ np.ma.filled(values, 0.0))[self._local]  # (corners, cells of a face, n)
         return masked(found.reshape(len(self._local), -1).T, np.tile(missing, self._local.shape[1])).T
 
     def lines(self, x: Array, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
-        """Pieces (2, n) of the edges that outline faces with `nodes` (m, n) at `x` (m, n, 3), see `drawn`."""
+        """Return pieces (2, n) of the edges that outline faces with `nodes` (m, n) at `x` (m, n, 3), see `drawn`."""
         face, count = self._face, len(self._N)
         of_face, edge = drawn(face, nodes, x)
         s = np.linspace(0, 1, self._cuts + 1)[:, None]
@@ -235,7 +235,7 @@ class Lattice:
 
 
 def subdivided(face: Element, cuts: int) -> tuple[Array, NDArray[np.integer]]:
-    """Return reference points (n, k) of a lattice with so many pieces to an edge, and the segments or triangles between them."""
+    """Return reference points (n, k) of a lattice with `cuts` pieces to an edge, and the segments or triangles between them."""
     if face.k == 1:
         return np.arange(cuts + 1)[:, None] / cuts, np.array([np.arange(cuts), np.arange(1, cuts + 1)])
     grid = [(i, j) for i in range(cuts + 1) for j in range(cuts + 1 - i if face.is_simplex else cuts + 1)]
@@ -247,7 +247,7 @@ def subdivided(face: Element, cuts: int) -> tuple[Array, NDArray[np.integer]]:
 
 
 def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str]:
-    """(n, nt) values at the nodes of all elements, their name, and their unit or nothing."""
+    """Return values (n, nt) at the nodes of all elements, their name, and their unit or an empty text."""
     mesh = state.fields.mesh
     if not isinstance(field, str):
         return _given(state, field), "", ""
@@ -276,7 +276,9 @@ def _given(state: State, values: Any) -> Array:
 
 
 def _by_material(state: State, values: Array, missing: NDArray[np.bool_]) -> Array:
-    """(n, nt) averages at the nodes within each material, of values (nt,), or of (n, nt) at the nodes of each element."""
+    """Return averages (n, nt) at the nodes within each material, of values (nt,), or of values (n, nt) at the nodes of each
+    element.
+    """
     fields = state.fields
     nodes, count = split_nodes(fields.mesh.t, fields.material_of)
     average = NodalAverage(nodes, fields.volume, count)
@@ -284,7 +286,7 @@ def _by_material(state: State, values: Array, missing: NDArray[np.bool_]) -> Arr
 
 
 def prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """A factor that makes the largest value one of 1 ... 1000, and the unit with the prefix that goes with it."""
+    """Return a factor that brings the largest value into 1 ... 1000, and the unit with the matching prefix."""
     if not unit or not largest:
         return 1.0, unit
     power = int(np.clip(3 * np.floor(np.log10(largest) / 3 + 1e-9), min(PREFIXES), max(PREFIXES)))
@@ -294,7 +296,7 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
 def visible_faces(mesh: MeshArrays) -> tuple[tuple[NDArray[Any], NDArray[Any]], Element]:
     """Return local nodes (m, n) and elements (n,) of the visible faces, and the kind of faces.
 
-    `mesh.t[nodes, elements]` are the nodes: of solids those of the boundary facets, of other elements all.
+    `mesh.t[nodes, elements]` are the nodes: for solids those of the boundary facets, for other elements all.
     """
     if mesh.k < 3:
         return (np.repeat(np.arange(mesh.element.n)[:, None], mesh.nt, axis=1), np.arange(mesh.nt)), mesh.element
@@ -305,7 +307,7 @@ def visible_faces(mesh: MeshArrays) -> tuple[tuple[NDArray[Any], NDArray[Any]], 
 def drawn(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
     """Return face (n,) and local edge (n,) of each edge that outlines faces with `nodes` (m, nf) at `x` (m, nf, 3), each once.
 
-    There faces end, branch or bend by more than 30 degrees.
+    At these edges faces end, branch or bend by more than 30 degrees.
     """
     ends = np.array(face.edges)
     spokes = np.einsum("eai,anc->neic", face.derivatives(face.nodes[ends].mean(axis=1)), x)  # (nf, edges, 2, 3)
@@ -322,7 +324,7 @@ def drawn(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[
 
 
 def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Edges (2, n) that outline triangles of `points` (nv, 3), see `drawn`; segments as they are."""
+    """Return edges (2, n) that outline triangles of `points` (nv, 3), see `drawn`; segments are returned unchanged."""
     if len(cells) == 2:
         return cells
     triangle = linear_simplex(2)

@@ -1,4 +1,4 @@
-"""Pictures and films of a deformed body, drawn by matplotlib; and scenes of PyVista that can be turned."""
+"""Pictures and films of a deformed body, drawn by matplotlib; and PyVista scenes that can be rotated."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ def plot(
     Parameters
     ----------
     field : name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves,
-        one per element or one per node. Numbers by element are averaged to the nodes, within each material. Grey: no value there.
+        one per element or one per node. Numbers by element are averaged to the nodes, within each material. Grey means no value.
     scale : factor for the displacements, 1 for the true shape.
-    label : of the colour bar; by default the field's name and unit.
-    length_unit : of coordinates, on the axes of bodies in a plane.
-    path : of a .png, .pdf or .svg file to write.
-    backend : "matplotlib", or "pyvista" for a scene that the mouse turns and that PyVista exports (`pip install
+    label : label of the colour bar; by default the field's name and unit.
+    length_unit : unit of coordinates, on the axes of bodies in a plane.
+    path : path of a .png, .pdf or .svg file to write.
+    backend : "matplotlib", or "pyvista" for a scene that the mouse rotates and that PyVista exports (`pip install
         'skfem-stvk[plot]'`).
 
     Returns
@@ -97,19 +97,19 @@ def animate(
     Parameters
     ----------
     series : a .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
-    path : of a .gif file, or of an .mp4 file, for which ffmpeg has to be installed.
-    field : name of a field with one number per element, or "displacement" or "velocity" for its length. From a .pvd, one that its
-        files hold, averaged to the nodes there.
+    path : path of a .gif file, or of an .mp4 file, which requires ffmpeg.
+    field : name of a field with one number per element, or "displacement" or "velocity" for its length. From a .pvd, a field in its
+        files, averaged to the nodes there.
     scale : factor for the displacements, 1 for the true shape.
-    label : of the colour bar; by default the field's name and unit.
-    length_unit : of coordinates, on the axes of bodies in a plane.
+    label : label of the colour bar; by default the field's name and unit.
+    length_unit : unit of coordinates, on the axes of bodies in a plane.
     fps : frames per second. A .gif counts in hundredths of a second.
 
     Raises
     ------
     StvkError
-        for a series that cannot be read, has no states or is of several meshes, an unknown field, a path that cannot be written,
-        or without ffmpeg: before any work.
+        for a series that cannot be read, has no states or has several meshes, for an unknown field, for a path that cannot be
+        written, or without ffmpeg: before any work.
     """
     path = output_path(path, ".gif", ".mp4")
     scale, label, length_unit = checked_scale(scale), checked_label(label), text("length_unit", length_unit)
@@ -169,7 +169,7 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     seen: dict[tuple[tuple[str, bytes], ...], list[tuple[NDArray[Any], Sight]]] = {}
 
     def look(mesh: meshio.Mesh, file: Path) -> list[tuple[NDArray[Any], Sight]]:
-        """Nodes of the elements that there are in a file, and what is seen of them: others, once elements were taken out."""
+        """Return nodes of the elements in a file, and their visible part; these change once elements are removed."""
         if not np.array_equal(mesh.points, first.points):
             raise StvkError(f"{file} is of another mesh than {files[0].name}: other nodes. Expected states of one mesh.")
         key = tuple((block.type, block.data.tobytes()) for block in mesh.cells)
@@ -196,7 +196,7 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
 
 
 def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str]:
-    """A field's name in the file, its words and its unit."""
+    """Return a field's name in the file, its name in words and its unit."""
     scalars = [name for name, values in mesh.point_data.items() if values.ndim == 1 and not name.endswith("_missing")]
     vectors = [name for name in VECTORS if name in mesh.point_data]
     if field in vectors:
@@ -209,7 +209,7 @@ def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str
 
 
 def _scene(picture: Picture) -> Any:
-    """PyVista's plotter, which shows the scene and exports it."""
+    """Return PyVista's plotter, which shows the scene and exports it."""
     from .matplotlib_plot import COLOURS, EDGE, MISSING, REST
 
     pyvista: Any = import_module("pyvista")
@@ -241,5 +241,5 @@ def _scene(picture: Picture) -> Any:
 
 
 def _no_display() -> bool:
-    """Whether a window would end the process, which VTK does on a Linux machine without a screen."""
+    """Return whether a window would end the process, as VTK does on a Linux machine without a screen."""
     return sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

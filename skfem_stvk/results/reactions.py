@@ -1,4 +1,4 @@
-"""Forces that act on some nodes: their resultant, their moment, and each of them."""
+"""Forces on some nodes: their resultant, their moment, and each single force."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ..system import FreeDofs, System
 
 @dataclass(frozen=True, eq=False)
 class Reaction:
-    """Forces on some nodes of a deformed body, such as those of a support: vertices, and middles of edges of quadratic elements.
+    """Forces on some nodes of a deformed body, such as those of a support: vertices, and edge midpoints of quadratic elements.
 
     Attributes
     ----------
     vertices : (n,) ids of the nodes, ascending.
     by_node : (n, d) force on each [N].
-    rest, u : (n, d) where they were, and by how much they have moved [m].
+    rest, u : (n, d) their positions at rest, and their displacements [m].
 
     >>> mesh = ElementMesh(p=[[0, 2, 2, 0], [0, 0, 1, 1]], t=[[0, 0], [1, 2], [2, 3]])
     >>> force = np.array([[0, 0], [3.0, 1], [-3, 1], [0, 0]])
@@ -44,14 +44,14 @@ class Reaction:
 
     @classmethod
     def of(cls, mesh: ElementMesh, u: ArrayLike, forces: ArrayLike, vertices: Where) -> Reaction:
-        """The nodal forces (nv, d) [N], flat or not, that act on the vertices at a place at displacements `u` (ndofs,) [m].
+        """Return the nodal forces (nv, d) [N], flat or not, on the vertices at a location at displacements `u` (ndofs,) [m].
 
         Raises
         ------
         StateError
             if `u` or `forces` do not fit the mesh or are not finite.
         RegionError
-            if there are no vertices, or not these.
+            if there are no vertices, or not the listed ones.
         """
         mesh = ElementMesh.of(mesh)
         ids = np.sort(vertices_at(mesh, vertices, "Reaction at vertices"))
@@ -59,23 +59,23 @@ class Reaction:
 
     @property
     def resultant(self) -> Array:
-        """(d,) sum of the forces [N]."""
+        """Sum (d,) of the forces [N]."""
         return self.by_node.sum(axis=0)
 
     @property
     def centroid(self) -> Array:
-        """(d,) mean place of the vertices as they are now [m]."""
+        """Mean current position (d,) of the vertices [m]."""
         return self.rest.mean(axis=0) + self.u.mean(axis=0)
 
     def moment(self, about: ArrayLike | None = None) -> Array | float:
-        """Moment `sum (x - about) x f` [N m] with lever arms as they are now: (3,) in space, a number in the plane, 0 on a line.
+        """Return the moment `sum (x - about) x f` [N m] with current lever arms: (3,) in space, a number in the plane, 0 on a line.
 
-        `about` is a point (d,), by default the centroid of these vertices as they are now.
+        `about` is a point (d,), by default the current centroid of these vertices.
 
         Raises
         ------
         StvkError
-            if `about` is no point of this space.
+            if `about` is not a point of this space.
         """
         if about is None:
             levers = _centred(self.rest) + _centred(self.u)
@@ -93,10 +93,10 @@ class Reaction:
 
 
 def ground_forces_at_rest(system: System, u: Array, t: float, projected: bool = False) -> Array:
-    """(ndofs,) forces of supports and foundations on a body in equilibrium at the load factor `t` [N].
+    """Return the forces (ndofs,) of supports and foundations on a body in equilibrium at the load factor `t` [N].
 
-    `projected`: the displacements are in equilibrium on a basis only. Forces that are left at free degrees of freedom are carried
-    to the ground by the tangent there, as after one more step of Newton's method: with them the reactions balance the loads.
+    `projected`: the displacements are in equilibrium only on a basis. The tangent there carries the remaining forces at free
+    degrees of freedom to the ground, as after one more step of Newton's method. With them the reactions balance the loads.
     """
     held, forces, residual = system.supports.held, system.foundation_force(u), system.residual(u, t)
     if projected:
@@ -110,14 +110,15 @@ def ground_forces_at_rest(system: System, u: Array, t: float, projected: bool = 
 
 
 def unknowns_of(free: FreeDofs, d: int) -> Unknowns:
-    """The free degrees of freedom as direct solvers take them."""
+    """Return the free degrees of freedom as direct solvers take them."""
     return Unknowns(*np.divmod(free.free, d), free.structure.indptr, free.structure.indices)
 
 
 def held_vertices(system: System, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
-    """Ids of the vertices at a place, everywhere if it is None, that supports hold or foundations tie to the ground; ascending.
+    """Return the ascending ids of the vertices at a location that supports constrain or foundations tie to the ground; None means
+    everywhere.
 
-    There is at least one, or else a SupportError. Messages begin with `what` they are asked for.
+    Raises SupportError if there are none. Messages begin with the purpose `what`.
     """
     held = np.union1d(system.supports.held, system.grounded)
     vertices = np.unique(held // system.mesh.d).astype(np.int64)
@@ -135,13 +136,15 @@ def held_vertices(system: System, where: Where | None, what: str = "reaction") -
 
 
 def _centred(x: Array) -> Array:
-    """The rows without their mean; the first row is subtracted before, or far from the origin the mean would round `u` off."""
+    """Return the rows without their mean. The first row is subtracted before, since far from the origin the mean would round `u`
+    off.
+    """
     x = x - x[0]
     return x - x.mean(axis=0)
 
 
 def _nodal(values: ArrayLike, name: str, mesh: ElementMesh) -> Array:
-    """Finite numbers (nv, d), given so or as (nv d,)."""
+    """Return finite numbers (nv, d), from the same shape or from (nv d,)."""
     given = arguments.real_array(values)
     flat = values if given is None or given.shape != (mesh.nv, mesh.d) else given.ravel()
     return by_vertex(mesh, flat, name).astype(np.float64, copy=False)

@@ -26,8 +26,9 @@ Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class ElasticPart:
-    """The law of a term on its elements, with their sections (thickness, area or 1); `law` if it is not St. Venant-Kirchhoff's, and
-    whether it is linear, `S = C : eps` of the small strain, and whether its stress and energy density are known."""
+    """Law of a term on its elements, with their sections (thickness, area or 1). `law` is set if it is not St. Venant-Kirchhoff's.
+    Flags say whether it is linear, `S = C : eps` of the small strain, and whether its stress and energy density are known.
+    """
 
     elements: NDArray[np.int64]
     material: Material
@@ -40,7 +41,7 @@ class ElasticPart:
 
 @dataclass(frozen=True)
 class VolumePart:
-    """A volume penalty on its elements, with its stiffness [Pa], and whether something keeps them from giving way across."""
+    """Volume penalty on its elements, with its stiffness [Pa], and whether the elements are constrained across."""
 
     elements: NDArray[np.int64]
     term: HasPressure
@@ -49,14 +50,14 @@ class VolumePart:
 
 
 class Place(NamedTuple):
-    """A point of all elements: their rest geometry there, and (nt, 3, 3) their axes and normals at rest."""
+    """Point of all elements: their rest geometry there, and (nt, 3, 3) their axes and normals at rest."""
 
     geometry: Geometry | PointGeometry
     frames: Array
 
 
 class ElasticBody:
-    """A mesh and its terms, with all that fields need of them at any displacements.
+    """A mesh and its terms, with the data that fields need at any displacements.
 
     Attributes, parameters and errors as in `fields.Fields`.
     """
@@ -85,7 +86,7 @@ class ElasticBody:
         self.gone = np.zeros(self.mesh.nt, dtype=bool)
 
     def leave_out(self, elements: NDArray[np.int64]) -> None:
-        """Do without elements that were taken out of the body: they have no fields, and are neither drawn nor written."""
+        """Leave out elements that are removed from the body: they have no fields, and are neither drawn nor written."""
         self.gone[elements] = True
         self.without_term = self.without_term | self.gone
 
@@ -93,13 +94,13 @@ class ElasticBody:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
         term.material.check(len(elements), hypothesis)
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
-        # StVK has one with wrinkling
+        # StVK has a response with wrinkling
         law = term if isinstance(term, HasResponse) and term.response is not None else None
         linear = bool(getattr(term, "small_strain", False))
         return ElasticPart(elements, term.material, hypothesis, section, law, linear, has_stress(term))
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
-        """A penalty on its elements; those that no other term is on are in plane strain."""
+        """Return a penalty on its elements; elements without another term are in plane strain."""
         held = (self.total_section == 0) & (self.mesh.k > 1)
         for part in self.parts:
             held[part.elements] |= not part.hypothesis.condensed
@@ -108,7 +109,7 @@ class ElasticBody:
 
     @cached_property
     def linear(self) -> NDArray[np.bool_]:
-        """(nt,) whether all that an element has is linear: then its stress is the same in all measures."""
+        """Whether (nt,) all terms of an element are linear: its stress is then the same in all measures."""
         linear, others = np.zeros(self.mesh.nt, dtype=bool), np.zeros(self.mesh.nt, dtype=bool)
         for part in self.parts:
             (linear if part.linear else others)[part.elements] = True
@@ -118,7 +119,7 @@ class ElasticBody:
 
     @cached_property
     def points(self) -> list[Place]:
-        """The points of the elements by the rule of this kind: one of linear simplices."""
+        """Points of the elements by the rule of this kind; linear simplices have one."""
         return [Place(geometry, rest_frames(geometry.axes)) for geometry in geometries(self.mesh, self.kind)]
 
     @cached_property
@@ -129,13 +130,13 @@ class ElasticBody:
 
     @cached_property
     def weights(self) -> Array:
-        """(nq, nt) part of each point in the volume of an element, with the sum 1."""
+        """Fraction (nq, nt) of the volume of an element at each point, with the sum 1."""
         volumes = np.array([place.geometry.volume for place in self.points])
         return np.asarray(volumes / volumes.sum(axis=0))
 
     @cached_property
     def material_of(self) -> NDArray[np.int64]:
-        """(nt,) a number for each combination of terms that elements are in: stress jumps between them."""
+        """Index (nt,) of each combination of terms on elements: stress jumps between them."""
         every = [part.elements for part in self.parts] + [part.elements for part in self.volume_parts]
         covered = np.zeros((len(every), self.mesh.nt), dtype=bool)
         for row, elements in zip(covered, every, strict=True):
@@ -146,7 +147,7 @@ class ElasticBody:
 class Response:
     """Strain and stress of a body at displacements `u` (nv, d) [m] at one point of each element, in its frame there.
 
-    Each is worked out when it is first used. `place` is the point, by default the first, of linear simplices all there is.
+    Each is computed at first use. `place` is the point, by default the first, the only one of linear simplices.
     """
 
     def __init__(self, fields: ElasticBody, u: Array, place: Place | None = None) -> None:
@@ -154,19 +155,19 @@ class Response:
         self._known: dict[Any, Masked] = {}
 
     def value(self, function: Callable[[Response], Masked]) -> Masked:
-        """The values by element that a function of this response gives, finite, and which mean nothing; worked out once."""
+        """Return the finite values by element from a function of this response, and a mask of invalid ones; computed once."""
         if function not in self._known:
             self._known[function] = function(self)
         return self._known[function]
 
     @property
     def without_strain(self) -> NDArray[np.bool_]:
-        """(nt,) whether an element has no strain: below three dimensions that across follows from the material."""
+        """Whether (nt,) an element has no strain: below three dimensions the strain across follows from the material."""
         return self.fields.without_term if self.fields.mesh.k < 3 else self.fields.gone
 
     @cached_property
     def gradient(self) -> Array:
-        """(nt, d, k) derivatives of the displacement along the elements' axes; 0 where there are none any more, as at rest."""
+        """Derivatives (nt, d, k) of the displacement along the elements' axes; 0 for removed elements, as at rest."""
         corners = self.u[self.fields.mesh.t.T]
         found = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ self.place.geometry.gradients[:, 1:]  # sum (u_a - u_0) (x) g_a
         found[self.fields.gone] = 0
@@ -174,27 +175,29 @@ class Response:
 
     @property
     def strain(self) -> Array:
-        """(nt, 3, 3) Green-Lagrange strain in the elements' frames."""
+        """Green-Lagrange strain (nt, 3, 3) in the elements' frames."""
         return self._response[0]
 
     @property
     def stress(self) -> Array:
-        """(nt, 3, 3) second Piola-Kirchhoff stress in the elements' frames [Pa]."""
+        """Second Piola-Kirchhoff stress (nt, 3, 3) in the elements' frames [Pa]."""
         return self._response[1]
 
     @property
     def energy_density(self) -> Array:
-        """(nt,) strain energy per rest volume [J/m^3]."""
+        """Strain energy per rest volume (nt,) [J/m^3]."""
         return self._response[2]
 
     @property
     def shrunk(self) -> NDArray[np.bool_]:
-        """Whether (nt,) the second Piola-Kirchhoff stress is infinite: that of a `VolumePenalty`, or of a law, where `J = 0`."""
+        """Whether (nt,) the second Piola-Kirchhoff stress is infinite, for a `VolumePenalty` or another law at `J = 0`."""
         return self._response[3]
 
     @cached_property
     def _response(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """Strain, stress and energy density, the terms' added up by their sections; and where stress is infinite, 0 there."""
+        """Strain, stress and energy density, summed over the terms by their sections; and a mask of infinite stress, which is set
+        to 0.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
             strain, stress, density, shrunk = self._added_up()
         if not np.isfinite(stress).all() or not np.isfinite(density).all():
@@ -217,7 +220,7 @@ class Response:
                 E, S = strain_and_stress(part.material, part.hypothesis, taken[ids], frames[ids])
                 W = (S * E).sum(axis=(1, 2)) / 2
             else:
-                there = ~fields.gone[ids, None, None]  # what was taken out may be anywhere
+                there = ~fields.gone[ids, None, None]  # removed elements may be anywhere
                 deformed = axes[ids], there * self.gradient[ids], there * within[ids]
                 E, S, W, lost = part.law.response(Deformation(ids, part.hypothesis, *deformed))
                 shrunk[ids] |= lost
@@ -237,6 +240,6 @@ class Response:
         return strain, stress, density, shrunk
 
     def globally(self, tensor: Array) -> Array:
-        """A tensor (nt, 3, 3) of the elements' frames in global axes."""
+        """Return a tensor (nt, 3, 3) from the elements' frames in global axes."""
         frames, mesh = self.place.frames, self.fields.mesh
         return tensor if mesh.k == mesh.d else frames @ tensor @ np.swapaxes(frames, 1, 2)

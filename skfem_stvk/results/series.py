@@ -27,28 +27,28 @@ PROBLEM = "skfem_stvk_problem"
 
 
 class Series(OneWriter):
-    """Results of one run: `NAME_0000.vtu`, `NAME_0001.vtu`, ... beside `NAME.pvd`, which after each step lists all of them.
+    """Results of one run: `NAME_0000.vtu`, `NAME_0001.vtu`, ... next to `NAME.pvd`, which lists all of them after each step.
 
-    A run that is killed leaves a series that opens, with all steps but the one it was writing. In a `with` block nobody else can
-    write it, otherwise while a step is added.
+    A killed run leaves a readable series, with all steps except the unfinished one. No other process can write the series within a
+    `with` block; without one, while a step is added.
 
     Parameters
     ----------
-    path : of the .pvd file, in a folder that exists.
-    fields : names of what each step holds, see `write_vtu`; None for the usual ones.
-    resume : go on with the series that is there, if any: its steps before the first one that is added are kept. By default the
-        first step replaces an older series. The .vtu files of steps that are not kept are removed, if the older .pvd lists them
-        under this series' name; other files stay.
-    until : of a series that is resumed, steps after this one are not kept either.
-    problem : whose states they are. The .pvd holds its signature, and the series of another problem is neither resumed nor
+    path : path of the .pvd file, in a folder that exists.
+    fields : names of the fields of each step, see `write_vtu`; None for the usual ones.
+    resume : continue an existing series: its steps before the first new step are retained. By default the first step replaces an
+        older series. The .vtu files of discarded steps are removed, if the older .pvd lists them under this series' name; other
+        files stay.
+    until : for a resumed series, steps after this one are discarded too.
+    problem : the problem of the states. The .pvd holds its signature, and the series of another problem is neither resumed nor
         replaced.
-    overwrite : replace the series of another problem all the same.
+    overwrite : replace even the series of another problem.
 
     Raises
     ------
     StvkError
-        for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work; where
-        another writer is at it, or it is another problem's.
+        for an unknown field, a path that cannot be written, or a series to resume that cannot be read, before any work; if
+        another process is writing the series, or it belongs to another problem.
     """
 
     def __init__(
@@ -79,12 +79,12 @@ class Series(OneWriter):
     def add(self, state: State, t: float) -> Path:
         """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
 
-        Whatever interrupts it, the step is whole and listed or not there, and can be added again.
+        If adding is interrupted, the step is either complete and listed, or absent and can be added again.
 
         Raises
         ------
         StvkError
-            if `t` is not finite, or somebody else writes the series.
+            if `t` is not finite, or another process is writing the series.
         WriteError
             if the disk is full, for example.
         """
@@ -104,20 +104,20 @@ class Series(OneWriter):
         return file
 
     def cut(self, t: float) -> None:
-        """Remove the steps from `t` on; from a series that is resumed, once a step was added."""
+        """Remove the steps from `t` on; for a resumed series, only after a step was added."""
         if not isinstance(t, float) or np.isnan(t):
             t = number("t", t, "a time")
         if self._begun:
             self._keep(self.steps, [step for step in self.steps if step[0] < t])
 
     def _begin(self, t: float) -> None:
-        """Leave out what an older run wrote, from `t` on or altogether: first in the list, which never names a missing file."""
+        """Remove the steps of an older run, from `t` on or all; first from the list, so that it never names a missing file."""
         kept = [step for step in self._kept() if step[0] < t] if self.resume else []
         self._keep(self._former(), kept)
         self._begun = True
 
     def _former(self) -> list[tuple[float, Path]]:
-        """The steps that an older run wrote; none if they are to be replaced and cannot be read."""
+        """Return the steps of an older run; none if they are to be replaced and cannot be read."""
         try:
             return self._read()
         except StvkError:
@@ -126,7 +126,7 @@ class Series(OneWriter):
             return []
 
     def _kept(self) -> list[tuple[float, Path]]:
-        """The steps of a series that is resumed whose files are there."""
+        """Return the steps of a resumed series whose files exist."""
         if self.steps:
             return self.steps
         listed = [step for step in self._read() if step[0] <= self._until]
@@ -140,7 +140,7 @@ class Series(OneWriter):
         return there
 
     def _keep(self, former: list[tuple[float, Path]], kept: list[tuple[float, Path]]) -> None:
-        """Keep these steps of the former ones, and remove the others."""
+        """Retain these steps of the former ones, and remove the others."""
         if kept:
             self._write(kept)
         else:
@@ -151,7 +151,7 @@ class Series(OneWriter):
                 file.unlink(missing_ok=True)
 
     def _read(self) -> list[tuple[float, Path]]:
-        """Times and files that the .pvd lists and that this series may have written; none if there is no .pvd."""
+        """Return times and files that the .pvd lists and that this series may have written; none if there is no .pvd."""
         if not self.path.exists():
             return []
         ours = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.vtu")
@@ -178,7 +178,7 @@ class Series(OneWriter):
             )
 
     def _write(self, steps: list[tuple[float, Path]], place: Path | None = None) -> None:
-        """Write the list, to its place or another one."""
+        """Write the list, to its own path or another one."""
         root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
         collection = ET.SubElement(root, "Collection")
         if self._problem is not None:
@@ -191,7 +191,7 @@ class Series(OneWriter):
 
 
 def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Iterable[tuple[float, State]]) -> Path:
-    """Write states as a series, with the times by which ParaView orders them; an older one stays until all are written."""
+    """Write states as a series, with the times by which ParaView orders them; an older series stays until all are written."""
     with Series(path, fields) as series:
         aside = series.path.with_name(f".{series.path.stem}.part")
         try:
@@ -201,7 +201,7 @@ def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Ite
             written = [(float(t), write_vtu(aside / f"{n:04d}.vtu", state, fields)) for n, (t, state) in enumerate(states)]
             steps = [(t, series.path.with_name(f"{series.path.stem}_{file.name}")) for t, file in written]
             series._write(steps, aside / series.path.name)
-            series._begin(-np.inf)  # from here on files are only renamed
+            series._begin(-np.inf)  # after this line files are only renamed
             for (_, file), (_, place) in zip(written, steps, strict=True):
                 file.replace(place)
             (aside / series.path.name).replace(series.path)
@@ -214,7 +214,7 @@ def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Ite
 
 
 def listed_states(path: Path) -> list[tuple[float, Path]]:
-    """Return times and files of the states that a .pvd lists, in its order; raise StvkError if it is none or lists none."""
+    """Return times and files of the states that a .pvd lists, in its order; raise StvkError if it is invalid or lists none."""
     try:
         listed = [(t, path.with_name(name)) for t, name in read_list(path)]
     except (OSError, ET.ParseError, KeyError, ValueError) as error:
@@ -225,7 +225,7 @@ def listed_states(path: Path) -> list[tuple[float, Path]]:
 
 
 def read_list(path: Path) -> list[tuple[float, str]]:
-    """Finite times and files that a .pvd lists; raises ParseError, KeyError or ValueError if it is none."""
+    """Return finite times and files that a .pvd lists; raise ParseError, KeyError or ValueError if it is invalid."""
     if path.exists() and not path.is_file():
         raise ValueError("it is no regular file")
     listed = [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(path).iter("DataSet")]
@@ -235,8 +235,8 @@ def read_list(path: Path) -> list[tuple[float, str]]:
 
 
 def read_problem(path: Path) -> Signature:
-    """The signature of the problem whose states a .pvd lists; raises ParseError or ValueError if it has none."""
-    from pydantic import TypeAdapter  # only where there is a file
+    """Return the signature of the problem of a .pvd; raise ParseError or ValueError if it has none."""
+    from pydantic import TypeAdapter  # imported only if a file exists
 
     collection = ET.parse(path).find("Collection")
     written = None if collection is None else collection.get(PROBLEM)

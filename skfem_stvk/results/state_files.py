@@ -1,4 +1,4 @@
-"""Displacements and velocities out of the files of an earlier run, for another one to begin with."""
+"""Displacements and velocities from the files of an earlier run, as the start of another run."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from .vtu import read_vtu
 if TYPE_CHECKING:
     import meshio
 
-#: A state is at the time that is asked for, up to this part of the largest time of its series.
+#: Tolerance of a requested time, as a fraction of the largest time of the series.
 SAME_TIME = 1e-9
 #: Checkpoints of motions and of paths of equilibria: format and version, and names of their files.
 MOTION, PATH = ("motion of skfem-stvk", 4), ("path of skfem-stvk", 2)
 MOTION_FILE, PATH_FILE = "motion.npz", "state_{:05d}.npz"
-#: What to do where a checkpoint cannot be read.
+#: Remedy for an unreadable checkpoint.
 OTHER = "Take another file of the run, such as its .pvd."
 
 
@@ -43,7 +43,7 @@ class StateTime(Record):
 
 
 class StateInCheckpoint(Header):
-    """Entries of the header of a checkpoint that tell the time of its state."""
+    """Entries of the header of a checkpoint that hold the time of its state."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -51,27 +51,28 @@ class StateInCheckpoint(Header):
 
 
 def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:
-    """Displacements [m] and velocities [m/s] of a state that `write_vtu`, `save=...`, `result.save` or `checkpoint=...` wrote.
+    """Return displacements [m] and velocities [m/s] of a state written by `write_vtu`, `save=...`, `result.save` or
+    `checkpoint=...`.
 
     Parameters
     ----------
-    path : of a .vtu file; or of a .pvd file or the folder of a checkpoint, of whose states one is taken.
-    mesh : on which they are wanted, the same as that of the file.
-    time : of the state in a .pvd file or a checkpoint, or its load factor; by default the last one.
+    path : path of a .vtu file; or of a .pvd file or the folder of a checkpoint, from which one state is taken.
+    mesh : mesh of the result, equal to that of the file.
+    time : time or load factor of the state in a .pvd file or a checkpoint; by default the last one.
 
     Returns
     -------
-    u, v : (ndofs,) each, as `solve_static` and `simulate` take them for `u0` and `v0`; `v` is None where there are no velocities.
+    u, v : (ndofs,) each, as `solve_static` and `simulate` take them for `u0` and `v0`; `v` is None without velocities.
 
     Raises
     ------
     StvkError
-        if the file is missing or none of this package; for another mesh; for a time that is not in it.
+        if the file is missing or not written by this package; for another mesh; for a time that is not in it.
 
     Warns
     -----
     StvkWarning
-        of elements that had left the body.
+        for elements that were removed from the body.
 
     >>> from tempfile import TemporaryDirectory
     >>> import skfem
@@ -110,7 +111,7 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
 
 
 def parts_of_state(path: Path, time: float | None = None) -> list[Path]:
-    """Return the regular files that a state is read from: a file, and of a .pvd that is not damaged the file that it lists."""
+    """Return the regular files from which a state is read: a file, and for an undamaged .pvd the file that it lists."""
     try:
         parts = [path, _listed(path, time)] if path.suffix.lower() == ".pvd" else [path]
     except StvkError:
@@ -119,13 +120,13 @@ def parts_of_state(path: Path, time: float | None = None) -> list[Path]:
 
 
 def _listed(path: Path, time: float | None) -> Path:
-    """The file of the state at a time, or of the last one, of a series."""
+    """Return the file of the state at a time, or of the last one, of a series."""
     states = sorted(listed_states(path))
     return states[_chosen(path, [t for t, _ in states], time)][1]
 
 
 def _chosen(path: Path, ascending: list[float], time: float | None) -> int:
-    """The number of the state at a time, or of the last one."""
+    """Return the index of the state at a time, or of the last one."""
     times = np.array(ascending)
     if time is None:
         return len(times) - 1
@@ -139,7 +140,7 @@ def _chosen(path: Path, ascending: list[float], time: float | None) -> int:
 
 
 def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[Array, Array | None]:
-    """Displacements, and velocities if it is of a motion."""
+    """Return displacements, and velocities for a motion."""
     files = [path] if path.is_file() else [*path.glob(MOTION_FILE)] or sorted(path.glob(pattern(PATH_FILE)))
     if not files:
         raise StvkError(f"The folder {path} is no checkpoint: it has neither {MOTION_FILE} nor {pattern(PATH_FILE)}. {OTHER}")
@@ -163,7 +164,7 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
 
 
 def _warn_of_lost(path: Path, lost: int, mesh: ElementMesh) -> None:
-    """Warn of the state of a body that had lost elements."""
+    """Warn that the body of the state had lost elements."""
     if lost:
         warn(
             f"{path} is of a body that had lost {lost} of its {mesh.nt} elements; the one that begins with its state has them all."
@@ -171,7 +172,7 @@ def _warn_of_lost(path: Path, lost: int, mesh: ElementMesh) -> None:
 
 
 def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
-    """Refuse the file of another mesh, and warn of one of a body that had lost elements."""
+    """Refuse the file of another mesh, and warn if its body had lost elements."""
     what = f"{file} is of another mesh"
     hint = "Its states are of the mesh that they were computed on, with the same degree: give that one."
     if len(read.points) != mesh.nv:
@@ -193,13 +194,13 @@ def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
 
 
 def _rows(t: NDArray[Any]) -> NDArray[Any]:
-    """(nt,) the nodes of each element as one value."""
+    """Return the nodes of each element as one value (nt,)."""
     rows = np.ascontiguousarray(t.T, dtype=np.int64)
     return rows.view([("", np.int64)] * len(t)).ravel()
 
 
 def _vectors(file: Path, read: meshio.Mesh, mesh: ElementMesh, name: str) -> Array | None:
-    """(ndofs,) finite vectors of the nodes by name; None if there are none."""
+    """Return finite vectors (ndofs,) of the nodes by name; None if there are none."""
     given = read.point_data.get(name)
     if given is None:
         return None

@@ -27,7 +27,7 @@ class Record(BaseModel):
 
 
 class Header(Record):
-    """Entries of the header of each file: its format, and the problem whose results it has."""
+    """Entries of the header of each file: its format, and the problem of its results."""
 
     format: str
     version: int
@@ -41,7 +41,7 @@ ARRAY = "array "
 
 
 class Store(Generic[OfHeader]):
-    """Files of one format. A subclass declares the format, the schema of its headers, and the remedy for unreadable files."""
+    """Files of one format. Each subclass declares the format, the schema of its headers, and the remedy for unreadable files."""
 
     known: ClassVar[tuple[str, int]]  # format and version
     remedy: ClassVar[str]
@@ -60,9 +60,9 @@ class Store(Generic[OfHeader]):
 
 
 class FolderStore(Store[OfHeader], OneWriter):
-    """A folder of files, from which a later run goes on. It is used in a `with` block, during which no other process can write.
+    """Folder of files, from which a later run continues. It is used in a `with` block, during which no other process can write.
 
-    `folder` can be written, see `output_folder`. Each file has the signature of its problem.
+    `folder` is writable, see `output_folder`. Each file has the signature of its problem.
     """
 
     problem: Fingerprint
@@ -119,7 +119,7 @@ def read_archive(
 ) -> tuple[OfRecord, dict[str, Array]]:
     """Return header and arrays of a file of the `known` format and version; without arrays if `only_header`.
 
-    NotOurs, with the remedy, is raised if it is incomplete, was not written here or has impossible entries.
+    Raises NotOurs, with the remedy, if it is incomplete, was not written here or has impossible entries.
     """
     try:
         text, digest, arrays = _unpacked(path, only_header)
@@ -137,7 +137,7 @@ def read_archive(
 
 @contextmanager
 def refusing_damage(file: Path, remedy: str) -> Iterator[None]:
-    """Raise NotOurs with the file and the remedy for a ValueError or a KeyError in words, or for entries against their schema."""
+    """Raise NotOurs with the file and the remedy if the block raises a ValueError or a KeyError, or entries violate their schema."""
     try:
         yield
     except NotOurs:
@@ -151,7 +151,7 @@ def refusing_damage(file: Path, remedy: str) -> Iterator[None]:
 def expect(arrays: Mapping[str, Array], name: str, shape: tuple[int | None, ...], types: tuple[type, ...] = (np.float64,)) -> Array:
     """Return the array of finite numbers of one of these types and of this shape, in which None stands for any length.
 
-    KeyError or ValueError, in words, is raised if there is no such array.
+    Raises KeyError or ValueError, with a message, if there is no such array.
     """
     if name not in arrays:
         raise KeyError(f"it has no array '{name}'")
@@ -171,7 +171,7 @@ def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]
 
 
 def _digest(header: str, arrays: Mapping[str, Array]) -> str:
-    """Return a digest of header and arrays, which changes with each of them."""
+    """Return a digest that depends on the header and all arrays."""
     digest = hashlib.blake2b(header.encode(), digest_size=16)
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])

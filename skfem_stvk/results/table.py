@@ -1,6 +1,6 @@
-"""The fields that a result has, by name.
+"""Fields of a result, by name.
 
-A new field is one function, which takes a `Response` and gives values and where there are none, and one row of `FIELDS`.
+A new field is one function, which takes a `Response` and returns values and a mask of missing ones, and one row of `FIELDS`.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ VECTORS = {"displacement": "m", "velocity": "m/s"}
 
 
 def green_strain(state: Response) -> Masked:
-    """Green-Lagrange strain `E = (F'F - I)/2` (nt, 3, 3), on rest axes."""
+    """Return the Green-Lagrange strain `E = (F'F - I)/2` (nt, 3, 3), on rest axes."""
     return state.globally(state.strain), state.without_strain
 
 
 def deformation_gradient(state: Response) -> Masked:
-    """Deformation gradient `F` (nt, 3, 3), from rest to current axes: `I + grad u` within, and the stretches across the element.
+    """Return the deformation gradient `F` (nt, 3, 3), from rest to current axes: `I + grad u` within, and the stretches across.
 
-    In plane strain `F_33 = 1`. Where the stress across vanishes, the columns across follow from `F'F = I + 2 E` and the current
-    normals: `F_33 = sqrt(1 + 2 E_33)` if nothing shears across. There is no such `F` where `1 + 2 E_33 <= 0`: the law leaves no
-    thickness; such elements are masked, with a warning.
+    In plane strain `F_33 = 1`. If the stress across vanishes, the columns across follow from `F'F = I + 2 E` and the current
+    normals: `F_33 = sqrt(1 + 2 E_33)` without shear across. If `1 + 2 E_33 <= 0`, the law gives no thickness and `F` does not
+    exist; such elements are masked, with a warning.
     """
     frames, k = state.place.frames, state.fields.mesh.k
     gradient = in_space(state.gradient)
@@ -58,7 +58,7 @@ def deformation_gradient(state: Response) -> Masked:
 
 
 def _across(tangents: Array, state: Response) -> tuple[Array, NDArray[np.bool_]]:
-    """Images `f B + n U` (nt, 3, 3 - k) of the normals, and where `U` exists.
+    """Return the images `f B + n U` (nt, 3, 3 - k) of the normals, and a mask where `U` exists.
 
     Here `B = (f'f)^-1 2 E_f3` and `U^2 = 1 + 2 E_33 - 2 E_3f B`.
     """
@@ -72,7 +72,7 @@ def _across(tangents: Array, state: Response) -> tuple[Array, NDArray[np.bool_]]
 
 
 def _solve(M: Array, right: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """`M^-1 right` and where there is one, `M` of order 1 or 2; zero where `right` is, even if `M` is singular."""
+    """Return `M^-1 right` and a mask where it exists, `M` of order 1 or 2; zero where `right` is zero, even if `M` is singular."""
     adjugate = np.ones_like(M) if M.shape[1] == 1 else M[:, ::-1, ::-1] * np.array([[1, -1], [-1, 1]])
     determinant, size = np.linalg.det(M), np.trace(M, axis1=1, axis2=2) ** M.shape[1]
     regular = determinant > np.finfo(float).eps ** 2 * size
@@ -81,26 +81,26 @@ def _solve(M: Array, right: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def volume_ratio(state: Response) -> Masked:
-    """Volume ratio `J = det F` (nt,), negative where an element is inside out; the order of its vertices does not matter.
+    """Return the volume ratio `J = det F` (nt,), negative for inverted elements; the order of vertices does not matter.
 
-    Membranes and cables in space have no inside: theirs is positive.
+    For membranes and cables in space the ratio is positive.
     """
     F, missing = state.value(deformation_gradient)
     return np.linalg.det(F), missing
 
 
 def principal_stretches(state: Response) -> Masked:
-    """Principal stretches (nt, 3), descending: roots of the eigenvalues of `F'F = I + 2 E`, never negative."""
+    """Return the principal stretches (nt, 3), descending: roots of the eigenvalues of `F'F = I + 2 E`, never negative."""
     strains = np.linalg.eigvalsh(state.strain)[:, ::-1]
     missing = state.value(deformation_gradient)[1] if state.fields.mesh.k < 3 else state.without_strain
     return np.sqrt(np.maximum(1 + 2 * strains, 0.0)), missing
 
 
 def pk2_stress(state: Response) -> Masked:
-    """Second Piola-Kirchhoff stress (nt, 3, 3) [Pa], on rest axes: `S = C : E`, and `psi'(J) J (F'F)^-1` of a `VolumePenalty`; of
-    `LinearElastic` `C : eps` with the small strain.
+    """Return the second Piola-Kirchhoff stress (nt, 3, 3) [Pa], on rest axes: `S = C : E`, and `psi'(J) J (F'F)^-1` for a
+    `VolumePenalty`. For `LinearElastic` it is `C : eps` with the small strain.
 
-    Elements of a `VolumePenalty` that have shrunk to nothing (`J = 0`) are masked, with a warning.
+    Elements of a `VolumePenalty` with `J = 0` are masked, with a warning.
     """
     if len(lost := np.flatnonzero(state.shrunk)):
         _warn_of_shrunk(lost, "stress is infinite")
@@ -108,18 +108,18 @@ def pk2_stress(state: Response) -> Masked:
 
 
 def pk1_stress(state: Response) -> Masked:
-    """First Piola-Kirchhoff (nominal) stress `P = F S` (nt, 3, 3) [Pa], force per rest area; not symmetric.
+    """Return the first Piola-Kirchhoff (nominal) stress `P = F S` (nt, 3, 3) [Pa], force per rest area; not symmetric.
 
-    There is no stress across where `F` may be missing, so `P` is there all the same.
+    `P` exists even where `F` is missing, since there is no stress across in that case.
     """
     S, missing = state.value(pk2_stress)
     return _carrying(state)[0] @ S, missing
 
 
 def _carrying(state: Response) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """`F` and `J` by which stresses are carried on to the body as it is now, and where there are none.
+    """Return `F` and `J` that map stresses to the deformed body, and a mask where they do not exist.
 
-    The stress of linear elasticity is that of a body that has not moved: all measures of it are one.
+    The stress of linear elasticity refers to the undeformed body, so all its measures are equal.
     """
     F, _ = state.value(deformation_gradient)
     J, missing = state.value(volume_ratio)
@@ -128,10 +128,10 @@ def _carrying(state: Response) -> tuple[Array, Array, NDArray[np.bool_]]:
 
 
 def cauchy_stress(state: Response) -> Masked:
-    """Cauchy (true) stress `F S F'/|J|` (nt, 3, 3) [Pa], force per current area, on current axes; of `LinearElastic` that of the
-    small strain.
+    """Return the Cauchy (true) stress `F S F'/|J|` (nt, 3, 3) [Pa], force per current area, on current axes. For `LinearElastic` it
+    is that of the small strain.
 
-    `|J|`, so that tension stays tension in elements that are inside out. Where `J = 0` they are masked, with a warning.
+    `|J|` is used so that tension stays tension in inverted elements. Elements with `J = 0` are masked, with a warning.
     """
     F, J, missing = _carrying(state)
     S, without = state.value(pk2_stress)
@@ -153,20 +153,22 @@ def _warn_of_shrunk(ids: NDArray[np.int64], what: str) -> None:
 
 
 def von_mises_stress(state: Response) -> Masked:
-    """Von Mises stress `sqrt(3/2 s : s)` (nt,) [Pa], `s` the deviator of the Cauchy stress."""
+    """Return the von Mises stress `sqrt(3/2 s : s)` (nt,) [Pa], `s` the deviator of the Cauchy stress."""
     stress, missing = state.value(cauchy_stress)
     deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
     return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))), missing
 
 
 def strain_energy_density(state: Response) -> Masked:
-    """Strain energy per rest volume (nt,) [J/m^3], added up over the terms: `1/2 E : C : E`, and `psi(J)` of a `VolumePenalty`."""
+    """Return the strain energy per rest volume (nt,) [J/m^3], summed over the terms: `1/2 E : C : E`, and `psi(J)` of a
+    `VolumePenalty`.
+    """
     return state.energy_density, state.fields.without_term
 
 
 @dataclass(frozen=True)
 class Field:
-    """A field: its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its function."""
+    """Field with its name and unit, the shape of one element's value, whether that is a symmetric tensor, and its function."""
 
     name: str
     unit: str
@@ -199,7 +201,7 @@ FIELDS = (
 
 
 def names() -> tuple[str, ...]:
-    """The names of all fields.
+    """Return the names of all fields.
 
     >>> names()[-3:]
     ('von_mises_stress', 'strain_energy_density', 'smallest_acoustic_eigenvalue')
@@ -208,7 +210,7 @@ def names() -> tuple[str, ...]:
 
 
 def find(name: str, others: Iterable[str] = ()) -> Field:
-    """The field of this name; names of stresses may leave `_stress` out. Messages also name the `others` that would have done.
+    """Return the field of this name; names of stresses may omit `_stress`. Messages also list the accepted `others`.
 
     >>> find("cauchy").name
     'cauchy_stress'
@@ -224,7 +226,7 @@ def find(name: str, others: Iterable[str] = ()) -> Field:
 
 
 def find_all(given: Sequence[str]) -> list[Field]:
-    """The fields of these names."""
+    """Return the fields of these names."""
     if not isinstance(given, list | tuple):
         raise StvkError(f"fields = {shown(given)}; expected a list of names of fields.")
     return [find(name) for name in given]

@@ -32,30 +32,30 @@ DEFAULT = ("cauchy_stress", "von_mises_stress", "green_strain", "volume_ratio")
 
 
 def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] = DEFAULT) -> Path:
-    """Write the mesh at rest, the displacements and these fields, by cell and averaged to the points, all under their full names.
+    """Write the mesh at rest, the displacements and these fields, by cell and averaged to the points, under their full names.
 
     ========================  ==============================================================================================
     points                    at rest, padded to three components; "Warp By Vector" with `displacement` gives the deformed body
-    `displacement`            [m], three components; of a body in motion there is `velocity` too [m/s]
+    `displacement`            [m], three components; a body in motion also has `velocity` [m/s]
     symmetric tensors         six components in VTK's order XX, YY, ZZ, XY, YZ, XZ
     other tensors             nine components, row by row
-    `NAME_missing`            only where something is missing: 1 where there is no value, and zeros stand in `NAME`
+    `NAME_missing`            only if values are missing: 1 where `NAME` has no value, and is zero
     `region`                  only if the mesh has subdomains: 1 for the first in its order, 0 for none; the last one counts
     `skfem:s:NAME`            1 in the subdomain, as scikit-fem writes it: `read_mesh` gives the subdomains back; control characters
                               in a name are escaped, such as \\x1b
     ========================  ==============================================================================================
 
-    Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. Fields by cell are the means of
-    elements with several points, those at nodes are extrapolated from there. Elements that were taken out of the body are left
-    out, their nodes stay. Elements beside the mesh, such as cables, are cells after its own; nodes have their values where no
-    element of the mesh gives one. The file is renamed into place when it is complete.
+    Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. For elements with several points,
+    fields by cell are means, and fields at nodes are extrapolated. Elements that are removed from the body are left out; their
+    nodes stay. Elements of lower dimensions, such as cables, are cells after those of the mesh. Nodes have their values where no
+    element of the mesh has one. The file is renamed to its final name when it is complete.
 
     Raises
     ------
     StvkError
-        for a field that there is not, or a path that cannot be written, before any work.
+        for an unknown field, or a path that cannot be written, before any work.
     """
-    from meshio import vtu  # only where something is written
+    from meshio import vtu  # imported only for writing
 
     wanted, path = find_all(fields), output_path(path, ".vtu")
     mesh = _with_fields(checked_state(state), wanted)
@@ -65,14 +65,14 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
 
 
 def read_vtu(file: Path) -> meshio.Mesh:
-    """The content of a file that was written here; StvkError if it is missing or damaged."""
+    """Return the content of a file that this package wrote; StvkError if it is missing or damaged."""
     try:
         if file.exists() and not file.is_file():
             raise OSError("it is no regular file")
         from meshio import vtu
 
         return vtu.read(file)
-    except Exception as error:  # meshio fails in many ways on files that are damaged
+    except Exception as error:  # meshio raises many kinds of errors for damaged files
         raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error
 
 
@@ -95,7 +95,7 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
 
 
 def _by_cell(state: State, fields: Sequence[Field]) -> Arrays:
-    """Values of the elements of one kind."""
+    """Return the values of the elements of one kind."""
     cells = _regions(state.fields.mesh)
     for field in fields:
         cells |= _arrays(field, state[field.name])
@@ -103,7 +103,7 @@ def _by_cell(state: State, fields: Sequence[Field]) -> Arrays:
 
 
 def _at_nodes(state: State, name: str) -> Array:
-    """Averages at the nodes: of the elements of the highest dimension, and where there are none of those beside."""
+    """Return averages at the nodes: over the elements of the highest dimension, and elsewhere over those of lower dimensions."""
     values = state.at_nodes(name)
     for other in state.beside:
         missing = np.ma.getmaskarray(values)
@@ -113,7 +113,7 @@ def _at_nodes(state: State, name: str) -> Array:
 
 
 def _arrays(field: Field, values: Array) -> Arrays:
-    """The components by name, and where there are none."""
+    """Return the components by name, and a mask of missing ones."""
     filled = np.ma.filled(values, 0.0)
     arrays: Arrays = {field.name: _components(filled, field.symmetric)}
     if np.ma.is_masked(values):
@@ -141,7 +141,7 @@ def _regions(mesh: ElementMesh) -> Arrays:
 
 
 def as_attribute(name: str) -> str:
-    r"""A name as an attribute of XML, which meshio writes as it is given; characters that XML does not allow are escaped.
+    r"""Return a name as an XML attribute, which meshio writes without escaping; characters that XML does not allow are escaped.
 
     >>> print(as_attribute('left "<half>" \x1b'))
     left &quot;&lt;half&gt;&quot; \x1b
@@ -151,26 +151,26 @@ def as_attribute(name: str) -> str:
 
 
 def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
-    """Write a mesh as `read_mesh` reads it back: the same numbers of nodes and elements, subdomains, boundaries and node sets.
+    """Write a mesh as `read_mesh` reads it: the same numbers of nodes and elements, subdomains, boundaries and node sets.
 
     ==========================  ============================================================================================
-    elements                    VTK's cells in double precision, quadratic ones with their middles
-    boundaries                  facets as cells after the elements, in their order; of segments scikit-fem's `skfem:b:NAME`
+    elements                    VTK's cells in double precision, quadratic ones with their midside nodes
+    boundaries                  facets as cells after the elements, in their order; for segments scikit-fem's `skfem:b:NAME`
     lines                       segments as cells after these
-    `skfem:s:NAME`              1 of cells in the subdomain, boundary or lines
-    `stvk:n:NAME`               1 of nodes in the node set
-    `stvk:dimension`            of flat surfaces and straight cables in space: that their last coordinates count
+    `skfem:s:NAME`              1 for cells in the subdomain, boundary or lines
+    `stvk:n:NAME`               1 for nodes in the node set
+    `stvk:dimension`            for flat surfaces and straight cables in space: whether their last coordinates count
     ==========================  ============================================================================================
 
-    Sets are read back in ascending order, facets of boundaries in their own; empty ones are left out, and control characters in
-    their names are escaped. The file is renamed into place when it is complete.
+    Sets are read back in ascending order, facets of boundaries in their own. Empty sets are left out, and control characters in
+    their names are escaped. The file is renamed to its final name when it is complete.
 
     Raises
     ------
     StvkError
         if the path cannot be written.
     MeshError
-        for what is no `ElementMesh`, and for nodes on no element, which no file keeps.
+        for anything other than an `ElementMesh`, and for nodes without an element, which the file would lose.
 
     >>> from tempfile import TemporaryDirectory
     >>> from skfem_stvk import read_mesh
@@ -225,12 +225,12 @@ def _mesh_alone(mesh: ElementMesh) -> meshio.Mesh:
 
 
 def _mask(count: int, ids: Any) -> NDArray[np.uint8]:
-    """1 of these, 0 of others."""
+    """Return 1 for these ids, 0 for others."""
     return np.isin(np.arange(count), ids).astype(np.uint8)
 
 
 def _ends_marked(mesh: ElementMesh, nodes: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return a bit `j` of each segment with end `j` at one of these nodes; a node marks one segment alone."""
+    """Return a bit `j` for each segment with end `j` at one of these nodes; a node marks only one segment."""
     marked = np.zeros(mesh.nt, dtype=np.uint8)
     ends = mesh.corners.ravel()
     ids, first = np.unique(ends, return_index=True)

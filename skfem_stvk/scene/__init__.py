@@ -1,4 +1,4 @@
-"""Scenes: a whole job, from the mesh to what is written and expected, in one TOML file."""
+"""Scenes: a whole job in one TOML file, from the mesh to output files and expected results."""
 
 from .outcome import SceneOutcome
 from .scene import Scene

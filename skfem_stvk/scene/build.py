@@ -1,4 +1,4 @@
-"""From the sections of a scene to a mesh, a system and a first state; and the errors that need these to be seen."""
+"""Conversion of the sections of a scene into a mesh, a system and a first state, and the errors that only these reveal."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from .schema.terms import given_by, in_elements, in_time
 from .source import SceneSource
 
 _LAST = ("energy.strain", "displacement.largest", "volume_ratio.smallest", "steps")
-#: Results of a motion by their columns in its ledger.
+#: Results of a motion, by their columns in its energy ledger.
 ENERGIES = {
     "kinetic": "kinetic_energy",
     "strain": "strain_energy",
@@ -48,7 +48,7 @@ ENERGIES = {
     "removed": "removed_energy",
     "closure": "closure_error",
 }
-#: Names of results by the type of analysis, beside those of probes and reactions.
+#: Names of results by the type of analysis, in addition to those of probes and reactions.
 RESULTS = {
     "static": ("load", *_LAST),
     "arc-length": ("load", *_LAST),
@@ -57,12 +57,12 @@ RESULTS = {
 }
 #: Results that need an energy of each term.
 OF_ENERGY = "energy.strain", "energy.total"
-#: Results that there are several of.
+#: Results with several values.
 NUMBERED = re.compile(r"(frequency|critical)\.\d+")
 
 
 class Names:
-    """What stands behind the names of a scene: its materials, places and regions, on its mesh."""
+    """Materials, places and regions of a scene by name, on its mesh."""
 
     def __init__(self, sections: SceneTables, mesh: ElementMesh) -> None:
         self.mesh, self.sections = mesh, sections
@@ -75,7 +75,7 @@ class Names:
         return self._materials[name]
 
     def place(self, where: Any) -> Where:
-        """Return a place as `System` takes it, one of `[places]` by its name. Raise RegionError for an unknown name."""
+        """Return a place as `System` takes it; a name refers to `[places]` first. Raise RegionError for an unknown name."""
         if isinstance(where, str):
             places, marked = self.sections.places, {*self.mesh.boundaries, *self.mesh.node_sets}
             if where in places:
@@ -103,14 +103,14 @@ class Names:
 
 @dataclass(frozen=True, eq=False)
 class Built:
-    """What a scene builds: a system and its first state.
+    """System and first state that a scene builds.
 
     Attributes
     ----------
     sections, source : the scene, and its text with the lines of its keys.
     system : the body, loads and supports.
-    probes, reactions : places by name, as `simulate` takes them.
-    u0, v0 : (ndofs,) first displacements and velocities; None for none.
+    probes, reactions : locations by name, as `simulate` takes them.
+    u0, v0 : (ndofs,) first displacements and velocities; None without any.
     """
 
     sections: SceneTables
@@ -135,7 +135,7 @@ class Built:
 
     @cached_property
     def solver(self) -> str:
-        """Name of the linear solver, where "auto" is chosen; empty for explicit integrators. Those of few unknowns stay "auto"."""
+        """Name of the linear solver, with "auto" resolved; empty for explicit integrators. With few unknowns it stays "auto"."""
         analysis, system, asked = self.sections.analysis, self.system, self.sections.solver.name
         if self.sections.reduced is not None:
             return asked
@@ -148,14 +148,14 @@ class Built:
 
 
 def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> None:
-    """Refuse what can be told without a mesh: names that are not there, files that are missing, keys that do not go together.
+    """Refuse the faults that are visible without a mesh: unknown names, missing files, keys that exclude each other.
 
-    With a `mesh`, its file need not be there.
+    If a `mesh` is passed, its file need not exist.
 
     Raises
     ------
     SceneError
-        with all that was found.
+        with all faults found.
     """
     complaints = Complaints(source)
     most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
@@ -230,7 +230,7 @@ def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Comp
 
 
 def _check_reduced(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
-    """Complain about what needs all displacements."""
+    """Complain about keys that need all displacements, which a reduced analysis does not have."""
     analysis, solver = sections.analysis, sections.solver
     if sections.reduced is None:
         return
@@ -278,7 +278,7 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
     for name in ("file", "animation"):
         given = getattr(output, name)
         with complaints.at("output", name):
-            checked_path("name", f".{given}_0000.part", "the name of a file")  # under which its states are written
+            checked_path("name", f".{given}_0000.part", "the name of a file")  # name of the files of its states
         if given is not None and (Path(given).name != given or "\\" in given):
             complaints.add(("output", name), f"{given!r} is no name in the folder of results; give one alone, such as 'body.pvd'")
     if output.animation is not None and not (output.file or "").endswith(".pvd"):
@@ -301,12 +301,12 @@ def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict
 
 
 def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> Built:
-    """Build the system and the first state of a scene that was checked, on a `mesh` that is given, or on the one that it names.
+    """Build the system and the first state of a checked scene, on the user-supplied `mesh`, or on the mesh that the scene names.
 
     Raises
     ------
     SceneError
-        with all that was found: a mesh that cannot carry a body, places and regions without anything, materials that do not fit the
+        with all faults found: a mesh that cannot carry a body, empty places and regions, materials that do not fit the
         elements, supports that contradict each other, a result file of another mesh.
     """
     complaints = Complaints(source)
@@ -322,7 +322,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
         with complaints.at("places", name):
             if name in {*mesh.boundaries, *mesh.node_sets}:
                 raise StvkError("the mesh has a boundary or a node set of this name as well; rename it.")
-            if not isinstance(names.place(name), Box):  # which may be a region of elements
+            if not isinstance(names.place(name), Box):  # a box may be a region of elements
                 vertices_at(mesh, names.place(name), f"place {name!r}")
     terms: list[Any] = []
     for number, term in enumerate(sections.terms):
@@ -377,12 +377,12 @@ def _check_energies(complaints: Complaints, sections: SceneTables, system: Syste
 
 
 def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) -> None:
-    """Complain about Poisson's ratios of 1/2 and more where strain or its trace is held: plane stress alone allows them."""
+    """Complain about Poisson's ratios of 1/2 and more where the strain or its trace is constrained: only plane stress allows them."""
     name = getattr(term, "material", None)
     poisson = None if name is None else getattr(names.sections.materials[name], "poisson", None)
     if name is None or not isinstance(poisson, float | int) or poisson < 0.5 or not hasattr(law, "hypothesis"):
         return
-    if law.simplices is not None:  # in plane stress, or uniaxial
+    if law.simplices is not None:  # these are in plane stress, or uniaxial
         return
     hypothesis = law.hypothesis(names.mesh)
     if hypothesis in (Hypothesis.SOLID, Hypothesis.PLANE_STRAIN):
@@ -402,7 +402,7 @@ def _displacements(given: Prescribed) -> dict[str, Any]:
 
 
 def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
-    """Return whether the region and the place of a term are on the mesh; complain at the key of a place that is not."""
+    """Return whether the region and the location of a term are on the mesh; complain at the key of one that is not."""
     mesh, fits = names.mesh, {}
     if getattr(term, "region", None) is not None:
         fits["region"] = False

@@ -1,4 +1,4 @@
-"""Errors of a scene, each with its key, its line and words that do not need the schema."""
+"""Errors of a scene, each with its key, its line and a message that does not presuppose the schema."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SHOULD = re.compile(r"\w+ should (?:be|have) (.*?)(?: after validation.*)?")
 
 
 class Spot(NamedTuple):
-    """The place of an error in the data, the model of the table there, and the type of the key."""
+    """Location of an error in the data, with the model of the table there and the type of the key."""
 
     loc: Loc
     model: type[BaseModel] | None
@@ -44,7 +44,7 @@ class Spot(NamedTuple):
 
 
 class Complaints:
-    """Errors of a scene, collected so that one message names them all.
+    """Errors of a scene, collected so that one message lists them all.
 
     >>> complaints = Complaints(SceneSource.parse("[analysis]\\ndt = -1"))
     >>> complaints.add(("analysis", "dt"), "-1 is not above 0")
@@ -58,14 +58,14 @@ class Complaints:
         self._found: dict[tuple[Loc, str], None] = {}
 
     def add(self, loc: Sequence[str | int], message: str) -> None:
-        """Complain about a key, in words of a scene (`IN_TOML`); the same is said once."""
+        """Complain about a key, in words of a scene (`IN_TOML`); a repeated complaint is added once."""
         for said, in_toml in IN_TOML.items():
             message = message.replace(said, in_toml)
         self._found[tuple(loc), message] = None
 
     @contextmanager
     def at(self, *loc: str | int) -> Iterator[None]:
-        """Complain about a key whatever error of the package, or of the system, is raised within, and go on."""
+        """Turn any error of the package or the system that is raised within into a complaint about a key, and continue."""
         try:
             yield
         except SceneError as error:
@@ -97,7 +97,7 @@ class Complaints:
 
 
 def _in_words(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:
-    """Return the place in the data of an error of pydantic's, and what is wrong there."""
+    """Return the location of a pydantic error in the data, and its message."""
     spot, kind, given = _spot(schema, error["loc"]), error["type"], error.get("input")
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return _kind_is_wrong(spot, error)
@@ -124,7 +124,7 @@ def _expected(error: Any, given: Any) -> str:
 
 
 def _kind_is_wrong(spot: Spot, error: Any) -> tuple[Loc, str]:
-    """Say which kinds of a table there are, where one is told by its `type` or `model`."""
+    """Return the message that lists the kinds of a table, which its key `type` or `model` selects."""
     context, given = error.get("ctx", {}), error.get("input")
     name = str(context.get("discriminator", "'type'")).strip("'")
     name = name if name.isidentifier() else "type"
@@ -180,11 +180,11 @@ def _sentence(spot: Spot) -> str:
     return f": {found.description.rstrip('.')}" if found is not None and found.description else ""
 
 
-# from an error's location to the data: pydantic names the members of unions in it
+# conversion from the location of an error to the data: pydantic includes the members of unions in it
 
 
 def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
-    """Return the place of an error in the data with the model of its table, by following the types of the schema."""
+    """Return the location of an error in the data and the model of its table, by following the types of the schema."""
     annotation: Any = schema
     model: type[BaseModel] | None = None
     data: list[str | int] = []
@@ -211,7 +211,7 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
 
 
 def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
-    """Return the member of a union that a label of pydantic's means, and the parts of the location that it takes; None if none."""
+    """Return the union member for a label of pydantic, and the number of parts of the location that it takes; None if none matches."""
     found = list(members(annotation))
     for tags, one in found:
         if str(label) in tags:
@@ -227,6 +227,6 @@ def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
 
 
 def _tags(spot: Spot) -> list[str]:
-    """Return the kinds of a table that may stand in a place."""
+    """Return the kinds of a table that are allowed at a location."""
     annotation = spot.annotation
     return [tag for tags, _ in members(annotation) for tag in tags] if annotation is not None else []

@@ -1,4 +1,4 @@
-"""The folder of results of a scene: what is in it, and whose it is."""
+"""The folder of results of a scene: its contents, and the scene that they belong to."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .schema.analyses import ModesAnalysis
 from .schema.sections import Output
 from .source import SceneSource
 
-#: Status of a run that was refused before it began, so that nothing is lost where its folder is taken again.
+#: Status of a run that was refused before it began; nothing is lost if its folder is used again.
 REFUSED = "refused"
 #: Status of a run that an error ended after it had written results.
 FAILED = "failed"
@@ -56,7 +56,7 @@ class Former(NamedTuple):
 
 @dataclass(frozen=True)
 class Folder:
-    """A folder of results; `resume`: whether to go on with its checkpoint, `force`: whether to replace other results."""
+    """Folder of results; `resume`: whether to continue from its checkpoint, `force`: whether to replace other results."""
 
     path: Path
     resume: bool = False
@@ -68,7 +68,7 @@ class Folder:
         Raises
         ------
         StvkError
-            as `refuse_other`; if the folder cannot be written.
+            as `refuse_other`; if the folder is not writable.
         """
         self.refuse_other(sections)
         make(self.path)
@@ -79,8 +79,8 @@ class Folder:
         Raises
         ------
         StvkError
-            if it holds results and they are neither to be resumed nor to be replaced; if there is nothing to resume; if it holds
-            other files than results.
+            if it holds results and neither `resume` nor `force` is set; if there is nothing to resume; if it holds files other
+            than results.
         """
         path, names = self.path, names_with(self.path, SUMMARY, "results")
         if self.resume:
@@ -133,11 +133,11 @@ class Folder:
         return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in stats.items()}
 
     def begun(self, known: str) -> None:
-        """Say that a run began: a killed one leaves that."""
+        """Record that a run began; a killed run leaves this status."""
         self._say({"status": "was killed or is running", "scene_hash": known, "begun": _now()})
 
     def failed(self, known: str, error: BaseException, former: Former) -> None:
-        """Put back the former summary and scene if no result has changed; otherwise write why the run was refused, or failed."""
+        """Restore the former summary and scene if no result has changed; otherwise write why the run was refused, or failed."""
         unchanged = self._files() == former.files
         if former.said and unchanged:
             for name, content in former.said.items():
@@ -176,7 +176,9 @@ class Folder:
 
 
 def visible(folder: Path) -> list[str]:
-    """Return the names in a folder, none if it is missing; hidden files are of a write that was killed, or of the system."""
+    """Return the names in a folder, none if it is missing. Hidden files are skipped: they belong to a killed write, or to the
+    system.
+    """
     if folder.exists() and not folder.is_dir():
         raise StvkError(f"--out {folder}: it is a file; expected a folder, which is made if it is missing.")
     return sorted(one.name for one in folder.iterdir() if not one.name.startswith(".")) if folder.exists() else []

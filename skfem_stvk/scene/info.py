@@ -47,7 +47,7 @@ LOOSE = 60
 MECHANISM = 1e-6
 #: Unknowns up to which eigenfrequencies are computed; those of larger bodies are bounded from above.
 FEW = 6_000
-#: Numbers in the stiffnesses of all elements beyond which the elements that shorten the step are not searched: some 2 GB.
+#: Numbers in the stiffnesses of all elements above which the elements that shorten the step are not searched: some 2 GB.
 MOST_NUMBERS = 8e7
 #: A remark names elements that allow less than this part of the step that usual elements allow.
 SHORT = 0.2
@@ -111,7 +111,7 @@ class Inspection:
             warnings.simplefilter("always")
             try:
                 yield
-            except Exception as error:  # whatever is wrong with a part, the others are inspected
+            except Exception as error:  # a fault in one part must not stop the inspection of the others
                 said = str(error) if isinstance(error, StvkError) else f"{type(error).__name__}: {error}"
                 self.remark(name, said if refused else f"{name} could not be looked at: {said}", refused)
         for warning in noted:
@@ -123,7 +123,7 @@ class Inspection:
         return UNITS[self.units].symbol(dimension)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it in lists, texts and numbers, in the units of the scene, as JSON has them."""
+        """Return all facts and remarks in lists, texts and numbers, in the units of the scene, as JSON has them."""
         facts = {title: {fact.name: _plain(fact.value) for fact in rows} for title, rows in self.facts.items()}
         worst = {
             one.name: {"median": _plain(one.median), "elements": list(one.elements), "values": _plain(one.values)}
@@ -133,7 +133,7 @@ class Inspection:
         return {"units": self.units, **facts, "worst elements": worst, "remarks": remarks}
 
     def rendered(self, width: int) -> RenderableType:
-        """Return tables for a rich console of this width; remarks are at the end, where they are seen."""
+        """Return tables for a rich console of this width; remarks are at the end, where a reader sees them."""
         parts: list[RenderableType] = []
         for title, rows in self.facts.items():
             table = grid(title, "name", "value", "remark")
@@ -163,13 +163,13 @@ class Inspection:
 def inspect_mesh(
     mesh: ElementMesh, *, young: float | None = None, poisson: float | None = None, density: float | None = None
 ) -> Inspection:
-    """Inspect a mesh, and the free body of one material that it would be: nothing is held, nothing acts on it.
+    """Inspect a mesh, and the free body of one material on it, without supports and loads.
 
     Parameters
     ----------
-    young, poisson, density : of the material [Pa, -, kg/m^3]; without them the mesh alone is looked at.
+    young, poisson, density : of the material [Pa, -, kg/m^3]; without them only the mesh is inspected.
 
-    A mesh that no body can be made of raises no error: the remarks say why.
+    A mesh that cannot carry a body raises no error: the remarks say why.
     """
     found = Inspection("SI")
     _mesh(found, mesh)
@@ -189,7 +189,7 @@ def inspect_mesh(
 
 
 def inspect_scene(scene: Scene) -> Inspection:
-    """Inspect a scene: its mesh and body, its analysis, and whether its values are plausible. No mesh raises an error."""
+    """Inspect a scene: its mesh and body, its analysis, and whether its values are plausible. A faulty mesh raises no error."""
     sections = scene.sections
     found = Inspection(sections.units)
     built, mesh = None, None
@@ -275,7 +275,7 @@ def _body(found: Inspection, system: System, terms: list[str], built: Built | No
 
 
 def _loose(found: Inspection, system: System, built: Built | None) -> int:
-    """Add and return the number of rigid motions that are left to the parts of the body."""
+    """Add and return the number of free rigid motions of the parts of the body."""
     held = np.union1d(system.supports.held, system.grounded)
     left = rigid_modes_left(system.mesh.p, system.parts(), held, system.mesh.word)
     count = sum(one.count for one in left)
@@ -309,7 +309,7 @@ def _critical(found: Inspection, system: System, built: Built | None) -> None:
     integrator, unit = None if built is None else built.integrator, found.symbol("time")
     motion: Any = built.sections.analysis if built is not None and integrator is not None and integrator.explicit else None
     damped: list[Rayleigh | EdgeDamping] = []
-    if motion is not None:  # as it counts for stability
+    if motion is not None:  # masses as the stability limit uses them
         weight, damping = getattr(integrator, "damping_weight", 1.0), motion.damping
         damped = [Rayleigh(weight * damping.alpha, weight * damping.beta), EdgeDamping(weight * damping.tau)]
     step = critical_step(system, None if built is None else built.u0, damping=damped or None).step
@@ -350,7 +350,7 @@ def _short_elements(found: Inspection, system: System) -> None:
 
 
 def _motion(found: Inspection, built: Built, analysis: DynamicAnalysis) -> None:
-    """Add the number of steps of a motion; refuse a first state that no motion can begin with."""
+    """Add the number of steps of a motion; refuse a first state from which no motion can start."""
     if analysis.dt is not None:
         _steps(found, built, analysis.dt)
     motion = Motion(built.system, analysis.mass, analysis.damping.of_library())
@@ -389,7 +389,7 @@ def _linear_solver(system: System, built: Built | None) -> Fact:
 
 
 def _ritz_frequencies(system: System) -> Array:
-    """Return upper bounds on the lowest eigenfrequencies: Ritz values of polynomials that vanish where the body is held."""
+    """Return upper bounds on the lowest eigenfrequencies: Ritz values of polynomials that vanish at supports."""
     mesh, d = system.mesh, system.mesh.d
     x = mesh.p.T - mesh.p.mean(axis=1)
     size = float(np.abs(x).max())

@@ -24,14 +24,14 @@ from .schema.derived import KEYS
 from .schema.quantities import bare, literals, members
 from .schema.terms import given_by, in_elements, material_tables, term_tables
 
-#: Shapes of constants that are no numbers.
+#: Shapes of constants that are not scalars.
 SHAPES = {"frame": (3, 3), "voigt": (6, 6)}
-#: The mesh, beside the scene.
+#: Name of the mesh file, in the folder of the scene.
 MESH = "mesh.vtu"
 
 
 class Nameless(StvkError):
-    """Something that a program can build, and a scene cannot name."""
+    """Error for an object that a program can build and a scene cannot name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,8 @@ class NamedSystem:
     Attributes
     ----------
     data : the tables of the scene, whose mesh is in a file.
-    mesh : what that file has to hold: that of the system, with sets of nodes and elements for places and regions without a name.
-    left_out : what has no name in a scene, in words.
+    mesh : mesh that the file must hold: the system's mesh, with sets of nodes and elements for places and regions without a name.
+    left_out : the parts that a scene cannot name, in words.
     """
 
     data: dict[str, Any]
@@ -51,7 +51,7 @@ class NamedSystem:
 
     @classmethod
     def of(cls, system: System, analysis: Any) -> NamedSystem:
-        """Make the data of `Scene.of`, which says what is taken and what is refused."""
+        """Make the data of `Scene.of`, whose docstring lists what is accepted and what is refused."""
         if not isinstance(system, System):
             raise StvkError(f"system = {shown(system)}; expected a System.")
         if not isinstance(analysis, BaseModel | Mapping):
@@ -64,7 +64,7 @@ class NamedSystem:
         beside = [id(term) for body in system.body.beside for term in body.terms]
         named = []
         for number, (own, bound) in enumerate(zip(given, system.terms, strict=True)):
-            term = own if id(bound) in beside else bound  # on the mesh those with simplices have regions
+            term = own if id(bound) in beside else bound  # terms with simplices have regions on the meshes `beside`
             with names.leaving_out(f"terms[{number}], {type(term).__name__}"):
                 named.append(names.term(term))
         if not any("material" in term for term in named):
@@ -232,7 +232,7 @@ class SceneNames:
         return [(np.flatnonzero(which.ravel() == number), name) for number, name in enumerate(letters) if name]
 
     def prescribed(self, given: Any) -> dict[str, dict[str, Any]]:
-        """Return displacements by the name of their place. Those with another function of time get a place of their own."""
+        """Return displacements by the name of their place. Displacements with another function of time get a separate place."""
         table: dict[str, dict[str, Any]] = {}
         for where, motions in _pairs(given):
             what, entries = f"prescribed on {describe(where)}", list[dict[str, Any]]()

@@ -1,4 +1,4 @@
-"""What came of a scene: the result, what was followed on the way, and whether it is what was expected."""
+"""Outcome of a scene: the result, the curves of probes and reactions, and the comparison with expectations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .build import Built
 
 
 class Curve(NamedTuple):
-    """What was followed: the mean displacement of a probe, or the force of supports at a place."""
+    """Curve over time: the mean displacement of a probe, or the force of supports at a location."""
 
     t: Array  # (n,) times, or load factors
     values: Array  # (n, d) components
@@ -21,7 +21,7 @@ class Curve(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """A result beside what was expected."""
+    """Result with its expectation."""
 
     name: str  # as `tip.z`
     got: float | None  # None where it does not exist
@@ -37,18 +37,18 @@ def as_printed(value: float | None) -> str:
 
 @dataclass(frozen=True, eq=False)
 class SceneOutcome:
-    """What a scene gave.
+    """Outcome of a scene.
 
     Attributes
     ----------
     built : the scene with its system.
     result : a `StaticResult`, `Run` or `Modes`.
-    success, status, message : how it came out, in a word and in full.
+    success, status, message : whether it succeeded, its status in a word, and the full message.
     curves : probes and reactions by name, over the times or load factors.
-    values : results by dotted name, such as `energy.strain` and `tip.z`: at the end. NaN for an energy that does not exist.
-    judged : results beside expectations.
-    seconds : that it took.
-    folder : where results are, if they were written.
+    values : results at the end by dotted name, such as `energy.strain` and `tip.z`. NaN for an energy that does not exist.
+    judged : results with their expectations.
+    seconds : duration of the analysis.
+    folder : folder of results, if they were written.
     """
 
     built: Built
@@ -65,7 +65,9 @@ class SceneOutcome:
 
     @property
     def exit_code(self) -> int:
-        """0 if it converged and all is as expected, 1 if it did not converge, 3 if an expectation failed, 130 if interrupted."""
+        """Exit code: 0 if the analysis converged and all expectations hold, 1 if it did not converge, 3 if an expectation failed,
+        130 if interrupted.
+        """
         if self.status == "interrupted":
             return INTERRUPTED
         if not self.success:

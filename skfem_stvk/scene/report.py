@@ -1,4 +1,4 @@
-"""The report of a scene: the plots and the picture it names, and a page that holds them beside the results."""
+"""Report of a scene: the plots and the picture that it names, and a page that shows them with the results."""
 
 from __future__ import annotations
 
@@ -30,47 +30,47 @@ from ..statics import StaticResult
 from .outcome import Curve, SceneOutcome, as_printed
 from .units import UNITS
 
-#: Displacements are enlarged to about this part of the body's size where they are below half of it.
+#: Displacements are enlarged to about this fraction of the body's size if they are below half of it.
 SHOWN = 0.08
-#: Elastic modes of which there are pictures.
+#: Number of elastic modes with a picture.
 MOST_MODES = 4
 DOTS_PER_INCH = 130
-#: Dimensions of what fields are measured in.
+#: Dimensions of the fields.
 DIMENSIONS = {"Pa": "stress", "J/m^3": "stress", "m": "length", "m/s": "velocity"}
-#: Dimensions of results by what their names begin with; those of probes and reactions are known from their curves.
+#: Dimensions of results by the beginning of their names; those of probes and reactions are known from their curves.
 RESULTS = {"energy": "energy", "frequency": "frequency", "displacement": "length", "time": "time"}
 GREY, VERMILION = "#c8c8c8", "#D55E00"
-#: Words on a curve.
+#: Labels of a curve.
 BACKED, SMALL = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5}, {"fontsize": 8, "color": VERMILION}
 
 
 class Drawing(NamedTuple):
-    """A file with a picture, and what it shows."""
+    """File with a picture, and its title."""
 
     title: str
     path: Path
 
     @property
     def file(self) -> str:
-        """Its name."""
+        """Name of the file."""
         return self.path.name
 
     @property
     def kind(self) -> str:
-        """Its format."""
+        """Format of the file."""
         return self.path.suffix[1:]
 
     @property
     def encoded(self) -> str:
-        """Its bytes, as a page holds them."""
+        """Bytes of the file, encoded for a page."""
         return base64.b64encode(self.path.read_bytes()).decode()
 
 
 def write_report(folder: Path, outcome: SceneOutcome) -> Path:
-    """Write what a scene's `[output]` names of its last state, and `report.html`, a page that needs no other file.
+    """Write the last state as a scene's `[output]` requests, and `report.html`, a page that needs no other file.
 
-    Plots are `plot-NAME.png`, the deformed body is `picture.png` (of modes `picture-0.png` and so on). What cannot be drawn is said
-    on the page, and costs nothing else.
+    Plots are `plot-NAME.png`, the deformed body is `picture.png` (for modes `picture-0.png` and so on). If a picture cannot be
+    drawn, the page says so, and the others are still drawn.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _save_last_state(folder: Path, outcome: SceneOutcome) -> None:
 
 
 def _drawn(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator[Drawing]:
-    """Draw and write what is wanted; what fails is added to the troubles."""
+    """Draw and write the requested pictures; failures are added to the troubles."""
     for title, name, drawing in _wanted(outcome):
         try:
             figure = drawing()
@@ -184,7 +184,7 @@ def _last_state(outcome: SceneOutcome) -> Any:
     scale = _scale(mesh.p, _largest(result.u.reshape(-1, mesh.d)))
     when = f"time {result.t:.6g} {_symbol(outcome, 'time')}" if isinstance(result, Run) else f"load factor {result.t:.6g}"
     picture = picture_of(result.state, field, scale, _label(outcome, field))
-    if np.ma.getmaskarray(picture.values).all():  # as of stresses, where no term has any
+    if np.ma.getmaskarray(picture.values).all():  # no term has the field, for example stresses
         picture = picture_of(result.state, "displacement", scale, _label(outcome, "displacement"))
     return _body(outcome, picture, f"{when}{_times(scale)}")
 
@@ -203,13 +203,13 @@ def _body(outcome: SceneOutcome, picture: Picture, title: str) -> Any:
     figure, picture = new_figure(SIZE, interactive=False), replace(picture, length_unit=_symbol(outcome, "length"))
     Stage(figure, picture, View.of([picture])).show(picture)
     for text in list(figure.texts):
-        text.remove()  # the title says by what displacements are enlarged
+        text.remove()  # the title states the factor of displacements
     figure.suptitle(title, fontsize=11)
     return figure
 
 
 def _elastic(modes: Modes) -> list[int]:
-    """Return the numbers of the modes that are not rigid; of all if all are rigid."""
+    """Return the numbers of the modes that are not rigid; all modes if all are rigid."""
     found = [int(number) for number in np.flatnonzero(~modes.rigid)]
     return found or list(range(len(modes)))
 
@@ -220,7 +220,7 @@ def _largest(u: Array) -> float:
 
 
 def _scale(p: Array, largest: float) -> float:
-    """Return a factor of displacements with which the `largest` is seen: 1, or one such as 20 or 500."""
+    """Return a factor that makes the `largest` displacement visible: 1, or a round number such as 20 or 500."""
     size = np.linalg.norm(np.ptp(p, axis=1))
     if not 0 < largest < SHOWN / 2 * size:
         return 1.0
@@ -280,7 +280,7 @@ def _ledger(outcome: SceneOutcome) -> Any:
 
 
 def _path(outcome: SceneOutcome) -> Any:
-    """Load factor against the largest displacement of a node, with the critical points."""
+    """Draw the load factor against the largest displacement of a node, with the critical points."""
     result, initial = outcome.result, outcome.built.u0
     d, begin = outcome.built.mesh.d, np.zeros(result.system.ndofs) if initial is None else initial
 
@@ -305,7 +305,7 @@ def _symbol(outcome: SceneOutcome, dimension: str) -> str:
 
 
 def _label(outcome: SceneOutcome, field: str) -> str | None:
-    """Return words and unit of a field; None in SI, where numbers get prefixes such as M for 1e6."""
+    """Return label and unit of a field; None in SI, where numbers get prefixes such as M for 1e6."""
     if outcome.built.sections.units == "SI":
         return None
     words, unit = (field, VECTORS[field]) if field in VECTORS else (find(field).words, find(field).unit)
@@ -365,7 +365,9 @@ def _analysis(result: Any, kind: str) -> str:
 
 
 def _commands(resolved: bool) -> Iterator[str]:
-    """Return the command line that wrote the report, if it is ours, and one that repeats it in the folder of results."""
+    """Yield the command line that wrote the report, if it is of this package, and a command that repeats it in the folder of
+    results.
+    """
     program = Path(sys.argv[0]).name
     if program.startswith("skfem-stvk"):
         yield shlex.join([program, *sys.argv[1:]])

@@ -1,4 +1,4 @@
-"""From a scene to its results: the analysis, what was followed on the way, and whether it is what was expected."""
+"""From a scene to its results: the analysis, the curves of probes and reactions, and the comparison with expectations."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from .outcome import Curve, Judged, SceneOutcome
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, StaticAnalysis, stop_of
 
-#: Part of loads and reactions below which the residual of a static state is small enough, by default.
+#: Default tolerance of the residual of a static state, as a fraction of loads and reactions.
 RTOL = 1e-8
 
 
 def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) -> SceneOutcome:
-    """Solve a scene; states and checkpoints are written into the folder, if there is one.
+    """Solve a scene; states and checkpoints are written into the folder, if one is passed.
 
-    Ctrl-C ends the analysis after the step that it is in, a second one at once.
+    Ctrl-C ends the analysis after its current step, a second one at once.
 
     Raises
     ------
     StvkError
-        where the analysis refuses what it got: a SceneError where a key is to blame. Whether it converged is said by the outcome.
+        if the analysis refuses its input: a SceneError if a key is the cause. The outcome says whether it converged.
 
     Warns
     -----
     StvkWarning
-        of a motion that blew up on the way, or whose steps gained energy.
+        for a motion that diverged on the way, or whose steps gained energy.
     """
     sections, begin = built.sections, time.perf_counter()
     with on_threads(sections.threads), _noted() as noted, finishing_steps():
@@ -84,7 +84,7 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
     with _at_its_key(built, "reduced"):
         body = system if basis is None else basis.of_body(system, quiet)
     if basis is not None and not isinstance(analysis, DynamicAnalysis):
-        files = {name: value for name, value in files.items() if name not in ("checkpoint", "resume")}  # it begins anew
+        files = {name: value for name, value in files.items() if name not in ("checkpoint", "resume")}  # it starts again
     try:
         if isinstance(analysis, DynamicAnalysis):
             return simulate(
@@ -125,7 +125,7 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
         found: StaticResult | Run = interrupted.result
         return found
     except (SolveError, SimulationError) as error:
-        if not isinstance(error.__cause__, OSError | StvkError):  # a full disk, most often
+        if not isinstance(error.__cause__, OSError | StvkError):  # usually a full disk
             raise
         return error.result if isinstance(error, SolveError) else error.run
 
@@ -154,7 +154,7 @@ def _at_its_key(built: Built, *loc: str) -> Iterator[None]:
 
 
 def _gained(run: Run) -> str:
-    """Say what came from nowhere in a motion that reached its end."""
+    """Return the message on the energy that a completed motion gained."""
     times = "once" if run.blow_ups == 1 else f"{run.blow_ups} times"
     up = f"The motion blew up {times} on the way, and its steps" if run.blow_ups else "The steps"
     part = f"{'gained' if run.gained > 0 else 'lost'} {abs(run.gained) * 100:.2g} % of the energy"
@@ -169,7 +169,7 @@ def _stop(built: Built, analysis: StaticAnalysis | ArcLengthAnalysis) -> Any:
 
 
 def _success(sections: SceneTables, result: StaticResult | Run) -> bool:
-    """Return whether the analysis came to its end; arc length may have unstable states."""
+    """Return whether the analysis reached its end; arc length may have unstable states."""
     unstable = isinstance(sections.analysis, ArcLengthAnalysis) and result.status.name == "UNSTABLE"
     return result.success or unstable
 
@@ -210,7 +210,7 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
     largest = float(np.linalg.norm(result.u.reshape(-1, result.system.mesh.d), axis=1).max())
     common = {"displacement.largest": largest}
     smallest = float(result.system.smallest_volume_ratio(result.u))
-    if np.isfinite(smallest):  # of springs alone there is none
+    if np.isfinite(smallest):  # springs alone have none
         common["volume_ratio.smallest"] = smallest
     if isinstance(result, Run):
         ledger = result.ledger
@@ -235,7 +235,7 @@ def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[Judged, ..
 
 @contextmanager
 def on_threads(count: int | None) -> Iterator[None]:
-    """Run kernels on so many threads."""
+    """Run kernels on this number of threads."""
     before = numba.get_num_threads()
     if count is not None:
         numba.set_num_threads(count)
@@ -247,7 +247,7 @@ def on_threads(count: int | None) -> Iterator[None]:
 
 @contextmanager
 def _noted() -> Iterator[list[str]]:
-    """Collect the texts of this package's warnings; all warnings are shown as ever."""
+    """Collect the texts of this package's warnings; all warnings are still shown."""
     noted: list[str] = []
     show: Callable[..., None] = warnings.showwarning
 

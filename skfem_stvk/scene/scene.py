@@ -1,4 +1,4 @@
-"""A scene: a whole job in one file, from the mesh to what is written and expected."""
+"""A scene: a whole job in one file, from the mesh to output files and expected results."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from .units import implausible
 
 
 class Scene:
-    """A whole job from one file: mesh, materials, terms, supports, an analysis, what is written and what is expected.
+    """A whole job from one file: mesh, materials, terms, supports, an analysis, output files and expected results.
 
-    It holds only what its file names; what it does not name costs nothing. All keys are in `docs/scene-keys.md`.
+    A scene holds only the objects that its file names; nothing else is imported or computed. All keys are in `docs/scene-keys.md`.
 
     Attributes
     ----------
     sections : its tables and keys, checked.
     source : its text, and the lines of its keys.
-    left_out : what of a system that it was made of (`of`) has no name in a scene, in words.
+    left_out : the parts of the system that a scene made by `of` cannot name, in words.
 
     >>> scene = Scene.of_data({
     ...     "mesh": {"type": "box", "size": [4.0, 1.0, 1.0], "cells": [8, 2, 2]},
@@ -67,12 +67,12 @@ class Scene:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], set: Sequence[str] = ()) -> Scene:
-        """Read the scene in a TOML file, with keys that are `set` anew, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
+        """Read the scene in a TOML file, with keys replaced by `set`, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
 
         Raises
         ------
         SceneError
-            with all that is wrong in it, each with its place and line.
+            with all faults in it, each with its key and line.
         """
         source = SceneSource.read(checked_path("path", path, "the path of a scene file such as 'thrown.toml'"))
         return cls._checked(source.changed(set) if set else source)
@@ -84,11 +84,11 @@ class Scene:
 
     @classmethod
     def of(cls, system: System, analysis: Mapping[str, Any] | BaseModel) -> Scene:
-        """Return the scene of a system, as far as it can be named; `write` writes its mesh beside it.
+        """Return the scene of a system, as far as it can be named; `write` also writes its mesh, into the same folder.
 
-        Places that are predicates or ids become sets of nodes in the mesh, regions of ids subdomains. What has no name is left out
-        and told, in `left_out` and by a warning: functions of place, functions of time other than `Ramp`, `Sine` and `Table`,
-        values for each element or node, terms and materials of one's own, single precision.
+        Places that are predicates or ids become sets of nodes in the mesh, and regions of ids become subdomains. Parts without a
+        name are left out, and reported in `left_out` and by a warning. These are functions of position, functions of time other
+        than `Ramp`, `Sine` and `Table`, values for each element or node, the user's own terms and materials, and single precision.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class Scene:
         Warns
         -----
         StvkWarning
-            with all that is left out.
+            with all parts that are left out.
 
         >>> from skfem_stvk import Gravity, Ramp, StVK, System, Traction
         >>> from skfem_stvk.mesh import box
@@ -136,7 +136,7 @@ class Scene:
 
     @cached_property
     def built(self) -> Built:
-        """The system and the first state. SceneError, with all that does not fit the mesh."""
+        """System and first state. Raises SceneError with all faults that the mesh reveals."""
         return build(self.sections, self.source, self._mesh)
 
     def system(self) -> System:
@@ -145,32 +145,32 @@ class Scene:
 
     @property
     def data(self) -> dict[str, Any]:
-        """Its tables with every default filled in, as a TOML file has them; keys without a value are left out."""
+        """Tables of the scene with every default filled in, as a TOML file has them; keys without a value are left out."""
         return _tables(self.sections)
 
     def implausible(self) -> list[str]:
-        """Return, in a sentence each, values that are not plausible in the scene's units, and the size of its mesh if it is not."""
+        """Return, in a sentence each, the values that are implausible in the scene's units, including the size of its mesh."""
         return implausible(self.sections, self.built.mesh)
 
     def solve(
         self, out: str | os.PathLike[str] | None = None, *, resume: bool = False, force: bool = False, quiet: bool = False
     ) -> SceneOutcome:
-        """Solve it, and write results into the folder `out`, if one is given.
+        """Solve the scene, and write results into the folder `out`, if one is passed.
 
         Parameters
         ----------
         out : folder of results, made if it is missing: summary.json, resolved.toml, report.html, pictures, states and a checkpoint.
-        resume : go on from the checkpoint in it.
+        resume : continue from the checkpoint in it.
         force : replace the results of another run in it.
         quiet : print nothing.
 
         Raises
         ------
         SceneError
-            for what does not fit the mesh.
+            if a part does not fit the mesh.
         StvkError
-            if the folder holds other results, or the analysis refuses what it got. Whether it converged, and is as expected, is
-            said by the outcome.
+            if the folder holds other results, or the analysis refuses its input. The outcome says whether it converged and
+            matches the expectations.
         """
         if out is None:
             if resume or force:
@@ -179,7 +179,7 @@ class Scene:
         folder = Folder(checked_path("out", out, "the path of a folder"), resume, force)
         folder.open(self.sections)
         with OneWriter(folder.path):
-            folder.refuse_other(self.sections)  # again: another run may have ended between the first look and the lock
+            folder.refuse_other(self.sections)  # check again: another run may have ended between the first check and the lock
             built, former = self.built, folder.former()
             try:
                 folder.begun(self.hash)
@@ -208,13 +208,13 @@ class Scene:
                 data[table]["file"] = os.path.relpath(self.source.folder / data[table]["file"], folder)
         tables = _tables(scene_tables().model_validate(data))
         if not built.solver:
-            del tables["solver"]  # explicit integrators solve nothing
+            del tables["solver"]  # explicit integrators solve no systems
         return tables
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the scene with every default filled in, and what "auto" takes: a valid scene that gives the same results.
+        """Write the scene with every default filled in and "auto" resolved: a valid scene that gives the same results.
 
-        The mesh of a scene `of` a system is written beside it, as .vtu of the same name.
+        The mesh of a scene `of` a system is written next to it, as .vtu of the same name.
         """
         target = checked_path("path", path, "the path of a scene file such as 'resolved.toml'")
         data = self.resolved(target.parent)
@@ -226,13 +226,13 @@ class Scene:
 
     @property
     def folder_of_results(self) -> Path:
-        """Where results go by default: a folder beside the scene, named after it."""
+        """Default folder of results: next to the scene, with its name."""
         return self.source.folder / Path(self.source.name).stem
 
     @cached_property
     def hash(self) -> str:
-        """Hash of the scene with the contents of its files, whatever its title, its comments and the order of its keys."""
-        from ..mesh.files import parts_of  # meshio is imported only where there is a file
+        """Hash of the scene with the contents of its files; it does not depend on title, comments and the order of keys."""
+        from ..mesh.files import parts_of  # meshio is imported only for mesh files
 
         folder, mesh, initial = self.source.folder, getattr(self.sections.mesh, "file", None), self.sections.initial
         files = [] if mesh is None else parts_of(folder / mesh)
@@ -259,5 +259,5 @@ def _kinds_first(data: Any) -> Any:
     return {name: _kinds_first(data[name]) for name in (*first, *(name for name in data if name not in first))}
 
 
-#: Keys that tell the kind of a table.
+#: Keys that select the kind of a table.
 KINDS = ("type", "model")

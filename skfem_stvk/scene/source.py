@@ -1,4 +1,4 @@
-"""The text of a scene: its data, the line of each key, and values that are set anew."""
+"""Text of a scene: its data, the line of each key, and settings that replace values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..errors import SceneError, name_known
 from ..results.files import content_of
 from .syntax import DEEPEST, Loc, lines_of, parsed, path_of, refuse_too_much, value_text
 
-#: Files that are larger are no scenes.
+#: Larger files are refused as scenes.
 LARGEST = 10_000_000
 #: A key or an index in the path of `--set`.
 STEP = re.compile(r"""\.?(?:(?P<bare>[A-Za-z0-9_-]+)|"(?P<quoted>[^"]*)"|'(?P<literal>[^']*)')|\[(?P<index>-?\d+)\]""")
@@ -31,7 +31,7 @@ class SceneSource:
     name : name of the file, for messages.
     folder : folder to which the paths of inputs are relative.
     text : text of the file; empty if there is none.
-    settings : settings by the place of their key, as they were given.
+    settings : settings by the path of their key, as the user wrote them.
     """
 
     data: dict[str, Any]
@@ -42,7 +42,7 @@ class SceneSource:
 
     @classmethod
     def read(cls, path: Path) -> SceneSource:
-        """Read the source in a file. Raise SceneError, with the place, if it cannot be read or is no TOML."""
+        """Read the source in a file. Raise SceneError, with the location, if it cannot be read or is not TOML."""
         if path.is_dir():
             raise _not_read(f"{path} is a folder; expected a scene file such as {path / 'scene.toml'}.")
         if not path.exists():
@@ -68,7 +68,7 @@ class SceneSource:
 
     @classmethod
     def parse(cls, text: str, name: str = "scene.toml") -> SceneSource:
-        """Return the source in a text. Raise SceneError, with the place, if it is no TOML."""
+        """Return the source in a text. Raise SceneError, with the location, if it is not TOML."""
         return cls(parsed(text, name), name, text=text)
 
     @classmethod
@@ -82,7 +82,7 @@ class SceneSource:
         return lines_of(self.text) if self.text else {}
 
     def line(self, loc: Sequence[str | int]) -> int | None:
-        """Return the line of a key, or of the nearest table that it is in; None if it was set anew, or there is no text."""
+        """Return the line of a key, or of the nearest table around it; None if a setting replaced it, or there is no text."""
         if self.setting(loc):
             return None
         for end in range(len(loc), 0, -1):
@@ -91,11 +91,13 @@ class SceneSource:
         return None
 
     def setting(self, loc: Sequence[str | int]) -> str:
-        """Return the setting that set a key anew, as it was given; empty if its value is that of the text."""
+        """Return the setting that replaced a key, as the user wrote it; empty if its value is that of the text."""
         return next((self.settings[tuple(loc[:end])] for end in range(len(loc), 0, -1) if tuple(loc[:end]) in self.settings), "")
 
     def changed(self, settings: Sequence[str]) -> SceneSource:
-        """Return the source with values set anew: "analysis.dt=1e-5", "terms[1].g=[0,0,-1]". SceneError if a place is missing."""
+        """Return the source with values replaced: "analysis.dt=1e-5", "terms[1].g=[0,0,-1]". SceneError if a key path does not
+        exist.
+        """
         data, made = deepcopy(self.data), dict(self.settings)
         for given in settings:
             loc, value = setting_of(given)
@@ -104,7 +106,7 @@ class SceneSource:
 
 
 def setting_of(given: str) -> tuple[Loc, Any]:
-    """Return the place and the value of a setting; text needs no quotation marks where it is nothing else.
+    """Return the key path and the value of a setting; quotation marks are optional for text that is no other value.
 
     >>> setting_of("terms[1].g=[0, 0, -1]"), setting_of("mesh.file=2nd.msh"), setting_of("fixed.'left wall'=xy")
     ((('terms', 1, 'g'), [0, 0, -1]), (('mesh', 'file'), '2nd.msh'), (('fixed', 'left wall'), 'xy'))
@@ -137,9 +139,9 @@ def setting_of(given: str) -> tuple[Loc, Any]:
 
 
 def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> list[Loc]:
-    """Set a value in its place; tables that are not there are made, entries of lists have to be there.
+    """Set the value at a key path. Missing tables are made; entries of lists must exist.
 
-    Returns the places of the value and of these tables, with the entries of lists counted from 0.
+    Returns the key paths of the value and of the new tables, with the entries of lists counted from 0.
     """
     at: Any = data
     place: Loc = ()
@@ -179,15 +181,15 @@ def _not_read(message: str) -> SceneError:
 
 
 class Axis(NamedTuple):
-    """A key of a scene with the values that it takes in turn."""
+    """Key of a scene with the values that it takes in turn."""
 
     loc: Loc
-    texts: tuple[str, ...]  # of the values, as TOML has them
+    texts: tuple[str, ...]  # texts of the values, as TOML has them
     values: tuple[Any, ...]
 
     @property
     def path(self) -> str:
-        """The key as a user writes it."""
+        """Key as a user writes it."""
         return path_of(self.loc)
 
     @property
@@ -197,9 +199,9 @@ class Axis(NamedTuple):
 
 
 def axes_of(settings: Mapping[str, Iterable[Any]] | Sequence[str]) -> list[Axis]:
-    """Return keys with their values, of `--set` texts or of a dictionary.
+    """Return keys with their values, from `--set` texts or from a dictionary.
 
-    Commas part values, but for those within quotation marks, lists and tables.
+    Commas separate values, except within quotation marks, lists and tables.
 
     >>> [(axis.path, axis.values) for axis in axes_of(["analysis.steps=5,10", "terms[1].g=[0,-1],[0,-2]"])]
     [('analysis.steps', (5, 10)), ('terms[1].g', ([0, -1], [0, -2]))]
@@ -209,7 +211,7 @@ def axes_of(settings: Mapping[str, Iterable[Any]] | Sequence[str]) -> list[Axis]
     Raises
     ------
     SceneError
-        if there is no value, or one that is none, or a key is there twice: all of that at once.
+        with all faults at once: a key without a value, an invalid value, a key that is repeated.
     """
     axes: list[Axis] = []
     wrong: list[str] = []
@@ -247,7 +249,7 @@ def _given(settings: Mapping[str, Iterable[Any]] | Sequence[str], wrong: list[st
 
 
 def split(text: str, mark: str, most: int | None = None) -> list[str]:
-    """Return the parts of a text between marks, at most so many, that stand outside of quotation marks, brackets and braces.
+    """Return the parts of a text between marks, at most `most`. Marks within quotation marks, brackets and braces do not count.
 
     >>> split("[0, 0, -1], 'a,b', {x = 1, y = 2}", ",")
     ['[0, 0, -1]', "'a,b'", '{x = 1, y = 2}']
@@ -273,7 +275,7 @@ def split(text: str, mark: str, most: int | None = None) -> list[str]:
 
 
 def refuse_all(wrong: Sequence[str], name: str, complaints: Sequence[tuple[str, int | None, str]] | None = None) -> None:
-    """Raise SceneError with all that is wrong, if anything is; `complaints` are the same with keys and lines."""
+    """Raise SceneError with all faults, if there are any; `complaints` are the same with keys and lines."""
     if wrong:
         head = f"{name}: " if len(wrong) == 1 else f"{name} has {len(wrong)} errors:\n  "
         raise SceneError(head + "\n  ".join(wrong), [("", None, one) for one in wrong] if complaints is None else complaints)

@@ -1,4 +1,4 @@
-"""Many runs of a scene, with other values each, in processes: into a folder for each, a table and a plot."""
+"""Many runs of a scene with different values, in processes; the results are a folder for each run, a table and a plot."""
 
 from __future__ import annotations
 
@@ -39,36 +39,36 @@ from .units import UNITS, dimension_of, implausible
 TABLE, PLOT = "table.csv", "sweep.png"
 #: Columns between the values and the results.
 COLUMNS = ("status", "exit_code", "seconds", "folder", "message")
-#: Exit codes of runs that came to an end: they are not solved again unasked.
+#: Exit codes of runs that reached their end: they are solved again only with `force`.
 ENDED = (DONE, NOT_PASSED, NOT_AS_EXPECTED)
-#: Runs of one sweep at most: each has a folder and a line of the table.
+#: Maximum number of runs of one sweep: each has a folder and a line of the table.
 MOST_RUNS = 10_000
-#: A longer name of a folder is cut.
+#: Maximum length of the name of a folder; longer names are cut.
 LONGEST = 120
-#: Results, and lines of each, that a plot holds at most.
+#: Maximum number of results in a plot, and of lines for each.
 MOST_PANELS, MOST_LINES = 6, 10
-#: From this quotient of the largest value and the smallest on the abscissa is logarithmic.
+#: Ratio of the largest to the smallest value from which the abscissa is logarithmic.
 WIDE = 30
-#: Parts of the largest component below which values are the same, and below which a component is zero.
+#: Fractions of the largest component below which two values are equal, and below which a component is zero.
 SAME, ZERO = 1e-9, 1e-6
 #: Bytes of the largest table that is read.
 LARGEST_TABLE = 100_000_000
-#: Results that say how a run went rather than what came of it.
+#: Results about the course of a run, not its outcome.
 COUNTED = ("steps", "load", "time", "modes.rigid", "modes.unstable")
 
 
 @dataclass(frozen=True)
 class SweepRow:
-    """What came of one run of a sweep.
+    """Outcome of one run of a sweep.
 
     Attributes
     ----------
-    values : of the keys that were swept.
-    status, message : how it came out, in a word, and what failed; the message of a run that is done is empty.
-    exit_code : as of `skfem-stvk solve`; None if its process crashed.
-    seconds : that it took.
-    folder : where its results are.
-    results : by dotted name, such as `energy.strain`.
+    values : values of the swept keys.
+    status, message : its status in a word, and the error; the message of a run that is done is empty.
+    exit_code : exit code of `skfem-stvk solve`; None if its process crashed.
+    seconds : duration of the run.
+    folder : folder of its results.
+    results : results by dotted name, such as `energy.strain`.
     """
 
     values: dict[str, Any]
@@ -81,7 +81,7 @@ class SweepRow:
 
     @property
     def done(self) -> bool:
-        """Whether it converged, and all is as expected."""
+        """Whether the run converged, and all expectations hold."""
         return self.exit_code == DONE
 
 
@@ -94,33 +94,33 @@ def sweep(
     force: bool = False,
     quiet: bool = False,
 ) -> list[SweepRow]:
-    """Solve a scene with the product of values, several at a time, each in a process; what is done already is not done again.
+    """Solve a scene with the product of values, several runs at a time, each in a process; runs that are done are not repeated.
 
-    Runs that fail, or whose process crashes, do not stop the others. A run that was killed or interrupted goes on from its
-    checkpoint if it has one. Programs call this under `if __name__ == "__main__":`, as processes import them anew.
+    Runs that fail, or whose process crashes, do not stop the others. A run that was killed or interrupted continues from its
+    checkpoint if it has one. Programs call this under `if __name__ == "__main__":`, because each process imports them again.
 
     Parameters
     ----------
-    path : of the scene file.
+    path : path of the scene file.
     settings : values by key, {"materials.steel.young": [1e9, 2e9]}, or texts such as "materials.steel.young=1e9,2e9".
-    out : folder of table.csv, sweep.png and a folder for each run; by default beside the scene, named `SCENE-sweep`.
-    jobs : runs at a time, by default one for each core; their kernels share the cores.
-    force : replace runs in `out` that are of another scene, and solve those again that failed.
+    out : folder of table.csv, sweep.png and a folder for each run; by default next to the scene, named `SCENE-sweep`.
+    jobs : number of runs at a time, by default one for each core; their kernels share the cores.
+    force : replace runs in `out` that belong to another scene, and solve failed runs again.
     quiet : print nothing.
 
     Returns
     -------
     list of SweepRow
-        in the order of the product, the last key changing fastest.
+        in the order of the product; the last key changes fastest.
 
     Raises
     ------
     SceneError
-        with all that is wrong in any of the scenes, before anything runs.
+        with all faults in any of the scenes, before anything runs.
     StvkError
-        if the folder holds runs of another scene, or something else, or cannot be written.
+        if the folder holds runs of another scene, or other files, or is not writable.
     KeyboardInterrupt
-        after Ctrl-C, when runs have ended after the step that they were in and the table is written; at once after a second one.
+        after Ctrl-C, when runs have ended after their current step and the table is written; at once after a second one.
     """
     if is_started_for_work():
         raise StvkError('sweep() runs in a process that was started for it. Call it under `if __name__ == "__main__":` alone.')
@@ -159,11 +159,11 @@ def sweep(
         return [rows[run.name] for run in runs]
 
 
-# which scenes a sweep is made of, and what each is called
+# the scenes of a sweep and their names
 
 
 class Planned(NamedTuple):
-    """One scene of a sweep: its values, what is to be set, and the name of its folder."""
+    """One scene of a sweep: its values, its settings, and the name of its folder."""
 
     values: dict[str, Any]
     settings: tuple[str, ...]
@@ -174,12 +174,12 @@ class Planned(NamedTuple):
 def planned(
     path: str | os.PathLike[str], settings: Mapping[str, Iterable[Any]] | Sequence[str]
 ) -> tuple[list[Axis], list[Planned]]:
-    """Return the axes of a sweep, and the product of their values: the last axis changes fastest; every scene is checked.
+    """Return the axes of a sweep, and the product of their values, the last axis fastest. Every scene is checked.
 
     Raises
     ------
     SceneError
-        with all that is wrong in the scene, in the settings and in any of the scenes, each once; or if two are the same.
+        with all faults in the scene, in the settings and in any of the scenes, each once; or if two scenes are equal.
     """
     axes = axes_of(settings)
     if (count := prod(len(axis.values) for axis in axes)) > MOST_RUNS:
@@ -218,9 +218,9 @@ def _each(error: SceneError, name: str) -> list[str]:
 
 
 def _names(axes: Sequence[Axis], combinations: Sequence[Sequence[int]]) -> list[str]:
-    """Return a name for each run, which file systems take, of the last names of its keys and its values.
+    """Return a name for each run that file systems accept, made from the last names of its keys and its values.
 
-    Names that would be the same, or that are cut, end with a hash of what they are the names of.
+    Names that would be equal, or that are cut, end with a hash of their values.
     """
     short = [_plain(_dotted(_last(axis.loc))) for axis in axes]
     keys = [one if short.count(one) == 1 else _plain(_dotted(axis.loc)) for one, axis in zip(short, axes, strict=True)]
@@ -228,7 +228,7 @@ def _names(axes: Sequence[Axis], combinations: Sequence[Sequence[int]]) -> list[
         ",".join(f"{key}={_plain(in_short(axis.values[k]))}" for key, axis, k in zip(keys, axes, numbers, strict=True))
         for numbers in combinations
     ]
-    times = Counter(name.lower() for name in whole)  # some file systems do not tell capitals
+    times = Counter(name.lower() for name in whole)  # some file systems ignore case
     names = []
     for name, numbers in zip(whole, combinations, strict=True):
         if times[name.lower()] > 1 or len(name) > LONGEST:
@@ -239,7 +239,7 @@ def _names(axes: Sequence[Axis], combinations: Sequence[Sequence[int]]) -> list[
 
 
 def _last(loc: Loc) -> Loc:
-    """Return the last name in a place, and numbers behind it."""
+    """Return the last name in a key path, with the indices after it."""
     return loc[max(depth for depth, one in enumerate(loc) if isinstance(one, str)) :]
 
 
@@ -269,11 +269,11 @@ def in_short(value: Any) -> str:
     return re.sub(r"e\+?(-?)0*", r"e\1", text)
 
 
-# what there is already
+# earlier results
 
 
 def _open(folder: Path) -> None:
-    """Make the folder; refuse one that holds something else than a sweep."""
+    """Make the folder; refuse one that holds anything other than a sweep."""
     if names_with(folder, TABLE, "a sweep"):
         try:
             lines = content_of(folder / TABLE, LARGEST_TABLE).decode(errors="replace").splitlines()
@@ -286,7 +286,7 @@ def _open(folder: Path) -> None:
 
 
 def _what_there_is(folder: Path, runs: Sequence[Planned], force: bool) -> dict[str, str | None]:
-    """Return by run how it begins: "new", with "force", or with "resume"; None if it is done."""
+    """Return by run how it starts: "new", with "force", or with "resume"; None if it is done."""
     how: dict[str, str | None] = {}
     others, strange = [], []
     for run in runs:
@@ -318,11 +318,11 @@ def _counted(names: Sequence[str]) -> str:
     return f"{len(names)} runs ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})"
 
 
-# what came of runs
+# rows of runs
 
 
 class _Failure(NamedTuple):
-    """Why there is no summary of a run."""
+    """Reason why a run has no summary."""
 
     status: str
     exit_code: int | None
@@ -349,7 +349,7 @@ def _in_a_line(row: SweepRow) -> str:
 
 
 class _Table:
-    """The table on the disk: rows of runs that ended, in the order of the product."""
+    """Table on disk: rows of runs that ended, in the order of the product."""
 
     def __init__(self, folder: Path, runs: Sequence[Planned], rows: dict[str, SweepRow]) -> None:
         self._path, self._order, self._rows = folder / TABLE, [run.name for run in runs], rows
@@ -357,12 +357,12 @@ class _Table:
         self.write()
 
     def add(self, row: SweepRow) -> None:
-        """Take a row in, and write the table anew."""
+        """Add a row, and write the table again."""
         self._rows[row.folder.name] = row
         self.write()
 
     def write(self) -> None:
-        """Write all rows there are."""
+        """Write all rows so far."""
         rows = [self._rows[name] for name in self._order if name in self._rows]
         results = list(dict.fromkeys(name for row in rows for name in row.results))
         with replacing(self._path) as part, part.open("w", encoding="utf-8", newline="") as file:
@@ -378,9 +378,10 @@ class _Table:
 
 
 def _plot(folder: Path, axes: Sequence[Axis], rows: Sequence[SweepRow], sections: SceneTables) -> str:
-    """Draw results of a sweep (rows with values, results and an exit code) against its first number; why not, if that fails.
+    """Draw results of a sweep (rows with values, results and an exit code) against its first number; return the error message, if
+    any.
 
-    If no number was swept, or there are not two runs with results, there is no plot, and an old one is removed.
+    If no number was swept, or fewer than two runs have results, there is no plot, and an old one is removed.
     """
     (folder / PLOT).unlink(missing_ok=True)
     rows = [row for row in rows if row.exit_code in (DONE, NOT_AS_EXPECTED)]
@@ -398,7 +399,7 @@ def _plot(folder: Path, axes: Sequence[Axis], rows: Sequence[SweepRow], sections
 
 
 def _worth_drawing(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[str]:
-    """Return names of results: expected ones, then probes, reactions, frequencies and critical points, else all that differ."""
+    """Yield names of results: expected ones, then probes, reactions, frequencies and critical points, else all that differ."""
     found = list(dict.fromkeys(name for row in rows for name in row.results))
     expected = [name for name in (".".join(loc) for loc in expectations(sections.expect)) if name in found]
     yield from expected
@@ -409,7 +410,7 @@ def _worth_drawing(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[
 
 
 def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
-    """Return whether a result differs from run to run by more than the rounding of a zero beside its other components."""
+    """Return whether a result differs between runs by more than the rounding of a zero relative to its other components."""
     values = [row.results[name] for row in rows if name in row.results]
     family = name.partition(".")[0] + "."
     largest = max(abs(value) for row in rows for other, value in row.results.items() if other.startswith(family) or other == name)
@@ -417,7 +418,7 @@ def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
 
 
 def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: Sequence[str], sections: SceneTables) -> Any:
-    """Draw a panel for each result, in it a line for each combination of the other values."""
+    """Draw a panel for each result, with a line for each combination of the other values."""
     from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when something is drawn
 
     lines: dict[str, list[SweepRow]] = {}
@@ -468,7 +469,7 @@ def _dimension(sections: SceneTables, loc: Loc) -> str | None:
 
 
 class _Task(NamedTuple):
-    """What a process solves."""
+    """Work of one process."""
 
     path: Path
     settings: tuple[str, ...]
@@ -486,18 +487,18 @@ def _crashed(task: _Task) -> _Failure:
 
 
 def _solve(task: _Task) -> _Failure | None:
-    """Solve one scene in a process; why there is no summary, if there is none."""
+    """Solve one scene in a process; return why there is no summary, or None."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            warnings.showwarning = _silent  # those of the package are in the summary
+            warnings.showwarning = _silent  # the summary contains the package's warnings
             scene = Scene.read(task.path, task.settings)
             scene.solve(task.folder, resume=task.how == "resume", force=task.how == "force", quiet=True)
     except (StvkError, OSError) as error:
         return _failed(error) if isinstance(error, AnalysisError) else _Failure("refused", BAD_INPUT, str(error))
     except KeyboardInterrupt:
         return _Failure("interrupted", INTERRUPTED, "interrupted before its first step")
-    except Exception as error:  # one that fails does not stop the others
+    except Exception as error:  # one failure does not stop the others
         return _failed(error)
     return None
 

@@ -1,4 +1,4 @@
-"""TOML text turned into data, with the line of each key, or an error that says where the text is no TOML; and data as TOML text."""
+"""Conversion of TOML text into data with the line of each key, or into an error with its location; and of data into TOML text."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-#: The place of a value: keys of tables and indices of lists, ("terms", 1, "g").
+#: Key path of a value: keys of tables and indices of lists, ("terms", 1, "g").
 Loc: TypeAlias = tuple[str | int, ...]
-#: Levels of tables and lists that a scene may have, parts of a dotted key, and entries of a table or a list of other things than
-#: numbers: no scene comes near, and more takes time that grows with the square.
+#: Maximum levels of tables and lists in a scene, parts of a dotted key, and entries of a table or a list of anything but numbers.
+#: No scene comes near these limits. Larger files would take time that grows with the square.
 DEEPEST, MOST_ENTRIES = 50, 5_000
 #: A dotted key, among other things.
 DOTTED = re.compile(r"[^\s.=,\[\]{}#]+(?:[ \t]*\.[ \t]*[^\s.=,\[\]{}#]+)*")
-#: What a line is cut to in a message.
+#: Maximum length of a line in a message.
 MOST = 100
 #: Strings, comments, and the signs and words between them.
 TOKEN = re.compile(
@@ -37,7 +37,7 @@ TWICE = ("Cannot overwrite", "Cannot declare", "Cannot mutate", "Cannot redefine
 
 
 def path_of(loc: Loc) -> str:
-    """Return a place as a user writes it; "" for the scene as a whole.
+    """Return a key path as a user writes it; "" for the scene as a whole.
 
     >>> path_of(("terms", 1, "g", 0)), path_of(("fixed", "left wall"))
     ('terms[1].g[0]', 'fixed."left wall"')
@@ -62,7 +62,7 @@ def quoted(text: str) -> str:
 
 
 def parsed(text: str, name: str) -> dict[str, Any]:
-    """Return the data of TOML text. Raise SceneError with line, column and likely cause if it is none; `name` is its file's."""
+    """Return the data of TOML text. Raise SceneError with line, column and likely cause if it is invalid; `name` is its file's."""
     text = text if text.endswith("\n") else text + "\n"
     if any(one[0].count(".") >= DEEPEST for one in DOTTED.finditer(text)):
         raise _too_much(name, f"a key has more than {DEEPEST} parts between dots.")
@@ -72,7 +72,7 @@ def parsed(text: str, name: str) -> dict[str, Any]:
         raise _too_much(name, "lists or tables are nested too deep.") from None
     except tomllib.TOMLDecodeError as error:
         raise _refusal(text, name, str(error)) from None
-    except ValueError:  # of Python's `int`, which has no place in the text
+    except ValueError:  # from Python's `int`, without a position in the text
         raise _too_much(name, "a whole number has too many digits.") from None
     refuse_too_much(data, name)
     return data
@@ -82,7 +82,7 @@ def refuse_too_much(data: Any, name: str) -> None:
     """Raise SceneError if tables and lists are nested too deep, or have too many entries."""
     level = [data]
     for _ in range(DEEPEST):
-        inner: dict[int, Any] = {}  # a table of Python's may be in several places
+        inner: dict[int, Any] = {}  # a table from Python may occur several times
         for one in level:
             entries = list(one.values() if isinstance(one, Mapping) else one)
             if len(entries) > MOST_ENTRIES and (isinstance(one, Mapping) or any(isinstance(e, Mapping | str) for e in entries)):
@@ -110,7 +110,7 @@ def lines_of(text: str) -> dict[Loc, int]:
 
 
 def _keys_and_entries(text: str) -> Iterator[tuple[Loc, int]]:
-    """Yield all places with their lines in the order of the text: TOML, or the beginning of such a text."""
+    """Yield all key paths with their lines in the order of the text, which is TOML or the beginning of TOML."""
     tokens, counts = _Tokens(text), dict[Loc, int]()
     table: Loc = ()
     while tokens.next:
@@ -135,7 +135,7 @@ def _keys_and_entries(text: str) -> Iterator[tuple[Loc, int]]:
 
 
 def _pair(tokens: _Tokens, loc: Loc) -> Iterator[tuple[Loc, int]]:
-    """Yield the places of a key with its value."""
+    """Yield the key paths of a key with its value."""
     line = tokens.line
     for one in tokens.dotted_key():
         loc = (*loc, one)
@@ -145,7 +145,7 @@ def _pair(tokens: _Tokens, loc: Loc) -> Iterator[tuple[Loc, int]]:
 
 
 def _value(tokens: _Tokens, loc: Loc) -> Iterator[tuple[Loc, int]]:
-    """Yield the places within a value."""
+    """Yield the key paths within a value."""
     if tokens.skip("{"):
         while tokens.next and not tokens.skip("}"):
             if not tokens.skip(",", "\n"):
@@ -164,7 +164,7 @@ def _value(tokens: _Tokens, loc: Loc) -> Iterator[tuple[Loc, int]]:
 
 
 class _Tokens:
-    """The tokens of TOML text but comments, one after the other; `next` is empty at the end, `line` is that of `next`."""
+    """Tokens of TOML text without comments, in order; `next` is empty at the end, `line` is the line of `next`."""
 
     def __init__(self, text: str) -> None:
         self._found = (one[0] for one in TOKEN.finditer(text) if one[0][0] != "#")
@@ -172,18 +172,18 @@ class _Tokens:
         self.take()
 
     def take(self) -> str:
-        """Return the next token and go on."""
+        """Return the next token and advance."""
         taken = self.next
         self.line += taken.count("\n")
         self.next = next(self._found, "")
         return taken
 
     def skip(self, *tokens: str) -> bool:
-        """Go on if one of these is next, and return whether it was."""
+        """Advance if one of these is next, and return whether it was."""
         return self.next in tokens and bool(self.take())
 
     def dotted_key(self) -> list[str]:
-        """Return the parts of a dotted key and go on."""
+        """Return the parts of a dotted key and advance."""
         keys = [_bare(self.take())]
         while self.skip("."):
             keys.append(_bare(self.take()))
@@ -195,12 +195,12 @@ def _bare(key: str) -> str:
     return next(iter(tomllib.loads(f"{key} = 1"))) if key[:1] in ("'", '"') else key
 
 
-# text that is no TOML
+# errors for invalid TOML
 
 
 def _refusal(text: str, name: str, said: str) -> SceneError:
-    """Return the error for text that is no TOML: file, line, column, the parser's words, a likely cause, and the marked line."""
-    rows = text.replace("\r\n", "\n").split("\n")[:-1]  # `splitlines` splits at other characters, too
+    """Return the error for invalid TOML: file, line, column, the parser's words, a likely cause, and the marked line."""
+    rows = text.replace("\r\n", "\n").split("\n")[:-1]  # `splitlines` also splits at other characters
     place = re.search(r"\(at line (\d+), column (\d+)\)", said)
     line, column = (int(place[1]), int(place[2])) if place else (len(rows) + 1, 1)
     if line > len(rows):
@@ -214,7 +214,7 @@ def _refusal(text: str, name: str, said: str) -> SceneError:
 
 
 def _cause(rows: list[str], line: int, column: int, said: str) -> str:
-    """Return the likely cause of a frequent fault, after a blank; "" for others. `said` are the words of the parser."""
+    """Return the likely cause of a frequent fault, preceded by a blank; "" for others. `said` are the words of the parser."""
     rest = rows[line - 1][column - 1 :].partition("#")[0].strip()
     if said.startswith(TWICE):
         return _twice("\n".join([*rows[: line - 1], rows[line - 1][: column - 1]]))
@@ -229,7 +229,7 @@ def _cause(rows: list[str], line: int, column: int, said: str) -> str:
 
 
 def _twice(text: str) -> str:
-    """Name the last key in the text that is there before, and its line."""
+    """Name the last key in the text that occurs earlier, and its line."""
     first: dict[Loc, int] = {}
     again: Loc = ()
     for loc, line in _keys_and_entries(text):
@@ -261,7 +261,7 @@ def written(data: Mapping[str, Any]) -> str:
 
 
 def _rows(table: Mapping[str, Any], loc: Loc) -> Iterator[str]:
-    """Yield the lines of a table: values first, then tables and lists of tables; one that holds tables alone needs no header."""
+    """Yield the lines of a table: values first, then tables and lists of tables; a table with only tables needs no header."""
     inner = {name: one for name, one in table.items() if isinstance(one, Mapping) or _is_list_of_tables(one)}
     for name, value in table.items():
         if name not in inner:

@@ -1,4 +1,4 @@
-"""What is printed from the schema of scenes: commented examples, the page of all keys, and JSON Schema for editors."""
+"""Output from the schema of scenes: commented examples, the page of all keys, and JSON Schema for editors."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .schema.quantities import bare, is_union, literals, members
 from .syntax import Loc, lines_of, parsed, value_text
 from .units import UNITS, UnitSystem, dimension_of
 
-#: Column in which sentences begin behind the values of examples.
+#: Column of the sentences after the values of examples.
 COLUMN = 40
-#: Characters in a line of the page of keys, but for its tables.
+#: Characters in a line of the page of keys, outside its tables.
 WIDEST = 128
 #: Words for types of values.
 WORDS = {float: "number", int: "whole number", bool: "true or false", str: "text", list: "list", dict: "table"}
@@ -156,15 +156,15 @@ class KeyRow(NamedTuple):
 
     name: str
     type: str
-    default: Any  # PydanticUndefined if it has to be given
+    default: Any  # PydanticUndefined if it is required
     dimension: str | None
     sentence: str
 
 
 def example(kind: str) -> str:
-    """Return a commented scene of this kind, which solves as it stands; keys that it leaves out stand in it as comments.
+    """Return a commented scene of this kind that solves without changes; omitted keys are comments in it.
 
-    StvkError for an unknown kind.
+    Raises StvkError for an unknown kind.
 
     >>> print("\\n".join(example("modes").splitlines()[4:7]))
     [mesh]
@@ -183,7 +183,7 @@ def example(kind: str) -> str:
             if name != "title":
                 rows[line - 1] = _commented(rows[line - 1], keys[name], units)
         if not loc or not rows[lines[loc] - 1].startswith("["):
-            continue  # what a scene as a whole can have beside is long; tables in braces end on their line
+            continue  # the optional keys of a whole scene are too many; tables in braces end on their line
         for name in sorted(keys.keys() - table.keys()):
             default = keys[name].default
             if default is not PydanticUndefined and not isinstance(default, BaseModel | dict | list):
@@ -262,7 +262,7 @@ def _plural(word: str) -> str:
 
 
 def title_of(model: type[BaseModel]) -> str:
-    """Return the name of a table on the page: its kind, or what it is called."""
+    """Return the name of a table on the page: its kind, or its own name."""
     for name in ("type", "model"):
         if name in model.model_fields:
             (kind,) = literals(model.model_fields[name].annotation)
@@ -270,7 +270,7 @@ def title_of(model: type[BaseModel]) -> str:
     return TITLES.get(model.__name__, model.__name__)
 
 
-#: Names of tables that have no kind, where they are not those of their classes.
+#: Names of tables without a kind that differ from those of their classes.
 TITLES = {
     "SceneTables": "Scene",
     "MeshFile": "Mesh file",

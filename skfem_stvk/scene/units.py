@@ -1,4 +1,4 @@
-"""Systems of units: what values of a scene are in, and which values are not plausible in them."""
+"""Systems of units of a scene's values, and the check for implausible values."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ DIMENSIONS = {
     "rate": (0, 0, -1),
     "angular velocity": (0, 0, -1),
 }
-#: How symbols of dimensions are made of those of others.
+#: Symbols of dimensions that are made of the symbols of others.
 COMPOSED = {
     "area": "{length}^2",
     "density": "{mass}/{length}^3",
@@ -49,13 +49,13 @@ COMPOSED = {
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """A consistent system of units: whatever is computed of values in it is in it, too.
+    """A consistent system of units: results of a computation in it are in it, too.
 
     Attributes
     ----------
-    name : in scenes.
+    name : its name in scenes.
     length, mass, time : base units in m, kg and s.
-    symbols : of length, mass, time, force, stress, energy and frequency.
+    symbols : symbols of length, mass, time, force, stress, energy and frequency.
 
     >>> UNITS["mm-N-MPa"].symbol("density"), UNITS["mm-N-MPa"].factor("density")
     ('t/mm^3', 1000000000000.0)
@@ -113,7 +113,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Usual:
-    """What values of a kind usually are: from `low` to `high` in SI units, and the units that are often mistaken for theirs."""
+    """Usual range of the values of a kind, from `low` to `high` in SI units, and the units that are often mistaken for theirs."""
 
     dimension: str
     low: float
@@ -127,7 +127,7 @@ class Usual:
 
 STIFFNESS = Usual("stress", 500.0, 2e12, (("GPa", 1e9), ("MPa", 1e6), ("Pa", 1.0)))
 SIZE = Usual("length", 1e-7, 200.0, (("mm", 1e-3), ("um", 1e-6), ("m", 1.0)))
-#: What values of keys usually are: soft tissue, foam, rubber, wood, metals; from parts of a micrometre to bridges.
+#: Usual values of keys: soft tissue, foam, rubber, wood, metals; from parts of a micrometre to bridges.
 KEYS: dict[str, Usual] = {
     **dict.fromkeys(("young", "young_axial", "young_transverse", "shear", "shear_axial", "mu", "voigt"), STIFFNESS),
     **dict.fromkeys(("size", "length", "radius", "width"), SIZE),
@@ -140,20 +140,20 @@ KEYS: dict[str, Usual] = {
     "until": Usual("time", 1e-10, 1e7, (("s", 1.0), ("ms", 1e-3))),
     "dt": Usual("time", 1e-15, 1e6, (("s", 1.0), ("ms", 1e-3))),
 }
-#: Loads per area are not much larger than the stiffest material is stiff.
+#: Loads per area are at most a small multiple of the largest stiffness.
 LOADS = ("traction", "pressure")
-#: Speeds of waves, sqrt(E/rho), from soft tissue to diamond [m/s]; and how slow they are in what is heavier than stone [kg/m^3].
+#: Wave speeds sqrt(E/rho), from soft tissue to diamond [m/s]; and the lower limit for materials denser than stone [kg/m^3].
 SLOWEST, FASTEST = 0.3, 3e4
 HEAVY, SLOW_IN_HEAVY = 3e3, 50.0
-#: More steps than anybody waits for.
+#: Number of steps above which a run is implausible.
 MOST_STEPS = 1e9
 
 
 def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[str]:
-    """Return, in a sentence each, values of a scene that are not plausible in its units: most often they are in other units.
+    """Return, in a sentence each, values of a scene that are implausible in its units: usually they are in other units.
 
-    Only keys that are set are looked at; zeros always are plausible. With its `mesh`, the size of this is looked at too, unless
-    a key of it was told already.
+    Only keys that are set are checked; zeros are always plausible. If its `mesh` is passed, the size of the mesh is checked too,
+    unless a key of it was reported already.
 
     >>> from pydantic import Field, create_model
     >>> dense = create_model("Dense", density=(float, Field(json_schema_extra={"dimension": "density"})))
@@ -185,7 +185,7 @@ def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[st
 
 
 def _values(part: BaseModel, path: str = "") -> Iterator[tuple[str, str, str, float]]:
-    """Yield path, key, dimension and size of the values that are set and have a dimension: of several numbers the largest."""
+    """Yield path, key, dimension and size of the values that are set and have a dimension; for several numbers the largest."""
     for name, info in type(part).model_fields.items():
         if name not in part.model_fields_set:
             continue
@@ -221,7 +221,7 @@ def _parts(sections: BaseModel, name: str) -> list[tuple[str, BaseModel]]:
 
 
 def _size(given: Any) -> float:
-    """Return the absolute value of a number, or the largest of several; 0 for what is none."""
+    """Return the absolute value of a number, or the largest of several; 0 for other values."""
     if isinstance(given, bool) or not isinstance(given, int | float | Sequence) or isinstance(given, str):
         return 0.0
     try:
@@ -247,7 +247,7 @@ def _unusual(units: UnitSystem, path: str, name: str, dimension: str, value: flo
 
 
 def _waves(units: UnitSystem, path: str, material: BaseModel) -> str:
-    """Return the remark on stiffness and density that do not go together; empty if they do."""
+    """Return the remark on stiffness and density that do not match; empty if they match."""
     young, density = getattr(material, "young", None), getattr(material, "density", None)
     if not _size(young) or not _size(density):
         return ""

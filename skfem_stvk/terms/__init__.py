@@ -1,4 +1,4 @@
-"""Terms of a body and loads on it: specifications without a mesh, one a file."""
+"""Terms of a body and loads on it: specifications without a mesh, one per file."""
 
 from typing import Any
 

@@ -31,8 +31,8 @@ def stress_and_density(stiffness: LawInFrames, at: Deformation) -> tuple[Array, 
 def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[..., Any]) -> PointResponse:
     """Return the response of a law of principal stretches: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
 
-    `kind` makes it of its numbers and `flat`. In plane stress the strain across the elements is that of linear
-    elasticity of the `material` in their frame.
+    `kind` makes the law from its numbers and `flat`. In plane stress, the strain across the elements is that of linear elasticity
+    of the `material` in their frame.
     """
     n, d, k = at.gradient.shape
     lam, mu = (np.broadcast_to(value, n) for value in material.lame(at.hypothesis))
@@ -54,7 +54,7 @@ def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[.
 
 
 def embedded(tensor: Array) -> Array:
-    """Return new tensors (n, 3, 3) from those within elements (n, k, k), zero across."""
+    """Return the tensors (n, k, k) within elements as new tensors (n, 3, 3), zero across."""
     solid = np.zeros((len(tensor), 3, 3))
     solid[:, : tensor.shape[1], : tensor.shape[2]] = tensor
     return solid

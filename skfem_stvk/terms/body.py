@@ -1,4 +1,4 @@
-"""A body: a mesh and what it is made of, as loads need to know it."""
+"""A body: a mesh with its material properties, as loads need them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class HasMass(Protocol):
         """Name of a subdomain, element ids, or None for all elements."""
 
     def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
-        """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,)."""
+        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,)."""
 
 
 @runtime_checkable
@@ -42,16 +42,16 @@ class HasSection(Protocol):
         """Name of a subdomain, element ids, or None for all elements."""
 
     def section(self, mesh: ElementMesh, n: int) -> Array:
-        """Return the factor that makes a volume of the measure of an element, a number or (n,)."""
+        """Return the factor from the size of an element to its volume, a number or (n,)."""
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
-        """`lam + 2 mu` [Pa], a number or (n,)."""
+        """Return `lam + 2 mu` [Pa], a number or (n,)."""
 
 
 class Body:
-    """A mesh and its elastic terms. Everything is worked out when it is first asked for.
+    """A mesh and its elastic terms. Every property is computed at first use.
 
-    The bodies `beside` it are of elements of lower dimensions on the same nodes, such as membranes and cables on tetrahedra.
+    The bodies `beside` it have elements of lower dimensions on the same nodes, such as membranes and cables on tetrahedra.
 
     >>> import skfem
     >>> from skfem_stvk import StVK
@@ -69,9 +69,9 @@ class Body:
         self.gone, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
 
     def without(self, gone: NDArray[np.bool_], bare: NDArray[np.bool_]) -> Body:
-        """Return the body without the elements that are `gone` (nt,): they have no size, volume and mass.
+        """Return the body without the removed elements `gone` (nt,), which then have no size, volume or mass.
 
-        Facets of these elements alone have no area. The nodes `bare` (nv,) are in no element any more.
+        Facets of only these elements have no area. The nodes `bare` (nv,) are no longer in any element.
         """
         left = copy(self)
         left.gone, left.bare = gone, bare
@@ -81,17 +81,17 @@ class Body:
 
     @cached_property
     def sizes(self) -> Array:
-        """(nt,) lengths, areas or volumes of the elements at rest [m^k]; 0 of those that are gone."""
+        """Lengths, areas or volumes (nt,) of the elements at rest [m^k]; 0 for removed elements."""
         return np.where(self.gone, 0.0, sizes_of(self.mesh.p, self.mesh.t, self.mesh.element))
 
     @cached_property
     def section(self) -> Array:
-        """(nt,) what turns a size into a volume: thickness of surfaces [m], area of segments [m^2], 1 for solids.
+        """Factor (nt,) from size to volume: thickness of surfaces [m], area of segments [m^2], 1 for solids.
 
         Raises
         ------
         LoadError
-            if terms on the same elements give different ones.
+            if terms on the same elements have different sections.
         """
         section = np.full(self.mesh.nt, np.nan)
         for term in self._materials:
@@ -109,7 +109,7 @@ class Body:
 
     @cached_property
     def confined_modulus(self) -> Array:
-        """(nt,) `lam + 2 mu` [Pa] of all terms on each element: the stiffness where nothing gives way sideways; 0 if none."""
+        """Modulus `lam + 2 mu` (nt,) [Pa] of all terms on each element, the stiffness without lateral strain; 0 without a term."""
         modulus = np.zeros(self.mesh.nt)
         for term in self._materials:
             ids = self.mesh.elements(term.region)
@@ -118,12 +118,12 @@ class Body:
 
     @property
     def volumes(self) -> Array:
-        """(nt,) volumes at rest [m^3]: sizes times section."""
+        """Volumes (nt,) at rest [m^3]: sizes times section."""
         return self.sizes * self.section
 
     @cached_property
     def mass(self) -> Array:
-        """(nt,) [kg], of all terms on each element.
+        """Masses (nt,) [kg] of the elements, from all terms on each.
 
         Raises
         ------
@@ -141,8 +141,9 @@ class Body:
 
     @cached_property
     def lumped_mass(self) -> Array:
-        """(nv,) masses of the elements, and of those beside, lumped at their nodes [kg]: see `spread.lumped_shares`. Raises as
-        `mass` does."""
+        """Masses (nv,) [kg] of all elements, including those of the bodies in `beside`, lumped at their nodes by
+        `spread.lumped_shares`. Raises the errors of `mass`.
+        """
         mesh = self.mesh
         if mesh.element.is_linear_simplex:
             shares = np.tile(self.mass / (mesh.k + 1), mesh.k + 1)
@@ -153,21 +154,21 @@ class Body:
 
     @property
     def facet(self) -> Element:
-        """The kind of the facets."""
+        """Kind of the facets."""
         return named(self.mesh.element.facet)
 
     def facet_areas(self, facets: NDArray[np.int32]) -> Array:
-        """(n,) areas of facets (m, n) at rest [m^2]: their sizes times section; 0 where all elements are gone."""
+        """Return the areas (n,) of facets (m, n) at rest [m^2]: their sizes times section; 0 if all their elements are removed."""
         return sizes_of(self.mesh.p, facets, self.facet) * self.facet_sections(facets)
 
     def facet_sections(self, facets: NDArray[np.int32]) -> Array:
-        """(n,) the section of the element that each facet (m, n) belongs to; the mean of both between two of them, 0 if they are
-        gone.
+        """Return the section (n,) of the element of each facet (m, n). It is the mean of both for a facet between two elements, and
+        0 if these are removed.
 
         Raises
         ------
         LoadError
-            if it is of no simplex and the section is not the same everywhere.
+            if a facet belongs to no simplex and the section is not uniform.
         """
         if not self.gone.any() and (self.section == self.section[0]).all():
             return np.full(facets.shape[1], self.section[0])

@@ -1,4 +1,4 @@
-"""Terms that bring their own simplices: which elements there are then on the nodes that all of them share."""
+"""Terms with their own simplices: the elements that result on the nodes that all terms share."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .protocols import is_load
 
 
 class Connected(NamedTuple):
-    """The elements of a body, by their dimension, and which of them each term is on.
+    """Elements of a body, by their dimension, and the elements of each term.
 
     Attributes
     ----------
-    mesh : those of the highest dimension, with all nodes.
-    beside : those of lower dimensions on the same nodes, the higher first.
-    terms : as they were given, with a region of their mesh in place of simplices.
+    mesh : elements of the highest dimension, with all nodes.
+    `beside` : meshes of lower dimensions on the same nodes, the higher dimension first.
+    terms : the user's terms, with a region of their mesh in place of simplices.
     of : for each term 0 if it is on `mesh`, or i + 1 if it is on `beside[i]`.
     given : the mesh that terms were added to, or the bare points.
     """
@@ -36,15 +36,15 @@ class Connected(NamedTuple):
 
 
 def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
-    """The meshes of a body from a mesh, or from bare points (d, n), and from the simplices that its terms bring.
+    """Return the meshes of a body from a mesh, or from bare points (d, n), and from the simplices of its terms.
 
-    Simplices of one dimension are one mesh, each term's a region of it; terms with the same ones are on the same elements. Terms
-    without simplices are on the elements of the highest dimension.
+    All simplices of one dimension form one mesh, and each term has a region of it. Terms with the same simplices are on the same
+    elements. Terms without simplices are on the elements of the highest dimension.
 
     Raises
     ------
     MeshError
-        if simplices do not fit the points or the mesh; if there are points alone and a law of elasticity has no simplices.
+        if simplices do not fit the points or the mesh; if there are only points and an elastic law has no simplices.
 
     >>> from skfem_stvk import StVK
     >>> bag = [StVK(young=1.0, poisson=0.3, simplices=[[0], [1], [2]]), StVK(young=1.0, area=0.1, simplices=[[2], [3]])]
@@ -90,7 +90,8 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
 def simplices_of(
     given: Any, p: NDArray[np.float64], degree: int, mesh: ElementMesh | None, what: str
 ) -> tuple[NDArray[np.int32], Element]:
-    """The simplices (n, nt) on points `p` (d, nv), as nodes or by the name of a boundary or lines of the `mesh`, and their element.
+    """Return the simplices (n, nt) on points `p` (d, nv), and their element. They are user-supplied as nodes, or by the name of a
+    boundary or of lines of the `mesh`.
 
     Messages begin with `what`. Simplices have the `degree` of the mesh.
     """
@@ -119,12 +120,12 @@ def simplices_of(
 
 
 def _brings_elements(term: Any) -> bool:
-    """Return whether a term acts within elements of its own; those of a load are only the place where it acts."""
+    """Return whether a term acts within its own elements; the simplices of a load are only the location where it acts."""
     return getattr(term, "simplices", None) is not None and not is_load(term)
 
 
 def _points(given: Any) -> NDArray[np.float64] | None:
-    """Bare points (d, n); None for what is a mesh, or is to be refused as one."""
+    """Return bare points (d, n); None for a mesh, and for input that the conversion to a mesh refuses."""
     if hasattr(given, "t") or hasattr(given, "cells"):
         return None
     points = real_array(given)
@@ -132,7 +133,7 @@ def _points(given: Any) -> NDArray[np.float64] | None:
 
 
 def _refuse_without_simplices(terms: Sequence[Any], bringing: Sequence[Any]) -> None:
-    """Refuse laws on points alone that do not say what they are on."""
+    """Refuse elastic laws without simplices if there are only points."""
     without = [
         f"{type(term).__name__} {number}"
         for number, term in enumerate(terms)
@@ -147,7 +148,7 @@ def _refuse_without_simplices(terms: Sequence[Any], bringing: Sequence[Any]) -> 
 
 
 def _placed(t: NDArray[np.int32], blocks: list[NDArray[np.int32]]) -> slice:
-    """Return the places of simplices among those of their kind, to which they are added unless the same ones are there."""
+    """Return the positions of simplices among those of their kind; they are added unless the same ones exist."""
     begin = 0
     for block in blocks:
         if block.shape == t.shape and np.array_equal(block, t):
@@ -158,5 +159,5 @@ def _placed(t: NDArray[np.int32], blocks: list[NDArray[np.int32]]) -> slice:
 
 
 def _region(part: slice, nt: int) -> NDArray[np.int64] | None:
-    """Ids of elements, None for all of them."""
+    """Return ids of elements, None for all of them."""
     return None if part == slice(0, nt) else np.arange(part.start, part.stop)

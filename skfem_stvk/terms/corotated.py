@@ -1,4 +1,4 @@
-"""Corotated linear elasticity: linear in each element's own frame, which turns with it."""
+"""Corotated linear elasticity: linear in each element's own frame, which rotates with it."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ ORTHONORMAL = 1e-8
 class Corotated(ElasticLaw):
     """Linear elasticity in frames that turn with the elements: `W = integral of mu |S - 1|^2 + lam/2 tr(S - 1)^2`, `F = R S`.
 
-    `R` is the rotation nearest to `F`, also where `F` is singular or mirrored: of a mirrored element the smallest stretch counts as
-    negative, and it is pushed back. Isotropic. Under rotation it is exact, where strains are small it is linear elasticity, and in
-    plane stress `lam* = 2 mu lam/(lam + 2 mu)` is exact. In compression the tangent is not positive definite (`kept=TENSILE` is
-    semi-definite), and where two stretches of a mirrored element add up to nothing the rotation nearest to it jumps.
+    `R` is the rotation nearest to `F`, also where `F` is singular or mirrored. In a mirrored element the smallest stretch counts as
+    negative, and the element is pushed back. Isotropic. The law is exact under rotation, and equals linear elasticity for small
+    strains. In plane stress `lam* = 2 mu lam/(lam + 2 mu)` is exact. In compression the tangent is not positive definite
+    (`kept=TENSILE` is semi-definite). Where two stretches of a mirrored element sum to zero, its nearest rotation jumps.
 
     Parameters
     ----------
-    rotation : where the frames come from.
+    rotation : source of the frames.
         "element": from F at each point of an element, with the energy above;
-        "vertex": one for each node, from the mean of F around it, `F_a = R_a sum_b K_ab (R_a' x_b - X_b)` with K at rest. It has
-        no energy, and its torques do not balance;
-        a function of time, or of the load factor in statics: `rotation(t)` gives (n, 3, 3) for the elements of the region, `f = R
-        K0 (R'x - X)`. What the body gains as they turn is work from outside: it has no energy of its own.
+        "vertex": one for each node, from the mean of F around it, `F_a = R_a sum_b K_ab (R_a' x_b - X_b)` with K at rest. This form
+        has no energy, and its torques do not balance;
+        a function of time, or of the load factor in statics: `rotation(t)` returns (n, 3, 3) for the elements of the region, `f = R
+        K0 (R'x - X)`. Energy that the body gains as the frames rotate is external work: this form has no energy of its own.
     material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
 
-    Source: Mueller et al., "Stable real-time deformations" (2002) by node; Capell et al., "Interactive skeleton-driven dynamic
-    deformations" (2002) with frames that are given; McAdams et al., "Efficient elasticity for character skinning" (2011) for the
-    energy and its exact tangent; Mueller and Gross, "Interactive virtual materials" (2004) for the warped one.
+    Source: Mueller et al., "Stable real-time deformations" (2002), for frames at nodes. Capell et al., "Interactive skeleton-driven
+    dynamic deformations" (2002), for user-supplied frames. McAdams et al., "Efficient elasticity for character skinning" (2011),
+    for the energy and its exact tangent. Mueller and Gross, "Interactive virtual materials" (2004), for the warped tangent.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class Corotated(ElasticLaw):
         super().__post_init__(young, poisson, density)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """The assembly of this law on a body's mesh."""
+        """Return the assembly of this law on a body's mesh."""
         bound, mesh = super().bind(body, dtype), body.mesh if isinstance(body, Body) else body
         if callable(self.rotation):
             bound.at(0.0)
@@ -99,11 +99,11 @@ class Corotated(ElasticLaw):
 
     @property
     def has_stress(self) -> bool:
-        """Whether stresses are known: with other frames than those of the elements there are only forces on nodes."""
+        """Whether stresses are known; with frames at nodes or user-supplied frames only the forces on nodes are."""
         return self.rotation == "element"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return as in `HasResponse`, by the rotation of each element; raise MaterialError for frames at nodes or user-supplied."""
+        """Return the response as in `HasResponse`, by the rotation of each element; raise MaterialError for other frames."""
         if not self.has_stress:
             raise MaterialError(
                 "Corotated: stresses are known for rotation='element' alone; with other frames there are the forces on nodes."
@@ -112,13 +112,13 @@ class Corotated(ElasticLaw):
         return response_of_stretches(at, self.material, CorotatedLaw)
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """The law of the kernels, and what it stores of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region."""
         if callable(self.rotation):
             return FramedStiffness(*self.lame(mesh), self._frames(mesh))
         return IsotropicStiffness(*self.lame(mesh), partial(CorotatedLaw, flat=flat_of(mesh.k, mesh.d)))
 
     def _frames(self, mesh: ElementMesh) -> Callable[[Time], Array]:
-        """The rotations (n, 3, 3) at a load factor or moment, checked."""
+        """Return a function of load factor or time for the rotations (n, 3, 3), checked."""
         assert callable(self.rotation)
         given, ids, d = self.rotation, mesh.elements(self.region), mesh.d
         if d == 1:

@@ -1,4 +1,4 @@
-"""Dead loads: forces on the nodes, the volume or the surface of a body that do not depend on where it goes."""
+"""Dead loads: forces on the nodes, the volume or the surface of a body that do not depend on its motion."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ Values = NDArray[np.float64]
 class Gravity(Load):
     """Weight: `f_a = integral of rho N_a g dV`, with the densities of the materials.
 
-    It is `M g` with the consistent masses. In motion it is `M g` with the masses in use, lumped ones too, so that a free body falls
-    without strain.
+    The weight is `M g` with the consistent masses. In dynamics it is `M g` with the masses of the motion, also lumped ones, so that
+    a free body falls without strain.
 
     Parameters
     ----------
-    g : acceleration [m/s^2]: components, which ramp with the load factor; or a function of t or of (x, t), taken as it is.
+    g : acceleration [m/s^2]: components, which ramp with the load factor; or a function of t or of (x, t), used without a ramp.
 
     Raises
     ------
     MaterialError
         when it is bound, if a material has no density.
     LoadError
-        if `g` is no finite numbers; when it is bound, if it does not have one value per component.
+        if `g` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -61,16 +61,16 @@ class BodyForce(Load):
 
     Parameters
     ----------
-    force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), taken as
-        it is and interpolated between nodes by their shape functions.
-    region : name of a subdomain, element ids, or None for all elements, those beside the mesh too.
+    force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), used
+        without a ramp and interpolated between nodes by their shape functions.
+    region : name of a subdomain, element ids, or None for all elements, including those of the bodies in `beside`.
 
     Raises
     ------
     RegionError
         when it is bound, if the region is not in the mesh.
     LoadError
-        if `force` is no finite numbers; when it is bound, if it does not have one value per component.
+        if `force` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -100,15 +100,15 @@ class NodalLoad(Load):
     Parameters
     ----------
     where : name of a boundary or of a node set, node ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
-    force : on *each* node [N]: components, or (d, n) with one column for each node, in the order of ids as given, otherwise
-        ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is.
+    force : on *each* node [N]: components, or (d, n) with one column for each node, in the order of user-supplied ids, otherwise
+        ascending; these ramp with the load factor. Or a function of t or of (x, t), used without a ramp.
 
     Raises
     ------
     RegionError
         when it is bound, if there is no node.
     LoadError
-        if `force` is no finite numbers; when it is bound, if it does not have one value per component.
+        if `force` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -137,18 +137,18 @@ class Traction(Load):
 
     Parameters
     ----------
-    where : name of a boundary; or another place (name of a node set, node ids or a mask, predicate of x (d, n), scikit-fem's
-        get_dofs(...)): all boundary facets whose nodes are all there.
-    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each node of the facets, in the order of ids
-        as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is.
-        Interpolated between nodes by their shape functions.
+    where : name of a boundary; or another location (name of a node set, node ids or a mask, predicate of x (d, n), scikit-fem's
+        get_dofs(...)): all boundary facets with all of their nodes there.
+    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each node of the facets, in the order of
+        user-supplied ids, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), used without a
+        ramp. Interpolated between nodes by their shape functions.
 
     Raises
     ------
     RegionError
         when it is bound, if there is no facet.
     LoadError
-        if `traction` is no finite numbers; when it is bound, if it does not have one value per component.
+        if `traction` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -170,7 +170,7 @@ class Traction(Load):
 
 
 def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | Together:
-    """Return the spread over all elements of a body, with these sizes (nt,), and over those beside."""
+    """Return the spread over all elements of a body, with these sizes (nt,), including those of the bodies in `beside`."""
     own = Spread(body.mesh, body.mesh.element, body.mesh.t, sizes(body))
     if not body.beside:
         return own
@@ -178,13 +178,13 @@ def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | Togethe
 
 
 class Together:
-    """Elements of several kinds on the same nodes, all of them: what `Spread` is for those of one kind."""
+    """All elements of several kinds on the same nodes, with the interface of `Spread`, which has one kind."""
 
     def __init__(self, mesh: ElementMesh, spreads: Sequence[Spread]) -> None:
         self.vertices, self.x, self._spreads = np.arange(mesh.nv), mesh.p, spreads
 
     def integrate(self, values: Values) -> Values:
-        """(nv, d) integral of `N_a f` over all of them, from `values` (d, nv) or (d, 1)."""
+        """Return the integral (nv, d) of `N_a f` over all of them, from `values` (d, nv) or (d, 1)."""
         found = np.zeros(self.x.T.shape)
         for spread in self._spreads:
             found[spread.vertices] += spread.integrate(values if values.shape[1] == 1 else values[:, spread.vertices])
@@ -192,22 +192,22 @@ class Together:
 
 
 class Nodes:
-    """Nodes that take the values as they are, or times a weight (n,): what `Spread` is for forces on nodes."""
+    """Nodes that take the values unchanged, or times a weight (n,): the counterpart of `Spread` for forces on nodes."""
 
     def __init__(self, mesh: ElementMesh, vertices: NDArray[np.int64], weights: Values | None = None) -> None:
         self.vertices, self.x, self._weights = vertices, mesh.p[:, vertices], weights
 
     def integrate(self, values: Values) -> Values:
-        """(nv, d) the `values` (d, nv) or (d, 1)."""
+        """Return the `values` (d, nv) or (d, 1) as (nv, d)."""
         each = np.broadcast_to(values.T, self.x.T.shape)
         return each if self._weights is None else self._weights[:, None] * each
 
 
 class DeadLoad:
-    """Values `f(t)` at the nodes of the `spread`, with the potential `-f . u`.
+    """Load with values `f(t)` at the nodes of the `spread`, and the potential `-f . u`.
 
-    Constants are spread once, and values of a function when they differ from those of the call before: the function may depend on
-    more than `t`.
+    Constants are spread once. Values of a function are spread again when they differ from those of the previous call, since the
+    function may depend on more than `t`.
     """
 
     has_potential = dead = True
@@ -221,11 +221,11 @@ class DeadLoad:
 
     @property
     def steady(self) -> bool:
-        """Whether it is given by constants."""
+        """Whether the load is constant in time, that is, not a function."""
         return self._unit is not None
 
     def forces(self, t: Time) -> Values:
-        """(n, d) forces on its nodes [N]."""
+        """Return the forces (n, d) on its nodes [N]."""
         moment, (key, forces) = Moment.of(t), self._known  # read once, since other threads write it
         values = None if self.steady else self._value.at(moment)
         wanted = (moment.factor if values is None else values.tobytes(), moment.mass)
@@ -235,27 +235,27 @@ class DeadLoad:
         return forces
 
     def _compute(self, moment: Moment, values: Values | None) -> Values:
-        """Forces of these values, or of the constants."""
+        """Return the forces of these values, or of the constants."""
         if self._unit is not None:
             return moment.factor * self._unit
         assert values is not None
         return self._spread.integrate(values)
 
     def potential(self, u: Array, t: Time) -> float:
-        """`-f(t) . u` [J]."""
-        return -float(np.einsum("ic,ic", self.forces(t), u[self._at]))  # not by BLAS, whose threads wait for ours
+        """Return `-f(t) . u` [J]."""
+        return -float(np.einsum("ic,ic", self.forces(t), u[self._at]))  # BLAS is avoided: its threads wait for ours
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the forces [N] to `out` (nv, d)."""
         out[self._at] += self.forces(t)
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         return {"loads": self._known[1].nbytes}
 
 
 class Weight(DeadLoad):
-    """The weight of consistent masses, spread over elements; at moments with lumped ones, of those."""
+    """Weight of consistent masses, spread over elements; at times that ask for lumped masses, the weight of these."""
 
     def __init__(self, mesh: ElementMesh, spread: Spread | Together, lumped: Nodes, value: Value) -> None:
         self._lumped = lumped

@@ -1,4 +1,4 @@
-"""Edges, pairs of edges, and their coefficients: the sum of the paper itself as a term."""
+"""Network of edges and pairs of edges with coefficients: the sum of the paper as a term."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ..mesh import ElementMesh, MeshLike
 from .body import Body
 from .stvk import StVK
 
-#: What is left of sums of coefficients by this part of them is rounding.
+#: Sums of coefficients that cancel to less than this fraction of them are rounding errors.
 ROUNDED = 1e-13
-#: The pairs of edges that a network may have.
+#: Kinds of pairs of edges in a network.
 PAIRS = ("all", "none", "adjacent", "opposite")
 
 
@@ -33,16 +33,16 @@ PAIRS = ("all", "none", "adjacent", "opposite")
 class EdgeNetwork:
     """The sum over edges and pairs of edges itself: `W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j`.
 
-    `zeta = |p|^2 - |P|^2` of each edge [m^2]. With the `L` of linear simplices (`EdgeNetwork.of`) it is the finite-element model,
-    and the pairs are those that share a simplex (TSEPs); its first sum alone (`diagonal`) is a network of quartic springs. Any
-    other symmetric `L` is good, one that is not positive semi-definite too (`definite`): then there are states with less energy
-    than at rest. A network knows edges and no elements: for volumes and stresses take `StVK`.
+    `zeta = |p|^2 - |P|^2` of each edge [m^2]. With the `L` of linear simplices (`EdgeNetwork.of`) the network is the finite-element
+    model, and its pairs share a simplex (TSEPs). Its first sum alone (`diagonal`) is a network of quartic springs. Any other
+    symmetric `L` is allowed, even one that is not positive semi-definite (`definite`); some states then have less energy than rest.
+    A network has edges and no elements: for volumes and stresses use `StVK`.
 
     Parameters
     ----------
     edges : (2, ne) vertices of the edges, each edge once.
     L : (ne, ne) sparse symmetric matrix [J/m^4], off the diagonal the pairs of edges, each twice.
-    laws : the `StVK` that the coefficients are of, which give mass, thickness and area to the elements of their regions; none if L
+    laws : the `StVK` laws of the coefficients, which supply mass, thickness and area to the elements of their regions; none if L
         comes from elsewhere.
 
     Source: Kikuuwe, Tabuchi, Yamamoto (2009), equations 12 - 14 of Kikuuwe's overview.
@@ -50,7 +50,7 @@ class EdgeNetwork:
     Raises
     ------
     StvkError
-        if edges are given twice, or join a vertex with itself, or L has another shape, is not symmetric or not finite.
+        if an edge is repeated, or joins a vertex with itself, or L has another shape, is not symmetric or not finite.
     MeshError
         when it is made of elements that have no edge form; when it is bound, if the mesh lacks vertices.
 
@@ -87,9 +87,9 @@ class EdgeNetwork:
             str, Quantity(None, "Pairs of edges that count: those that meet in a vertex, or do not.", values=PAIRS)
         ] = "all",
     ) -> EdgeNetwork:
-        """Return the network of a St. Venant-Kirchhoff body of linear simplices, of one law or of several on their regions.
+        """Return the network of a St. Venant-Kirchhoff body of linear simplices, with one law or several on their regions.
 
-        `pairs` are those that count: "all", "none", or the "adjacent" or the "opposite" ones.
+        `pairs` selects the pairs in the sum: "all", "none", the "adjacent" or the "opposite" ones.
         """
         choice("EdgeNetwork.of: pairs", pairs, PAIRS)
         body = ElementMesh.of(mesh)
@@ -106,29 +106,29 @@ class EdgeNetwork:
         return cls(edges, _coefficients(body, laws, edges, np.ones(body.nt, dtype=bool)), laws)._with(pairs)
 
     def _with(self, pairs: str) -> EdgeNetwork:
-        """Return the network with these pairs alone."""
+        """Return the network with only these pairs."""
         if pairs == "all":
             return self
         return self.diagonal() if pairs == "none" else self.without("opposite" if pairs == "adjacent" else "adjacent")
 
     @property
     def pairs(self) -> NDArray[np.int64]:
-        """(2, n) edges `i < j` of the pairs whose `L_ij` is not zero."""
+        """Edges `i < j` (2, n) of the pairs with nonzero `L_ij`."""
         upper = triu(self.L, 1).tocoo()
         return np.stack([upper.row, upper.col]).astype(np.int64)
 
     @property
     def adjacent(self) -> NDArray[np.bool_]:
-        """(n,) for each of the `pairs` whether its edges meet in a vertex ("angular"); the others are opposite ("volumetric")."""
+        """Whether (n,) the edges of each of the `pairs` meet in a vertex ("angular"); the others are opposite ("volumetric")."""
         return meet(self.edges, self.pairs)
 
     def diagonal(self) -> EdgeNetwork:
-        """The edges alone: a network of springs with `W = 1/4 sum L_ii zeta_i^2`, the first sum of eq. 14."""
+        """Return the network without pairs: springs with `W = 1/4 sum L_ii zeta_i^2`, the first sum of eq. 14."""
         n = len(self.edges.T)
         return replace(self, L=csr_matrix((self.L.diagonal(), (np.arange(n), np.arange(n))), shape=(n, n)))
 
     def without(self, pairs: str) -> EdgeNetwork:
-        """The network without its "adjacent" or without its "opposite" pairs."""
+        """Return the network without its "adjacent" or without its "opposite" pairs."""
         choice("without: pairs", pairs, ("adjacent", "opposite"))
         upper = triu(self.L, 1).tocoo()
         kept = self.adjacent == (pairs == "opposite")
@@ -136,9 +136,10 @@ class EdgeNetwork:
         return replace(self, L=csr_matrix(self.diagonal().L + U + U.T))
 
     def definite(self) -> bool:
-        """Whether no state has less energy than rest, by `L` alone: whether no eigenvalue of it is negative, but for rounding.
+        """Return whether no eigenvalue of `L` is negative, within rounding; then no state has less energy than rest, for any
+        geometry.
 
-        Raises StvkError for more than 20 000 edges, where factors of L take too long, and where no solver can tell.
+        Raises StvkError for more than 20 000 edges, where factors of L take too long, and if no solver can decide.
         """
         n = self.L.shape[0]
         if n > COUNTED:
@@ -154,7 +155,7 @@ class EdgeNetwork:
         return found.negative == 0
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> QuarticNetwork:
-        """The network on the vertices of a body's mesh."""
+        """Return the network on the vertices of a body's mesh."""
         mesh = body.mesh if isinstance(body, Body) else body
         last = int(self.edges.max(initial=-1))
         if last >= mesh.nv:
@@ -168,7 +169,7 @@ class EdgeNetwork:
         return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, left=partial(self._left, mesh))
 
     def _refuse_another(self, mesh: ElementMesh) -> None:
-        """Refuse a mesh whose edges, in the regions of the laws, are not those of the network."""
+        """Refuse a mesh if its edges, in the regions of the laws, are not those of the network."""
         if not mesh.element.is_linear_simplex:
             raise MeshError(
                 f"EdgeNetwork: it has the edges of linear simplices; the mesh has {mesh.kind}, whose other nodes would have no "
@@ -184,24 +185,24 @@ class EdgeNetwork:
             )
 
     def _left(self, mesh: ElementMesh, gone: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """`L_ii/2` and the `L_ij/2` of the pairs, less what the elements (n,) of the region that are `gone` have in them."""
+        """Return `L_ii/2` and the `L_ij/2` of the pairs, minus the contributions of the removed elements `gone` (n,) of the region."""
         out = np.zeros(mesh.nt, dtype=bool)
         out[mesh.elements(self.region)] = gone
         lost, upper = _coefficients(mesh, self.laws, self.edges, out), triu(self.L, 1).tocoo()
         size = np.sqrt(np.abs(self.L.diagonal()))
         own = self.L.diagonal() - lost.diagonal()
         between = upper.data - np.asarray(lost[upper.row, upper.col]).ravel()
-        own[np.abs(own) < ROUNDED * size**2] = 0  # where no element is left, rounding of sums is
+        own[np.abs(own) < ROUNDED * size**2] = 0  # without any element left, the sum is rounding
         between[np.abs(between) < ROUNDED * size[upper.row] * size[upper.col]] = 0
         return own / 2, between / 2
 
     @property
     def region(self) -> NDArray[Any] | str | None:
-        """The elements of the laws: their region, or of several laws, whose regions a mesh has to tell, all elements."""
+        """Elements of the laws: the region of one law; all elements for several laws, as only a mesh resolves their regions."""
         return self.laws[0].region if len(self.laws) == 1 else None
 
     def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
-        """(n,) masses [kg] of the elements of the region: those of the laws. MaterialError if one of them has no density."""
+        """Return the masses (n,) [kg] of the region's elements from the laws; MaterialError if a law has no density."""
 
         def masses(law: StVK, ids: NDArray[Any]) -> Array:
             return law.mass(mesh, of[ids])
@@ -211,16 +212,16 @@ class EdgeNetwork:
         return self._of_laws(mesh, masses)
 
     def section(self, mesh: ElementMesh, n: int) -> Array:
-        """(n,) thickness, area or 1 of the elements of the region, as the laws say."""
+        """Return thickness, area or 1 (n,) of the region's elements from the laws."""
         found = self._of_laws(mesh, lambda law, ids: law.section(mesh, len(ids)))
         return np.where(found == 0, 1.0, found)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
-        """(n,) `lam + 2 mu` [Pa] of the elements of the region, as the laws say; 0 where there is none."""
+        """Return `lam + 2 mu` (n,) [Pa] of the region's elements from the laws; 0 without a law."""
         return self._of_laws(mesh, lambda law, ids: law.confined_modulus(mesh, len(ids)))
 
     def _of_laws(self, mesh: ElementMesh, value: Callable[[StVK, NDArray[Any]], Array]) -> Array:
-        """(n,) values of the elements of the region from those of the laws."""
+        """Return values (n,) of the region's elements from values of the laws."""
         values = np.zeros(mesh.nt)
         for law in self.laws:
             ids = mesh.elements(law.region)
@@ -234,7 +235,7 @@ class EdgeNetwork:
 
 
 def _checked_edges(given: Any) -> NDArray[np.int64]:
-    """(2, ne) edges `a < b`, each once."""
+    """Return the edges (2, ne) with `a < b`, each once."""
     edges = whole_array(given)
     if edges is None or edges.ndim != 2 or len(edges) != 2 or edges.dtype == bool or edges.shape[1] == 0:
         raise StvkError(f"EdgeNetwork: edges = {shown(given)}; expected the vertices (2, ne) of at least one edge, whole numbers.")
@@ -249,7 +250,7 @@ def _checked_edges(given: Any) -> NDArray[np.int64]:
 
 
 def _checked_coefficients(given: Any) -> csr_matrix:
-    """A copy of L, symmetric to the last digit."""
+    """Return a copy of L, symmetric to the last bit."""
     if not issparse(given):
         raise StvkError(f"EdgeNetwork: L = {shown(given)}; expected a sparse matrix, such as scipy.sparse.csr_matrix(...).")
     L = csr_matrix(given, dtype=np.float64, copy=True)
@@ -282,4 +283,4 @@ def _coefficients(mesh: ElementMesh, laws: Sequence[StVK], edges: NDArray[Any], 
 
 
 class LawNetwork(ElementNetwork, QuarticNetwork):
-    """A quartic network of elements."""
+    """Quartic network of elements."""

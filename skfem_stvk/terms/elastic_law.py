@@ -31,12 +31,12 @@ OfArea = Annotated[ArrayLike | None, Quantity("area", "Cross-section of segments
 
 @dataclass(frozen=True, eq=False)
 class ElasticLaw(ABC):
-    """A law on the elements of a region, a specification without a mesh: `StVK` says what the parameters are.
+    """Law on the elements of a region, a specification without a mesh; for the parameters see `StVK`.
 
     Raises
     ------
     MaterialError
-        if a constant is missing, given twice or out of range; when it is bound, if it does not fit the mesh.
+        if a constant is missing, specified twice or out of range; when it is bound, if it does not fit the mesh.
     """
 
     material: OfMaterial = None
@@ -78,19 +78,20 @@ class ElasticLaw(ABC):
         own(self)
 
     def on(self: Law, region: NDArray[Any] | None) -> Law:
-        """The same law on the elements of a region, in place of simplices of its own."""
+        """Return the same law on the elements of a region, instead of its own simplices."""
         law = copy(self)
         object.__setattr__(law, "simplices", None)
         object.__setattr__(law, "region", region)
         return law
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Which components of strain or stress vanish across the elements of this mesh.
+        """Return the hypothesis: the components of strain or stress that vanish across the elements of this mesh.
 
         Raises
         ------
         MaterialError
-            if `plane`, `thickness` or `area` is of no use for them; if the law has simplices of its own, which a `System` connects.
+            if `plane`, `thickness` or `area` does not apply to them; if the law has its own simplices, which a `System`
+            connects.
         """
         if self.simplices is not None:
             raise MaterialError(
@@ -110,7 +111,7 @@ class ElasticLaw(ABC):
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """The assembly of this law on a body's mesh."""
+        """Return the assembly of this law on a body's mesh."""
         body = body if isinstance(body, Body) else Body(body, [])
         mesh, elements, hourglass = body.mesh, body.mesh.elements(self.region), body.quadrature.hourglass
         t = mesh.t if self.region is None else mesh.t[:, elements]
@@ -121,12 +122,12 @@ class ElasticLaw(ABC):
 
     @property
     def assembly(self) -> type[Assembly]:
-        """The assembly with the functions that the law registers in addition to W, F and K (`edges.offering`)."""
+        """Assembly class with the functions that the law registers in addition to W, F and K (`edges.offering`)."""
         return Assembly
 
     @abstractmethod
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """The law of the kernels, and what it stores of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region."""
 
     def lame(self, mesh: ElementMesh, hypothesis: Hypothesis | None = None) -> tuple[Array, Array]:
         """Return `lam` and `mu` (n,) times section under a hypothesis, by default that of the elements.
@@ -145,7 +146,7 @@ class ElasticLaw(ABC):
         return lam, mu
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) masses [kg] of the elements of the region, from their lengths, areas or volumes `sizes` (n,).
+        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,).
 
         Raises
         ------
@@ -159,8 +160,9 @@ class ElasticLaw(ABC):
         return sizes * self.section(mesh, len(sizes)) * np.asarray(self.material.density)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """`lam + 2 mu` [Pa] within the simplices' own dimensions; if not isotropic the largest of `C_1111, C_2222, C_3333` in
-        material axes."""
+        """Return `lam + 2 mu` [Pa] within the simplices' own dimensions. For anisotropic materials return the largest of `C_1111,
+        C_2222, C_3333` in material axes.
+        """
         assert self.material is not None
         hypothesis = self.hypothesis(mesh)
         self.material.check(n, hypothesis)
@@ -171,12 +173,12 @@ class ElasticLaw(ABC):
         return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return the factor that makes a volume of the measure of an element: thickness, area, or 1; a number or (n,)."""
+        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,)."""
         name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
         section = np.asarray(1.0 if value is None else value)
         check_length(section, n, name)
         return section
 
 
-for _shorthand in ("young", "poisson", "density"):  # the defaults of the shorthand are not attributes: ask term.material
+for _shorthand in ("young", "poisson", "density"):  # remove class defaults, so that term.young raises; use term.material
     delattr(ElasticLaw, _shorthand)

@@ -24,18 +24,19 @@ from .spread import Spread
 class ElasticFoundation:
     """Elastic bedding: `W = 1/2 integral of k_x u_x^2 + k_y u_y^2 + k_z u_z^2 dA` over facets of the body at rest.
 
-    It pulls and pushes along the coordinate axes, over curved facets too. The area of edges is length times thickness, that of ends
-    of segments the segment's area.
+    The bedding pulls and pushes along the coordinate axes, over curved facets too. The area of edges is length times thickness, and
+    that of the ends of segments is the segment's area.
 
     Parameters
     ----------
     where : as in `Traction`.
-    stiffness : `k` per area at rest [N/m^3], a number for all components or one for each; zero lets go of a component.
+    stiffness : `k` per area at rest [N/m^3], a number for all components or one for each; zero frees a component.
 
     Raises
     ------
     LoadError
-        if the stiffness is negative, not finite or zero altogether; when it is bound, if it does not have one value per component.
+        if the stiffness is negative, not finite or entirely zero; when it is bound, if it does not have one value per
+        component.
     RegionError
         when it is bound, if there is no facet.
 
@@ -65,7 +66,7 @@ class ElasticFoundation:
         own(self)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Bedding:
-        """The bedding of a body; of a mesh alone, with thickness or area 1."""
+        """Return the bedding of a body; a mesh alone has thickness or area 1."""
         body = body if isinstance(body, Body) else Body(body, [])
         what, d = f"ElasticFoundation on {describe(self.where)}", body.mesh.d
         k = np.asarray(self.stiffness)
@@ -78,9 +79,9 @@ class ElasticFoundation:
 
 
 class Bedding:
-    """A foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
+    """Foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
-    It pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground.
+    The foundation pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground.
     """
 
     symmetric = has_energy = constant_tangent = True
@@ -103,13 +104,13 @@ class Bedding:
         self.grounded = (len(self._k) * tied[:, None] + np.flatnonzero(self._k)).ravel()
 
     def without(self, gone: NDArray[np.bool_]) -> Bedding:
-        """Return the foundation without the facets whose elements are all `gone` (nt,); the pairs stay, with zeros."""
+        """Return the foundation without the facets whose elements are all removed, `gone` (nt,); the pairs stay, with zeros."""
         left = copy(self)
         left._take(self._body.without(gone, self._body.bare))
         return left
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Energy [J] at `u` (nv, d); adds the force on the springs [N] to `force` (nv, d)."""
+        """Return the energy [J] at `u` (nv, d); add the force on the springs [N] to `force` (nv, d)."""
         own = u[self.nodes]
         pull = self._pull(own)
         if force is not None:
@@ -124,28 +125,30 @@ class Bedding:
             blocks.own[:, c, c] += k * self._own
 
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
-        """(5,) coefficients of the energy along `u + s v`: the last two are zero."""
+        """Return the coefficients (5,) of the energy along `u + s v`: the last two are zero."""
         U, V = u[self.nodes].astype(np.float64), v[self.nodes].astype(np.float64)
         pull = self._pull(V)
         return np.array([np.vdot(U, self._pull(U)) / 2, np.vdot(U, pull), np.vdot(V, pull) / 2, 0.0, 0.0])
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add `|K| |u|`, all that adds up to the force [N], to `out` (nv, d)."""
+        """Add `|K| |u|`, the sum of the absolute values of the force's summands [N], to `out` (nv, d)."""
         out[self.nodes] += self._sizes @ np.abs(u[self.nodes]) * self._k.astype(self._M.dtype)
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         M = self._M
         arrays = M.data, M.indices, M.indptr, self._between, self._own, self.nodes, self.grounded, self.nodes_paired
         return {"foundations": sum(array.nbytes for array in arrays)}
 
     def _pull(self, own: Array) -> Array:
-        """(n, d) `K u` from the displacements of its own nodes."""
+        """Return `K u` (n, d) from the displacements of its own nodes."""
         return np.asarray(self._M @ own * self._k.astype(self._M.dtype))
 
 
 def _masses(spread: Spread, dtype: DTypeLike) -> tuple[NDArray[np.int32], Array, Array]:
-    """Pairs (2, n) of nodes of facets, counted within the spread; `M_ab = integral of N_a N_b` of both, and of single nodes."""
+    """Return pairs (2, n) of nodes of facets, as indices within the spread, and `M_ab = integral of N_a N_b` of pairs and of single
+    nodes.
+    """
     each, pairs = spread.matrices(), np.array(spread.element.pairs, dtype=np.int64).reshape(-1, 2)
     own = spread.add(each[range(len(each)), range(len(each))])
     if not len(pairs):
@@ -156,7 +159,7 @@ def _masses(spread: Spread, dtype: DTypeLike) -> tuple[NDArray[np.int32], Array,
 
 
 def _matrix(local: NDArray[np.int32], between: Array, own: Array) -> csr_matrix:
-    """The symmetric matrix with these entries between nodes, and of nodes themselves."""
+    """Return the symmetric matrix with these entries `between` nodes, and `own` entries on the diagonal."""
     every = np.arange(len(own), dtype=np.int32)
     row, column = np.concatenate([local[0], local[1], every]), np.concatenate([local[1], local[0], every])
     M = csr_matrix((np.concatenate([between, between, own]), (row, column)), shape=(len(own),) * 2)

@@ -1,4 +1,4 @@
-"""St. Venant-Kirchhoff's energy continued to elements that are flat or inside out, so that these come back."""
+"""St. Venant-Kirchhoff's energy, extended to flat and inverted elements so that these recover."""
 
 from __future__ import annotations
 
@@ -31,20 +31,21 @@ class InvertibleStVK(ElasticLaw):
     """St. Venant-Kirchhoff's law, whose energy goes on as a quadratic below a principal stretch `threshold`.
 
     With the singular values `s_i` of `F`, of which the smallest has the sign of `det F`, `c_i = max(s_i, threshold)`, `d = s - c`
-    and `w` the energy of `StVK` of principal stretches,
+    and the energy `w` of `StVK` in principal stretches,
 
         W = w(c) + sum w_i(c) d_i + sum_{i<j} w_ij(c) d_i d_j + k/2 |d|^2        k = lam + 2 mu
 
-    Above the threshold it is `StVK`. Below, the stress goes on falling with slope k, so that an element that is flattened or
-    inverted is pushed back the harder the further it is. Any state has finite forces. Linear elements come back from inverted
-    starts; quadratic ones have stable inverted states as well.
+    Above the threshold the law is `StVK`. Below, the stress continues to fall with slope k, so that an element is pushed back more
+    the more it is flattened or inverted. Any state has finite forces. Linear elements recover from inverted starts; quadratic ones
+    also have stable inverted states.
 
     Parameters
     ----------
-    threshold : a stretch above 1/sqrt(3) = 0.577, from where on the stress of `StVK` falls in compression and would pull a mirrored
-        element further in, and below 1.
-    extend : what goes on below the threshold: "energy", as above, or "stress", Irving's, Teran's and Fedkiw's own form: each
-        principal stress `w_i(c) + k d_i`. That has no energy, and a tangent that is not symmetric; for comparison, in plain NumPy.
+    threshold : a stretch between 1/sqrt(3) = 0.577 and 1. Below 0.577, the stress of `StVK` falls in compression and would pull a
+        mirrored element further in.
+    extend : what is extended below the threshold: "energy", as above, or "stress", the form of Irving, Teran and Fedkiw: each
+        principal stress is `w_i(c) + k d_i`. This form has no energy, and a tangent that is not symmetric. It is meant for
+        comparison, and written in plain NumPy.
     material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
 
     Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity" (2012); Irving, Teran,
@@ -82,7 +83,7 @@ class InvertibleStVK(ElasticLaw):
         object.__setattr__(self, "threshold", threshold)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """The assembly of this law on a body's mesh."""
+        """Return the assembly of this law on a body's mesh."""
         bound = super().bind(body, dtype)
         if self.extend == "energy":
             return bound
@@ -95,17 +96,17 @@ class InvertibleStVK(ElasticLaw):
         return StressExtension(mesh, mesh.t[:, mesh.elements(self.region)], self.lame(mesh), self.threshold, bound)
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness:
-        """The law of the kernels, and what it stores of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region."""
         law = partial(InvertibleLaw, flat=flat_of(mesh.k, mesh.d), threshold=self.threshold)
         return IsotropicStiffness(*self.lame(mesh), law)
 
     @property
     def has_stress(self) -> bool:
-        """Whether there are fields of stress and energy density."""
+        """Whether the law has fields of stress and energy density."""
         return self.extend == "energy"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return as in `HasResponse`; raise MaterialError where the stress is extended, which has no energy."""
+        """Return the response as in `HasResponse`; raise MaterialError if the stress is extended, since it has no energy."""
         if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)

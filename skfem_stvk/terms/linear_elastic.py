@@ -19,24 +19,24 @@ from .stvk import StVK
 
 
 def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
-    """(5,) coefficients of the energy along `u + s v`, both (nv, d): the last two are zero."""
+    """Return the coefficients (5,) of the energy along `u + s v`, both (nv, d): the last two are zero."""
     force = np.zeros(u.shape, dtype=term.dtype)
     W = term.energy_and_force(u, force)
     return np.array([W, np.vdot(force, v), term.energy_and_force(v), 0.0, 0.0])
 
 
 def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-    """Add `K (w0 u0 + w1 u1)` to `force` (nv, d); `R = W(u1 - u0)`, as in `HasMeanForce`."""
+    """Add `K (w0 u0 + w1 u1)` to `force` (nv, d); return `R = W(u1 - u0)`, as in `HasMeanForce`."""
     term.energy_and_force(weights[0] * u0 + weights[1] * u1, force)
     return term.energy_and_force(u1 - u0)
 
 
 def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
-    """Add `K v` to `force` (nv, d), which resists turning, too; half the power that it takes [W]."""
+    """Add `K v` to `force` (nv, d), which also resists rotation; return half the dissipated power [W]."""
     return term.energy_and_force(v, force)
 
 
-#: A force that is linear in displacements: all between two states is known from the force alone.
+#: A force that is linear in displacements: it determines every result between two states.
 LINEAR_FORCE = offering(
     __name__, "LINEAR_FORCE", constant_tangent=True, along=along, mean_force=mean_force, damping_force=damping_force
 )
@@ -47,10 +47,10 @@ class LinearElastic(ElasticLaw):
     """Elastic body of small strain, wrong under rotation: `W = integral of 1/2 eps : C : eps`, with `eps = (H + H')/2` of the
     displacement gradient `H`.
 
-    Its stiffness K is the same at all displacements, that of `StVK` at rest. Where all of a body is linear and loads are dead, it
-    is factorised once: `solve_static` takes one iteration then, and steps of constant length one factorisation for a whole run.
-    It is wrong under rotation: a body that only turns by `t` about z has the stress `s_xx = s_yy = 2 (mu + lam) (cos t - 1)`,
-    `s_zz = 2 lam (cos t - 1)`, as if it had shrunk.
+    Its stiffness K is the same at all displacements, that of `StVK` at rest. If the whole body is linear and loads are dead, K is
+    factorised once. Then `solve_static` takes one iteration, and a run with constant step length one factorisation. The law is
+    wrong under rotation. A body that only rotates by `t` about z has the stress `s_xx = s_yy = 2 (mu + lam) (cos t - 1)`, `s_zz = 2
+    lam (cos t - 1)`, as if it had shrunk.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class LinearElastic(ElasticLaw):
     True
     """
 
-    #: Its stress is that of the small strain.
+    #: Whether its stress is that of the small strain.
     small_strain: ClassVar[bool] = True
     assembly = LINEAR_FORCE
 

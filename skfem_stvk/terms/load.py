@@ -1,4 +1,4 @@
-"""Moments of loads, and functions of place and time made of the values that users give for them."""
+"""Times of loads, and functions of position and time from user-supplied values."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ..errors import LoadError, StateError, StvkError, name_ids
 
 
 class Moment(NamedTuple):
-    """The time at which functions of time are evaluated, and the factor of everything that is given by constants.
+    """The time at which functions of time are evaluated, and the factor of all constants.
 
-    Constants ramp in statics, where `t` is the load factor, and are what they are in dynamics, where it is time: `Moment(t, 1.0)`.
-    There `mass` is that of the motion, "lumped" or "consistent": gravity pulls at the masses that it moves.
+    In statics `t` is the load factor, and constants ramp with it. In dynamics `t` is time and constants do not ramp: `Moment(t,
+    1.0)`. There `mass` is that of the motion, "lumped" or "consistent", so that gravity acts on the masses in use.
 
     >>> Moment.of(0.5), Moment.of(Moment(0.5, 1.0, "lumped"))
     (Moment(time=0.5, factor=0.5, mass='consistent'), Moment(time=0.5, factor=1.0, mass='lumped'))
@@ -29,14 +29,14 @@ class Moment(NamedTuple):
 
     @classmethod
     def of(cls, t: Time) -> Moment:
-        """The moment itself, or that of a load factor."""
+        """Return the moment itself, or that of a load factor."""
         return t if isinstance(t, Moment) else cls(t, t)
 
     @classmethod
     def checked(cls, t: Time) -> Moment:
-        """Return `of`, in finite numbers; raise StateError for anything else."""
+        """Return the moment as `of` does, with finite numbers; raise StateError for anything else."""
         if type(t) is float and isfinite(t):
-            return cls(t, t)  # most often
+            return cls(t, t)  # the usual case
         moment, expected = cls.of(t), "a finite load factor (in statics from 0 to 1) or time"
         time, factor = (number("t", one, expected, error=StateError) for one in moment[:2])
         return cls(time, factor, choice("The masses of a Moment", moment.mass, ("consistent", "lumped"), StateError))
@@ -47,7 +47,7 @@ Time: TypeAlias = float | Moment
 
 
 class Value:
-    """A load's value, or a prescribed displacement, as a function of place and time.
+    """A load's value, or a prescribed displacement, as a function of position and time.
 
         t c         constants `c`: they ramp with the load factor (`Moment`)
         f(t)        a function of one argument
@@ -58,13 +58,14 @@ class Value:
     given : a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of d
         components, each a number or (n,); or a function that returns one of these.
     shape : () for a number, (d,) for components.
-    x : (d, n) points where it is needed, such as nodes.
+    x : (d, n) points of the values, such as nodes.
     what : the beginning of messages.
     error : the class of errors.
-    name : of what is given, in messages.
+    name : name of the user-supplied value, in messages.
 
-    Errors are another shape, values that are not finite at t = 0 or 1, and an array (d, d) for d points, of which rows and columns
-    cannot be told; what functions of x return is laid out like x. `constant` are the values that ramp, None for functions.
+    Errors are raised for another shape, and for values that are not finite at t = 0 or 1. An array (d, d) for d points is refused,
+    since rows and columns cannot be distinguished; a function of x returns values laid out like x. `constant` are the values that
+    ramp, None for functions.
 
     >>> x = np.array([[0.0, 1.0], [0.0, 0.0]])
     >>> Value((0, -2), (2,), x, "Traction").at(0.5)
@@ -87,7 +88,9 @@ class Value:
             self.at(t)
 
     def at(self, t: Time) -> Array:
-        """Values at `t`: a number per point, (1,) or (n,), or components (d, 1) or (d, n); the 1 is for the same at all points."""
+        """Return values at `t`: a number per point, (1,) or (n,), or components (d, 1) or (d, n). The 1 means the same value at all
+        points.
+        """
         moment = Moment.of(t)
         if self.constant is not None:
             return moment.factor * self.constant
@@ -119,7 +122,7 @@ class Value:
         return np.array(values)
 
     def _refuse_square(self, given: Any, shape: tuple[int, ...], source: str) -> None:
-        """Refuse an array (d, d) for d points: it says neither which axis is that of components, nor is it laid out like `x`."""
+        """Refuse an array (d, d) for d points: neither axis is known to be that of components, and it is not laid out like `x`."""
         d = self._shape[0] if self._shape else 0
         if isinstance(given, tuple | list) or self._arguments == 2 or not 1 < d == self._x.shape[1] or shape != (d, d):
             return
@@ -158,7 +161,7 @@ class Value:
 
 
 def check_given(given: Any, what: str) -> None:
-    """Refuse constants that are no finite numbers, before there is a mesh that says how many are expected.
+    """Refuse constants that are not finite numbers, before a mesh says how many are expected.
 
     >>> check_given((0, 0, 10**400), "Gravity: g")
     Traceback (most recent call last):
@@ -176,14 +179,14 @@ def check_given(given: Any, what: str) -> None:
 
 
 def _together(components: Sequence[Any]) -> Array | None:
-    """(d, ...) components, each a number or one for each point; None if one is neither."""
+    """Return the components (d, ...), each a number or one value per point, as one array; None if a component is neither."""
     arrays = [real_array(component) for component in components]
     known = [array for array in arrays if array is not None]
     if not known or len(known) < len(arrays):
         return None
-    if not any(array.ndim for array in known):  # a tenth of the time
+    if not any(array.ndim for array in known):  # takes a tenth of the time
         return np.array(known)
     try:
         return np.stack(np.broadcast_arrays(*known))
-    except ValueError:  # of unlike lengths
+    except ValueError:  # components of different lengths
         return None

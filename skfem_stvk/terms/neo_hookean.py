@@ -21,7 +21,7 @@ from .at_points import embedded, stress_and_density
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
-#: What messages say of elements with `J <= 0`.
+#: End of messages about elements with `J <= 0`.
 BARRIER = (
     "the energy of NeoHookean is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); or "
     "take StVK with a VolumePenalty of another kind than barrier, which pushes such elements back."
@@ -33,13 +33,13 @@ class NeoHookean(ElasticLaw):
     """Elastic body with strain energy `W = integral of mu/2 (I1 - 3 - 2 ln J) + lam/2 (J - 1)^2`: it does not give way when it is
     crushed, as St. Venant-Kirchhoff does, and no element turns inside out.
 
-    `I1 = tr F'F`, `J = det F`. At small strain it is `StVK` of the same constants; under pressure it stiffens.
+    `I1 = tr F'F`, `J = det F`. At small strain the law is `StVK` with the same constants; under pressure it stiffens.
 
     Parameters
     ----------
     material : `Isotropic`, with a Poisson's ratio in [0, 1/2).
-    region, plane, thickness, young, poisson, density : as in `StVK`. In plane stress, and of surfaces in space, the thickness is
-        stretched so that no stress is left across.
+    region, plane, thickness, young, poisson, density : as in `StVK`. In plane stress, and for surfaces in space, the thickness
+        changes so that the stress across vanishes.
 
     Raises
     ------
@@ -48,7 +48,7 @@ class NeoHookean(ElasticLaw):
     RegionError
         when it is bound, if the region is not in the mesh.
     StateError
-        by whatever is asked of the system, with the ids, for elements that are inside out or flat.
+        by all evaluations of the system, with the ids, for elements that are inverted or flat.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import System
@@ -63,7 +63,7 @@ class NeoHookean(ElasticLaw):
     assembly = OF_STRAIN
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """The law of the kernels, and what it stores of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region."""
         hypothesis = self.hypothesis(mesh)
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
             raise MaterialError("NeoHookean is for solids and surfaces; the mesh has segments. Take StVK for cables and bars.")
@@ -76,7 +76,7 @@ class NeoHookean(ElasticLaw):
         return NeoHookeanStiffness(lam, mu, hypothesis.condensed)
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return as in `HasResponse`; raise StateError for elements inside out or flat."""
+        """Return the response as in `HasResponse`; raise StateError for inverted or flat elements."""
         assert isinstance(self.material, Isotropic)
         (n, d, k), (lam, mu) = at.gradient.shape, self.material.lame(Hypothesis.SOLID)
         lam, mu, strain = np.broadcast_to(lam, n), np.broadcast_to(mu, n), embedded(at.strain)
@@ -102,16 +102,16 @@ class NeoHookeanStiffness(LawInFrames):
         self.lam, self.mu, self.law = lam, mu, NeoHookeanSheet if condensed else NeoHookeanLaw
 
     def stored(self, at: Frames, elements: NDArray[np.int32]) -> Array:
-        """`mu` and `lam` times the size, and the orientation, 0 of surfaces in space."""
+        """Return `mu` and `lam` times the size, and the orientation, which is 0 for surfaces in space."""
         axes = at.axes
         orientation = np.sign(np.linalg.det(axes)) if axes.shape[1] == axes.shape[2] else np.zeros(len(axes))
         return np.stack([at.size * self.mu[elements], at.size * self.lam[elements], orientation])
 
 
 def thickening(lam: Array, mu: Array, j: Array, x: Array) -> Array:
-    """`l^2 - 1` of the stretch `l` across for which the stress there vanishes, for the ratio of areas `j` and `x = j^2 - 1`.
+    """Return `l^2 - 1` for the stretch `l` across at which the stress there vanishes, for the ratio of areas `j` and `x = j^2 - 1`.
 
-    mu (l^2 - 1) + lam (j l - 1) j l = 0, whose positive root is `l = 1 + d`
+    `l` solves mu (l^2 - 1) + lam (j l - 1) j l = 0; its positive root is `l = 1 + d`.
     """
     both = mu + lam * j * j
     root = np.sqrt((lam * j) ** 2 + 4 * mu * both)

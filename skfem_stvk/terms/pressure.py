@@ -1,4 +1,4 @@
-"""Pressure on the deformed surface, which turns and grows with it."""
+"""Pressure on the deformed surface, which rotates and grows with it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .load import Time, Value
 from .protocols import Load
 from .spread import Spread
 
-#: Row and column where the axial vector's components stand in the matrix of a cross product; minus them in the transposed place.
+#: Row and column of each component of an axial vector in the matrix of a cross product; the transposed entry is its negative.
 AXIAL = {2: ((1, 0),), 3: ((2, 1), (0, 2), (1, 0))}
 
 
@@ -31,28 +31,28 @@ AXIAL = {2: ((1, 0),), 3: ((2, 1), (0, 2), (1, 0))}
 class Pressure(Load):
     """Follower pressure: `f_a = - integral of N_a p n da` over the deformed surface, `n` its outward normal. It has no potential.
 
-    On solids it acts on boundary facets; on triangles and quadrilaterals in the plane on boundary edges, times thickness. In space
-    these are the surface themselves: it pushes against their normal by the right-hand rule round their corners; neighbours that are
-    turned the other way count as turned like the first element of their connected piece.
+    On solids the pressure acts on boundary facets; on triangles and quadrilaterals in the plane on boundary edges, times thickness.
+    In space it acts on surface elements, against their normal by the right-hand rule around their corners. Neighbours of opposite
+    orientation count as oriented like the first element of their connected piece.
 
     Parameters
     ----------
     where : as in `Traction`; for surfaces in space the name of a subdomain, element ids or a mask, or None for all.
-    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the nodes, in the order of node
-        ids as given, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), taken as it is, `x`
-        reference coordinates. Interpolated between nodes by their shape functions.
-    simplices : of a surface in space that is no part of the mesh, as a membrane beside tetrahedra: (3, n) nodes of its triangles,
-        or the name of a boundary. `where` is ids of those then, or None for all.
+    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the nodes, in the order of
+        user-supplied node ids, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), used without
+        a ramp, `x` reference coordinates. Interpolated between nodes by their shape functions.
+    simplices : for a surface in space outside the mesh, such as a membrane on tetrahedra: (3, n) nodes of its triangles, or the
+        name of a boundary. Then `where` is ids of these triangles, or None for all.
 
     Raises
     ------
     MeshError
-        when it is bound, if `simplices` are no elements of a surface on these nodes.
+        when it is bound, if `simplices` are not elements of a surface on these nodes.
     RegionError
         when it is bound, if there is no facet or element.
     LoadError
-        if `pressure` is not finite or no number; when it is bound: for segments, which have no surface; if facets are not on the
-        boundary, so that both sides are inside; if surfaces in space have no two sides, as a Moebius strip.
+        if `pressure` is not finite or not a number; when it is bound: for segments, which have no surface; if facets are not on
+        the boundary, so that both sides are inside; if a surface in space has only one side, such as a Moebius strip.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -88,18 +88,18 @@ class Pressure(Load):
 
 
 class FollowerPressure:
-    """Pressure on facets that move with their nodes, at the points of a rule, with the spokes `x_i = sum_a dN_a/dxi_i x_a` there.
+    """Pressure on facets that move with their nodes, at the points of a rule, with base vectors `x_i = sum_a dN_a/dxi_i x_a`.
 
         f_a = - sum_q w_aq A_q(x),     w_aq = weight_q N_a(q) p(q)
         A = x_1 x x_2                              surfaces in space
         A = h (y_1, -x_1)                          edges in the plane, of thickness h at rest
 
     In space the force is quadratic in the displacements, in the plane linear. Its stiffness `-df_a/du_b = sum_q w_aq dA_q/du_b` is
-    a cross product with `dN_b/dxi_1 x_2 - dN_b/dxi_2 x_1`: not symmetric, unless the surface is closed. With a constant pressure
-    the rules are exact, curved facets or not. Linear simplices need one point.
+    a cross product with `dN_b/dxi_1 x_2 - dN_b/dxi_2 x_1`. The stiffness is not symmetric, unless the surface is closed. With a
+    constant pressure the rules are exact, for curved facets too. Linear simplices need one point.
 
-    Nodes of the facets `surface` (m, n) are counterclockwise when seen from the side of the pressure, in the plane with the body on
-    their left; the `spread` has the same, with thickness as their sizes.
+    Nodes of the facets `surface` (m, n) are counterclockwise when seen from the side of the pressure. In the plane the body is on
+    their left. The `spread` has the same facets, with thickness as their sizes.
     """
 
     has_potential = dead = symmetric = balanced = False
@@ -122,11 +122,11 @@ class FollowerPressure:
 
     @property
     def steady(self) -> bool:
-        """Whether it is given by constants."""
+        """Whether the load is constant in time, that is, not a function."""
         return self._value.constant is not None
 
     def potential(self, u: Array, t: Time) -> float:
-        """Refuse: follower pressure has no potential."""
+        """Refuse, since follower pressure has no potential."""
         raise LoadError("Follower pressure has no potential: its work depends on the path.")
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
@@ -148,12 +148,12 @@ class FollowerPressure:
                 part[:, column, row] -= own
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
         arrays = self._surface, self._rest, self.nodes_paired, self._block
         return {"loads": sum(array.nbytes for array in arrays) + self._spread.memory()}
 
     def _weights(self, t: Time) -> NDArray[np.float64]:
-        """(m, nq, n) weight times `N_a p` at each point, times thickness."""
+        """Return the weights (m, nq, n) times `N_a p` at each point, times thickness."""
         spread, values, weights = self._spread, self._value.at(t)[None], self._rule.weights
         if spread.element.is_linear_simplex:
             return np.asarray(spread.shares(values)[0][:, None] * weights)
@@ -161,12 +161,12 @@ class FollowerPressure:
         return np.einsum("q,qa,qn->aqn", weights, N, spread.interpolated(values)[0] * spread.sizes)
 
     def _spokes(self, x: Array) -> Array:
-        """(d, k, nq, n) spokes of the facets at the points, from `x` (nv, d)."""
+        """Return the base vectors (d, k, nq, n) of the facets at the points, from `x` (nv, d)."""
         return spokes_at(x.T, self._surface, self._spread.element, self._rule.points).transpose(3, 2, 1, 0)
 
 
 def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
-    """(k, n) the boundary facets there, turned outwards."""
+    """Return the boundary facets (k, n) at this location, oriented outwards."""
     found = find_facets(facets_at(mesh, where, what), mesh.surface, mesh.nv)
     bad = np.flatnonzero(found < 0)
     if len(bad):
@@ -178,7 +178,7 @@ def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
 
 
 def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """(m, n) surface elements in space, all turned alike, and their ids."""
+    """Return surface elements (m, n) in space, all with the same orientation, and their ids."""
     if callable(where):
         raise LoadError(
             f"{what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, element ids or a "
@@ -197,7 +197,9 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
 
 
 def _axial(slopes: Array, spokes: Array, axis: int) -> Array:
-    """(nq, m, n) component of the axial vectors `-dA/dx_b` of the area vectors, from `dN_b/dxi` (nq, m, k) and spokes."""
+    """Return a component (nq, m, n) of the axial vectors `-dA/dx_b` of the area vectors, from `dN_b/dxi` (nq, m, k) and base
+    vectors.
+    """
     if len(spokes) == 2:
         return np.broadcast_to(-slopes, (*slopes.shape[:2], spokes.shape[3]))
     x, y = spokes[axis]

@@ -1,4 +1,4 @@
-"""Terms: specifications that bind to a body, and the methods that bound terms must and may have."""
+"""Protocols of terms: specifications that bind to a body, and the required and optional methods of bound terms."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ class Term(Protocol):
     """A specification without a mesh."""
 
     def bind(self, body: Body, dtype: DTypeLike) -> BoundTerm:
-        """The term on this body, with results of this type."""
+        """Return the term on this body, with results of this type."""
 
 
 class Load(ABC):
-    """A load without a mesh, good for many systems; as a dataclass it keeps copies of what it is given."""
+    """A load without a mesh, usable in many systems; as a dataclass it copies its arguments."""
 
     external: ClassVar[bool] = True
-    #: Name of the attribute that holds its values, for those that are checked before there is a mesh.
+    #: Name of the attribute with its values, for loads that are checked before a mesh exists.
     given_by: ClassVar[str] = ""
-    #: Whether it is of no use without densities of the materials.
+    #: Whether it requires densities of the materials.
     needs_density: ClassVar[bool] = False
-    #: Whether `where` means elements on meshes whose elements are a surface in space.
+    #: Whether `where` selects elements if the mesh is a surface in space.
     on_elements: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -42,16 +42,16 @@ class Load(ABC):
 
     @abstractmethod
     def bind(self, body: Body) -> BoundLoad:
-        """The load on this body; raises RegionError or LoadError where it has no meaning there."""
+        """Return the load on this body; raise RegionError or LoadError if it does not apply there."""
 
 
 def is_load(term: Any) -> TypeGuard[Load]:
-    """Whether a term acts from outside: a `Load`, or whatever else says so by `external`."""
+    """Return whether a term is an external load: a `Load`, or an object with a true attribute `external`."""
     return bool(getattr(term, "external", False))
 
 
 class BoundLoad(Protocol):
-    """A load on a body at displacements `u` (nv, d) and load factor or moment `t`. If it is not `dead` it is a `TurningLoad`."""
+    """Load on a body at displacements `u` (nv, d) and load factor or time `t`. If it is not `dead` it is a `TurningLoad`."""
 
     @property
     def has_potential(self) -> bool:
@@ -59,14 +59,14 @@ class BoundLoad(Protocol):
 
     @property
     def dead(self) -> bool:
-        """Whether its force is the same wherever the body goes: it has a potential, linear in `u`, and no stiffness."""
+        """Whether its force does not depend on the displacements: its potential is linear in `u`, and it has no stiffness."""
 
     @property
     def steady(self) -> bool:
-        """Whether it is given by constants, not by a function of time."""
+        """Whether the load is constant in time, that is, not a function."""
 
     def potential(self, u: Array, t: Time) -> float:
-        """The potential [J] of the load at `u` (nv, d); the force is `-d potential/du`."""
+        """Return the potential [J] of the load at `u` (nv, d); the force is `-d potential/du`."""
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the external force [N] to `out` (nv, d)."""
@@ -74,12 +74,12 @@ class BoundLoad(Protocol):
 
 @runtime_checkable
 class TurningLoad(Protocol):
-    """A load with a stiffness: blocks of the pairs of vertices that it couples, and of vertices themselves.
+    """Load with a stiffness: blocks of the pairs of vertices that it couples, and of single vertices.
 
     Attributes
     ----------
-    symmetric : whether its stiffness is; if not, it gives `K_ba` of its pairs as well.
-    balanced : whether the rows of its stiffness sum to zero; if not, it gives those of its `nodes` (m,).
+    symmetric : whether its stiffness is symmetric; if not, the load supplies `K_ba` of its pairs as well.
+    balanced : whether the rows of its stiffness sum to zero; if not, the load supplies those of its `nodes` (m,).
     """
 
     symmetric: bool
@@ -87,7 +87,7 @@ class TurningLoad(Protocol):
 
     @property
     def nodes_paired(self) -> NDArray[np.int32]:
-        """(2, n) pairs of vertices `a < b` that it couples, each once; none if it couples each vertex with itself at most."""
+        """Pairs of vertices `a < b` (2, n) that the load couples, each once; none if it couples each vertex at most with itself."""
 
     def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
         """Add the blocks of `-d force/du` [N/m] at `u` (nv, d)."""
@@ -95,41 +95,41 @@ class TurningLoad(Protocol):
 
 @runtime_checkable
 class HasMemory(Protocol):
-    """A term that knows how large its arrays are."""
+    """Term that reports the size of its arrays."""
 
     def memory(self) -> dict[str, int]:
-        """Bytes of its arrays, by part."""
+        """Return the bytes of its arrays, by part."""
 
 
 @runtime_checkable
 class HasRoundOff(Protocol):
-    """A term that knows the rounding error of its force better than its blocks say it."""
+    """Term with a closer estimate of its force's rounding error than its blocks provide."""
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add to `out` (nv, d) the absolute values of all that adds up to the force [N]: times eps, its rounding error."""
+        """Add the absolute values of the force's summands [N] to `out` (nv, d): times eps, its rounding error."""
 
 
 @runtime_checkable
 class HasState(Protocol):
-    """A term with a memory, such as friction that lags behind: an analysis tells it which states are accepted."""
+    """Term with history, such as friction; an analysis calls `commit` for each accepted state."""
 
     def commit(self, u: Array) -> None:
-        """Keep what belongs to displacements `u` (nv, d), which an analysis has accepted."""
+        """Store the history at displacements `u` (nv, d), which an analysis has accepted."""
 
     def restore(self) -> None:
-        """Go back to what was kept last, since later states were not accepted."""
+        """Restore the history that was stored last, since later states were not accepted."""
 
 
 @runtime_checkable
 class TakesTime(Protocol):
-    """A term that changes with time, or with the load factor."""
+    """Term that changes with time, or with the load factor."""
 
     def at(self, t: Time) -> None:
-        """Be from now on what it is at load factor or moment `t`."""
+        """Set the term to its state at load factor or time `t`."""
 
 
 def tell(terms: Iterable[Any], t: Time) -> None:
-    """Tell those terms that change with it which load factor or moment it is, before they are asked."""
+    """Set all terms that change with time to load factor or time `t`, before they are evaluated."""
     for term in terms:
         if isinstance(term, TakesTime):
             term.at(t)
@@ -137,102 +137,106 @@ def tell(terms: Iterable[Any], t: Time) -> None:
 
 @runtime_checkable
 class Quartic(Protocol):
-    """A term whose energy along any line is exactly a quartic."""
+    """Term with an energy that is exactly a quartic along any line."""
 
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
-        """(5,) coefficients of the energy along `u + s v`: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
+        """Return the coefficients (5,) of the energy along `u + s v`: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
 
 
 @runtime_checkable
 class HasStrainProducts(Protocol):
-    """A term with an energy `1/2 sum y^2` over strains `y` that are quadratic in displacements, but for what of it is quadratic in
-    displacements alone, which K at rest says."""
+    """Term with an energy `1/2 sum y^2` over strains `y` that are quadratic in displacements. The part of the energy that is
+    quadratic in displacements is excepted, since K at rest determines it.
+    """
 
     def strain_products(self, fields: Array, most: int) -> Iterator[Array]:
-        """(m, n (n + 1)/2) rows `y = sum over a <= b of y_ab x_a x_b` for displacements `sum_a x_a fields_a`, `x_0 = 1`.
+        """Yield rows (m, n (n + 1)/2) `y = sum over a <= b of y_ab x_a x_b` for displacements `sum_a x_a fields_a`, `x_0 = 1`.
 
-        `fields` (nv, d, n - 1); pairs stand at `b (b + 1)/2 + a`. About `most` rows at once, each time in the same array.
+        `fields` is (nv, d, n - 1); the pair (a, b) is in column `b (b + 1)/2 + a`. About `most` rows are yielded at once, each time
+        in the same array.
         """
 
 
 @runtime_checkable
 class HasMeanForce(Protocol):
-    """A term with a force between two states whose work is the difference of their energies."""
+    """Term with a force between two states; the work of this force is the difference of their energies."""
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add to `force` (nv, d) the force [N] of weighted tensions at `u0` and `u1`, along the edges at
-        `(1 - theta) u0 + theta u1`.
+        """Add the force [N] of weighted tensions at `u0` and `u1`, along the edges at `(1 - theta) u0 + theta u1`, to `force` (nv,
+        d).
 
-        For `theta = 1/2` and weights of sum 1 its work over `u1 - u0` is `W(u1) - W(u0) + (w1 - w0) R` with the `R >= 0` [J] that
-        is returned.
+        For `theta = 1/2` and weights of sum 1, the work over `u1 - u0` is `W(u1) - W(u0) + (w1 - w0) R`. The method returns `R >=
+        0` [J].
         """
 
 
 @runtime_checkable
 class HasDampingForce(Protocol):
-    """A term that can resist the rate of its strain."""
+    """Term that can resist the rate of its strain."""
 
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
-        """Add to `force` (nv, d) its Gauss-Newton tangent at `u` times velocities `v`; half the power that it takes [W]."""
+        """Add its Gauss-Newton tangent at `u` times velocities `v` to `force` (nv, d); return half the dissipated power [W]."""
 
 
 @runtime_checkable
 class Grounded(Protocol):
-    """A term that ties a body to the ground, so that its force is one from outside."""
+    """Term that ties a body to the ground, so that its force is external."""
 
     @property
     def grounded(self) -> NDArray[np.int64]:
-        """Degrees of freedom that it ties to the ground."""
+        """Degrees of freedom that the term ties to the ground."""
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Strain energy [J]; adds the internal force [N], minus that of the ground on the body, to `force` (nv, d)."""
+        """Return the strain energy [J]; add the internal force [N], minus that of the ground on the body, to `force` (nv, d)."""
 
 
 @runtime_checkable
 class HasVolume(Protocol):
-    """A term with elements that can turn inside out; its specification has their `region`.
+    """Term with elements that can invert; its specification has their `region`.
 
-    Where its forces are finite in inverted elements and push them back, `passes_inversion` is True, and motions may pass through
-    such states.
+    If its forces are finite in inverted elements and push them back, `passes_inversion` is True. Motions may then pass through such
+    states.
     """
 
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
-        """(n,) volume at `u` (nv, d) over that at rest of the region's elements, in their order."""
+        """Return the volume (n,) at `u` (nv, d) over that at rest of the region's elements, in their order."""
 
     def smallest_volume_ratio(self, u: Array) -> float:
-        """The smallest of `volume_ratios(u)`."""
+        """Return the smallest entry of `volume_ratios(u)`."""
 
     def step_limit(self, u: Array, v: Array) -> float:
-        """The smallest `s > 0` at which an element that is right side out at `u` has no volume left at `u + s v`; or infinity."""
+        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume left at `u + s v`; or infinity."""
 
 
 @runtime_checkable
 class HasStretch(Protocol):
-    """A term with elements that soften when they are compressed; its specification has their `region`."""
+    """Term with elements that soften under compression; its specification has their `region`."""
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """(n,) smallest principal stretch at `u` (nv, d) of the region's elements, in their order, within their own dimensions."""
+        """Return the smallest principal stretch (n,) at `u` (nv, d) of the region's elements, in their order, within their own
+        dimensions.
+        """
 
     def smallest_stretch(self, u: Array) -> float:
-        """The smallest of `smallest_stretches(u)`."""
+        """Return the smallest entry of `smallest_stretches(u)`."""
 
 
 @runtime_checkable
 class CanRemove(Protocol):
-    """A term that elements can be taken out of. Loads need no such method: they are bound again, to the body that is left."""
+    """Term whose elements can be removed. Loads need no such method: they are bound again, to the remaining body."""
 
     def without(self, gone: NDArray[np.bool_]) -> Any:
-        """Return the term without the elements that are `gone` (n,), of its region in their order; of the mesh, if it has none.
+        """Return the term without the removed elements `gone` (n,), in the order of its region; of the mesh, if it has no region.
 
-        This term stays as it is. `gone` names all elements that are out, those of earlier calls too. The new term couples the same
-        pairs of nodes, with blocks of zeros; the pairs that it still holds together are its `nodes_joined` (2, m), if it has that
-        attribute. The new term has the memory of this one.
+        This term is not changed. `gone` includes all removed elements, also those of earlier calls. The new term couples the same
+        pairs of nodes, with blocks of zeros. If it has the attribute `nodes_joined` (2, m), this lists the pairs that it still
+        joins. The new term has the history of this one.
         """
 
 
 @runtime_checkable
 class HasStress(Protocol):
-    """A specification of a material that carries stress on the elements of its `region`."""
+    """Specification of a material with stress on the elements of its `region`."""
 
     @property
     def region(self) -> Any:
@@ -243,23 +247,23 @@ class HasStress(Protocol):
         """The material, with `check` and its moduli."""
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Which components of strain or stress vanish across the elements of this mesh."""
+        """Return the hypothesis: the components of strain or stress that vanish across the elements of this mesh."""
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return the factor that makes a volume of the measure of an element, a number or (n,)."""
+        """Return the factor from the size of an element to its volume, a number or (n,)."""
 
 
 def has_stress(term: HasStress) -> bool:
-    """Whether stress and energy density of a term are known; a law of forces on nodes has the attribute `has_stress`, False."""
+    """Return whether stress and energy density of a term are known; a law of forces on nodes has the attribute `has_stress`, False."""
     return bool(getattr(term, "has_stress", True))
 
 
 @runtime_checkable
 class HoldsShape(Protocol):
-    """A specification without stress on elements that yet resists all strain of some, as springs along all their edges do."""
+    """Specification without stress on elements that still resists all strain of some, such as springs along all their edges."""
 
     def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
-        """(n,) ids of elements that are rigid as long as the term has no energy."""
+        """Return the ids (n,) of elements that are rigid as long as the term has no energy."""
 
 
 class Deformation(NamedTuple):
@@ -282,14 +286,14 @@ class Deformation(NamedTuple):
 
 
 class PointResponse(NamedTuple):
-    """Response of a law at a point of each of n elements, in a frame of their axes, then the normals.
+    """Response of a law at a point of each of n elements, in a frame of their axes followed by the normals.
 
     Attributes
     ----------
-    strain : (n, 3, 3) Green-Lagrange strain, that across them too.
+    strain : (n, 3, 3) Green-Lagrange strain, including the strain across.
     stress : (n, 3, 3) second Piola-Kirchhoff stress [Pa]; 0 where it is infinite.
     density : (n,) strain energy per rest volume [J/m^3].
-    infinite : (n,) whether the stress is infinite, as where elements have no volume left.
+    infinite : (n,) whether the stress is infinite, for example where elements have no volume left.
     """
 
     strain: Array
@@ -300,15 +304,17 @@ class PointResponse(NamedTuple):
 
 @runtime_checkable
 class HasResponse(Protocol):
-    """A specification that `HasStress` by a law of its own, other than St. Venant-Kirchhoff's `S = C : E`; None if it is that."""
+    """Specification that `HasStress` with its own law, other than St. Venant-Kirchhoff's `S = C : E`; `response` is None for that
+    law.
+    """
 
     def response(self, at: Deformation) -> PointResponse:
-        """Strain, stress and energy of the elements of its `region`, all of them, in their order."""
+        """Return strain, stress and energy of all elements of its `region`, in their order."""
 
 
 @runtime_checkable
 class HasPressure(Protocol):
-    """A specification of an energy of the volume ratio `J`, whose stress is a pressure, on the elements of its `region`."""
+    """Specification of an energy of the volume ratio `J`, whose stress is a pressure, on the elements of its `region`."""
 
     kind: str
 
@@ -317,7 +323,7 @@ class HasPressure(Protocol):
         """Name of a subdomain, element ids, or None for all elements."""
 
     def moduli(self, body: Body) -> Array:
-        """(n,) stiffness of the elements of the region [Pa]."""
+        """Return the stiffness (n,) of the elements of the region [Pa]."""
 
     def density_and_slope(self, e: Array, elements: NDArray[Any]) -> tuple[Array, Array]:
-        """`psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements."""
+        """Return `psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements."""

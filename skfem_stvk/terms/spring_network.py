@@ -1,4 +1,4 @@
-"""Springs along the edges of simplices, and the rules by which their stiffness is made from a material."""
+"""Springs along the edges of simplices, and rules for their stiffness from a material."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from .body import Body
 from .elastic_law import OfArea, OfMaterial, OfPlane, OfRegion, OfThickness
 from .stvk import StVK
 
-#: Springs that are negative by less than this part of the stiffness are zero, but for rounding.
+#: Springs that are negative by less than this fraction of the stiffness are zero within rounding.
 ROUNDED = 1e-12
-#: Poisson's ratios that differ by less are the same.
+#: Tolerance for equal Poisson's ratios.
 NEAR = 1e-3
 
 
@@ -33,9 +33,9 @@ NEAR = 1e-3
 class SpringNetwork:
     """Hookean springs along the edges of linear simplices: `W = sum 1/2 k_i (l_i - L_i)^2`, `L_i` the length at rest.
 
-    A spring network is not the elastic body that it stands for: springs alone cannot have any Poisson's ratio but 1/4 (in plane
-    stress 1/3), and on most elements not that one exactly. `compare_networks` says how far off it is. The stiffness `k` of an edge
-    is the sum over the elements around it, of size `V` (thickness and cross-section included) and with edges of length `l`:
+    A spring network is not the same as the elastic body that it approximates. Springs alone can only have a Poisson's ratio of 1/4
+    (in plane stress 1/3), and on most elements only approximately. `compare_networks` reports the difference. The stiffness `k` of
+    an edge is the sum over the elements around it, of size `V` (thickness and cross-section included) and with edges of length `l`:
 
         "least-squares"    not negative, and as near to the element's stiffness at rest as such springs can be (Frobenius norm)
         "edge-diagonal"    2 L_ii l_i^2, `L` the coefficients of the edge form: its first sum alone, to first order
@@ -44,16 +44,16 @@ class SpringNetwork:
         "triangular"       as "edge-diagonal", and `gamma_ij (l_i - L_i) (l_j - L_j)` with `gamma_ij = 2 L_ij l_i l_j` for the pairs
                            of edges of each triangle: exact to first order              Delingette (2008)
 
-    Damping along the springs is `simulate(..., damping=EdgeDamping(tau))`: dashpots with `c = tau k` [N s/m] beside the springs,
-    the force `c (v_a - v_b) . n` along `n` on each end. Rigid motions, turning ones too, meet no resistance.
+    Damping along the springs is `simulate(..., damping=EdgeDamping(tau))`: dashpots with `c = tau k` [N s/m] parallel to the
+    springs, with the force `c (v_a - v_b) . n` along `n` on each end. Rigid motions, including rotations, meet no resistance.
 
     Parameters
     ----------
-    material : as in `StVK`, for the stiffness, the mass, and the usual stiffness of a `VolumePenalty`. "van-gelder" and "lloyd" are
-        for isotropic ones.
+    material : as in `StVK`, for the stiffness, the mass, and the usual stiffness of a `VolumePenalty`. "van-gelder" and "lloyd"
+        require an isotropic material.
     rule : for the stiffness, by its name above.
-    stiffness : `k` [N/m] of each edge in place of a rule, not negative: in scikit-fem's order of `mesh.edges`, for triangles
-        `mesh.facets`, and of a region in the order of these among the edges of its elements. It needs no material.
+    stiffness : `k` [N/m] of each edge instead of a rule, not negative: in scikit-fem's order of `mesh.edges`, for triangles
+        `mesh.facets`. For a region, in this order among the edges of its elements. No material is needed then.
     region, plane, thickness, area : as in `StVK`.
     young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`. The mass is that of the elements,
         lumped as that of `StVK`.
@@ -61,8 +61,9 @@ class SpringNetwork:
     Raises
     ------
     MaterialError
-        as `StVK`; if `rule` is unknown or beside `stiffness`; when it is bound, for elements that are no linear simplices, rules
-        that are not for them or for the material, and a `stiffness` that is negative, not finite, or not of the edges.
+        as `StVK`; if `rule` is unknown or combined with `stiffness`; when it is bound, for elements other than linear
+        simplices, for rules that do not apply to them or to the material, and for a `stiffness` that is negative, not finite,
+        or of another length.
     RegionError
         when it is bound, if the region is not in the mesh.
 
@@ -116,42 +117,44 @@ class SpringNetwork:
 
     @property
     def law(self) -> StVK:
-        """The elastic body that the springs stand for, with their mass."""
+        """The elastic body that the springs approximate, which supplies their mass."""
         return StVK(self.material, self.region, self.plane, self.thickness, self.area)
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) masses [kg] of the elements of the region, as of `StVK`."""
+        """Return the masses (n,) [kg] of the region's elements, as for `StVK`."""
         return self.law.mass(mesh, sizes)
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return the factor that makes a volume of the measure of an element: thickness, area, or 1; a number or (n,)."""
+        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,)."""
         return self.law.section(mesh, n)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """`lam + 2 mu` [Pa] of the material, as of `StVK`; 0 without one."""
+        """Return `lam + 2 mu` [Pa] of the material, as for `StVK`; 0 without a material."""
         return np.zeros(n) if type(self.material) is Material else self.law.confined_modulus(mesh, n)
 
     def edges(self, mesh: MeshLike) -> NDArray[np.int32]:
-        """(2, ne) vertices `a < b` of the springs, in the order of `stiffness`."""
+        """Return the vertices `a < b` (2, ne) of the springs, in the order of `stiffness`."""
         return edge_topology(self._simplices(ElementMesh.of(mesh)))[0]
 
     def constants(self, mesh: MeshLike) -> Array:
-        """(ne,) stiffness `k` of the springs [N/m], in the order of `edges`; of "triangular" ones without that of the pairs.
+        """Return the stiffness `k` (ne,) of the springs [N/m], in the order of `edges`; for "triangular" without that of the pairs.
 
-        Raises as when it is bound.
+        Raises the errors of `bind`.
         """
         return self._springs(ElementMesh.of(mesh)).own
 
     def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
-        """(n,) ids of the elements of the region with a spring along each edge."""
+        """Return the ids (n,) of the region's elements with a spring along each edge."""
         sprung = self._springs(mesh).own > 0
         return np.asarray(mesh.elements(self.region))[sprung[edge_topology(self._simplices(mesh))[1]].all(axis=0)]
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> HookeanNetwork:
-        """Return the springs on a body's mesh that have a stiffness; a user-supplied one stays as long as an element around it."""
+        """Return the springs with a stiffness on a body's mesh. A user-supplied stiffness stays as long as an element around the
+        edge does.
+        """
         mesh = body.mesh if isinstance(body, Body) else body
         whole = self._springs(mesh)
-        # pairs are of springs that all have a stiffness
+        # both springs of each pair have a stiffness
         used = np.arange(len(whole.own)) if whole.pairs.size else np.flatnonzero(whole.own)
         if not len(used):
             raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
@@ -160,14 +163,16 @@ class SpringNetwork:
         return HookeanNetwork(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, left=left)
 
     def _left(self, mesh: ElementMesh, used: NDArray[Any], gone: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """The stiffness of the `used` springs, and of pairs, without the elements (n,) of the region that are `gone`."""
+        """Return the stiffness of the `used` springs, and of pairs, without the removed elements `gone` (n,) of the region."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StvkWarning)  # was said when it was bound
+            warnings.simplefilter("ignore", StvkWarning)  # bind has warned already
             springs = self._springs(mesh, ~gone)
         return springs.own[used], springs.between
 
     def _springs(self, mesh: ElementMesh, kept: NDArray[np.bool_] | None = None) -> Springs:
-        """The springs, by a rule those of the elements that are `kept` (n,); others, and edges of no element, have no stiffness."""
+        """Return the springs; a rule uses only the retained elements `kept` (n,). Other edges, and edges of no element, have no
+        stiffness.
+        """
         t = self._simplices(mesh)
         edges, t2e = edge_topology(t)
         ne, none = edges.shape[1], np.empty((2, 0), dtype=np.int32)
@@ -185,11 +190,11 @@ class SpringNetwork:
         k = np.bincount(t2e.ravel(), weights=(RULES[self.rule or ""](rest).T * part).ravel(), minlength=ne)
         if self.rule != "triangular":
             return Springs(edges, none, k, np.empty(0))
-        i, j = np.triu_indices(len(t2e), 1)  # two edges share one triangle at most
+        i, j = np.triu_indices(len(t2e), 1)  # two edges share at most one triangle
         return Springs(edges, np.stack([t2e[i], t2e[j]]).reshape(2, -1), k, (rest.stiffness[:, i, j].T * part).ravel())
 
     def _simplices(self, mesh: ElementMesh) -> NDArray[np.int32]:
-        """(k + 1, n) vertices of the simplices of the region."""
+        """Return the vertices (k + 1, n) of the simplices of the region."""
         if not mesh.element.is_linear_simplex:
             raise MaterialError(
                 f"SpringNetwork: springs lie along the edges of linear simplices; the mesh has {mesh.kind}. Take degree=1, or "
@@ -199,7 +204,9 @@ class SpringNetwork:
 
 
 class Springs(NamedTuple):
-    """Springs (ne,) with the vertices `edges` (2, ne) and stiffness `own` [N/m]; `between` (n,) that of `pairs` (2, n) of them."""
+    """Springs (ne,) with vertices `edges` (2, ne) and stiffness `own` [N/m]; `between` (n,) is the stiffness of `pairs` (2, n) of
+    them.
+    """
 
     edges: NDArray[np.int32]
     pairs: NDArray[np.int32]
@@ -208,7 +215,7 @@ class Springs(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Simplices at rest as the rules see them.
+    """Data of simplices at rest for the rules.
 
     Attributes
     ----------
@@ -217,7 +224,7 @@ class Rest(NamedTuple):
     crossed : (n, m, m) `d_i . d_j`, with `d_i` the derivative of the length of edge `i` by all vertices: the element has the
         stiffness `sum A_ij d_i d_j'`, a spring along edge `i` has `k_i d_i d_i'`.
     volumes : (n,) [m^3].
-    section : (n,) what turns their measure into a volume: thickness [m], area [m^2] or 1.
+    section : (n,) factor from their size to their volume: thickness [m], area [m^2] or 1.
     hypothesis : which components of strain or stress vanish across them.
     young, poisson : (n,) Young's modulus [Pa] and Poisson's ratio; empty where the material has none.
     """
@@ -254,7 +261,7 @@ class Rest(NamedTuple):
 
 
 def _young_and_poisson(material: Material | None, n: int) -> tuple[Array, Array]:
-    """(n,) each; empty if the material has none."""
+    """Return both as (n,); empty if the material has none."""
     if not isinstance(material, Isotropic):
         return np.empty(0), np.empty(0)
     poisson = np.empty(0) if material.poisson is None else np.broadcast_to(material.poisson, n)
@@ -276,7 +283,7 @@ def _van_gelder(rest: Rest) -> Array:
 
 
 def _lloyd(rest: Rest) -> Array:
-    """Their two formulas, of edges of their own length where the elements are not regular."""
+    """Return the stiffness by their two formulas, with each edge's own length where the elements are not regular."""
     young, m = _young(rest, "lloyd")[:, None], rest.lengths.shape[1]
     if m == 1:
         raise MaterialError('rule = "lloyd" is for triangles and tetrahedra. Of segments the others have E A/l.')
@@ -298,11 +305,11 @@ def _young(rest: Rest, rule: str) -> Array:
 
 
 def _least_squares(rest: Rest) -> Array:
-    """(n, m) `k >= 0` that minimise `|sum_i k_i d_i d_i' - sum_ij A_ij d_i d_j'|` in the Frobenius norm.
+    """Return `k >= 0` (n, m) that minimise `|sum_i k_i d_i d_i' - sum_ij A_ij d_i d_j'|` in the Frobenius norm.
 
-    The normal equations are `G k = r` with `G_ij = (d_i . d_j)^2` and `r_i = d_i' K d_i`. Springs that come out negative are taken
-    out and those that would pull their weight are put in again, all at once for as many rounds as there are edges, then the first
-    alone: Murty's rule, which ends at the one minimum (1974).
+    The normal equations are `G k = r` with `G_ij = (d_i . d_j)^2` and `r_i = d_i' K d_i`. Springs with negative `k` are set to
+    zero, and springs at zero that would reduce the norm are freed again. Each round changes all of them, for as many rounds as
+    there are edges. Later rounds change only the first: Murty's rule (1974), which ends at the unique minimum.
     """
     C, A = rest.crossed, rest.stiffness
     G, r = C**2, np.einsum("nij,nij->ni", C @ A, C)
@@ -333,5 +340,5 @@ RULES: dict[str, Callable[[Rest], Array]] = {
     "triangular": _triangular,
 }
 
-for _shorthand in ("young", "poisson", "density"):  # the defaults of the shorthand are not attributes: ask term.material
+for _shorthand in ("young", "poisson", "density"):  # remove class defaults, so that term.young raises; use term.material
     delattr(SpringNetwork, _shorthand)

@@ -27,7 +27,7 @@ from .protocols import Deformation, PointResponse
 class StVK(ElasticLaw):
     """Elastic body with strain energy `W = integral of 1/2 E : C : E`, `E` the Green-Lagrange strain.
 
-    A specification without a mesh, good for many systems; `System` binds it.
+    A specification without a mesh, usable in many systems; `System` binds it.
 
     Parameters
     ----------
@@ -37,20 +37,20 @@ class StVK(ElasticLaw):
     plane : "strain" or "stress" for triangles in the plane, by default "strain". Triangles in space are in plane stress.
     thickness : of triangles [m], by default 1; a number or one value per element.
     area : cross-section of segments [m^2], by default 1; a number or one value per element.
-    simplices : (k + 1, n) nodes of elements of its own on the nodes of the body, beside those of a mesh or in place of one; or the
-        name of a boundary, whose facets they are: a skin. See `System`.
-    wrinkling : whether surfaces and cables give way to compression, as thin ones do: the relaxed energy of tension fields, for
+    simplices : (k + 1, n) nodes of the term's own elements on the nodes of the body, in addition to those of a mesh or instead of
+        one; or the name of a boundary, whose facets they are: a skin. See `System`.
+    wrinkling : whether surfaces and cables carry no compression, as thin ones do: the relaxed energy of tension fields, for
         isotropic materials of triangles and quadrilaterals in space, in plane stress, or of segments. With the principal strains
-        `E1 >= E2` it is `1/2 E : C : E` per volume where `E2 >= -nu E1` (taut), `E E1^2/2` below (wrinkled, pulled one way), and 0
-        where `E1 <= 0` (slack). Wrinkles have no size. The energy is no quartic along lines, and K, which is positive
-        semi-definite, jumps between the three: it is that of the state at hand.
+        `E1 >= E2` the energy per volume is `1/2 E : C : E` where `E2 >= -nu E1` (taut). It is `E E1^2/2` below (wrinkled, uniaxial
+        tension), and 0 where `E1 <= 0` (slack). Wrinkles have no size. The energy is not a quartic along lines. K is positive
+        semi-definite and jumps between the three; it is that of the present state.
     young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`.
 
     Raises
     ------
     MaterialError
-        if a constant is missing, given twice or out of range; when it is bound, if it does not fit the mesh, or wrinkling the
-        elements or the material.
+        if a constant is missing, specified twice or out of range; when it is bound, if it does not fit the mesh, or if
+        wrinkling does not apply to the elements or the material.
     RegionError
         when it is bound, if the region is not in the mesh.
 
@@ -75,16 +75,16 @@ class StVK(ElasticLaw):
 
     @property
     def assembly(self) -> type[Assembly]:
-        """The assembly; its `form` is the edge form, which does not exist with wrinkling."""
+        """Assembly class; its `form` is the edge form, which does not exist with wrinkling."""
         return TENSION if self.wrinkling else STVK
 
     @property
     def response(self) -> Callable[[Deformation], PointResponse] | None:
-        """The method of `HasResponse` with wrinkling; otherwise None, for then the law is `S = C : E`."""
+        """Method of `HasResponse` with wrinkling; otherwise None, since the law is then `S = C : E`."""
         return self._relaxed if self.wrinkling else None
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness | AnisotropicStiffness:
-        """The stiffness of each simplex of the region, in the form that stores least."""
+        """Return the stiffness of each simplex of the region, in the form that stores least."""
         hypothesis = self.hypothesis(mesh)
         if self.wrinkling and not hypothesis.condensed:
             flat = mesh.k == 2
@@ -103,7 +103,7 @@ class StVK(ElasticLaw):
         raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
 
     def coefficients(self, mesh: ElementMesh) -> NDArray[np.float64]:
-        """(n, m, m) coefficients `L` of each linear simplex of the region, for the pairs of its edges [J/m^4]."""
+        """Return the coefficients `L` (n, m, m) of each linear simplex of the region, for the pairs of its edges [J/m^4]."""
         if self.wrinkling:
             raise MaterialError(
                 "StVK(wrinkling=True) has no coefficients of edges: where a membrane wrinkles, its energy is not quadratic in "
@@ -112,7 +112,7 @@ class StVK(ElasticLaw):
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
 
     def _relaxed(self, at: Deformation) -> PointResponse:
-        """Return the response with wrinkling: the stress of the relaxed energy, and the strain that it makes across."""
+        """Return the response with wrinkling: the stress of the relaxed energy, and the resulting strain across."""
         assert isinstance(self.material, Isotropic)
         n, _, k = at.gradient.shape
         lam, mu = (np.broadcast_to(value, n) for value in self.material.lame(at.hypothesis))

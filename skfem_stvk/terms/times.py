@@ -1,4 +1,4 @@
-"""Functions of time that can be written down: a value times a factor that ramps, oscillates or follows a table."""
+"""Functions of time as data: a value times a factor that ramps, oscillates or follows a table."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ NUMBER = "a finite number"
 
 @dataclass(frozen=True)
 class InTime(ABC):
-    """A value times a factor of time: a function of `t`, good wherever loads and prescribed displacements take one.
+    """A value times a factor of time: a function of `t`, for all loads and prescribed displacements that take one.
 
-    In statics `t` is the load factor, in motion the time [s]; the factor replaces the ramp that constants have in statics.
+    In statics `t` is the load factor, in dynamics the time [s]. The factor replaces the ramp that constants have in statics.
     """
 
     value: Any
@@ -36,7 +36,7 @@ class InTime(ABC):
         return tuple(factor * one for one in self.value) if isinstance(self.value, tuple) else factor * self.value
 
     def _keep(self, name: str, expected: str = NUMBER, low: float = -np.inf) -> None:
-        """Keep an attribute as the number that it has to be."""
+        """Store an attribute as a number, and refuse anything else."""
         given = number(f"{type(self).__name__}: {name}", getattr(self, name), expected, low, error=LoadError)
         object.__setattr__(self, name, given)
 
@@ -50,13 +50,13 @@ class Ramp(InTime):
     Parameters
     ----------
     value : a number, or one to three components.
-    until : when it has its full size [s].
-    start : until when it is 0 [s], before `until`.
+    until : time at which it reaches its full size [s].
+    start : time until which it is 0 [s], before `until`.
 
     Raises
     ------
     LoadError
-        for values that are no finite numbers, and for `until` that is not after `start`.
+        for values that are not finite numbers, and for `until` that is not after `start`.
 
     >>> push = Ramp((0, 0, -2e6), until=0.1)
     >>> push(0.05), push(1.0)
@@ -92,7 +92,7 @@ class Sine(InTime):
     Raises
     ------
     LoadError
-        for values that are no finite numbers, and a frequency that is not positive.
+        for values that are not finite numbers, and a frequency that is not positive.
 
     >>> shake = Sine(0.01, frequency=2.0)
     >>> shake(0.125), round(shake(0.25), 12)
@@ -119,12 +119,12 @@ class Table(InTime):
     ----------
     value : a number, or one to three components.
     times : (n,) ascending, n >= 1 [s].
-    factors : (n,) what the value is multiplied by at these times.
+    factors : (n,) factors of the value at these times.
 
     Raises
     ------
     LoadError
-        for values that are no finite numbers, times that do not ascend, and another number of factors than of times.
+        for values that are not finite numbers, times that do not ascend, and a number of factors other than that of times.
 
     >>> knock = Table(5.0, times=[0.0, 1e-3, 2e-3], factors=[0, 1, 0])
     >>> knock(5e-4), knock(2.0)
@@ -158,7 +158,7 @@ class Table(InTime):
 
 
 def _checked_value(name: str, given: Any) -> float | tuple[float, ...]:
-    """A finite number, or up to three of them."""
+    """Return a finite number, or a tuple of at most three."""
     expected = "a number, or one to three components (x, y, z); for values that depend on the place write a function of (x, t)"
     values = real_array(given)
     if values is None or values.shape not in ((), (1,), (2,), (3,)):

@@ -1,4 +1,4 @@
-"""Energies of the volume ratio of elements, and how stiff they have to be."""
+"""Energies of the volume ratio of elements, and the stiffness that they need."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 
 @dataclass(frozen=True)
 class VolumeEnergy:
-    """An energy density of the volume ratio for a stiffness of 1, by `e = J - 1`, which is known to more digits than `J`.
+    """Energy density of the volume ratio for a stiffness of 1, as a function of `e = J - 1`, which is more accurate than `J`.
 
     Attributes
     ----------
-    number : the kernels' of it.
+    number : its number in the kernels.
     density, slope, curvature : `psi`, `psi'` and `psi''`.
-    least : the stiffness over `lam + 2 mu` from which on confined compression has no limit point.
-    usual : the one that is taken where none is given. With the least a cube with both ends held still buckles in crushing; with
-        this it is stable to 60 % (but with "quadratic" at nu = 0; `docs/volume-penalty.md`).
+    least : smallest stiffness over `lam + 2 mu` for which confined compression has no limit point.
+    usual : the default stiffness over `lam + 2 mu`. With the least stiffness, a cube with both ends constrained still buckles in
+        crushing. With this one it is stable to 60 % (except "quadratic" at nu = 0; `docs/volume-penalty.md`).
 
-    In uniaxial strain `s` the nominal stress of a St. Venant-Kirchhoff material is `H/2 (s^3 - s)` with `H = lam + 2 mu`, and
-    `J = s`: with the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if
+    In uniaxial strain `s` the nominal stress of a St. Venant-Kirchhoff material is `H/2 (s^3 - s)` with `H = lam + 2 mu`, and `J =
+    s`. With the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if
 
         k/H >= least = max over s of (1 - 3 s^2) / (2 psi''(s))
 

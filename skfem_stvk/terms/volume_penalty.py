@@ -1,4 +1,4 @@
-"""An energy of the volume of elements, against inversion."""
+"""Energy of the volume of elements, against inversion."""
 
 from __future__ import annotations
 
@@ -23,38 +23,39 @@ from .volume_energies import ENERGIES
 class VolumePenalty:
     """Resistance to the loss of volume: `W = integral of psi(J) dV` over elements at rest, `J` the ratio of their signed volumes.
 
-    A St. Venant-Kirchhoff material gives way in compression, and an element that is inside out has no more energy than its mirror
-    image. With this term it resists. `J` has the sign that it has at rest: 1 there, for both orientations, below zero inside out.
+    A St. Venant-Kirchhoff material softens in compression, and an inverted element has the same energy as its mirror image. With
+    this term the element resists. `J` is 1 at rest for both orientations, and below zero for inverted elements.
 
-        "barrier"        psi = -k (J - 1)^2 ln J for J < 1, otherwise 0    unbounded as J falls to 0; there is no state with J <= 0
-        "compression"    psi = k/3 (1 - J)^3 for J < 1, otherwise 0        of J <= 0 too
-        "quadratic"      psi = k/2 (J - 1)^2                               of J <= 0 too; against expansion as well
+        "barrier"        psi = -k (J - 1)^2 ln J for J < 1, otherwise 0    unbounded as J falls to 0; no state has J <= 0
+        "compression"    psi = k/3 (1 - J)^3 for J < 1, otherwise 0        also for J <= 0
+        "quadratic"      psi = k/2 (J - 1)^2                               also for J <= 0; against expansion as well
 
-    All have two continuous derivatives. At rest "compression" and "barrier" change no stiffness, "quadratic" adds `k` to `lam`. The
-    stress of it is a pressure: Cauchy's is `psi'(J) I` within the elements' dimensions.
+    All have two continuous derivatives. At rest "compression" and "barrier" change no stiffness; "quadratic" adds `k` to `lam`. The
+    stress of the penalty is a pressure: the Cauchy stress is `psi'(J) I` within the elements' dimensions.
 
-    What the usual stiffness adds to the stress in confined compression by 5, 10, 20 and 30 %: 2.5, 5.6, 14.5 and 29 % ("barrier"),
-    4.3, 9.4, 22 and 40 % ("compression"), 108, 117, 139 and 168 % ("quadratic").
+    In confined compression by 5, 10, 20 and 30 %, the usual stiffness adds to the stress: 2.5, 5.6, 14.5 and 29 % ("barrier"). It
+    adds 4.3, 9.4, 22 and 40 % ("compression"), or 108, 117, 139 and 168 % ("quadratic").
 
     Parameters
     ----------
     stiffness : `k` [Pa], a number or one value per element of the region. By default the usual `c (lam + 2 mu)` of the material on
         each element: c = 0.15 ("barrier"), 0.8 ("compression"), 1 ("quadratic"). The least for which confined compression has no
-        limit point is 0.025802, 0.27526 and 1/2. Of materials that are not isotropic `lam + 2 mu` is the largest of `C_1111,
-        C_2222, C_3333` in material axes.
-    kind : of the energy. "barrier" keeps elements from turning inside out, whatever the load; "compression" also turns those back
-        that are.
+        limit point is 0.025802, 0.27526 and 1/2. For anisotropic materials `lam + 2 mu` is the largest of `C_1111, C_2222, C_3333`
+        in material axes.
+    kind : kind of the energy. "barrier" keeps elements from inverting, whatever the load; "compression" also pushes inverted
+        elements back.
     region : as in `StVK`.
 
     Raises
     ------
     MaterialError
         if the stiffness is not positive or the kind unknown; when it is bound, for membranes and cables in space, which have no
-        inside, for elements without an `StVK` to take the stiffness from, and for another number of values than elements.
+        interior, for elements without an `StVK` to take the stiffness from, and for a number of values other than that of
+        elements.
     RegionError
         when it is bound, if the region is not in the mesh.
     StateError
-        by whatever is asked of the system, with the ids, if "barrier" meets elements that are inside out or flat.
+        by all evaluations of the system, with the ids, if "barrier" meets inverted or flat elements.
 
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
@@ -80,7 +81,7 @@ class VolumePenalty:
         own(self)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
-        """The penalty of a body; of a mesh alone with thickness or area 1, and only with a stiffness."""
+        """Return the penalty of a body; a mesh alone has thickness or area 1, and requires a stiffness."""
         body = body if isinstance(body, Body) else Body(body, [])
         mesh = body.mesh
         elements, k = mesh.elements(self.region), self.moduli(body)
@@ -88,7 +89,7 @@ class VolumePenalty:
         return PENALTY(mesh.p, mesh.t[:, elements], stiffness, body.quadrature, dtype, elements=elements)
 
     def moduli(self, body: Body) -> Array:
-        """(n,) stiffness of the elements of the region [Pa]. Errors as when it is bound."""
+        """Return the stiffness (n,) of the elements of the region [Pa]. Raises the errors of `bind`."""
         mesh = body.mesh
         if mesh.k < mesh.d:
             raise MaterialError(
@@ -109,9 +110,9 @@ class VolumePenalty:
         return ENERGIES[self.kind].usual * modulus
 
     def density_and_slope(self, e: Array, elements: NDArray[Any]) -> tuple[Array, Array]:
-        """`psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements.
+        """Return `psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements.
 
-        StateError for elements inside out or flat, where the barrier is infinite.
+        Raises StateError for inverted or flat elements, where the barrier is infinite.
         """
         energy = ENERGIES[self.kind]
         if self.kind == "barrier" and e.min() <= -1:

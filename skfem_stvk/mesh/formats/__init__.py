@@ -1,6 +1,7 @@
-"""Mesh files by format: what each declares is what is read of it, or it is refused.
+"""Mesh files by format: a file is refused unless its content matches its declarations.
 
-Formats are read here where meshio misreads damaged files or loses content; files of others are checked before meshio reads them.
+This package reads the formats in which meshio misreads damaged files or loses content. Files of other formats are checked before
+meshio reads them.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ PARTS: dict[str, Callable[[Path], Iterable[Path]]] = {
     ".xdmf": xml_files.xdmf_data,
     ".xmf": xml_files.xdmf_data,
 }
-#: Formats that are refused, by the ending of a file: meshio reads damaged files of them as other bodies, or without end.
+#: Refused formats, by the ending of a file: meshio misreads damaged files of them as other bodies, or never ends.
 REFUSED = {
     ".avs": "AVS-UCD",
     **dict.fromkeys((".dat", ".tec"), "Tecplot"),
@@ -56,7 +57,7 @@ REFUSED = {
 
 
 def refused(path: Path) -> str | None:
-    """Return the name of the format of a file if it is one that is refused."""
+    """Return the name of the format of a file if the format is refused."""
     if path.suffix.lower() == ".msh":
         with Source(path) as source:
             return "Fluent" if source.line().startswith("(") else None

@@ -17,7 +17,7 @@ from .source import Damaged, Source, check_known, check_last_line, check_unique,
 Ids = NDArray[np.int64]
 #: Keyword, options and data lines in words.
 Section = tuple[str, dict[str, str], list[list[str]]]
-#: Types of elements by the type of their cells in meshio's words.
+#: Types of elements by the type of their cells in meshio's terms.
 TYPES = {
     "line": "T2D2 T2D2H T3D2 T3D2H B21 B21H B31 B31H",
     "line3": "T2D3 T2D3H T3D3 T3D3H B22 B22H B32 B32H B33 B33H",
@@ -34,7 +34,7 @@ TYPES = {
     "wedge15": "C3D15",
 }
 KINDS = {name: kind for kind, names in TYPES.items() for name in names.split()}
-#: What a file may include: so deep, and so many files in all.
+#: Maximum depth of included files, and their maximum number.
 DEEPEST, MOST_FILES = 8, 100
 INCLUDE = re.compile(rb"^[ \t]*\*[ \t]*INCLUDE\b.*$", re.IGNORECASE | re.MULTILINE)
 
@@ -42,7 +42,8 @@ INCLUDE = re.compile(rb"^[ \t]*\*[ \t]*INCLUDE\b.*$", re.IGNORECASE | re.MULTILI
 def read(path: Path) -> meshio.Mesh:
     """Read nodes, elements, and their sets as `point_sets` and `cell_sets`.
 
-    Sets may be named by `*NODE, NSET=`, `*ELEMENT, ELSET=`, `*NSET` and `*ELSET`: of ids, ranges (`GENERATE`) or other sets.
+    Sets are named by `*NODE, NSET=`, `*ELEMENT, ELSET=`, `*NSET` and `*ELSET`. They consist of ids, ranges (`GENERATE`) or other
+    sets.
     """
     parts = list(Files(path).sections())
     nodes, points = nodes_of(parts)
@@ -192,7 +193,7 @@ def whole(words: list[str]) -> list[int]:
 
 
 class Files:
-    """A file and those that it includes: from its folder or below, not too deep, not too many."""
+    """File with the files that it includes: from its folder or below, with limits on depth and number."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count = path, 0
@@ -212,7 +213,7 @@ class Files:
         yield keyword, options, lines
 
     def lines(self, path: Path, depth: int) -> Iterator[str]:
-        """Yield the lines that are no comments; `*INCLUDE` gives the lines of the included file."""
+        """Yield the lines except comments; `*INCLUDE` yields the lines of the included file."""
         self.enter(path, depth)
         with Source(path) as source:
             check_last_line(source.file)

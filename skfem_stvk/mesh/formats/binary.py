@@ -1,4 +1,4 @@
-"""Formats of numbers in binary that meshio reads, each checked before for holding as much as it declares: Medit, PLY and STL."""
+"""Binary formats that meshio reads, each checked before for the content that it declares: Medit, PLY and STL."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from .source import Counts, Damaged, Source, check_last_line
 from .texts import TEXTS, counted, heads
 
-#: Numbers of an entry of Medit's sections of cells, by their keywords.
+#: Numbers per entry of Medit's sections of cells, by their keywords.
 MEDIT_CELLS = {5: 3, 6: 4, 7: 5, 8: 5, 9: 7, 10: 9, 49: 6}
 MEDIT_VERTICES, MEDIT_END = 4, 54
-#: NumPy's types of those of polygon files.
+#: NumPy's types for the types of polygon files.
 PLY = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8"}
 PLY |= {f"{word}{8 * size}": f"{word[:1]}{size}" for word in ("int", "uint", "float") for size in (1, 2, 4, 8)}
 
 
 def medit(path: Path) -> Counts:
-    """Return the number of vertices and cells of Medit's binary file, each section of which gives the start of the next."""
+    """Return the number of vertices and cells of Medit's binary file, in which each section states the start of the next."""
     with Source(path, binary=True) as source:
 
         def whole(kind: str) -> int:
@@ -49,7 +49,7 @@ def medit(path: Path) -> Counts:
 
 
 def ply(path: Path) -> Counts:
-    """Return the number of vertices and faces of a polygon file, text or binary; each face gives its number of indices."""
+    """Return the number of vertices and faces of a polygon file, text or binary; each face states its number of indices."""
     text = TEXTS[".ply"]
     with Source(path, comments=text.comments) as source:
         head = next((match for _, match in heads(source, text.sections)), None)
@@ -69,7 +69,7 @@ def ply(path: Path) -> Counts:
 
 
 def faces_of(data: bytes, faces: int, length: np.dtype[Any], index: np.dtype[Any]) -> int:
-    """Return the number of faces, each its number of indices and these, that take all of the data; refuse others."""
+    """Return the number of faces, each its number of indices and the indices, that take all of the data; refuse others."""
     place = 0
     for face in range(faces):
         if place + length.itemsize > len(data):

@@ -1,4 +1,4 @@
-"""Gmsh's .msh files, of version 2.2, 4.0 and 4.1, as text or binary: whether they hold together."""
+"""Gmsh's .msh files, of version 2.2, 4.0 and 4.1, as text or binary: checks of their consistency."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..groups import node_count
 from .source import Damaged, Source, check_known, check_unique, count_of
 
 Ids = NDArray[np.int64]
-#: meshio makes arrays as long as the largest tag of a node. Larger tags than these and the size of the file are refused.
+#: meshio makes arrays as long as the largest tag of a node. Tags larger than this and the size of the file are refused.
 LARGEST_TAG = 10_000_000
 
 
 def check(path: Path) -> tuple[int, int]:
-    """Return the number of nodes and of elements; each must be there once, and elements name nodes that are there."""
+    """Return the number of nodes and of elements; each must occur once, and elements must refer to existing nodes."""
     with Source(path) as source:
         return Sections(source).check()
 
 
 class Sections:
-    """The sections of a file, each looked at in its order."""
+    """Sections of a file, each checked in its order."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -73,14 +73,14 @@ class Sections:
         return len(self.nodes), len(self.elements)
 
     def skip(self, name: str) -> None:
-        """Leave out a section of no interest."""
+        """Skip a section that is not needed."""
         for raw in iter(self.source.file.readline, b""):
             if raw.strip() == f"$End{name}".encode():
                 return
         raise Damaged(f"${name[:60]} not closed by $End{name[:60]}")
 
     def head_of_data(self) -> None:
-        """Check the numbers of tags and of values, which meshio takes for granted."""
+        """Check the numbers of tags and of values, which meshio does not check."""
         words: list[list[str]] = []
         for what in ("texts", "real tags", "whole tags"):
             words = self.source.rows(what, count_of(self.source.line(), what))
@@ -94,12 +94,12 @@ class Sections:
             raise Damaged(f"{' '.join(bad[0])[:60]} stands for a dimension, a tag and a name of a physical group")
 
     def counters(self, what: str, count: int) -> list[int]:
-        """Return counts, such as of nodes: `size_t` in the words of the format."""
+        """Return counts, such as of nodes: `size_t` in the format's terms."""
         dtype = f"u{self.size}" if self.source.binary else np.int64
         return [int(value) for value in self.source.numbers(what, 1, count, dtype)[0]]
 
     def whole(self, what: str, rows: int, columns: int = 1) -> Ids:
-        """Return whole numbers of 32 bits: `int` in the words of the format."""
+        """Return integers of 32 bits: `int` in the format's terms."""
         return self.source.numbers(what, rows, columns, np.int32 if self.source.binary else np.int64).astype(np.int64)
 
     def entities(self) -> None:
@@ -130,7 +130,7 @@ class Sections:
         self.set_nodes(np.concatenate(parts), count)
 
     def node_ids(self, count: int) -> NDArray[Any]:
-        """Return ids of the next nodes, each of which stands before its coordinates."""
+        """Return ids of the next nodes, each of which precedes its coordinates."""
         if self.source.binary:
             return self.source.numbers("nodes", count, 1, [("id", "i4"), ("x", "f8", 3)])["id"].ravel()
         return self.source.numbers("nodes", count, 4)[:, 0]

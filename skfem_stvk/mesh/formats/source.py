@@ -1,4 +1,4 @@
-"""The content of a mesh file in order, where nothing is taken for granted that the file declares."""
+"""Sequential reader of a mesh file that does not trust the file's declarations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import name_ids
 
-#: Numbers of nodes and of elements that a file declares; None for what it does not.
+#: Declared numbers of nodes and of elements; None for an undeclared number.
 Counts = tuple[int | None, int | None]
 
 
@@ -21,9 +21,9 @@ class Damaged(Exception):
 
 
 class Source:
-    """A file of text or of numbers in binary, read from its beginning to its end.
+    """File of text or of binary numbers, read from its beginning to its end.
 
-    The lines between binary `numbers` are text in any case; those that begin with one of the `comments` are left out.
+    The lines between binary `numbers` are always text. Lines that begin with one of the `comments` are left out.
     """
 
     def __init__(self, path: Path, binary: bool = False, comments: tuple[str, ...] = ()) -> None:
@@ -44,7 +44,7 @@ class Source:
         return self.size - self.file.tell()
 
     def line(self) -> str:
-        """Return the next line that holds anything, without blanks around it; empty at the end of the file."""
+        """Return the next line that is not blank, without blanks around it; empty at the end of the file."""
         for raw in iter(self.file.readline, b""):
             text = raw.decode(errors="replace").strip()
             if text and not text.startswith(self.comments or "\0"):
@@ -56,7 +56,7 @@ class Source:
         dtype = np.dtype(dtype)
         self.fits(what, rows, columns * (dtype.itemsize if self.binary else 2))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # NumPy's word for text among the numbers before it was an error
+            warnings.simplefilter("ignore", DeprecationWarning)  # older NumPy versions warn of text among the numbers
             try:
                 values = np.fromfile(self.file, dtype, rows * columns, "" if self.binary else " ")
             except ValueError as error:
@@ -71,7 +71,7 @@ class Source:
             raise Damaged(f"{rows} {what} are declared, more than its {self.size} bytes can hold")
 
     def rows(self, what: str, count: int) -> list[list[str]]:
-        """Return the words of the next lines that hold anything, one line for each row."""
+        """Return the words of the next lines that are not blank, one line for each row."""
         self.fits(what, count, 2)
         rows: list[list[str]] = []
         while len(rows) < count and (line := self.line()):
@@ -95,13 +95,13 @@ class Source:
 
 
 def regular(path: Path) -> None:
-    """Refuse what is no regular file, such as a pipe or a device, which may never end."""
+    """Refuse a file that is not regular, such as a pipe or a device, which may never end."""
     if not path.is_file():
         raise Damaged(f"{str(path)[-80:]!r}, which it needs, is no regular file or not there")
 
 
 def check_last_line(file: Any) -> None:
-    """Refuse a text file whose last line does not end: it may be cut within a number."""
+    """Refuse a text file whose last line does not end, since it may be cut within a number."""
     if not file.seek(0, os.SEEK_END):
         return
     file.seek(-1, os.SEEK_END)
@@ -110,14 +110,14 @@ def check_last_line(file: Any) -> None:
 
 
 def count_of(text: str, what: str) -> int:
-    """Return a number of things that a file declares."""
+    """Return a count that a file declares."""
     if not text.isascii() or not text.isdigit() or len(text) > 18:
         raise Damaged(f"{text[:40]!r} stands for the number of {what}")
     return int(text)
 
 
 def check_unique(ids: ArrayLike, what: str) -> None:
-    """Refuse ids that stand more than once."""
+    """Refuse ids that occur more than once."""
     unique, counts = np.unique(ids, return_counts=True)
     if len(unique) < np.size(ids):
         raise Damaged(f"{name_ids(_plain(unique[counts > 1]), what)} more than once")

@@ -1,4 +1,4 @@
-"""Formats of text that meshio reads, each checked before: a table of those that say how much they hold, and Nastran's."""
+"""Text formats that meshio reads, each checked before: a table of the formats that declare their counts, and Nastran's."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from .source import Counts, Damaged, Source, check_last_line
 
 #: Groups of all heads of a file so far.
 Known = dict[str, str]
-#: Numbers of an entry: so many, or by the heads so far; 0 for as many as the first entry has.
+#: Numbers per entry: a constant, or a function of the heads so far; 0 for the width of the first entry.
 Width = int | Callable[[Known], int]
-#: A head has at most as many lines.
+#: Maximum number of lines of a head.
 LONGEST_HEAD = 200
 
 
 class Section(NamedTuple):
-    """A section of a file of text: its head, and entries of numbers.
+    """Section of a text file: its head, and entries of numbers.
 
     Attributes
     ----------
     head : expression for its first lines. The groups `nodes`, `cells` and `others` are numbers of entries, in this order.
     widths : numbers of an entry for each of these groups.
-    by_first : numbers of a cell by its first number, in place of a width; the same number of others may follow in all.
-    repeats : whether there may be several; the group `repeated` of another head says how many.
+    by_first : numbers per cell by its first number, instead of a width; all cells may be followed by the same number of other
+        numbers.
+    repeats : whether the section may occur several times; the group `repeated` of another head states the number.
     """
 
     head: str
@@ -37,13 +38,13 @@ class Section(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A format of text.
+    """Text format.
 
     Attributes
     ----------
     comments : beginnings of lines that are left out.
     needed : first words of heads that must be there.
-    sections : all sections that there may be, in any order.
+    sections : all allowed sections, in any order.
     numbered : whether the entries of nodes and cells begin with 0, 1, ... or 1, 2, ...
     """
 
@@ -58,9 +59,9 @@ def count(what: str) -> str:
     return rf"(?P<{what}>\d{{1,18}})"
 
 
-#: Numbers of SU2's elements with their type, by VTK's types.
+#: Numbers per entry of SU2's elements including their type, by VTK's types.
 SU2 = {3: 3, 5: 4, 9: 5, 10: 5, 12: 9, 13: 7, 14: 6}
-#: Numbers of the entries of Medit's sections, their tags included.
+#: Numbers per entry of Medit's sections, including their tags.
 MEDIT = {
     "cells": {"Edges": 3, "Triangles": 4, "Quadrilaterals|Tetrahedra": 5, "Pyramids": 6, "Prisms": 7, "Hexahedra|Hexaedra": 9},
     "others": {
@@ -129,7 +130,7 @@ TEXTS = {
 
 
 def counted(path: Path) -> Counts:
-    """Return the number of nodes and of elements that a file of `TEXTS` declares, if it holds as many and nothing else."""
+    """Return the number of nodes and of elements that a file of `TEXTS` declares, if its content matches them exactly."""
     text = TEXTS[path.suffix.lower()]
     known, seen, found, repeats = Known(), set[str](), {"nodes": 0, "cells": 0, "others": 0}, 0
     with Source(path, comments=text.comments) as source:
@@ -156,7 +157,7 @@ def counted(path: Path) -> Counts:
 
 
 def heads(source: Source, sections: tuple[Section, ...]) -> Iterator[tuple[Section, re.Match[str]]]:
-    """Yield each section with its head, which is read; what follows must be read before the next one."""
+    """Yield each section with its head, which is read; its entries must be read before the next section."""
     lines: list[str] = []
     while len(lines) < LONGEST_HEAD and (line := source.line()):
         lines.append(line)
@@ -169,7 +170,7 @@ def heads(source: Source, sections: tuple[Section, ...]) -> Iterator[tuple[Secti
 
 
 def entries(source: Source, what: str, number: int, width: Width, known: Known, numbered: bool) -> None:
-    """Read entries of equal width, and refuse others, and ids that are not consecutive where entries begin with these."""
+    """Read entries of equal width; refuse others, and refuse ids that are not consecutive if entries begin with ids."""
     columns = (width(known) if callable(width) else width) or source.columns()
     values = source.numbers(what, number, columns)
     if numbered and number:
@@ -180,7 +181,7 @@ def entries(source: Source, what: str, number: int, width: Width, known: Known, 
 
 
 def check_rows(rows: list[list[str]], by_first: Callable[[int], int]) -> None:
-    """Refuse rows that are shorter than their first number says, or have not all as many other numbers."""
+    """Refuse rows that are shorter than their first number says, or with different numbers of further entries."""
     try:
         more = {len(row) - by_first(int(row[0])) for row in rows}
     except (KeyError, ValueError) as error:
@@ -200,7 +201,7 @@ def tetgen_files(path: Path) -> list[Path]:
     return [path.with_suffix(".node"), path.with_suffix(".ele")]
 
 
-#: Cards of Nastran's elements as meshio knows them, and how those begin that it leaves out in silence.
+#: Cards of Nastran's elements that meshio reads, and beginnings of cards that it skips without a warning.
 NASTRAN = (
     "CELAS1 CBEAM CBUSH CBUSH1D CROD CGAP CBAR CTRIAR CTRIA3 CTRAX6 CTRIAX6 CTRIA6 CQUADR CSHEAR CQUAD4 CQUAD8 CQUAD9 CTETRA "
     "CPYRAM CPYRA CPENTA CHEXA"

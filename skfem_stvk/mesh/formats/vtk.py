@@ -1,4 +1,4 @@
-"""VTK's legacy files (.vtk) up to version 5.1, as text or binary; and the cells of VTK's files, all accounted for."""
+"""VTK's legacy files (.vtk) up to version 5.1, as text or binary; and the complete list of cells of VTK's files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ VTK = {1: "vertex", 3: "line", 5: "triangle", 7: "polygon", 9: "quad", 10: "tetr
 VTK |= {21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20", 28: "quad9", 29: "hexahedron27"}
 VTK |= {32: "wedge18", 35: "line4", 68: "VTK_LAGRANGE_CURVE", 69: "VTK_LAGRANGE_TRIANGLE", 70: "VTK_LAGRANGE_QUADRILATERAL"}
 VTK |= {71: "VTK_LAGRANGE_TETRAHEDRON", 72: "VTK_LAGRANGE_HEXAHEDRON", 73: "VTK_LAGRANGE_WEDGE", 74: "VTK_LAGRANGE_PYRAMID"}
-#: NumPy's types of VTK's. vtkIdType is written with 32 bits.
+#: NumPy's types for VTK's. vtkIdType is written with 32 bits.
 TYPES = {"bit": "u1", "vtkidtype": "i4", "float": "f4", "double": "f8"}
 for word, size in (("char", 1), ("short", 2), ("int", 4), ("long", 8)):
     TYPES |= {word: f"i{size}", f"unsigned_{word}": f"u{size}"}
     TYPES |= {f"vtktypeint{8 * size}": f"i{size}", f"vtktypeuint{8 * size}": f"u{size}"}
-#: Numbers for each point or cell of the attributes that say so by their name.
+#: Numbers per point or cell, for the attributes whose name determines it.
 ATTRIBUTES = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
 
 
@@ -108,7 +108,7 @@ class Grid:
         return self.source.numbers(what, rows, columns, dtype.newbyteorder(">")).astype(dtype)
 
     def cells(self, count: int, numbers: int) -> None:
-        """Read the cells: of version 5.1 from offsets and connectivity, of earlier ones from rows that begin with their length."""
+        """Read the cells: in version 5.1 from offsets and connectivity, in earlier ones from rows that begin with their length."""
         start = self.source.file.tell()
         line = self.source.line().split()
         if line[:1] == ["OFFSETS"] and len(line) == 2:
@@ -168,19 +168,19 @@ class Grid:
                 self.keep(words[0], self.array(words[0], rows, columns, words[3]))
 
     def keep(self, name: str, values: Array) -> None:
-        """Keep the array if it is of the cells."""
+        """Store the array if it is of the cells."""
         if self.of == "CELL_DATA":
             name = re.sub("%([0-9a-fA-F]{2})", lambda code: chr(int(code[1], 16)), name)
             self.cell_data[name] = values[:, 0] if values.shape[1] == 1 else values
 
     def skip_strings(self, count: int) -> None:
-        """Skip text: a line each, or in binary after its length, whose first two bits give the size of the length."""
+        """Skip text: one line each, or in binary after its length, whose first two bits give the size of the length."""
         self.source.fits("lines of text", count, 1)
         for _ in range(count):
             if not self.source.binary:
                 self.source.file.readline()
                 continue
-            head = self.source.file.read(1) or b"\xc0"  # nothing at the end of the file, which is a length of 0
+            head = self.source.file.read(1) or b"\xc0"  # the end of the file counts as a length of 0
             more = 2 ** (3 - (head[0] >> 6)) - 1
             length = int.from_bytes(bytes([head[0] & 63]) + self.source.file.read(more), "big")
             self.source.fits("bytes of text", length, 1)
@@ -218,5 +218,5 @@ def sizes_of(connectivity: Array, ends: Array, types: Array) -> NDArray[np.int64
 
 
 def order(kind: int, size: int) -> Array:
-    """Return the order of a cell's nodes in meshio, where wedges are turned round."""
+    """Return the order of a cell's nodes in meshio, where wedges are reversed."""
     return np.array([0, 2, 1, 3, 5, 4]) if VTK[kind] == "wedge" else np.arange(size)

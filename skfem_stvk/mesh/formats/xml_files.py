@@ -1,6 +1,6 @@
-"""Formats in XML: VTK's unstructured grids (.vtu), read here, and XDMF's (.xdmf), which meshio reads.
+"""XML formats: VTK's unstructured grids (.vtu), read here, and XDMF's (.xdmf), which meshio reads.
 
-Arrays of VTK's stand as text, in base64 or raw, compressed or not, in one piece or several; those of XDMF in files that it names.
+VTK's arrays are text, base64 or raw, compressed or not, in one piece or several. XDMF's arrays are in files that it names.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .vtk import mesh_of
 TYPES = {f"{name}{8 * size}": f"{kind}{size}" for name, kind in (("Int", "i"), ("UInt", "u")) for size in (1, 2, 4, 8)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
 UNPACK: dict[str, Callable[[], Any]] = {"vtkZLibDataCompressor": zlib.decompressobj, "vtkLZMADataCompressor": lzma.LZMADecompressor}
-#: An array is unpacked to at most as many times the size of the file; ids and coordinates pack to a tenth at best.
+#: Maximum ratio of an unpacked array to the size of the file; ids and coordinates compress to a tenth at best.
 MOST = 100
 
 
@@ -38,7 +38,7 @@ def read(path: Path) -> meshio.Mesh:
 
 
 class Document:
-    """A file's XML, and the bytes that are appended to it after an underscore, raw or in base64."""
+    """XML of a file, and the bytes that are appended to it after an underscore, raw or in base64."""
 
     def __init__(self, content: bytes) -> None:
         self.size = len(content)
@@ -139,7 +139,7 @@ class Document:
         first = int(np.frombuffer(decoded(data, 0, width, coded)[0], self.header)[0])
         if not self.packed:
             together, _ = decoded(data, 0, width + first, coded)
-            if coded and data[: len(base64.b64encode(b"0" * width))].endswith(b"="):  # the header has its own base64
+            if coded and data[: len(base64.b64encode(b"0" * width))].endswith(b"="):  # the header is a separate base64 text
                 return decoded(data, len(base64.b64encode(b"0" * width)), first, coded)[0]
             return together[width:]
         if first == 0:
@@ -194,7 +194,7 @@ def root_of(path: Path) -> ET.Element:
 
 
 def xdmf(path: Path) -> Counts:
-    """Check that every array has a regular file or a text of enough size; return the number of elements where it is given."""
+    """Check that every array has a regular file or a text of enough size; return the number of elements if it is stated."""
     root = root_of(path)
     for item in root.iter("DataItem"):
         text, form = (item.text or "").strip(), item.get("Format", "XML")
@@ -216,7 +216,7 @@ def xdmf_data(path: Path) -> list[Path]:
 
 
 def _outside(path: Path, item: ET.Element) -> Path | None:
-    """Return the file that holds an array; None if the array stands in the text itself."""
+    """Return the file that holds an array; None if the array is in the text itself."""
     text = (item.text or "").strip()
     if item.get("Format") == "HDF":
         return path.resolve().parent / text.rpartition(":")[0]

@@ -48,7 +48,7 @@ class ReducedBasis(Part):
 
     def of_body(self, body: System, quiet: bool) -> ReducedSystem:
         """Return the body on this basis."""
-        from ...reduced import ReducedSystem  # only where one is asked for
+        from ...reduced import ReducedSystem  # imported only on request
 
         return ReducedSystem(body, self.size, self.modes, self.derivatives, quiet=quiet)
 

@@ -42,7 +42,7 @@ def derived(
 
     Parameters
     ----------
-    tag, kind : the key that tells this table from others, and its value: "type", "gravity".
+    tag, kind : the key that distinguishes this table from others, and its value: "type", "gravity".
     base : class with the methods of the table.
     keys : types and defaults of its keys, by default those of the declared parameters.
     """
@@ -56,7 +56,7 @@ def derived(
 
 
 def one_of(tables: Iterable[Any], tag: str) -> Any:
-    """Return the union of these tables, which the key `tag` tells apart."""
+    """Return the union of these tables, which the key `tag` distinguishes."""
     return Annotated[functools.reduce(operator.or_, tables), Field(discriminator=tag)]
 
 
@@ -86,7 +86,7 @@ def type_of(name: str, annotation: Any, quantity: Quantity) -> tuple[Any, Mappin
     """Return the type of a key without its default, and its limits; those of the entries of a list are in its type."""
     limits = {limit: value for limit in ("gt", "ge", "lt", "le") if (value := getattr(quantity, limit)) is not None}
     kinds = [one for one in get_args(annotation) if one is not type(None)] if is_union(annotation) else [annotation]
-    annotation = kinds[0] if len(kinds) == 1 else float  # values for each element or node are for programs alone
+    annotation = kinds[0] if len(kinds) == 1 else float  # values for each element or node are only for programs
     if name in TYPES:
         return TYPES[name], limits
     if quantity.values:

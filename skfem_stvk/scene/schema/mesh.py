@@ -1,4 +1,4 @@
-"""The mesh of a scene: a file, or one that is generated; and the elements on it."""
+"""Mesh of a scene: a file, or a generated mesh; and the elements on it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...mesh.generators import bar, box, cylinder
 from ...mesh.groups import in_dimension
 from .quantities import Components, Part, key
 
-#: The key of the number of coordinates, of meshes that may be flat.
+#: The key of the number of coordinates, for meshes that may be flat.
 Dimension = Annotated[
     int | None,
     key("Number of coordinates: 3 keeps a flat mesh in space, as a membrane; by default no more than needed.", ge=1, le=3),
@@ -23,7 +23,7 @@ Cells = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_len
 
 
 class AnyMesh(Part):
-    """What all meshes of a scene can be asked for: shape functions and quadrature."""
+    """Keys of all meshes of a scene: shape functions and quadrature."""
 
     degree: Annotated[int | None, key("Degree of the shape functions of simplices; by default that of the mesh.", ge=1, le=2)] = (
         None

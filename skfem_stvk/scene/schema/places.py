@@ -61,7 +61,7 @@ class ElementsRegion(Part):
 
 
 def _told(otherwise: str, words: str) -> Discriminator:
-    """Return the rule that tells the kind of a value by the `type` of a table, or by its own type; `words` name all kinds."""
+    """Return the rule that selects the kind of a value by the `type` of a table, or by its own type; `words` name all kinds."""
 
     def kind(given: Any) -> str:
         if isinstance(given, Mapping):

@@ -44,15 +44,15 @@ class OneOf:
 
 #: One to three components.
 Components = Annotated[list[float], Field(min_length=1, max_length=3)]
-#: A name that outputs are told apart by.
+#: Name that distinguishes outputs.
 Name = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^\S(.*\S)?$")]
 
 
-# what the types of keys are made of, for messages and pages
+# components of the types of keys, for messages and pages
 
 
 def bare(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return a type without its annotations, and these."""
+    """Return a type without its annotations, and these annotations."""
     metadata: tuple[Any, ...] = ()
     while get_origin(annotation) is Annotated:
         annotation, *more = get_args(annotation)
@@ -66,7 +66,7 @@ def is_union(annotation: Any) -> bool:
 
 
 def members(annotation: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield the members of a union, also those of unions within it, with the tags that tell them."""
+    """Yield the members of a union, also those of unions within it, with the tags that select them."""
     annotation, _ = bare(annotation)
     for one in get_args(annotation) if is_union(annotation) else (annotation,):
         inner, metadata = bare(one)

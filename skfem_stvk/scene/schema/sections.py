@@ -1,4 +1,4 @@
-"""The whole schema of a scene: where it begins, what it writes, and what it is expected to give."""
+"""Whole schema of a scene: first state, output files and expected results."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _kind(given: Any) -> str:
     return "value" if given.keys() & Expectation.model_fields.keys() else "components"
 
 
-#: By result, as `energy.strain` or `tip.z`.
+#: Expectations by result, such as `energy.strain` or `tip.z`.
 Expect = dict[
     Name,
     Annotated[Annotated[Expectation, Tag("value")] | Annotated[dict[Name, Expectation], Tag("components")], Discriminator(_kind)],

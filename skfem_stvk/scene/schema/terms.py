@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 else:
     #: How a load or a prescribed displacement changes with time; in statics with the load factor.
     Time = one_of((derived("type", one.__name__.lower(), one, AnyTime) for one in (Ramp, Sine, Table)), "type")
-#: The key of loads that are given by values.
+#: Key of loads that hold values.
 TIME = (
     Annotated[
         Time | None,
