@@ -113,7 +113,7 @@ def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
 
 
 def smallest_stretches(term: Assembly, u: Array) -> NDArray[np.float64]:
-    """Return the smallest principal stretch (nt,) of each element at `u` (nv, d), within its own dimensions, in the user's order."""
+    """Return the smallest principal stretch (nt,) of each element at `u` (nv, d), in its own dimensions, in the user's order."""
     own = np.empty(len(term.elements.t) * LANES)
     _smallest_stretch(term, u, own)
     return term.of_elements(own)
@@ -191,7 +191,7 @@ def strain_products(term: Assembly, fields: Array, most: int) -> Iterator[Array]
 
 
 def _factors(term: Assembly, ids: NDArray[np.int64], q: int) -> tuple[Array, Array]:
-    """Return `Ri` (n, k, k) at a point of elements in their own order, and the factor `L` (n, s, s) with `W = 1/2 |L M|^2` there."""
+    """Return `Ri` (n, k, k) at a point of elements in their own order, and the factor `L` (n, s, s) of `W = 1/2 |L M|^2`."""
     m, k, (block, lane) = numbers_in(term.law), term.elements.k, np.divmod(ids, LANES)
     at, weight = block * m * LANES, 1.0
     if term.points is not None:
@@ -203,7 +203,7 @@ def _factors(term: Assembly, ids: NDArray[np.int64], q: int) -> tuple[Array, Arr
 
 
 def _forms(numbers: Array) -> Array:
-    """Return `C` (n, 6, 6) with `W = 1/2 M' C M`, for strains in the order of the kernels, from the numbers (n, m) of a StVK law."""
+    """Return `C` (n, 6, 6) of `W = 1/2 M' C M`, for strains in the order of the kernels, from the numbers (n, m) of a law."""
     twice = np.array([1.0, 1, 1, 2, 2, 2])
     if numbers.shape[1] == 2:
         trace = np.outer(*[np.array([1.0, 1, 1, 0, 0, 0])] * 2)

@@ -267,7 +267,7 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
 
 
 def _at_elements(at_nodes: Array, t: Array) -> Array:
-    """Return axes (nt, d) of fibres in elements from directions (nv, d) at nodes: the main eigenvectors of the sums of their dyads."""
+    """Return fibre axes (nt, d) of elements from directions (nv, d) at nodes: the main eigenvectors of the sums of their dyads."""
     bad = np.flatnonzero(~np.isfinite(at_nodes).all(axis=1))
     if len(bad):
         raise MaterialError(f"frames_along: {name_ids(bad, 'node')}: no direction, for it is not finite.")

@@ -74,7 +74,7 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
 
 
 def _axes(spokes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return an orthonormal basis (nt, d, k) of base vectors (nt, d, k), as columns, and the base vectors in that basis (nt, k, k)."""
+    """Return an orthonormal basis (nt, d, k) of base vectors (nt, d, k), as columns, and these vectors in that basis (nt, k, k)."""
     d, k = spokes.shape[1:]
     return (np.broadcast_to(np.eye(d), spokes.shape), spokes) if d == k else np.linalg.qr(spokes)
 

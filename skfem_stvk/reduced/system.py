@@ -189,7 +189,7 @@ class ReducedSystem:
         return made
 
     def amounts(self, t: Time = 1.0) -> Array:
-        """Return the amounts `s(t)` (l,) [m] of the lifts. SupportError if the prescribed displacements at `t` are off their span."""
+        """Return the amounts `s(t)` (l,) [m] of the lifts. SupportError if prescribed displacements at `t` are off their span."""
         return self.in_coordinates.held_values(t)
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:

@@ -186,7 +186,7 @@ def directions(k: int) -> Array:
 
 
 def _lowest_eigenvalue(Q: Array) -> Array:
-    """Return the smallest eigenvalue (n, s) of symmetric matrices (n, m, s) in Voigt order, to half of the digits where it repeats."""
+    """Return the smallest eigenvalue (n, s) of symmetric matrices (n, m, s) in Voigt order, to half the digits if it is double."""
     if Q.shape[1] == 3:
         a, b, c = Q[:, 0], Q[:, 1], Q[:, 2]
         return (a + b) / 2 - np.sqrt(((a - b) / 2) ** 2 + c**2)

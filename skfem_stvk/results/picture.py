@@ -203,7 +203,7 @@ def _among(some: Array, every: Array) -> NDArray[np.bool_]:
 
 
 class Lattice:
-    """Lattice of points on `n` faces of a kind, evenly spread on the reference element, and the triangles or segments between them."""
+    """Lattice of points on `n` faces of a kind, evenly spread on the reference element, with the triangles or segments between."""
 
     def __init__(self, face: Element, n: int, d: int) -> None:
         cuts = 2 if d == 1 else next(cuts for most, cuts in CUTS if n <= most)

@@ -137,7 +137,7 @@ def read_archive(
 
 @contextmanager
 def refusing_damage(file: Path, remedy: str) -> Iterator[None]:
-    """Raise NotOurs with the file and the remedy if the block raises a ValueError or a KeyError, or entries violate their schema."""
+    """Raise NotOurs with file and remedy if the block raises a ValueError or a KeyError, or entries violate their schema."""
     try:
         yield
     except NotOurs:

@@ -377,7 +377,7 @@ def _check_energies(complaints: Complaints, sections: SceneTables, system: Syste
 
 
 def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) -> None:
-    """Complain about Poisson's ratios of 1/2 and more where the strain or its trace is constrained: only plane stress allows them."""
+    """Complain about Poisson's ratios of 1/2 and more where strain or its trace is constrained: only plane stress allows them."""
     name = getattr(term, "material", None)
     poisson = None if name is None else getattr(names.sections.materials[name], "poisson", None)
     if name is None or not isinstance(poisson, float | int) or poisson < 0.5 or not hasattr(law, "hypothesis"):

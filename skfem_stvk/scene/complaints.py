@@ -211,7 +211,7 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
 
 
 def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
-    """Return the union member for a label of pydantic, and the number of parts of the location that it takes; None if none matches."""
+    """Return the union member for a label of pydantic, and how many parts of the location it takes; None if none matches."""
     found = list(members(annotation))
     for tags, one in found:
         if str(label) in tags:

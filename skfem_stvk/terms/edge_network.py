@@ -185,7 +185,7 @@ class EdgeNetwork:
             )
 
     def _left(self, mesh: ElementMesh, gone: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return `L_ii/2` and the `L_ij/2` of the pairs, minus the contributions of the removed elements `gone` (n,) of the region."""
+        """Return `L_ii/2`, and `L_ij/2` of the pairs, minus the contributions of the removed elements `gone` (n,) of the region."""
         out = np.zeros(mesh.nt, dtype=bool)
         out[mesh.elements(self.region)] = gone
         lost, upper = _coefficients(mesh, self.laws, self.edges, out), triu(self.L, 1).tocoo()

@@ -205,7 +205,7 @@ class HasVolume(Protocol):
         """Return the smallest entry of `volume_ratios(u)`."""
 
     def step_limit(self, u: Array, v: Array) -> float:
-        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume left at `u + s v`; or infinity."""
+        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume at `u + s v`, or infinity."""
 
 
 @runtime_checkable
@@ -254,7 +254,7 @@ class HasStress(Protocol):
 
 
 def has_stress(term: HasStress) -> bool:
-    """Return whether stress and energy density of a term are known; a law of forces on nodes has the attribute `has_stress`, False."""
+    """Return whether stress and energy density of a term are known. A law of forces on nodes has `has_stress = False`."""
     return bool(getattr(term, "has_stress", True))
 
 

@@ -39,7 +39,7 @@ def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
     write_archive(path, {"format": "test", "version": 1}, {"x": np.ones(100_000)})
     before, _, after = path.read_bytes().rpartition(b"{'descr'")
     path.write_bytes(before + b"z'descr'" + after)
-    with pytest.raises(NotOurs, match=r"incomplete, or was not written here .*TokenError"):
+    with pytest.raises(NotOurs, match=r"incomplete, or was not written here .*(TokenError|Cannot parse header)"):
         read_archive(path, Plain, known, "")
 
 
