@@ -85,7 +85,7 @@ def edited(monkeypatch, kind):
 
 
 def test_the_table_of_the_files_that_one_edits_is_that_of_the_docs(monkeypatch):
-    """It is printed here; no kind of extension takes more files than it should."""
+    """The table is printed here. No kind of extension edits more files than the docs say."""
     table = {kind: edited(monkeypatch, kind) for kind in EXTENSIONS}
     lines = [f"| {kind} | {len(files)} | {', '.join(f'`{name}`' for name in files)} |" for kind, files in table.items()]
     print("\n".join(lines))

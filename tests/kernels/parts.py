@@ -57,21 +57,25 @@ def kernels_run():
         if (code.co_filename, code.co_name) in known:
             ran.add(code.co_name)
 
-    with _each_call(note):
+    # numba reports calls to `sys.monitoring` from Python 3.12 on, and to profilers before
+    with (_monitored if sys.version_info >= (3, 12) else _profiled)(note):
         yield ran
 
 
 @contextmanager
-def _each_call(note):
-    """Call `note` with the code of each function that is called meanwhile; numba tells `sys.monitoring` from Python 3.12 on."""
-    if sys.version_info < (3, 12):
-        before = sys.getprofile()
-        sys.setprofile(lambda frame, event, argument: note(frame.f_code) if event == "call" else None)
-        try:
-            yield
-        finally:
-            sys.setprofile(before)
-        return
+def _profiled(note):
+    """Call `note` with the code of each function that is called meanwhile."""
+    before = sys.getprofile()
+    sys.setprofile(lambda frame, event, argument: note(frame.f_code) if event == "call" else None)
+    try:
+        yield
+    finally:
+        sys.setprofile(before)
+
+
+@contextmanager
+def _monitored(note):
+    """Do the same with `sys.monitoring`."""
     monitoring, tool = sys.monitoring, sys.monitoring.PROFILER_ID
     monitoring.use_tool_id(tool, "kernels")
     monitoring.register_callback(tool, monitoring.events.PY_START, lambda code, offset: note(code))

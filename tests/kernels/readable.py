@@ -604,7 +604,7 @@ def along(
 def forces_along(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, rule: Any, f: Reals
 ) -> float:
-    """What each rule says, for all points at once."""
+    """Add the forces of a rule for all points at once, and return the sum of its numbers."""
     rules = {MeanStress: _mean_force, DiscreteGradient: _discrete_mean_force, StressOfRates: _damping_force}
     part = slice(begin, end)
     return rules[type(rule)](part, elements_of(part, t, points, law), X, u, v, slots, law, rule, f)

@@ -381,7 +381,7 @@ def test_removed_twice_none_and_masks():
 
 
 def answers(body, u):
-    """What a body says of itself and at a state, all of which it may remember."""
+    """Return properties of a body, some of them at a state, all of which it may remember."""
     found = [body.jacobian(u, 0.5).data, body.residual(u, 0.5), body.product(u, u), body.round_off(u), body.grounded, body.bare]
     found += [body.mass().multiply(u)]
     found += [body.smallest_volume_ratio(u), body.step_limit(0 * u, u), body.energy_along(0 * u, u) if body.quartic else 0.0]

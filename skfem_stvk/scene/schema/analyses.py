@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Solver(Part):
-    """How linear systems are solved, and how well equilibrium has to be found. Explicit integrators have no use for it."""
+    """Linear solver and the tolerance of equilibrium. Explicit integrators do not use it."""
 
     name: Annotated[Annotated[str, OneOf(solver_names)], key("Linear solver.")] = "auto"
     rtol: Annotated[

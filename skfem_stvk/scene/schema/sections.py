@@ -43,7 +43,7 @@ class Initial(Part):
 
 
 class Output(Part):
-    """What is written into the folder of results, beside summary.json, resolved.toml and report.html."""
+    """Files in the folder of results, in addition to summary.json, resolved.toml and report.html."""
 
     file: Annotated[str | None, key("States on the way (.pvd), or the last one (.vtu), for ParaView.", pattern=r"\.(pvd|vtu)$")] = (
         None
