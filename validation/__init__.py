@@ -1,1 +1,1 @@
-"""Is the package right? Checks that take longer than tests, and the meshes for them."""
+"""Checks of the package that take longer than tests, and meshes for them."""

@@ -1,4 +1,4 @@
-"""`python -m validation STUDY`: the studies whose figures stand in the README and the docs."""
+"""`python -m validation STUDY`: run the studies that the README and the docs quote."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from . import (
 )
 from .report import catalogue, report
 
-#: Studies and the options that they take.
+#: Studies with their options.
 STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "part": (part.main, ()),
     "aspect": (aspect.main, ()),
@@ -56,7 +56,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "fuzz": (fuzz.main, ("cases",)),
 }
 
-#: Parts of a study that `--only` picks.
+#: Parts of a study that `--only` selects.
 PARTS = {
     "statics": (*statics.NAMES, *statics.ON_DEMAND),
     "hard": hard.NAMES,
@@ -70,7 +70,7 @@ PARTS = {
 
 
 def main() -> int:
-    """Run one study, or all claims of all parts into one report; the exit code is 0 if it ended as it must."""
+    """Run one study, or all claims of all parts into one report; the exit code is 0 if all claims hold."""
     parser = argparse.ArgumentParser(
         prog="python -m validation",
         description=f"{__doc__} Without a study: all claims in one report; `report GROUP ...` for some.",
@@ -83,20 +83,22 @@ def main() -> int:
     for name, (study, options) in STUDIES.items():
         command = commands.add_parser(name, help=study.__doc__, description=study.__doc__)
         if "quick" in options:
-            command.add_argument("--quick", action="store_true", help="smaller meshes, as the tests run it")
+            command.add_argument("--quick", action="store_true", help="smaller meshes, as in the tests")
         if "only" in options:
             names = PARTS[name]
             command.add_argument("--only", action="append", default=[], choices=names, metavar="NAME", help=", ".join(names))
         if "case" in options:
             command.add_argument(
-                "--case", action="append", default=[], metavar="FAMILY/CASE", help="just this one, with all that it says"
+                "--case", action="append", default=[], metavar="FAMILY/CASE", help="run this case only, with its full output"
             )
         if "cases" in options:
-            command.add_argument("--cases", type=int, default=2000, metavar="N", help="random cases at least, 2000 by default")
-            command.add_argument("--seconds", type=float, metavar="S", help="begin no more after so many seconds")
-            command.add_argument("--seed", type=int, default=0, help="of the first cases, 0 by default")
+            command.add_argument(
+                "--cases", type=int, default=2000, metavar="N", help="least number of random cases, 2000 by default"
+            )
+            command.add_argument("--seconds", type=float, metavar="S", help="start no new cases after this time")
+            command.add_argument("--seed", type=int, default=0, help="seed of the first cases, 0 by default")
         if "out" in options:
-            command.add_argument("--out", metavar="FOLDER", help="write pictures and tables there")
+            command.add_argument("--out", metavar="FOLDER", help="write pictures and tables to this folder")
     arguments = vars(parser.parse_args())
     name = arguments.pop("study")
     if name not in STUDIES:
@@ -113,10 +115,10 @@ def main() -> int:
 
 def _report_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="smaller meshes, a few minutes")
-    parser.add_argument("--out", metavar="FOLDER", help="write validation.html and validation.json there")
-    parser.add_argument("--speed", action="store_true", help="also what measures time and growth")
-    parser.add_argument("--resume", action="store_true", help="go on where a run into the folder of --out was ended")
-    parser.add_argument("--compare", metavar="FILE", help="validation.json of an earlier run: what moved")
+    parser.add_argument("--out", metavar="FOLDER", help="write validation.html and validation.json to this folder")
+    parser.add_argument("--speed", action="store_true", help="also run the claims about time and growth")
+    parser.add_argument("--resume", action="store_true", help="continue an interrupted run with the same folder --out")
+    parser.add_argument("--compare", metavar="FILE", help="validation.json of an earlier run; report the changes")
 
 
 if __name__ == "__main__":

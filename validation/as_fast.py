@@ -1,10 +1,9 @@
-"""Whether one version of the package is as fast as another: the same calls in both, in turn, on the same machine.
+"""Comparison of the speed of two versions of the package: the same calls alternate in both, on the same machine.
 
     python validation/as_fast.py OTHER_CHECKOUT [--rounds 9]         in a checkout
 
-Each round runs both versions in processes of their own, one after the other, and takes the best of several repetitions of each
-call; the table has the medians over the rounds, their ratio and how far the ratios of single rounds spread (quartiles). One
-thread.
+Each round runs both versions one after the other, each in its own process, and takes the best of several repetitions of each call.
+The table has the medians over the rounds, their ratio, and the quartiles of the ratios of single rounds. One thread.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ import numpy as np
 
 
 def calls() -> dict[str, tuple[int, Callable[[], Any]]]:
-    """What is timed, by name: how often in a round, and the call."""
+    """Return the timed calls by name: the number of repetitions in a round, and the call."""
     import skfem
 
     import skfem_stvk as stvk
@@ -74,7 +73,7 @@ def calls() -> dict[str, tuple[int, Callable[[], Any]]]:
 
 
 def measure() -> dict[str, float]:
-    """Best seconds of each call."""
+    """Return the shortest time of each call [s]."""
     import numba
 
     numba.set_num_threads(1)
@@ -91,7 +90,7 @@ def measure() -> dict[str, float]:
 
 
 def one_round(checkout: Path) -> dict[str, float]:
-    """What a process of its own measures with the package of a checkout."""
+    """Return the times of the package of a checkout, measured in a separate process."""
     command = [sys.executable, "-W", "ignore", str(Path(__file__).resolve()), "--measure"]
     environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True, check=True)
@@ -100,7 +99,7 @@ def one_round(checkout: Path) -> dict[str, float]:
 
 
 def main() -> int:
-    """Measure here, or compare with another checkout."""
+    """Measure this checkout, or compare it with another one."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("other", nargs="?", metavar="OTHER_CHECKOUT")
     parser.add_argument("--rounds", type=int, default=9)

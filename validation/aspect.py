@@ -1,4 +1,4 @@
-"""What flat elements cost: errors of F against 50 digits on clouds of random tetrahedra, squeezed flat and turned."""
+"""Accuracy with flat elements: errors of F against 50 digits on clouds of random, flattened and rotated tetrahedra."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ STRAINS = (1e-1, 1e-3, 1e-6)
 
 
 class Errors(NamedTuple):
-    """Of the tetrahedra of a cloud, each relative to the largest force on its own vertices.
+    """Largest errors over the tetrahedra of a cloud, each relative to the largest force on the element's vertices.
 
-    `ours` and `theirs` are the largest errors of this package and of scikit-fem in double precision, `double` and `single` the
-    largest error of this package in each precision, over its eps times longest edge over smallest height of the element.
+    `ours` and `theirs` are the errors of this package and of scikit-fem in double precision. `double` and `single` are the errors
+    of this package in each precision, divided by eps and by the ratio of longest edge to smallest height of the element.
     """
 
     ours: float
@@ -35,15 +35,15 @@ class Errors(NamedTuple):
 
 
 def cloud(aspect: float, n: int) -> ElementMesh:
-    """So many tetrahedra that touch nowhere, with random corners in a box that is flatter than a cube by `aspect`, each turned."""
+    """Return `n` separate tetrahedra with random corners in a box of this aspect, each rotated at random."""
     rng = np.random.default_rng(0)
     corners = rng.random((n, 4, 3)) / [1, 1, aspect]
-    turned = corners @ np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
-    return ElementMesh(turned.reshape(-1, 3).T, np.arange(4 * n).reshape(n, 4).T)
+    rotated = corners @ np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+    return ElementMesh(rotated.reshape(-1, 3).T, np.arange(4 * n).reshape(n, 4).T)
 
 
 def errors(mesh: ElementMesh, strain: float) -> Errors:
-    """Of displacements with a random gradient of this size on each element."""
+    """Return the errors for displacements with a random gradient of size `strain` on each element."""
     n = mesh.nt
     gradients = strain * np.random.default_rng(1).normal(size=(n, 3, 3))
     u = mesh.p.T.reshape(n, 4, 3) @ gradients
@@ -65,7 +65,7 @@ def errors(mesh: ElementMesh, strain: float) -> Errors:
 
 
 def measure(n: int = 1000) -> Iterator[tuple[float, float, Errors]]:
-    """Aspect of the box, strain, and the errors of `n` tetrahedra."""
+    """Yield the aspect of the box, the strain, and the errors of `n` tetrahedra."""
     for aspect in ASPECTS:
         mesh = cloud(aspect, n)
         for strain in STRAINS:
@@ -73,7 +73,7 @@ def measure(n: int = 1000) -> Iterator[tuple[float, float, Errors]]:
 
 
 def main() -> int:
-    """error of F against the aspect ratio of the elements, in double and single precision, and of scikit-fem"""
+    """Measure the error of F against the aspect ratio of the elements, in double and single precision, and of scikit-fem."""
     columns = "box", "strain", "skfem-stvk", "scikit-fem", "over eps x aspect", "float32"
     printed = grid("Largest error of F against 50 digits, 1000 random tetrahedra each", *columns, right=columns)
     for aspect, strain, found in measure():

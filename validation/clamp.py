@@ -1,6 +1,4 @@
-"""Two ways to leave compression out of the tangent of quadratic elements: the eigenvalues of S at points, or tensions of node
-pairs.
-"""
+"""Two clamped tangents of quadratic elements: by the eigenvalues of S at points, or by tensions of node pairs."""
 
 from __future__ import annotations
 
@@ -20,19 +18,22 @@ from skfem_stvk.terminal import grid
 from skfem_stvk.terms import Quartic
 
 YOUNG = 1e5
-#: Iterations after which it is given up.
+#: Iteration limit.
 MOST = 100
 
 
 def by_pairs(self: Assembly, u: Array, rows: Any, data: Array, add: bool, force: Any = None, kept: Tensions = ALL) -> Linearized:
-    """As `Assembly.fill`; what stays with TENSILE are positive tensions of node pairs: a tension stands in its block as `-t I`."""
+    """Fill K as `Assembly.fill` does, but with TENSILE keep positive tensions of node pairs.
+
+    A tension `t` enters its block as `-t I`.
+    """
     _, without = self.blocks(u, None, None, NONE)
     W, blocks = self.blocks(u, force)
     if kept == TENSILE:
         tensions = (without - blocks).reshape(-1, 9)[:, 0]
         blocks = without
-        for place in (0, 4, 8):
-            blocks.reshape(-1, 9)[:, place] -= np.maximum(tensions, 0)
+        for index in (0, 4, 8):
+            blocks.reshape(-1, 9)[:, index] -= np.maximum(tensions, 0)
     return Linearized(W, self.pairs.fill(rows.of_all_pairs, blocks, add, data))
 
 
@@ -40,7 +41,7 @@ _usual = Assembly.fill
 
 
 def negative_in_tension(body: System) -> float:
-    """The share of node pairs with a negative tension when the body is stretched in all directions."""
+    """Return the fraction of node pairs with a negative tension under a stretch in all directions."""
     (term,) = body.bound_terms
     assert isinstance(term, Assembly)
     u = 0.1 * body.mesh.p.T
@@ -49,7 +50,7 @@ def negative_in_tension(body: System) -> float:
 
 
 def cases(quick: bool) -> Iterator[tuple[str, System, Array, Array]]:
-    """Bodies with their names, the degrees of freedom that are held, and the displacements (nv, 3) whose values those have."""
+    """Yield names and bodies, with the constrained degrees of freedom and the displacements (nv, 3) that prescribe their values."""
     s = np.linspace(0, 1, 3 if quick else 5)
     cube, slender = (
         skfem.MeshTet.init_tensor(s, s, s),
@@ -61,12 +62,15 @@ def cases(quick: bool) -> Iterator[tuple[str, System, Array, Array]]:
         ("cube, twisted by 90 degrees", 0.0, np.pi / 2),
         ("cube, twisted by 120 degrees, pushed by 10 %", -0.1, 2 * np.pi / 3),
     ):
-        yield name, *_held(cube, 2, amount * np.eye(3)[2], angle)
-    yield "bar, its end pushed aside by half of its length", *_held(slender, 0, np.array([0, 0, -0.5]), 0.0)
+        yield name, *_with_constrained_ends(cube, 2, amount * np.eye(3)[2], angle)
+    yield "bar, its end pushed aside by half of its length", *_with_constrained_ends(slender, 0, np.array([0, 0, -0.5]), 0.0)
 
 
-def _held(mesh: skfem.MeshTet, axis: int, shift: Array, angle: float) -> tuple[System, Array, Array]:
-    """A body whose ends along an axis are held, the second one shifted and turned about the middle of its cross-section."""
+def _with_constrained_ends(mesh: skfem.MeshTet, axis: int, shift: Array, angle: float) -> tuple[System, Array, Array]:
+    """Return a body with both ends along an axis constrained.
+
+    The second end is shifted, and rotated about the middle of its cross-section.
+    """
     body = System(mesh, StVK(young=YOUNG, poisson=0.3), degree=2)
     x, c, s = body.mesh.p.T, np.cos(angle), np.sin(angle)
     moved = (x - 0.5) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + 0.5 - x + shift
@@ -76,8 +80,9 @@ def _held(mesh: skfem.MeshTet, axis: int, shift: Array, angle: float) -> tuple[S
 
 
 def iterations(body: System, held: Array, ends: Array, pairs: bool) -> str:
-    """Iterations with the clamped tangent and the exact line search, from the linear solution on, until the residual is 1e-8 of
-    it.
+    """Return the number of iterations with the clamped tangent and the exact line search.
+
+    The iteration starts from the linear solution and ends when the residual is 1e-8 of its first value.
     """
     free, (term,) = body.free_dofs(held), body.bound_terms
     assert isinstance(term, Quartic)
@@ -101,7 +106,7 @@ def iterations(body: System, held: Array, ends: Array, pairs: bool) -> str:
 
 
 def main(quick: bool = False) -> int:
-    """Newton's iterations of quadratic tetrahedra with either clamp of the tangent"""
+    """Count Newton's iterations of quadratic tetrahedra with either clamped tangent."""
     columns = "body", "pairs below 0 in tension", "eigenvalues at points", "tensions of pairs"
     printed = grid("Iterations with a clamped tangent and the exact line search", *columns, right=columns[1:])
     for name, body, held, ends in cases(quick):

@@ -1,8 +1,9 @@
-"""K edge by edge: each edge sums the blocks of its tetrahedra, so that nothing is added to twice and threads need no care.
+"""K edge by edge: each edge sums the blocks of its tetrahedra, so that threads write to separate blocks.
 
-A candidate for the package's kernels, kept for the comparison of `python -m validation kernels`. For each tetrahedron it needs
-first, of the vertices `a`, `y_a = sqrt(V mu) F g_a`, the tensions `S_ab` and `B = sum_a x_a y_a'`; then `K_ab = 2 r y_a y_b' + y_b
-y_a' + g_ab B + S_ab I`.
+`python -m validation kernels` compares this candidate with the package's kernels. For each tetrahedron it first computes, at the
+vertices `a`, `y_a = sqrt(V mu) F g_a`, then the tensions `S_ab` and `B = sum_a x_a y_a'`, and then
+
+    K_ab = 2 r y_a y_b' + y_b y_a' + g_ab B + S_ab I
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 class EdgeGather:
-    """Isotropic tetrahedra `t` (4, nt) between `p` (3, nv)."""
+    """Isotropic tetrahedra with vertices `t` (4, nt) and coordinates `p` (3, nv)."""
 
     def __init__(self, p: NDArray[np.float64], t: NDArray[np.int32], lam: float, mu: float) -> None:
         t = np.sort(t, axis=0)
@@ -37,7 +38,7 @@ class EdgeGather:
         self.blocks = np.empty((self.edges.shape[1], 3, 3))
 
     def tangent(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(ne, 3, 3) blocks of the edges at displacements `u` (nv, 3)."""
+        """Return the blocks of the edges at displacements `u` (nv, 3), (ne, 3, 3)."""
         _states(*self._rest, u, *self._state)
         _sums(self._begin, self._of, self._local, np.array(LOCAL_EDGES[3]), self._rest[1], self._rest[2], *self._state, self.blocks)
         return self.blocks
@@ -51,7 +52,7 @@ def _states(X: Any, g: Any, r: Any, t: Any, u: Any, ys: Any, Ss: Any, Bs: Any) -
             for i in range(3):
                 x[a, i] = X[e, a, i] + u[t[e, a], i]
         trace = 0.0
-        for a in range(4):  # M_ab = p_a . p_b - P_a . P_b with spokes from vertex 0
+        for a in range(4):  # M_ab = p_a . p_b - P_a . P_b with base vectors from vertex 0
             for b in range(4):
                 M[a, b] = 0.0
                 for i in range(3):

@@ -1,4 +1,4 @@
-"""What was tried for W and F, and for K: candidates in one run, on one thread."""
+"""Candidates for the kernels of W and F, and of K, in one run on one thread."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges.stiffness import GeneralStiffness
 from skfem_stvk.edges.topology import OwnOrder
 
-from .asked import costs, costs_of_laws
 from .bench.control import Control, compiler
 from .bench.costs import best_and_median
 from .bench.meshes import bracket
@@ -26,6 +25,7 @@ from .operations.algorithms import Algorithm, state
 from .operations.body import Body
 from .operations.meshes import box
 from .operations.timing import call
+from .solver_calls import costs, costs_of_laws
 
 LAM, MU = 1.5, 1.0
 LIMIT = 1e-11
@@ -43,7 +43,7 @@ LISTS = (
 
 
 def main(quick: bool = False) -> int:
-    """What was tried for the kernels: ns per tetrahedron and CSR products, on boxes and on a mesh of Gmsh."""
+    """Compare candidates for the kernels in ns per tetrahedron and in CSR products, on boxes and on a Gmsh mesh."""
     numba.set_num_threads(1)
     meshes = {"box": box(5)} if quick else {"box": box(19), "bracket": bracket(2.2e-3), "large box": box(35)}
     table = Table(box=None, header_style="bold")
@@ -56,8 +56,8 @@ def main(quick: bool = False) -> int:
     console = Console(highlight=False, width=132)
     console.print(table)
     console.print(
-        "x: of one CSR product with K. Candidates for K leave blocks, the package a CSR matrix. F of all but the C loop agrees to "
-        "1e-11."
+        "x: time of one CSR product with K. Candidates for K give blocks, the package a CSR matrix. F of all but the C loop agrees "
+        "to 1e-11."
     )
     console.print(costs(meshes, TERM, seconds))
     console.print(costs_of_laws(meshes, seconds))
@@ -65,23 +65,23 @@ def main(quick: bool = False) -> int:
 
 
 def measured(mesh: ElementMesh, seconds: float) -> dict[tuple[str, str], tuple[float, float]]:
-    """ns per tetrahedron and CSR products of each candidate."""
+    """Return ns per tetrahedron and CSR products of each candidate."""
     body = Body(mesh, LAM, MU)
     u = state(body)
     calls = dict(candidates(mesh, body, u))
-    truth = System(mesh, TERM).internal_force(u.ravel())
+    expected = System(mesh, TERM).internal_force(u.ravel())
     for (of, name), once in calls.items():
         result = once()
         if of == "F" and name != "C loop":
             force = np.asarray(result[-1] if isinstance(result, tuple) else result).ravel()
-            assert np.abs(force - truth).max() <= LIMIT * np.abs(truth).max(), name
+            assert np.abs(force - expected).max() <= LIMIT * np.abs(expected).max(), name
     best = {key: taken.best for key, taken in best_and_median(calls, seconds).items()}
     product = best.pop(("", "CSR product"))
     return {key: (1e9 * value / mesh.nt, value / product) for key, value in best.items()}
 
 
 def candidates(mesh: ElementMesh, body: Body, u: Any) -> Iterator[tuple[tuple[str, str], Callable[[], Any]]]:
-    """Calls by quantity and name; F of all but the C loop is checked."""
+    """Yield the calls by quantity and name. `measured` checks F of all but the C loop."""
     x = u.ravel()
     ours = System(mesh, TERM)
     K = ours.tangent(x)
@@ -109,7 +109,7 @@ def candidates(mesh: ElementMesh, body: Body, u: Any) -> Iterator[tuple[tuple[st
 
 
 def order_of_the_mesh(t: Any, edges: Any, ascending: bool) -> OwnOrder:
-    """No reordering: only the vertices of each simplex ascend."""
+    """Return the mesh's own order: only the vertices of each simplex are sorted."""
     local = np.argsort(t, axis=0)
     vertices = np.arange(t.max() + 1, dtype=np.int32)
     return OwnOrder(vertices, np.arange(t.shape[1], dtype=np.int32), np.take_along_axis(t, local, axis=0), local)

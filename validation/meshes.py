@@ -1,4 +1,4 @@
-"""What the studies ask of meshes: `python -m validation.meshes` writes those that come with the package and its scenes."""
+"""Mesh files and mesh data for the studies: `python -m validation.meshes` writes the meshes of the package and of its scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EMBEDDED = Path(skfem_stvk.mesh.__file__).with_name("data") / "bracket.msh"
 EMBEDDED_SIZE = 8e-3  # [m]
 FINE_SIZE = 2.5e-3  # [m]; 26 000 tetrahedra
 SCENES = Path(__file__).parents[1] / "docs" / "scenes"
-#: Gmsh's dimension and meshio's type of elements, by the number of their nodes.
+#: Gmsh's dimension and meshio's cell type, by the number of nodes of an element.
 CELLS = {1: (0, "vertex"), 2: (1, "line"), 3: (2, "triangle"), 4: (3, "tetra")}
 
 
@@ -41,7 +41,7 @@ def save(mesh: ElementMesh, file: Path) -> None:
 
 
 def bag() -> ElementMesh:
-    """Return the ball, its skin, the four ropes that hold it and their hooks, of `docs/examples/ex20_bag.py`."""
+    """Return the ball with its skin, four ropes and their hooks, of `docs/examples/ex20_bag.py`."""
     ball = ElementMesh.of(skfem.MeshTet.init_ball(3))
     towards = np.array([[-1, -1, 1, 1], [-1, 1, -1, 1], [1.4, 1.4, 1.4, 1.4]]) * 0.6
     hooks = ball.nv + np.arange(4, dtype=np.int32)
@@ -56,20 +56,20 @@ def bag() -> ElementMesh:
 
 
 def disc() -> ElementMesh:
-    """Return the flat disc of `docs/membranes.md`, in the plane: a scene has it in space."""
+    """Return the flat disc of `docs/membranes.md` in the plane; the scene maps it to space."""
     mesh = skfem.MeshTri.init_circle(3)
     rim = np.flatnonzero(np.hypot(*mesh.p) > 1 - 1e-9).astype(np.int32)
     return ElementMesh(mesh.p, mesh.t, {"sheet": np.arange(mesh.nelements, dtype=np.int32)}, node_sets={"rim": rim})
 
 
 def signed_volumes(mesh: ElementMesh) -> NDArray[np.float64]:
-    """(nt,) volumes [m^3], negative where an element is turned round."""
+    """Return the volumes [m^3], (nt,), which are negative for elements with negative orientation."""
     x = mesh.p.T[mesh.t.T]
     return np.asarray(np.linalg.det(x[:, 1:] - x[:, :1]) / 6)
 
 
 def dihedral_angles(mesh: ElementMesh) -> NDArray[np.float64]:
-    """(6, nt) angles between the faces of each tetrahedron [degrees]."""
+    """Return the angles between the faces of each tetrahedron [degrees], (6, nt)."""
     g = Geometry(mesh.p, mesh.t).gradients
     g = g / np.linalg.norm(g, axis=2, keepdims=True)
     pairs = [(a, b) for a in range(4) for b in range(a)]
@@ -77,11 +77,12 @@ def dihedral_angles(mesh: ElementMesh) -> NDArray[np.float64]:
 
 
 def describe(mesh: ElementMesh) -> str:
-    """Counts, groups and quality in words."""
+    """Return counts, groups and quality in words."""
     groups = [f"{name} {len(ids)} elements" for name, ids in mesh.subdomains.items()]
     groups += [f"{name} {facets.shape[1]} facets" for name, facets in mesh.boundaries.items()]
-    turned = (signed_volumes(mesh) < 0).mean()
-    return f"{mesh}; {', '.join(groups)}; {turned:.1%} turned round; dihedral angles from {dihedral_angles(mesh).min():.1f} degrees"
+    negative = (signed_volumes(mesh) < 0).mean()
+    quality = f"{negative:.1%} with negative orientation; dihedral angles from {dihedral_angles(mesh).min():.1f} degrees"
+    return f"{mesh}; {', '.join(groups)}; {quality}"
 
 
 if __name__ == "__main__":

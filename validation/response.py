@@ -1,4 +1,4 @@
-"""Precomputed response: how wrong answers are between the points of a table, how many there are in a second, what they cost."""
+"""Precomputed response: interpolation errors between the points of a table, evaluations per second, and costs."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skfem_stvk import PrecomputedResponse, StVK, System
 from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import box
 
-#: Displacements of the end of a bar of length 4 go so far along y and z, and answers are asked for so long.
+#: Largest displacement of the end of a bar of length 4 along y and z, and duration of the timing [s].
 REACH, SECONDS = 1.0, 2.0
-#: Cells across the bar and points of an axis of the table; the last one is of real size.
+#: Cells across the bar, and points per axis of the table; the last case has a realistic size.
 STUDIES = ((3, (3, 5, 9, 17)), (12, (5,)))
-#: Answers in a second that a hand feels as smooth.
+#: Evaluations per second that are enough for a smooth haptic response.
 ENOUGH = 1000
 
 
 def main(quick: bool = False) -> int:
-    """errors between points against the spacing, answers in a second, time and memory of tables: a bar that a hand bends"""
+    """Measure errors between points, evaluations per second, time and memory of tables of a bar bent by hand."""
     table = Table(box=None, header_style="bold")
     headings = (
         "tets",
@@ -46,8 +46,8 @@ def main(quick: bool = False) -> int:
     console = Console(highlight=False, width=132)
     console.print(table)
     console.print(
-        "Errors: the largest at midpoints of cells, of the largest in the table. Work lost: of the force round a cell at the "
-        "side of the table, of the largest work that the bar takes."
+        "Errors: the largest at midpoints of cells, relative to the largest value. Work lost: work of the force around a cell at "
+        "the side of the table, relative to the largest work on the bar."
     )
     return 0 if quick or slowest >= ENOUGH else 1
 
@@ -57,7 +57,7 @@ def _bar(cells: int) -> System:
 
 
 def _measured(body: System, n: int) -> tuple[list[str], float]:
-    """A row of the table, and answers in a second."""
+    """Return a row of the table, and the evaluations per second."""
     axis = np.linspace(-REACH, REACH, n)
     begin = time.perf_counter()
     answers = PrecomputedResponse(body, "right", ([0.0], axis, axis), checks=8, quiet=True)
@@ -69,17 +69,17 @@ def _measured(body: System, n: int) -> tuple[list[str], float]:
 
 
 def _rate(answers: PrecomputedResponse) -> float:
-    """Answers in a second, force and displacements of all nodes."""
-    places = REACH * np.random.default_rng(0).uniform(-1, 1, (997, 3)) * [0, 1, 1]
+    """Return the evaluations per second, of force and displacements of all nodes."""
+    points = REACH * np.random.default_rng(0).uniform(-1, 1, (997, 3)) * [0, 1, 1]
     begin, count = time.perf_counter(), 0
     while time.perf_counter() - begin < SECONDS:
-        answers(places[count % len(places)])
+        answers(points[count % len(points)])
         count += 1
     return count / (time.perf_counter() - begin)
 
 
 def _lost(answers: PrecomputedResponse) -> float:
-    """The work of the force round the last cell, as a part of the largest work that the body takes; zero for a true body."""
+    """Return the work of the force around the last cell, relative to the largest work; zero for a conservative force."""
     y, z = answers.axes[1:]
     low, high = z[len(z) // 2], z[len(z) // 2 + 1]
     corners = [(y[-2], low), (y[-1], low), (y[-1], high), (y[-2], high), (y[-2], low)]
@@ -88,7 +88,7 @@ def _lost(answers: PrecomputedResponse) -> float:
 
 
 def _work(answers: PrecomputedResponse, start: tuple[float, float], end: tuple[float, float]) -> float:
-    """Work of the force on a straight way within the plane, by Gauss points on pieces that lie in one cell each."""
+    """Return the work of the force along a straight line, by Gauss points on pieces that each lie in one cell."""
     a, way = np.array([0.0, *start]), np.array([0.0, *end]) - [0.0, *start]
     points, weights = np.polynomial.legendre.leggauss(6)
     pieces: Array = np.linspace(0, 1, 2 * len(answers.axes[1]) - 1)

@@ -1,4 +1,4 @@
-"""Motions and paths that are resumed from a checkpoint: their differences from uninterrupted ones, which must be 0."""
+"""Motions and paths that are resumed from a checkpoint: differences from uninterrupted runs, which must be 0."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEPS, STOPS = 16, (3, 9)
 
 
 class Resumed(NamedTuple):
-    """A resumed run, its solver, and the largest difference of displacements, as a part of the largest displacement."""
+    """Resumed run, its solver, and the largest difference of displacements relative to the largest displacement."""
 
     what: str
     solver: str
@@ -29,7 +29,7 @@ class Resumed(NamedTuple):
 
 
 def main() -> int:
-    """Each integrator and the load steps of statics with each solver, resumed: largest differences from uninterrupted runs."""
+    """Compare resumed runs of all integrators and of statics, with each solver, with uninterrupted runs."""
     table, ok = Table("resumed", "solver", "difference", box=None), True
     for row in rows():
         table.add_row(row.what, row.solver, f"{row.difference:.1e}" if row.difference else "0")
@@ -39,7 +39,7 @@ def main() -> int:
 
 
 def rows() -> Iterator[Resumed]:
-    """All integrators, then statics, with all solvers that they take."""
+    """Yield the results of all integrators, then of statics, with all their solvers."""
     solvers = [one.name for one in SOLVERS if one.name != "pardiso" or pardiso_is_installed()]
     for name, integrator in INTEGRATORS.items():
         for solver in ["none"] if integrator.explicit else solvers:
@@ -49,14 +49,14 @@ def rows() -> Iterator[Resumed]:
 
 
 def body(young: float = 2e4) -> System:
-    """A clamped bar whose multigrid has several levels, under its weight."""
+    """Return a clamped bar under its weight, large enough for several levels of multigrid."""
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 3, 14), np.linspace(0, 1.1, 5), np.linspace(0, 0.9, 5))
     law = StVK(young=young, poisson=0.3, density=1e3)
     return System(mesh, [law, Gravity((0, 0, -9.0))], fixed=[(lambda x: x[0] == 0, "xyz")])
 
 
 def motion(name: str, solver: str) -> float:
-    """The difference after motions that were resumed after 3 and after 9 of 16 steps."""
+    """Return the difference after motions that were resumed after 3 and after 9 of 16 steps."""
     kind, system = INTEGRATORS[name], body()
     integrator = kind(dt=2e-4) if kind.explicit else kind(dt=2e-2, solver=solver)  # type: ignore[call-arg]
     dt = 2e-4 if kind.explicit else 2e-2
@@ -71,7 +71,7 @@ def motion(name: str, solver: str) -> float:
 
 
 def path(solver: str) -> float:
-    """The difference after a path of which only the first three states were left."""
+    """Return the difference after a path that was resumed from its first three states."""
     with tempfile.TemporaryDirectory() as folder:
         whole = solve_static(body(2e6), steps=8, solver=solver, checkpoint=folder, quiet=True)
         for file in sorted(Path(folder).glob("state_*.npz"))[3:]:

@@ -1,4 +1,4 @@
-"""K with its rows written at once against all blocks first: ns per tetrahedron, over sizes, orders of vertices and threads."""
+"""K with streamed rows against K from stored blocks: ns per tetrahedron, over sizes, vertex orders and threads."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SECONDS = 4.0
 
 
 def main(quick: bool) -> int:
-    """Time K with its rows written at once, and with the blocks of all pairs first: boxes, shuffled, and renumbered again."""
+    """Time K with streamed rows, and with the blocks of all pairs first: boxes, shuffled, and renumbered."""
     console, term = Console(width=200), StVK(young=1e5, poisson=0.3)
     table = Table(box=None, header_style="bold")
     for column in ("tetrahedra", "vertices", "threads", "all blocks first", "rows at once", "gain", "slots"):
@@ -45,7 +45,10 @@ def main(quick: bool) -> int:
 
 
 def orders(mesh: ElementMesh) -> dict[str, ElementMesh]:
-    """The mesh with the vertices of a box row by row, in any order, and in reverse Cuthill-McKee order; elements in any order."""
+    """Return the mesh with three vertex orders: row by row, random, and reverse Cuthill-McKee.
+
+    In the last two, the order of the elements is random, too.
+    """
     rng = np.random.default_rng(0)
     shuffled = numbered(mesh, rng.permutation(mesh.nv), rng.permutation(mesh.nt))
     a, b = StVK(young=1.0, poisson=0.3).bind(shuffled).nodes_paired
@@ -55,14 +58,14 @@ def orders(mesh: ElementMesh) -> dict[str, ElementMesh]:
 
 
 def numbered(mesh: ElementMesh, number: NDArray[np.int64], elements: NDArray[np.int64]) -> ElementMesh:
-    """Linear simplices with these new numbers (nv,) of their vertices, in this order."""
+    """Return the mesh with new vertex numbers `number` (nv,), and with its elements in the order `elements`."""
     p = np.empty_like(mesh.p)
     p[:, number] = mesh.p
     return ElementMesh(p, number[mesh.t][:, elements].astype(np.int32))
 
 
 class Calls:
-    """Both ways to K on a mesh."""
+    """Both ways to compute K on a mesh."""
 
     def __init__(self, mesh: ElementMesh, term: StVK) -> None:
         self._nt, self._assembly = mesh.nt, term.bind(mesh)
@@ -71,7 +74,7 @@ class Calls:
         self._rows, self._data, self._blocks = self._assembly.rows(pattern), np.zeros(pattern.nnz), np.empty(0)
 
     def costs(self, seconds: float) -> tuple[str, str, str, str]:
-        """ns per tetrahedron of both, their ratio, and the size of the slots in which rows are in work."""
+        """Return ns per tetrahedron of both ways, their ratio, and the size of the buffers for rows in progress."""
         ways: dict[str, Callable[[], Any]] = {"before": self._all_blocks_first, "now": self._rows_at_once}
         for way in ways.values():
             way()

@@ -1,4 +1,4 @@
-"""Time and memory of the linear solvers from 5 000 to 500 000 unknowns, and what was tried for multigrid."""
+"""Time and memory of the linear solvers from 5 000 to 500 000 unknowns, and variants of multigrid."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from skfem_stvk.system import FreeOperator
 FULL = {"cube": (11, 16, 25, 36, 54), "beam 10:1": (5, 7, 11, 16, 25, 32)}
 QUICK = {"cube": (5, 7), "beam 10:1": (2, 3)}
 RTOL = 1e-8
-LIMIT = 30  # [s]; what would take longer by the square of the size is not started
+LIMIT = 30  # [s]; runs with a longer expected time are skipped
 
 
 def main(quick: bool = False) -> int:
-    """The linear solvers: time and memory by number of unknowns, on a cube and a slender beam; what was tried for multigrid."""
+    """Measure time and memory of the linear solvers on a cube and a slender beam, and variants of multigrid."""
     console = Console(highlight=False, width=132)
     ok = True
     for shape, sizes in (QUICK if quick else FULL).items():
@@ -47,7 +47,7 @@ def main(quick: bool = False) -> int:
 
 
 def measurements(shape: str, sizes: tuple[int, ...]) -> Iterator[dict[str, Any]]:
-    """Each solver at each size in a process of its own, so that memory is its own."""
+    """Yield the results of each solver at each size, each in its own process, so that peak memory is separate."""
     for solver in SOLVERS:
         if solver.name == "pardiso" and not pardiso_is_installed():
             continue
@@ -69,9 +69,9 @@ def measurements(shape: str, sizes: tuple[int, ...]) -> Iterator[dict[str, Any]]
 
 
 def measured(shape: str, size: int, name: str) -> dict[str, Any]:
-    """Seconds and bytes of the parts of a solve; the factorisation also when all that can be kept is kept."""
+    """Return seconds and bytes of the parts of a solve, including a second factorization with the retained data."""
     [solver] = [solver for solver in SOLVERS if solver.name == name]
-    times_of(solver, *problem(shape, 6, solver.matrix_free))  # kernels are compiled, libraries loaded
+    times_of(solver, *problem(shape, 6, solver.matrix_free))  # compiles kernels and loads libraries
     K, unknowns = problem(shape, size, solver.matrix_free)
     start = reset_peak()
     row = times_of(solver, K, unknowns)
@@ -79,7 +79,7 @@ def measured(shape: str, size: int, name: str) -> dict[str, Any]:
 
 
 def times_of(solver: LinearSolver, K: Any, unknowns: Unknowns) -> dict[str, Any]:
-    """Gravity across the body, solved with factors from the second factorisation."""
+    """Return times for gravity across the body, solved with factors from the second factorization."""
     b = np.where(unknowns.component == 2, -1.0, 0.0)
     clock = [perf_counter()]
     analysis = solver.analyse(unknowns)
@@ -102,24 +102,24 @@ def times_of(solver: LinearSolver, K: Any, unknowns: Unknowns) -> dict[str, Any]
 
 
 def box(shape: str, size: int) -> skfem.MeshTet:
-    """A cube, or a beam ten times as long, with cubic cells."""
+    """Return a cube, or a beam ten times as long, with cubic cells."""
     long = 1 if shape == "cube" else 10
     across = np.linspace(0, 1, size + 1)
     return skfem.MeshTet.init_tensor(np.linspace(0, long, long * size + 1), across, across)
 
 
 def unknowns_of(shape: str, size: int) -> int:
-    """Three for each vertex but those of the face that is held."""
+    """Return the number of unknowns: three for each vertex that is not on the clamped face."""
     return 3 * (size if shape == "cube" else 10 * size) * (size + 1) ** 2
 
 
 def problem(shape: str, size: int, matrix_free: bool = False) -> tuple[Any, Unknowns]:
-    """K at rest, as a matrix or as an operator, of a body held at x = 0, and its unknowns."""
+    """Return K at rest of a body clamped at x = 0, as a matrix or as an operator, and its unknowns."""
     return of_mesh(box(shape, size), matrix_free)
 
 
 def of_mesh(mesh: Any, matrix_free: bool = False, young: Any = 1e5, poisson: float = 0.3) -> tuple[Any, Unknowns]:
-    """The same of any mesh."""
+    """Return K at rest of a mesh clamped at x = 0, as a matrix or as an operator, and its unknowns."""
     body = System(mesh, StVK(young=young, poisson=poisson))
     wall = np.flatnonzero(body.mesh.p[0] == 0)
     held = body.free_dofs((3 * wall[:, None] + np.arange(3)).ravel())
@@ -132,17 +132,20 @@ def of_mesh(mesh: Any, matrix_free: bool = False, young: Any = 1e5, poisson: flo
 
 
 def rigid_motions(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3 nv, 6) translations, and rotations about the middle."""
+    """Return translations, and rotations about the middle, (3 nv, 6)."""
     x = (p - p.mean(axis=1, keepdims=True)).T / np.ptp(p)
-    turns = [np.cross(axis, x) for axis in np.eye(3)]
-    return np.stack([*(np.tile(axis, (len(x), 1)) for axis in np.eye(3)), *turns], axis=2).reshape(-1, 6)
+    rotations = [np.cross(axis, x) for axis in np.eye(3)]
+    return np.stack([*(np.tile(axis, (len(x), 1)) for axis in np.eye(3)), *rotations], axis=2).reshape(-1, 6)
 
 
 def reset_peak() -> int:
-    """Bytes in memory now; from here on the peak counts. Linux only: elsewhere the peak of the whole process."""
+    """Reset the peak of this process and return its memory [bytes].
+
+    On systems other than Linux, the peak is that of the whole process.
+    """
     gc.collect()
     try:
-        ctypes.CDLL(None).malloc_trim(0)  # what the assembly has freed
+        ctypes.CDLL(None).malloc_trim(0)  # releases memory that the assembly has freed
         Path("/proc/self/clear_refs").write_text("5")
     except (OSError, AttributeError):
         return 0
@@ -150,7 +153,7 @@ def reset_peak() -> int:
 
 
 def peak() -> int:
-    """Bytes in memory at most."""
+    """Return the peak memory [bytes]."""
     try:
         return _status("VmHWM")
     except OSError:
@@ -165,7 +168,7 @@ def _status(name: str) -> int:
 
 
 def table_of(shape: str, rows: list[dict[str, Any]]) -> Table:
-    """A line for each solver and size."""
+    """Return a table with one line per solver and size."""
     table = Table(title=f"{shape}, load across, to {RTOL:.0e}; seconds", title_justify="left", box=None, header_style="bold")
     for heading in ("solver", "unknowns", "analyse", "factorise", "again", "solve", "again + solve", "iterations", "memory"):
         table.add_column(heading, justify="left" if heading == "solver" else "right")
@@ -181,7 +184,7 @@ def table_of(shape: str, rows: list[dict[str, Any]]) -> Table:
 
 
 def chebyshev(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """Second degree in `D^-1 A`, on the upper three quarters of its spectrum, of the residual b."""
+    """Apply a Chebyshev polynomial of degree 2 in `D^-1 A` to the residual b, on the upper three quarters of the spectrum."""
     if not hasattr(self, "rho"):
         self.rho = self._spectral_radius()  # type: ignore[attr-defined]
     top, D = self.rho, self._inverse.reshape(-1, 3, 3)  # type: ignore[attr-defined]
@@ -196,18 +199,18 @@ def chebyshev(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
 
 
 def chebyshev_forward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """A Chebyshev polynomial in place of a forward sweep."""
+    """Smooth with a Chebyshev polynomial instead of a forward sweep."""
     self.x[:] = chebyshev(self, b)
     return np.asarray(b - self.A.product(self.single, self.x, self._left))
 
 
 def chebyshev_backward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """A Chebyshev polynomial in place of a backward sweep."""
+    """Smooth with a Chebyshev polynomial instead of a backward sweep."""
     self.x += chebyshev(self, b - self.A.product(self.single, self.x, self._left))
     return self.x
 
 
-#: What is patched for each variant of multigrid.
+#: Patches of each variant of multigrid.
 VARIANTS: dict[str, list[tuple[Any, str, Any]]] = {
     "as it is": [],
     "V-cycle": [(multigrid.Hierarchy, "_twice", multigrid.Hierarchy._cycle)],
@@ -219,7 +222,7 @@ VARIANTS: dict[str, list[tuple[Any, str, Any]]] = {
 
 
 def bodies(part: float) -> dict[str, Callable[[], tuple[Any, Unknowns]]]:
-    """Bodies of about 50 000 unknowns for `part` = 1, fewer for less, and their unknowns."""
+    """Return bodies with their unknowns, about 50 000 for `part` = 1 and fewer for smaller values."""
 
     def halves() -> tuple[Any, Unknowns]:
         mesh = box("cube", round(25 * part))
@@ -239,9 +242,12 @@ def bodies(part: float) -> dict[str, Callable[[], tuple[Any, Unknowns]]]:
 
 
 def variants(part: float) -> Table:
-    """Iterations, and time of a second factorisation and a solve, of each variant on each body."""
+    """Return a table of iterations, and times of a second factorization and of a solve, of each variant on each body."""
     table = Table(
-        title="amg-cg: iterations, seconds to factorise again and to solve", title_justify="left", box=None, header_style="bold"
+        title="amg-cg: iterations, seconds of a second factorization and of a solve",
+        title_justify="left",
+        box=None,
+        header_style="bold",
     )
     problems = {name: make() for name, make in bodies(part).items()}
     table.add_column("variant")
@@ -258,12 +264,15 @@ def variants(part: float) -> Table:
 
 
 def cell(row: dict[str, Any]) -> str:
-    """A cell of the table."""
+    """Return a cell of the table."""
     return f"{row['iterations']} {row['again']:6.2f} {row['solve']:6.2f}"
 
 
 def pyamg_times(K: Any, unknowns: Unknowns) -> dict[str, Any]:
-    """pyamg with the same near-null space, Gauss-Seidel and its own conjugate gradients; each time its whole setup."""
+    """Return iterations and times of pyamg with the same near-null space, Gauss-Seidel and its own conjugate gradients.
+
+    Each time includes the whole setup.
+    """
     begin = perf_counter()
     sweeps = {"presmoother": ("gauss_seidel", {"sweep": "forward"}), "postsmoother": ("gauss_seidel", {"sweep": "backward"})}
     assert unknowns.near_null_space is not None

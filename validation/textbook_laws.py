@@ -1,8 +1,10 @@
 """Ten hyperelastic laws of textbooks, as W(F), S(F) and C(F) = dS/dE.
 
-W is a function of the right Cauchy-Green tensor alone, S = 2 dW/dC in closed form, and C = 2 dS/dC by complex steps, exact to
-round-off. Sources: Bonet, Wood (2008), chapter 6; Holzapfel, "Nonlinear Solid Mechanics" (2000), chapter 6; Gent (1996);
-Yeoh (1993); Blatz, Ko (1962); Fung (1967); Holzapfel, Gasser, Ogden (2000); Ciarlet (1988), section 4.10; Simo, Pister (1984).
+W is a function of the right Cauchy-Green tensor alone. S = 2 dW/dC is in closed form. C = 2 dS/dC is computed by complex steps,
+which are exact to round-off.
+
+Sources: Bonet, Wood (2008), chapter 6. Holzapfel, "Nonlinear Solid Mechanics" (2000), chapter 6. Gent (1996). Yeoh (1993). Blatz,
+Ko (1962). Fung (1967). Holzapfel, Gasser, Ogden (2000). Ciarlet (1988), section 4.10. Simo, Pister (1984).
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ def invariants(C: Array) -> tuple[Any, Any, Any]:
 
 @dataclass(frozen=True)
 class Textbook:
-    """W of the invariants I1, I2, J and I4 = a . C a, and its derivatives by them, in closed form."""
+    """W as a function of the invariants I1, I2, J and I4 = a . C a, with its derivatives by them in closed form."""
 
     density: Callable[..., Any]
     slopes: Callable[..., tuple[Any, Any, Any, Any]]
@@ -48,7 +50,7 @@ class Textbook:
         return F @ self.S(F)
 
     def C(self, F: Array) -> Array:
-        """2 dS/dC, by complex steps along symmetric directions."""
+        """Return 2 dS/dC, by complex steps along symmetric directions."""
         right, h, result = (F.T @ F).astype(complex), 1e-30, np.zeros((3, 3, 3, 3))
         for k in range(3):
             for l in range(3):
@@ -115,7 +117,7 @@ ORDERS = {
 
 
 def voigt(C: Array, order: str, engineering: bool = True) -> Array:
-    """(6, 6) matrix that acts on engineering shear strain, or on shear components E_ij."""
+    """Return the (6, 6) matrix that acts on engineering shear strain, or on shear components E_ij."""
     pairs = ORDERS[order]
     M = np.array([[C[i, j, k, l] for k, l in pairs] for i, j in pairs])
     if not engineering:

@@ -1,4 +1,4 @@
-"""Wrong results where Python threads share an object that remembers the last call, or has arrays to work in: all must be right."""
+"""Wrong results if Python threads share an object with caches or scratch arrays; there must be none."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ TIMES = 0.25, 0.5, 0.75, 1.0
 
 
 class Case(NamedTuple):
-    """Calls that share one object, made anew by `make`. Threads are switched between the lines of the file `within`."""
+    """Calls that share one object, created by `make`. Threads are switched between the lines of the file `within`."""
 
     within: str
     make: Callable[[], list[Call]]
 
 
 class Count(NamedTuple):
-    """Calls, and how many of them returned something else than in one thread, or raised an error."""
+    """Number of calls, and number of calls that raised an error or returned a different result than in one thread."""
 
     wrong: int
     calls: int
 
 
 def main(quick: bool = False) -> int:
-    """Four Python threads share objects with a memory, and are switched between any two lines: wrong results, which must be 0."""
+    """Count wrong results of four Python threads that share objects and are switched between any two lines; expected 0."""
     table = Table("shared by four threads", "switched in", "calls", "wrong", box=None)
     total = 0
     for name, case in CASES.items():
@@ -68,7 +68,7 @@ def main(quick: bool = False) -> int:
 
 
 def measure(case: Case, seconds: float) -> Count:
-    """Make the calls in four threads for so long, and compare each with its result in one thread."""
+    """Make the calls in four threads for `seconds` [s], and compare each with its result in one thread."""
     expected = [arrays_of(call()) for call in case.make()]
     calls, barrier = case.make(), Barrier(THREADS)
     end = time.perf_counter() + seconds
@@ -93,7 +93,7 @@ def measure(case: Case, seconds: float) -> Count:
 
 
 def agrees(call: Call, expected: list[Array]) -> bool:
-    """Whether a call returns these arrays, to the last bit; an error is none of them."""
+    """Return whether a call returns these arrays, bit for bit; an error counts as a difference."""
     try:
         return all(map(np.array_equal, arrays_of(call()), expected))
     except Exception:
@@ -101,7 +101,7 @@ def agrees(call: Call, expected: list[Array]) -> bool:
 
 
 def arrays_of(value: Any) -> list[Array]:
-    """Copies of the arrays and numbers in a result."""
+    """Return copies of the arrays and numbers in a result."""
     if isinstance(value, tuple | list):
         return [array for one in value for array in arrays_of(one)]
     return [value.data.copy(), value.indices.copy()] if isinstance(value, csr_matrix) else [np.array(value)]
@@ -109,7 +109,7 @@ def arrays_of(value: Any) -> list[Array]:
 
 @contextmanager
 def switched_within(file: str, switches: Array) -> Iterator[None]:
-    """Let go of the GIL before some of the lines of a file of the package, in this thread."""
+    """Release the GIL before some of the lines of a file of the package, in this thread."""
     count = 0
 
     def lines(frame: FrameType, event: str, argument: Any) -> Any:
@@ -131,7 +131,7 @@ def switched_within(file: str, switches: Array) -> Iterator[None]:
 
 
 def states(n: int, size: float = 0.02) -> Array:
-    """(4, n) displacements or unknowns."""
+    """Return displacements or unknowns at the four `TIMES`, (4, n)."""
     return size * np.random.default_rng(0).standard_normal((len(TIMES), n))
 
 
@@ -144,7 +144,7 @@ def right(x: Array) -> Any:
 
 
 def body(*terms: Any, law: Any = None, **held: Any) -> System:
-    """A bar of 96 tetrahedra, clamped at one end."""
+    """Return a bar of 96 tetrahedra, clamped at one end."""
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 2, 5), np.linspace(0, 1.1, 3), np.array([0, 0.4, 0.9]))
     law = law or StVK(young=1e5, poisson=0.3, density=1e2)
     return System(mesh, [law, *terms], fixed=[(left, "xyz")], **held)
@@ -198,13 +198,13 @@ def products() -> list[Call]:
     return [partial(K.matvec, v[free.free]) for v in states(one.ndofs)]
 
 
-def turned(t: float) -> Array:
+def rotations(t: float) -> Array:
     c, s = np.cos(t), np.sin(t)
     return np.tile(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), (96, 1, 1))
 
 
 def frames() -> list[Call]:
-    one = body(law=Corotated(young=1e5, poisson=0.3, rotation=turned))
+    one = body(law=Corotated(young=1e5, poisson=0.3, rotation=rotations))
     pairs = list(zip(states(one.ndofs), TIMES, strict=True))
     return [partial(what, u, t) for what in (one.residual, one.jacobian) for u, t in pairs]
 

@@ -1,11 +1,10 @@
-"""Whether a change of the code's structure changed any number: F, K and whole runs of one version of the package against another's.
+"""Bitwise comparison of F, K and whole runs of two versions of the package, to check that a change of structure changed no number.
 
     python validation/unchanged.py --record before.json              in a checkout of the version before
     python validation/unchanged.py --against before.json             in the other one, on the same machine
 
-The first command writes a digest of the bytes of each result, with counts of iterations and the status; the second one compares.
-Both run the package of the current folder, through public names alone. What `same bytes` cannot be asked of, solvers that are not
-reproducible, is left out.
+The first command writes a digest of the bytes of each result, with counts of iterations and the status. The second one compares.
+Both run the package of the current folder through public names. Solvers that are not reproducible are left out.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ THREADS = (1, 2)
 
 
 def digest(*arrays: Any) -> str:
-    """A digest of the bytes of the arrays, in double or single precision, whichever they have."""
+    """Return a digest of the bytes of the arrays in their own precision."""
     found = hashlib.sha256()
     for array in arrays:
         found.update(np.ascontiguousarray(array).tobytes())
@@ -42,7 +41,7 @@ def digest(*arrays: Any) -> str:
 
 
 def bodies() -> dict[str, stvk.System]:
-    """Systems of all kinds of elements, materials, terms and loads."""
+    """Return systems of all kinds of elements, materials, terms and loads."""
     box = skfem.MeshTet.init_tensor(*(np.linspace(0, s, n) for s, n in ((2, 17), (1, 9), (0.9, 8))))
     box = box.with_boundaries({"left": lambda x: x[0] == 0, "right": lambda x: x[0] == 2, "top": lambda x: x[2] == 0.9})
     p = box.p + 0.012 * np.random.default_rng(0).normal(size=box.p.shape) * (box.p > 0) * (box.p < [[2], [1], [0.9]])
@@ -117,7 +116,7 @@ def bodies() -> dict[str, stvk.System]:
 
 
 def arrays(system: stvk.System) -> Iterator[tuple[str, str]]:
-    """Digests of what a system computes in a state that is not small, at 60 % of its loads."""
+    """Yield digests of the quantities of a system in a state with large displacements, at 60 % of its loads."""
     rng = np.random.default_rng(1)
     h = 0.2 * np.abs(np.diff(system.mesh.p[:, system.mesh.t[:2]], axis=1)).mean()
     u = 0.05 * h * rng.normal(size=system.ndofs) + 0.1 * system.mesh.p.ravel("F")
@@ -145,7 +144,7 @@ def arrays(system: stvk.System) -> Iterator[tuple[str, str]]:
 
 
 def static(name: str, **options: Any) -> Callable[[dict[str, stvk.System], Path], list[Any]]:
-    """A static solve: the digest of its states, iterations, status."""
+    """Return a function that runs a static solve and returns the digest of its states, iterations and status."""
 
     def run(all_bodies: dict[str, stvk.System], folder: Path) -> list[Any]:
         result = stvk.solve_static(all_bodies[name], quiet=True, raise_on_failure=False, **options)
@@ -156,7 +155,7 @@ def static(name: str, **options: Any) -> Callable[[dict[str, stvk.System], Path]
 
 
 def resumed_static(all_bodies: dict[str, stvk.System], folder: Path) -> list[Any]:
-    """A path that is stopped and resumed."""
+    """Run a path that is stopped and resumed."""
     options: dict[str, Any] = {"method": "arc-length", "solver": "superlu", "quiet": True, "checkpoint": folder / "static"}
     stvk.solve_static(all_bodies["plate"], 8, stop=stvk.Stop(load=0.4), **options)
     result = stvk.solve_static(all_bodies["plate"], 8, stop=stvk.Stop(load=1.0), resume=True, **options)
@@ -164,7 +163,7 @@ def resumed_static(all_bodies: dict[str, stvk.System], folder: Path) -> list[Any
 
 
 def motion(name: str, integrator: Any, until: float, **options: Any) -> Callable[[dict[str, stvk.System], Path], list[Any]]:
-    """A motion: the digest of its last state and its ledger, iterations, status."""
+    """Return a function that runs a motion and returns digests of its last state and ledger, iterations and status."""
 
     def run(all_bodies: dict[str, stvk.System], folder: Path) -> list[Any]:
         run = stvk.simulate(all_bodies[name], integrator, until=until, quiet=True, raise_on_failure=False, **options)
@@ -175,19 +174,19 @@ def motion(name: str, integrator: Any, until: float, **options: Any) -> Callable
 
 
 def resumed_motion(name: str, integrator: Any, middle: float, until: float) -> Callable[[dict[str, stvk.System], Path], list[Any]]:
-    """A motion that is stopped and resumed."""
+    """Return a function that runs a motion that is stopped and resumed."""
 
     def run(all_bodies: dict[str, stvk.System], folder: Path) -> list[Any]:
-        place = folder / f"{integrator.name}-{name}"
-        stvk.simulate(all_bodies[name], integrator, until=middle, quiet=True, checkpoint=place)
-        run = stvk.simulate(all_bodies[name], until=until, quiet=True, checkpoint=place, resume=True)
+        checkpoint = folder / f"{integrator.name}-{name}"
+        stvk.simulate(all_bodies[name], integrator, until=middle, quiet=True, checkpoint=checkpoint)
+        run = stvk.simulate(all_bodies[name], until=until, quiet=True, checkpoint=checkpoint, resume=True)
         return [digest(run.u, run.v), run.iterations, run.ledger.steps, run.status.value]
 
     return run
 
 
 def runs() -> dict[str, Callable[[dict[str, stvk.System], Path], list[Any]]]:
-    """Whole runs by name."""
+    """Return whole runs by name."""
     return {
         "statics, superlu": static("plate", steps=5, solver="superlu"),
         "statics, tets, superlu": static("box", steps=3, solver="superlu"),
@@ -231,7 +230,7 @@ def runs() -> dict[str, Callable[[dict[str, stvk.System], Path], list[Any]]]:
 
 
 def everything() -> dict[str, Any]:
-    """All digests by threads and name."""
+    """Return all digests by number of threads and name."""
     found: dict[str, Any] = {}
     for threads in THREADS:
         numba.set_num_threads(threads)
@@ -267,7 +266,7 @@ def main() -> int:
     other = [name for name in before | found if before.get(name) != found.get(name)]
     for name in other:
         print(f"{name}\n  before {before.get(name)}\n  now    {found.get(name)}")
-    print(f"{len(found)} results, {len(found) - len(other)} the same to the last bit")
+    print(f"{len(found)} results, {len(found) - len(other)} bitwise identical")
     return bool(other)
 
 

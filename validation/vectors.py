@@ -1,4 +1,4 @@
-"""The published test vectors: `python -m validation.vectors` makes them anew in `skfem_stvk/referee/data`."""
+"""Published test vectors: `python -m validation.vectors` writes them to `skfem_stvk/referee/data`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parent.parent / "skfem_stvk" / "referee" / "data"
 
 
 def made(name: str) -> Vectors:
-    """One of the published sets: no two edges alike, both orientations, lambda != mu."""
+    """Return a published set: all edges differ, both orientations occur, and lambda differs from mu."""
     mesh, laws = {"tetrahedron": _tetrahedron, "block": _block, "membrane": _membrane, "curved": _curved, "hexahedra": _hexahedra}[
         name
     ]()
@@ -28,11 +28,11 @@ def _tetrahedron() -> tuple[ElementMesh, list[StVK]]:
 
 
 def _block() -> tuple[ElementMesh, list[StVK]]:
-    """Two cubes of five tetrahedra each, every other one of negative orientation, of two materials."""
+    """Return two cubes of five tetrahedra each, of two materials; every second element has negative orientation."""
     x = np.array([[i, j, k] for i in range(3) for j in range(2) for k in range(2)], dtype=float).T
     x += 0.1 * np.random.default_rng(1).uniform(-1, 1, x.shape)
     five = np.array([[0, 1, 2, 4], [3, 1, 7, 2], [5, 1, 4, 7], [6, 2, 7, 4], [1, 2, 4, 7]]).T
-    mirrored = np.array([4, 5, 6, 7, 0, 1, 2, 3])[five] + 4  # the neighbour's diagonals meet those of the first
+    mirrored = np.array([4, 5, 6, 7, 0, 1, 2, 3])[five] + 4  # diagonals of the neighbour coincide with those of the first
     t = np.concatenate([five, mirrored], axis=1)
     t[:2, ::2] = t[1::-1, ::2]
     halves = [np.arange(5), np.arange(5, 10)]
@@ -63,7 +63,7 @@ def _hexahedra() -> tuple[ElementMesh, list[StVK]]:
 
 
 def main() -> None:
-    """Write all of them."""
+    """Write all published sets."""
     FOLDER.mkdir(exist_ok=True)
     for name in PUBLISHED:
         write_npz(FOLDER / f"{name}.npz", made(name).arrays)

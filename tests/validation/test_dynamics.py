@@ -1,4 +1,4 @@
-"""The studies of motion, in their quick versions; what they hold integrators against; and that they see what is wrong."""
+"""The quick studies of motion hold, their references are right, and they detect planted faults."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ from validation.dynamics.oscillation import Oscillation
 from validation.dynamics.scenes import block, cantilever
 from validation.statics.study import Study
 
-# what they are made of
+# building blocks of the studies
 
 
 def test_an_oscillation_is_described_by_its_periods():
@@ -57,7 +57,7 @@ def test_generalized_alpha_is_predicted_with_its_spectral_radius(rho):
     )
 
 
-def test_predictions_have_the_order_that_is_declared():
+def test_predictions_have_the_declared_order():
     for integrator in (
         VelocityVerlet(dt=1.0),
         BackwardEuler(dt=1.0),
@@ -72,7 +72,7 @@ def test_predictions_have_the_order_that_is_declared():
 def test_the_exact_tangent_is_the_derivative_of_the_force():
     system = block(2)
     u0, u1, v = 0.02 * np.random.default_rng(0).standard_normal((3, system.ndofs))
-    K = tangents.Exact(system, symmetric=False).tangent(u0, u1)
+    K = tangents.EnergyMomentumSteps(system, symmetric=False).tangent(u0, u1)
 
     def force(u):
         f = np.zeros(system.ndofs)
@@ -82,7 +82,7 @@ def test_the_exact_tangent_is_the_derivative_of_the_force():
     by_differences = (force(u1 + 1e-4 * v) - force(u1 - 1e-4 * v)) / 2e-4
     np.testing.assert_allclose(K @ v, by_differences, atol=1e-7 * np.abs(by_differences).max())
     assert abs(K - K.T).max() > 1e-2 * abs(K).max()
-    symmetric = tangents.Exact(system, symmetric=True).tangent(u0, u1)
+    symmetric = tangents.EnergyMomentumSteps(system, symmetric=True).tangent(u0, u1)
     assert abs(symmetric - symmetric.T).max() < 1e-12 * abs(symmetric).max() and abs(symmetric - K).max() > 1e-2 * abs(K).max()
 
 
@@ -90,7 +90,7 @@ def test_both_tangents_lead_to_the_step_of_the_package():
     system, dt = cantilever(1), 0.02
     run = simulate(system, EnergyMomentum(dt=dt, rtol=1e-12), until=3 * dt, quiet=True)
     for symmetric in (False, True):
-        exact, u, v = tangents.Exact(system, symmetric), np.zeros(system.ndofs), np.zeros(system.ndofs)
+        exact, u, v = tangents.EnergyMomentumSteps(system, symmetric), np.zeros(system.ndofs), np.zeros(system.ndofs)
         for _ in range(3):
             u, v = exact.step(u, v, dt)
         np.testing.assert_allclose(u, run.u, atol=1e-8 * np.abs(u).max())
@@ -106,7 +106,7 @@ def test_blocks_have_their_centre_of_mass_at_the_origin_and_vibrate_without_mome
     np.testing.assert_allclose(mass @ through / mass.sum(), (3.0, 1.5, -1.0))
 
 
-def test_errors_at_a_cost_and_costs_of_an_error_are_read_on_lines():
+def test_errors_at_a_cost_and_costs_of_an_error_are_interpolated():
     points = [csm3.Point(dt, dt**2, 1 / dt) for dt in (0.1, 0.05, 0.025)]
     assert csm3.at_cost(points, 20.0) == pytest.approx(0.05**2)
     several = [work_precision.Point(ForwardEuler(dt=dt), dt**2, 1 / dt) for dt in (0.1, 0.01)]
@@ -131,17 +131,17 @@ def test_the_studies_hold(name, tmp_path, capsys):
     assert all(picture.stat().st_size > 10_000 for picture in pictures)
 
 
-# what is wrong is seen
+# planted faults are detected
 
 
-def test_a_wrong_density_is_seen_in_csm3(monkeypatch):
+def test_a_wrong_density_is_detected_in_csm3(monkeypatch):
     monkeypatch.setattr(csm3, "DENSITY", 1150.0)
     monkeypatch.setattr(csm3, "QUICK_MESHES", ((35, 2), (70, 4)))
     study = csm3._meshes(quick=True)
     assert not study.passed and any("extrapolated to" in failure for failure in study.failures)
 
 
-def test_an_order_that_is_not_declared_is_seen(monkeypatch):
+def test_an_order_below_the_declared_one_is_detected(monkeypatch):
     monkeypatch.setattr(csm3, "INTEGRATORS", (EnergyMomentum, BackwardEuler))
     monkeypatch.setattr(csm3, "declared", lambda kind: 2)
     monkeypatch.setattr(csm3, "RISES", {csm3.SMOOTH: 1.0})
@@ -149,14 +149,14 @@ def test_an_order_that_is_not_declared_is_seen(monkeypatch):
     assert len(failures) == 1 and "BackwardEuler: order 1.0" in failures[0]
 
 
-def test_energy_that_is_not_kept_is_seen(monkeypatch):
+def test_energy_that_is_not_conserved_is_detected(monkeypatch):
     monkeypatch.setattr(Newmark, "conserves", EnergyMomentum.conserves)
     found = flight.fly(block(1), Newmark(dt=1e-3, rtol=1e-12), 0.02)
     assert any("energy drifts" in failure for failure in flight._failures(found, flight.KEPT))
     assert ENERGY in Newmark.conserves
 
 
-def test_a_load_that_strains_is_seen_in_free_fall(monkeypatch):
+def test_a_load_that_strains_is_detected_in_free_fall(monkeypatch):
     monkeypatch.setattr(flight, "FALLS", flight.FALLS[3:5])
     assert flight._falls(0.01).passed
     uneven = BodyForce(lambda x, t: np.outer([0, 0, -9810], 1 + 1e-4 * x[0]))
@@ -164,13 +164,13 @@ def test_a_load_that_strains_is_seen_in_free_fall(monkeypatch):
     assert len(flight._falls(0.01).failures) == 2
 
 
-def test_loose_solves_are_seen_in_the_long_flight(monkeypatch):
+def test_loose_solves_are_detected_in_the_long_flight(monkeypatch):
     monkeypatch.setattr(flight, "ROUND_OFF", 1e-6)
     seen = {failure.split(": ")[0] for failure in flight._long(50, 2).failures}
     assert seen == {row[0] for row in flight._long(2, 1).rows} and len(seen) == 3
 
 
-def test_another_mass_is_seen(monkeypatch):
+def test_another_mass_is_detected(monkeypatch):
     monkeypatch.setattr(independent, "CASES", independent.CASES[2:3])
     monkeypatch.setattr(independent, "STEPS", 100)
     right = independent.reference
@@ -180,13 +180,13 @@ def test_another_mass_is_seen(monkeypatch):
     assert not independent.independent()[0].passed
 
 
-def test_another_frequency_is_seen(monkeypatch):
+def test_another_frequency_is_detected(monkeypatch):
     monkeypatch.setattr(vibrations, "predicted", lambda integrator, omega: vibrations.Wave(omega * integrator.dt, 1.0))
     (study,) = vibrations.vibrations(quick=True)
     assert len(study.failures) == len(study.rows)
 
 
-def test_another_limit_is_seen():
+def test_another_limit_is_detected():
     case = next(limit._cases())
     true = critical_step(case.system)
     observed = limit.observed_limit(case, VelocityVerlet, true.step)
@@ -196,14 +196,14 @@ def test_another_limit_is_seen():
     assert np.isnan(limit.observed_limit(case, VelocityVerlet, 2 * true.step))
 
 
-def test_a_tangent_that_breaks_is_seen(monkeypatch):
+def test_a_tangent_that_fails_is_detected(monkeypatch):
     monkeypatch.setattr(large_steps, "ROBUST", ("rest", "diagonal"))
     failures = large_steps.large_steps(quick=True)[0].failures
     assert any(failure.startswith("rest, 1000") for failure in failures)
     assert any(failure.startswith("diagonal, 1 times") and "error" in failure for failure in failures)
 
 
-def test_a_solver_that_leads_elsewhere_is_seen():
+def test_a_solver_that_gives_another_motion_is_detected():
     system = cantilever(1)
     loose, tight = (
         step_solvers.stepped(system, BackwardEuler(dt=0.02, rtol=rtol), np.zeros(system.ndofs), 2) for rtol in (1e-1, 1e-10)
@@ -213,25 +213,25 @@ def test_a_solver_that_leads_elsewhere_is_seen():
     assert len(failures) == 2 and "motions with one and other differ" in failures[0] and "iterations with one" in failures[1]
 
 
-def test_more_iterations_with_ssor_are_seen(monkeypatch):
+def test_more_iterations_with_ssor_are_detected(monkeypatch):
     monkeypatch.setattr(step_solvers, "PART", 0.1)
     study = step_solvers._of_eq9(quick=True)
     assert not study.passed and "iterations with SSOR" in study.failures[0]
 
 
-def test_the_command_says_what_does_not_hold(monkeypatch, capsys):
+def test_the_command_names_claims_that_do_not_hold(monkeypatch, capsys):
     broken = Study("a study", "1 = 2", ("number",), (("1",),), ("1 is not 2",))
     monkeypatch.setattr(studies, "limit", lambda quick, folder: [broken])
     assert studies.run(["limit"], quick=True, out=None) == 1
     assert "DOES NOT HOLD: a study" in capsys.readouterr().out
 
 
-# what is timed
+# timing
 
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(dt=step_cost.DT), ForwardEuler(dt=step_cost.DT)], ids=lambda one: one.name)
-def test_as_many_steps_as_forces_are_timed_in_turn(integrator, monkeypatch):
-    """By a clock that counts forces: a step has one, and nothing else of it takes time."""
+def test_equal_numbers_of_steps_and_forces_are_timed_alternately(integrator, monkeypatch):
+    """With a clock that counts forces, a step takes one unit, because it evaluates one force."""
     forces, evaluate = [], System.energy_and_force
     monkeypatch.setattr(System, "energy_and_force", lambda self, u, out=None: forces.append(1) or evaluate(self, u, out))
     monkeypatch.setattr(step_cost, "clock", lambda: float(len(forces)))
@@ -242,7 +242,7 @@ def test_as_many_steps_as_forces_are_timed_in_turn(integrator, monkeypatch):
 
 
 def test_the_first_step_is_not_timed(monkeypatch):
-    """By a clock that counts steps."""
+    """With a clock that counts steps, the first step takes no time."""
     steps, body = [], cantilever(1)
     step = ImplicitStepper.step
     monkeypatch.setattr(ImplicitStepper, "step", lambda self, state, t: steps.append(t) or step(self, state, t))

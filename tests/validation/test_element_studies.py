@@ -1,4 +1,4 @@
-"""The studies of elements, in their quick versions; and that they see what is wrong."""
+"""The quick studies of elements hold, and they detect planted faults."""
 
 import warnings
 from dataclasses import replace
@@ -46,14 +46,14 @@ def test_elements_have_their_orders_on_squares_and_rings():
     assert len(found.rows) == 8
 
 
-def test_a_wrong_traction_is_seen(monkeypatch):
+def test_a_wrong_traction_is_detected(monkeypatch):
     right = orders.nominal_stress
     monkeypatch.setattr(orders, "nominal_stress", lambda x, t: 1.1 * right(x, t))
     monkeypatch.setattr(orders, "ALL", [series for series in orders.ALL if series.name == "quadratic triangles, square"])
     assert not orders.orders(quick=True)[0].passed
 
 
-def test_turek_and_hron_is_met_on_coarse_meshes():
+def test_turek_and_hrons_reference_is_reproduced_on_coarse_meshes():
     at_rest, in_motion = flag.flag_of_quadratic_triangles(quick=True)
     assert at_rest.passed and in_motion.passed, (at_rest.failures, in_motion.failures)
 
@@ -65,7 +65,7 @@ def test_the_clamp_of_the_flag_is_curved():
 
 
 @pytest.mark.slow
-def test_work_and_precision_is_drawn(tmp_path):
+def test_work_and_precision_is_plotted(tmp_path):
     pytest.importorskip("pypardiso")
     (found,) = work_precision.work_precision(quick=True, folder=tmp_path)
     assert found.passed, found.failures
@@ -74,7 +74,7 @@ def test_work_and_precision_is_drawn(tmp_path):
 
 
 @pytest.mark.parametrize("trial", trials.TRIALS[1:], ids=lambda trial: trial.name)
-def test_both_programs_find_the_same_at_prescribed_ends(trial):
+def test_both_programs_agree_at_prescribed_ends(trial):
     mine = programs.ours(trial, P2, 1)
     others = programs.theirs(trial, "P2", 1, mine.factors)
     np.testing.assert_allclose(mine.result, others.result, rtol=1e-6)
@@ -87,7 +87,7 @@ def test_a_block_of_linear_elements_or_boxes_locks_and_one_of_one_point_boxes_do
     assert min(linear, boxes) / truth > 1.5 and abs(one_point / truth - 1) < 0.1
 
 
-def test_another_answer_is_no_speed():
+def test_a_fast_program_with_another_result_is_detected():
     def reached(w):
         solved = programs.Solved(10, np.array([0.0, 0.0, w]), 5, 1.0, np.array([1.0]))
         return [work_precision.Reached(2, solved, 0.1)]
@@ -104,29 +104,29 @@ def test_costs_and_solvers_are_measured():
 
 
 @pytest.mark.slow
-def test_hard_cases_with_quadratic_elements_are_not_wrong_without_a_word():
+def test_hard_cases_with_quadratic_elements_are_not_wrong_without_a_warning():
     at_rest, in_motion = hard.hard_cases(quick=True)
     assert at_rest.passed and in_motion.passed, (at_rest.failures, in_motion.failures)
     assert any(row[3].startswith("right") for row in at_rest.rows) and any(row[3].startswith("right") for row in in_motion.rows)
 
 
-def test_the_judge_sees_quadratic_elements_that_fold_over():
+def test_the_judge_finds_quadratic_elements_that_fold_over():
     case = next(case for case in study.cases(("crushed",), quick=True) if "20 %" in case.name)
     system = hard.quadratic(case).body().system(volume=False)
     u = np.zeros((system.mesh.nv, 3))
     assert volume_ratios(system, u.ravel()).min() == pytest.approx(1.0)
-    u[-1] = 0.4, -0.2, 0.1  # the middle of one edge, far from where it was: corners do not know
+    u[-1] = 0.4, -0.2, 0.1  # a node in the middle of an edge, which the corners do not move
     assert volume_ratios(system, u.ravel()).min() < 0
 
 
-def test_what_has_no_right_state_with_linear_elements_may_have_one_with_quadratic_ones():
+def test_cases_without_a_right_state_of_linear_elements_may_have_one_of_quadratic_elements():
     case = next(case for case in study.cases(("deformed",), quick=True) if case.name.startswith("twist a bar of 5"))
     assert case.truth.error is None and hard.quadratic(case).truth.error is not None
     closed = replace(case, truth=Truth("none: closed form", None))
     assert hard.quadratic(closed).truth.error is None
 
 
-def test_the_command_prints_what_is_asked_for(capsys, monkeypatch):
+def test_the_command_prints_the_requested_studies(capsys, monkeypatch):
     monkeypatch.setattr(orders, "ALL", orders.ALL[-6:-4])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)

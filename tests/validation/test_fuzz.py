@@ -1,4 +1,4 @@
-"""A few random cases of every family, and planted faults that they must find."""
+"""A few random cases of every family are right, and planted faults are found."""
 
 from collections import Counter
 from dataclasses import replace
@@ -20,14 +20,14 @@ def test_random_cases_are_right_or_refused_with_a_clear_error(family, tmp_path):
 
 
 def found(drawn, check, size=60):
-    """What is told of the smallest case that is wrong."""
+    """Return the description of the smallest wrong case."""
     return study.chunk(drawn, check, 5, size, Counter())
 
 
-def test_a_result_that_depends_on_what_was_asked_before_is_found(monkeypatch):
+def test_a_result_that_depends_on_earlier_calls_is_found(monkeypatch):
     def remembering(system, u):
-        system.__dict__.setdefault("asked", []).append(1)
-        return energy(system, u) * len(system.asked)
+        system.__dict__.setdefault("calls", []).append(1)
+        return energy(system, u) * len(system.calls)
 
     energy = System.energy
     monkeypatch.setattr(System, "energy", remembering)
@@ -39,14 +39,14 @@ def test_a_force_that_is_not_the_derivative_is_found(monkeypatch):
     internal_force = System.internal_force
     monkeypatch.setattr(System, "internal_force", lambda system, u: 1.001 * internal_force(system, u))
     story = found(bodies.recipes(), bodies.check_body)
-    assert "is not the derivative of" in story and "size=1" in story  # the smallest body that shows it
+    assert "is not the derivative of" in story and "size=1" in story  # the smallest body with this fault
 
 
 @pytest.mark.parametrize(
     ("of_state", "of_tangent", "said"),
     [(1.001, 1.0, "not in equilibrium"), (1.0, -1.0, "unstable: the lowest eigenvalue of K is -")],
 )
-def test_a_solve_that_is_called_a_success_and_is_none_is_found(monkeypatch, of_state, of_tangent, said):
+def test_a_wrong_solve_reported_as_success_is_found(monkeypatch, of_state, of_tangent, said):
     def wrong(system, *arguments, **options):
         result, jacobian = solve_static(system, *arguments, **options), system.jacobian
         system.jacobian = lambda *at: of_tangent * jacobian(*at)
@@ -74,10 +74,10 @@ def test_a_motion_that_loses_a_thousandth_of_its_velocity_is_found(monkeypatch, 
     assert said in story and "is lost" in story
 
 
-def test_a_motion_that_is_turned_about_its_centre_of_mass_is_found(monkeypatch):
-    """Linear momentum stays as it is."""
+def test_a_motion_with_a_spurious_spin_is_found(monkeypatch):
+    """The planted spin about the centre of mass leaves linear momentum unchanged."""
 
-    def turned(self, state, *arguments):
+    def spun(self, state, *arguments):
         original(self, state, *arguments)
         mass, mesh = self.motion.mass.vertex, self.motion.system.mesh
         x, v = mesh.p.T + state.u.reshape(-1, mesh.d), state.v.reshape(-1, mesh.d)
@@ -86,13 +86,13 @@ def test_a_motion_that_is_turned_about_its_centre_of_mass_is_found(monkeypatch):
         v[:, :2] += spin * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
 
     original = VelocityVerletStepper.step
-    monkeypatch.setattr(VelocityVerletStepper, "step", turned)
+    monkeypatch.setattr(VelocityVerletStepper, "step", spun)
     free = {"held": "nothing", "loads": (), "d": 3}
     drawn = solves.motions().map(lambda one: replace(one, recipe=replace(one.recipe, **free), integrator=VelocityVerlet))
     assert "angular momentum of" in found(drawn, solves.check_motion)
 
 
-def test_an_error_from_the_depths_and_one_that_says_nothing_are_found(monkeypatch, tmp_path):
+def test_foreign_errors_and_errors_without_an_explanation_are_found(monkeypatch, tmp_path):
     drawn, check = study.families(tmp_path)["mesh files"]
 
     def deep(path):
@@ -105,21 +105,21 @@ def test_an_error_from_the_depths_and_one_that_says_nothing_are_found(monkeypatc
         raise StvkError("no")
 
     monkeypatch.setattr(files, "read_mesh", silent)
-    assert "an error that says nothing" in found(drawn, check)
+    assert "expected an explanation" in found(drawn, check)
 
 
-def test_what_never_ends_is_found(monkeypatch):
+def test_an_endless_case_is_found(monkeypatch):
     def endless():
         while True:
             pass
 
     monkeypatch.setattr(study, "LONGEST", 1)
-    with pytest.raises(study.Hang, match="no answer within 1 s"):
+    with pytest.raises(study.Hang, match="no result within 1 s"):
         study.limited(endless)
 
 
 def test_meshes_are_of_all_kinds():
-    """Single elements, up to about a thousand, and boxes, both orientations, slivers, linear and quadratic, in all dimensions."""
+    """Meshes have one to about a thousand elements, boxes, both orientations, slivers, both degrees, and all dimensions."""
     made = []
 
     def check(recipe):

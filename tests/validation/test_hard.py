@@ -1,4 +1,4 @@
-"""The table of hard cases: nobody of ours is wrong without a word, and the judge sees what is wrong whatever a method says."""
+"""On hard cases the package is never wrong without a warning, and the judge finds wrong states whatever the method reports."""
 
 import csv
 from dataclasses import replace
@@ -19,7 +19,7 @@ from validation.hard.judge import Verdict
 from validation.hard.tiny_steps import NoPathError
 from validation.meshes import dihedral_angles, signed_volumes
 
-#: Cases of the quick table that take a second and more with all of our methods.
+#: Cases of the quick table that take a second or more with all methods of the package.
 TAKES_ITS_TIME = (
     "compress a held block by",
     "twist a bar of 10",
@@ -29,7 +29,7 @@ TAKES_ITS_TIME = (
     "shear a mesh graded",
 )
 QUICK = study.cases(hard.NAMES, quick=True)
-#: Those that take long come in too, but for slender bodies by one solver after the other.
+#: Slow cases, except for slender bodies, which only differ in the solver.
 LONG = [case for case in study.cases([name for name in hard.NAMES if name != "slender"], quick=False) if not case.quick]
 
 
@@ -39,7 +39,7 @@ LONG = [case for case in study.cases([name for name in hard.NAMES if name != "sl
     ids=lambda case: case.name,
 )
 def test_the_default_is_right_or_says_why_not(case):
-    """By our methods only: of the others nothing is claimed."""
+    """Only the methods of the package run; nothing is claimed about the others."""
     ours = tuple(name for name in case.methods or methods.METHODS if name in methods.OURS)
     row = study.row_of(replace(case, methods=ours))
     assert ours and [run.method for run in row.runs] == list(ours) and not list(study.failures(row))
@@ -64,14 +64,14 @@ def a_case(beginning):
 
 
 @pytest.mark.parametrize("name", ["compress a held block by 20 % in one step", "press with 1e9"])
-def test_a_default_that_does_not_look_at_inversion_is_seen(monkeypatch, name):
-    """As if the project did not ask for more than the residual, either."""
+def test_a_default_that_ignores_inversion_is_detected(monkeypatch, name):
+    """A default that checks only the residual, like plain Newton, fails the claims."""
     monkeypatch.setitem(methods.METHODS, "default", methods.METHODS["plain Newton"])
     failures = list(study.failures(study.row_of(a_case(name))))
     assert any("default: reported as success" in failure and "inside out" in failure for failure in failures)
 
 
-def test_the_judge_does_not_ask_the_project_what_is_inside_out(monkeypatch):
+def test_the_judge_finds_inverted_elements_without_the_package(monkeypatch):
     monkeypatch.setattr(System, "inside_out", lambda self, u: np.empty(0, dtype=np.int64))
     monkeypatch.setattr(System, "smallest_volume_ratio", lambda self, u: 1.0)
     system = crushed.block(0.2, 0.3, n=2).system(volume=False)
@@ -79,8 +79,11 @@ def test_the_judge_does_not_ask_the_project_what_is_inside_out(monkeypatch):
     assert any("inside out" in fault for fault in judge.faults_of(system, mirrored, 1e-6))
 
 
-def test_invertible_bodies_are_solved_and_judged_as_such():
-    """From a flat start only they are right; a bar that is twisted too far for StVK has a right state of their own alone."""
+def test_invertible_bodies_have_right_outcomes_of_their_own():
+    """From a flat start, only invertible bodies give the right state.
+
+    For a bar twisted too far for StVK, only they have a right state.
+    """
     runs = {run.method: run.verdict for run in study.row_of(a_case("start from a flattened body")).runs}
     assert runs["default"] is Verdict.SAID_SO and runs["default, invertible"] is Verdict.RIGHT
     case = a_case("twist a bar of 5 x 1 x 1 by 360°")
@@ -101,8 +104,8 @@ def test_flat_elements_are_no_success():
     assert any("flat" in fault for fault in judge.faults_of(system, flat, 1e-6))
 
 
-def test_a_silent_default_is_seen(monkeypatch):
-    """One that ends early without the words that are asked for."""
+def test_a_default_without_an_explanation_is_detected(monkeypatch):
+    """A default that ends early without the required words fails the claims."""
 
     def silent(case):
         return methods.Answer(np.zeros(3 * case.body().mesh.nv), False, 0, 0, "stopped", "Sorry.")
@@ -112,7 +115,7 @@ def test_a_silent_default_is_seen(monkeypatch):
     assert any("not said" in failure for failure in study.failures(study.row_of(loose)))
 
 
-def test_another_stable_state_than_the_right_one_is_wrong():
+def test_a_stable_state_other_than_the_right_one_is_wrong():
     body = scales.scales()[0].body()
     system = body.system(volume=False)
     right = truths.state("the body at rest", lambda system: np.ones(system.ndofs))
@@ -121,8 +124,8 @@ def test_another_stable_state_than_the_right_one_is_wrong():
     assert len(run.u) == system.ndofs
 
 
-def test_a_good_state_where_there_is_no_right_one_is_wrong():
-    nothing = truths.none("nothing could carry this")
+def test_a_reported_success_is_wrong_if_there_is_no_right_state():
+    nothing = truths.none("no state carries this load")
     run = methods.run(Case("bent", scales.scales()[0].body, 4, nothing, nothing), "default")
     assert run.verdict is Verdict.WRONG and run.judgement.why == "there is no right state"
 
@@ -139,7 +142,7 @@ def test_negative_eigenvalues_are_counted(monkeypatch, dense, shift):
 
 
 def test_real_eigenvalues_of_a_matrix_that_is_not_symmetric_are_counted():
-    """Two complex ones with a negative real part do not count: they are no divergence."""
+    """Two complex eigenvalues with a negative real part do not count, because they do not indicate divergence."""
     D = np.diag([-1.0, 2.0, 3.0, 0.0, 0.0])
     D[3:, 3:] = [[-0.1, 1.0], [-1.0, -0.1]]
     Q = np.random.default_rng(3).standard_normal((5, 5))
@@ -148,7 +151,7 @@ def test_real_eigenvalues_of_a_matrix_that_is_not_symmetric_are_counted():
 
 
 @pytest.mark.parametrize("name", ["press a column whose head is held", "press an arch"])
-def test_a_default_that_takes_what_it_did_not_look_at_for_stable_is_seen(monkeypatch, name):
+def test_a_default_that_assumes_stability_is_detected(monkeypatch, name):
     monkeypatch.setattr(solve, "judged", lambda problem, u, t: stability.Verdict(True, None))
     failures = list(study.failures(study.row_of(a_case(name))))
     assert any("default: reported as success, but unstable, 1 eigenvalues" in failure for failure in failures)
@@ -161,15 +164,15 @@ def test_a_mechanism_is_not_stable():
     assert any("unstable" in fault for fault in judge.faults_of(system, u, 1e-6))
 
 
-def test_displacements_that_are_not_in_balance_are_wrong():
+def test_displacements_out_of_equilibrium_are_wrong():
     system = crushed.block(0.05, 0.3, n=2).system(volume=False)
     u = np.zeros(system.ndofs)
     u[system.supports.held] = system.supports.values(1.0)
-    assert any("not in balance" in fault for fault in judge.faults_of(system, u, 1e-6))
+    assert any("not in equilibrium" in fault for fault in judge.faults_of(system, u, 1e-6))
 
 
-def test_the_held_block_has_the_energy_that_is_known():
-    """1726.8 and J >= 0.78; the mirrored one of plain Newton has less."""
+def test_the_clamped_block_has_the_known_energy():
+    """The energy is 1726.8 with J >= 0.78; the mirrored state of plain Newton has less."""
     make = a_case("compress a held block by 20 % in one step").body
     u = truths.followed(make, False, 10)
     system = make().system(volume=False)
@@ -189,7 +192,7 @@ def test_branches_end_where_the_table_says(make, steps, end):
     assert float(str(caught.value).split("= ")[1].rstrip(".")) == pytest.approx(end, rel=0.003)
 
 
-def test_bad_meshes_are_as_bad_as_they_say():
+def test_bad_meshes_have_the_stated_flaws():
     slivers = meshes.with_slivers(meshes.bar(3.0, 4), 1.0)
     angles = dihedral_angles(slivers)
     assert angles.min() == pytest.approx(1.0, rel=1e-9)

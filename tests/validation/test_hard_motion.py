@@ -1,4 +1,4 @@
-"""Hard cases in motion: nobody of ours is wrong without a word, and the judge sees what is wrong whatever a method says."""
+"""On hard cases in motion the package is never wrong without a warning, and the judge finds wrong states in any case."""
 
 import csv
 from dataclasses import replace
@@ -15,13 +15,13 @@ from validation.hard.judge import Verdict, volume_ratios
 from validation.hard.motion import endings, judge, memory, methods, study, verlet
 from validation.hard.motion.impacts import UNTIL, _crushed, _dropped, _shaken
 from validation.hard.motion.released import _let_go
-from validation.hard.motion.stiff import SPIN, THROWN, _between, _spun, _turned
+from validation.hard.motion.stiff import SPIN, THROWN, _between, _rotated, _spun
 from validation.hard.tiny_steps import by_scikit_fem
 
 QUICK = study.scenes(quick=True)
 QUADRATIC = [scene for scene in study.scenes(quick=False) if "quadratic" in scene.name]
 DROPPED, STRETCHED = (scene.body.args[0] for scene in QUADRATIC[:2])
-#: Of these, what takes the most steps.
+#: Scenes with the most steps.
 LONG = (
     "crack a whip",
     "kick a core of 1e9 Pa between ends of 1e2 Pa, in steps of 1/30 s",
@@ -38,7 +38,7 @@ SAYS_INSIDE_OUT, SAYS_ENERGY = (
     [*(slow(scene) if scene.name in LONG else scene for scene in QUICK), *map(slow, QUADRATIC)],
     ids=lambda scene: scene.name,
 )
-def test_no_integrator_is_wrong_without_a_word_and_the_plain_one_is(scene, tmp_path):
+def test_no_integrator_is_wrong_without_a_warning_and_the_plain_one_is(scene, tmp_path):
     row = study.row_of(scene)
     assert not list(study.failures(row))
     assert [run.method for run in row.runs] == list(methods.METHODS)
@@ -53,22 +53,22 @@ def a_scene(beginning):
 
 
 @pytest.mark.parametrize("beginning", ["drop a block from 1 m", "stretch a bar"])
-def test_an_integrator_that_does_not_look_at_inversion_is_seen(monkeypatch, beginning):
+def test_an_integrator_that_ignores_inversion_is_detected(monkeypatch, beginning):
     monkeypatch.setitem(methods.METHODS, "eq. 9", methods.METHODS["plain eq. 9"])
     scene = replace(a_scene(beginning), methods=("eq. 9",))
     assert [failure for failure in study.failures(study.row_of(scene)) if "eq. 9: reported as success" in failure]
 
 
-def test_an_integrator_that_loses_energy_in_silence_is_seen(monkeypatch):
+def test_an_integrator_that_loses_energy_without_a_warning_is_detected(monkeypatch):
     monkeypatch.setattr("skfem_stvk.dynamics.loop.WORTH_SAYING", np.inf)
     scene = a_scene("crack a whip")
     assert methods.run(scene, "backward Euler").verdict is Verdict.WRONG
 
 
-def test_one_that_is_not_right_where_it_has_to_be_is_seen(monkeypatch):
+def test_a_required_method_that_is_not_right_is_detected(monkeypatch):
     monkeypatch.setitem(methods.METHODS, "energy-momentum", methods.METHODS["backward Euler"])
     scene = replace(a_scene("crush a block by 25 %"), methods=("energy-momentum",))
-    assert [failure for failure in study.failures(study.row_of(scene)) if "there is a right motion" in failure]
+    assert [failure for failure in study.failures(study.row_of(scene)) if "a right motion exists" in failure]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_the_motion_itself_is_right(landing):
     ],
     ids=["elsewhere", "too fast", "not finite"],
 )
-def test_another_state_is_wrong_unless_the_method_says_so(landing, change, why, admission):
+def test_another_state_is_wrong_unless_the_method_reports_it(landing, change, why, admission):
     system, motion, ending = landing
     u, v = change(motion.u, motion.v)
     found = judge.judged(system, u, v, True, "reached t = 0.5 s", ending)
@@ -103,7 +103,7 @@ def test_another_state_is_wrong_unless_the_method_says_so(landing, change, why, 
         assert judge.judged(system, u, v, True, SAYS_ENERGY + SAYS_INSIDE_OUT, ending).verdict is Verdict.WRONG
 
 
-def test_elements_inside_out_in_the_end_are_admitted_by_no_words(landing):
+def test_inverted_elements_at_the_end_are_wrong_whatever_the_message(landing):
     system, motion, ending = landing
     mirrored = (-2 * system.mesh.p * [[1], [0], [0]]).ravel("F")
     assert judge.judged(system, mirrored, motion.v, True, SAYS_ENERGY, ending).verdict is Verdict.WRONG
@@ -111,7 +111,7 @@ def test_elements_inside_out_in_the_end_are_admitted_by_no_words(landing):
     assert judge.judged(system, mirrored, motion.v, False, "", ending).verdict is Verdict.SAID_SO
 
 
-def test_a_block_that_is_shaken_inside_out_is_no_success_of_any_method():
+def test_no_method_reports_success_for_a_block_inverted_by_shaking():
     scene = a_scene("shake")
     row = study.row_of(scene)
     assert not list(study.failures(row))
@@ -120,7 +120,7 @@ def test_a_block_that_is_shaken_inside_out_is_no_success_of_any_method():
     assert ends["forward Euler, dt=None"] == ends["eq. 9"] == "reached the end, but with elements inside out"
 
 
-def test_a_run_that_calls_what_is_inside_out_a_success_is_seen(monkeypatch):
+def test_a_reported_success_with_inverted_elements_is_detected(monkeypatch):
     monkeypatch.setattr(
         "skfem_stvk.nonlinear.outcome.Status.success", property(lambda self: self in (Status.FINISHED, Status.ENDED_INVERTED))
     )
@@ -128,13 +128,13 @@ def test_a_run_that_calls_what_is_inside_out_a_success_is_seen(monkeypatch):
     assert [failure for failure in study.failures(study.row_of(scene)) if "reported as success, but 1" in failure]
 
 
-def test_a_good_state_where_there_is_no_right_motion_is_wrong(landing):
+def test_a_reported_success_is_wrong_if_there_is_no_right_motion(landing):
     system, motion, _ = landing
     assert judge.judged(system, motion.u, motion.v, True, "", endings.none(0.1)).why == "no right motion"
 
 
 @pytest.mark.parametrize(
-    ("make", "turned"),
+    ("make", "inverted"),
     [
         (partial(_dropped, 2.0), 0.16),
         (partial(_dropped, 4.43), 0.06),
@@ -145,30 +145,30 @@ def test_a_good_state_where_there_is_no_right_motion_is_wrong(landing):
     ],
     ids=["dropped from 0.2 m", "dropped from 1 m", "crushed", "shaken", "stretched", "pressed flat"],
 )
-def test_elements_turn_inside_out_when_the_table_says(make, turned):
-    assert verlet.followed(make, False, 0.3, 600).turned == pytest.approx(turned, abs=0.006)
+def test_elements_invert_at_the_times_in_the_table(make, inverted):
+    assert verlet.followed(make, False, 0.3, 600).inverted == pytest.approx(inverted, abs=0.006)
 
 
-def test_quadratic_elements_turn_inside_out_when_the_table_says():
-    assert verlet.followed(STRETCHED, False, 0.3, 2400, 2).turned == pytest.approx(0.24, abs=0.006)
-    assert verlet.followed(DROPPED, False, UNTIL, 2000, 2).turned == np.inf
+def test_quadratic_elements_invert_at_the_times_in_the_table():
+    assert verlet.followed(STRETCHED, False, 0.3, 2400, 2).inverted == pytest.approx(0.24, abs=0.006)
+    assert verlet.followed(DROPPED, False, UNTIL, 2000, 2).inverted == np.inf
 
 
 @pytest.mark.parametrize(("make", "volume"), [(DROPPED, False), (DROPPED, True), (STRETCHED, True)])
 def test_tiny_steps_of_quadratic_elements_are_small_enough(make, volume):
-    """Half of the steps change far less than the limit of the judge."""
+    """With half of the steps, the change is far below the limit of the judge."""
     motion, half = (verlet.followed(make, volume, UNTIL, steps, 2) for steps in (2000, 1000))
     assert 0 < np.sqrt(((motion.u - half.u) ** 2).mean()) < 0.1 * endings.LIMIT * motion.size
 
 
-def test_forces_of_quadratic_elements_that_are_followed_are_those_of_scikit_fem():
+def test_reference_forces_of_quadratic_elements_equal_those_of_scikit_fem():
     body, motion = made(DROPPED, 2), verlet.followed(DROPPED, False, UNTIL, 2000, 2)
     right = by_scikit_fem(body)[0](motion.u)
     np.testing.assert_allclose(verlet.elasticity(body, False).force(motion.u), right, atol=1e-11 * np.abs(right).max())
 
 
-def test_the_reference_follows_the_package_with_all_that_acts():
-    """Weight, moving supports, initial velocities: the same scheme in the same steps, by forces that share nothing."""
+def test_the_reference_agrees_with_the_package_for_weight_supports_and_velocities():
+    """With weight, moving supports and initial velocities, the same scheme in the same steps agrees; the forces are independent."""
     for make in (partial(_dropped, 2.0), partial(_crushed, 0.25)):
         body = make()
         run = simulate(body.system(volume=False), VelocityVerlet(dt=1e-3), until=0.05, v0=body.v0, quiet=True)
@@ -178,11 +178,11 @@ def test_the_reference_follows_the_package_with_all_that_acts():
 
 
 def test_tiny_steps_are_small_enough():
-    """Twice as many change far less than what methods are judged by."""
+    """With half of the steps, the change is far below the limit of the judge."""
     for scene in QUICK:
         if (
             not scene.with_volume.source.endswith("own forces") or scene.name == "crack a whip"
-        ):  # half as many are above the critical step
+        ):  # half as many steps are above the critical step
             continue
         steps = int(scene.with_volume.source.split()[0])
         motion = verlet.followed(scene.body, True, scene.until, steps)
@@ -192,36 +192,36 @@ def test_tiny_steps_are_small_enough():
 
 
 def test_a_core_of_1e5_pa_is_as_rigid_as_one_of_1e4_pa():
-    """So the scene may be followed with it, in place of 1e9 Pa."""
+    """A core of 1e5 Pa may therefore replace one of 1e9 Pa in the reference."""
     bodies = [verlet.followed(partial(_between, young), True, 1.0, 1000) for young in (1e5, 1e4)]
     assert np.abs(bodies[0].u - bodies[1].u).max() < 0.05 * np.abs(bodies[0].u).max()
 
 
-def test_the_thrown_block_turns_over():
-    """A rigid motion, which leads to where it is much unlike a steady turn about one axis."""
+def test_the_thrown_block_flips():
+    """The motion is rigid, and its end differs much from a steady rotation about one axis."""
     system = _spun().system(volume=False)
-    u = _turned(system)
+    u = _rotated(system)
     assert volume_ratios(system, u) == pytest.approx(1, abs=1e-9)
-    along = np.argmax(system.mesh.p[1])  # the vertex that the axis of the spin goes by
+    along = np.argmax(system.mesh.p[1])  # vertex near the axis of the spin
     assert SPIN[1] > 10 * SPIN[0] and SPIN[1] * THROWN > np.pi
     assert (system.mesh.p[1] + u[1::3])[along] < 0
 
 
 @pytest.mark.parametrize("which", [slow(0), 1, 2], ids=["explicit", "energy-momentum", "eq. 9"])
-def test_nothing_grows_but_the_ledger(which):
+def test_only_the_ledger_grows(which):
     integrator, few, _ = memory.LONG[which]
     growth = memory.grown(integrator, few)
     assert growth.holds, growth
 
 
-def test_what_grows_is_seen():
-    """An integrator that keeps 100 bytes a step."""
-    kept = []
+def test_growing_memory_is_detected():
+    """An integrator that retains 100 bytes per step fails the claim."""
+    retained = []
 
-    class Keeping(memory.Watched):
+    class Leaking(memory.Watched):
         def step(self, state, t):
-            kept.append(bytes(100))
+            retained.append(bytes(100))
             super().step(state, t)
 
-    growth = memory.grown(ForwardEuler(dt=memory.DT), 5_000, Keeping)
+    growth = memory.grown(ForwardEuler(dt=memory.DT), 5_000, Leaking)
     assert growth.other > 4_000 * 100 and not growth.holds

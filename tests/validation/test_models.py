@@ -1,4 +1,4 @@
-"""The comparison of models: its quick form holds, and what it claims can fail."""
+"""The quick comparison of models holds, and its claims can fail."""
 
 from types import SimpleNamespace
 
@@ -23,8 +23,8 @@ def test_every_model_is_compared_at_rest(trial):
     assert same["van-gelder springs"] > 10 and same["StVK + volume"] < 10
 
 
-def test_the_neo_hookean_truth_of_scikit_fem_is_this_packages():
-    """On the same quadratic tetrahedra: two codes, one solution."""
+def test_the_neo_hookean_reference_by_scikit_fem_agrees_with_this_package():
+    """Both codes agree on the same quadratic tetrahedra."""
     truth = bars.true_neo_hookean("bent", 1)
     system = bars.System(bars.bar(1), [*NEO_HOOKEAN.terms(bars.bar(1)), *bars.BENT.loads], {"wall": "xyz"}, degree=2)
     found = bars.solved(bars.BENT, system)
@@ -38,7 +38,7 @@ def test_every_model_is_compared_in_motion(motion):
     assert {row[0] for row in study.rows} == {model.name for model in MODELS}
 
 
-def test_a_path_that_ended_early_is_infinitely_far_off():
+def test_a_path_that_ended_early_has_an_infinite_error():
     path = motions.released(TRUE, quick=True)
     lost = path._replace(tip=np.where(np.arange(motions.MOMENTS)[:, None] > 50, np.nan, path.tip))
     assert motions.off(path, path) == 0 and motions.off(lost, path) == np.inf
@@ -61,7 +61,7 @@ def test_invertible_elements_come_back_from_every_start_and_stvk_does_not():
     assert not any("back" in one for one in found["StVK"][:4]) and set(found["neo-Hookean"]) == {"refused"}
 
 
-def test_no_random_start_ends_at_a_saddle_point_and_one_that_would_is_seen(monkeypatch):
+def test_no_random_start_ends_at_a_saddle_point_and_such_an_end_is_detected(monkeypatch):
     study = from_random_starts(quick=True)
     assert study.passed, study.failures
     assert len(study.rows) == 6 and all(sum(map(int, row[1:])) == recoveries.QUICK_SEEDS for row in study.rows)
@@ -69,7 +69,7 @@ def test_no_random_start_ends_at_a_saddle_point_and_one_that_would_is_seen(monke
     assert len(from_random_starts(quick=True).failures) == 6
 
 
-def test_the_end_of_a_solve_is_told_by_forces_and_eigenvalues():
+def test_the_outcome_of_a_solve_is_determined_by_forces_and_eigenvalues():
     system = System(recoveries.box(1), StVK(young=1e3, poisson=0.3), {"wall": "xyz"})
     x, free = system.mesh.p.T, system.mesh.p[0] > 0
     mirrored = np.where(free[:, None], -2 * x * [1, 0, 0], 0.0)
@@ -79,6 +79,6 @@ def test_the_end_of_a_solve_is_told_by_forces_and_eigenvalues():
         (mirrored, recoveries.INVERTED),
     ):
         assert recoveries._end(system, SimpleNamespace(u=u.ravel())) == end
-    flat = np.where(free[:, None], -x * [1, 0, 0], 0.0)  # by symmetry no forces along x, the others are zero in uniaxial strain
+    flat = np.where(free[:, None], -x * [1, 0, 0], 0.0)  # forces along x vanish by symmetry, the others in uniaxial strain
     bar = System(recoveries.box(1), StVK(young=1e3, poisson=0.0), {"wall": "xyz"})
     assert recoveries._end(bar, SimpleNamespace(u=flat.ravel())) == recoveries.SADDLE

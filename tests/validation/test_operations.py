@@ -24,7 +24,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def truth():
-    """F (nv, 3) and K, dense, of the package, in a state that is far from rest."""
+    """Return F (nv, 3) and the dense K of the package in a state with large strains."""
     system, u = System(MESH, StVK(Isotropic.from_lame(*LAME))), state(MESH, amount=0.5)
     return u.reshape(-1, 3), system.internal_force(u).reshape(-1, 3), system.tangent(u).toarray()
 
@@ -49,11 +49,11 @@ def test_the_counted_run_gives_the_right_result(chosen, truth):
 
 @EVERY
 def test_operations_are_a_sum_over_vertices_edges_faces_and_tetrahedra(chosen, truth, found):
-    body = Body(MESH, *LAME)  # none of the pieces that the sum was found on
+    body = Body(MESH, *LAME)  # not one of the meshes from which the sum was determined
     assert count(chosen, body, truth[0])[0].operations == found[chosen.quantity, chosen.name] @ body.entities
 
 
-def test_operations_are_counted_one_by_one():
+def test_each_operation_is_counted():
     tally = Tally()
     x = counted([3.0, 4.0], tally)
     assert plain(np.array([-x[0] + 2.0 * x[1] - 1.0 + 0]))[0] == 4.0  # a change of sign is free
@@ -65,7 +65,7 @@ def test_operations_are_counted_one_by_one():
     assert counted(np.arange(3), tally).dtype.kind == "i"
 
 
-def test_the_force_by_edges_is_19_operations_an_edge_and_4_a_tsep(found):
+def test_the_force_by_edges_takes_19_operations_per_edge_and_4_per_tsep(found):
     for mesh in meshes(quick=True).values():
         body = Body(mesh, LAM, MU)
         edges = body.edges.shape[1]
@@ -73,7 +73,7 @@ def test_the_force_by_edges_is_19_operations_an_edge_and_4_a_tsep(found):
         assert found["F", "edges, from displacements"] @ body.entities == 24 * edges + 4 * body.pairs
 
 
-def test_tseps_are_three_a_face_and_three_a_tetrahedron():
+def test_there_are_three_tseps_per_face_and_three_per_tetrahedron():
     for mesh in meshes(quick=True).values():
         body = Body(mesh, LAM, MU)
         rest = algorithm("F", "edges").prepare(body)
@@ -105,14 +105,14 @@ def test_deep_inside_a_mesh_the_ratios_approach_their_limits(found):
     assert limits == [0.28, 0.18, 0.48, 0.29, 0.26, 0.09, 0.22, 5.8]
 
 
-def test_on_one_tetrahedron_the_edge_form_saves_nothing_of_the_tangent(found):
+def test_on_one_tetrahedron_the_edge_form_needs_more_operations_for_the_tangent(found):
     alone = np.array([4, 6, 4, 1])
     assert found["K", "edges"] @ alone > found["K", "Total Lagrangian"] @ alone
 
 
 @pytest.mark.slow
 def test_the_quick_study_prints_its_tables(capsys):
-    """The package's own kernels too, which check what they compute while they count."""
+    """The tables include the package's own kernels, which check their results while they count."""
     assert operations.main(quick=True) == 0
     out = capsys.readouterr().out
     assert "Picinbono" in out and "bracket" in out and "the same numbers" in out

@@ -1,4 +1,4 @@
-"""The studies of static solves, in their quick versions; and that they see what is wrong."""
+"""The quick studies of static solves hold, and they detect planted faults."""
 
 import sys
 
@@ -66,7 +66,7 @@ def test_the_elastica_is_the_published_one(case):
     np.testing.assert_allclose(elastica.elastica_tip(case.kind, case.load), case.table, atol=6e-6)
 
 
-def test_a_short_elastica_is_eulers_beam():
+def test_the_elastica_under_a_small_load_is_eulers_beam():
     np.testing.assert_allclose(elastica.elastica_tip("tip", 1e-3)[0], 1e-3 / 3, rtol=1e-5)
     np.testing.assert_allclose(elastica.elastica_tip("uniform", 1e-3)[0], 1e-3 / 8, rtol=1e-5)
 
@@ -79,29 +79,29 @@ def test_the_flag_is_clamped_at_the_arc():
     assert np.ptp(mesh.p[0, -5:]) < 1e-15 and mesh.p[0].max() == pytest.approx(0.6)
 
 
-def test_extrapolation_takes_two_orders_out_of_three_meshes():
+def test_extrapolation_from_three_meshes_eliminates_two_orders():
     assert extrapolated([1 + 2 * h**2 + 3 * h**4 for h in (1, 0.5, 0.25)]) == pytest.approx(1.0, abs=1e-14)
 
 
-def test_homogeneous_states_come_out():
+def test_homogeneous_states_agree_with_closed_forms():
     study = homogeneous.homogeneous(quick=True)
     assert study.passed, study.failures
     assert len(study.rows) == 5 + 3 * 4 + 2
 
 
-def test_a_wrong_modulus_is_seen(monkeypatch):
+def test_a_wrong_modulus_is_detected(monkeypatch):
     monkeypatch.setattr(kinds.Kind, "term", lambda self: StVK(young=kinds.YOUNG, poisson=kinds.POISSON + 1e-8, **self.options))
     kind = kinds.KINDS["triangles, plane strain"]
     errors = homogeneous.by_tractions(kind, STATES["uniaxial strain"][0], 3)
     assert max(errors) > homogeneous.LIMIT
 
 
-def test_turek_and_hron_is_met():
+def test_turek_and_hrons_reference_is_reproduced():
     study = turek_hron.turek_hron(quick=True)
     assert study.passed, study.failures
 
 
-def test_a_straight_clamp_is_seen(monkeypatch):
+def test_a_straight_clamp_is_detected(monkeypatch):
     monkeypatch.setattr(turek_hron, "flag", lambda a, b: (0.25 + a * 0.35, 0.19 + 0.02 * b))
     monkeypatch.setattr(turek_hron, "CASES", turek_hron.CASES[:1])
     study = turek_hron.turek_hron(quick=True)
@@ -113,7 +113,7 @@ def test_the_manufactured_solution_converges():
     assert study.passed, study.failures
 
 
-def test_a_wrong_body_force_is_seen(monkeypatch):
+def test_a_wrong_body_force_is_detected(monkeypatch):
     right = manufactured.body_force
     monkeypatch.setattr(manufactured, "body_force", lambda x, t: 1.3 * right(x, t))
     monkeypatch.setattr(manufactured, "CELLS", (4, 6, 8))
@@ -135,7 +135,7 @@ def test_all_programs_find_the_same_cantilever():
 
 
 @pytest.mark.slow
-def test_work_and_precision_is_drawn(tmp_path):
+def test_work_and_precision_is_plotted(tmp_path):
     pytest.importorskip("pypardiso")
     study = work_precision.work_precision(quick=True, folder=tmp_path)
     assert study.passed, study.failures
@@ -143,7 +143,7 @@ def test_work_and_precision_is_drawn(tmp_path):
 
 
 @pytest.mark.slow
-def test_speed_is_compared_on_the_same_answer():
+def test_programs_compared_in_speed_give_the_same_result():
     pytest.importorskip("pypardiso")
     pytest.importorskip("felupe")
     study = speed.speed(quick=True)
@@ -151,7 +151,7 @@ def test_speed_is_compared_on_the_same_answer():
     assert {row[0] for row in study.rows} == {"edges P1", "scikit-fem P1", "FElupe P1"}
 
 
-def test_the_command_says_what_does_not_hold(monkeypatch, capsys):
+def test_the_command_names_claims_that_do_not_hold(monkeypatch, capsys):
     broken = Study("a study", "1 = 2", ("number",), (("1",),), ("1 is not 2",))
     monkeypatch.setattr("validation.statics.studies.elastica", lambda quick: broken)
     assert run(["elastica"], quick=True, out=None) == 1
@@ -162,7 +162,7 @@ def test_a_study_without_rows_does_not_pass():
     assert not Study("a study", "nothing", ("number",), ()).passed
 
 
-def test_the_command_prints_the_studies_that_are_asked_for(capsys):
+def test_the_command_prints_the_requested_studies(capsys):
     assert statics.main(quick=True, only=["homogeneous"]) == 0
     out = capsys.readouterr().out
     assert "Homogeneous" in out and "all 1 claims hold" in out and "Turek" not in out
@@ -173,7 +173,7 @@ def a_run(name, seconds, tip=(0.0, 0.0, -1.0), ndofs=50_000):
 
 
 def entries(*others, seconds=1.0):
-    """Ours, and others as (program, solver, seconds)."""
+    """Return our entries, and other entries given as (program, solver, seconds)."""
     ours = [speed.Entry(a_run("edges P1", seconds), "auto: amg-cg"), speed.Entry(a_run("edges P1", seconds), "pardiso")]
     return ours + [speed.Entry(a_run(name, time), solver) for name, solver, time in others]
 
@@ -185,35 +185,35 @@ def test_speed_is_claimed_against_each_solver_by_its_own_factor():
     assert len(list(speed._failures(slow))) == 2
 
 
-def test_another_answer_is_no_speed():
+def test_a_fast_program_with_another_result_is_detected():
     (*_, last) = found = entries(("FElupe P1", "SuperLU", 20.0))
     found[-1] = last._replace(run=last.run._replace(tip=np.array([0, 0, -1.0 - 1e-5])))
     assert "tip" in next(speed._failures(found))
 
 
-def test_the_share_of_assembly_is_told():
+def test_the_share_of_assembly_is_reported():
     found = entries(("FElupe P1", "SuperLU", 20.0))
     found[1] = found[1]._replace(run=found[1].run._replace(seconds={"assemble": 0.06, "solve": 0.94}))
     assert list(speed._shares(found)) == ["4.0% (amg-cg, 50000)", "6.0% (pardiso, 50000)"]
 
 
-def test_a_long_run_is_told_from_two_iterations():
+def test_a_long_run_is_estimated_from_two_iterations():
     def solve(most=1000):
         assert most < 3
         return cantilever.Run("FElupe P1", 10, np.zeros(3), most, {"other": 7.0, "solve": 50.0 * most})
 
-    entry = speed._patiently(solve, "SuperLU", 20)
+    entry = speed._run_or_estimate(solve, "SuperLU", 20)
     assert entry.estimated and entry.run.seconds == {"other": 7.0, "solve": 1000.0}
     assert "~1007.00" in speed._row(entry, entry) and speed._row(entry, entry)[-1] == ""
 
 
-def test_work_and_precision_are_read_between_meshes():
+def test_work_and_precision_are_interpolated_between_meshes():
     points = [work_precision.Point(n, a_run("edges P1", time), error) for n, time, error in ((2, 1.0, 0.1), (4, 100.0, 0.001))]
     assert work_precision.seconds_to_reach(0.01, points) == pytest.approx(10.0)
     assert np.isnan(work_precision.seconds_to_reach(0.0001, points))
 
 
-def test_slower_or_other_linear_elements_are_named():
+def test_slower_or_different_linear_elements_are_reported():
     def points(name, time, tip=-1.0):
         return [work_precision.Point(2, a_run(name, time, (0, 0, tip)), 0.1)]
 
@@ -230,7 +230,7 @@ def test_a_large_body_is_solved_by_amg():
     assert len(study.rows) == 2
 
 
-def test_what_is_not_installed_is_not_measured_and_says_so(monkeypatch):
+def test_packages_that_are_not_installed_are_reported_and_not_measured(monkeypatch):
     from skfem_stvk.peers import peer
     from validation.statics import linear_solvers
 

@@ -8,7 +8,7 @@ from validation import aspect
 
 @pytest.mark.slow
 def test_a_fine_part_is_a_sound_mesh_on_which_all_agree_to_1e_13_in_every_state(gmsh, capsys, monkeypatch):
-    """The generator of the embedded mesh makes it, once: that takes most of the time."""
+    """Mesh generation takes most of the time."""
     from validation import meshes, part
 
     fine, coarse = meshes.bracket(meshes.FINE_SIZE), embedded_mesh()
@@ -24,8 +24,8 @@ def test_a_fine_part_is_a_sound_mesh_on_which_all_agree_to_1e_13_in_every_state(
     assert f"{fine.nt} tetrahedra" in out
 
 
-def test_flat_elements_cost_eps_times_their_aspect():
-    """In either precision; at small strain scikit-fem, which forms the deformation gradient, loses more up to aspects of 500."""
+def test_errors_of_flat_elements_are_eps_times_their_aspect():
+    """The bound holds in both precisions. At small strain scikit-fem, which forms F, loses more up to aspects of 500."""
     for box, strain, errors in aspect.measure(200):
         assert 0.1 < errors.double < 20 and 0.1 < errors.single < 20, (box, strain, errors)
         if strain == 1e-6 and box <= 500:
@@ -42,7 +42,7 @@ def test_eigenvalues_at_points_clamp_better_than_tensions_of_pairs():
 
 
 @pytest.mark.slow
-def test_all_that_was_tried_for_the_kernels_agrees(capsys):
+def test_all_candidates_for_the_kernels_agree(capsys):
     from validation import kernels
 
     assert kernels.main(quick=True) == 0
@@ -64,7 +64,7 @@ def test_edge_by_edge_gives_the_blocks_of_K():
     assert np.abs(candidate.tangent(u) - blocks).max() < 1e-13 * np.abs(K).max()
 
 
-def test_finer_tables_are_less_wrong_and_lose_less_work(capsys, monkeypatch):
+def test_finer_tables_have_smaller_errors_and_lose_less_work(capsys, monkeypatch):
     from validation import response
 
     monkeypatch.setattr(response, "SECONDS", 0.05)

@@ -1,4 +1,4 @@
-"""Motion in time: integrators against published motions, closed forms and independent references, and what they cost."""
+"""Motion in time: integrators against published motions, closed forms and independent references, and costs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NAMES = (
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """integrators against published motions, eigenfrequencies and independent references, their stability limits, work-precision"""
+    """Compare integrators with published motions, eigenfrequencies and references; stability limits, work-precision, speed."""
     from .studies import run
 
     return run(only or NAMES, quick, out)

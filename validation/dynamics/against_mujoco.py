@@ -1,4 +1,4 @@
-"""MuJoCo on the same bar: what a step takes there, and whether it moves alike."""
+"""MuJoCo on the same bar: cost of a step, and agreement of the motions."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from ..statics.study import Study
 from .scenes import Array
 from .swing import GRAVITY, POISSON, REPEATS, RTOL, YOUNG, bar, clock, eq9, push, timed
 
-#: Cells across the bar, and by how much motions may differ.
+#: Cells across the bar, and the largest relative difference of the motions.
 COMPARED, QUICK_COMPARED, AGREE = (8, 12), (4,), 1e-2
 
 
 @dataclass(frozen=True)
 class Moving:
-    """How a flex moves.
+    """Parameters of the motion of a flex.
 
     Parameters
     ----------
     masses : (nv,) of its vertices [kg].
-    held : ids of vertices that do not move.
+    held : ids of constrained vertices.
     gravity : (3,) [m/s^2].
     dt : time step [s].
-    integrator : "discrete", MuJoCo's implicit one for flexes: one linear solve per step with `M + dt^2 K`, where K has tensile
-        tensions alone; or "Euler", which is explicit.
-    rtol, iterations : of the linear solve.
+    integrator : "discrete", MuJoCo's implicit integrator for flexes, with one linear solve per step with `M + dt^2 K`, where K
+        has only tensile tensions; or the explicit "Euler".
+    rtol, iterations : tolerance and iteration limit of the linear solve.
     """
 
     masses: Array
@@ -48,7 +48,7 @@ class Moving:
 
 
 class MuJoCoMotion:
-    """A flex in motion, whose held vertices have no joints; parameters and errors as in `peers.mujoco.MuJoCo`."""
+    """Flex in motion. Constrained vertices have no joints. Parameters and errors are those of `peers.mujoco.MuJoCo`."""
 
     def __init__(self, p: Array, t: NDArray[np.int32], young: float, poisson: float, moving: Moving) -> None:
         self._engine = mujoco = require("MuJoCo")
@@ -63,7 +63,7 @@ class MuJoCoMotion:
         self._free = np.setdiff1d(np.arange(len(rest)), moving.held)
 
     def begin(self, u: Array, v: Array) -> None:
-        """Start from displacements [m] and velocities [m/s] (3 nv,); those of held vertices are left out."""
+        """Start from displacements [m] and velocities [m/s] (3 nv,). Entries of constrained vertices are ignored."""
         self._data.qpos[:] = u.reshape(-1, 3)[self._free].ravel()
         self._data.qvel[:] = v.reshape(-1, 3)[self._free].ravel()
 
@@ -72,18 +72,21 @@ class MuJoCoMotion:
         self._engine.mj_step(self._model, self._data)
 
     def displacements(self) -> Array:
-        """Displacements (3 nv,) of the current state [m]."""
+        """Return the displacements (3 nv,) of the current state [m]."""
         u = np.zeros((self._model.nbody - 1, 3))
         u[self._free] = self._data.qpos.reshape(-1, 3)
         return u.ravel()
 
     def solved(self) -> bool:
-        """Whether MuJoCo has not warned, as it does of a solve that ran out of iterations and of a state that is not finite."""
+        """Return whether MuJoCo has given no warning.
+
+        MuJoCo warns if a solve ran out of iterations or the state is not finite.
+        """
         return not any(warning.number for warning in self._data.warning)
 
 
 def against_mujoco(quick: bool) -> Iterator[Study]:
-    """The same bar in MuJoCo, if that is installed."""
+    """Compare motion and time of the same bar with MuJoCo, if it is installed."""
     if PEERS["MuJoCo"].version() is None:
         return
     rows, failures = [], []
@@ -95,7 +98,9 @@ def against_mujoco(quick: bool) -> Iterator[Study]:
         ):
             system, v, dt = bar(n), push(n), float(ours.dt or 0)
             found = timed(system, ours, v, steps * dt)
-            theirs, u = _their_step(system, v, Moving(system.mass().vertex, _held(system), GRAVITY, dt, name, RTOL), steps)
+            theirs, u = _their_step(
+                system, v, Moving(system.mass().vertex, _constrained_vertices(system), GRAVITY, dt, name, RTOL), steps
+            )
             off = float(np.abs(u - found.run.u).max() / np.abs(u).max())
             rows.append(
                 (
@@ -117,14 +122,14 @@ def against_mujoco(quick: bool) -> Iterator[Study]:
         tuple(rows),
         tuple(failures),
         (
-            "a step on one thread; 'discrete' is MuJoCo's implicit integrator for flexes, which is eq. 9 with K clamped element "
+            "ms: time per step on one thread; 'discrete': MuJoCo's implicit integrator for flexes, eq. 9 with K clamped element "
             f"by element, rtol = {RTOL:g} on both sides; 'implicit' and 'implicitfast' refuse flexes since 4.0",
         ),
     )
 
 
 def _their_step(system: System, v: Array, moving: Moving, steps: int) -> tuple[float, Array]:
-    """MuJoCo's best wall time of a step [s], averaged over the motion, and where it ends."""
+    """Return MuJoCo's shortest time of a step [s], averaged over the motion, and the last displacements."""
     best = np.inf
     for _ in range(REPEATS):
         peer = MuJoCoMotion(system.mesh.p, system.mesh.t, YOUNG, POISSON, moving)
@@ -136,5 +141,5 @@ def _their_step(system: System, v: Array, moving: Moving, steps: int) -> tuple[f
     return best / steps, peer.displacements()
 
 
-def _held(system: System) -> Array:
+def _constrained_vertices(system: System) -> Array:
     return np.unique(system.supports.held // 3)

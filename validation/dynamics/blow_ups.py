@@ -1,7 +1,7 @@
-"""Explicit motions with found steps that blow up: how many go on, from their last good state with shorter steps, to the end.
+"""Explicit motions that blow up with automatic steps: number of runs that continue with shorter steps to the end.
 
-A bar of 768 tetrahedra is let go from a fraction or a multiple of its length, torn apart, pushed together, or shaken at random, at
-up to the speed of sound.
+After a blow-up, a run continues from its last good state. A bar of 768 tetrahedra is stretched or compressed and released, torn
+apart, pushed together, or shaken at random, at speeds up to the speed of sound.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..statics.study import Study
 from .scenes import Array, expected
 
 YOUNG, DENSITY, LENGTH = 1e5, 1000.0, 2.0
-#: Of each kind; stretches that it is let go from, and speeds as parts of that of sound.
+#: Number of runs of each kind, stretches before the release, and speeds relative to the speed of sound.
 COUNT, QUICK_COUNT = 11, 2
 STRETCHES, SPEEDS = (0.5, 3.0), (0.1, 1.0)
 UNTIL = 0.5
@@ -28,14 +28,14 @@ TERMS = {"none": (), "compression": (VolumePenalty(kind="compression"),), "barri
 
 
 class Start(NamedTuple):
-    """First displacements [m] and velocities [m/s], (nv, 3)."""
+    """Initial displacements [m] and velocities [m/s], (nv, 3)."""
 
     u: Array
     v: Array
 
 
 def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """explicit motions that blow up with the step that was found go on with shorter ones, to the end"""
+    """Count explicit motions with automatic steps that blow up, continue with shorter steps and reach the end."""
     mesh = _bar()
     rows, failures = [], []
     for name, terms in TERMS.items():
@@ -51,7 +51,7 @@ def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
     return (
         Study(
             "Explicit motions that blow up",
-            "without a volume term, and with that of kind 'compression', all reach the end",
+            "without a volume term, and with a volume term of kind 'compression', all runs reach the end",
             ("volume term", "runs", "finished", "ended inside out", "of these with halved steps", "blew up"),
             tuple(rows),
             tuple(failures),
@@ -64,13 +64,13 @@ def blow_ups(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
 
 
 def _bar() -> ElementMesh:
-    """Twice as long as it is wide and thick."""
+    """Return a bar twice as long as it is wide and thick."""
     lines = np.linspace(0, LENGTH, 9), *2 * [np.linspace(0, LENGTH / 2, 5)]
     return ElementMesh.of(skfem.MeshTet.init_tensor(*lines))
 
 
 def starts(mesh: ElementMesh, count: int) -> list[Start]:
-    """`count` of each kind."""
+    """Return `count` initial states of each kind."""
     x = mesh.p.T - mesh.p.mean(axis=1)
     sound, none = np.sqrt(YOUNG / DENSITY), np.zeros_like(x)
     along = 2 * x[:, :1] / LENGTH * [1.0, 0.0, 0.0]
@@ -85,7 +85,7 @@ def starts(mesh: ElementMesh, count: int) -> list[Start]:
 
 
 def moved(system: System, start: Start) -> Run:
-    """Until it ends or blows up."""
+    """Return a run until its end or blow-up."""
     with expected():
         return simulate(
             system, VelocityVerlet(), until=UNTIL, u0=start.u.ravel(), v0=start.v.ravel(), quiet=True, raise_on_failure=False

@@ -1,8 +1,7 @@
-"""The elastic flag of Turek and Hron (2006) in motion, CSM3: as CSM1, gravity acting suddenly on the flag at rest, without damping.
+"""Elastic flag of Turek and Hron (2006) in motion, CSM3: gravity acts suddenly on the flag of CSM1 at rest, without damping.
 
-The reference is that of FeatFlow's benchmark page: half the sum and half the difference of the extremes of the last period before
-10 s, and its frequency. Higher modes make one period differ from the next by about 1 %, so that means over all periods are
-compared.
+The reference is FeatFlow's benchmark page: mean and amplitude of the extremes in the last period before 10 s, and its frequency.
+Higher modes change one period relative to the next by about 1 %, so means over all periods are compared.
 """
 
 from __future__ import annotations
@@ -27,37 +26,37 @@ from .oscillation import Oscillation
 from .scenes import COLOURS
 
 YOUNG = 1.4e6
-#: Mean and amplitude [m], frequency [Hz] of the components of A's displacement.
+#: Mean and amplitude [m], and frequency [Hz] of the components of A's displacement.
 REFERENCE = (Oscillation(-14.305e-3, 14.305e-3, 1.0995), Oscillation(-63.607e-3, 65.160e-3, 1.0995))
 LIMIT, QUICK_LIMIT = 0.015, 0.05
 MESHES, UNTIL, STEP = ((70, 4), (140, 8), (280, 16)), 6.0, 0.01
 QUICK_MESHES, QUICK_UNTIL, QUICK_STEP = MESHES[:2], 2.2, 0.02
-#: The mesh, the time [s] and the steps [s] on which integrators are compared.
+#: Mesh, duration [s] and steps [s] for the comparison of integrators.
 RTOL = 1e-8
 COMPARED, COMPARED_UNTIL, STEPS = (35, 2), 1.0, (0.02, 0.01, 0.005, 0.0025, 0.00125)
 QUICK_COMPARED_UNTIL, QUICK_STEPS = 0.2, (0.005, 0.0025, 0.00125)
 Kind = type[EnergyMomentum | GeneralizedAlpha | BackwardEuler]
 INTEGRATORS: tuple[Kind, ...] = (EnergyMomentum, GeneralizedAlpha, BackwardEuler)
-#: Time over which gravity grows, as a part of the run.
+#: Time over which gravity grows, relative to the duration of the run.
 SUDDEN, SMOOTH = "at once", "smooth"
 RISES = {SUDDEN: 0.0, SMOOTH: 1.0}
 ORDER_LIMIT = 0.15
 
 
 class Motion(NamedTuple):
-    """Displacements (n, 2) of A [m] at times (n,) [s], and the wall time that they took [s]."""
+    """Displacements (n, 2) of A [m] at times (n,) [s], and wall time of the run [s]."""
 
     t: Array
     a: Array
     seconds: float
 
     def oscillations(self) -> list[Oscillation]:
-        """The oscillations of both components, averaged over all periods."""
+        """Return the oscillations of both components, averaged over all periods."""
         return [Oscillation.averaged(self.t, component) for component in self.a.T]
 
 
 class Point(NamedTuple):
-    """A step [s], the error of A's motion as a part of it, and the wall time [s]."""
+    """Time step [s], relative error of A's motion, and wall time [s]."""
 
     dt: float
     error: float
@@ -65,12 +64,12 @@ class Point(NamedTuple):
 
 
 def csm3(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """Turek and Hron's CSM3: mean, amplitude and frequency against the reference; integrators by order and by cost"""
+    """Compare Turek and Hron's CSM3 with the reference: mean, amplitude, frequency; and integrators by order and cost."""
     return _meshes(quick), _integrators(quick, folder)
 
 
 def motion(nx: int, ny: int, integrator: Integrator, until: float, rise: float = 0.0) -> Motion:
-    """The motion of the flag's end A; gravity acts at once, or grows smoothly over a time `rise` [s]."""
+    """Return the motion of the flag's end A. Gravity acts at once, or grows smoothly over a time `rise` [s]."""
     mesh = strip(nx, ny, flag)
     gravity = Gravity(lambda t: (0.0, -GRAVITY * np.sin(np.pi / 2 * min(t / rise, 1.0)) ** 2) if rise else (0.0, -GRAVITY))
     terms: list[StVK | Gravity] = [StVK(young=YOUNG, poisson=POISSON, density=DENSITY), gravity]
@@ -83,7 +82,7 @@ def motion(nx: int, ny: int, integrator: Integrator, until: float, rise: float =
 
 
 def _meshes(quick: bool) -> Study:
-    """Mean, amplitude and frequency on finer and finer meshes."""
+    """Compare mean, amplitude and frequency on successively finer meshes."""
     meshes, until, dt, most = (QUICK_MESHES, QUICK_UNTIL, QUICK_STEP, QUICK_LIMIT) if quick else (MESHES, UNTIL, STEP, LIMIT)
     motions = [motion(nx, ny, EnergyMomentum(dt=dt, rtol=RTOL), until) for nx, ny in meshes]
     found = np.array([one.oscillations() for one in motions])  # (meshes, components, 3)
@@ -110,63 +109,63 @@ def _meshes(quick: bool) -> Study:
 
 
 def _integrators(quick: bool, folder: Path | None) -> Study:
-    """Orders in time, and errors at equal cost, all on one mesh."""
+    """Measure orders in time, and errors at equal cost, all on one mesh."""
     steps, until = (QUICK_STEPS, QUICK_COMPARED_UNTIL) if quick else (STEPS, COMPARED_UNTIL)
-    compared = {name: Compared.made(steps, until, rise * until) for name, rise in RISES.items()}
+    compared = {name: Compared.computed(steps, until, rise * until) for name, rise in RISES.items()}
     failures = [
-        f"{kind.__name__}: order {compared[SMOOTH].order(kind):.2f}, {declared(kind)} is declared"
+        f"{kind.__name__}: order {compared[SMOOTH].order(kind):.2f}, expected {declared(kind)}"
         for kind in INTEGRATORS
         if not abs(compared[SMOOTH].order(kind) - declared(kind)) <= ORDER_LIMIT
     ]
     return Study(
         "CSM3: integrators",
-        f"where gravity grows smoothly, A's motion converges with the order of each integrator +- {ORDER_LIMIT:g}",
+        f"if gravity grows smoothly, A's motion converges with the order of each integrator +- {ORDER_LIMIT:g}",
         ("gravity", "integrator", *(f"{1e3 * dt:g} ms" for dt in steps), "order", "equal cost", "wall time in s"),
         tuple(row for name, one in compared.items() for row in one.rows(name)),
         tuple(failures),
         (
-            f"error of A's motion by dt, mesh {COMPARED[0]}x{COMPARED[1]}x2, {until:g} s; root mean square of A's distance from "
-            "the truth over that of its displacement; the truth: energy-momentum, extrapolated from dt/2 and dt/4 of the "
+            f"error of A's motion by dt, mesh {COMPARED[0]}x{COMPARED[1]}x2, {until:g} s; root mean square of A's deviation "
+            "from the reference over that of its displacement; reference: energy-momentum, extrapolated from dt/2 and dt/4 of the "
             "smallest; orders of the two smallest steps",
-            "gravity that acts at once excites all modes, and the steps here do not resolve the highest: less than the full order "
-            "is seen",
-            "at equal cost: at the wall time of energy-momentum with the second step, on the straight line through error over "
-            "wall time on logarithmic scales",
+            "gravity that acts at once excites all modes; the steps do not resolve the highest, so the order is below the declared "
+            "one",
+            "at equal cost: error at the wall time of energy-momentum with the second step, from a straight line fitted to error "
+            "against wall time on logarithmic scales",
         ),
         () if folder is None else (_picture(compared[SUDDEN], folder),),
     )
 
 
 def declared(kind: Kind) -> int:
-    """The order that an integrator promises."""
+    """Return the order that an integrator declares."""
     return kind(dt=1.0).order
 
 
 class Compared(NamedTuple):
-    """Motions and errors of all integrators, the largest step first, and the truth."""
+    """Motions and errors of all integrators, from the largest step to the smallest, and the reference motion."""
 
-    truth: Motion
+    reference: Motion
     motions: dict[Kind, list[Motion]]
     points: dict[Kind, list[Point]]
 
     @classmethod
-    def made(cls, steps: Sequence[float], until: float, rise: float) -> Compared:
-        """All runs of one way of gravity."""
+    def computed(cls, steps: Sequence[float], until: float, rise: float) -> Compared:
+        """Run all integrators with gravity that grows over the time `rise` [s]."""
         motions = {one: [motion(*COMPARED, one(dt=dt, rtol=RTOL), until, rise) for dt in steps] for one in INTEGRATORS}
         coarse, fine = (motion(*COMPARED, EnergyMomentum(dt=steps[-1] / n), until, rise) for n in (2, 4))
-        truth = Motion(coarse.t[::2], (4 * fine.a[::4] - coarse.a[::2]) / 3, fine.seconds)
+        reference = Motion(coarse.t[::2], (4 * fine.a[::4] - coarse.a[::2]) / 3, fine.seconds)
         points = {
-            one: [Point(dt, _error(m, truth), m.seconds) for dt, m in zip(steps, several, strict=True)]
+            one: [Point(dt, _error(m, reference), m.seconds) for dt, m in zip(steps, several, strict=True)]
             for one, several in motions.items()
         }
-        return cls(truth, motions, points)
+        return cls(reference, motions, points)
 
     def order(self, kind: Kind) -> float:
-        """The order of the two smallest steps."""
+        """Return the order fitted to the two smallest steps."""
         return fitted_order(*zip(*((point.dt, point.error) for point in self.points[kind][-2:]), strict=True))
 
     def rows(self, gravity: str) -> list[tuple[str, ...]]:
-        """One an integrator."""
+        """Return one table row per integrator."""
         cost = self.points[EnergyMomentum][1].seconds
         return [
             (
@@ -181,25 +180,25 @@ class Compared(NamedTuple):
         ]
 
 
-def _error(found: Motion, truth: Motion) -> float:
-    """Root mean square of A's distance from the truth over that of its displacement."""
-    every = (len(truth.t) - 1) // (len(found.t) - 1)
-    exact = truth.a[::every]
+def _error(found: Motion, reference: Motion) -> float:
+    """Return the root mean square of A's deviation from the reference over that of its displacement."""
+    every = (len(reference.t) - 1) // (len(found.t) - 1)
+    exact = reference.a[::every]
     return float(np.sqrt(((found.a - exact) ** 2).sum() / (exact**2).sum()))
 
 
 def at_cost(points: Sequence[Point], seconds: float) -> float:
-    """The error for a wall time, on the straight line that fits all points on logarithmic scales."""
+    """Return the error at a wall time, from the straight line fitted to all points on logarithmic scales."""
     slope, start = np.polyfit(np.log([point.seconds for point in points]), np.log([point.error for point in points]), 1)
     return float(np.exp(start + slope * np.log(seconds)))
 
 
 def _picture(compared: Compared, folder: Path) -> Path:
-    """A's height over time at the largest step, and error against wall time."""
+    """Plot A's height over time at the largest step, and error against wall time."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1))
-    truth, points = compared.truth, compared.points
-    left.plot(truth.t, 1e3 * truth.a[:, 1], color="#AAAAAA", lw=3.5, label="truth")
+    reference, points = compared.reference, compared.points
+    left.plot(reference.t, 1e3 * reference.a[:, 1], color="#AAAAAA", lw=3.5, label="reference")
     for colour, (one, several) in zip(COLOURS, compared.motions.items(), strict=False):
         left.plot(several[0].t, 1e3 * several[0].a[:, 1], color=colour, lw=1.2, label=one.__name__)
         right.loglog([p.seconds for p in points[one]], [p.error for p in points[one]], "o-", ms=4, color=colour, label=one.__name__)

@@ -1,8 +1,8 @@
-"""A soft block that spins and vibrates in free flight: what each integrator makes of its energy and its momenta.
+"""Soft block that spins and vibrates in free flight: drifts of energy and momenta with each integrator.
 
-The block of unstructured tetrahedra spins at about 10 rad/s about an axis that is none of its own, and vibrates with about a tenth
-of its energy. Its centre of mass is at rest at the origin; once it flies through the room, too. It also falls from rest,
-where its strain is an error of the linear solves.
+The block of unstructured tetrahedra spins at about 10 rad/s about an axis that is not a principal axis, and vibrates with about a
+tenth of its energy. Its centre of mass is at rest at the origin, except in one run with a translation. The block also falls from
+rest, where its strain is an error of the linear solves.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from .scenes import COLOURS, SOFT, Array, block
 
 QUANTITIES = (ENERGY, LINEAR_MOMENTUM, ANGULAR_MOMENTUM)
 DT, UNTIL, QUICK_UNTIL = 1e-3, 2.0, 0.2
-#: Every solve leaves up to this part of the forces; what an integrator declares to keep, it keeps to `KEPT` over all steps.
+#: Relative tolerance of each solve; limit of the drift over all steps of quantities that an integrator declares as conserved.
 RTOL, KEPT = 1e-12, 1e-10
-#: Energy and momentum over many steps, solved to round-off: `EXACT`; where the body flies through the room, its angular momentum
-#: about the origin to `FAR`.
+#: Numbers of steps of the runs that are solved to round-off. Limits of the drift: `EXACT`, and `FAR` for the angular momentum about
+#: the origin of the body with a translation.
 STEPS, QUICK_STEPS = 100_000, 1000
-#: Beside the six tetrahedra of those runs, at a seventh of the critical step, a body of 6 n^3 with steps of so many critical ones,
-#: and their number.
+#: Second body of these runs with 6 n^3 tetrahedra, in addition to the one with six: n, its step in critical steps, and numbers of
+#: steps. The first body has a seventh of the critical step.
 REAL, TIMES, REAL_STEPS, QUICK_REAL_STEPS = 6, 10.0, 2500, 20
 ROUND_OFF, EXACT, FAR = 3e-16, 1e-12, 1e-10
 SPIN, THROUGH = (1.0, 2.0, 10.0), (3.0, 1.5, -1.0)  # [rad/s], [m/s]
@@ -57,8 +57,8 @@ INTEGRATORS: tuple[Integrator, ...] = (
     GeneralizedAlpha(dt=DT, rtol=RTOL),
     EnergyMomentum(dt=DT, rtol=RTOL),
 )
-#: Duration of a fall, in steps of 1/60 s or `DT`. Limits of the strain, over the way fallen: `SOLVES_LEAVE` times `rtol`, and
-#: `FALL_EXACT` with a direct solver.
+#: Duration of a fall, in steps of 1/60 s or `DT`. Limits of the strain, relative to the distance fallen: `SOLVES_LEAVE` times
+#: `rtol`, and `FALL_EXACT` with a direct solver.
 FALL, QUICK_FALL, FRAME, CLOSE = 1.0, 0.1, 1 / 60, 1e-8
 SOLVES_LEAVE, FALL_EXACT = 10, 1e-12
 FALLS: tuple[Implicit, ...] = (
@@ -73,9 +73,9 @@ FALLS: tuple[Implicit, ...] = (
 
 
 class Flight(NamedTuple):
-    """A motion with its largest drifts.
+    """Motion with its largest drifts.
 
-    Those of energy and angular momentum are relative to what they were, that of linear momentum to `sqrt(2 m E)`.
+    Drifts of energy and angular momentum are relative to the initial values, that of linear momentum to `sqrt(2 m E)`.
     """
 
     integrator: Integrator
@@ -85,7 +85,7 @@ class Flight(NamedTuple):
 
 
 def flight(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """a spinning soft body keeps what its integrator declares, with energy-momentum energy and both momenta to 1e-12"""
+    """Measure drifts of a spinning soft body; with energy-momentum, energy and both momenta are conserved to 1e-12."""
     long = _long(QUICK_STEPS if quick else STEPS, QUICK_REAL_STEPS if quick else REAL_STEPS)
     return _all(quick, folder), long, _falls(QUICK_FALL if quick else FALL)
 
@@ -94,78 +94,78 @@ def _all(quick: bool, folder: Path | None) -> Study:
     flights = [fly(block(3, SIDES), one, QUICK_UNTIL if quick else UNTIL) for one in INTEGRATORS]
     return Study(
         "Free flight",
-        f"what an integrator declares to keep, it keeps to {KEPT:g}",
+        f"quantities that an integrator declares as conserved drift by at most {KEPT:g}",
         ("integrator", "dt in ms", "steps", *QUANTITIES, "declared", "seconds"),
         tuple(map(_row, flights)),
         tuple(failure for one in flights for failure in _failures(one, KEPT)),
         (
-            f"largest drift over {flights[0].ledger['time'][-1]:g} s; energy and angular momentum of what they were, linear "
-            "momentum of sqrt(2 m E)",
+            f"largest drift over {flights[0].ledger['time'][-1]:g} s; energy and angular momentum relative to initial "
+            "values, linear momentum to sqrt(2 m E)",
         ),
         () if folder is None else (_picture(flights, folder),),
     )
 
 
 def _long(steps: int, real_steps: int) -> Study:
-    """Energy and momentum, solved to round-off: of six tetrahedra in small steps, and of a body of many in large ones."""
+    """Measure drifts with solves to round-off: a body of six tetrahedra in small steps, and a larger body in large steps."""
     small, large = block(1, SIDES), block(REAL, SIDES)
     dt = TIMES * critical_step(large).step
     resting, flying = (fly(small, EnergyMomentum(dt=DT, rtol=ROUND_OFF), steps * DT, v) for v in ((0.0, 0.0, 0.0), THROUGH))
     real = fly(large, EnergyMomentum(dt=dt, rtol=ROUND_OFF), real_steps * dt)
     flights = (
         ("centre of mass at rest at the origin", small, resting, EXACT),
-        ("flying through the room", small, flying, FAR),
+        ("with a translation", small, flying, FAR),
         ("at rest at the origin, large steps", large, real, EXACT),
     )
     return Study(
         "Free flight, energy and momentum",
-        f"energy and both momenta to {EXACT:g} with the centre of mass at rest at the origin, to {FAR:g} in flight",
+        f"energy and both momenta to {EXACT:g} with the centre of mass at rest at the origin, to {FAR:g} with a translation",
         ("EnergyMomentum", "tetrahedra", "dt/critical", "steps", *QUANTITIES, "seconds"),
         tuple(_long_row(name, system, one) for name, system, one, _ in flights),
         tuple(f"{name}: {failure}" for name, _, one, most in flights for failure in _failures(one, most)),
-        (f"rtol = {ROUND_OFF:g}; far from the origin angular momentum about it is a small difference of large numbers",),
+        (f"rtol = {ROUND_OFF:g}; far from the origin, angular momentum about the origin is a small difference of large numbers",),
     )
 
 
 def _falls(until: float) -> Study:
-    """Measure the strain of a body that falls freely, which is an error of the linear solves."""
+    """Measure the strain of a body in free fall, which is an error of the linear solves."""
     body = System(block(3, SIDES).mesh, [SOFT, Gravity((0.0, 0.0, -9.81))])
     strains = [[fall_strain(body, one, end) for end in (2 * (one.dt or 0), until)] for one in FALLS]
     rows = [(*_solve(one), *(f"{strain:.1e}" for strain in both)) for one, both in zip(FALLS, strains, strict=True)]
     limits = [SOLVES_LEAVE * one.rtol if one.solver == "auto" else FALL_EXACT for one in FALLS]
     return Study(
         "Free fall",
-        f"strained by at most {SOLVES_LEAVE} times rtol of the way fallen, by {FALL_EXACT:g} with a direct solver",
+        f"strain at most {SOLVES_LEAVE} rtol relative to the distance fallen, {FALL_EXACT:g} with a direct solver",
         ("integrator", "dt in ms", "solver", "rtol", "after 2 steps", f"after {until:g} s"),
         tuple(rows),
         tuple(", ".join(row) for row, both, most in zip(rows, strains, limits, strict=True) if not max(both) <= most),
-        (f"{body.mesh.nt} tetrahedra; largest displacement relative to the centre of mass, over the way fallen",),
+        (f"{body.mesh.nt} tetrahedra; largest displacement relative to the centre of mass, over the distance fallen",),
     )
 
 
 def _solve(one: Implicit) -> tuple[str, str, str, str]:
-    """Name the integrator, its step in ms, its linear solver and the tolerance."""
+    """Return the names of integrator and linear solver, the step in ms and the tolerance."""
     iterative = one.solver == "auto"
     name = "conjugate gradients" if iterative else str(one.solver)
     return one.name, f"{1e3 * (one.dt or 0):.3g}", name, f"{one.rtol:g}" if iterative else ""
 
 
 def fall_strain(body: System, integrator: Integrator, until: float) -> float:
-    """Return the largest displacement relative to the centre of mass after a fall from rest, over the way fallen."""
+    """Return the largest displacement relative to the centre of mass after a fall from rest, over the distance fallen."""
     mass, u = body.mass().vertex, simulate(body, integrator, until=until, quiet=True).u.reshape(-1, 3)
     mean = mass @ u / mass.sum()
     return float(np.linalg.norm(u - mean, axis=1).max() / np.linalg.norm(mean))
 
 
 def fly(system: System, integrator: Integrator, until: float, through: Sequence[float] = (0.0, 0.0, 0.0)) -> Flight:
-    """A free flight from the first velocities on."""
+    """Simulate a free flight and measure its drifts."""
     begin = perf_counter()
     ledger = simulate(system, integrator, until=until, v0=first_velocities(system, through), quiet=True).ledger
     return Flight(integrator, ledger, perf_counter() - begin, _drifts(ledger, system.mass().total))
 
 
 def first_velocities(system: System, through: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
-    """(ndofs,) [m/s]: a spin, a vibration without momentum of its own, and a flight."""
+    """Return initial velocities (ndofs,) [m/s]: a spin, a vibration without net momentum, and a translation."""
     p, mass = system.mesh.p, system.mass().vertex
     v = np.cross(SPIN, p.T) + 0.3 * np.sin(40 * p).T
     v += np.array(through) - np.einsum("a,ac->c", mass, v) / mass.sum()
@@ -199,7 +199,7 @@ def _failures(one: Flight, limit: float) -> Iterator[str]:
 
 
 def _picture(flights: Sequence[Flight], folder: Path) -> Path:
-    """Total energy over time, and how far it is off."""
+    """Plot total energy over time, and its drift."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     for colour, one in zip(COLOURS, flights, strict=True):
@@ -208,7 +208,7 @@ def _picture(flights: Sequence[Flight], folder: Path) -> Path:
         every = max(1, len(t) // 200)
         right.semilogy(t[every::every], np.maximum.accumulate(np.abs(energy / energy[0] - 1))[every::every], color=colour, lw=1.3)
     left.set(xlabel="t [s]", ylabel="total energy / first", title="Energy of a spinning soft block")
-    right.set(xlabel="t [s]", ylabel="largest drift so far", title="The same, by size")
+    right.set(xlabel="t [s]", ylabel="largest drift so far", title="Drift of the energy")
     left.legend(fontsize=7)
     for axes in (left, right):
         axes.grid(True, alpha=0.3)

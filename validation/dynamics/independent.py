@@ -1,8 +1,8 @@
-"""Short motions by scikit-fem's assembly and SciPy's DOP853, with tight tolerances: they share nothing with edges, masses and
-integrators.
+"""Short motions by scikit-fem's assembly and SciPy's DOP853 with tight tolerances, which share no code with this package.
 
-Unstructured bodies, held at one side, are let go under gravity with an initial spin; lumped and consistent masses. Integrators are
-extrapolated from two steps by their declared order, so that what is left is of a higher one.
+Edges, masses and integrators are independent. Unstructured bodies, clamped at one side, start under gravity with an initial spin,
+with lumped and consistent masses. Results of integrators are extrapolated from two steps with their declared order, so that the
+remaining error is of higher order.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SIDES = (0.4, 0.1, 0.15)
 
 
 class Case(NamedTuple):
-    """Dimensions, cells along each side, and kind of mass."""
+    """Dimension, cells along each side, and kind of mass."""
 
     d: int
     n: int
@@ -41,7 +41,7 @@ class Case(NamedTuple):
 
     @property
     def mesh(self) -> ElementMesh:
-        """A block, inner vertices moved, half of the simplices turned round."""
+        """Block with inner vertices moved, and half of the simplices with negative orientation."""
         unit = moved_box(self.d, self.n)
         return ElementMesh(unit.p * np.array(SIDES[: self.d])[:, None], unit.t)
 
@@ -50,7 +50,7 @@ class Case(NamedTuple):
         return np.array([0.0, -2.0, 5.0][: self.d])
 
     def first_velocities(self, mesh: ElementMesh) -> Array:
-        """(nv, d), zero where it is held."""
+        """Return initial velocities (nv, d), which are zero at the clamp."""
         x = mesh.p[0] / SIDES[0]
         return (x * np.array([0.3, 1.0, -0.7][: self.d])[:, None]).T
 
@@ -59,12 +59,12 @@ CASES = (Case(2, 4, "lumped"), Case(2, 4, "consistent"), Case(3, 2, "lumped"), C
 
 
 def independent(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """motions agree with scikit-fem's assembly integrated by SciPy"""
+    """Compare motions with scikit-fem's assembly integrated by SciPy."""
     rows, failures, steps = [], [], QUICK_STEPS if quick else STEPS
     for case in CASES[2:] if quick else CASES:
-        truth = reference(case)
+        expected = reference(case)
         for kind in (*((VelocityVerlet,) if case.mass == "lumped" else ()), Newmark, GeneralizedAlpha, EnergyMomentum):
-            error = _error(case, kind, steps, truth)
+            error = _error(case, kind, steps, expected)
             rows.append((f"{case.d}D, {case.mass} mass", kind.__name__, str(steps), f"{error:.1e}"))
             if not error <= LIMIT:
                 failures.append(f"{case.d}D, {case.mass} mass, {kind.__name__}: off by {error:.1e}")
@@ -84,7 +84,7 @@ def independent(quick: bool = False, folder: Path | None = None) -> Sequence[Stu
 
 
 def reference(case: Case) -> tuple[Array, Array]:
-    """Displacements and velocities (ndofs,) at the end."""
+    """Return displacements and velocities (ndofs,) at the end."""
     mesh = case.mesh
     body = ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(YOUNG, POISSON, case.d, condensed=False))
     M = _mass(body, case.mass)
@@ -111,23 +111,23 @@ def _inertia(u: Any, v: Any, _: Any) -> Array:
 
 
 def _mass(body: ReferenceStVK, kind: str) -> csr_matrix:
-    """Consistent, exactly integrated, or its row sums."""
+    """Return the consistent mass matrix, integrated exactly, or its row sums."""
     M = _inertia.assemble(skfem.Basis(body.basis.mesh, body.basis.elem, intorder=2))
     return M if kind == "consistent" else csr_matrix(diags(np.asarray(M.sum(axis=1)).ravel()))
 
 
 def _error(
-    case: Case, kind: type[VelocityVerlet | Newmark | GeneralizedAlpha | EnergyMomentum], steps: int, truth: tuple[Array, Array]
+    case: Case, kind: type[VelocityVerlet | Newmark | GeneralizedAlpha | EnergyMomentum], steps: int, expected: tuple[Array, Array]
 ) -> float:
-    """The larger of the errors of displacements and velocities."""
+    """Return the larger of the errors of displacements and velocities."""
     integrators = [kind(dt=UNTIL / n) for n in (steps, 2 * steps)]
     (coarse, fine), power = (_end(case, one) for one in integrators), 2 ** integrators[0].order
     found = [(power * b - a) / (power - 1) for a, b in zip(coarse, fine, strict=True)]
-    return max(float(np.linalg.norm(a - b) / np.linalg.norm(b)) for a, b in zip(found, truth, strict=True))
+    return max(float(np.linalg.norm(a - b) / np.linalg.norm(b)) for a, b in zip(found, expected, strict=True))
 
 
 def _end(case: Case, integrator: Integrator) -> tuple[Array, Array]:
-    """Displacements and velocities (ndofs,) with this package."""
+    """Return displacements and velocities (ndofs,) at the end with this package."""
     mesh = case.mesh
     terms: list[StVK | Gravity] = [StVK(young=YOUNG, poisson=POISSON, density=DENSITY), Gravity(tuple(case.gravity))]
     system = System(mesh, terms, fixed={lambda x: x[0] == 0: "xyz"[: case.d]})

@@ -1,9 +1,9 @@
-"""The stability limit of explicit integrators: where motions begin to grow, found by bisection, against `critical_step`.
+"""Stability limit of explicit integrators: smallest step at which motions grow, by bisection, against `critical_step`.
 
 A body in equilibrium is disturbed by random velocities, so small that it stays linear. Above the limit the disturbance grows by a
-factor each step, `1 + sqrt(8 e)` at `1 + e` times the limit, and with damping `1 + c e` alone; below it never does. So many steps
-are made that the growth at the upper end of the bracket shows, by what the energy does in the end: fewer would find limits that
-are too large.
+factor per step: `1 + sqrt(8 e)` at `1 + e` times the limit, and only `1 + c e` with damping. Below the limit it never grows. The
+number of steps is large enough for the energy at the end to show the growth at the upper end of the bracket. Fewer steps would give
+limits that are too large.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from skfem_stvk.dynamics.critical_step import CriticalStep, critical_step
 from ..statics.study import Study
 from .scenes import Array, block, expected
 
-#: Steps of a trial; and the width of the bracket, as a part of the limit.
+#: Steps of a trial, and the width of the bracket relative to the limit.
 STEPS, PRECISION = 2000, 1e-3
-#: A disturbance grows that has so many times more kinetic energy, on average, in the last quarter of the steps than in the third
-#: one; or so many times
-#: its first energy at any time, after which it is no more small, and may grow no further.
+#: A disturbance grows if its mean kinetic energy in the last quarter of the steps is `GROWING` times that in the third quarter. It
+#: also grows if its energy is `GROWN` times the initial one at any time; then it is no longer small, and may grow no further.
 GROWING, GROWN = 1.5, 1e6
 LIMIT = 0.002
 DISTURBANCE = 1e-9  # [m/s]
@@ -38,7 +37,7 @@ INTEGRATORS = (ForwardEuler, VelocityVerlet)
 
 
 class Case(NamedTuple):
-    """A body at displacements `u` (ndofs,), or at rest, and its damping."""
+    """Body at displacements `u` (ndofs,), or at rest, and its damping."""
 
     name: str
     system: System
@@ -47,7 +46,7 @@ class Case(NamedTuple):
 
 
 def limit(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """explicit integrators become unstable at the critical step, within 0.2 %"""
+    """Compare the stability limit of explicit integrators with the critical step; they agree within 0.2 %."""
     cases = list(_cases())[1::5] if quick else list(_cases())
     found = [(case, predicted(case, one), one) for case in cases for one in INTEGRATORS]
     observed = [observed_limit(case, one, critical.step) for case, critical, one in found]
@@ -65,12 +64,12 @@ def limit(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
     return (
         Study(
             "Stability limit of explicit integrators",
-            f"observed within {LIMIT:.1%} of the critical step; the bound is below both",
+            f"observed within {LIMIT:.1%} of the critical step; the bound of `critical_step` is below both",
             ("body", "integrator", "critical step in ms", "observed", "off", "bound/critical"),
             tuple(rows),
             tuple(failure for one, dt in zip(found, observed, strict=True) for failure in _failures(*one, dt)),
             (
-                f"by bisection to {PRECISION:.1%}: whether a disturbance of {DISTURBANCE:g} m/s has more energy in the last "
+                f"by bisection to {PRECISION:.1%}; unstable: a disturbance of {DISTURBANCE:g} m/s has more energy in the last "
                 f"quarter of {STEPS} steps than in the third",
             ),
         ),
@@ -78,7 +77,7 @@ def limit(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
 
 
 def _cases() -> Iterator[Case]:
-    """Free and held, damped, stretched and pressed."""
+    """Yield bodies that are free or clamped, damped, stretched or compressed."""
     free, held = block(3, SIDES), block(3, SIDES, fixed={_foot: "xyz"})
     rest, omega = np.zeros(free.ndofs), critical_step(held).omega
     dampings: dict[str, Rayleigh | EdgeDamping] = {
@@ -106,13 +105,13 @@ def _head(x: Array) -> Array:
 
 
 def predicted(case: Case, integrator: type[ForwardEuler | VelocityVerlet]) -> CriticalStep:
-    """The critical step with the damping as it counts in the integrator."""
+    """Return the critical step with the damping weighted as in the integrator."""
     factors = {one.name: integrator.damping_weight * getattr(case.damping, one.name) for one in fields(case.damping)}
     return critical_step(case.system, case.u, damping=type(case.damping)(**factors))
 
 
 def observed_limit(case: Case, integrator: type[ForwardEuler | VelocityVerlet], about: float) -> float:
-    """The step [s] from which on motions grow, looked for in `AROUND` times a step; NaN if it is not there."""
+    """Return the smallest step [s] at which motions grow, by bisection within `AROUND` times `about`; NaN if it is outside."""
     low, high = (factor * about for factor in AROUND)
     if grows(case, integrator(dt=low)) or not grows(case, integrator(dt=high)):
         return float("nan")
@@ -123,7 +122,7 @@ def observed_limit(case: Case, integrator: type[ForwardEuler | VelocityVerlet], 
 
 
 def grows(case: Case, integrator: ForwardEuler | VelocityVerlet) -> bool:
-    """Whether a small disturbance does."""
+    """Return whether a small disturbance grows."""
     disturbance = DISTURBANCE * np.random.default_rng(0).standard_normal(case.system.ndofs)
     until = STEPS * float(integrator.dt or 0)
     with expected():

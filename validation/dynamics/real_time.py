@@ -1,7 +1,7 @@
-"""How fast bodies move: the largest bar in real time, what a step costs, iterations by stiffness, and MuJoCo on the same bar.
+"""Speed of motions: the largest bar in real time, cost of a step, iterations by stiffness, and MuJoCo on the same bar.
 
-Times are those of `simulate`, ledger and checks included, over the whole motion, the best of a few; on one thread without what the
-machine did besides.
+Times are those of `simulate`, including ledger and checks, over the whole motion, and the best of a few runs. On one thread they
+are CPU times, without the work of other processes.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .scenes import expected, reached
 from .step_cost import explicit_cost, split
 from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, on_threads, push, timed
 
-#: Cells across the bar: 12 n^3 tetrahedra.
+#: Smallest and largest number of cells across the bar: 12 n^3 tetrahedra.
 FEWEST, MOST = 2, 18
-#: The quick version looks at one small bar.
+#: Cells across the bar of the quick version.
 QUICK = 4
 STIFFNESSES, TOLERANCES, ACROSS = (1e4, 3e4, 1e5, 3e5, 1e6), (1e-2, 1e-3, 1e-4), 8
-#: What iterations that end early may change in the motion of the end of the bar.
+#: Largest change of the motion of the bar's end by the tolerance of the iterations.
 OFF = 0.01
 FRAME = 1 / 60
 #: Stiffnesses [Pa] and tolerances of the largest bars.
@@ -37,14 +37,14 @@ STIFFER, LOOSER = (3e4, 1e5, 1e6), (1e-4, 1e-3)
 
 
 class Pace(NamedTuple):
-    """What is to keep up with time.
+    """Real-time requirement: a time budget and a way to measure a bar.
 
     Attributes
     ----------
     name : in words.
-    seconds : of wall time that there are for a step, or for a frame.
-    trial : of a bar with so many cells across: its run, and the wall time that this took.
-    target : tetrahedra at least, on one thread.
+    seconds : wall time available for a step, or for a frame.
+    trial : function of the number of cells across that returns the run of the bar and its wall time.
+    target : least number of tetrahedra on one thread.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Pace(NamedTuple):
     target: int = 0
 
     def row(self, threads: int, n: int) -> tuple[tuple[str, ...], list[str]]:
-        """A row of the table, and what contradicts the claim."""
+        """Return a row of the table, and the contradictions to the claim."""
         count = 12 * n**3
         failures = [f"{self.name}: {count} tetrahedra, expected {self.target}"] if threads == 1 and count < self.target else []
         if n == 0:
@@ -64,18 +64,18 @@ class Pace(NamedTuple):
         return (self.name, str(threads), str(count), f"{1e3 * found.seconds:.2f}", iterations, steps), failures
 
     def largest(self) -> int:
-        """The most cells across that keep up, by bisection; 0 if there are none."""
+        """Return the largest number of cells across that meets the budget, by bisection; 0 if there is none."""
         low, high = FEWEST - 1, MOST + 1
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (middle, high) if self.trial(middle).seconds <= self.seconds else (low, middle)
-        while low >= FEWEST and self.trial(low).seconds > self.seconds:  # once more, for what kept up by luck
+        while low >= FEWEST and self.trial(low).seconds > self.seconds:  # repeated, because a bar may have met the budget by chance
             low -= 1
         return low if low >= FEWEST else 0
 
 
 def speed(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """the largest bar in real time, what a step costs, iterations by stiffness, MuJoCo on the same bar"""
+    """Measure the largest bar in real time, the cost of a step, iterations by stiffness, and MuJoCo on the same bar."""
     with on_threads(1), expected():
         n = QUICK if quick else 12
         step = split(bar(n), eq9(60), push(n))
@@ -99,18 +99,18 @@ def _paces() -> tuple[Pace, ...]:
 
 
 def _steps(rate: int, until: float, n: int, young: float = YOUNG, rtol: float = RTOL) -> Timed:
-    """Steps of `1/rate`."""
+    """Time steps of `1/rate`."""
     return timed(bar(n, young), eq9(rate, rtol), push(n), until)
 
 
 def _frames(n: int) -> Timed:
-    """Frames of Verlet's own steps."""
+    """Time frames with Verlet's automatic steps."""
     found = timed(bar(n), VelocityVerlet(), push(n), 15 * FRAME)
     return Timed(found.run, found.seconds * found.steps / 15)
 
 
 def _real_time(quick: bool) -> Study:
-    """The largest bars."""
+    """Find the largest bars in real time."""
     rows, failures = [], []
     for threads in (1,) if quick else sorted({1, min(2, numba.config.NUMBA_NUM_THREADS)}):  # type: ignore[attr-defined]
         with on_threads(threads):
@@ -127,18 +127,17 @@ def _real_time(quick: bool) -> Study:
         tuple(failures),
         (
             f"soft tissue, E = {YOUNG:g} Pa, nu = {POISSON:g}, {1e2 * LENGTH:g} x {1e2 * SIDE:g} x {1e2 * SIDE:g} cm, hanging, "
-            f"pushed by {PUSH:g} m/s",
-            f"eq. 9: LinearBackwardEuler(tangent='{TANGENT}', rtol={RTOL:g}), its default, conjugate gradients on one thread in "
-            "any case",
-            "with steps of 1 ms and less, which lose little energy, a few elements at the held corners turn inside out; that is "
-            "let pass",
-            "ms: a step, or a frame of 1/60 s of Verlet's own steps, of 12 n^3 tetrahedra with whole n",
+            f"initial speed {PUSH:g} m/s",
+            f"eq. 9: LinearBackwardEuler(tangent='{TANGENT}', rtol={RTOL:g}), its default solver, conjugate "
+            "gradients on one thread in all cases",
+            "with steps of 1 ms and less, which lose little energy, a few elements at the clamped corners invert; this is accepted",
+            "ms: time per step, or per frame of 1/60 s with Verlet's automatic steps; 12 n^3 tetrahedra with integer n",
         ),
     )
 
 
 def _stiffer(quick: bool) -> Study:
-    """The largest bars by stiffness and tolerance."""
+    """Find the largest bars by stiffness and tolerance."""
     rows = []
     for young, rtol in product(STIFFER[:1] if quick else STIFFER, LOOSER):
         pace = Pace("eq. 9, 60 steps/s", FRAME, partial(_steps, 60, 1.0, young=young, rtol=rtol))
@@ -149,23 +148,23 @@ def _stiffer(quick: bool) -> Study:
         "",
         ("E, Pa", "rtol", "tetrahedra", "ms", "iterations"),
         tuple(rows),
-        notes=("the largest bars that keep 60 steps/s with eq. 9 on one thread",),
+        notes=("the largest bars that reach 60 steps/s with eq. 9 on one thread",),
     )
 
 
 def _iterations(quick: bool) -> Study:
-    """Iterations by stiffness and tolerance, and what they do to the motion, at the paces that are claimed."""
+    """Count iterations by stiffness and tolerance, and measure the change of the motion, at the step rates of the claims."""
     n, rows, failures = QUICK if quick else ACROSS, [], []
     for rate, young in [*((60, young) for young in (STIFFNESSES[:2] if quick else STIFFNESSES)), (1000, YOUNG)]:
         system, v = bar(n, young), push(n)
-        truth = reached(system, eq9(rate, 1e-10), until=1.0, v0=v, probes={"end": [0]}).ledger["end x"]
+        exact = reached(system, eq9(rate, 1e-10), until=1.0, v0=v, probes={"end": [0]}).ledger["end x"]
         counts, errors = [], {}
         for rtol in TOLERANCES:
             run = reached(system, eq9(rate, rtol), until=1.0, v0=v, probes={"end": [0]})
             counts.append(run.iterations / rate)
-            errors[rtol] = float(np.abs(run.ledger["end x"] - truth).max() / np.abs(truth).max())
+            errors[rtol] = float(np.abs(run.ledger["end x"] - exact).max() / np.abs(exact).max())
         off = [f"{error:.1e}" for error in errors.values()]
-        rows.append((str(rate), f"{young:g}", f"{truth.max():.3f}", *(f"{count:.3g}" for count in counts), *off))
+        rows.append((str(rate), f"{young:g}", f"{exact.max():.3f}", *(f"{count:.3g}" for count in counts), *off))
         if errors[RTOL] > OFF:
             failures.append(f"{rate} steps/s, E = {young:g} Pa: rtol = {RTOL:g} changes the motion by {errors[RTOL]:.1%}")
     return Study(
@@ -175,7 +174,7 @@ def _iterations(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"of conjugate gradients a step, {12 * n**3} tetrahedra, 1 s; 'off': largest distance of the bar's end from the "
-            "motion with rtol = 1e-10, over its swing",
+            f"iterations of conjugate gradients per step, {12 * n**3} tetrahedra, 1 s; 'off': largest deviation of "
+            "the bar's end from the motion with rtol = 1e-10, over its swing",
         ),
     )

@@ -19,15 +19,18 @@ from skfem_stvk.dynamics.record import MotionState
 
 from ..statics.meshes import moved_box
 
-#: Okabe and Ito's.
+#: Colours of Okabe and Ito.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-#: The end of a cantilever, for the ledger.
+#: Probe at the end of a cantilever, for the ledger.
 TIP = {"tip": lambda x: x[0] == x[0].max()}
 SOFT = StVK(young=1e5, poisson=0.3, density=1000.0)
 
 
 def block(n: int, sides: tuple[float, ...] = (0.4, 0.1, 0.15), material: StVK = SOFT, **supports: Any) -> System:
-    """A block of these sides [m] about the origin, `n` cells along each, inner vertices moved, half of all turned round."""
+    """Return a block of these sides [m] about the origin, `n` cells along each side.
+
+    Inner vertices are moved, and half of the elements have negative orientation.
+    """
     unit = moved_box(len(sides), n)
     mesh = ElementMesh(unit.p * np.array(sides)[:, None], unit.t)
     mass = System(mesh, material).mass().vertex
@@ -36,7 +39,7 @@ def block(n: int, sides: tuple[float, ...] = (0.4, 0.1, 0.15), material: StVK = 
 
 
 def reached(system: System, integrator: Integrator, **options: Any) -> Run:
-    """A motion that reaches its end, for studies of what it costs: elements may be inside out there."""
+    """Return a motion that reaches its end, for studies of cost. Elements may be inverted at the end."""
     run = simulate(system, integrator, quiet=True, raise_on_failure=False, **options)
     if run.status not in (Status.FINISHED, Status.ENDED_INVERTED):
         raise SimulationError(run)
@@ -44,7 +47,10 @@ def reached(system: System, integrator: Integrator, **options: Any) -> Run:
 
 
 def begun(system: System, integrator: Implicit, v: Array) -> tuple[ImplicitStepper, MotionState]:
-    """A stepper and its first state, undeformed with velocities `v` (ndofs,) [m/s], for steps one by one, without a ledger."""
+    """Return a stepper and its initial state, for single steps without a ledger.
+
+    The state is undeformed with velocities `v` (ndofs,) [m/s].
+    """
     motion = Motion(system, "lumped", None)
     stepper, state = integrator.stepper(motion), MotionState.at(0.0, np.zeros_like(v), v)
     state.v[motion.free.fixed] = 0.0
@@ -54,14 +60,14 @@ def begun(system: System, integrator: Implicit, v: Array) -> tuple[ImplicitStepp
 
 @contextmanager
 def expected() -> Iterator[None]:
-    """Steps that are too large are taken on purpose."""
+    """Suppress the package's warnings about steps that are too large on purpose."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         yield
 
 
 def cantilever(n: int, length: float = 0.4, thick: float = 0.1, young: float = 3e5) -> System:
-    """A bar of tetrahedra, `n` cells across and as long as they are cubes, held at x = 0, under its weight."""
+    """Return a bar of tetrahedra under its weight, clamped at x = 0. It has `n` cubic cells across."""
     cells = n * round(length / thick)
     lines = np.linspace(0, length, cells + 1), *2 * [np.linspace(0, thick, n + 1)]
     mesh = skfem.MeshTet.init_tensor(*lines)

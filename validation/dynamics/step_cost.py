@@ -1,4 +1,4 @@
-"""What a step costs: explicit ones in internal forces, implicit ones by part."""
+"""Cost of a step: explicit steps in internal forces, implicit steps by part."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from ..statics.study import Study
 from .scenes import Array, reached
 from .swing import clock
 
-#: Cells of cubes, 6 n^3 tetrahedra; the claim is for the last ones.
+#: Cells along each side, 6 n^3 tetrahedra; the claim is for meshes of at least `CLAIMED` tetrahedra.
 SIZES, QUICK_SIZES, CLAIMED = (5, 12, 19, 35), (12,), 10_000
-#: Steps and forces in turn; a round is as long as it is from one look at a bound that does not move to the next; rounds that are
-#: timed.
+#: Steps and forces alternate in blocks of `BLOCK`. A round lasts from one check of a constant bound to the next. Numbers of timed
+#: rounds.
 BLOCK, ROUND, ROUNDS, QUICK_ROUNDS = MOST // 4, MOST, 9, 2
-#: A step in internal forces at most.
+#: Largest time of a step, in times of an internal force.
 FORCES = 1.5
 DT = 1e-6
 
 
 class Interleaved(System):
-    """Evaluate a block of forces after every block of steps, so that whatever else the machine does slows down both.
+    """System that evaluates a block of forces after every block of steps, so that other load on the machine slows down both.
 
     Attributes
     ----------
-    times : (n, 2) of a block of steps and of the block of forces after it [s]; the first steps are those of the start.
+    times : (n, 2) of a block of steps and of the block of forces after it [s]; the first steps include the start.
     """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
@@ -42,7 +42,7 @@ class Interleaved(System):
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was timed."""
+        """Clear the times."""
         self.times: list[tuple[float, float]] = []
         self._forces, self._since = 0, clock()
 
@@ -59,7 +59,7 @@ class Interleaved(System):
 
 
 def explicit_cost(quick: bool) -> Study:
-    """Times of steps and of internal forces in turn."""
+    """Time steps and internal forces alternately."""
     rows, failures = [], []
     for n in QUICK_SIZES if quick else SIZES:
         mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
@@ -81,33 +81,35 @@ def explicit_cost(quick: bool) -> Study:
             )
             rows.append((integrator.name, str(system.mesh.nt), *each))
             if ratio > FORCES and system.mesh.nt >= CLAIMED and not quick:
-                failures.append(f"{integrator.name}, {system.mesh.nt} tetrahedra: a step takes {ratio:.2f} internal forces")
+                failures.append(
+                    f"{integrator.name}, {system.mesh.nt} tetrahedra: a step takes {ratio:.2f} times as long as an internal force"
+                )
     return Study(
         "Explicit steps",
-        "" if quick else f"from {CLAIMED} tetrahedra on a step takes at most {FORCES:g} times as long as an internal force",
+        "" if quick else f"from {CLAIMED} tetrahedra on, a step takes at most {FORCES:g} times as long as an internal force",
         ("integrator", "tetrahedra", "F, ns per tet", "step, ns per tet", "beyond F, us", "x", "of rounds", f"first {ROUND}, x"),
         tuple(rows),
         tuple(failures),
         (
-            f"one thread; ledger, guard against blow-up and watch over the critical step included; {BLOCK} steps and {BLOCK} "
-            f"forces in turn, medians of rounds of {ROUND} each",
+            f"one thread; including ledger, blow-up check and critical-step check; {BLOCK} steps and {BLOCK} "
+            f"forces alternate, medians of rounds of {ROUND} each",
         ),
     )
 
 
 def _rounds(system: Interleaved, integrator: VelocityVerlet | ForwardEuler, count: int) -> tuple[float, Array]:
-    """The cost of the start and the first steps in internal forces; (count, 2) mean times of a step and a force after those [s]."""
-    simulate(system, integrator, until=10 * DT, quiet=True)  # what is made at its first use is there then
+    """Return the time of the first steps in internal forces, and the mean times (count, 2) of a later step and a force [s]."""
+    simulate(system, integrator, until=10 * DT, quiet=True)  # creates the data of the first use
     system.begin()
     simulate(system, integrator, until=(ROUND * (count + 2) + 1) * DT, quiet=True)
     times, blocks = np.array(system.times), ROUND // BLOCK
-    first = times[: blocks + 1].sum(axis=0) / (ROUND, ROUND + BLOCK)  # the forces of the start are a block more
+    first = times[: blocks + 1].sum(axis=0) / (ROUND, ROUND + BLOCK)  # the start has one more block of forces
     later = times[2 * blocks + 1 :][: count * blocks].reshape(count, blocks, 2)
     return float(first[0] / first[1]), later.sum(axis=1) / ROUND
 
 
 def split(system: System, integrator: LinearBackwardEuler, v: Array) -> Study:
-    """The parts of the time of a step of eq. 9."""
+    """Measure the parts of the time of a step of eq. 9."""
     reached(system, integrator, until=3 * integrator.dt, v0=v)
     runs = [reached(system, integrator, until=1.0, v0=v) for _ in range(3)]
     run = min(runs, key=lambda run: sum(run.seconds.values()))

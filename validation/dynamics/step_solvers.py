@@ -1,7 +1,6 @@
-"""Linear solvers in time steps: what a step takes with each of them, on the bar of soft tissue, on plates and in the plane.
+"""Linear solvers in time steps: cost of a step with each solver, for the bar of soft tissue, plates and plane bodies.
 
-Times are CPU times of one thread. The first step, in which matrices are analysed and kernels compiled, is not timed, nor is the
-ledger.
+Times are CPU times of one thread. They exclude the ledger and the first step, in which matrices are analysed and kernels compiled.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ from .scenes import Array, begun, expected
 from .swing import DENSITY, GRAVITY, LENGTH, POISSON, SIDE, YOUNG, bar, clock, eq9, on_threads, push
 
 FRAME = 1 / 60
-#: Steps of eq. 9: cells across the bar, steps/s, stiffness [Pa] and tolerance; the end of the motion [s], and how often it is
-#: repeated.
+#: Steps of eq. 9: cells across the bar, steps/s, stiffness [Pa] and tolerance; duration of the motion [s], and number of
+#: repetitions.
 EQ9 = (
     *((8, 60, 3e4, rtol) for rtol in (1e-2, 1e-3, 1e-4)),
     (8, 60, 1e5, 1e-3),
@@ -37,21 +36,21 @@ EQ9 = (
     (7, 1000, 3e4, 1e-4),
 )
 QUICK_EQ9, UNTIL, QUICK_UNTIL, REPEATS = ((3, 60, 3e4, 1e-3),), 0.5, 0.1, 3
-#: Part of the iterations with diagonal blocks that SSOR takes at most, in steps of 1/60 s.
+#: Largest ratio of SSOR's iterations to those with diagonal blocks, in steps of 1/60 s.
 PART = 0.5
-#: Converged steps: timed steps by cells across the bar; what is left out because it takes minutes.
+#: Converged steps: number of timed steps by cells across the bar; runs that are skipped because they take minutes.
 CONVERGED, QUICK_CONVERGED = {4: 12, 8: 6, 12: 3}, {2: 2}
 SOLVERS = ("superlu", "pardiso", "amg-cg", "ssor-cg")
 TOO_LONG = {(12, EnergyMomentum, "superlu")}
-#: How far motions with different solvers may be from each other, as a part of the largest displacement.
+#: Largest difference of motions with different solvers, relative to the largest displacement.
 ALIKE = 1e-6
-#: Relaxation of SSOR: stiffnesses [Pa], cells across the bar, and across the cube of statics; the package's own takes at most so
-#: many times the fewest iterations.
+#: Relaxation of SSOR: stiffnesses [Pa], cells across the bar and across the cube of statics; largest ratio of the iterations with
+#: the package's factor to the fewest.
 OMEGAS, YOUNGS, ACROSS, CUBE, QUICK_ACROSS, NEAR = (1.0, 1.2, 1.4, 1.6, 1.8), (3e4, 1e5), 12, 25, 3, 1.1
 
 
 class Steps(NamedTuple):
-    """Steps one by one: CPU time per step without the first [s], iterations of all, and the last displacements (ndofs,) [m]."""
+    """Single steps: CPU time per step without the first [s], iterations of all, and the last displacements (ndofs,) [m]."""
 
     seconds: float
     iterations: int
@@ -59,14 +58,14 @@ class Steps(NamedTuple):
 
 
 def step_solvers(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """what a time step takes with each linear solver, on soft tissue, plates and triangles, and how SSOR is relaxed"""
+    """Measure the cost of a time step with each linear solver on soft tissue, plates and triangles; and the relaxation of SSOR."""
     with on_threads(1), one_thread_of_mkl(), expected():
         return (_of_eq9(quick), _converged(quick), _nearly_static(quick), _relaxation(quick))
 
 
 @contextmanager
 def one_thread_of_mkl() -> Iterator[None]:
-    """PARDISO on one thread, if it is installed."""
+    """Run PARDISO on one thread within the `with` block, if it is installed."""
     if not pardiso_is_installed():
         yield
         return
@@ -81,7 +80,7 @@ def one_thread_of_mkl() -> Iterator[None]:
 
 
 def stepped(system: System, integrator: Implicit, v: Array, count: int) -> Steps:
-    """One step that is not timed and `count` that are, of a body that begins undeformed with velocities `v` (ndofs,) [m/s]."""
+    """Make one untimed step and `count` timed steps of a body without deformation and with velocities `v` (ndofs,) [m/s]."""
     stepper, state = begun(system, integrator, v)
     stepper.step(state, integrator.dt)
     begin = clock()
@@ -91,7 +90,7 @@ def stepped(system: System, integrator: Implicit, v: Array, count: int) -> Steps
 
 
 def _of_eq9(quick: bool) -> Study:
-    """Diagonal blocks and SSOR as preconditioners."""
+    """Compare diagonal blocks and SSOR as preconditioners."""
     rows: list[tuple[str, ...]] = []
     failures: list[str] = []
     for n, rate, young, rtol in QUICK_EQ9 if quick else EQ9:
@@ -114,14 +113,14 @@ def _of_eq9(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"per step, in the first {QUICK_UNTIL if quick else UNTIL:g} s of the bar of soft tissue; the best of "
+            f"per step, in the first {QUICK_UNTIL if quick else UNTIL:g} s of the bar of soft tissue; best of "
             f"{1 if quick else REPEATS} runs",
         ),
     )
 
 
 def _converged(quick: bool) -> Study:
-    """All solvers in Newton's method."""
+    """Compare all solvers in Newton's method."""
     rows: list[tuple[str, ...]] = []
     failures: list[str] = []
     sizes = QUICK_CONVERGED if quick else CONVERGED
@@ -134,8 +133,8 @@ def _converged(quick: bool) -> Study:
             failures += _unlike(f"{system.mesh.nt} tetrahedra, {kind.__name__}", found)
     return Study(
         "Converged steps of 1/60 s",
-        f"with each solver Newton's method takes as many iterations, and leads to the same motion within {ALIKE:g} of its largest "
-        "displacement",
+        f"with each solver Newton's method takes the same number of iterations, and the motions agree within {ALIKE:g} of "
+        "the largest displacement",
         ("tetrahedra", "integrator", *(f"{name}, ms" for name in SOLVERS), "Newton iterations"),
         tuple(rows),
         tuple(failures),
@@ -148,7 +147,7 @@ def _available() -> list[str]:
 
 
 def _cells(found: dict[str, Steps]) -> Iterator[str]:
-    """Times of the table to three digits, in the order of `SOLVERS`."""
+    """Yield the times of the table to three digits, in the order of `SOLVERS`."""
     for name in SOLVERS:
         if name in found:
             yield np.format_float_positional(1e3 * found[name].seconds, 3, fractional=False, trim="-")
@@ -157,19 +156,19 @@ def _cells(found: dict[str, Steps]) -> Iterator[str]:
 
 
 def _unlike(what: str, found: dict[str, Steps]) -> Iterator[str]:
-    """Solvers with which the motion, or the number of Newton's iterations, is another than with the last one."""
+    """Yield the solvers whose motion or number of Newton iterations differs from that of the last solver."""
     *others, last = found
-    truth = found[last]
+    expected = found[last]
     for name in others:
-        off = float(np.abs(found[name].u - truth.u).max() / np.abs(truth.u).max())
+        off = float(np.abs(found[name].u - expected.u).max() / np.abs(expected.u).max())
         if not off <= ALIKE:
             yield f"{what}: motions with {name} and {last} differ by {off:.1e}"
-        if found[name].iterations != truth.iterations:
-            yield f"{what}: {found[name].iterations} iterations with {name}, {truth.iterations} with {last}"
+        if found[name].iterations != expected.iterations:
+            yield f"{what}: {found[name].iterations} iterations with {name}, {expected.iterations} with {last}"
 
 
 def _nearly_static(quick: bool) -> Study:
-    """Solvers where inertia is small beside stiffness, and where factors are small."""
+    """Compare solvers on bodies with small inertia relative to stiffness, and on bodies with small factors."""
     rows: list[tuple[str, ...]] = []
     failures: list[str] = []
     for name, system, steps in _bodies(quick):
@@ -181,16 +180,16 @@ def _nearly_static(quick: bool) -> Study:
             failures += _unlike(f"{name}, dt = {dt:.3g} s", found)
     return Study(
         "Converged steps, nearly static or in the plane",
-        "with each solver Newton's method takes as many iterations and leads to the same motion",
+        "with each solver Newton's method takes the same number of iterations and gives the same motion",
         ("body", "elements", "unknowns", "dt, ms", *(f"{name}, ms" for name in SOLVERS)),
         tuple(rows),
         tuple(failures),
-        ("per step of BackwardEuler, means of 3 steps; bodies that are held along one side and let go under their weight",),
+        ("per step of BackwardEuler, means of 3 steps; bodies clamped along one side and released under their weight",),
     )
 
 
 def _bodies(quick: bool) -> Iterator[tuple[str, System, tuple[float, ...]]]:
-    """Plates of tetrahedra and soft tissue of triangles, and steps [s]."""
+    """Yield plates of tetrahedra and soft tissue of triangles, with time steps [s]."""
     steel = StVK(young=210e9, poisson=0.3, density=7800.0)
     for thick, n, steps in ((0.01, 40, (FRAME,)), (0.02, 16, (0.01, 0.1))):
         lines = *2 * [np.linspace(0, 1, (4 if quick else n) + 1)], np.linspace(0, thick, 2)
@@ -204,13 +203,13 @@ def _bodies(quick: bool) -> Iterator[tuple[str, System, tuple[float, ...]]]:
 
 
 def relaxed(omega: float) -> SsorCg:
-    """SSOR with another relaxation than the package's."""
+    """Return the SSOR solver with the relaxation factor `omega`."""
     solver: SsorCg = type("Relaxed", (SsorCg,), {"omega": omega})()
     return solver
 
 
 def _relaxation(quick: bool) -> Study:
-    """Iterations by omega, in time steps and in statics."""
+    """Count iterations by omega, in time steps and in statics."""
     n, cube = (QUICK_ACROSS, QUICK_ACROSS) if quick else (ACROSS, CUBE)
     (K, unknowns), bars = problem("cube", cube, matrix_free=True), [bar(n, young) for young in YOUNGS]
     counts = {}
@@ -221,12 +220,12 @@ def _relaxation(quick: bool) -> Study:
     most = np.max(np.array(counts[SsorCg.omega]) / np.min(list(counts.values()), axis=0))
     return Study(
         "Relaxation of ssor-cg",
-        "" if quick else f"omega = {SsorCg.omega:g}, the package's, takes at most {NEAR:g} times as many iterations as the best",
+        "" if quick else f"the package's omega = {SsorCg.omega:g} takes at most {NEAR:g} times as many iterations as the best",
         ("omega", *(f"steps, E = {young:g} Pa" for young in YOUNGS), "statics"),
         tuple((f"{omega:g}", *(f"{count:.3g}" for count in row)) for omega, row in counts.items()),
         () if quick or most <= NEAR else (f"{most:.2f} times as many iterations",),
         (
-            f"iterations per step of eq. 9, {12 * n**3} tetrahedra, 60 steps/s, rtol = {eq9(60).rtol:g}; of a cube at rest, "
+            f"iterations per step of eq. 9, {12 * n**3} tetrahedra, 60 steps/s, rtol = {eq9(60).rtol:g}; statics: a cube at rest, "
             f"{unknowns.n} unknowns, to {RTOL:g}",
         ),
     )

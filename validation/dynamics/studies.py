@@ -1,4 +1,4 @@
-"""All studies of motion, one after the other."""
+"""Runner of the studies of motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .work_precision import work_precision
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the studies of these names and print them; pictures go to the folder `out`. The exit code is 0 if all claims hold."""
+    """Run the named studies, print them and write pictures to the folder `out`. The exit code is 0 if all claims hold."""
     studies: dict[str, Callable[[bool, Path | None], Sequence[Study]]] = {
         "independent": independent,
         "csm3": csm3,

@@ -1,4 +1,7 @@
-"""A bar of soft tissue that hangs from one end, 30 x 15 x 15 cm, and is pushed to the side: it swings by half of its length."""
+"""Bar of soft tissue, 30 x 15 x 15 cm, that hangs from one end and gets an initial sideways velocity.
+
+It swings by half of its length.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +26,14 @@ REPEATS = 3
 
 
 class Timed(NamedTuple):
-    """A run and the wall time of a step [s]."""
+    """Run, and the wall time of a step [s]."""
 
     run: Run
     seconds: float
 
     @property
     def steps(self) -> int:
-        """Number of steps that were made."""
+        """Number of steps of the run."""
         return self.run.ledger.steps - 1
 
     @property
@@ -40,7 +43,7 @@ class Timed(NamedTuple):
 
 
 def bar(n: int, young: float = YOUNG) -> System:
-    """`n` cells across and `2 n` along, each of 6 tetrahedra."""
+    """Return the bar with `n` cells across and `2 n` along, each of 6 tetrahedra."""
     across, along = np.linspace(0, SIDE, n + 1), np.linspace(-LENGTH, 0, 2 * n + 1)
     mesh = ElementMesh.of(skfem.MeshTet.init_tensor(across, across, along))
     material = StVK(young=young, poisson=POISSON, density=DENSITY)
@@ -48,7 +51,7 @@ def bar(n: int, young: float = YOUNG) -> System:
 
 
 def push(n: int) -> Array:
-    """(ndofs,) velocities to begin with [m/s]."""
+    """Return the initial velocities (ndofs,) [m/s]."""
     p = bar(n).mesh.p
     v = np.zeros(p.T.shape)
     v[:, 0] = -PUSH * p[2] / LENGTH
@@ -56,13 +59,13 @@ def push(n: int) -> Array:
 
 
 def eq9(rate: float, rtol: float = RTOL) -> LinearBackwardEuler:
-    """Linearised backward Euler as it is timed here."""
+    """Return linearised backward Euler with the parameters of the timings."""
     return LinearBackwardEuler(dt=1 / rate, rtol=rtol, tangent=TANGENT)
 
 
 @contextmanager
 def on_threads(count: int) -> Iterator[None]:
-    """Kernels on so many threads."""
+    """Run the kernels on `count` threads within the `with` block."""
     before = numba.get_num_threads()
     numba.set_num_threads(count)
     try:
@@ -72,12 +75,12 @@ def on_threads(count: int) -> Iterator[None]:
 
 
 def clock() -> float:
-    """Seconds, on one thread without those in which the machine did something else."""
+    """Return the time [s]: on one thread CPU time, otherwise wall time."""
     return thread_time() if numba.get_num_threads() == 1 else perf_counter()
 
 
 def timed(system: System, integrator: Integrator, v: Array, until: float, repeats: int = REPEATS) -> Timed:
-    """The best of a few runs."""
+    """Return the fastest of a few runs."""
     best, run = np.inf, None
     end = {"end": lambda x: (x[2] == -LENGTH) & (x[0] == 0) & (x[1] == 0)}
     for _ in range(repeats):

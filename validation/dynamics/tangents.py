@@ -1,13 +1,13 @@
-"""The tangent of energy and momentum: the exact one, which is not symmetric, against the symmetric one that the package takes.
+"""Tangents of energy-momentum: the exact, unsymmetric tangent against the symmetric tangent of the package.
 
-With `t = L (zeta_0 + zeta_1)/2` and G(u) (ne, ndofs) the matrix of `p_i(u) . (v_a - v_b)`, the force of the step is
-`f = G(u_mid)' t`, so that
+With `t = L (zeta_0 + zeta_1)/2` and G(u) (ne, ndofs) the matrix of `p_i(u) . (v_a - v_b)`, the force of the step is `f = G(u_mid)'
+t`, so that
 
     df/du_1 = G(u_mid)' L G(u_1) + 1/2 sum t_i (e_a - e_b)(e_a - e_b)'
     symmetric = G(u_mid)' L G(u_mid) + 1/2 sum t_i(u_0) (e_a - e_b)(e_a - e_b)'
 
-The exact one is made here, of sparse matrices, to count iterations; nothing of it is in the package, which leaves out the tensions
-where an iteration does not halve the residual.
+This file assembles the exact tangent from sparse matrices, only to count iterations. The package does not contain it. If an
+iteration does not halve the residual, the package also omits the tensions.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from skfem_stvk.edges import ALL, NONE, EdgeForm
 from ..statics.study import Study
 from .scenes import Array, cantilever
 
-#: Steps in critical ones, and how many are made.
+#: Time steps in critical steps, and the number of steps.
 TIMES, STEPS = (1, 10, 30, 100), 30
 RTOL, MOST = 1e-10, 60
-#: Solvers of the package that are timed, the second its default; the exact tangent needs the first.
+#: Solvers of the package that are timed; the second is its default. The exact tangent needs the first.
 SOLVERS = ("superlu", "ssor-cg")
-#: Up to so many critical steps less time is claimed; beyond, the symmetric tangent converges slowly.
+#: The claim of less time holds up to this number of critical steps; above it, the symmetric tangent converges slowly.
 USUAL = 30
-#: Iterations with the symmetric tangent over those with the exact one, at most.
+#: Largest ratio of iterations with the symmetric tangent to iterations with the exact one.
 MORE = 2.5
 
 
-class Exact:
-    """Steps of energy and momentum by Newton's method with either tangent, on one elastic term and dead loads."""
+class EnergyMomentumSteps:
+    """Steps of energy-momentum by Newton's method with either tangent, for one elastic term and dead loads."""
 
     def __init__(self, system: System, symmetric: bool) -> None:
         self._system, self._symmetric = system, symmetric
@@ -57,7 +57,7 @@ class Exact:
         self.iterations = 0
 
     def step(self, u0: Array, v0: Array, h: float) -> tuple[Array, Array]:
-        """State after a step.
+        """Return displacements and velocities after a step.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class Exact:
         raise RuntimeError(f"Newton's method did not converge in {MOST} iterations.")
 
     def tangent(self, u0: Array, u1: Array) -> csr_matrix:
-        """(ndofs, ndofs) of the force of the step [N/m]."""
+        """Return the tangent of the force of the step [N/m], (ndofs, ndofs)."""
         form, d = self._form, self._system.mesh.d
         x0, x1 = u0.reshape(-1, d), u1.reshape(-1, d)
         middle = (x0 + x1) / 2
@@ -91,16 +91,17 @@ class Exact:
         return csr_matrix(self._vectors(middle).T @ form.L @ self._vectors(x1) + kron(laplacian, np.eye(d)) / 2)
 
     def _vectors(self, x: Array) -> csr_matrix:
-        """G, (ne, ndofs)."""
+        """Return G, (ne, ndofs)."""
         p, d = self._form.P + self._form.differences(x), self._system.mesh.d
         by_component = kron(self._incidence, np.ones((1, d))).tocsr()
         return csr_matrix(by_component.multiply(np.tile(p, (1, self._system.mesh.nv))))
 
 
 class Finding(NamedTuple):
-    """A step in critical ones, and what it takes with each tangent.
+    """Time step in critical steps, and the cost with each tangent.
 
-    Iterations per step with the exact and the symmetric tangent, and of the package; its times by solver [ms per step].
+    Iterations per step with the exact tangent, with the symmetric tangent, and in the package; times of the package by solver [ms
+    per step].
     """
 
     times: float
@@ -112,12 +113,12 @@ class Finding(NamedTuple):
 
     @property
     def with_exact(self) -> float:
-        """What a step with the exact tangent would take [ms], if an iteration took as long as with the symmetric one."""
+        """Estimated time of a step with the exact tangent [ms], if an iteration took as long as with the symmetric one."""
         return self.exact / self.package * self.milliseconds[SOLVERS[0]]
 
 
 def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """energy-momentum's symmetric tangent takes up to twice the iterations of the exact, unsymmetric one, and less time"""
+    """Compare iterations and times of energy-momentum with the symmetric tangent and with the exact, unsymmetric one."""
     system = cantilever(2 if quick else 4)
     critical = critical_step(system).step
     found = [_finding(system, times, times * critical) for times in (TIMES[:3:2] if quick else TIMES)]
@@ -134,14 +135,15 @@ def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
         for one in found
     ]
     iterations = f"the symmetric tangent takes at most {MORE:g} times the iterations of the exact one"
-    times = f"; up to {USUAL} critical steps, with conjugate gradients, less time than the exact one, for which there is LU alone"
+    times = f"; up to {USUAL} critical steps, conjugate gradients take less time than the exact tangent, which needs LU"
     failures = [
-        f"{one.times:g} times the critical step: {one.package:.2f} iterations, exact {one.exact:.2f}"
+        f"{one.times:g} times the critical step: {one.package:.2f} iterations, with the exact tangent {one.exact:.2f}"
         for one in found
         if not one.package <= MORE * one.exact
     ]
     failures += [
-        f"{one.times:g} times the critical step: {one.milliseconds[SOLVERS[1]]:.1f} ms per step, exact {one.with_exact:.1f} ms"
+        f"{one.times:g} times the critical step: {one.milliseconds[SOLVERS[1]]:.1f} ms per step, with the exact tangent "
+        f"{one.with_exact:.1f} ms"
         for one in found
         if not quick and one.times <= USUAL and not one.milliseconds[SOLVERS[1]] <= one.with_exact
     ]
@@ -162,9 +164,9 @@ def tangents(quick: bool = False, folder: Path | None = None) -> Sequence[Study]
             tuple(rows),
             tuple(failures),
             (
-                f"{system!r}, let go under its weight, {STEPS} steps, rtol = {RTOL:g}",
-                "the exact one's time: its iterations at the package's time for one with LU, as if its unsymmetric matrix cost no "
-                "more; CG cannot solve with it",
+                f"{system!r}, released under its weight, {STEPS} steps, rtol = {RTOL:g}",
+                "time of the exact tangent: its iterations times the package's time per iteration with LU, as if an "
+                "unsymmetric matrix cost no more; CG cannot solve with it",
             ),
         ),
     )
@@ -183,8 +185,8 @@ def _finding(system: System, times: float, dt: float) -> Finding:
 
 
 def _iterations(system: System, dt: float, symmetric: bool) -> float:
-    """Newton's iterations per step; NaN if it fails, which the package would help by a line search or a smaller step."""
-    exact, u, v = Exact(system, symmetric), np.zeros(system.ndofs), np.zeros(system.ndofs)
+    """Return Newton's iterations per step; NaN if it fails (the package would use a line search or a smaller step)."""
+    exact, u, v = EnergyMomentumSteps(system, symmetric), np.zeros(system.ndofs), np.zeros(system.ndofs)
     try:
         for _ in range(STEPS):
             u, v = exact.step(u, v, dt)

@@ -1,12 +1,12 @@
-"""Small vibrations in one mode: frequency and decay of each integrator against what its formula gives for a linear oscillator.
+"""Small vibrations in one mode: frequency and decay of each integrator against its formula for a linear oscillator.
 
-With `W = omega T` the displacement at the steps is `r^n cos(n theta + c)`; `theta/T` is the circular frequency that comes out, `r`
-the decay in a step:
+With `W = omega T`, the displacement at the steps is `r^n cos(n theta + c)`. The numerical circular frequency is `theta/T`, the
+decay per step is `r`:
 
     forward Euler (eq. 4), velocity Verlet              theta = 2 asin(W/2)     r = 1
     backward Euler, converged or linearised (eq. 9)     theta = atan(W)         r = 1/sqrt(1 + W^2)
     average acceleration, energy and momentum           theta = 2 atan(W/2)     r = 1
-    generalised alpha                                   of its amplification matrix, see `generalized_alpha`
+    generalised alpha                                   from its amplification matrix, see `generalized_alpha`
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ from .scenes import Array, block
 
 #: Largest displacement [m]; the block is 0.4 m long.
 SMALL = 1e-10
-#: Of implicit integrators, steps in a period of the mode; of explicit ones, of the critical step.
+#: Steps per period of the mode for implicit integrators; step in critical steps for explicit ones.
 PARTS, OF_CRITICAL = 20, 0.9
-#: Values that the wave is fitted to, about so far apart [rad]; the first ones are left out, in which generalised alpha forgets its
-#: start.
+#: Number of values for the fit, and their distance [rad]. The first values are left out, because the start affects generalised
+#: alpha.
 VALUES, APART, LEFT_OUT = 60, 0.5, 20
 RTOL, LIMIT = 1e-12, 1e-6
 IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 
 
 class Wave(NamedTuple):
-    """Angle [rad] and decay over a step."""
+    """Angle [rad] and decay per step."""
 
     angle: float
     decay: float
 
 
 class Finding(NamedTuple):
-    """Predicted and measured frequency and decay of a mode of this circular frequency [1/s]."""
+    """Predicted and measured frequency and decay of a mode of circular frequency `omega` [1/s]."""
 
     integrator: Integrator
     omega: float
@@ -63,12 +63,12 @@ class Finding(NamedTuple):
 
     @property
     def product(self) -> float:
-        """`omega dt`"""
+        """Product `omega dt`."""
         return self.omega * float(self.integrator.dt or 0)
 
 
 def vibrations(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """small vibrations in single modes have the frequency and the decay that the integrator's formula gives"""
+    """Compare frequency and decay of small vibrations in single modes with the formulas of the integrators."""
     system = block(2, (0.4, 0.1, 0.15), fixed={lambda x: x[0] == x[0].min(): "xyz"})
     n = system.ndofs - len(system.supports.held)
     found = [one for i in ((0, n - 1) if quick else (0, 4, n // 2, n - 1)) for one in _findings(system, i, n)]
@@ -93,7 +93,7 @@ def vibrations(quick: bool = False, folder: Path | None = None) -> Sequence[Stud
 
 
 def _findings(system: System, number: int, n: int) -> Iterator[Finding]:
-    """Findings on all integrators in the mode of this number."""
+    """Yield the findings for all integrators in the mode with this number."""
     found = modes(system, n)
     omega, shape = float(np.sqrt(found.eigenvalues[number])), found.shapes[number]
     stable, dt = OF_CRITICAL * critical_step(system).step, 2 * np.pi / (PARTS * omega)
@@ -102,7 +102,7 @@ def _findings(system: System, number: int, n: int) -> Iterator[Finding]:
 
 
 def predicted(integrator: Integrator, omega: float) -> Wave:
-    """Frequency and decay of a linear oscillator."""
+    """Return angle and decay of a linear oscillator."""
     W = omega * float(integrator.dt or 0)
     if integrator.explicit:
         return Wave(2 * np.arcsin(W / 2), 1.0)
@@ -114,9 +114,9 @@ def predicted(integrator: Integrator, omega: float) -> Wave:
 
 
 def generalized_alpha(rho: float, W: float) -> Wave:
-    """Frequency and decay by the amplification matrix of Chung and Hulbert (1993).
+    """Return angle and decay from the amplification matrix of Chung and Hulbert (1993).
 
-    `A x1 = B x` for `x = (u, T v, T^2 a)`, whose oscillating eigenvalues are `r e^(i theta)`.
+    `A x1 = B x` for `x = (u, T v, T^2 a)`. The oscillating eigenvalues are `r e^(i theta)`.
     """
     m, f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
     gamma, beta = 0.5 - m + f, (1 - m + f) ** 2 / 4
@@ -127,15 +127,15 @@ def generalized_alpha(rho: float, W: float) -> Wave:
 
 
 def measured(system: System, integrator: Integrator, omega: float, shape: Array) -> Wave:
-    """Frequency and decay from the motion of the vertex that moves most.
+    """Return angle and decay from the motion of the vertex with the largest displacement.
 
-    `x(n+1) = 2 r cos(theta) x(n) - r^2 x(n-1)` is fitted by least squares, over every so many steps.
+    `x(n+1) = 2 r cos(theta) x(n) - r^2 x(n-1)` is fitted by least squares to every `every`-th step.
     """
-    place = int(np.argmax(np.abs(shape)))
+    index = int(np.argmax(np.abs(shape)))
     every = max(1, round(APART / (omega * float(integrator.dt or 0))))
     until = float(integrator.dt or 0) * every * (VALUES + LEFT_OUT)
-    run = simulate(system, integrator, until=until, u0=SMALL / abs(shape[place]) * shape, probes={"A": [place // 3]}, quiet=True)
-    x = run.ledger[f"A {'xyz'[place % 3]}"][::every][LEFT_OUT:]
+    run = simulate(system, integrator, until=until, u0=SMALL / abs(shape[index]) * shape, probes={"A": [index // 3]}, quiet=True)
+    x = run.ledger[f"A {'xyz'[index % 3]}"][::every][LEFT_OUT:]
     (a, b), *_ = np.linalg.lstsq(np.stack([x[1:-1], x[:-2]], axis=1), x[2:], rcond=None)
     decay = np.sqrt(-b)
     return Wave(float(np.arccos(a / (2 * decay))) / every, float(decay ** (1 / every)))

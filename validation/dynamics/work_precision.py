@@ -1,8 +1,8 @@
 """Error against wall time of all integrators, and of all tangents of the implicit ones, on two scenes.
 
-A stiff, slender beam swings in space, by about a third of its length; a soft block, bent as in its first mode, spins in free
-flight. The truth of both is velocity Verlet, extrapolated from an eighth and a sixteenth of the critical step; errors are those of
-the displacements at the end.
+A stiff, slender beam swings in space, by about a third of its length. A soft block, bent as in its first mode, spins in free
+flight. The reference of both is velocity Verlet, extrapolated from an eighth and a sixteenth of the critical step. Errors are those
+of the displacements at the end.
 """
 
 from __future__ import annotations
@@ -39,26 +39,26 @@ from .scenes import COLOURS, Array, block, cantilever, expected
 
 EXPLICIT = (ForwardEuler, VelocityVerlet)
 IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
-#: Of the lines of tangents other than the exact one.
+#: Markers of tangents other than the exact one.
 MARKS = {"clamped": "s", "gauss-newton": "^", "diagonal": "x", "rest": "v"}
-#: Parts of the critical step, for explicit integrators.
+#: Steps of explicit integrators in critical steps.
 PARTS = (0.9, 0.45, 0.225)
 #: Steps of implicit integrators [s].
 BEAM_STEPS: tuple[float, ...] = 0.01, 0.005, 0.0025, 0.00125, 0.000625
 BLOCK_STEPS: tuple[float, ...] = 0.02, 0.01, 0.005, 0.0025, 0.00125
-#: Beyond the exact tangent, of these.
+#: Integrators that are also run with the other tangents.
 OF_ALL_TANGENTS = (LinearBackwardEuler, EnergyMomentum)
-#: How many of the steps tangents other than the exact one are tried with, from the smallest on.
+#: Number of smallest steps with which the other tangents are run.
 OTHERS = 2
 GOALS = (0.1, 0.01)
-#: Of the block's first mode that is not rigid [m].
+#: Amplitude of the block's first mode that is not rigid [m].
 AMPLITUDE = 0.01
-#: Integrators of second order with the exact tangent have come this close to the truth with the smallest step.
+#: Largest error of integrators of second order with the exact tangent at the smallest step.
 CLOSE = 0.02
 
 
 class Scene(NamedTuple):
-    """A body, its first displacements [m] and velocities [m/s] (ndofs,), the end [s], and the steps of implicit integrators [s]."""
+    """Body with initial displacements [m] and velocities [m/s] (ndofs,), duration [s], and steps of implicit integrators [s]."""
 
     name: str
     system: System
@@ -69,7 +69,7 @@ class Scene(NamedTuple):
 
 
 class Point(NamedTuple):
-    """An integrator that reached the end or did not (NaN)."""
+    """Run of an integrator; the error is NaN if the run did not reach the end."""
 
     integrator: Integrator
     error: float
@@ -77,7 +77,7 @@ class Point(NamedTuple):
 
 
 def work_precision(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """error against wall time for all integrators and tangents on two scenes"""
+    """Measure error against wall time for all integrators and tangents on two scenes."""
     scenes = _scenes(quick)
     found = {scene.name: _points(scene, quick) for scene in scenes}
     pictures = () if folder is None else (_picture(found, folder),)
@@ -105,19 +105,19 @@ def _scenes(quick: bool) -> list[Scene]:
 
 
 def _points(scene: Scene, quick: bool) -> dict[tuple[str, str], list[Point]]:
-    """Points by integrator and tangent, which is empty for explicit integrators."""
+    """Return points by integrator and tangent; the tangent is empty for explicit integrators."""
     critical = critical_step(scene.system).step
-    truth = _truth(scene, critical)
-    found = {(one.__name__, ""): [_point(scene, one(dt=part * critical), truth) for part in PARTS] for one in EXPLICIT}
+    reference = _reference(scene, critical)
+    found = {(one.__name__, ""): [_point(scene, one(dt=part * critical), reference) for part in PARTS] for one in EXPLICIT}
     for one in IMPLICIT:
         for tangent in _tangents(one, quick):
             steps = scene.steps if tangent == StepTangent.EXACT.value else scene.steps[-OTHERS:]
-            found[one.__name__, tangent] = [_point(scene, one(dt=dt, **_options(one, tangent)), truth) for dt in steps]
+            found[one.__name__, tangent] = [_point(scene, one(dt=dt, **_options(one, tangent)), reference) for dt in steps]
     return found
 
 
-def _truth(scene: Scene, critical: float) -> Array:
-    """Displacements (ndofs,) at the end."""
+def _reference(scene: Scene, critical: float) -> Array:
+    """Return the reference displacements (ndofs,) at the end."""
     coarse, fine = (scene.until / (n * np.ceil(scene.until / critical)) for n in (8, 16))
     u, v = (
         simulate(scene.system, VelocityVerlet(dt=dt), until=scene.until, u0=scene.u0, v0=scene.v0, quiet=True).u
@@ -127,30 +127,30 @@ def _truth(scene: Scene, critical: float) -> Array:
 
 
 def _tangents(kind: type[Any], quick: bool) -> list[str]:
-    """All of them for the overview's integrator and for energy-momentum; the exact one of the others."""
+    """Return all tangents for eq. 9 and energy-momentum, and only the exact tangent for the others."""
     several = kind in OF_ALL_TANGENTS and not quick
     return [one.value for one in StepTangent] if several else [StepTangent.EXACT.value]
 
 
 def _options(kind: type[Any], tangent: str) -> dict[str, Any]:
-    """Solves as exact as is needed here; eq. 9 with its own tolerance."""
+    """Return options with a tolerance that is tight enough here; eq. 9 uses its own tolerance."""
     return {"tangent": tangent} | ({} if kind is LinearBackwardEuler else {"rtol": 1e-6})
 
 
-def _point(scene: Scene, integrator: Integrator, truth: Array) -> Point:
+def _point(scene: Scene, integrator: Integrator, reference: Array) -> Point:
     begin = perf_counter()
     with expected():
         run = simulate(scene.system, integrator, until=scene.until, u0=scene.u0, v0=scene.v0, quiet=True, raise_on_failure=False)
     seconds = perf_counter() - begin
-    return Point(integrator, _error(run.u, truth) if run.success else float("nan"), seconds)
+    return Point(integrator, _error(run.u, reference) if run.success else float("nan"), seconds)
 
 
-def _error(u: Array, truth: Array) -> float:
-    return float(np.linalg.norm(u - truth) / np.linalg.norm(truth))
+def _error(u: Array, reference: Array) -> float:
+    return float(np.linalg.norm(u - reference) / np.linalg.norm(reference))
 
 
 def seconds_to_reach(goal: float, points: Sequence[Point]) -> float:
-    """Time for an error of `goal`, on the straight lines through neighbours on logarithmic scales; NaN outside of them."""
+    """Return the time for an error of `goal` by linear interpolation on logarithmic scales; NaN outside the measured errors."""
     good = sorted((point.error, point.seconds) for point in points if point.error < np.inf)
     if not good or not good[0][0] <= goal <= good[-1][0]:
         return float("nan")
@@ -159,21 +159,21 @@ def seconds_to_reach(goal: float, points: Sequence[Point]) -> float:
 
 
 def _seconds_for_errors(found: dict[str, dict[tuple[str, str], list[Point]]]) -> Study:
-    """Times of explicit integrators, and of implicit ones with the exact tangent, for given errors."""
+    """Tabulate the times of explicit integrators, and of implicit ones with the exact tangent, for given errors."""
     heads = [f"{scene}: {goal:.0%}" for scene in found for goal in GOALS]
     rows = [
         (one.__name__, *(_in_time(goal, points[one.__name__, tangent]) for points in found.values() for goal in GOALS))
         for one, tangent in (*((one, "") for one in EXPLICIT), *((one, StepTangent.EXACT.value) for one in IMPLICIT))
     ]
     note = (
-        "seconds, between the runs that were made; or those of the cheapest run, if all are better, and its error; or the best "
-        "error, if none is as good"
+        "seconds, interpolated between runs; time and error of the cheapest run, if all runs are better; the best "
+        "error, if no run is as good"
     )
     return Study("Seconds for an error", "", ("integrator", *heads), tuple(rows), notes=(note,))
 
 
 def _in_time(goal: float, points: Sequence[Point]) -> str:
-    """Seconds for an error, in words where it lies outside of what was run."""
+    """Return the time for an error, or a text if the error is outside the measured range."""
     seconds = seconds_to_reach(goal, points)
     if np.isfinite(seconds):
         return f"{seconds:.2g}"
@@ -187,19 +187,19 @@ def _in_time(goal: float, points: Sequence[Point]) -> str:
 def _study(scene: Scene, found: dict[tuple[str, str], list[Point]], pictures: tuple[Path, ...]) -> Study:
     rows = [_row(*name, points) for name, points in found.items()]
     failures = [
-        f"{name}: {points[-1].error:.1e} from the truth"
+        f"{name}: {points[-1].error:.1e} from the reference"
         for (name, tangent), points in found.items()
         if tangent in ("", StepTangent.EXACT.value) and points[-1].integrator.order == 2 and not points[-1].error <= CLOSE
     ]
     return Study(
         f"Work and precision: {scene.name}",
-        f"second-order integrators come within {CLOSE:.0%} of the truth",
+        f"second-order integrators come within {CLOSE:.0%} of the reference",
         ("integrator", "tangent", "dt in ms", "error", "seconds", *(f"s for {goal:.0%}" for goal in GOALS)),
         tuple(rows),
         tuple(failures),
         (
-            f"{scene.system!r}, {scene.until:g} s; from the largest step to the smallest; implicit ones with rtol = 1e-6, eq. 9 "
-            "with CG and rtol = 1e-4",
+            f"{scene.system!r}, {scene.until:g} s; from the largest step to the smallest; implicit integrators with rtol = 1e-6, "
+            "eq. 9 with CG and rtol = 1e-4",
         ),
         pictures,
     )
@@ -215,7 +215,7 @@ def _row(name: str, tangent: str, points: Sequence[Point]) -> tuple[str, ...]:
 
 
 def _picture(found: dict[str, dict[tuple[str, str], list[Point]]], folder: Path) -> Path:
-    """A panel for each scene; tangents other than the exact one are dashed."""
+    """Plot one panel per scene; tangents other than the exact one are dashed."""
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     names = [one.__name__ for one in (*EXPLICIT, *IMPLICIT)]
     for axes, (scene, several) in zip(figure.subplots(1, len(found)), found.items(), strict=True):

@@ -1,4 +1,4 @@
-"""Elements: their orders, what precision costs with each, the flag with quadratic triangles, and hard cases with quadratic ones."""
+"""Elements: orders of convergence, cost for a given precision, the flag with quadratic triangles, and hard cases."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ NAMES = ("orders", "work-precision", "turek-hron", "costs", "solvers", "hard", "
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """orders, work-precision and costs of all elements; Turek and Hron's flag and the hard cases with quadratic ones"""
+    """Measure orders, work-precision and costs of all elements; the flag and the hard cases with quadratic elements."""
     from .studies import run
 
     return run(only or NAMES, quick, out)

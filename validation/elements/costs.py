@@ -1,4 +1,4 @@
-"""What each element costs: points, bytes beside K, and times of setup, F, K and K v."""
+"""Cost of each element: points, bytes without K, and times of setup, F, K and K v."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..statics.study import Study
 REPEATED, QUICK_REPEATED = 15, 2
 #: Cells along each side by dimension.
 CELLS, QUICK_CELLS = {2: 150, 3: 20}, {2: 8, 3: 3}
-#: The product of the compiled operator is that of K to this.
+#: Relative tolerance between the product of the compiled operator and that of K.
 AGREEMENT = 1e-10
 
 
 class Choice(NamedTuple):
-    """An element and rule in dimension `d`."""
+    """Element and quadrature rule in dimension `d`."""
 
     name: str
     points: int
@@ -35,8 +35,9 @@ class Choice(NamedTuple):
     options: dict[str, Any] = {}  # noqa: RUF012
 
     def mesh(self, n: int) -> ElementMesh:
-        """A square or cube of about `part` times `n` cells along each side, inner nodes moved, so that no two elements are
-        alike.
+        """Return a square or cube of about `part` times `n` cells along each side.
+
+        Inner nodes are moved, so that no two elements are alike.
         """
         n = max(2, round(self.part * n))
         lines, rng = [np.linspace(0, 1, n + 1)] * self.d, np.random.default_rng(1)
@@ -66,17 +67,17 @@ CHOICES = (
 
 
 def costs(quick: bool = False) -> Sequence[Study]:
-    """times and memory of all elements"""
+    """Measure times and memory of all elements."""
     rows, failures = [], []
     for choice in CHOICES:
         row, off = _measured(choice, (QUICK_CELLS if quick else CELLS)[choice.d], QUICK_REPEATED if quick else REPEATED)
         rows.append(row)
         if not off <= AGREEMENT:
-            failures.append(f"{choice.name}: K v without K is off by {off:.1e}")
+            failures.append(f"{choice.name}: error of K v without K = {off:.1e}; expected at most {AGREEMENT:g}")
     return [
         Study(
             "Costs of elements",
-            "K v without forming K is K times v",
+            "K v without forming K equals K times v",
             (
                 "element",
                 "points",
@@ -95,7 +96,7 @@ def costs(quick: bool = False) -> Sequence[Study]:
             tuple(rows),
             tuple(failures),
             (
-                "for each element: bytes beside K and its pattern, entries of K, the time to make a system, and of F, K and K v at "
+                "per element: bytes without K and its pattern, entries of K, times of the setup, and of F, K and K v at "
                 "one "
                 f"state (best of {QUICK_REPEATED if quick else REPEATED}); the last three columns have F, K and K v in products of "
                 "SciPy's CSR matrix K with a vector (one thread) in the same run",
@@ -112,8 +113,8 @@ def _measured(choice: Choice, n: int, repeated: int) -> tuple[tuple[str, ...], f
     u = 1e-2 / n * np.random.default_rng(0).standard_normal(system.ndofs)
     v, force = np.cos(np.arange(system.ndofs)), np.empty(system.ndofs)
     K = system.tangent(u)
-    beside = sum(size for part, size in system.memory().items() if "pattern" not in part and part not in ("product", "mass"))
-    # in turn, so that what else the machine does falls on all alike
+    without_K = sum(size for part, size in system.memory().items() if "pattern" not in part and part not in ("product", "mass"))
+    # calls alternate, so that other load on the machine affects all alike
     calls: dict[str, Callable[[], Any]] = {
         "F": lambda: system.energy_and_force(u, out=force),
         "K": lambda: system.tangent(u, out=K),
@@ -129,7 +130,7 @@ def _measured(choice: Choice, n: int, repeated: int) -> tuple[tuple[str, ...], f
     nt = system.mesh.nt
     each = [f"{1e9 * best[name] / nt:.0f}" for name in ("F", "K", "K v")]
     ratios = [f"{best[name] / best['CSR']:.2f}" for name in ("F", "K", "K v")]
-    sizes = str(choice.points), str(nt), str(system.mesh.nv), f"{beside / nt:.0f}", f"{K.nnz / nt:.0f}"
+    sizes = str(choice.points), str(nt), str(system.mesh.nv), f"{without_K / nt:.0f}", f"{K.nnz / nt:.0f}"
     return (choice.name, *sizes, f"{1e6 * setup / nt:.2f}", *each, *ratios), off
 
 

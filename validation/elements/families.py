@@ -1,4 +1,4 @@
-"""Kinds of elements as a user chooses them, and meshes of them: a square or cube, and a quarter of a ring or tube."""
+"""Kinds of elements as a user chooses them, with meshes of a square or cube and of a quarter of a ring or tube."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ..statics.meshes import moved_box
 
 
 class Family(NamedTuple):
-    """A choice of elements.
+    """Choice of elements.
 
     Attributes
     ----------
-    degree : of simplices, 1 or 2.
+    degree : degree of simplices, 1 or 2.
     boxes : whether they are quadrilaterals or hexahedra.
-    options : further ones of `System`.
-    orders : of convergence in L2 and in H1.
+    options : further options of `System`.
+    orders : orders of convergence in L2 and in H1.
     """
 
     degree: int
@@ -32,9 +32,10 @@ class Family(NamedTuple):
     orders: tuple[float, float] = (2.0, 1.0)
 
     def mesh(self, d: int, n: int, bent: bool = False, straight: bool = False) -> ElementMesh:
-        """The unit square or cube in `n^d` cells, inner vertices moved at random, with the boundary "loaded" at x = 1, the nodes
-        "inner" at x = 0 and "held" of all other faces; `bent` to a quarter of a ring or tube with x across it, where edges may be
-        left `straight`.
+        """Return the unit square or cube in `n^d` cells, with inner vertices moved at random.
+
+        The mesh has the boundary "loaded" at x = 1, and the node sets "inner" at x = 0 and "held" on all other faces. `bent` maps
+        the mesh to a quarter of a ring or tube with x as radial coordinate. `straight` keeps the edges straight there.
         """
         mesh = _moved_boxes(d, n) if self.boxes else moved_box(d, n)
         mesh = mesh.with_boundaries({"loaded": lambda x: x[0] == 1})
@@ -54,29 +55,29 @@ ONE_POINT = BOXES._replace(options={"quadrature": "one-point", "hourglass": 0.05
 
 
 def numbers_of(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Where a mask is true."""
+    """Return the indices at which a mask is true."""
     return np.flatnonzero(mask).astype(np.int32)
 
 
 def ring(x: Array) -> Array:
-    """A quarter of a ring or tube of radii 1 and 2 from the unit square or cube: x goes across, y around."""
+    """Map the unit square or cube to a quarter of a ring or tube of radii 1 and 2: x is the radial coordinate, y the angle."""
     radius, angle = 1 + x[0], np.pi / 2 * x[1]
     return np.stack([radius * np.sin(angle), radius * np.cos(angle), *x[2:]])
 
 
 def onto(radius: float, x: Array) -> Array:
-    """The points (d, n) of the ring's side of a radius that are next to points near it."""
+    """Project points (d, n) radially onto the ring of this radius."""
     return np.concatenate([radius * outwards(x)[:2], x[2:]])
 
 
 def outwards(x: Array) -> Array:
-    """(d, n) unit normals of the ring's outer side at points of it."""
+    """Return the unit normals of the ring's outer side at points on it, (d, n)."""
     radial = np.concatenate([x[:2], np.zeros_like(x[2:])])
     return np.asarray(radial / np.linalg.norm(radial, axis=0))
 
 
 def of_scikit_fem(mesh: ElementMesh, intorder: int) -> skfem.Basis:
-    """scikit-fem's basis of the same elements with the same degrees of freedom."""
+    """Return scikit-fem's basis of the same elements with the same degrees of freedom."""
     kind, element = BASES[mesh.element.name]
     corners = kind.__name__[-1] == "2"
     return skfem.Basis(kind(mesh.p, mesh.corners if corners else mesh.t), skfem.ElementVector(element()), intorder=intorder)

@@ -1,4 +1,4 @@
-"""Turek and Hron's flag with quadratic triangles, the clamp and all edges curved: CSM1 to CSM3."""
+"""Turek and Hron's flag with quadratic triangles, with a curved clamp and curved edges: CSM1 to CSM3."""
 
 from __future__ import annotations
 
@@ -21,31 +21,34 @@ from ..statics.turek_hron import CASES, CENTRE, DENSITY, END, GRAVITY, POISSON, 
 from .families import numbers_of
 
 MESHES = ((35, 2), (70, 4), (140, 8), (280, 16))
-#: By mesh, how far a displacement may be from the reference.
+#: Largest relative error of a displacement by mesh.
 LIMITS = {(70, 4): 3e-3, (140, 8): 8e-4}
-#: In motion until 10 s, by the step [s]: mean and amplitude of u_x and of u_y in the last period [m], on the finest mesh of
-#: FeatFlow's benchmark page, level 4+0 with 98 820 unknowns.
+#: Motion until 10 s. References by time step [s]: mean and amplitude of u_x and of u_y in the last period [m], on the finest mesh
+#: of FeatFlow's benchmark page, level 4+0 with 98 820 unknowns.
 UNTIL, QUICK_UNTIL = 10.0, 2.2
 REFERENCES = {
     0.02: ((-14.404e-3, 14.408e-3), (-64.371e-3, 64.695e-3)),
     0.01: ((-14.645e-3, 14.650e-3), (-64.766e-3, 64.948e-3)),
     0.005: ((-14.305e-3, 14.305e-3), (-63.607e-3, 65.160e-3)),
 }
-#: Meshes and steps, and by mesh how far a displacement may be from the reference.
+#: Meshes and time steps, and the largest relative error of a displacement by mesh.
 MOVED = ((70, 4, 0.02), (70, 4, 0.01), (70, 4, 0.005), (140, 8, 0.01))
 QUICK_MOVED = ((35, 2, 0.02),)
 MOTION_LIMITS = {(35, 2): 5e-2, **LIMITS}
-#: Frequencies between which the swing is looked for [Hz]; harmonics of it that are fitted.
+#: Bracket of the swing's frequency [Hz], and number of fitted harmonics.
 BETWEEN, HARMONICS = (1.05, 1.15), 3
 
 
 def flag_of_quadratic_triangles(quick: bool = False) -> Sequence[Study]:
-    """Turek and Hron's CSM1 to CSM3 with quadratic triangles"""
+    """Compare Turek and Hron's CSM1 to CSM3 with quadratic triangles with the reference."""
     return _at_rest(MESHES[:3] if quick else MESHES), _in_motion(quick)
 
 
 def mesh_of_the_flag(nx: int, ny: int) -> ElementMesh:
-    """`nx x ny` cells of two quadratic triangles; their nodes are mapped, so that edges are curved near the arc of the clamp."""
+    """Return `nx x ny` cells of two quadratic triangles.
+
+    All nodes are mapped, so that edges are curved near the arc of the clamp.
+    """
     square = strip(nx, ny, lambda a, b: (a, b)).with_degree(2)
     sets = {"clamp": numbers_of(square.p[0] == 0)}
     return replace(square, p=np.stack(flag(*square.p)), node_sets=sets)
@@ -71,7 +74,7 @@ def _at_rest(meshes: Sequence[tuple[int, int]]) -> Study:
         ("case", "of A [mm]", *(f"{nx}x{ny}x2" for nx, ny in meshes), "order", "extrapolated", "reference", "off"),
         tuple(rows),
         tuple(failures),
-        ("the order is that of the differences of the three finest meshes, with which they are extrapolated",),
+        ("the order and the extrapolation are from the differences of the three finest meshes",),
     )
 
 
@@ -81,7 +84,7 @@ def _system(young: float, nx: int, ny: int) -> System:
 
 
 def _tip(young: float, nx: int, ny: int) -> Array:
-    """Displacement (2,) of A [m]."""
+    """Return the displacement (2,) of A [m]."""
     system = _system(young, nx, ny)
     result = solve_static(system, steps=4, quiet=True)
     a = int(np.argmin(np.hypot(system.mesh.p[0] - END, system.mesh.p[1] - CENTRE)))
@@ -114,14 +117,14 @@ def _in_motion(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            f"energy-momentum, extremes of the last whole period before {until:g} s, as those of the reference with the same step",
+            f"energy-momentum, extremes of the last whole period before {until:g} s, as in the reference with the same step",
             f"frequency of the swing in Hz, fitted to u_y with {HARMONICS} harmonics: {'; '.join(frequencies)}",
         ),
     )
 
 
 def _motion(nx: int, ny: int, dt: float, until: float) -> tuple[Array, list[Array]]:
-    """Times [s], and both components of A's displacement [m]."""
+    """Return the times [s], and both components of A's displacement [m]."""
     system = _system(YOUNG_IN_MOTION, nx, ny)
     a = int(np.argmin(np.hypot(system.mesh.p[0] - END, system.mesh.p[1] - CENTRE)))
     ledger = simulate(system, EnergyMomentum(dt=dt, rtol=RTOL), until=until, probes={"A": [a]}, quiet=True).ledger
@@ -129,7 +132,10 @@ def _motion(nx: int, ny: int, dt: float, until: float) -> tuple[Array, list[Arra
 
 
 def frequency_of(t: Array, x: Array) -> float:
-    """The frequency [Hz] of the constant and harmonics that fit best: higher modes, which shift extremes, hardly change it."""
+    """Return the frequency [Hz] of the best fit by a constant and harmonics.
+
+    Higher modes shift the extremes, but hardly change this frequency.
+    """
 
     def left(frequency: float) -> float:
         phases = 2 * np.pi * frequency * t[:, None] * np.arange(1, HARMONICS + 1)

@@ -1,4 +1,4 @@
-"""The hard cases with quadratic elements: linear ones beside them, at rest and in motion; nobody is wrong without a word."""
+"""Hard cases with quadratic elements next to linear ones, at rest and in motion: no result is wrong without a warning."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from ..hard.study import cases
 from ..statics.study import Study
 
 #: Groups at rest, and the methods at rest and in motion.
-GROUPS = tuple(name for name in hard.NAMES if name not in ("slack", "motion", "memory"))  # slack ones are quadratic already
-AT_REST = ("default", "default + volume")  # quadratic elements of InvertibleStVK have states of their own
+GROUPS = tuple(name for name in hard.NAMES if name not in ("slack", "motion", "memory"))  # "slack" has quadratic elements already
+AT_REST = ("default", "default + volume")  # for InvertibleStVK, quadratic elements have states of their own
 MOVING = ("eq. 9", "backward Euler", "energy-momentum", "energy-momentum + volume")
-#: Of the quick table.
+#: Cases and scenes of the quick table.
 FEW, FEW_SCENES = ("twist a bar of 5 x 1 x 1 by 360°", "press an arch from outside"), ("let a bar swing",)
 
 
 def hard_cases(quick: bool = False) -> Iterator[Study]:
-    """hard cases at rest and in motion with quadratic elements"""
+    """Run the hard cases at rest and in motion with quadratic elements."""
     yield _at_rest(quick)
     yield _in_motion(quick)
 
 
 def quadratic(case: Case) -> Case:
-    """The case with quadratic elements.
+    """Return the case with quadratic elements.
 
-    Where linear elements have no right state because their path ends, quadratic ones may have one: then any state will do that
-    is in balance, stable and right side out, and so will to say that there is none.
+    If the path of linear elements ends and they have no right state, quadratic elements may still have one. Then any stable
+    equilibrium without inverted elements is right, and so is a report that there is none.
     """
     truth, with_volume = map(_of_any_elements, (case.truth, case.with_volume))
     return replace(case, body=partial(made, case.body, 2), truth=truth, with_volume=with_volume)
@@ -80,11 +80,11 @@ def _study(name: str, rows: Sequence[tuple[str, ...]], failures: Sequence[str]) 
     counts = [f"{verdict.value} {sum(row[3].startswith(verdict.value) for row in rows)}" for verdict in Verdict]
     return Study(
         name,
-        "quadratic elements are never wrong without a word",
+        "quadratic elements are never wrong without a warning",
         ("case", "method", "linear", "quadratic", "iterations", "of quadratic", "s", "of quadratic "),
         tuple(rows),
         tuple(failures),
-        ("of the runs with quadratic elements: " + ", ".join(counts),),
+        ("runs with quadratic elements: " + ", ".join(counts),),
     )
 
 

@@ -16,12 +16,12 @@ from ..statics.study import Study
 from .families import BOXES, EXACT, ONE_POINT, P1, P2, Family, of_scikit_fem, onto, outwards
 
 LIMIT = 0.25
-#: What takes curved sides for straight loses half an order in H1, and one in L2.
+#: Straight edges on curved sides lose half an order in H1, and one in L2.
 STRAIGHT = P2._replace(orders=(2.0, 1.5))
 
 
 class Series(NamedTuple):
-    """A family on finer and finer meshes of a body of dimension `d`."""
+    """Family on successively finer meshes of a body of dimension `d`."""
 
     name: str
     family: Family
@@ -31,7 +31,7 @@ class Series(NamedTuple):
 
     @property
     def straight(self) -> bool:
-        """Whether quadratic elements take the curved sides for straight."""
+        """Whether quadratic elements have straight edges on the curved sides."""
         return self.family is STRAIGHT
 
 
@@ -58,7 +58,7 @@ ALL = (
 
 
 def orders(quick: bool = False) -> Sequence[Study]:
-    """all elements converge with their orders, on curved bodies if their edges are curved"""
+    """Fit the orders of convergence of all elements, on curved bodies with curved and with straight edges."""
     chosen = [series for series in ALL if series.d == 2] if quick else ALL
     rows, failures = [], []
     for series in chosen:
@@ -69,7 +69,7 @@ def orders(quick: bool = False) -> Sequence[Study]:
             (series.name, ", ".join(map(str, cells)), f"{errors[-1, 0]:.2e}", f"{errors[-1, 1]:.2e}", *(f"{o:.2f}" for o in found))
         )
         for norm, order, expected in zip(("L2", "H1"), found, series.family.orders, strict=True):
-            # straight edges are claimed to lose as much at least, all others to have their orders at least
+            # claims: straight edges lose at least that much, all other elements have at least their orders
             if series.straight and not order <= expected + LIMIT:
                 failures.append(f"{series.name}: order {order:.2f} in {norm}, expected at most {expected:g}")
             if not series.straight and not order >= expected - LIMIT:
@@ -77,23 +77,23 @@ def orders(quick: bool = False) -> Sequence[Study]:
     return [
         Study(
             "Orders of elements",
-            f"at least of order 2 in L2 and 1 in H1, quadratic elements of 3 and 2 (less {LIMIT:g}); with straight edges on curved "
-            "bodies at most of 2 and 1.5",
+            f"orders at least 2 in L2 and 1 in H1, for quadratic elements 3 and 2 (less {LIMIT:g}); with straight edges on curved "
+            "bodies at most 2 and 1.5",
             ("elements, body", "cells", "error in L2", "in H1", "order in L2", "in H1 "),
             tuple(rows),
             tuple(failures),
             (
                 "relative errors on the finest mesh, orders of the two finest; inner vertices are moved at random by up to a fifth "
                 "of "
-                "a cell; displacement prescribed but on one side, which is the curved outer one of tubes and rings, where the "
-                "traction acts; what acts on curved sides is that of the true ones",
+                "a cell; displacement prescribed on all sides but one, the curved outer side of tubes and rings, where a "
+                "traction acts; displacement and traction on curved sides are those of the exact geometry",
             ),
         )
     ]
 
 
 def errors_of(series: Series, n: int) -> tuple[float, float]:
-    """Relative errors in L2 and in the H1 seminorm on a mesh of `n` cells along each side."""
+    """Return the relative errors in L2 and in the H1 seminorm on a mesh of `n` cells along each side."""
     family = series.family
     mesh = family.mesh(series.d, n, series.bent, series.straight)
 
@@ -110,7 +110,7 @@ def errors_of(series: Series, n: int) -> tuple[float, float]:
 
 
 def errors_in_norms(mesh: ElementMesh, u: Array) -> tuple[float, float]:
-    """Relative errors of displacements (ndofs,) in L2 and in the H1 seminorm, by scikit-fem."""
+    """Return the relative errors of displacements (ndofs,) in L2 and in the H1 seminorm, by scikit-fem."""
     basis = of_scikit_fem(mesh, 6 if mesh.element.degree == 2 else 4)
     d = mesh.d
     x, weights = np.asarray(basis.global_coordinates()), basis.dx.ravel()

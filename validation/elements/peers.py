@@ -1,4 +1,4 @@
-"""K of quadratic tetrahedra by other codes, each as it is best called on one thread."""
+"""K of quadratic tetrahedra by other codes, each called in its fastest way on one thread."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from ..statics.study import Study
 YOUNG, POISSON = 1e5, 0.3
 CELLS, QUICK_CELLS = 14, 2
 SECONDS, QUICK_SECONDS = 20.0, 0.05
-#: All compute `v' K(u) v` of linear fields to this.
+#: Relative tolerance of `v' K(u) v` of linear fields between the codes.
 AGREEMENT = 1e-10
 
 
 def peers(quick: bool = False) -> Sequence[Study]:
-    """K of quadratic tetrahedra by this package, scikit-fem, FElupe and NGSolve"""
+    """Compare K of quadratic tetrahedra and its time between this package, scikit-fem, FElupe and NGSolve."""
     n, rng = QUICK_CELLS if quick else CELLS, np.random.default_rng(0)
     cubes = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
     linear = ElementMesh(cubes.p + 0.1 / n * rng.uniform(-1, 1, cubes.p.shape), cubes.t)
     body = System(linear, StVK(young=YOUNG, poisson=POISSON), degree=2)
     mesh = body.mesh
-    # linear in X, so that codes whose unknowns are no values at nodes have the same fields
+    # linear in X, so that codes whose unknowns are not nodal values represent the same fields
     U, V = 0.2 * rng.standard_normal((2, 3, 3))
     u, v, K = (U @ mesh.p).T.ravel(), (V @ mesh.p).T.ravel(), body.tangent(np.zeros(body.ndofs))
     reference = ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(YOUNG, POISSON, 3, False), mesh.element.name)
@@ -61,7 +61,7 @@ def peers(quick: bool = False) -> Sequence[Study]:
         taken = best_and_median(ways, QUICK_SECONDS if quick else SECONDS)
     finally:
         numba.set_num_threads(before)
-    wanted, ours = found["this package"], taken["this package"].best
+    expected, ours = found["this package"], taken["this package"].best
     return [
         Study(
             f"K of {mesh.nt} quadratic tetrahedra by other codes",
@@ -69,17 +69,20 @@ def peers(quick: bool = False) -> Sequence[Study]:
             ("code", "us per element", "over this package"),
             tuple((name, f"{1e6 * one.best / mesh.nt:.2f}", f"{one.best / ours:.1f} x") for name, one in taken.items()),
             tuple(
-                f"{name}: v' K v = {value:.12g}, not {wanted:.12g}"
+                f"{name}: v' K v = {value:.12g}; expected {expected:.12g}"
                 for name, value in found.items()
-                if not abs(value / wanted - 1) <= AGREEMENT
+                if not abs(value / expected - 1) <= AGREEMENT
             ),
-            (f"best of several calls in turn, on one thread; not installed: {', '.join(missing) or 'none'}",),
+            (f"best of several alternating calls, on one thread; not installed: {', '.join(missing) or 'none'}",),
         )
     ]
 
 
 def _by_ngsolve(linear: ElementMesh, U: Array, V: Array) -> tuple[str, Callable[[], tuple[csr_matrix, Array]]]:
-    """Its name, and its K: its unknowns are values at vertices and, of edges, what is more than linear, none of `U X`, `V X`."""
+    """Return NGSolve's name, and a function that returns its K and the vector of `V X`.
+
+    NGSolve's unknowns are values at vertices and, on edges, deviations from linear fields, which are zero for `U X` and `V X`.
+    """
     ngsolve = require("NGSolve")
     space = ngsolve.VectorH1(mesh_of(ngsolve, linear.p, linear.t), order=2)
     F = ngsolve.Id(3) + ngsolve.Grad(space.TrialFunction())

@@ -1,4 +1,4 @@
-"""The trials by this package with each family of elements, and by scikit-fem's assembly of linear and quadratic tetrahedra."""
+"""Trials by this package with each family of elements, and by scikit-fem's assembly of linear and quadratic tetrahedra."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from skfem_stvk import StVK, System, Traction, solve_static
 from skfem_stvk.arguments import Array
 
 from ..statics.linear_solvers import direct, forget
-from ..statics.with_scikit_fem import ELEMENTS, I3, in_balance, internal_force, stress_and_moduli, tangent
+from ..statics.with_scikit_fem import ELEMENTS, I3, in_equilibrium, internal_force, stress_and_moduli, tangent
 from .families import BOXES, ONE_POINT, P1, P2, Family
 from .trials import MODULUS, Trial
 
 RTOL = 1e-8
 STEPS = 10
-#: Hourglass control over `1 - 2 nu`, which makes it a part of the shear modulus: the usual one locks where nu is near 1/2.
+#: Hourglass coefficient over `1 - 2 nu`, which relates it to the shear modulus. The usual coefficient locks for nu near 1/2.
 HOURGLASS = 0.2
 
 
 class Solved(NamedTuple):
-    """What a program measured on a mesh: unknowns, the result, Newton iterations, wall time [s], load factors, and what it said.
+    """Result of a program on a mesh: unknowns, result, Newton iterations, wall time [s], load factors, and status.
 
-    The result is NaN where a solve did not end with success: coarse meshes of nearly incompressible material buckle.
+    The result is NaN if a solve failed: coarse meshes of nearly incompressible material buckle.
     """
 
     ndofs: int
@@ -42,13 +42,13 @@ THEIRS = {"scikit-fem P1": "P1", "scikit-fem P2": "P2"}
 
 
 def ours(trial: Trial, family: Family, n: int) -> Solved:
-    """The whole solve, from the mesh on, with the load steps and the solver that it chooses."""
+    """Solve with the automatic load steps and linear solver, and measure the time from the mesh on."""
     mesh = trial.mesh(n, family.boxes)
     begin = perf_counter()
     loads = [] if trial.traction is None else [Traction("tip", trial.traction)]
     prescribed = None if trial.moved is None else {"tip": trial.moved}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that linear elements lock, and what is compressed
+        warnings.simplefilter("ignore")  # about locking of linear elements, and about compression
         material = StVK(young=MODULUS, poisson=trial.poisson)
         degree = None if family.boxes else family.degree
         more = {"hourglass": HOURGLASS * (1 - 2 * trial.poisson)} if family is ONE_POINT else {}
@@ -64,7 +64,7 @@ def ours(trial: Trial, family: Family, n: int) -> Solved:
 
 
 def theirs(trial: Trial, element: str, n: int, factors: Array) -> Solved:
-    """Newton's method as a competent user of scikit-fem writes it, in given load steps, with PARDISO."""
+    """Solve by Newton's method as a competent user of scikit-fem writes it, in given load steps, with PARDISO."""
     forget()
     mesh, nu = trial.mesh(n), trial.poisson
     begin = perf_counter()
@@ -86,7 +86,7 @@ def theirs(trial: Trial, element: str, n: int, factors: Array) -> Solved:
         while True:
             P, A = stress_and_moduli(basis.interpolate(u).grad + I3, lam, mu)
             residual = internal_force.assemble(basis, P=P) - t * load
-            if not du.any() and in_balance(residual, held, t * load):
+            if not du.any() and in_equilibrium(residual, held, t * load):
                 break
             K = tangent.assemble(basis, A=A)
             u = u + skfem.solve(*skfem.condense(K, -residual, x=du, D=held), solver=direct)

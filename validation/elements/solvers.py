@@ -1,4 +1,4 @@
-"""Linear solvers by element: from how many unknowns on which is the fastest, and what the second level of multigrid should be."""
+"""Linear solvers by element: which solver is the fastest at which size, and variants of multigrid's second level."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ SIZES: dict[str, dict[str, tuple[int, ...]]] = {
     "hexahedra": {"cube": (8, 11, 16, 25), "beam 5:1": (4, 6, 9, 15)},
 }
 QUICK: dict[str, dict[str, tuple[int, ...]]] = {name: {"cube": (3,)} for name in SIZES}
-#: Of whole solves: lengths over widths of bodies, the traction that bends them by a tenth of their length or less [Pa], and cells
-#: across by element.
+#: Data of whole solves: lengths over widths of bodies, the traction that bends them by at most a tenth of their length [Pa], and
+#: cells across by element.
 LENGTHS = {"cube": (1, 1, 1), "beam 5:1": (5, 1, 1), "beam 20:1": (20, 1, 1), "plate": (8, 8, 1)}
 PULLS = {"cube": 2e3, "beam 5:1": 100.0, "beam 20:1": 3.0, "plate": 40.0}
 WHOLE: dict[str, dict[str, int]] = {
@@ -38,13 +38,13 @@ WHOLE: dict[str, dict[str, int]] = {
     "quadratic triangles": {"cube": 40, "beam 20:1": 10},
 }
 QUICK_WHOLE: dict[str, dict[str, int]] = {"quadratic tetrahedra": {"beam 5:1": 1}, "quadratic triangles": {"cube": 4}}
-#: Direct solvers are not measured beyond.
+#: Largest numbers of unknowns with which direct solvers are measured.
 MOST_SUPERLU, MOST_PARDISO = 8_000, 30_000
 STEPS, CELLS, QUICK_STEPS, QUICK_CELLS = 5, (2, 4, 8), 2, (2,)
 
 
 def solvers(quick: bool = False) -> Iterator[Study]:
-    """linear solvers by element: CPU times by number of unknowns and entries of K; and in time steps"""
+    """Measure CPU times of linear solvers by element, number of unknowns and entries of K; and in time steps."""
     yield _whole(quick)
     yield _at_rest(quick)
     yield _in_motion(quick)
@@ -69,8 +69,8 @@ def _at_rest(quick: bool) -> Study:
         tuple(rows),
         tuple(failures),
         (
-            "CPU seconds of all threads together; first and again: to factorise for the first time and in the next Newton steps; "
-            "aggregates: multigrid that aggregates all nodes instead of going by linear elements on the corners",
+            "CPU seconds of all threads together; first, again: times of the first factorization and in later Newton steps; "
+            "aggregates: multigrid aggregates all nodes instead of using linear elements on the corners",
         ),
     )
 
@@ -86,7 +86,7 @@ def _solvers(unknowns: Unknowns) -> Iterator[tuple[str, LinearSolver, Unknowns]]
 
 
 def cpu_times(solver: LinearSolver, K: Any, unknowns: Unknowns) -> tuple[float, float, float, int, float]:
-    """CPU seconds of the first factorisation, the second, and a solve; iterations and the residual."""
+    """Return CPU seconds of the first factorization, of the second, and of a solve; iterations and the residual."""
     b = np.where(unknowns.component == 2, -1.0, 0.0)
     analysis, clock = solver.analyse(unknowns), [time.process_time()]
     analysis.factorise(K, Kind.SYMMETRIC)
@@ -100,7 +100,10 @@ def cpu_times(solver: LinearSolver, K: Any, unknowns: Unknowns) -> tuple[float, 
 
 
 def body_of(element: str, shape: str, n: int, density: float | None = None, pull: float | None = None) -> System:
-    """A body of cubic cells, at rest, held at x = 0, and pulled across at the other end [Pa]; of plane elements its side view."""
+    """Return a body of cubic cells at rest, clamped at x = 0, with an optional transverse traction at the other end [Pa].
+
+    For plane elements, it is the side view of this body.
+    """
     plane, boxes = element.endswith(("triangles", "laterals")), element.endswith(("hexahedra", "laterals"))
     kinds = (skfem.MeshTri, skfem.MeshQuad) if plane else (skfem.MeshTet, skfem.MeshHex)
     d, lengths = 2 if plane else 3, LENGTHS[shape]
@@ -129,25 +132,25 @@ def _whole(quick: bool) -> Study:
                 rows.append((element, shape, *cells, f"{min(times):.3f}", str(result.history.iterations)))
             first = found["superlu"]
             failures += [
-                f"{element}, {shape}, {name}: another state"
+                f"{element}, {shape}, {name}: the state differs"
                 for name, u in found.items()
                 if not np.abs(u - first).max() <= 1e-5 * np.abs(first).max()
             ]
     return Study(
         "Whole solves by element and linear solver",
-        "all find the same state (to 1e-5)",
+        "all solvers find the same state (to 1e-5)",
         ("element", "body", "unknowns", "entries a row", "solver", "CPU s", "Newton iterations"),
         tuple(rows),
         tuple(failures),
         (
-            "bodies that are bent, five load steps, from the system on; CPU seconds of all threads together, the better of two "
-            "runs, by which `auto` chooses: linear solves of early Newton steps stop early",
+            "bodies in bending, five load steps, without the setup; CPU seconds of all threads together, the better of two "
+            "runs; `auto` is based on these times: linear solves of early Newton steps stop early",
         ),
     )
 
 
 def problem(element: str, shape: str, n: int) -> tuple[Any, Unknowns]:
-    """K at rest and its unknowns."""
+    """Return K at rest and its unknowns."""
     body = body_of(element, shape, n)
     held = body.free_dofs(body.supports.held)
     K, modes = held.matrix(body.tangent(np.zeros(body.ndofs))), rigid_motions(body.mesh.p)[held.free]
@@ -169,7 +172,7 @@ def _in_motion(quick: bool) -> Study:
                 v0 = np.tile([0.0, 0.0, -1.0], body.mesh.nv)
                 v0[body.supports.held] = 0
                 steps = QUICK_STEPS if quick else STEPS
-                simulate(body, BackwardEuler(dt=1 / 60, solver=solver), until=1 / 60, v0=v0, quiet=True)  # compiled, loaded
+                simulate(body, BackwardEuler(dt=1 / 60, solver=solver), until=1 / 60, v0=v0, quiet=True)  # compiles and loads
                 begin = time.process_time()
                 run = simulate(body, BackwardEuler(dt=1 / 60, solver=solver), until=steps / 60, v0=v0, quiet=True)
                 ends[solver] = run.u
@@ -180,12 +183,12 @@ def _in_motion(quick: bool) -> Study:
             for solver, u in ends.items():
                 off = np.abs(u - first).max() / np.abs(first).max()
                 if not off <= 1e-6:
-                    failures.append(f"{element}, {cells} cells, {solver}: another motion, by {off:.1e}")
+                    failures.append(f"{element}, {cells} cells, {solver}: the motion differs by {off:.1e}")
     return Study(
         "Linear solvers in time steps by element",
-        "all lead to the same motion (to 1e-6)",
+        "all solvers lead to the same motion (to 1e-6)",
         ("element", "unknowns", "solver", "CPU ms a step", "Newton iterations"),
         tuple(rows),
         tuple(failures),
-        ("a cube of soft tissue (1e5 Pa, 1 m) held at one side, backward Euler in steps of 1/60 s, all work included",),
+        ("a cube of soft tissue (1e5 Pa, 1 m) clamped at one side,  backward Euler in steps of 1/60 s, all work included",),
     )

@@ -1,4 +1,4 @@
-"""All studies of elements, one after the other."""
+"""Runner of the studies of elements."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Several = Iterable[Study]
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the studies of these names and print them; pictures go to the folder `out`. The exit code is 0 if all claims hold."""
+    """Run the named studies, print them and write pictures to the folder `out`. The exit code is 0 if all claims hold."""
     studies: dict[str, Callable[[bool], Several]] = {
         "orders": orders,
         "work-precision": lambda quick: work_precision(quick, None if out is None else Path(out)),

@@ -16,7 +16,7 @@ from .families import P2
 from .programs import OURS, THEIRS, Solved, ours, theirs
 from .trials import BENT, SHEARED, TRIALS, TWISTED, Trial
 
-#: Cells across the body by program, and those of the truth, which are quadratic tetrahedra.
+#: Cells across the body by program; `FINEST`: those of the reference, which has quadratic tetrahedra.
 BOXES_ACROSS = (2, 4, 8)
 SIZES: dict[str, dict[str, tuple[int, ...]]] = {
     BENT.name: {
@@ -48,12 +48,13 @@ FINEST = {BENT.name: 7, TWISTED.name: 6, SHEARED.name: 6}
 QUICK = {name: (2,) if name != "P2" else (1, 2) for name in (*OURS, *THEIRS)}
 QUICK_FINEST = 3
 GOALS = (0.05, 0.02, 0.01)
-#: scikit-fem's elements are ours.
+#: Relative tolerance between scikit-fem's results and ours with the same elements.
 AGREEMENT = 1e-6
-#: How often the shorter solves are repeated; the shortest counts.
+#: Number of repetitions of solves shorter than `SHORT` seconds; the shortest time is used.
 REPEATED, SHORT = 3, 3.0
-#: Times faster than scikit-fem's quadratic and than this package's linear elements, on the bent cantilever for an error of 1 %.
-ASKED = {"scikit-fem P2": 10.0, "P1": 50.0}
+#: Target factors by which quadratic elements are faster than scikit-fem's quadratic and this package's linear elements, on the bent
+#: cantilever for an error of 1 %.
+TARGETS = {"scikit-fem P2": 10.0, "P1": 50.0}
 STYLES = {
     "P1": ("#0072B2", "o", "-"),
     "P2": ("#009E73", "^", "-"),
@@ -65,7 +66,7 @@ STYLES = {
 
 
 class Reached(NamedTuple):
-    """A solve on a mesh of `n` cells across, and its distance from the truth."""
+    """Solve on a mesh of `n` cells across, with its error relative to the reference."""
 
     n: int
     solved: Solved
@@ -76,13 +77,13 @@ Found = dict[str, list[Reached]]
 
 
 def work_precision(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """error against time of all elements on three bodies"""
+    """Measure error against time of all elements on three bodies."""
     trials = TRIALS[:1] if quick else TRIALS
     _warm_up(trials)
     studies: list[Study] = []
     every: dict[str, Found] = {}
     for trial in trials:
-        found, finest, truth = _of(trial, quick)
+        found, finest, reference = _of(trial, quick)
         every[trial.name] = found
         pictures = (_picture(every, folder),) if folder is not None and trial is trials[-1] else ()
         times = [_to_reach(goal, found) for goal in GOALS]
@@ -90,11 +91,15 @@ def work_precision(quick: bool = False, folder: Path | None = None) -> Sequence[
         studies.append(
             Study(
                 f"Work and precision: {trial.name}",
-                f"scikit-fem's elements give the same (to {AGREEMENT:g})",
+                f"scikit-fem's elements give the same result (to {AGREEMENT:g})",
                 ("program", "cells across", "unknowns", "error", "iterations", "seconds"),
                 tuple(_row(name, one) for name, several in found.items() for one in several),
                 tuple(_failures(found)),
-                (f"truth: quadratic tetrahedra, {finest} cells across, {np.array2string(truth, precision=6)}", *times, factor),
+                (
+                    f"reference: quadratic tetrahedra, {finest} cells across, {np.array2string(reference, precision=6)}",
+                    *times,
+                    factor,
+                ),
                 pictures,
             )
         )
@@ -102,7 +107,7 @@ def work_precision(quick: bool = False, folder: Path | None = None) -> Sequence[
 
 
 def _warm_up(trials: Sequence[Trial]) -> None:
-    """Compile the kernels and load the libraries, which is not to be timed."""
+    """Compile the kernels and load the libraries, so that neither is timed."""
     for family in OURS.values():
         for trial in trials:
             ours(trial, family, 2)
@@ -110,15 +115,15 @@ def _warm_up(trials: Sequence[Trial]) -> None:
 
 def _of(trial: Trial, quick: bool) -> tuple[Found, int, Array]:
     sizes, finest = (QUICK, QUICK_FINEST) if quick else (SIZES[trial.name], FINEST[trial.name])
-    truth = ours(trial, P2, finest).result
+    reference = ours(trial, P2, finest).result
     factors = ours(trial, P2, 1).factors
     found: Found = {}
     for name, several in sizes.items():
         found[name] = []
         for n in several:
             solved = _shortest(trial, name, n, factors, 1 if quick else REPEATED)
-            found[name].append(Reached(n, solved, float(np.linalg.norm(solved.result - truth) / np.linalg.norm(truth))))
-    return found, finest, truth
+            found[name].append(Reached(n, solved, float(np.linalg.norm(solved.result - reference) / np.linalg.norm(reference))))
+    return found, finest, reference
 
 
 def _shortest(trial: Trial, name: str, n: int, factors: Array, repeated: int) -> Solved:
@@ -132,7 +137,7 @@ def _shortest(trial: Trial, name: str, n: int, factors: Array, repeated: int) ->
 
 
 def seconds_to_reach(goal: float, several: Sequence[Reached]) -> float:
-    """Time for an error of `goal`, on the straight lines through neighbours on logarithmic scales; NaN outside of them."""
+    """Return the time for an error of `goal` by linear interpolation on logarithmic scales; NaN outside the measured errors."""
     several = [one for one in several if one.error == one.error]
     errors, seconds = [one.error for one in several], [one.solved.seconds for one in several]
     if not errors:
@@ -149,10 +154,10 @@ def _to_reach(goal: float, found: Found) -> str:
 
 
 def _factors(found: Found) -> str:
-    """How many times faster quadratic elements are at an error of 1 %."""
+    """Return a remark on the speed of quadratic elements relative to others at an error of 1 %."""
     own = seconds_to_reach(GOALS[-1], found["P2"])
-    times = {name: seconds_to_reach(GOALS[-1], found[name]) / own for name in ASKED}
-    shown = [f"{times[name]:.0f} x faster than {name} ({asked:g} x asked)" for name, asked in ASKED.items() if times[name] > 0]
+    times = {name: seconds_to_reach(GOALS[-1], found[name]) / own for name in TARGETS}
+    shown = [f"{times[name]:.0f} x faster than {name} (target {target:g} x)" for name, target in TARGETS.items() if times[name] > 0]
     return f"for an error of {GOALS[-1]:.0%} P2 is " + ", ".join(shown) if shown else ""
 
 
@@ -174,7 +179,7 @@ def _failures(found: Found) -> Iterator[str]:
 
 
 def _picture(every: dict[str, Found], folder: Path) -> Path:
-    """Error against time of each program, one panel a trial."""
+    """Plot error against time of each program, one panel per trial."""
     figure = Figure(figsize=(4.2 * len(every), 4.6), layout="constrained")
     panels = np.atleast_1d(np.array(figure.subplots(1, len(every))))
     for axes, (title, found) in zip(panels, every.items(), strict=True):

@@ -1,6 +1,6 @@
-"""Random bodies and states, and what is true of every one of them.
+"""Random bodies and states, and properties that hold for all of them.
 
-Hypothesis chooses the kinds and the sizes, which shrink; coordinates, constants and displacements come from a seed that it chooses.
+Hypothesis chooses kinds and sizes, which it can shrink, and a seed. The seed determines coordinates, constants and displacements.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ AMOUNTS = (0.0, 1e-9, 1e-3, 0.1, 1.0, 30.0)
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a body and its states are made of."""
+    """Parameters of a body and its states."""
 
     k: int
     d: int
@@ -63,7 +63,7 @@ class Recipe:
 
 @st.composite
 def recipes(draw: st.DrawFn, largest: int = 4) -> Recipe:
-    """All kinds of elements in all dimensions, from one to about a thousand elements."""
+    """Draw all kinds of elements in all dimensions, from one to about a thousand elements."""
     k = draw(st.integers(1, 3))
     return Recipe(
         k=k,
@@ -82,7 +82,10 @@ def recipes(draw: st.DrawFn, largest: int = 4) -> Recipe:
 
 
 def made(recipe: Recipe, strain: float | None = None) -> System:
-    """The body of a recipe, if there is one; with loads that strain elements by about so much, or of any size."""
+    """Return the body of a recipe. Its loads strain elements by about `strain`, or have unit size if `strain` is None.
+
+    Raises an error of this package if the recipe describes no valid body.
+    """
     rng = np.random.default_rng(recipe.seed)
     mesh = mesh_of(recipe, rng)
     nodes = range({"nothing": 0, "a node": 1, "half": max(min(mesh.k, mesh.nv - 1), mesh.nv // 2)}[recipe.held])
@@ -95,7 +98,7 @@ def made(recipe: Recipe, strain: float | None = None) -> System:
 
 
 def mesh_of(recipe: Recipe, rng: np.random.Generator) -> ElementMesh:
-    """A mesh: a single element, a distorted grid, random points with Delaunay's simplices, one sliver in a grid, far from 0."""
+    """Return a mesh: an element, a distorted grid, a Delaunay mesh of random points, a grid with a sliver, or far from 0."""
     k, n = recipe.k, 1 if recipe.shape == "single" else recipe.size
     simple = {
         1: skfem.MeshLine,
@@ -116,7 +119,7 @@ def mesh_of(recipe: Recipe, rng: np.random.Generator) -> ElementMesh:
         half = rng.random(t.shape[1]) < 0.5
         t[:2, half] = t[1::-1, half]
     p = 10.0 ** rng.uniform(-3, 3) * p
-    if recipe.d > k:  # bent, not only embedded
+    if recipe.d > k:  # curved, not only embedded
         p = np.vstack([p, *(0.2 * np.sin(p.sum(axis=0) / np.ptp(p) * (1 + i)) * np.ptp(p) for i in range(recipe.d - k))])
     if recipe.shape == "far away":
         p = p + 10.0 ** rng.uniform(0, 5) * np.ptp(p)
@@ -148,7 +151,7 @@ def _terms(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator) -> list[
 
 
 def _loads(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator, size: float | None) -> list[Any]:
-    """Loads of this size on each node [N], or of one unit."""
+    """Return loads of about `size` on each node [N], or unit loads if `size` is None."""
     volume = _volume_of_nodes(mesh)
     g, f, q = (1.0, 1.0, 1.0) if size is None else (size / (1e3 * volume), size / volume, size)
     makers = {
@@ -160,39 +163,39 @@ def _loads(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator, size: fl
 
 
 def _volume_of_nodes(mesh: ElementMesh) -> float:
-    """What is about the volume of a node, or its area or length."""
+    """Return the approximate volume of a node, or its area or length."""
     return float(np.prod(np.sort(np.ptp(mesh.p, axis=1))[-mesh.k :])) / mesh.nv
 
 
 def _resistance(system: System) -> float:
-    """What is about the force on a node that strains the elements around it by one [N]."""
+    """Return the approximate force on a node that strains the elements around it by one [N]."""
     K = system.tangent(np.zeros(system.ndofs))
     return float(np.median(K.diagonal()) * edge_length(system))
 
 
 def edge_length(system: System) -> float:
-    """What is about the length of an edge [m]."""
+    """Return the approximate length of an edge [m]."""
     return float(np.ptp(system.mesh.p) / max(1.0, system.mesh.nt ** (1 / system.mesh.k)))
 
 
 def states(recipe: Recipe, system: System) -> list[NDArray[np.float64]]:
-    """Rest, a state of the recipe's amount over the size of the body, and one a little further on."""
+    """Return rest, a state with displacements of `amount` times the edge length, and a nearby third state."""
     rng = np.random.default_rng([recipe.seed, 1])
     u = recipe.amount * edge_length(system) * rng.standard_normal(system.ndofs)
     return [np.zeros(system.ndofs), u, 1.01 * u]
 
 
 def check_body(recipe: Recipe) -> bool:
-    """W, F and K of a state are numbers that fit each other; or an error of this package says why there are none.
+    """Check that W, F and K of a state are finite and consistent, or that an error of this package explains why not.
 
-    Returns whether there was a body to check.
+    The function returns whether there was a body to check.
     """
     try:
         system = made(recipe)
         u = states(recipe, system)[1]
         W, F, K = system.linearize(u)
     except StvkError as error:
-        assert len(str(error)) > 20, f"an error that says nothing: {error!r}"
+        assert len(str(error)) > 20, f"error = {error!r}; expected an explanation"
         return False
     assert np.isfinite(W) and np.isfinite(F).all() and np.isfinite(K.data).all(), "not a number"
     assert -1e-9 * max(abs(W), float(np.abs(F) @ np.abs(u))) <= W or recipe.law == "with a penalty", f"a negative energy: {W}"
@@ -216,7 +219,7 @@ def _floor(system: System, K: Any) -> float:
 
 
 def _check_derivatives(system: System, u: NDArray[Any], v: NDArray[Any], limit: float) -> None:
-    """The five-point stencil is exact along a line, as W is a quartic."""
+    """Check F and K by the five-point stencil. The stencil is exact along a line because W is a quartic."""
     change = 0.1 * max(float(np.abs(u).max()), 1e-3 * float(np.ptp(system.mesh.p)))
     v = change * v
     weights = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}

@@ -1,4 +1,4 @@
-"""Files of meshes and scenes that have been damaged: read as something, or refused with an error of this package."""
+"""Damaged files of meshes and scenes: each is read, or refused with an error of this package."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from skfem_stvk.scene.templates import EXAMPLES, example
 from ..hostile.mesh_formats import FORMATS, written
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
-#: What stands in the place of a number.
+#: Replacements of numbers.
 HOSTILE = tuple(
     b'0 -1 7 1e400 nan -inf 1000000000 9223372036854775808 99999999999999999999999 1e-320 x "a" true [1] 0x10 1_0 \xff'.split(b" ")
 )
-#: What is put between two bytes.
+#: Bytes that are inserted.
 INSERTED = (
     b"\n",
     b" ",
@@ -45,22 +45,22 @@ Damage = tuple[str, float, float, int]
 
 @st.composite
 def damages(draw: st.DrawFn) -> list[Damage]:
-    """One to four wounds, each with a place, a length, and what is put there."""
-    place = st.floats(0, 1, exclude_max=True, allow_subnormal=False)
-    return draw(st.lists(st.tuples(st.sampled_from(KINDS), place, place, st.integers(0, 255)), min_size=1, max_size=4))
+    """Draw one to four damages, each with a kind, a relative position, a relative length, and a choice of the new content."""
+    fraction = st.floats(0, 1, exclude_max=True, allow_subnormal=False)
+    return draw(st.lists(st.tuples(st.sampled_from(KINDS), fraction, fraction, st.integers(0, 255)), min_size=1, max_size=4))
 
 
 def damaged(content: bytes, damage: list[Damage]) -> bytes:
-    """A file's content with all the wounds."""
-    for kind, place, length, choice in damage:
-        at = int(place * len(content))
+    """Return a file's content with all damages applied."""
+    for kind, fraction, length, choice in damage:
+        at = int(fraction * len(content))
         end = at + 1 + int(length**4 * len(content))
         if kind == "truncate":
             content = content[:at]
         elif kind == "number":
             numbers = list(NUMBER.finditer(content))
             if numbers:
-                one = numbers[int(place * len(numbers))]
+                one = numbers[int(fraction * len(numbers))]
                 content = content[: one.start()] + HOSTILE[choice % len(HOSTILE)] + content[one.end() :]
         elif kind == "insert":
             content = content[:at] + INSERTED[choice % len(INSERTED)] + content[at:]
@@ -80,7 +80,7 @@ scene_files = st.tuples(st.sampled_from(sorted(EXAMPLES)), damages())
 
 
 def read_damaged_mesh(folder: Path, name: str, damage: list[Damage]) -> bool:
-    """Read the file, and take the elastic energy of what was read, if it was."""
+    """Read the file, and compute the elastic energy of the mesh if it was read."""
     whole = written(name)
     path = folder / f"body{whole.suffix}"
     for suffix, content in whole.beside.items():
@@ -97,7 +97,7 @@ def read_damaged_mesh(folder: Path, name: str, damage: list[Damage]) -> bool:
 
 
 def read_damaged_scene(folder: Path, name: str, damage: list[Damage]) -> bool:
-    """Read the scene, and build its system, if it was read."""
+    """Read the scene, and build its system if it was read."""
     path = folder / "scene.toml"
     path.write_bytes(damaged(_scene(name), damage))
     with quietly():
@@ -115,12 +115,12 @@ def _scene(name: str) -> bytes:
 
 
 def _says_something(error: StvkError) -> bool:
-    assert len(str(error)) > 20, f"an error that says nothing: {error!r}"
+    assert len(str(error)) > 20, f"error = {error!r}; expected an explanation"
     return False
 
 
 class quietly(warnings.catch_warnings):
-    """Without warnings, and without what readers of others print."""
+    """Context without warnings, and without the output of other packages' readers."""
 
     def __enter__(self) -> Any:
         self.silent = redirect_stdout(StringIO()), redirect_stderr(StringIO())

@@ -1,4 +1,4 @@
-"""Random programs: calls on one system, each of which must give what a fresh system gives, to the last bit."""
+"""Random programs: each call on one system must give bitwise the same result as on a fresh system."""
 
 from __future__ import annotations
 
@@ -48,13 +48,16 @@ CALLS: dict[str, Call] = {
 
 @st.composite
 def programs(draw: st.DrawFn) -> tuple[Recipe, list[tuple[str, int]]]:
-    """A small body, and calls with the numbers of the states that they are made at."""
+    """Draw a small body, and calls with the indices of their states."""
     steps = st.tuples(st.sampled_from(sorted(CALLS)), st.integers(0, 2))
     return draw(recipes(largest=2)), draw(st.lists(steps, min_size=2, max_size=12))
 
 
 def run_program(recipe: Recipe, steps: list[tuple[str, int]]) -> bool:
-    """Make the calls one after the other on one system, and each on a fresh one; what was returned is spoilt in between."""
+    """Make the calls one after the other on one system, and each on a fresh system, and compare the results.
+
+    Returned arrays are overwritten between calls, so that a system that shares its own memory is found.
+    """
     try:
         system = made(recipe)
     except StvkError:
@@ -65,14 +68,14 @@ def run_program(recipe: Recipe, steps: list[tuple[str, int]]) -> bool:
             known[name, state] = _result(made(recipe), recipe, name, state)[0]
         plain, returned = _result(system, recipe, name, state)
         assert plain == known[name, state], (
-            f"{name} in state {state} after {steps}: {_short(plain)}, of a fresh system {_short(known[name, state])}"
+            f"{name} in state {state} after {steps}: {_short(plain)}; expected {_short(known[name, state])} of a fresh system"
         )
-        _spoil(returned)
+        _overwrite(returned)
     return True
 
 
 def _result(system: System, recipe: Recipe, name: str, state: int) -> tuple[Any, Any]:
-    """What a call gives as plain values, and as it is; an error of this package is its text."""
+    """Return the result of a call as plain values and unchanged. For an error of this package, the plain value is its text."""
     u = states(recipe, system)[state]
     v = np.random.default_rng([recipe.seed, 3]).standard_normal(system.ndofs)
     before = u.tobytes(), v.tobytes()
@@ -82,7 +85,7 @@ def _result(system: System, recipe: Recipe, name: str, state: int) -> tuple[Any,
     except StvkError as error:
         returned, plain = None, f"{type(error).__name__}: {error}"
     assert (u.tobytes(), v.tobytes()) == before, f"{name} changed its arguments"
-    u[:], v[:] = np.nan, np.nan  # they are the caller's
+    u[:], v[:] = np.nan, np.nan  # overwritten, because they belong to the caller
     return plain, returned
 
 
@@ -100,15 +103,15 @@ def _plain(value: Any) -> Any:
     return repr(value) if isinstance(value, int | str | bool | np.generic) or value is None else type(value).__name__
 
 
-def _spoil(value: Any) -> None:
-    """Write over what was returned: it is the caller's own."""
+def _overwrite(value: Any) -> None:
+    """Overwrite a returned value, because it belongs to the caller."""
     if issparse(value):
         value = value.data
     if isinstance(value, np.ndarray) and value.flags.writeable:
         value[...] = np.nan if value.dtype.kind == "f" else 0
     elif isinstance(value, tuple | list):
         for one in value:
-            _spoil(one)
+            _overwrite(one)
 
 
 def _short(plain: Any) -> str:

@@ -1,4 +1,4 @@
-"""Random static solves and motions: what is called a success is one, and what is none says why."""
+"""Random static solves and motions: each reported success is right, and each failure has an explanation."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ STRAINS = (1e-9, 1e-6, 1e-3, 0.03, 0.3, 3.0)
 SOLVERS = ("auto", "auto", "superlu", "amg-cg", "block-jacobi-cg", "ssor-cg")
 IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 INTEGRATORS = (ForwardEuler, VelocityVerlet, *IMPLICIT)
-#: Steps of a motion, and of each in critical steps: explicit integrators blow up at the last two, and say so.
+#: Number of steps of a motion, and time steps in critical steps. Explicit integrators blow up at the last two, and must report it.
 STEPS, LENGTHS = 6, (0.1, 0.8, 10.0, 1e3)
-#: The part of the loads and reactions that may be left over in an equilibrium, which converged to 1e-8 of them.
+#: Largest residual relative to loads and reactions of an equilibrium that converged to 1e-8.
 LEFT = 1e-7
-#: Laws of which `EnergyMomentum` keeps the energy to the order of the step only: their force is taken at its middle.
+#: For these laws, `EnergyMomentum` conserves energy only to the order of the step, because their force is taken at its middle.
 AT_THE_MIDDLE = ("invertible", "with a penalty")
 
 
 @dataclass(frozen=True)
 class Solve:
-    """A body whose loads strain it by about so much, and how its equilibrium is looked for."""
+    """Body whose loads strain it by about `strain`, with the parameters of its static solve."""
 
     recipe: Recipe
     strain: float
@@ -57,7 +57,7 @@ class Solve:
 
 @dataclass(frozen=True)
 class Motion:
-    """A body that starts strained and with velocities that strain it by about so much in a critical step."""
+    """Body with initial strains, and with velocities that strain it by about `strain` in a critical step."""
 
     recipe: Recipe
     strain: float
@@ -67,7 +67,7 @@ class Motion:
 
 @st.composite
 def solves(draw: st.DrawFn) -> Solve:
-    """Bodies that are held at half of their nodes, as a rule, and carry a load."""
+    """Draw bodies with a load that are usually constrained at half of their nodes."""
     recipe = draw(recipes(largest=3))
     as_drawn = draw(st.sampled_from((False,) * 9 + (True,)))
     return Solve(
@@ -81,7 +81,7 @@ def solves(draw: st.DrawFn) -> Solve:
 
 @st.composite
 def motions(draw: st.DrawFn) -> Motion:
-    """Bodies that are free or held, with loads or without."""
+    """Draw bodies that are free or constrained, with or without loads."""
     return Motion(
         draw(recipes(largest=3)),
         strain=draw(st.sampled_from(STRAINS)),
@@ -91,23 +91,23 @@ def motions(draw: st.DrawFn) -> Motion:
 
 
 def check_solve(drawn: Solve) -> bool:
-    """A state of equilibrium that is stable, with no element inside out; or an error that says why there is none."""
+    """Check that a static solve gives a stable equilibrium without inverted elements, or an error that explains the failure."""
     try:
         system = made(drawn.recipe, drawn.strain)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StvkWarning)
-            warnings.simplefilter("error", RuntimeWarning)  # of NumPy: what overflows is an error of its own, or none
+            warnings.simplefilter("error", RuntimeWarning)  # NumPy: an overflow must raise an error of this package
             result = solve_static(
                 system, drawn.steps, method=drawn.method, solver=drawn.solver, stability=True, quiet=True, raise_on_failure=False
             )
     except AnalysisError:
         raise
     except StvkError as error:
-        assert len(str(error)) > 20, f"an error that says nothing: {error!r}"
+        assert len(str(error)) > 20, f"error = {error!r}; expected an explanation"
         return False
-    assert np.isfinite(result.u).all(), "displacements that are no numbers"
+    assert np.isfinite(result.u).all(), "displacements are not finite"
     if not result.success:
-        assert len(result.message) > 20, f"a message that says nothing: {result.message!r}"
+        assert len(result.message) > 20, f"message = {result.message!r}; expected an explanation"
         return False
     _check_equilibrium(drawn.recipe, system, result)
     return True
@@ -115,9 +115,9 @@ def check_solve(drawn: Solve) -> bool:
 
 def _check_equilibrium(recipe: Recipe, system: System, result: StaticResult) -> None:
     u, free = result.u, system.free_dofs(system.supports.fixed)
-    assert result.t == 1.0, f"it ends at the load {result.t:g}"
-    assert not u[free.fixed].any(), "what is held has moved"
-    assert recipe.law == "linear" or not len(system.inside_out(u)), "elements are inside out"
+    assert result.t == 1.0, f"t = {result.t:g}; expected 1"
+    assert not u[free.fixed].any(), "constrained degrees of freedom have moved"
+    assert recipe.law == "linear" or not len(system.inside_out(u)), "elements are inverted"
     left, loads = system.residual(u, result.t), system.external_force(u, result.t)
     forces = float(np.linalg.norm(loads) + np.linalg.norm(left[free.fixed]))
     off = float(np.linalg.norm(left[free.free]))
@@ -130,7 +130,7 @@ def _check_equilibrium(recipe: Recipe, system: System, result: StaticResult) -> 
 
 
 def check_motion(drawn: Motion) -> bool:
-    """A motion that keeps what its integrator promises to keep; or an error that says why it has ended."""
+    """Check that a motion conserves the quantities that its integrator declares, or ends with an error that explains why."""
     recipe = drawn.recipe
     try:
         system = made(recipe, drawn.strain)
@@ -148,40 +148,40 @@ def check_motion(drawn: Motion) -> bool:
     except AnalysisError:
         raise
     except StvkError as error:
-        assert len(str(error)) > 20, f"an error that says nothing: {error!r}"
+        assert len(str(error)) > 20, f"error = {error!r}; expected an explanation"
         return False
-    assert np.isfinite(run.u).all() and np.isfinite(run.v).all(), "a state that is no number"
-    assert all(np.isfinite(column).all() for column in run.ledger.values()), "a ledger that is no number"
-    assert not run.u[free.fixed].any() and not run.v[free.fixed].any(), "what is held has moved"
+    assert np.isfinite(run.u).all() and np.isfinite(run.v).all(), "the last state is not finite"
+    assert all(np.isfinite(column).all() for column in run.ledger.values()), "the ledger is not finite"
+    assert not run.u[free.fixed].any() and not run.v[free.fixed].any(), "constrained degrees of freedom have moved"
     if not run.success:
-        assert len(run.message) > 20, f"a message that says nothing: {run.message!r}"
+        assert len(run.message) > 20, f"message = {run.message!r}; expected an explanation"
         return False
-    assert run.ledger.steps > STEPS and abs(run.t - STEPS * dt) <= 1e-9 * run.t, f"it ends at {run.t:g} s, not at {STEPS * dt:g} s"
-    _check_what_is_kept(drawn, system, run, (u, v), dt)
+    assert run.ledger.steps > STEPS and abs(run.t - STEPS * dt) <= 1e-9 * run.t, f"t = {run.t:g} s; expected {STEPS * dt:g} s"
+    _check_conservation(drawn, system, run, (u, v), dt)
     return True
 
 
-def _check_what_is_kept(drawn: Motion, system: System, run: Run, begin: tuple[Array, Array], dt: float) -> None:
-    """What its integrator promises to keep, to the tolerance of a step's solve: momenta of bodies that are free, and energy."""
+def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Array, Array], dt: float) -> None:
+    """Check the conserved quantities of the integrator to the tolerance of a step's solve: momenta of free bodies, and energy."""
     ledger, recipe, d, integrator = run.ledger, drawn.recipe, system.mesh.d, drawn.integrator(dt=dt)
-    kept, rtol = integrator.conserves, max(1e-12, getattr(integrator, "rtol", 0.0))
+    conserved, rtol = integrator.conserves, max(1e-12, getattr(integrator, "rtol", 0.0))
     if recipe.held == "nothing" and not recipe.loads:
         u0, v0 = begin
         last = [system.internal_force(u0), system.internal_force(run.u)]
-        if drawn.integrator is LinearBackwardEuler:  # what its linear solve is held to has the change of the forces in a step in it
+        if drawn.integrator is LinearBackwardEuler:  # the tolerance of its linear solve includes the change of forces in a step
             last.append(system.product(u0, dt * v0))
         forces = max(float(np.abs(force).sum()) for force in last)
         scale = dt * forces + np.sqrt(2 * system.mass().total * ledger["kinetic_energy"].max())
         arm = max(float(np.abs(system.mesh.p.T + u.reshape(-1, d)).max()) for u in (u0, run.u))
-        assert LINEAR_MOMENTUM in kept
+        assert LINEAR_MOMENTUM in conserved
         momenta = {"linear_momentum": ("xyz"[:d], scale)}
-        if ANGULAR_MOMENTUM in kept and recipe.law != "linear" and d > 1:  # linear elasticity mistakes rotations for strains
+        if ANGULAR_MOMENTUM in conserved and recipe.law != "linear" and d > 1:  # linear elasticity has strains from rotations
             momenta["angular_momentum"] = "xyz" if d == 3 else "z", arm * scale
         for name, (axes, size) in momenta.items():
             moved = np.array([ledger[f"{name}_{axis}"] for axis in axes])
             lost = float(np.abs(moved - moved[:, :1]).max())
             assert lost <= 10 * STEPS * rtol * size, f"{name.replace('_', ' ')} of {lost:g} is lost, in {size:g}"
-    if ENERGY in kept and recipe.law not in AT_THE_MIDDLE:
+    if ENERGY in conserved and recipe.law not in AT_THE_MIDDLE:
         energy = ledger["kinetic_energy"] + np.abs(ledger["strain_energy"])
         off = float(np.abs(ledger["closure_error"]).max())
         size = float(energy.max() + np.abs(ledger.get("potential_energy", np.zeros(1))).max())

@@ -1,4 +1,4 @@
-"""The long run: families in turn, in chunks with seeds of their own, so that each failure can be run again."""
+"""Long run: families alternate in chunks with seeds of their own, so that each failure can be repeated."""
 
 from __future__ import annotations
 
@@ -22,16 +22,19 @@ from .files import mesh_files, read_damaged_mesh, read_damaged_scene, scene_file
 from .programs import programs, run_program
 from .solves import check_motion, check_solve, motions, solves
 
-#: Cases of a family at a time, and how long one may take [s]: the first ones compile kernels, which is most of it.
+#: Number of cases of a family per chunk, and the time limit of a case [s], most of which is the compilation of kernels.
 CHUNK, LONGEST = 250, 120.0
 
 
 class Hang(Exception):
-    """A case took too long."""
+    """Error of a case that exceeded its time limit."""
 
 
 def families(folder: Path) -> dict[str, tuple[Any, Callable[[Any], bool]]]:
-    """What is drawn, and what is asked of it: False if it was refused with a clear error, an exception if it is wrong."""
+    """Return strategies and checks by family.
+
+    A check returns False if a case was refused with a clear error, and raises an exception if it is wrong.
+    """
     return {
         "bodies": (recipes(), check_body),
         "larger bodies": (recipes(largest=8), check_body),
@@ -43,12 +46,12 @@ def families(folder: Path) -> dict[str, tuple[Any, Callable[[Any], bool]]]:
     }
 
 
-#: Of a family that is slow only every so many chunks.
+#: Slow families run only in every n-th round; the other families run in each round.
 EVERY = {"bodies": 2, "larger bodies": 10, "programs": 2, "solves": 10, "motions": 10}
 
 
 def run(cases: int, seconds: float | None, first: int) -> int:
-    """Run chunks until there are so many cases, or the time is over; print the counts and every failure."""
+    """Run chunks until the number of cases or the time is reached; print the counts and every failure."""
     console, begin = Console(width=WIDTH, highlight=False), perf_counter()
     counts: dict[str, Counter[str]] = {}
     failures: list[str] = []
@@ -73,11 +76,11 @@ def run(cases: int, seconds: float | None, first: int) -> int:
 
 
 def chunk(drawn: Any, check: Callable[[Any], bool], number: int, size: int, counts: Counter[str]) -> str:
-    """Run so many cases; the smallest one that is wrong, in words, or nothing."""
+    """Run `size` cases; return the smallest wrong case in words, or an empty string."""
     smallest: dict[str, str] = {}
 
     def one(case: Any) -> None:
-        counts["cases"] += not smallest  # not those that Hypothesis makes to shrink one that is wrong
+        counts["cases"] += not smallest  # without the cases with which Hypothesis shrinks a wrong one
         try:
             counts["went through" if limited(partial(check, case)) else "refused"] += not smallest
         except Exception as error:
@@ -100,11 +103,11 @@ def chunk(drawn: Any, check: Callable[[Any], bool], number: int, size: int, coun
 
 
 def limited(call: Callable[[], bool]) -> bool:
-    """The call, ended by an exception if it takes too long, where the system has alarms."""
+    """Return the result of the call. If the system has alarms, a call that takes too long raises `Hang`."""
     if not hasattr(signal, "SIGALRM"):
         return call()
     before = signal.signal(signal.SIGALRM, _alarm)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST, LONGEST)  # again: an exception in a callback of the garbage collector is lost
+    signal.setitimer(signal.ITIMER_REAL, LONGEST, LONGEST)  # repeated: exceptions in callbacks of the garbage collector are lost
     try:
         return call()
     finally:
@@ -113,11 +116,11 @@ def limited(call: Callable[[], bool]) -> bool:
 
 
 def _alarm(*_: Any) -> None:
-    raise Hang(f"no answer within {LONGEST:g} s")
+    raise Hang(f"no result within {LONGEST:g} s")
 
 
 def table(counts: dict[str, Counter[str]]) -> Table:
-    """Counts by family."""
+    """Return the table of counts by family."""
     heads = ("cases", "went through", "refused")
     shown = grid("How random cases ended", "family", *heads, right=heads)
     for name, count in counts.items():

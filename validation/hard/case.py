@@ -1,4 +1,4 @@
-"""A hard case: a body, the steps it is loaded in, and what the right outcome is."""
+"""Hard case: a body, its load steps, and the right outcome."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from skfem_stvk.arguments import Array
 
 @dataclass(frozen=True)
 class Body:
-    """What a system is made of, and where its solve starts.
+    """Data of a system, and the initial state of its solve.
 
     Parameters
     ----------
-    mesh, fixed, prescribed : as of `System`.
-    young, poisson : a number, or one per element [Pa].
-    loads : what acts on it.
-    u0 : (ndofs,) displacements to start from [m]; None for the body at rest.
+    mesh, fixed, prescribed : as in `System`.
+    young, poisson : Young's modulus [Pa], a number or one per element, and Poisson's ratio.
+    loads : load terms.
+    u0 : (ndofs,) initial displacements [m]; None for the body at rest.
     penalty : the volume term.
-    density : of those that move [kg/m^3], a number, or one per element.
-    v0 : (ndofs,) velocities to start from [m/s]; None for none.
-    law : the class of its elastic law.
+    density : density of bodies in motion [kg/m^3], a number or one per element.
+    v0 : (ndofs,) initial velocities [m/s]; None for zero.
+    law : class of the elastic law.
     """
 
     mesh: ElementMesh
@@ -40,12 +40,12 @@ class Body:
     law: type[StVK] | type[InvertibleStVK] = StVK
 
     def system(self, volume: bool) -> System:
-        """The system, with the volume term or without it."""
+        """Return the system, with or without the volume term."""
         terms = [self.law(young=self.young, poisson=self.poisson, density=self.density), *[self.penalty] * volume, *self.loads]
         return System(self.mesh, terms, self.fixed, self.prescribed)
 
     def quadratic(self) -> Body:
-        """The same body of quadratic elements with straight edges; it starts from the same displacements and velocities."""
+        """Return the body with quadratic elements with straight edges, and with the same initial displacements and velocities."""
         mesh = self.mesh.with_degree(2)
         ends = mesh.ends()
         assert ends is not None
@@ -54,27 +54,27 @@ class Body:
 
 
 def made(make: Callable[[], Body], degree: int) -> Body:
-    """The body that is made, of elements of this degree."""
+    """Return the body made by `make`, with elements of this degree."""
     return make().quadratic() if degree == 2 else make()
 
 
 def invertible(make: Callable[[], Body]) -> Body:
-    """Return the same body of `InvertibleStVK`."""
+    """Return the body made by `make` with the law `InvertibleStVK`."""
     return replace(make(), law=InvertibleStVK)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The right outcome, and where it comes from.
+    """Right outcome, and its source.
 
     Parameters
     ----------
     source : in words, for the table.
-    error : how far displacements of a system are from the right ones, relative; None where there is no right state, and a solver
-        has to say so.
-    limit : of the error, and of the step that Newton's method would take next, which rounding bounds from below.
-    says : patterns (regular expressions) of which the message or a warning of `solve_static` must have all.
-    refused : whether `solve_static` may end without the right state, as long as it `says` why: where a start is out of its reach.
+    error : function that returns the relative error of displacements of a system; None if there is no right state, so that a solver
+        must report a failure.
+    limit : largest error, and largest next step of Newton's method. Rounding bounds this step from below.
+    says : patterns (regular expressions) that the message or a warning of `solve_static` must contain.
+    refused : whether `solve_static` may end without the right state if it `says` why, because the start is too far away.
     """
 
     source: str
@@ -86,19 +86,19 @@ class Truth:
 
 @dataclass(frozen=True)
 class Case:
-    """A row of the table.
+    """Row of the table.
 
     Parameters
     ----------
     name : in words.
-    body : makes it.
-    steps : of the load, the same for all methods.
-    truth, with_volume : the right outcome without and with the volume term.
-    quick : whether it is part of the quick table.
-    methods : names of those that are run; None for all.
-    solver : the linear solver of the default.
-    invertible : the right outcome of `InvertibleStVK` without the volume term; None if it is that of `StVK`, whose right state then
-        has no principal stretch below the threshold or is homogeneous.
+    body : function that returns the body.
+    steps : number of load steps, the same for all methods.
+    truth, with_volume : right outcome without and with the volume term.
+    quick : whether the case is part of the quick table.
+    methods : names of the methods that are run; None for all.
+    solver : linear solver of the default method.
+    invertible : right outcome of `InvertibleStVK` without the volume term. None: it is that of `StVK`, because the right state of
+        `StVK` is homogeneous or has no principal stretch below the threshold.
     """
 
     name: str
@@ -112,9 +112,9 @@ class Case:
     invertible: Truth | None = None
 
     def truth_of(self, volume: bool) -> Truth:
-        """The truth of the system with the volume term or without it."""
+        """Return the right outcome of the system with or without the volume term."""
         return self.with_volume if volume else self.truth
 
     def of_invertible(self) -> Case:
-        """Return the same case of `InvertibleStVK`."""
+        """Return the same case with `InvertibleStVK`."""
         return replace(self, body=partial(invertible, self.body), truth=self.invertible or self.truth)

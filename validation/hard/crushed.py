@@ -1,4 +1,4 @@
-"""A held block that is pressed together: a little, and until the material gives way."""
+"""Clamped block under compression: by 20 %, and until the material loses stability."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ def _far(poisson: float, end: str) -> Case:
 
 
 def block(squeeze: float, poisson: float, n: int = 6) -> Body:
-    """The unit cube of 7^3 nodes, both ends held, one pressed towards the other by this part of its length."""
+    """Return the unit cube of (n + 1)^3 nodes.
+
+    Both ends are clamped, and one moves towards the other by `squeeze` of its length.
+    """
     plate = {"x": 0.0, "y": 0.0, "z": -squeeze}
     return Body(
         meshes.cube(n),

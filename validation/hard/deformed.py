@@ -1,4 +1,4 @@
-"""Large deformations: twist, stretch and shear in few steps."""
+"""Large deformations in few steps: torsion, stretch and shear."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def _twisted(length: float, degrees: float) -> Body:
         YOUNG,
         POISSON,
         fixed={lambda x: x[0] == 0: "xyz"},
-        prescribed={lambda x: x[0] == length: partial(_turn, np.radians(degrees))},
+        prescribed={lambda x: x[0] == length: partial(_rotation, np.radians(degrees))},
     )
 
 
-def _turn(angle: float, x: Array, t: float) -> Array:
-    """Displacements by a rotation about the bar's axis."""
+def _rotation(angle: float, x: Array, t: float) -> Array:
+    """Return the displacements of a rotation about the bar's axis."""
     y, z = x[1] - 0.5, x[2] - 0.5
     c, s = np.cos(angle * t), np.sin(angle * t)
     return np.stack([0 * y, (c - 1) * y - s * z, s * y + (c - 1) * z])
@@ -105,9 +105,9 @@ def _pulled(poisson: float) -> Body:
 
 
 def _side_left(stretch: float) -> float:
-    """The side of a cross-section that was 1, of a bar under uniaxial stress with the usual barrier against loss of volume.
+    """Return the deformed side of a unit cross-section under uniaxial stress, with the default barrier against loss of volume.
 
-    `lam tr E + 2 mu E_22 + k psi'(J) stretch = 0`, of which `psi' = -(2 (J - 1) ln J + (J - 1)^2/J)`; `J = stretch r^2`.
+    lam tr E + 2 mu E_22 + k psi'(J) stretch = 0        psi' = -(2 (J - 1) ln J + (J - 1)^2/J),  J = stretch r^2
     """
     lam, mu = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG / (2 * (1 + POISSON))
 

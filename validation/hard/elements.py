@@ -1,4 +1,4 @@
-"""Materials and elements that cost digits: nearly incompressible, 1e8 times as stiff, slivers, flat and graded meshes."""
+"""Materials and elements that lose digits: nearly incompressible, 1e8 times as stiff, slivers, flat and graded meshes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .case import Array, Body, Case
 YOUNG, POISSON = 1e5, 0.3
 SOFT, STIFF = 1e3, 1e11
 STRETCH = 1.2
-#: Where stiffnesses differ by 1e6 or more, rounding leaves 1e-5 of the displacements.
+#: Limit of the relative error if stiffnesses differ by 1e6 or more, where rounding leaves 1e-5 of the displacements.
 ROUNDED = 1e-4
 
 
@@ -39,23 +39,23 @@ def elements() -> list[Case]:
 
 
 def _followed(name: str, make: truths.Make, steps: int, limit: float = truths.LIMIT, says: tuple[str, ...] = ()) -> Case:
-    """A case whose truth is a path in smaller steps."""
+    """Return a case whose right outcome is a path in smaller steps."""
     truth, with_volume = (truths.tiny_steps(make, 3 * steps, volume, limit, says) for volume in (False, True))
     return Case(name, make, steps, truth, with_volume)
 
 
 def _far_sheared(name: str, make: truths.Make, limit: float = truths.LIMIT) -> Case:
-    """Return a case with principal stretches below the threshold of `InvertibleStVK`, which has another state than `StVK`."""
+    """Return a case in which `InvertibleStVK` has another state than `StVK`, because stretches are below its threshold."""
     return replace(_followed(name, make, 4, limit), invertible=truths.tiny_steps_of_invertible(make, 12, limit))
 
 
 def _narrowing(stretch: float) -> float:
-    """Stretch across uniaxial tension: `r^2 = 1 - 2 nu e`, `e = (s^2 - 1)/2`."""
+    """Return the transverse stretch under uniaxial tension: `r^2 = 1 - 2 nu e`, `e = (s^2 - 1)/2`."""
     return float(np.sqrt(1 - POISSON * (stretch**2 - 1)))
 
 
 def _pulled(mesh: truths.MakeMesh, length: float) -> Body:
-    """A body that tractions pull between rollers."""
+    """Return a body between rollers under a tensile traction."""
     nominal = YOUNG * STRETCH * (STRETCH**2 - 1) / 2
     planes = {lambda x: x[0] == 0: "x", lambda x: x[1] == 0: "y", lambda x: x[2] == 0: "z"}
     return Body(mesh(), YOUNG, POISSON, (Traction(lambda x: x[0] == length, (nominal, 0, 0)),), planes)
@@ -67,7 +67,7 @@ def _bent(mesh: truths.MakeMesh, poisson: float, traction: float, length: float 
 
 
 def _layered() -> Body:
-    """Three layers, the one in the middle soft, stretched by a third of a layer between rollers."""
+    """Return three layers with a soft one in the middle, stretched by a third of a layer between rollers."""
     mesh = meshes.bar(3.0, 3, amount=0.0)
     young = np.where(np.abs(mesh.p[0, mesh.t].mean(axis=0) - 1.5) < 0.5, SOFT, STIFF)
     sides = {lambda x: (x[1] == 0) | (x[1] == 1): "y", lambda x: (x[2] == 0) | (x[2] == 1): "z"}
@@ -75,10 +75,13 @@ def _layered() -> Body:
 
 
 def _layers_in_series(system: System) -> Array:
-    """Uniaxial strain in each layer, `(lam + 2 mu)/2 (s^3 - s)` the same in all; `2 s_stiff + s_soft` is the whole length."""
+    """Return displacements of uniaxial strain in each layer.
+
+    `(lam + 2 mu)/2 (s^3 - s)` is the same in all layers, and `2 s_stiff + s_soft` is the whole length.
+    """
 
     def stiff(soft: float) -> float:
-        return 1 + SOFT / STIFF * (soft**3 - soft) / 2  # for (s^3 - s)/2 = s - 1 to 1e-16 there
+        return 1 + SOFT / STIFF * (soft**3 - soft) / 2  # (s^3 - s)/2 = s - 1 to 1e-16 for these s
 
     soft = brentq(lambda s: 2 * stiff(s) + s - 3 - 1 / 3, 1.0, 2.0, xtol=1e-15)
     x, u = system.mesh.p[0], np.zeros((system.mesh.nv, 3))
@@ -87,7 +90,7 @@ def _layers_in_series(system: System) -> Array:
 
 
 def _cored() -> Body:
-    """A cube that is stiff within."""
+    """Return a cube with a stiff core."""
     mesh = meshes.bar(1.0, 5)
     young = np.where((np.abs(mesh.p[:, mesh.t].mean(axis=1) - 0.5) < 0.25).all(axis=0), STIFF, SOFT)
     return _sheared(mesh, young)

@@ -1,4 +1,4 @@
-"""Whether a method was right: by what its state is, whatever the method says of it."""
+"""Verdict on a static result from its state, independent of the message of the method."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from skfem_stvk.elements import rule_of
 
 from .case import Array, Truth
 
-#: A smaller J is nothing but rounding: the element is flat.
+#: Volume ratios of at most this absolute value are round-off: the element is flat.
 FLAT = 1e-9
-#: Of the lowest eigenvalue of K, its diagonal scaled to 1, below which nothing holds a body: rounding leaves 1e-15 or so.
+#: Limit of the lowest eigenvalue of K with unit diagonal. Below it a body has a free motion; rounding leaves about 1e-15.
 NOTHING = 1e-13
-#: Of K with its diagonal scaled to 1, how far it is from symmetric, or an eigenvalue from real, by rounding.
+#: Largest asymmetry of K with unit diagonal, and largest imaginary part of an eigenvalue, that are due to rounding.
 UNSYMMETRIC = 1e-9
-#: Unknowns up to which eigenvalues are those of the full matrix.
+#: Number of unknowns up to which eigenvalues are computed from the dense matrix.
 DENSE = 1200
 
 
 class Verdict(Enum):
-    """How a method did."""
+    """Verdict on a method: right, wrong without a warning, or a reported failure."""
 
     RIGHT = "right"
     WRONG = "WRONG"
@@ -37,14 +37,17 @@ class Verdict(Enum):
 
 
 class Judgement(NamedTuple):
-    """The verdict, and what speaks for it."""
+    """Verdict with its reason."""
 
     verdict: Verdict
     why: str
 
 
 def judged(system: System, u: Array, claims_success: bool, message: str, truth: Truth) -> Judgement:
-    """The verdict on displacements (ndofs,) that a method hands out as the answer at t = 1, or does not."""
+    """Return the verdict on displacements (ndofs,) at t = 1.
+
+    `claims_success` means that the method reports them as the answer.
+    """
     if not claims_success:
         return Judgement(Verdict.SAID_SO, message)
     faults = faults_of(system, u, truth.limit)
@@ -56,7 +59,7 @@ def judged(system: System, u: Array, claims_success: bool, message: str, truth: 
 
 
 def faults_of(system: System, u: Array, limit: float) -> list[str]:
-    """What speaks against a state at t = 1: elements inside out or flat, instability, or a next Newton step above the limit."""
+    """Return the faults of a state at t = 1: inverted or flat elements, instability, or a next Newton step above the limit."""
     if not np.isfinite(u).all():
         return ["not finite"]
     faults, J = [], volume_ratios(system, u)
@@ -69,13 +72,15 @@ def faults_of(system: System, u: Array, limit: float) -> list[str]:
         return [*faults, f"unstable, {negative} eigenvalues of K are not positive"]
     step = spsolve(K.tocsc(), system.residual(u)[free])
     if not np.abs(step).max() <= limit * np.abs(u).max():
-        faults.append(f"not in balance: Newton's next step is {np.abs(step).max() / np.abs(u).max():.1e}")
+        faults.append(f"not in equilibrium: the next step of Newton's method is {np.abs(step).max() / np.abs(u).max():.1e}")
     return faults
 
 
 def volume_ratios(system: System, u: Array) -> Array:
-    """(nt,) volume of each element at `u` over that at rest, by determinants; of quadratic ones the smallest ratio of all
-    points and nodes. Of membranes and cables in space, which have no inside, that of areas or lengths.
+    """Return the volume of each element at `u` over that at rest, (nt,), by determinants.
+
+    For quadratic elements, the value is the smallest ratio at all points and nodes. For membranes and cables in space, which have
+    no orientation, it is the ratio of areas or lengths.
     """
     X, element = system.mesh.p.T, system.mesh.element
     if element.degree == 2:
@@ -88,18 +93,21 @@ def volume_ratios(system: System, u: Array) -> Array:
     return ratios
 
 
-def _measure(spokes: Array) -> Array:
-    """(...,) volumes that spokes in the last two dimensions span, with their sign where they fill the space."""
-    if spokes.shape[-1] == spokes.shape[-2]:
-        return np.asarray(np.linalg.det(spokes))
-    gram = spokes @ np.swapaxes(spokes, -1, -2) if spokes.shape[-2] < spokes.shape[-1] else np.swapaxes(spokes, -1, -2) @ spokes
+def _measure(base_vectors: Array) -> Array:
+    """Return the volumes that base vectors in the last two dimensions span, (...,). In the full dimension they have a sign."""
+    if base_vectors.shape[-1] == base_vectors.shape[-2]:
+        return np.asarray(np.linalg.det(base_vectors))
+    columns = base_vectors.shape[-2] >= base_vectors.shape[-1]
+    transpose = np.swapaxes(base_vectors, -1, -2)
+    gram = transpose @ base_vectors if columns else base_vectors @ transpose
     return np.asarray(np.sqrt(np.linalg.det(gram)))
 
 
 def not_positive(K: csr_matrix) -> int:
-    """Number of eigenvalues that are negative, or nothing but rounding; of a matrix that is not symmetric of the real ones.
+    """Return the number of eigenvalues that are negative or round-off. For an unsymmetric matrix, only real eigenvalues count.
 
-    Of the full matrix its own eigenvalues, its diagonal scaled to 1; of larger ones the pivots of elimination along the diagonal.
+    K is scaled to a unit diagonal. Eigenvalues are computed from the dense matrix; for larger matrices, the pivots of an
+    elimination along the diagonal replace them.
     """
     diagonal = K.diagonal()
     if not (diagonal > 0).all():
@@ -115,13 +123,13 @@ def not_positive(K: csr_matrix) -> int:
 
 
 def real_not_positive(K: Array) -> int:
-    """Number of real eigenvalues of a matrix that are negative, or nothing but rounding."""
+    """Return the number of real eigenvalues of a matrix that are negative or round-off."""
     values = np.linalg.eigvals(K)
     return int((values.real[np.abs(values.imag) <= UNSYMMETRIC] <= NOTHING).sum())
 
 
 def _pivots(factors: object) -> NDArray[np.float64]:
-    """The pivots of an elimination that exchanged no rows."""
+    """Return the pivots of an elimination without row exchanges."""
     if not np.array_equal(factors.perm_r, factors.perm_c):  # type: ignore[attr-defined]
-        raise RuntimeError("SuperLU exchanged rows, so its pivots do not have the signs of the eigenvalues.")
+        raise RuntimeError("perm_r != perm_c; expected no row exchanges: the pivots do not have the signs of the eigenvalues.")
     return np.asarray(factors.U.diagonal())  # type: ignore[attr-defined]

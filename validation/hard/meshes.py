@@ -1,4 +1,4 @@
-"""Meshes of the hard cases: boxes with inner vertices moved at random, elements of both orientations, and planted flaws."""
+"""Meshes of the hard cases: boxes with inner vertices moved at random, elements of both orientations, and deliberate flaws."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from .case import Array
 
 
 def box(lines: Sequence[Array], amount: float = 0.2, seed: int = 1) -> ElementMesh:
-    """Cells between these coordinates, inner vertices moved by up to `amount` of a cell, half of the tetrahedra turned round."""
+    """Return a box of cells between these coordinates, with elements of both orientations.
+
+    Inner vertices are moved at random by up to `amount` of a cell.
+    """
     mesh, rng = skfem.MeshTet.init_tensor(*lines), np.random.default_rng(seed)
     p = mesh.p.copy()
     for x, line in zip(p, lines, strict=True):
@@ -24,23 +27,23 @@ def box(lines: Sequence[Array], amount: float = 0.2, seed: int = 1) -> ElementMe
         x += amount * cell * inner * rng.uniform(-1, 1, len(x))
     on_face = np.array([(mesh.p[i] == line[j]) for i, line in enumerate(lines) for j in (0, -1)]).any(axis=0)
     p[:, on_face] = mesh.p[:, on_face]
-    return turned_round(ElementMesh(p, mesh.t))
+    return of_both_orientations(ElementMesh(p, mesh.t))
 
 
 def bar(length: float = 3.0, n: int = 3, **options: float) -> ElementMesh:
-    """A bar along x of section 1 x 1 in cells of 1/n."""
+    """Return a bar along x with cross-section 1 x 1 and cells of size 1/n."""
     across = np.linspace(0, 1, n + 1)
     return box([np.linspace(0, length, round(length * n) + 1), across, across], **options)  # type: ignore[arg-type]
 
 
 def cube(n: int = 6) -> ElementMesh:
-    """The unit cube of (n + 1)^3 nodes as scikit-fem makes it."""
+    """Return the unit cube of (n + 1)^3 nodes as scikit-fem makes it."""
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
     return ElementMesh(mesh.p, mesh.t)
 
 
-def turned_round(mesh: ElementMesh, seed: int = 0) -> ElementMesh:
-    """The mesh with two vertices exchanged in half of its elements."""
+def of_both_orientations(mesh: ElementMesh, seed: int = 0) -> ElementMesh:
+    """Return the mesh with two vertices exchanged in about half of its elements."""
     t = mesh.t.copy()
     half = np.random.default_rng(seed).random(mesh.nt) < 0.5
     t[:2, half] = t[1::-1, half]
@@ -48,7 +51,10 @@ def turned_round(mesh: ElementMesh, seed: int = 0) -> ElementMesh:
 
 
 def with_slivers(mesh: ElementMesh, degrees: float, share: float = 0.3, seed: int = 2) -> ElementMesh:
-    """The mesh with inner vertices, far from each other, moved until an element at each has a dihedral angle of so many degrees."""
+    """Move inner vertices until an element at each has a dihedral angle of `degrees`; return the mesh.
+
+    No two moved vertices share an element.
+    """
     rng, p = np.random.default_rng(seed), mesh.p.copy()
     low, high = p.min(axis=1, keepdims=True), p.max(axis=1, keepdims=True)
     inner = np.flatnonzero(((p > low) & (p < high)).all(axis=0))
@@ -64,7 +70,7 @@ def with_slivers(mesh: ElementMesh, degrees: float, share: float = 0.3, seed: in
 
 
 def _pushed(p: Array, around: NDArray[np.int32], vertex: int, direction: Array, degrees: float) -> Array:
-    """The last position of the vertex, by bisection, at which no element is flat."""
+    """Return the farthest position of the vertex along `direction`, by bisection, without an angle below `degrees`."""
     start, low, high = p[:, vertex].copy(), 0.0, 2 * float(np.ptp(p[:, around], axis=1).max())
     signs = np.sign(_volumes(p, around))
     for _ in range(60):
@@ -82,20 +88,20 @@ def _volumes(p: Array, t: NDArray[np.int32]) -> Array:
 
 
 def _smallest_angle(p: Array, t: NDArray[np.int32]) -> float:
-    """Smallest dihedral angle [degrees]."""
+    """Return the smallest dihedral angle [degrees]."""
     used, local = np.unique(t, return_inverse=True)
     return float(dihedral_angles(ElementMesh(p[:, used], local.reshape(t.shape).astype(np.int32))).min())
 
 
 def graded(layers: int = 5, factor: float = 11.0) -> ElementMesh:
-    """The unit cube in layers around one corner, each `factor` times as thick as the one within."""
+    """Return the unit cube in layers around one corner, each layer `factor` times as thick as the inner one."""
     mesh = skfem.MeshTet.init_tensor(*[np.arange(layers + 1.0)] * 3)
     layer = mesh.p.max(axis=0)
     size = np.where(layer > 0, factor ** (layer - layers), 0)
-    return turned_round(ElementMesh(mesh.p * size / np.maximum(layer, 1), mesh.t))
+    return of_both_orientations(ElementMesh(mesh.p * size / np.maximum(layer, 1), mesh.t))
 
 
 def longest_edges(mesh: ElementMesh) -> Array:
-    """(nt,) longest edge of each element [m]."""
+    """Return the longest edge of each element [m], (nt,)."""
     x = mesh.p.T[mesh.t.T]
     return np.linalg.norm(x[:, :, None] - x[:, None], axis=3).max(axis=(1, 2))

@@ -1,4 +1,4 @@
-"""The methods of the table: what each makes of a case."""
+"""Methods of the table, and a run of a method on a case."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from .judge import Judgement, Verdict, judged
 
 
 class Run(NamedTuple):
-    """What a method made of a case.
+    """Result of a method on a case.
 
     Attributes
     ----------
-    method, volume : which, and whether the volume term is in the system.
-    steps, iterations, seconds : of the solve; steps are those that arrived.
+    method, volume : name of the method, and whether the volume term is in the system.
+    steps, iterations, seconds : counts and time of the solve; steps are the completed ones.
     status : in a word.
-    message : in full, with warnings.
+    message : complete message with warnings.
     u : (ndofs,) displacements of the last state [m].
-    judgement : whether it was right.
-    unsaid : patterns of the case that message and warnings lack.
+    judgement : verdict on the result.
+    unsaid : patterns of the case that are missing from message and warnings.
     """
 
     method: str
@@ -49,7 +49,7 @@ class Run(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What a method says: displacements, whether they are the answer at t = 1, counts, a word and the message."""
+    """Answer of a method: displacements, whether it reports them as the answer at t = 1, counts, status and message."""
 
     u: Array
     claims_success: bool
@@ -89,7 +89,7 @@ class Method(NamedTuple):
         return case.of_invertible() if self.invertible else case
 
 
-#: By name, in the order of the table; those of the project come last.
+#: Methods by name, in the order of the table; the methods of this package are last.
 METHODS = {
     "plain Newton": Method(partial(_newton, clamped=False), volume=False),
     "Newton, clamped": Method(partial(_newton, clamped=True), volume=False),
@@ -101,7 +101,7 @@ OURS = ("default", "default + volume", "default, invertible")
 
 
 def run(case: Case, method: str) -> Run:
-    """Run a method on a case, and judge what it says."""
+    """Run a method on a case, and judge its answer."""
     chosen = METHODS[method]
     case, volume = chosen.case(case), chosen.volume
     truth = case.truth_of(volume)

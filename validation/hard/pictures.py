@@ -1,4 +1,4 @@
-"""Small multiples of deformed bodies, coloured by the ratio of volumes."""
+"""Small multiples of deformed bodies, coloured by the volume ratio."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .judge import volume_ratios
 from .table import Row
 
 START = "start"
-#: What is drawn: names of cases, and the method whose last state it is, or `START`.
+#: Pictures: names of cases, and the method whose last state is drawn, or `START` for the initial state.
 SHOWN = (
     ("twist a bar of 10 x 1 x 1 by 360°", "default"),
     ("shear by 200 % between plates", "default"),
@@ -44,19 +44,19 @@ LIGHT = np.array([0.35, -0.55, 0.76])
 
 
 def picture(rows: Sequence[Row], folder: Path, name: str = "hard-cases", shown: Sequence[tuple[str, str]] = SHOWN) -> Path:
-    """Write NAME.png: those of `shown` that are in the table."""
+    """Write NAME.png with the pictures of `shown` that are in the table."""
     by_name = {row.case.name: row for row in rows}
     found = [(by_name[case], method) for case, method in shown if case in by_name]
     lines = max(1, -(-len(found) // COLUMNS))
     figure = Figure(figsize=(3 * COLUMNS, 2.6 * lines + 0.5), layout="constrained")
-    for place, (row, method) in enumerate(found):
-        axes: Any = figure.add_subplot(lines, COLUMNS, place + 1, projection="3d", proj_type="ortho")
+    for index, (row, method) in enumerate(found):
+        axes: Any = figure.add_subplot(lines, COLUMNS, index + 1, projection="3d", proj_type="ortho")
         _draw(axes, row, method)
     if found:
         figure.colorbar(
             ScalarMappable(RATIOS, COLOURS),
             ax=figure.axes,
-            label="volume now / at rest; blue: inside out",
+            label="volume ratio; blue: inverted",
             shrink=0.5,
             extend="min",
         )
@@ -66,7 +66,7 @@ def picture(rows: Sequence[Row], folder: Path, name: str = "hard-cases", shown: 
 
 
 def _draw(axes: Any, row: Row, method: str) -> None:
-    """The surface, its triangles outlined."""
+    """Draw the surface with the outlines of its triangles."""
     mesh, art = row.system.mesh, import_module("mpl_toolkits.mplot3d.art3d")
     u, caption = _state(row, method)
     x = mesh.p.T + u.reshape(mesh.p.T.shape)
@@ -85,7 +85,7 @@ def _draw(axes: Any, row: Row, method: str) -> None:
 
 
 def _state(row: Row, method: str) -> tuple[Array, str]:
-    """Displacements (ndofs,), and what they are."""
+    """Return displacements (ndofs,) and their caption."""
     if method == START:
         u0 = row.case.body().u0
         return (np.zeros(row.system.ndofs) if u0 is None else u0), "the start"

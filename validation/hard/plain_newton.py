@@ -1,4 +1,4 @@
-"""Newton's method as textbooks have it: full steps in equal load steps, and no question asked but the residual's."""
+"""Newton's method as in textbooks: full steps in equal load steps. The residual is the only check."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RTOL, MOST, SHORTEST = 1e-8, 60, 1 / 1024
 
 
 class Outcome(NamedTuple):
-    """Last displacements, whether the residual converged at the full load, load steps and iterations, and the reason if not."""
+    """Last displacements, whether the full load converged, load steps and iterations, and the reason of a failure."""
 
     u: NDArray[np.float64]
     converged: bool
@@ -27,7 +27,10 @@ class Outcome(NamedTuple):
 
 
 def solve(system: System, steps: int, u0: Array | None, clamped: bool) -> Outcome:
-    """Equilibrium at t = 1, by the exact tangent with full steps, or `clamped`, halved until the potential falls."""
+    """Find the equilibrium at t = 1 with full steps of the exact tangent.
+
+    If `clamped`, halve steps until the potential decreases.
+    """
     u = np.zeros(system.ndofs) if u0 is None else u0.copy()
     held, iterations = system.supports.held, 0
     free = np.setdiff1d(np.arange(system.ndofs), held)

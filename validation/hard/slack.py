@@ -1,4 +1,4 @@
-"""Membranes and cables that have no stiffness across themselves until they are in tension: K is singular at rest."""
+"""Membranes and cables without transverse stiffness until they are in tension: K is singular at rest."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from . import truths
 from .case import Body, Case, Truth
 
 METHODS = ("plain Newton", "Newton, clamped", "default", "default, invertible")
-#: Stiffness `E A` of the cable over its weight: one that load steps find, and one that has to swing into its place.
+#: Stiffness `E A` of the cable over its weight: load steps find the first state; the second needs a dynamic solve.
 SOFT, STIFF = 1e4, 1e8
 
 
 @dataclass(frozen=True)
 class Woven(Body):
-    """Membranes of a thickness, or cables of an area."""
+    """Body of membranes with a thickness, or of cables with a cross-sectional area."""
 
     thickness: float | None = None
     area: float | Array | None = None
@@ -39,7 +39,7 @@ def slack() -> list[Case]:
         chain,
         _case("hang a slack cable 1e4 times as stiff", partial(_chain, STIFF), refused),
         _case("load a flat net of cables", _net, truths.state("the net's own equations", _net_by_itself)),
-        replace(sphere, methods=("plain Newton", "default", "default, invertible")),  # the other asks for a potential
+        replace(sphere, methods=("plain Newton", "default", "default, invertible")),  # the other method needs a potential
     ]
 
 

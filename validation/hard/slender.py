@@ -1,4 +1,4 @@
-"""Slender bodies, bent far, by every solver: K is nearly singular against the stiffness along them, and stable all the same."""
+"""Slender bodies in large bending, by every linear solver: stable, but K is nearly singular relative to the axial stiffness."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from . import meshes, truths
 from .case import Body, Case
 
 YOUNG, THICKNESS = 1.2e6, 0.1
-#: The load, as a multiple of `E I/L^2`.
+#: Load as a multiple of `E I/L^2`.
 LOAD = 2.0
-#: Of a body a thousand times as long as thick, rounding leaves 1e-6 of the displacements.
+#: Limit of the relative error; for a length of a thousand thicknesses, rounding leaves 1e-6 of the displacements.
 ROUNDED = 1e-4
 
 
@@ -32,7 +32,7 @@ def slender() -> list[Case]:
 
 
 def _by_every_solver(make: partial[Body], quick: bool) -> Iterator[Case]:
-    """By all methods with the solver that "auto" takes, and by the default with the others."""
+    """Yield the case for all methods with the solver "auto", and for the default method with each other solver."""
     ratio, shape = make.args[0], "strip" if make.func is _strip else "bar"
     yield replace(_case(make, f"{shape}, {ratio} : 1"), methods=None, quick=quick)
     for solver in SOLVERS[1:]:
@@ -48,19 +48,19 @@ def _case(make: truths.Make, what: str, solver: str = "auto") -> Case:
 
 
 def _strip(ratio: int, cells: int, across: int, load: float = LOAD, poisson: float = 0.3) -> Body:
-    """A strip of triangles in plane strain."""
+    """Return a strip of triangles in plane strain."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, ratio * THICKNESS, cells + 1), np.linspace(0, THICKNESS, across + 1))
     return _bent(ElementMesh(mesh.p, mesh.t), ratio, load, poisson, 0.0)
 
 
 def _bar(ratio: int, cells: int) -> Body:
-    """A bar of tetrahedra, one cell across."""
+    """Return a bar of tetrahedra, one cell across."""
     lines = np.linspace(0, ratio * THICKNESS, cells + 1), *[np.linspace(0, THICKNESS, 2)] * 2
     return _bent(meshes.box(lines), ratio, LOAD, 0.3, 0.0, 0.0)
 
 
 def _bent(mesh: ElementMesh, ratio: int, load: float, poisson: float, *others: float) -> Body:
-    """Held at one end; the traction at the other is `load E I/(A L^2)`."""
+    """Return a body clamped at one end. The traction at the other end is `load E I/(A L^2)`."""
     traction = load * YOUNG / (12 * ratio**2)
     pulled = Traction(lambda x: x[0] == mesh.p[0].max(), (*others, -traction))
     return Body(mesh, YOUNG, poisson, (pulled,), {lambda x: x[0] == 0: "xyz"[: mesh.d]})

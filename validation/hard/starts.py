@@ -1,4 +1,4 @@
-"""Bad starts: random positions, a flattened body, elements inside out."""
+"""Bad initial states: random positions, a flattened body, and inverted elements."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def starts() -> list[Case]:
 
 
 def _case(name: str, u0: truths.Start) -> Case:
-    """The default may say that it does not get out; with the volume term it has to."""
+    """Return a case that the default may refuse, and that it must solve with the volume term."""
     plain = replace(truths.tiny_steps(bent, 20), refused=True, says=("u0|VolumePenalty",))
     return Case(name, partial(_from, u0), 4, plain, truths.tiny_steps(bent, 20, volume=True))
 
 
 def bent() -> Body:
-    """A short cantilever that a traction bends."""
+    """Return a short cantilever bent by a traction."""
     load = Traction(lambda x: x[0] == LENGTH, (0, 0, -3e3))
-    turns_back = VolumePenalty(kind="compression")
-    return Body(meshes.bar(LENGTH, 3), YOUNG, POISSON, (load,), {lambda x: x[0] == 0: "xyz"}, penalty=turns_back)
+    removes_inversions = VolumePenalty(kind="compression")
+    return Body(meshes.bar(LENGTH, 3), YOUNG, POISSON, (load,), {lambda x: x[0] == 0: "xyz"}, penalty=removes_inversions)
 
 
 def _from(u0: truths.Start) -> Body:
@@ -43,18 +43,18 @@ def _from(u0: truths.Start) -> Body:
 
 
 def random_positions(mesh: ElementMesh) -> Array:
-    """Every vertex anywhere in the body's box."""
+    """Return displacements to random positions of all vertices in the body's bounding box."""
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
     return (np.random.default_rng(5).uniform(low, high, (mesh.nv, 3)) - mesh.p.T).ravel()
 
 
 def _flattened(mesh: ElementMesh) -> Array:
-    """All vertices at z = 0."""
+    """Return displacements of all vertices to z = 0."""
     return (mesh.p * [[0], [0], [-1]]).ravel("F")
 
 
 def some_inside_out(mesh: ElementMesh) -> Array:
-    """Every fifth inner vertex moved by the size of an element or more."""
+    """Return displacements of every fifth inner vertex by an element size or more."""
     low, high = mesh.p.min(axis=1, keepdims=True), mesh.p.max(axis=1, keepdims=True)
     inner = np.flatnonzero(((mesh.p > low) & (mesh.p < high)).all(axis=0))[::5]
     u = np.zeros((mesh.nv, 3))

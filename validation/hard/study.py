@@ -1,4 +1,4 @@
-"""All hard cases by all methods, printed as they come, and saved."""
+"""Runner of the hard cases with all methods: prints progress and tables, and saves the tables."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .motion.study import memory, motion
 from .pictures import picture
 from .table import Row, printed, save, tally
 
-#: Groups that have tables of their own: what does not hold in them.
+#: Groups that have tables of their own, with functions that return the failed claims.
 TABLES: dict[str, Callable[[Console, bool, Path | None], list[str]]] = {"motion": motion, "memory": memory}
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the groups of these names, print the tables, and save them with pictures in the folder `out`; 0 if no claim failed."""
+    """Run the named groups, print the tables, and save them with pictures in the folder `out`; return 0 if no claim failed."""
     console, folder = Console(width=WIDTH, highlight=False), None if out is None else Path(out)
     failed = at_rest(console, [name for name in names if name not in TABLES], quick, folder)
     for name in names:
@@ -35,7 +35,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
 
 
 def at_rest(console: Console, names: Sequence[str], quick: bool, out: Path | None) -> list[str]:
-    """The table of these groups, and what does not hold in it."""
+    """Print the table of these groups, and return the failed claims."""
     begin, rows = perf_counter(), []
     for case in cases(names, quick):
         console.print(f"[dim]{perf_counter() - begin:5.0f} s  {escape(case.name)}[/]")
@@ -51,23 +51,26 @@ def at_rest(console: Console, names: Sequence[str], quick: bool, out: Path | Non
 
 
 def group(name: str) -> list[Case]:
-    """The cases of the file of this name, which its function of the same name returns."""
+    """Return the cases of a group. The file of this name has a function of the same name."""
     made: list[Case] = getattr(import_module(f".{name}", __package__), name)()
     return made
 
 
 def cases(names: Sequence[str], quick: bool) -> list[Case]:
-    """The cases of these groups; `quick` leaves out those that take long."""
+    """Return the cases of these groups; `quick` omits the slow ones."""
     return [case for name in names if name not in TABLES for case in group(name) if case.quick or not quick]
 
 
 def row_of(case: Case) -> Row:
-    """A case by all methods."""
+    """Run all methods on a case."""
     return Row(case, case.body().system(volume=False), [run_method(case, method) for method in case.methods or METHODS])
 
 
 def failures(row: Row) -> Iterator[str]:
-    """What contradicts the claims: the default is never wrong, right where it has to be, and says what it has to."""
+    """Yield the contradictions to the claims.
+
+    The default is never wrong without a warning, right if it must be, and its message contains the required patterns.
+    """
     for run in row.runs:
         if run.method not in OURS:
             continue
@@ -76,9 +79,9 @@ def failures(row: Row) -> Iterator[str]:
         if run.verdict is Verdict.WRONG:
             yield f"{name}: reported as success, but {run.judgement.why}"
         elif run.verdict is Verdict.SAID_SO and truth.error is not None and not truth.refused:
-            yield f"{name}: there is a right state, but: {run.message}"
+            yield f"{name}: a right state exists; got: {run.message}"
         if run.unsaid:
-            yield f"{name}: not said: {', '.join(run.unsaid)}; said: {run.message}"
+            yield f"{name}: not said: {', '.join(run.unsaid)}; message: {run.message}"
 
 
 __all__ = ["Run", "cases", "failures", "group", "row_of", "run"]

@@ -1,4 +1,4 @@
-"""The table of hard cases: in a terminal, as Markdown and as CSV."""
+"""Table of hard cases: in a terminal, as Markdown and as CSV."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from .methods import METHODS, Run
 COLUMNS = ("method", "steps", "iterations", "time [s]", "status", "right?", "why not")
 SHORT = ("method", "steps", "iter.", "s", "status", "right?", "why not")
 STYLE = {Verdict.RIGHT: "green", Verdict.WRONG: "bold red", Verdict.SAID_SO: "yellow"}
-#: Characters of the first column, of the status, and of the last column.
+#: Widths of the first column, of the status, and of the last column [characters].
 NARROW, STATUS, LAST = 34, 24, 18
 
 
 @dataclass(frozen=True)
 class Row:
-    """A case and what the methods made of it; `system` is the one without the volume term."""
+    """Case with the results of the methods; `system` has no volume term."""
 
     case: Case
     system: System
@@ -42,7 +42,7 @@ class Row:
 
     @property
     def truth(self) -> str:
-        """The source of the right outcome, and where others differ those with the volume term and of the invertible law."""
+        """Source of the right outcome, and the sources with the volume term and of the invertible law if they differ."""
         case = self.case
         others = {"with the volume term": case.with_volume, "invertible": case.invertible or case.truth}
         differ = [f"{name}: {truth.source}" for name, truth in others.items() if truth.source != case.truth.source]
@@ -50,7 +50,10 @@ class Row:
 
 
 def printed(rows: Sequence[Row], title: str = "Hard cases", reasons: bool = True) -> Table:
-    """The table for a rich console: lines per case, with name, size and truth beside the methods; `reasons` adds why not."""
+    """Return the table for a rich console; `reasons` adds the last column.
+
+    Name, size and right outcome are left of the methods.
+    """
     shown = len(SHORT) if reasons else len(SHORT) - 1
     table = grid(title, "case, size, truth", *SHORT[:shown], right=SHORT[1:4])
     for row in rows:
@@ -76,14 +79,14 @@ def _cut(text: str, most: int) -> str:
 
 
 def tally(rows: Sequence[Row], methods: Iterable[str] = METHODS) -> Iterator[str]:
-    """How often each method was right, said that it was not, and was wrong without a word."""
+    """Yield the numbers of right, reported and wrong outcomes of each method."""
     for method in methods:
         verdicts = [run.verdict for row in rows for run in row.runs if run.method == method]
         yield f"{method:<24}  " + ", ".join(f"{verdicts.count(verdict):2d} {verdict.value.lower()}" for verdict in Verdict)
 
 
 def save(rows: Sequence[Row], folder: Path, name: str = "hard-cases", methods: Iterable[str] = METHODS) -> tuple[Path, Path]:
-    """Write NAME.md, one line per case, and NAME.csv, one line per run with its message in full."""
+    """Write NAME.md, one line per case, and NAME.csv, one line per run with its complete message."""
     folder.mkdir(parents=True, exist_ok=True)
     head = ("case", "size", "truth")
     lines = [(row, run) for row in rows for run in row.runs]
@@ -101,7 +104,7 @@ def save(rows: Sequence[Row], folder: Path, name: str = "hard-cases", methods: I
 
 
 def _marked(row: Row, methods: Sequence[str]) -> list[str]:
-    """A line of Markdown: what each method made of the case, in how many steps and iterations, and how long it took."""
+    """Return a line of Markdown with the verdict, steps, iterations and time of each method."""
     runs = {run.method: run for run in row.runs}
     return [row.case.name, row.size, row.truth, *(_marked_run(runs[method]) if method in runs else "-" for method in methods)]
 

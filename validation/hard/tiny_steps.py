@@ -1,4 +1,4 @@
-"""Equilibria by an independent solve: scikit-fem's assembly, or the system's own where it has a volume term, in many tiny steps."""
+"""Independent equilibria in many tiny steps: by scikit-fem's assembly, or by the system's own if it has a volume term."""
 
 from __future__ import annotations
 
@@ -20,45 +20,45 @@ from ..statics.with_scikit_fem import tangent as tangent_form
 from .case import Array, Body, made
 from .judge import volume_ratios
 
-#: The last step of Newton's method, which converges quadratically, is no larger than this part of the displacements.
+#: Limit of the last step of Newton's method relative to the displacements; the method converges quadratically.
 LAST = 1e-8
 MOST, SMALLEST = 12, 1 / 64
-#: Internal force [N] and tangent stiffness [N/m] at displacements.
+#: Functions that return internal force [N] and tangent stiffness [N/m] at displacements.
 Force = Callable[[Array], Any]
 Tangent = Callable[[Array], csr_matrix]
 
 
 class NoPathError(RuntimeError):
-    """The path of tiny steps ended before the full load."""
+    """End of the path of tiny steps before the full load."""
 
 
 @lru_cache(maxsize=64)
 def followed(make: Callable[[], Body], volume: bool, steps: int, degree: int = 1) -> Array:
-    """(ndofs,) displacements at t = 1 on the path from rest, in steps of at most 1/steps; all elements stay right side out.
+    """Return the displacements at t = 1 on the path from rest, (ndofs,), in steps of at most 1/steps, without inverted elements.
 
-    Elements are of this `degree`; quadratic ones in a plane are assembled by the system itself.
+    Elements have this `degree`. Quadratic elements in a plane use the system's own assembly.
 
     Raises
     ------
     NoPathError
-        where the path ends.
+        if the path ends.
     """
     body = made(make, degree)
     system = body.system(volume)
-    by_itself = volume or body.law is not StVK or (degree == 2 and body.mesh.d < 3)
-    force, tangent = _by_itself(system) if by_itself else by_scikit_fem(body)
+    own_assembly = volume or body.law is not StVK or (degree == 2 and body.mesh.d < 3)
+    force, tangent = _own_assembly(system) if own_assembly else by_scikit_fem(body)
     held, u, t, size = system.supports.held, np.zeros(system.ndofs), 0.0, 1 / steps
     free = np.setdiff1d(np.arange(system.ndofs), held)
     while t < 1:
         size = min(size, 1 - t) if 1 - t > 1e-12 else 1 - t
-        goal = 1.0 if t + size > 1 - 1e-12 else t + size
-        found = _step(system, force, tangent, free, held, u, goal)
+        target = 1.0 if t + size > 1 - 1e-12 else t + size
+        found = _step(system, force, tangent, free, held, u, target)
         if found is None:
             size /= 2
             if size < SMALLEST / steps:
                 raise NoPathError(f"The path in tiny steps ends at t = {t:.4g}.")
             continue
-        u, t, size = found, goal, min(2 * size, 1 / steps)
+        u, t, size = found, target, min(2 * size, 1 / steps)
     return u
 
 
@@ -71,7 +71,7 @@ def _step(
     u: Array,
     t: float,
 ) -> Array | None:
-    """Newton's method with full steps, the first of which carries the prescribed displacements into the body."""
+    """Make one load step by Newton's method with full steps. The first iteration applies the prescribed displacements."""
     du = np.zeros_like(u)
     du[held] = system.supports.values(t) - u[held]
     for _ in range(MOST):
@@ -86,12 +86,12 @@ def _step(
     return None
 
 
-def _by_itself(system: System) -> tuple[Force, Tangent]:
+def _own_assembly(system: System) -> tuple[Force, Tangent]:
     return system.internal_force, system.tangent
 
 
 def by_scikit_fem(body: Body) -> tuple[Force, Tangent]:
-    """Internal force and tangent stiffness of a body by scikit-fem's assembly of its elements."""
+    """Return internal force and tangent stiffness of a body by scikit-fem's assembly of its elements."""
     if body.mesh.element.degree == 2:
         return _quadratic_by_scikit_fem(body)
     tensor = isotropic_tensor(body.young, body.poisson, body.mesh.k, condensed=False)

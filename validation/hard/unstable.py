@@ -1,4 +1,4 @@
-"""What buckles, and what nothing holds: a thin sheet, hinges, parts that one node joins."""
+"""Buckling, and mechanisms: a thin sheet, an arch, columns, hinges, and parts joined by one node."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .case import Array, Body, Case, Truth
 
 YOUNG, POISSON = 1e5, 0.3
 THICKNESS = 0.02
-#: Methods of loads that follow the body and have no potential, along which a clamped tangent could be shortened.
+#: Methods for loads that follow the body. The clamped tangent is omitted, because its step length needs a potential.
 FOLLOWED = ("plain Newton", "default", "default + volume", "default, invertible")
 
 
 def unstable() -> list[Case]:
     stable, perfect = truths.any_stable(), truths.any_stable("imperfection")
-    straight = Truth("by symmetry: it stays straight, with no other state beside", _off_axis, 1e-6, ("flutter not looked at",))
+    straight = Truth("by symmetry: it stays straight, and no other state exists", _off_axis, 1e-6, ("flutter not looked at",))
     block, edge, node = meshes.cube(2), _joined((1.0, 0.0, 1.0)), _joined((1.0, 1.0, 1.0))
     return [
         Case("crush a thin sheet by 10 %", partial(_sheet, 0.1), 10, perfect, perfect),
@@ -37,9 +37,9 @@ def unstable() -> list[Case]:
 
 
 def _column(held_head: bool) -> Body:
-    """A column under pressure on its head, beyond the load at which it buckles if its head is held across.
+    """Return a column under a pressure on its head. With a laterally supported head, the pressure exceeds the buckling load.
 
-    Where the head is free, the load follows it: Beck's column, which has no state of equilibrium but the straight one.
+    With a free head, the load follows the head: Beck's column, whose only equilibrium is the straight one.
     """
     mesh = skfem.MeshQuad.init_tensor(np.linspace(0, 20, 41), np.linspace(-0.5, 0.5, 3)).to_meshtri(style="x")
     fixed = {lambda x: x[0] < 0.01: "xy"} | ({_head: "y"} if held_head else {})
@@ -51,13 +51,13 @@ def _head(x: Array) -> NDArray[np.bool_]:
 
 
 def _off_axis(system: System, u: Array) -> float:
-    """How far the axis of a column has moved across."""
+    """Return the transverse displacement of a column's axis, relative to the largest displacement."""
     axis = np.flatnonzero(system.mesh.p[1] == 0)
     return float(np.abs(u.reshape(-1, 2)[axis, 1]).max() / np.abs(u).max())
 
 
 def _arch() -> Body:
-    """A deep arch of 215 degrees whose ends are held; it buckles at three quarters of the pressure."""
+    """Return a deep arch of 215 degrees with clamped ends; it buckles at three quarters of the pressure."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 81), np.linspace(-0.5, 0.5, 3))
     angle, radius = (mesh.p[0] - 0.5) * 2 * np.radians(107.5), 1 + THICKNESS * mesh.p[1]
     outside = mesh.facets[:, mesh.facets_satisfying(lambda x: np.isclose(x[1], 0.5))]
@@ -83,7 +83,7 @@ def _pushed(mesh: ElementMesh, fixed: truths.Where) -> Body:
 
 
 def _joined(offset: tuple[float, float, float]) -> ElementMesh:
-    """A block and its copy, moved by `offset`, that share the vertices where they touch."""
+    """Return a block and its copy, moved by `offset`, that share the vertices where they touch."""
     one = meshes.cube(2)
     p = np.hstack([one.p, one.p + np.array(offset)[:, None]])
     p, number = np.unique(p.round(9), axis=1, return_inverse=True)
@@ -91,7 +91,7 @@ def _joined(offset: tuple[float, float, float]) -> ElementMesh:
 
 
 def _sheet(squeeze: float, bed: float = 0.0, push: float = 0.0) -> Body:
-    """A sheet of 1 x 0.2 on a bed [N/m^3], its short sides moved towards each other, pushed a little out of its plane [Pa]."""
+    """Return a sheet of 1 x 0.2 m on a bed [N/m^3]. Its short sides move together, and a small load acts normal to it [Pa]."""
     lines: list[Array] = [np.linspace(0, 1, 41), np.linspace(0, 0.2, 4), np.linspace(0, THICKNESS, 2)]
     loads: tuple[Any, ...] = ()
     if bed:

@@ -1,4 +1,4 @@
-"""The overview's models side by side: one bar and one body, under all of them, with error, speed, memory and stable step."""
+"""Models of the overview on one bar and one body: error, speed, memory and stable step of each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ NAMES = ("bent", "twisted", "released", "thrown", "recoveries", "random-starts",
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """one bar bent and twisted, released and thrown, under linear elements, springs, corotated, StVK, invertible, neo-Hookean"""
+    """Compare models on a bar, bent, twisted, released and thrown: linear, springs, corotated, StVK, invertible, neo-Hookean."""
     from .studies import run
 
     return run(only or NAMES, quick, out)

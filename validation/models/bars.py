@@ -1,4 +1,4 @@
-"""The bar at rest: bent by a load on its end, twisted by a turn of its end; errors against two truths on fine meshes."""
+"""Bar at rest: bent by a load at its end, or twisted by a rotation of its end; errors against two references on fine meshes."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh
 
 from ..statics.linear_solvers import direct, forget
-from ..statics.with_scikit_fem import I3, in_balance, internal_force, tangent
+from ..statics.with_scikit_fem import I3, in_equilibrium, internal_force, tangent
 from .models import LENGTH, MATERIAL, POISSON, YOUNG, Model, bar, system_of
 
-#: Load on the end [Pa], by which it comes down by about 3/8 of the length; angle by which it is turned.
+#: Load on the end [Pa], which lowers it by about 3/8 of the length; rotation of the end.
 TRACTION, ANGLE = (0.0, 0.0, -600.0), np.pi / 2
 STEPS, RTOL = 10, 1e-7
-#: Cells across of the truths, which are quadratic tetrahedra, and of the models, which are linear ones.
+#: Cells across for the references, which are quadratic tetrahedra, and for the models, which are linear ones.
 FINEST, ACROSS = 3, 3
 QUICK_FINEST, QUICK_ACROSS = 1, 1
 
 
 class Found(NamedTuple):
-    """What a model found: displacements (nv, 3) [m], what is measured, iterations, seconds, and what it said."""
+    """Result of a model: displacements (nv, 3) [m], measured quantity, iterations, seconds, and status."""
 
     u: Array
     measured: Array
@@ -37,7 +37,7 @@ class Found(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A trial by name: loads, prescribed displacements, and what is measured, of (p, u, F) of the end's nodes."""
+    """Trial with name, loads, prescribed displacements, and a function of (p, u, F) of the end's nodes that returns the result."""
 
     name: str
     loads: tuple[Any, ...]
@@ -45,33 +45,33 @@ class Trial(NamedTuple):
     measured: Callable[[Array, Array, Array], Array]
 
 
-def turned(x: Array, t: float) -> Array:
-    """Displacements of points (3, n) by a turn about the bar's axis."""
+def rotated(x: Array, t: float) -> Array:
+    """Return the displacements of points (3, n) by a rotation about the bar's axis."""
     y, z = x[1] - 0.5, x[2] - 0.5
     c, s = np.cos(ANGLE * t), np.sin(ANGLE * t)
     return np.stack([0 * y, (c - 1) * y - s * z, s * y + (c - 1) * z])
 
 
 def end_moves(p: Array, u: Array, F: Array) -> Array:
-    """Displacement of the end's centre, the mean over its nodes [m]."""
+    """Return the displacement of the end's centre, as the mean over its nodes [m]."""
     return u.mean(axis=0)
 
 
 def torque(p: Array, u: Array, F: Array) -> Array:
-    """Torque about the bar's axis [N m]."""
+    """Return the torque about the bar's axis [N m]."""
     y, z = ((p + u)[:, 1:] - 0.5).T
     return np.atleast_1d((y * F[:, 2] - z * F[:, 1]).sum())
 
 
 BENT = Trial("bent", (Traction("tip", TRACTION),), None, end_moves)
-TWISTED = Trial("twisted", (), {"tip": turned}, torque)
+TWISTED = Trial("twisted", (), {"tip": rotated}, torque)
 
 
 def solved(trial: Trial, system: System) -> Found:
-    """The trial in load steps; what was not found is NaN."""
+    """Solve the trial in load steps; results of failed solves are NaN."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StvkWarning)  # what is compressed, and for which Poisson's ratio a rule is
+            warnings.simplefilter("ignore", StvkWarning)  # about compression, and about the Poisson's ratio of a rule
             result = solve_static(system, steps=STEPS, rtol=RTOL, quiet=True, raise_on_failure=False)
     except SupportError as error:
         return Found(np.full((system.mesh.nv, 3), np.nan), np.full(1, np.nan), 0, 0.0, str(error).split(".")[0])
@@ -87,12 +87,12 @@ def _measured(trial: Trial, mesh: ElementMesh, u: Array, F: Array) -> Array:
 
 
 def of_model(trial: Trial, model: Model, n: int) -> Found:
-    """The trial under a model on linear tetrahedra with `n` cells across."""
+    """Solve the trial under a model on linear tetrahedra with `n` cells across."""
     return solved(trial, system_of(model, bar(n), trial.loads, {"wall": "xyz"}, trial.prescribed))
 
 
 def true_stvk(trial: Trial, n: int) -> Found:
-    """St. Venant-Kirchhoff's law on quadratic tetrahedra."""
+    """Solve the trial with St. Venant-Kirchhoff's law on quadratic tetrahedra."""
     return solved(trial, System(bar(n), [StVK(**MATERIAL), *trial.loads], {"wall": "xyz"}, trial.prescribed, degree=2))
 
 
@@ -102,7 +102,7 @@ def _traction(v: Any, _: Any) -> Array:
 
 
 def neo_hookean(F: Array) -> tuple[Array, Array]:
-    """`P = mu (F - F^-T) + lam (J - 1) J F^-T` (3, 3, ...) and `dP/dF` (3, 3, 3, 3, ...)."""
+    """Return `P = mu (F - F^-T) + lam (J - 1) J F^-T` (3, 3, ...) and `dP/dF` (3, 3, 3, 3, ...)."""
     lam, mu = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG / (2 * (1 + POISSON))
     f = np.moveaxis(F, (0, 1), (-2, -1))
     J, g = np.linalg.det(f), np.moveaxis(np.linalg.inv(f), (-1, -2), (0, 1))
@@ -115,7 +115,7 @@ def neo_hookean(F: Array) -> tuple[Array, Array]:
 
 @cache
 def true_neo_hookean(name: str, n: int) -> Array:
-    """What is measured of a neo-Hookean bar by scikit-fem on quadratic tetrahedra."""
+    """Return the measured quantity of a neo-Hookean bar by scikit-fem on quadratic tetrahedra."""
     forget()
     trial = {trial.name: trial for trial in (BENT, TWISTED)}[name]
     ours = bar(n)
@@ -130,22 +130,22 @@ def true_neo_hookean(name: str, n: int) -> Array:
     for t in np.linspace(0, 1, STEPS + 1)[1:]:
         du = basis.zeros()
         if trial.prescribed is not None:
-            du.reshape(-1, 3)[end] = turned(p[:, end], t).T
+            du.reshape(-1, 3)[end] = rotated(p[:, end], t).T
             du[tip] -= u[tip]
         for _ in range(50):
             P, A = neo_hookean(np.asarray(basis.interpolate(u).grad) + I3)
             residual = internal_force.assemble(basis, P=P) - t * load
-            if not du.any() and in_balance(residual, held, t * load):
+            if not du.any() and in_equilibrium(residual, held, t * load):
                 break
             K = tangent.assemble(basis, A=A)
             u = u + skfem.solve(*skfem.condense(K, -residual, x=du, D=held), solver=direct)
             du[:] = 0
         else:
-            raise RuntimeError(f"scikit-fem's Newton iteration did not converge at t = {t:g}.")
+            raise RuntimeError(f"t = {t:g}; Newton's method with scikit-fem did not converge.")
     F = internal_force.assemble(basis, P=P).reshape(-1, 3)[end]
     return trial.measured(p[:, end].T, u.reshape(-1, 3)[end], F)
 
 
 def error(found: Array, truth: Array) -> float:
-    """`|found - truth| / |truth|`."""
+    """Return `|found - truth| / |truth|`."""
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))

@@ -1,4 +1,4 @@
-"""What a model costs: W and F, K, a step of each kind, memory, and how long an explicit step may be; one run, one thread."""
+"""Cost of a model: W and F, K, a step of each kind, memory, and the critical step; one run, one thread."""
 
 from __future__ import annotations
 
@@ -16,15 +16,18 @@ from ..bench.costs import best_and_median
 from .models import Model, bar, system_of
 from .motions import stable_step
 
-#: Cells across: 31 104 tetrahedra; the quick run has six to a cell of one across.
+#: Cells across: 31 104 tetrahedra; the quick run has one cell across.
 ACROSS, QUICK_ACROSS = 12, 1
 SECONDS, QUICK_SECONDS = 0.5, 0.01
 STEPS = 10
 
 
 class Cost(NamedTuple):
-    """Times [ns per tetrahedron] of W and F, of K, of an explicit and of an implicit step (eq. 9), memory [bytes per tetrahedron]
-    and critical step [s]; NaN for what a model does not have."""
+    """Times, memory and critical step of a model; NaN if the model does not have the quantity.
+
+    Times [ns per tetrahedron] are of W and F, of K, of an explicit and of an implicit step (eq. 9). Memory is in bytes per
+    tetrahedron, the critical step in s.
+    """
 
     force: float
     tangent: float
@@ -35,7 +38,7 @@ class Cost(NamedTuple):
 
 
 def cost_of(model: Model, quick: bool) -> Cost:
-    """The costs of a model, in a state that is strained by some per cent."""
+    """Return the costs of a model in a state with strains of some per cent."""
     mesh, seconds = bar(QUICK_ACROSS if quick else ACROSS), QUICK_SECONDS if quick else SECONDS
     threads = numba.get_num_threads()
     numba.set_num_threads(1)
@@ -61,7 +64,10 @@ def _of_system(system: System, seconds: float) -> Cost:
 
 
 def _step(system: System, integrator: Any) -> float:
-    """Seconds of one step, from rest with a push: the difference of a long and a short run, so that what comes once is left out."""
+    """Return the time of one step [s], from rest with an initial velocity.
+
+    The time is the difference of a long and a short run, so that it excludes one-time costs.
+    """
     v = np.zeros((system.mesh.nv, 3))
     v[:, 2] = 0.1 * system.mesh.p[0]
     try:

@@ -1,4 +1,4 @@
-"""The models that are compared, each as the terms of a system, and the bar that all of them are tried on."""
+"""Models of the comparison, each as the terms of a system, and the bar on which all are tested."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from skfem_stvk import (
     VolumePenalty,
 )
 
-#: Of the bar [m, Pa, kg/m^3]: 4 x 1 x 1 m, soft enough to bend and twist by tens of degrees.
+#: Data of the bar [m, Pa, kg/m^3]: 4 x 1 x 1 m, soft enough to bend and twist by tens of degrees.
 LENGTH, YOUNG, POISSON, DENSITY = 4.0, 1e5, 0.3, 1000.0
 MATERIAL: dict[str, Any] = {"young": YOUNG, "poisson": POISSON, "density": DENSITY}
 RULES = ("van-gelder", "lloyd", "edge-diagonal", "least-squares")
@@ -31,7 +31,7 @@ Terms = Callable[[ElementMesh], list[Any]]
 
 
 class Model(NamedTuple):
-    """A model by its name, its family (which has a colour), its terms on a mesh, and whether its torques balance."""
+    """Model with its name, its family (which has a colour), its terms on a mesh, and whether its internal torques balance."""
 
     name: str
     family: str
@@ -40,14 +40,14 @@ class Model(NamedTuple):
 
 
 def bar(n: int) -> ElementMesh:
-    """The bar with `n x n` cells across, of six tetrahedra each, and the boundaries "wall" and "tip"."""
+    """Return the bar with `n x n` cells across, of six tetrahedra each, and the boundaries "wall" and "tip"."""
     across = np.linspace(0, 1, n + 1)
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, LENGTH, round(LENGTH * n) + 1), across, across)
     return ElementMesh.of(mesh.with_boundaries({"wall": lambda x: x[0] == 0, "tip": lambda x: x[0] == LENGTH}))
 
 
 def system_of(model: Model, mesh: ElementMesh, loads: Sequence[Any] = (), *supports: Any) -> System:
-    """The system of a model; that a rule of springs is for another Poisson's ratio is not said again."""
+    """Return the system of a model. The warning that a spring rule is for another Poisson's ratio is suppressed."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return System(mesh, [*model.terms(mesh), *loads], *supports)
@@ -62,7 +62,7 @@ def _by_rule(rule: str, *others: Any) -> Terms:
 
 
 def _springs() -> list[Model]:
-    """Springs of each kind, without and with a volume term."""
+    """Return springs of each kind, without and with a volume term."""
     found = [
         Model("quartic springs", "springs", lambda mesh: [_quartic(mesh)]),
         Model("quartic springs + volume", "springs + volume", lambda mesh: [_quartic(mesh), _volume()]),
@@ -89,7 +89,7 @@ MODELS: tuple[Model, ...] = (
     Model("invertible StVK", "invertible", lambda mesh: [InvertibleStVK(**MATERIAL)]),
     NEO_HOOKEAN,
 )
-#: Okabe and Ito's colours, which colour-blind readers can tell apart.
+#: Colours of Okabe and Ito, which colour-blind readers can distinguish.
 COLOURS = {
     "linear": "#000000",
     "springs": "#E69F00",

@@ -1,4 +1,4 @@
-"""The bar in motion: released under its weight while one end is held, and thrown, spinning and bent."""
+"""Bar in motion: released under its weight with one clamped end, or thrown with a spin and a bending velocity."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from skfem_stvk.arguments import Array
 
 from .models import LENGTH, TRUE, Model, bar, system_of
 
-#: Gravity [m/s^2] under which the end of the released bar comes down by about half of the length; spin [rad/s] of the thrown one,
-#: and speed [m/s] at which its ends bend.
+#: Gravity [m/s^2], which lowers the end of the released bar by about half of the length; spin of the thrown bar [rad/s], and
+#: bending speed of its ends [m/s].
 GRAVITY, SPIN, BEND = (0.0, 0.0, -0.4), 1.5, 0.8
-#: Time that is followed [s]; steps are this part of StVK's critical one, those of stiffer models of theirs.
+#: Duration [s]; time step over the critical step of StVK, or of the model if that is smaller.
 UNTIL, QUICK_UNTIL, PART = 8.0, 0.5, 0.5
 ACROSS, QUICK_ACROSS = 3, 1
-#: Moments at which paths are compared.
+#: Number of times at which paths are compared.
 MOMENTS = 400
 
 
 class Path(NamedTuple):
-    """A motion: times (m,) and displacements (m, 3) of the tip at `MOMENTS`, drifts of energy and angular momentum, the last state,
-    what was said.
+    """Motion of a model.
 
-    Drifts are relative to the largest kinetic energy and to the angular momentum at the start; NaN where there is none.
+    Times (m,) and displacements (m, 3) of the tip at `MOMENTS`, drifts of energy and angular momentum, the last state, and the
+    status. The energy drift is relative to the largest kinetic energy, the other to the initial angular momentum. A drift is NaN if
+    its scale is zero.
     """
 
     times: Array
@@ -39,14 +40,14 @@ class Path(NamedTuple):
 
 
 def released(model: Model, quick: bool) -> Path:
-    """The bar held at its wall, whose weight begins to act at rest."""
+    """Simulate the bar clamped at its wall; its weight acts suddenly at rest."""
     mesh = bar(QUICK_ACROSS if quick else ACROSS)
     system = system_of(model, mesh, [Gravity(GRAVITY)], {"wall": "xyz"})
     return _followed(system, np.zeros(system.ndofs), quick)
 
 
 def thrown(model: Model, quick: bool) -> Path:
-    """The free bar, spinning about an axis across itself and bending up and down."""
+    """Simulate the free bar, which spins about a transverse axis and bends up and down."""
     mesh = bar(QUICK_ACROSS if quick else ACROSS)
     v = SPIN * np.cross([0, 1, 0], mesh.p.T - [LENGTH / 2, 0.5, 0.5])
     v[:, 2] += BEND * np.cos(2 * np.pi * mesh.p[0] / LENGTH)
@@ -54,7 +55,7 @@ def thrown(model: Model, quick: bool) -> Path:
 
 
 def stable_step(system: System) -> float:
-    """The critical step of explicit integration at rest [s]; NaN where no eigenvalue says it."""
+    """Return the critical step of explicit integration at rest [s]; NaN if it cannot be computed."""
     try:
         return critical_step(system).step
     except StvkError:
@@ -93,6 +94,6 @@ def _followed(system: System, v: Array, quick: bool) -> Path:
 
 
 def off(path: Path, truth: Path) -> float:
-    """The largest distance of two paths over the largest displacement of the true one; infinite for one that ended early."""
+    """Return the largest distance of two paths over the largest displacement of the second; infinite if the first ended early."""
     apart = np.linalg.norm(path.tip - truth.tip, axis=1).max() / np.linalg.norm(truth.tip, axis=1).max()
     return float(apart) if apart == apart else np.inf

@@ -1,4 +1,4 @@
-"""Pictures of models side by side: deformed bars, paths, and speed against error."""
+"""Pictures of all models: deformed bars, paths, and speed against error."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from . import bars, motions
 from .costs import Cost
 from .models import COLOURS, MODELS, TRUE, Model
 
-#: Lines of the models of one family.
+#: Line styles of the models of one family.
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)))
-#: Marks likewise.
+#: Markers of the models of one family.
 MARKS = "os^Dv"
-#: Directions to the right and upwards on the page, as seen from the side and a little from above.
+#: Directions to the right and upwards on the page, seen from the side and slightly from above.
 ACROSS, UP = np.array([0.96, -0.28, 0.0]), np.array([-0.08, -0.28, 0.957])
 
 
 def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, name: str) -> Path:
-    """Each model's deformed bar in front of StVK's; the panel after the last shows the scale."""
+    """Draw each model's deformed bar in front of StVK's; the panel after the last shows the scale."""
     surface = skfem.MeshTet(mesh.p, mesh.t)
     facets = surface.facets[:, surface.boundary_facets()]
     columns = 5
@@ -59,12 +59,12 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
 
 
 def _projected(x: Array, facets: Any) -> Array:
-    """(n, 3, 2) corners of the facets on the page."""
+    """Return the corners of the facets on the page, (n, 3, 2)."""
     return np.stack([x @ ACROSS, x @ UP], axis=1)[facets.T]
 
 
 def paths(found: Mapping[str, motions.Path], folder: Path, name: str) -> Path:
-    """How the end moves up and down under each model."""
+    """Plot the height of the end against time for each model."""
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()
     seen: dict[str, int] = {}
@@ -90,7 +90,7 @@ def paths(found: Mapping[str, motions.Path], folder: Path, name: str) -> Path:
 
 
 def speed_against_error(found: Mapping[str, Cost], folder: Path, quick: bool) -> Path:
-    """Error of the bent and of the twisted bar, against StVK on the same mesh, over the time of W and F."""
+    """Plot the error of the bent and of the twisted bar, against StVK on the same mesh, over the time of W and F."""
     n = bars.QUICK_ACROSS if quick else bars.ACROSS
     figure = Figure(figsize=(9, 5), layout="constrained")
     for axes, trial in zip(figure.subplots(1, 2), (bars.BENT, bars.TWISTED), strict=True):

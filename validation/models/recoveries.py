@@ -1,4 +1,4 @@
-"""Which models come back to rest from starts in which their elements are inverted, flat or exactly mirrored."""
+"""Recovery of models from initial states with inverted, flat or exactly mirrored elements."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from skfem_stvk.statics import StaticResult
 
 from .models import MODELS, TRUE, Model, system_of
 
-#: Cells of the box in each direction; a body is back if it is nearer to rest than this part of its size.
+#: Cells of the box in each direction. A body is back at rest if its displacements are below `BACK` times its size.
 CELLS, QUICK_CELLS, BACK = 4, 2, 1e-5
 KINDS = ("StVK", "StVK + compression", "StVK + quadratic", "corotated by element", "invertible StVK", "neo-Hookean")
-#: Those of which no element may stay inverted.
+#: Models with which no element may stay inverted.
 COME_BACK = ("corotated by element", "invertible StVK")
-#: Random starts of each law and element, and cells of their box.
+#: Number of random starts per law and element, and cells of their box in each direction.
 SEEDS, QUICK_SEEDS, FEW_CELLS = 20, 3, 2
-#: How a solve from a random start may end.
+#: Outcomes of a solve from a random start.
 ENDS = BACK_AT_REST, FOLDED, INVERTED, SADDLE, NOT_SOLVED = "back", "folded, stable", "inverted, stable", "saddle", "not solved"
 
 
 class Recovery(NamedTuple):
-    """Outcome of a solve from a start: back at rest, or folded in another stable equilibrium; inverted elements; a note."""
+    """Outcome of a solve: back at rest, or folded in another stable equilibrium; number of inverted elements; a note."""
 
     back: bool
     folded: bool
-    turned: int
+    inverted: int
     said: str
 
     def __str__(self) -> str:
@@ -40,11 +40,11 @@ class Recovery(NamedTuple):
             return f"back, {self.said}"
         if self.folded:
             return f"folded, {self.said}"
-        return f"{self.turned} inside out, {self.said}" if self.turned else self.said
+        return f"{self.inverted} inside out, {self.said}" if self.inverted else self.said
 
 
 def models() -> list[Model]:
-    """Those that are tried: of StVK with each kind of volume term that has an energy inside out."""
+    """Return the tested models; StVK has each kind of volume term with a finite energy of inverted elements."""
     usual = {model.name: model for model in (*MODELS, *map(_with_volume, ("compression", "quadratic")))}
     return [usual[name] for name in KINDS]
 
@@ -54,13 +54,16 @@ def _with_volume(kind: str) -> Model:
 
 
 def box(n: int) -> ElementMesh:
-    """The unit cube of `6 n^3` tetrahedra, with the boundary "wall"."""
+    """Return the unit cube of `6 n^3` tetrahedra, with the boundary "wall"."""
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
     return ElementMesh.of(mesh.with_boundaries({"wall": lambda x: x[0] == 0}))
 
 
 def starts(mesh: ElementMesh) -> dict[str, Array]:
-    """Displacements (nv, 3) by name: all nodes anywhere, all in one plane, or behind the wall; the wall is where it belongs."""
+    """Return displacements (nv, 3) by name: nodes at random positions, in one plane, or mirrored at the wall.
+
+    Nodes of the wall are not displaced.
+    """
     x, free = mesh.p.T, mesh.p[0] > 0
     rng = np.random.default_rng(1)
     found: dict[str, Array] = {
@@ -83,7 +86,10 @@ def exact_starts(mesh: ElementMesh) -> dict[str, Array]:
 
 
 def random_starts(model: Model, degree: int, seeds: int, linear_first: bool) -> Counter[str]:
-    """Return how static solves from random starts end; with `linear_first` from what linear elements find at the corners."""
+    """Return the outcomes of static solves from random starts.
+
+    With `linear_first`, linear elements on the corners are solved first.
+    """
     mesh, ends = box(FEW_CELLS), Counter[str]()
     for seed in range(seeds):
         system = System(mesh, model.terms(mesh), {"wall": "xyz"}, degree=degree)
@@ -104,7 +110,10 @@ def _solved(system: System, u0: Array) -> StaticResult:
 
 
 def _end(system: System, found: StaticResult) -> str:
-    """Return how a solve ended: in equilibrium there are no forces at free nodes, and it is stable if K is positive definite."""
+    """Return the outcome of a solve.
+
+    The state is an equilibrium if forces at free nodes vanish, and it is stable if K is positive definite.
+    """
     if np.abs(found.u).max() < BACK:
         return BACK_AT_REST
     free = system.free_dofs(system.supports.held)
@@ -117,7 +126,7 @@ def _end(system: System, found: StaticResult) -> str:
 
 
 def at_rest(model: Model, mesh: ElementMesh, u0: Array) -> Recovery:
-    """By a static solve without loads."""
+    """Return the outcome of a static solve without loads."""
     system = system_of(model, mesh, (), {"wall": "xyz"})
     try:
         with warnings.catch_warnings():
@@ -127,6 +136,6 @@ def at_rest(model: Model, mesh: ElementMesh, u0: Array) -> Recovery:
         raise
     except StvkError as error:
         return Recovery(False, False, 0, "refused" if "inside out" in str(error) else type(error).__name__)
-    turned = len(system.inside_out(found.u))
+    inverted = len(system.inside_out(found.u))
     back = bool(np.abs(found.u).max() < BACK)
-    return Recovery(back, found.success and not back, turned, f"{found.history.iterations} it.")
+    return Recovery(back, found.success and not back, inverted, f"{found.history.iterations} it.")

@@ -1,4 +1,4 @@
-"""All comparisons of models, one after the other, with their tables and pictures."""
+"""Runner of the comparisons of models, with their tables and pictures."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from . import bars, motions, pictures, recoveries
 from .costs import Cost, cost_of
 from .models import MODELS, NEO_HOOKEAN, TRUE
 
-#: What is known of the models, and has to come out: the largest error of a model against StVK on the same mesh.
+#: Known results that the study must reproduce: the largest error of a model against StVK on the same mesh.
 SAME = {"StVK": 1e-12}
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the studies of these names and print them; pictures go to the folder `out`. The exit code is 0 if all claims hold."""
+    """Run the named studies, print them and write pictures to the folder `out`. The exit code is 0 if all claims hold."""
     folder = None if out is None else Path(out)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
 
 
 def at_rest(trial: bars.Trial, quick: bool, folder: Path | None = None) -> Study:
-    """A bar at rest under every model, beside StVK on the same mesh and beside both truths."""
+    """Compare a bar at rest under every model with StVK on the same mesh and with both references."""
     n, finest = (bars.QUICK_ACROSS, bars.QUICK_FINEST) if quick else (bars.ACROSS, bars.FINEST)
     truths = bars.true_stvk(trial, finest).measured, bars.true_neo_hookean(trial.name, finest)
     found = {model.name: bars.of_model(trial, model, n) for model in MODELS}
@@ -63,13 +63,13 @@ def at_rest(trial: bars.Trial, quick: bool, folder: Path | None = None) -> Study
     )
     return Study(
         f"A bar that is {trial.name}",
-        "neo-Hookean by scikit-fem and StVK on fine meshes are near each other at these strains, and StVK finds itself",
+        "neo-Hookean by scikit-fem and StVK on fine meshes are close to each other at these strains; StVK and neo-Hookean converge",
         ("model", "StVK, same mesh", "StVK, fine", "neo-Hookean, fine", "iterations", "seconds", "said"),
         tuple(rows),
         tuple(_wrong(found, same, truths)),
         (
-            f"linear tetrahedra with {n} cells across; the fine meshes are quadratic ones with {finest}, StVK by this package and "
-            f"neo-Hookean by scikit-fem, which are {bars.error(*truths):.1%} apart",
+            f"linear tetrahedra with {n} cells across; fine meshes: quadratic tetrahedra with {finest} cells across, "
+            f"StVK by this package and neo-Hookean by scikit-fem, which differ by {bars.error(*truths):.1%}",
         ),
         drawn,
     )
@@ -77,14 +77,14 @@ def at_rest(trial: bars.Trial, quick: bool, folder: Path | None = None) -> Study
 
 def _wrong(found: dict[str, bars.Found], same: np.ndarray, truths: Sequence[np.ndarray]) -> Iterator[str]:
     if not bars.error(*truths) < 0.2:
-        yield f"the truths are {bars.error(*truths):.0%} apart"
+        yield f"difference of the references = {bars.error(*truths):.0%}; expected less than 20 %"
     for name in (TRUE.name, NEO_HOOKEAN.name):
         if not np.isfinite(found[name].measured).all():
             yield f"{name}: {found[name].said}"
 
 
 def in_motion(name: str, motion: Callable[..., motions.Path], quick: bool, folder: Path | None = None) -> Study:
-    """The bar in motion under every model, beside StVK on the same mesh."""
+    """Compare the bar in motion under every model with StVK and neo-Hookean on the same mesh."""
     found = {model.name: motion(model, quick) for model in MODELS}
     truths = found[TRUE.name], found[NEO_HOOKEAN.name]
     rows, wrong = [], []
@@ -100,17 +100,17 @@ def in_motion(name: str, motion: Callable[..., motions.Path], quick: bool, folde
     drawn = () if folder is None else (pictures.paths(found, folder, name),)
     return Study(
         f"A bar that is {name}",
-        "every model with an energy keeps it to a hundredth of the kinetic one, and every one whose forces balance its spin",
+        "every model conserves energy to 1 % of the kinetic energy, and models with balanced torques conserve angular momentum",
         ("model", "StVK", "neo-Hookean", "energy", "spin", "said"),
         tuple(rows),
         tuple(wrong),
-        (f"the largest distance of the end's path over {motions.UNTIL:g} s, over the largest displacement; velocity Verlet",),
+        (f"largest distance of the end's paths over {motions.UNTIL:g} s, relative to the largest displacement; velocity Verlet",),
         drawn,
     )
 
 
 def recovered(quick: bool) -> Study:
-    """Starts whose elements are inverted, flat or mirrored, and whether a body comes back to rest from them."""
+    """Test whether a body comes back to rest from starts with inverted, flat or mirrored elements."""
     mesh = recoveries.box(recoveries.QUICK_CELLS if quick else recoveries.CELLS)
     starts = recoveries.starts(mesh) | recoveries.exact_starts(mesh)
     found = {
@@ -123,18 +123,18 @@ def recovered(quick: bool) -> Study:
         if not (one.back or one.folded) and model in recoveries.COME_BACK
     ]
     return Study(
-        "Starts that are tangled, flat or mirrored",
-        f"{' and '.join(recoveries.COME_BACK)} come back from all of them, to rest or to another stable state without inverted "
+        "Starts that are inverted, flat or mirrored",
+        f"{' and '.join(recoveries.COME_BACK)} come back from all starts, to rest or to another stable state without inverted "
         "elements",
         ("start", *found),
         tuple((name, *(str(several[name]) for several in found.values())) for name in starts),
         tuple(wrong),
-        (f"{mesh.nt} tetrahedra held at one face, without loads: one static solve from each start, and its iterations",),
+        (f"{mesh.nt} tetrahedra clamped at one face, without loads: one static solve from each start, and its iterations",),
     )
 
 
 def from_random_starts(quick: bool) -> Study:
-    """How static solves from random starts end, by law and element."""
+    """Count the outcomes of static solves from random starts, by law and element."""
     seeds = recoveries.QUICK_SEEDS if quick else recoveries.SEEDS
     rows, wrong = [], []
     laws = [model for model in MODELS if model.name in recoveries.COME_BACK]
@@ -146,19 +146,20 @@ def from_random_starts(quick: bool) -> Study:
                 wrong.append(f"{rows[-1][0]}: {dict(counts)}")
     return Study(
         "Random starts",
-        "no solve ends at a saddle point, and none of linear elements inverted",
+        "no solve ends at a saddle point, and no solve of linear elements ends with inverted elements",
         ("law and elements", *recoveries.ENDS),
         tuple(rows),
         tuple(wrong),
         (
-            f"{seeds} starts each of {6 * recoveries.FEW_CELLS**3} tetrahedra held at one face, without loads: all nodes anywhere",
-            "stable: all eigenvalues of K are positive; linear first: from the state that linear elements find at the corners",
+            f"{seeds} starts each of {6 * recoveries.FEW_CELLS**3} tetrahedra clamped at one face, without loads: "
+            "all nodes at random positions",
+            "stable: all eigenvalues of K are positive; linear first: start from the state of linear elements on the corners",
         ),
     )
 
 
 def costs(quick: bool, folder: Path | None = None) -> Study:
-    """Times, memory and stable steps of every model; with a folder, error of the bent bar against time."""
+    """Tabulate times, memory and stable steps of every model, and plot error of the bent bar against time if there is a folder."""
     found: dict[str, Cost] = {model.name: cost_of(model, quick) for model in MODELS}
     usual = found[TRUE.name]
     rows = tuple(
@@ -173,7 +174,7 @@ def costs(quick: bool, folder: Path | None = None) -> Study:
     )
     drawn = () if folder is None else (pictures.speed_against_error(found, folder, quick),)
     return Study(
-        "What models cost",
+        "Cost of models",
         "",
         ("model", "W + F", "x StVK", "K", "x StVK's", "Verlet", "eq. 9", "bytes", "stable step"),
         rows,
@@ -187,7 +188,7 @@ def costs(quick: bool, folder: Path | None = None) -> Study:
 
 
 def _shown(value: float, ratio: float | None = None) -> tuple[str, str]:
-    """A value in whole numbers, and a ratio, or the value itself, with two digits; "-" for what there is not."""
+    """Return a value as a whole number, and the ratio (or the value) with two decimals; "-" for NaN."""
     if value != value:
         return "-", "-"
     return f"{value:.0f}", f"{value if ratio is None else ratio:.2f}"

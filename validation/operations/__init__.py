@@ -1,11 +1,11 @@
-"""Operations of F and of K by edges and by elements: counted, not quoted; and the times of the same sources."""
+"""Operation counts of F and K by edges and by elements, from instrumented runs, and times of the same sources."""
 
 from __future__ import annotations
 
 
 def main(quick: bool = False) -> int:
-    """operations and times of F and K by edges, by elements (Total Lagrangian, O'Brien-Hodgins) and by Picinbono's polynomial"""
-    from .table import show  # which compiles, where Numba is there
+    """Count and time operations of F and K: by edges, elements (Total Lagrangian, O'Brien-Hodgins) and Picinbono's polynomial."""
+    from .table import show  # this import compiles the sources if Numba is installed
 
     return show(quick)
 

@@ -1,4 +1,4 @@
-"""The algorithms side by side, and a run of one of them."""
+"""List of the algorithms, and the counted run of an algorithm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from .counting import Tally, counted, plain
 
 
 class Algorithm(NamedTuple):
-    """Constants of a body, and a function of them that adds F (nv, 3), or K's blocks (ne, 3, 3) and (nv, 3, 3), to arrays."""
+    """Algorithm: `prepare` computes the constants of a body; `run` adds F or K to arrays.
+
+    The arrays are (nv, 3) for F, (ne, 3, 3) and (nv, 3, 3) for the blocks of K. `displacements`: `run` takes displacements instead
+    of positions.
+    """
 
     name: str
     quantity: str
@@ -38,29 +42,29 @@ ALGORITHMS = (
     Algorithm("Total Lagrangian, matrix B", "K", total_lagrangian_matrices.prepare, total_lagrangian_matrices.tangent),
 )
 
-#: Elements of small strain, which compute another F: what a law of large strain costs in theirs.
+#: Linear elements for small strain, which compute a different F. The ratio to them is the price of large strain.
 LINEAR = Algorithm("linear elements", "F", picinbono.prepare, picinbono.linear_force, True)
 
 
 def algorithm(quantity: str, name: str) -> Algorithm:
-    """The one of that name."""
+    """Return the algorithm of that name."""
     (found,) = (a for a in ALGORITHMS if (a.quantity, a.name) == (quantity, name))
     return found
 
 
 def state(body: Body) -> NDArray[np.float64]:
-    """(nv, 3) displacements [m] that are not small, of every vertex its own."""
+    """Return random displacements (nv, 3) [m] of 0.3 times the mean element size, so that strains are large."""
     size = np.ptp(body.p, axis=1).max() / body.nv ** (1 / 3)
     return 0.3 * size * np.random.default_rng(4).standard_normal((body.nv, 3))
 
 
 def zeros(body: Body, quantity: str) -> tuple[NDArray[np.float64], ...]:
-    """The arrays that an algorithm adds to."""
+    """Return the zero arrays to which an algorithm adds."""
     return (np.zeros((body.nv, 3)),) if quantity == "F" else (np.zeros((body.edges.shape[1], 3, 3)), np.zeros((body.nv, 3, 3)))
 
 
 def count(chosen: Algorithm, body: Body, u: NDArray[np.float64]) -> tuple[Tally, tuple[NDArray[np.float64], ...]]:
-    """The operations of one run at displacements `u` (nv, 3), and what it computed."""
+    """Return the operations of one run at displacements `u` (nv, 3), and the computed arrays."""
     tally = Tally()
     rest = chosen.prepare(body)
     rest = type(rest)(*(counted(field, tally) for field in rest))

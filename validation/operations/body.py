@@ -1,4 +1,4 @@
-"""What all algorithms know before they start: the rest state. None of it counts."""
+"""Rest state of a body, common to all algorithms. Its computation is not counted."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ LOCAL_FACES = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
 
 
 class Body:
-    """A homogeneous, isotropic body of tetrahedra at rest, the vertices of each in ascending order.
+    """Homogeneous, isotropic body of tetrahedra at rest; the vertices of each tetrahedron are in ascending order.
 
     Attributes
     ----------
-    p, t : coordinates (3, nv) and vertices (4, nt); `u` is added to the former.
+    p, t : rest coordinates (3, nv) and vertices (4, nt).
     edges, t2e, faces, t2f : (2, ne), (6, nt), (3, nf), (4, nt), vertices in ascending order.
     geometry : volumes and gradients.
     coefficients : (nt, 6, 6) `L` of the edges of each tetrahedron.
@@ -52,5 +52,5 @@ class Body:
 
     @property
     def pairs(self) -> int:
-        """Number of pairs of edges that share a tetrahedron (TSEPs): three a face and three a tetrahedron."""
+        """Number of pairs of edges that share a tetrahedron (TSEPs): three per face and three per tetrahedron."""
         return 3 * self.faces.shape[1] + 3 * self.nt

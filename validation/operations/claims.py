@@ -1,4 +1,4 @@
-"""What was claimed of the edge form (Kikuuwe, Tabuchi, Yamamoto 2009, and Kikuuwe's overview), and whether it comes out."""
+"""Published claims on the cost of the edge form (Kikuuwe, Tabuchi, Yamamoto 2009, and Kikuuwe's overview), and verdicts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 class Claim(NamedTuple):
-    """Operations of an algorithm, the edge form if no other is named, lie between `low` and `high` times those of another."""
+    """Claim that the operations of the algorithm `of` are `low` to `high` times those of the algorithm `against`."""
 
     quantity: str
     against: str
@@ -32,7 +32,7 @@ CLAIMS = (
 
 
 class Verdict(NamedTuple):
-    """The ratios found, by mesh, and the meshes on which the claim holds."""
+    """Measured ratios by mesh, and the meshes on which the claim holds."""
 
     claim: Claim
     ratios: dict[str, float]
@@ -40,12 +40,12 @@ class Verdict(NamedTuple):
 
 
 def ratio(costs: dict[tuple[str, str], NDArray[np.int64]], claim: Claim, entities: NDArray[np.int64]) -> float:
-    """Operations of the algorithm over those of the other, on a mesh of so many vertices, edges, faces and tetrahedra."""
+    """Return the ratio of operations of both algorithms on a mesh. `entities`: numbers of vertices, edges, faces and tetrahedra."""
     return float(costs[claim.quantity, claim.of] @ entities / (costs[claim.quantity, claim.against] @ entities))
 
 
 def verdicts(costs: dict[tuple[str, str], NDArray[np.int64]], meshes: dict[str, NDArray[np.int64]]) -> Sequence[Verdict]:
-    """Each claim on each mesh, given by its numbers of entities."""
+    """Return the verdict on each claim on meshes given by their numbers of entities."""
     out = []
     for claim in CLAIMS:
         ratios = {name: ratio(costs, claim, entities) for name, entities in meshes.items()}

@@ -1,4 +1,4 @@
-"""One source for counting and for timing: plain Python that Numba can compile."""
+"""Decorators for sources that serve for counting and for timing: plain Python that Numba can compile."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: Sums may be reordered and multiplications fused with additions, as C compilers do with -ffast-math; NaN and infinity keep their
+#: Sums may be reordered and multiplications fused with additions, as C compilers do with -ffast-math. NaN and infinity keep their
 #: meaning.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 def jitable(function: Function) -> Function:
-    """The same function, which compiled ones can call."""
+    """Return the function unchanged, but callable from compiled functions."""
     try:
         from numba.extending import register_jitable
     except ImportError:
@@ -23,11 +23,11 @@ def jitable(function: Function) -> Function:
 
 
 def compiled(function: Function) -> Function:
-    """The function as machine code for one thread."""
+    """Return the function compiled to machine code for one thread."""
     try:
         from numba import njit
     except ImportError as error:
-        raise ImportError("Times need Numba, which is not installed: pip install numba") from error
+        raise ImportError("Numba is not installed; times need it: pip install numba") from error
     fast: Any = njit(fastmath=FASTMATH, error_model="numpy")(function)
     same: Function = fast
     return same

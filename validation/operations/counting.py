@@ -1,7 +1,7 @@
 """Numbers that count the operations done with them.
 
-A run in such numbers gives the operations of an algorithm and, for the check that they are the right ones, its result. Additions
-(subtractions among them), multiplications and divisions count; a change of sign does not, because it folds into the addition that
+A run with such numbers gives the number of operations of an algorithm, and its result for a check. Additions (including
+subtractions), multiplications and divisions count. A change of sign does not count, because it merges into the addition that
 follows. Comparisons, copies and indices do not count either.
 
 >>> tally = Tally()
@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class Tally:
-    """Additions, multiplications and divisions done so far."""
+    """Numbers of additions, multiplications and divisions so far."""
 
     def __init__(self) -> None:
         self.additions = self.multiplications = self.divisions = 0
 
     @property
     def operations(self) -> int:
-        """All of them."""
+        """Total number of operations."""
         return self.additions + self.multiplications + self.divisions
 
     def __repr__(self) -> str:
@@ -34,7 +34,7 @@ class Tally:
 
 
 class Counted:
-    """A real number that enters every operation done with it into its `tally`."""
+    """Real number that adds each of its operations to its `tally`."""
 
     __slots__ = ("tally", "value")
     __array_ufunc__ = None  # so that NumPy's scalars leave mixed operations to this class
@@ -78,7 +78,7 @@ class Counted:
 
 
 def counted(values: ArrayLike, tally: Tally) -> NDArray[Any]:
-    """Array of the same shape whose real numbers are counted; integers (indices) stay as they are."""
+    """Return an array of the same shape with counted real numbers. Integer arrays (indices) are returned unchanged."""
     array = np.asarray(values)
     if array.dtype.kind != "f":
         return array
@@ -88,7 +88,7 @@ def counted(values: ArrayLike, tally: Tally) -> NDArray[Any]:
 
 
 def plain(numbers: NDArray[Any]) -> NDArray[np.float64]:
-    """The values of an array of counted numbers."""
+    """Return the values of an array of counted numbers."""
     return np.array([_value(number) for number in numbers.ravel()]).reshape(numbers.shape)
 
 

@@ -1,4 +1,4 @@
-"""The rest state of the edge form: its edges, its pairs of edges that share a tetrahedron (TSEPs), and what K sums where."""
+"""Rest state of the edge form: edges, pairs of edges that share a tetrahedron (TSEPs), and index lists for the sums of K."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ EDGES = LOCAL_EDGES[3]
 
 
 class Rest(NamedTuple):
-    """Constants of the rest state, and room for what is computed on edges.
+    """Constants of the rest state, and scratch arrays for quantities on edges.
 
-    `start`, `other`, `pair_L`: the TSEPs `i < j` by rows `i`. `h_start`, `h_edge`, `h_L`: the terms of the vectors `h`, first one
-    an edge, then two a face. `pair_edges` (n, 2), `targets` (n, 4), `flips` (n, 4), `double_L`: the TSEPs that meet, then the
-    opposite ones, with the blocks that each goes to, as it is or transposed.
+    `start`, `other`, `pair_L`: TSEPs `i < j` by rows `i`. `h_start`, `h_edge`, `h_L`: terms of the vectors `h`, first one vector
+    per edge, then two per face. `pair_edges` (n, 2), `targets` (n, 4), `flips` (n, 4), `double_L`: TSEPs whose edges meet, then
+    TSEPs of opposite edges. `targets` are the blocks that receive each product, and `flips` marks transposed products.
     """
 
     ends: Indices
@@ -48,7 +48,7 @@ class Rest(NamedTuple):
 
 
 def prepare(body: Body, prune: bool = False) -> Rest:
-    """Constants and lists; `prune` leaves out the TSEPs whose `L` is zero to rounding."""
+    """Return constants and index lists. `prune` removes the TSEPs with `L = 0` up to rounding."""
     ne, P = body.edges.shape[1], (body.p[:, body.edges[0]] - body.p[:, body.edges[1]]).T.copy()
     floor = 1e-14 * body.coefficients.max() if prune else -1.0
     L, upper = _upper(body, floor)
@@ -79,7 +79,7 @@ def prepare(body: Body, prune: bool = False) -> Rest:
 
 
 def _upper(body: Body, floor: float) -> tuple[Reals, csr_matrix]:
-    """(ne,) own coefficients of the edges, and those of the TSEPs in the upper half."""
+    """Return the diagonal coefficients of the edges (ne,), and the coefficients of the TSEPs in the upper triangle."""
     m, n = np.triu_indices(6, 1)
     i, j = np.sort([body.t2e[m], body.t2e[n]], axis=0)
     ne = body.edges.shape[1]
@@ -89,7 +89,7 @@ def _upper(body: Body, floor: float) -> tuple[Reals, csr_matrix]:
 
 
 def _assembled(rows: Any, columns: Any, values: Any, shape: tuple[int, int], floor: float) -> csr_matrix:
-    """Sums over tetrahedra; what is not larger than `floor` is left out."""
+    """Return the sums over tetrahedra without entries of absolute value at most `floor`."""
     A = csr_matrix(coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape))
     A.sort_indices()
     small = abs(A.data) <= floor
@@ -100,7 +100,7 @@ def _assembled(rows: Any, columns: Any, values: Any, shape: tuple[int, int], flo
 
 
 def _face_edges(body: Body) -> Indices:
-    """(nf, 3) edges `ab`, `ac`, `bc` of the faces `a < b < c`."""
+    """Return the edges `ab`, `ac`, `bc` of the faces `a < b < c`, (nf, 3)."""
     out = np.empty((body.faces.shape[1], 3), dtype=np.int32)
     for face, corners in enumerate(LOCAL_FACES):
         for column, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
@@ -109,7 +109,7 @@ def _face_edges(body: Body) -> Indices:
 
 
 def _changes_of_tension(body: Body, floor: float) -> csr_matrix:
-    """(ne + 2 nf, ne) the terms `+-2 L_ij` of the vectors `h`, with the signs with which they enter K."""
+    """Return the terms `+-2 L_ij` of the vectors `h`, with the signs that they have in K, (ne + 2 nf, ne)."""
     ne = body.edges.shape[1]
     rows, columns, values = [], [], []
     for x in range(4):
@@ -131,7 +131,7 @@ def _changes_of_tension(body: Body, floor: float) -> csr_matrix:
 
 
 def _pairs(body: Body, floor: float) -> tuple[Indices, Indices, NDArray[np.bool_], Reals, int]:
-    """The TSEPs for `tangent_by_pairs`: those that meet first, and how many do."""
+    """Return the TSEPs for `tangent_by_pairs`, first those whose edges meet, and the number of these."""
     meet: list[tuple[Any, ...]] = []
     opposite: list[tuple[Any, ...]] = []
     for i in range(6):
@@ -152,21 +152,21 @@ def _pairs(body: Body, floor: float) -> tuple[Indices, Indices, NDArray[np.bool_
 
 
 def _unique_pairs(body: Body, group: list[tuple[Any, ...]], floor: float) -> tuple[Any, ...]:
-    """Each TSEP once, from local ones: `(i, j, 2 L, places)` with the local ends of the blocks that it goes to.
+    """Return each TSEP once.
 
-    A block goes to `(x, y)`, transposed where `x > y`; the sum over tetrahedra is the same for each.
+    The input is local TSEPs `(i, j, 2 L, ends)`, where `ends` are the local vertices of the target blocks.
+
+    A product is added to the block `(x, y)`, transposed if `x > y`. The sum over tetrahedra is the same for each block.
     """
     first = np.concatenate([body.t2e[i] for i, _, _, _ in group])
     second = np.concatenate([body.t2e[j] for _, j, _, _ in group])
-    targets = np.concatenate(
-        [np.stack([body.t2e[EDGES.index((min(e), max(e)))] for e in places], axis=1) for _, _, _, places in group]
-    )
-    flips = np.concatenate([np.tile([x > y for x, y in places], (body.nt, 1)) for _, _, _, places in group])
+    targets = np.concatenate([np.stack([body.t2e[EDGES.index((min(e), max(e)))] for e in ends], axis=1) for _, _, _, ends in group])
+    flips = np.concatenate([np.tile([x > y for x, y in ends], (body.nt, 1)) for _, _, _, ends in group])
     swap = first > second
     first, second = np.where(swap, second, first), np.where(swap, first, second)
     flips[swap] = ~flips[swap]
     keys, at, inverse = np.unique(first.astype(np.int64) * body.edges.shape[1] + second, return_index=True, return_inverse=True)
     L = np.bincount(inverse.ravel(), np.concatenate([L for _, _, L, _ in group]), len(keys))
-    kept = np.flatnonzero(abs(L) > floor)
-    at, L = at[kept], L[kept]
+    retained = np.flatnonzero(abs(L) > floor)
+    at, L = at[retained], L[retained]
     return np.stack([first[at], second[at]], axis=1).astype(np.int32), targets[at].astype(np.int32), flips[at], L

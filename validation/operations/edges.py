@@ -1,12 +1,13 @@
-"""The edge form (Kikuuwe, Tabuchi, Yamamoto 2009): data on edges and on pairs of edges that share a tetrahedron.
+"""Edge form (Kikuuwe, Tabuchi, Yamamoto 2009): data on edges and on pairs of edges that share a tetrahedron (TSEPs).
 
     zeta_i = |p_i|^2 - |P_i|^2        t_i = sum_j L_ij zeta_j        F = sum_i t_i p_i on a, -t_i p_i on b
 
     K_ab = -t_ab I + sum over edges j at b of  +-h_aj (x) p_j,        h_aj = dt_j/du_a = sum over edges i at a of  +-2 L_ij p_i
 
-The tangent stiffness sums the vectors `h` before it forms matrices: `K_ab` and `K_ac` of a face `a < b < c` take the same product
-`h (x) p` with `h = h_a,bc`, and `K_bc` takes `h_b,ac`. So a face needs two of them, an edge one, and a TSEP never forms a matrix.
-`tangent_by_pairs` does, and is what one writes first: `2 L_ij p_i (x) p_j` goes to three blocks if the edges meet, to four if not.
+The tangent stiffness sums the vectors `h` before it forms matrices. For a face `a < b < c`, `K_ab` and `K_ac` use the same product
+`h (x) p` with `h = h_a,bc`, and `K_bc` uses `h_b,ac`. So a face needs two products, an edge one, and a TSEP none.
+`tangent_by_pairs` is the straightforward version with a matrix per TSEP. It adds `2 L_ij p_i (x) p_j` to three blocks if the edges
+meet, to four if not.
 """
 
 from __future__ import annotations
@@ -45,14 +46,14 @@ __all__ = [
 
 
 def force(rest: Rest, x: Any, out: Any) -> None:
-    """Add F [N] at positions `x` (nv, 3) to `out`: 19 operations an edge and 4 a TSEP."""
+    """Add F [N] at positions `x` (nv, 3) to `out`: 19 operations per edge and 4 per TSEP."""
     elongations(rest, x)
     tensions(rest)
     spread(rest, out)
 
 
 def force_displacement(rest: Rest, u: Any, out: Any) -> None:
-    """Add F [N] at displacements `u` (nv, 3) to `out`, without cancellation: 5 operations more an edge."""
+    """Add F [N] at displacements `u` (nv, 3) to `out`, without cancellation: 5 more operations per edge."""
     elongations_displacement(rest, u)
     tensions(rest)
     spread(rest, out)
@@ -67,7 +68,7 @@ def tangent(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
 
 
 def tangent_displacement(rest: Rest, u: Any, blocks: Any, diagonal: Any) -> None:
-    """`tangent` at displacements `u`."""
+    """Add K [N/m] at displacements `u`, as `tangent` does at positions."""
     elongations_displacement(rest, u)
     tensions(rest)
     add_blocks(rest, blocks)
@@ -75,7 +76,7 @@ def tangent_displacement(rest: Rest, u: Any, blocks: Any, diagonal: Any) -> None
 
 
 def tangent_by_pairs(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
-    """`tangent` with a matrix for each TSEP."""
+    """Add K [N/m] as `tangent` does, but with a matrix for each TSEP."""
     elongations(rest, x)
     tensions(rest)
     add_blocks_by_pairs(rest, blocks)
@@ -83,7 +84,7 @@ def tangent_by_pairs(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
 
 
 def tangent_by_pairs_displacement(rest: Rest, u: Any, blocks: Any, diagonal: Any) -> None:
-    """`tangent_by_pairs` at displacements `u`."""
+    """Add K [N/m] at displacements `u`, as `tangent_by_pairs` does at positions."""
     elongations_displacement(rest, u)
     tensions(rest)
     add_blocks_by_pairs(rest, blocks)
@@ -92,7 +93,7 @@ def tangent_by_pairs_displacement(rest: Rest, u: Any, blocks: Any, diagonal: Any
 
 @jitable
 def elongations(rest: Rest, x: Any) -> None:
-    """Current edges `p` and `zeta = |p|^2 - |P|^2`: the textbook's form, 9 operations an edge."""
+    """Compute the current edges `p` and `zeta = |p|^2 - |P|^2`, the textbook form: 9 operations per edge."""
     for i in range(len(rest.ends)):
         p = minus(vector(x, rest.ends[i, 0]), vector(x, rest.ends[i, 1]))
         put(rest.p, i, p)
@@ -101,7 +102,7 @@ def elongations(rest: Rest, x: Any) -> None:
 
 @jitable
 def elongations_displacement(rest: Rest, u: Any) -> None:
-    """Current edges `p = P + U` and `zeta = (P + p) . U`: 14 operations an edge."""
+    """Compute the current edges `p = P + U` and `zeta = (P + p) . U`: 14 operations per edge."""
     for i in range(len(rest.ends)):
         U, P = minus(vector(u, rest.ends[i, 0]), vector(u, rest.ends[i, 1])), vector(rest.P, i)
         p = plus(P, U)
@@ -111,7 +112,7 @@ def elongations_displacement(rest: Rest, u: Any) -> None:
 
 @jitable
 def tensions(rest: Rest) -> None:
-    """`t = L zeta`, each TSEP once for both of its edges: 1 operation an edge, 4 a TSEP."""
+    """Compute `t = L zeta`, each TSEP once for both of its edges: 1 operation per edge, 4 per TSEP."""
     for i in range(len(rest.L)):
         rest.tension[i] = rest.L[i] * rest.zeta[i]
     for i in range(len(rest.L)):
@@ -125,7 +126,7 @@ def tensions(rest: Rest) -> None:
 
 @jitable
 def spread(rest: Rest, out: Any) -> None:
-    """`t p` on one end of each edge, `-t p` on the other: 9 operations an edge."""
+    """Add `t p` at one end of each edge and `-t p` at the other: 9 operations per edge."""
     for i in range(len(rest.ends)):
         f = times(rest.tension[i], vector(rest.p, i))
         add(out, rest.ends[i, 0], f)
@@ -134,7 +135,7 @@ def spread(rest: Rest, out: Any) -> None:
 
 @jitable
 def change_of_tension(rest: Rest, slot: Any) -> Vector:
-    """`h = sum +-2 L_ij p_i`: 6 operations a term, 3 less for the first."""
+    """Return `h = sum +-2 L_ij p_i`: 6 operations per term, 3 fewer for the first."""
     first, end = rest.h_start[slot], rest.h_start[slot + 1]
     h = times(rest.h_L[first], vector(rest.p, rest.h_edge[first]))
     for k in range(first + 1, end):
@@ -144,7 +145,7 @@ def change_of_tension(rest: Rest, slot: Any) -> Vector:
 
 @jitable
 def add_blocks(rest: Rest, blocks: Any) -> None:
-    """`K_ab` from the vectors `h`: 21 operations an edge, 45 a face, besides those of `h`."""
+    """Add `K_ab` from the vectors `h`: 21 operations per edge, 45 per face, in addition to those of `h`."""
     ne = len(rest.ends)
     for i in range(ne):
         add_matrix(blocks, i, outer(change_of_tension(rest, i), vector(rest.p, i)))
@@ -160,7 +161,7 @@ def add_blocks(rest: Rest, blocks: Any) -> None:
 
 @jitable
 def add_blocks_by_pairs(rest: Rest, blocks: Any) -> None:
-    """`K_ab` from a matrix for each TSEP: 39 operations if its edges meet, 48 if not."""
+    """Add `K_ab` from a matrix for each TSEP: 39 operations if its edges meet, 48 if not."""
     for i in range(len(rest.ends)):
         p = vector(rest.p, i)
         add_own(blocks[i], times(rest.minus_double_own[i], p), p, rest.tension[i])
@@ -176,7 +177,7 @@ def add_blocks_by_pairs(rest: Rest, blocks: Any) -> None:
 
 @jitable
 def add_own(block: Any, h: Vector, p: Vector, tension: Any) -> None:
-    """`K_ab += h (x) p - t I` for the edge `ab` itself, where `h = -2 L p`: its products are symmetric, 18 operations."""
+    """Add `h (x) p - t I` to `K_ab` for the edge `ab` itself, where `h = -2 L p`. The product is symmetric: 18 operations."""
     xy, xz, yz = h[0] * p[1], h[0] * p[2], h[1] * p[2]
     add(block, 0, (h[0] * p[0] - tension, xy, xz))
     add(block, 1, (xy, h[1] * p[1] - tension, yz))

@@ -1,4 +1,4 @@
-"""Meshes from one tetrahedron to one that is nearly all inside."""
+"""Meshes from a single tetrahedron to a large box with few boundary entities."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0
 
 
 def several(*tetrahedra: tuple[int, int, int, int]) -> ElementMesh:
-    """A mesh of tetrahedra between corners of a cube."""
+    """Return a mesh of tetrahedra between corners of a cube."""
     used, t = np.unique(np.array(tetrahedra).T, return_inverse=True)
     return ElementMesh(CORNERS[:, used], t.reshape(4, -1).astype(np.int32))
 
 
 def cube_of_five() -> ElementMesh:
-    """One tetrahedron in the middle of a cube, four in its corners."""
+    """Return a cube of five tetrahedra: one in the middle, four at the corners."""
     return several((0, 4, 5, 6), (1, 0, 4, 5), (2, 0, 4, 6), (3, 0, 5, 6), (7, 4, 5, 6))
 
 
 def box(cubes: int) -> ElementMesh:
-    """`cubes` along each side, six tetrahedra in each."""
+    """Return a box with `cubes` cells along each side, six tetrahedra per cell."""
     return ElementMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, cubes + 1)] * 3))
 
 
 def pieces() -> Iterator[ElementMesh]:
-    """Small meshes with unlike numbers of vertices, edges, faces and tetrahedra: enough to tell what each of them costs."""
+    """Yield small meshes with linearly independent numbers of entities, enough to determine the operations per entity."""
     yield several((0, 1, 2, 3))
     yield several((0, 1, 2, 3), (4, 1, 2, 3))
     yield several((0, 1, 2, 3), (2, 3, 6, 7))
@@ -40,7 +40,7 @@ def pieces() -> Iterator[ElementMesh]:
 
 
 def meshes(quick: bool) -> dict[str, ElementMesh]:
-    """The meshes of the table: boxes of cubes of six tetrahedra each, and the unstructured bracket."""
+    """Return the meshes of the table: boxes of cubes with six tetrahedra each, and the unstructured bracket."""
     small = {"tetrahedron": several((0, 1, 2, 3)), "cube of 5": cube_of_five(), "box 2^3": box(2)}
     large = {} if quick else {"box 10^3": box(10), "box 19^3": box(19)}
     return {**small, "box 4^3": box(4), "bracket": embedded_mesh(), **large}

@@ -1,13 +1,14 @@
-"""The force as an expanded cubic polynomial of the displacements (Picinbono, Delingette, Ayache 2003), derived anew.
+"""Force as an expanded cubic polynomial of the displacements (Picinbono, Delingette, Ayache 2003), derived independently.
 
-With `s_kl = U_k . U_l` for the pairs `q = kl` of vertices of a tetrahedron, equal ones among them,
+With `s_kl = U_k . U_l` for the pairs `q = kl` of vertices of a tetrahedron, including equal ones,
 
     W = 1/2 sum U_j B_jk U_k + sum (c_jq . U_j) s_q + 1/2 sum A_qr s_q s_r
     F_p = sum_k B_pk U_k + sum_q c_pq s_q + sum_q n_q ds_q/dU_p,        n_q = sum_j c_jq . U_j + sum_r A_qr s_r
 
 `B` are matrices on vertices and edges, `c` vectors on vertices, edges and faces, `A` numbers on vertices, edges, faces and
-tetrahedra, each summed over the elements once. The order of summation is the cheapest found, not theirs, which was not found: the
-products `s` and their conjugates `n` are formed once and not in each term. They step explicitly and give no tangent stiffness.
+tetrahedra. Each is summed over the elements once. The paper's order of summation was not found. The code uses the cheapest order
+found, in which the products `s` and their conjugates `n` are formed once, not in each term. The paper uses explicit time steps and
+gives no tangent stiffness.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3),
 
 
 class Rest(NamedTuple):
-    """Constants: pairs `q` are the vertices, then the edges; `s` and `n` are room for their products and conjugates."""
+    """Constants, with scratch arrays `s` and `n` for products and conjugates. Pairs `q` are the vertices, then the edges."""
 
     ends: Indices
     B_vertex: Reals
@@ -67,7 +68,7 @@ def force(rest: Rest, u: Any, out: Any) -> None:
 
 
 def linear_force(rest: Rest, u: Any, out: Any) -> None:
-    """Add the linear part `B_pk U_k` to `out`, which is all that linear elements have: `K(0) u`."""
+    """Add the linear part `B_pk U_k` to `out`. This is `K(0) u`, the whole force of linear elements."""
     for a in range(len(rest.B_vertex)):
         add(out, a, product(matrix(rest.B_vertex, a), vector(u, a)))
     for i in range(len(rest.ends)):
@@ -78,7 +79,7 @@ def linear_force(rest: Rest, u: Any, out: Any) -> None:
 
 @jitable
 def add_products(rest: Any, u: Any, out: Any) -> None:
-    """`(B_pk + n_pk I) U_k`: 22 operations a vertex, 39 an edge."""
+    """Add `(B_pk + n_pk I) U_k`: 22 operations per vertex, 39 per edge."""
     nv, n = len(rest.B_vertex), rest.n
     for a in range(nv):
         add(out, a, product(shifted(matrix(rest.B_vertex, a), n[a] + n[a]), vector(u, a)))
@@ -90,10 +91,13 @@ def add_products(rest: Any, u: Any, out: Any) -> None:
 
 
 def prepare(body: Body) -> Rest:
-    """The coefficients of the polynomial, assembled.
+    """Return the assembled coefficients of the polynomial.
 
-    An element has, in powers of U: `B_jk = V [lam g_j (x) g_k + mu (g_k (x) g_j + G_jk I)]`,
-    `c_jkl = V/2 [lam g_j G_kl + mu (g_k G_jl + g_l G_jk)]`, `A_jk,lm = V/4 [lam G_jk G_lm + mu (G_jl G_km + G_jm G_kl)]`.
+    An element has, in powers of U:
+
+        B_jk = V [lam g_j (x) g_k + mu (g_k (x) g_j + G_jk I)]
+        c_jkl = V/2 [lam g_j G_kl + mu (g_k G_jl + g_l G_jk)]
+        A_jk,lm = V/4 [lam G_jk G_lm + mu (G_jl G_km + G_jm G_kl)]
     """
     V, g, G = body.geometry.volume, body.geometry.gradients, body.geometry.gram
     lam, mu = V * body.lam, V * body.mu

@@ -1,7 +1,7 @@
-"""Operations of the package's own kernels: they run uncompiled, in numbers that count.
+"""Operation counts of the package's own kernels, from uncompiled runs with counted numbers.
 
-`python -m validation.operations.production`, with NUMBA_DISABLE_JIT=1 in the environment, prints them as JSON; `production()`
-runs that.
+`python -m validation.operations.production`, with NUMBA_DISABLE_JIT=1 in the environment, prints the counts as JSON. `production()`
+runs this command.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from skfem_stvk.kernels.lanes import LANES
 
 from .counting import Tally, counted, plain
 
-#: What an uncompiled run of a kernel computes is what it computes in plain numbers, to this.
+#: Relative tolerance between the results of a kernel with counted numbers and with plain numbers.
 AGREEMENT = 1e-12
 
 
 class Count(NamedTuple):
-    """Operations of an element: its F, and its K with F on the way."""
+    """Operations per element: of F, and of K including F."""
 
     name: str
     F: float
@@ -38,14 +38,14 @@ class Count(NamedTuple):
 
 
 def production() -> list[Count]:
-    """The operations of each kind of element."""
+    """Return the operations of each kind of element."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run([sys.executable, "-m", __spec__.name], env=environment, capture_output=True, text=True, check=True)
     return [Count(*row) for row in json.loads(done.stdout.splitlines()[-1])]
 
 
 def counts() -> Iterator[Count]:
-    """What `production` is told, in a process in which nothing is compiled."""
+    """Yield the counts for `production`; must run in a process without compilation."""
     for name, mesh, options in _meshes():
         system = System(mesh, StVK(young=2.0, poisson=0.3), **options)
         u = 0.1 * np.random.default_rng(0).standard_normal((mesh.nv, 3))
@@ -54,12 +54,12 @@ def counts() -> Iterator[Count]:
             _counted_call("energy_and_force", partial(term.energy_and_force, u, np.zeros_like(u))),
             _counted_call("linearize", partial(system.linearize, u.ravel())),
         ]
-        full = -(-mesh.nt // LANES) * LANES  # elements that only fill a block of lanes are computed as well
+        full = -(-mesh.nt // LANES) * LANES  # elements that only fill the last block of lanes are computed as well
         yield Count(name, *(operations / full for operations in found))
 
 
 def _meshes() -> Iterator[tuple[str, ElementMesh, dict[str, Any]]]:
-    """Unlike elements, in whole blocks of lanes but for hexahedra."""
+    """Yield distorted elements of each kind. Except for hexahedra, their number fills whole blocks of lanes."""
     line, rng = np.linspace(0, 1, 3), np.random.default_rng(1)
     tets = ElementMesh.of(skfem.MeshTet.init_tensor(line, line, line))
     boxes = ElementMesh.of(skfem.MeshHex.init_tensor(line, line, line))
@@ -76,7 +76,7 @@ def _meshes() -> Iterator[tuple[str, ElementMesh, dict[str, Any]]]:
 
 
 def _counted_call(kernel: str, call: Callable[[], Any]) -> int:
-    """Operations of a kernel within a call; it is run in plain numbers, too, which what it counts must agree with."""
+    """Return the operations of a kernel within a call. The kernel also runs with plain numbers, and both results must agree."""
     right, tally = getattr(elements, kernel), Tally()
 
     def both(begin: int, end: int, *arguments: Any) -> Any:
@@ -95,7 +95,7 @@ def _counted_call(kernel: str, call: Callable[[], Any]) -> int:
 
 
 def _with(argument: Any, change: Callable[[Any], Any]) -> Any:
-    """An argument of a kernel with its arrays of real numbers changed, those of tuples too."""
+    """Return an argument of a kernel with `change` applied to its arrays of real numbers, also within tuples."""
     if isinstance(argument, tuple):
         return type(argument)(*(_with(field, change) for field in argument))
     return change(argument) if isinstance(argument, np.ndarray) and argument.dtype.kind == "f" else argument

@@ -1,4 +1,4 @@
-"""The tables of the study: what an entity costs, what a mesh costs, what was claimed, and the time it takes."""
+"""Tables of the study: operations per entity, operations per mesh, the published claims, and times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .production import production
 
 Costs = dict[tuple[str, str], NDArray[np.int64]]
 
-#: Columns of the tables by mesh.
+#: Column headings of the tables by mesh.
 SHORT = {
     "F": {
         "edges": "edges",
@@ -32,7 +32,7 @@ SHORT = {
 
 
 def show(quick: bool) -> int:
-    """Print the tables; the exit code is 0 if whole meshes, counted, agree with the sums over their entities."""
+    """Print the tables. The exit code is 0 if counts on a whole mesh agree with the sums over its entities."""
     console = Console(width=WIDTH, highlight=False)
     bodies = {name: Body(mesh, LAM, MU) for name, mesh in meshes(quick).items()}
     found = {(a.quantity, a.name): costs(a) for a in (*ALGORITHMS, LINEAR)}
@@ -45,7 +45,7 @@ def show(quick: bool) -> int:
     console.print(_own())
     whole = "box 4^3" if quick else "bracket"
     same = all(operations(a, bodies[whole]) == found[a.quantity, a.name] @ bodies[whole].entities for a in ALGORITHMS)
-    console.print(f"counted on the whole {whole}: {'the same numbers' if same else 'OTHER NUMBERS than by entities'}")
+    console.print(f"counted on the whole {whole}: {'the same numbers' if same else 'NUMBERS DIFFER from the sums over entities'}")
     return 0 if same else 1
 
 
@@ -61,7 +61,7 @@ def _seconds(console: Console, body: Body) -> dict[tuple[str, str], float]:
 
 def _entities(found: Costs, seconds: dict[tuple[str, str], float], body: Body) -> Table:
     title = "Operations (additions and multiplications) for each entity" + (
-        f", and time compiled, {body.nt} tetrahedra, one thread" if seconds else ""
+        f", and time of the compiled sources, {body.nt} tetrahedra, one thread" if seconds else ""
     )
     numbers = ["vertex", "edge", "face", "tetrahedron"] + (["all, per tet", "ns per tet"] if seconds else [])
     table = grid(title, "of", "algorithm", *numbers, right=tuple(numbers))
@@ -89,7 +89,7 @@ def _by_mesh(quantity: str, found: Costs, bodies: dict[str, Body]) -> Table:
 
 
 def _own() -> Table:
-    title = "Operations of the package's own kernels for each element, W and gathering included; K with F on the way"
+    title = "Operations of the package's own kernels per element, including W and gathering; K includes F"
     table = grid(title, "element", "F", "K", right=("F", "K"))
     for name, F, K in production():
         table.add_row(name, f"{F:.0f}", f"{K:.0f}")
@@ -97,9 +97,7 @@ def _own() -> Table:
 
 
 def _claims(found: Costs, bodies: dict[str, Body]) -> Table:
-    table = grid(
-        "Operations of an algorithm, in those of another", "", "of", "against", "claimed", "tetrahedron", "largest", "holds on"
-    )
+    table = grid("Ratios of operations of two algorithms", "", "of", "against", "claimed", "tetrahedron", "largest", "holds on")
     entities = {name: body.entities for name, body in bodies.items()}
     for claim, ratios, holds in verdicts(found, entities):
         first, last = next(iter(ratios.values())), list(ratios.values())[-1]

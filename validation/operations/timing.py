@@ -1,4 +1,4 @@
-"""Times of the same sources, compiled: operations are not time."""
+"""Times of the same sources, compiled, because operation counts do not determine times."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .compiled import compiled
 
 
 def times(chosen: Iterable[Algorithm], body: Body, repeats: int = 15) -> dict[tuple[str, str], float]:
-    """Shortest time of a call [s] on one thread, by quantity and name; the algorithms take turns."""
+    """Return the shortest time of a call [s] on one thread, by quantity and name. The calls of the algorithms alternate."""
     u = state(body)
     calls = {(a.quantity, a.name): call(a, body, u) for a in chosen}
     return shortest(calls, repeats)
 
 
 def call(chosen: Algorithm, body: Body, u: NDArray[np.float64], prepare: Callable[[Body], Any] | None = None) -> Callable[[], Any]:
-    """One run of an algorithm, compiled, into arrays that it has to itself; clearing them belongs to it."""
+    """Return a function that runs a compiled algorithm on its own arrays. Each call also clears the arrays."""
     rest = (prepare or chosen.prepare)(body)
     rest = type(rest)(*(unsigned(field) for field in rest))
     out, x = zeros(body, chosen.quantity), u if chosen.displacements else body.p.T + u
@@ -38,7 +38,7 @@ def call(chosen: Algorithm, body: Body, u: NDArray[np.float64], prepare: Callabl
 
 
 def shortest(calls: dict[tuple[str, str], Callable[[], Any]], repeats: int) -> dict[tuple[str, str], float]:
-    """Shortest time of each call [s], after one to warm up."""
+    """Return the shortest time of each call [s], after one call to warm up."""
     for once in calls.values():
         once()
     best = dict.fromkeys(calls, np.inf)
@@ -51,5 +51,5 @@ def shortest(calls: dict[tuple[str, str], Callable[[], Any]], repeats: int) -> d
 
 
 def unsigned(field: NDArray[Any]) -> NDArray[Any]:
-    """Indices without a sign, which need no test for being negative."""
+    """Return indices as unsigned integers, which need no test for negative values."""
     return field.astype(np.uint32) if field.dtype.kind == "i" else field

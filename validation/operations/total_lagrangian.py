@@ -1,11 +1,11 @@
-"""A Total Lagrangian tetrahedron written as well as it can be, element by element.
+"""Total Lagrangian tetrahedron, optimised as far as possible, element by element.
 
     F = sum_a d_a (x) g_a,   d_a = x_a - x_0        2 E = F'F - I        V S = V lam tr(E) I + 2 V mu E        f_a = F V S g_a
     K_ab = V [ lam h_a (x) h_b + mu h_b (x) h_a + mu G_ab F F' ] + (g_a . V S g_b) I,        h_a = F g_a
 
-Three vertices are computed, the fourth follows from the sum; `V lam / 2`, `V mu` and `V mu G_ab` are constants; every symmetry is
-used; diagonal blocks are the row sums of the assembled K. The vertices of an element come in ascending order, so that its blocks
-are those of the edges as they are.
+The forces of three vertices are computed, the fourth follows from the sum. `V lam / 2`, `V mu` and `V mu G_ab` are constants. Every
+symmetry is used. Diagonal blocks are the row sums of the assembled K. The vertices of an element are in ascending order, so that
+its blocks can be added to the blocks of the edges without transposition.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Rest(NamedTuple):
 
 
 def force(rest: Rest, x: Any, out: Any) -> None:
-    """Add F [N] at positions `x` (nv, 3) to `out`: 207 operations a tetrahedron."""
+    """Add F [N] at positions `x` (nv, 3) to `out`: 207 operations per tetrahedron."""
     for n in range(len(rest.t)):
         g = matrix(rest.g, n)
         Ft = gradient(rest, x, n, g)
@@ -67,7 +67,7 @@ def tangent(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
         g, lam, mu = matrix(rest.g, n), rest.half_lam[n], rest.mu[n]
         Ft = gradient(rest, x, n, g)
         s11, s22, s33, s12, s13, s23 = tensions(stress(Ft, lam, mu), g)
-        s01, s02, s03 = s11 + s12 + s13, s12 + s22 + s23, s13 + s23 + s33  # of the other sign, as h0 is
+        s01, s02, s03 = s11 + s12 + s13, s12 + s22 + s23, s13 + s23 + s33  # with the opposite sign, as h0
         h1, h2, h3 = product_of(g, Ft)
         h0 = plus(plus(h1, h2), h3)
         A = gram(transposed(Ft))
@@ -85,7 +85,7 @@ def tangent(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
 
 @jitable
 def gradient(rest: Any, x: Any, n: Any, g: Matrix) -> Matrix:
-    """Columns of the deformation gradient `F`: 54 operations."""
+    """Return the columns of the deformation gradient `F`: 54 operations."""
     x0 = vector(x, rest.t[n, 0])
     d = (
         minus(vector(x, rest.t[n, 1]), x0),
@@ -97,13 +97,13 @@ def gradient(rest: Any, x: Any, n: Any, g: Matrix) -> Matrix:
 
 @jitable
 def product_of(A: Matrix, B: Matrix) -> Matrix:
-    """`A B`: 45 operations."""
+    """Return `A B`: 45 operations."""
     return combination(A[0], B), combination(A[1], B), combination(A[2], B)
 
 
 @jitable
 def stress(Ft: Matrix, half_lam: Any, mu: Any) -> Matrix:
-    """`V S`, the second Piola-Kirchhoff stress times the volume: 45 operations."""
+    """Return `V S`, the second Piola-Kirchhoff stress times the volume: 45 operations."""
     C = gram(Ft)
     xx, yy, zz = C[0][0] - 1.0, C[1][1] - 1.0, C[2][2] - 1.0
     pressure = half_lam * (xx + yy + zz)
@@ -113,20 +113,20 @@ def stress(Ft: Matrix, half_lam: Any, mu: Any) -> Matrix:
 
 @jitable
 def tensions(S: Matrix, g: Matrix) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """`g_a . V S g_b` for ab = 11, 22, 33, 12, 13, 23: 75 operations."""
+    """Return `g_a . V S g_b` for ab = 11, 22, 33, 12, 13, 23: 75 operations."""
     s1, s2, s3 = product(S, g[0]), product(S, g[1]), product(S, g[2])
     return dot(s1, g[0]), dot(s2, g[1]), dot(s3, g[2]), dot(s1, g[1]), dot(s1, g[2]), dot(s2, g[2])
 
 
 @jitable
 def pulled(la: Vector, ma: Vector, hb: Vector) -> Matrix:
-    """`V lam h_a (x) h_b + V mu h_b (x) h_a`: 27 operations."""
+    """Return `V lam h_a (x) h_b + V mu h_b (x) h_a`: 27 operations."""
     return sum_of(outer(la, hb), outer(hb, ma))
 
 
 @jitable
 def block(pull: Matrix, mu_gram: Any, A: Matrix, s: Any, fourth: Any) -> Matrix:
-    """`pull + V mu G_ab F F' + s I`, or with `pull` and `s` subtracted if they are of the other sign: 18 operations."""
+    """Return `pull + V mu G_ab F F' + s I`. If `fourth`, subtract `pull` and `s`: 18 operations."""
     xx, yy, zz = mu_gram * A[0][0], mu_gram * A[1][1], mu_gram * A[2][2]
     xy, xz, yz = mu_gram * A[0][1], mu_gram * A[0][2], mu_gram * A[1][2]
     if fourth:
@@ -137,7 +137,7 @@ def block(pull: Matrix, mu_gram: Any, A: Matrix, s: Any, fourth: Any) -> Matrix:
 
 @jitable
 def add_forces(rest: Any, n: Any, f1: Vector, f2: Vector, f3: Vector, out: Any) -> None:
-    """The forces of an element to its vertices, the first one from the sum: 18 operations."""
+    """Add the forces of an element to its vertices; the force on the first follows from the sum: 18 operations."""
     add(out, rest.t[n, 1], f1)
     add(out, rest.t[n, 2], f2)
     add(out, rest.t[n, 3], f3)
@@ -145,7 +145,7 @@ def add_forces(rest: Any, n: Any, f1: Vector, f2: Vector, f3: Vector, out: Any) 
 
 
 def prepare(body: Body) -> Rest:
-    """Constants of the elements."""
+    """Return the constants of the elements."""
     V, g = body.geometry.volume, body.geometry.gradients
     a, b = np.array(((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))).T
     return Rest(

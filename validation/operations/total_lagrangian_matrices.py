@@ -1,9 +1,9 @@
-"""The Total Lagrangian tetrahedron of the textbooks: strains as Voigt vectors and a matrix B from displacements to strains.
+"""Total Lagrangian tetrahedron of the textbooks: strains as Voigt vectors, and a matrix B from displacements to strains.
 
     f_a = B_a' V S        K_ab = B_a' V C B_b + (g_a . V S g_b) I        B_a: F_iI g_aI,  F_iI g_aJ + F_iJ g_aI
 
-Derived straight from the formulation, and then optimised: B for three vertices only, the fourth from sums; V C B_a uses the zeros
-of an isotropic C; diagonal products are symmetric. A row of B is kept as the vector over `i`.
+The code follows the formulation, with three optimisations. B is computed for three vertices, and the fourth follows from sums. V C
+B_a uses the zeros of an isotropic C. Diagonal products are symmetric. A row of B is stored as the vector over `i`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Rows = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
 
 def force(rest: Rest, x: Any, out: Any) -> None:
-    """Add F [N] at positions `x` (nv, 3) to `out`: 324 operations a tetrahedron."""
+    """Add F [N] at positions `x` (nv, 3) to `out`: 324 operations per tetrahedron."""
     for n in range(len(rest.t)):
         g = matrix(rest.g, n)
         Ft = gradient(rest, x, n, g)
@@ -69,7 +69,7 @@ def tangent(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
 
 @jitable
 def strains(Ft: Matrix, g: Vector) -> Rows:
-    """`B_a`: 36 operations."""
+    """Return `B_a`: 36 operations."""
     return (
         times(g[0], Ft[0]),
         times(g[1], Ft[1]),
@@ -82,14 +82,14 @@ def strains(Ft: Matrix, g: Vector) -> Rows:
 
 @jitable
 def pulled(S: Matrix, B: Rows) -> Vector:
-    """`B_a' V S`: 33 operations."""
+    """Return `B_a' V S`: 33 operations."""
     normal = plus(plus(times(S[0][0], B[0]), times(S[1][1], B[1])), times(S[2][2], B[2]))
     return plus(plus(plus(normal, times(S[1][2], B[3])), times(S[0][2], B[4])), times(S[0][1], B[5]))
 
 
 @jitable
 def stresses(B: Rows, lam: Any, mu: Any) -> Rows:
-    """`V C B_a`: 37 operations."""
+    """Return `V C B_a`: 37 operations."""
     trace, double = times(lam, plus(plus(B[0], B[1]), B[2])), mu + mu
     return (
         plus(times(double, B[0]), trace),
@@ -103,14 +103,14 @@ def stresses(B: Rows, lam: Any, mu: Any) -> Rows:
 
 @jitable
 def product_of_rows(D: Rows, B: Rows) -> Matrix:
-    """`D' B`: 99 operations."""
+    """Return `D' B`: 99 operations."""
     normal = sum_of(sum_of(outer(D[0], B[0]), outer(D[1], B[1])), outer(D[2], B[2]))
     return sum_of(sum_of(sum_of(normal, outer(D[3], B[3])), outer(D[4], B[4])), outer(D[5], B[5]))
 
 
 @jitable
 def square(D: Rows, B: Rows) -> Matrix:
-    """`D' B` where it is symmetric: 66 operations."""
+    """Return `D' B` if it is symmetric: 66 operations."""
     xx, xy, xz = entry(D, B, 0, 0), entry(D, B, 0, 1), entry(D, B, 0, 2)
     yy, yz, zz = entry(D, B, 1, 1), entry(D, B, 1, 2), entry(D, B, 2, 2)
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
@@ -118,6 +118,6 @@ def square(D: Rows, B: Rows) -> Matrix:
 
 @jitable
 def entry(D: Rows, B: Rows, r: Any, s: Any) -> Any:
-    """`(D' B)_rs`: 11 operations."""
+    """Return `(D' B)_rs`: 11 operations."""
     normal = D[0][r] * B[0][s] + D[1][r] * B[1][s] + D[2][r] * B[2][s]
     return normal + D[3][r] * B[3][s] + D[4][r] * B[4][s] + D[5][r] * B[5][s]

@@ -1,4 +1,7 @@
-"""Vectors and matrices of three as tuples: no loops, so that a compiler keeps them in registers. A matrix is its three rows."""
+"""Vectors and matrices of size three as tuples, without loops, so that a compiler keeps them in registers.
+
+A matrix is a tuple of its three rows.
+"""
 
 from __future__ import annotations
 
@@ -12,73 +15,73 @@ Matrix = tuple[Vector, Vector, Vector]
 
 @jitable
 def vector(x: Any, i: Any) -> Vector:
-    """Row `i` of `x` (n, 3)."""
+    """Return row `i` of `x` (n, 3)."""
     return x[i, 0], x[i, 1], x[i, 2]
 
 
 @jitable
 def plus(a: Vector, b: Vector) -> Vector:
-    """`a + b`: 3 operations."""
+    """Return `a + b`: 3 operations."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @jitable
 def minus(a: Vector, b: Vector) -> Vector:
-    """`a - b`: 3 operations."""
+    """Return `a - b`: 3 operations."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @jitable
 def times(s: Any, a: Vector) -> Vector:
-    """`s a`: 3 operations."""
+    """Return `s a`: 3 operations."""
     return s * a[0], s * a[1], s * a[2]
 
 
 @jitable
 def dot(a: Vector, b: Vector) -> Any:
-    """`a . b`: 5 operations."""
+    """Return `a . b`: 5 operations."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jitable
 def product(A: Matrix, b: Vector) -> Vector:
-    """`A b`: 15 operations."""
+    """Return `A b`: 15 operations."""
     return dot(A[0], b), dot(A[1], b), dot(A[2], b)
 
 
 @jitable
 def combination(c: Vector, A: Matrix) -> Vector:
-    """`c_0 A_0 + c_1 A_1 + c_2 A_2` of the rows of A: 15 operations."""
+    """Return `c_0 A_0 + c_1 A_1 + c_2 A_2` with the rows of A: 15 operations."""
     return plus(plus(times(c[0], A[0]), times(c[1], A[1])), times(c[2], A[2]))
 
 
 @jitable
 def outer(a: Vector, b: Vector) -> Matrix:
-    """`a (x) b`: 9 operations."""
+    """Return `a (x) b`: 9 operations."""
     return times(a[0], b), times(a[1], b), times(a[2], b)
 
 
 @jitable
 def transposed(A: Matrix) -> Matrix:
-    """`A'`: no operation."""
+    """Return `A'`: no operation."""
     return (A[0][0], A[1][0], A[2][0]), (A[0][1], A[1][1], A[2][1]), (A[0][2], A[1][2], A[2][2])
 
 
 @jitable
 def sum_of(A: Matrix, B: Matrix) -> Matrix:
-    """`A + B`: 9 operations."""
+    """Return `A + B`: 9 operations."""
     return plus(A[0], B[0]), plus(A[1], B[1]), plus(A[2], B[2])
 
 
 @jitable
 def shifted(A: Matrix, s: Any) -> Matrix:
-    """`A + s I`: 3 operations."""
+    """Return `A + s I`: 3 operations."""
     return (A[0][0] + s, A[0][1], A[0][2]), (A[1][0], A[1][1] + s, A[1][2]), (A[2][0], A[2][1], A[2][2] + s)
 
 
 @jitable
 def gram(A: Matrix) -> Matrix:
-    """`A A'`, symmetric: 30 operations."""
+    """Return `A A'`, which is symmetric: 30 operations."""
     xx, yy, zz = dot(A[0], A[0]), dot(A[1], A[1]), dot(A[2], A[2])
     xy, xz, yz = dot(A[0], A[1]), dot(A[0], A[2]), dot(A[1], A[2])
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
@@ -86,7 +89,7 @@ def gram(A: Matrix) -> Matrix:
 
 @jitable
 def matrix(x: Any, i: Any) -> Matrix:
-    """Block `i` of `x` (n, 3, 3)."""
+    """Return block `i` of `x` (n, 3, 3)."""
     return (
         (x[i, 0, 0], x[i, 0, 1], x[i, 0, 2]),
         (x[i, 1, 0], x[i, 1, 1], x[i, 1, 2]),
@@ -96,13 +99,13 @@ def matrix(x: Any, i: Any) -> Matrix:
 
 @jitable
 def put(out: Any, i: Any, a: Vector) -> None:
-    """`out_i = a`: no operation."""
+    """Set `out_i = a`: no operation."""
     out[i, 0], out[i, 1], out[i, 2] = a
 
 
 @jitable
 def add(out: Any, i: Any, a: Vector) -> None:
-    """`out_i += a`: 3 operations."""
+    """Compute `out_i += a`: 3 operations."""
     out[i, 0] += a[0]
     out[i, 1] += a[1]
     out[i, 2] += a[2]
@@ -110,7 +113,7 @@ def add(out: Any, i: Any, a: Vector) -> None:
 
 @jitable
 def subtract(out: Any, i: Any, a: Vector) -> None:
-    """`out_i -= a`: 3 operations."""
+    """Compute `out_i -= a`: 3 operations."""
     out[i, 0] -= a[0]
     out[i, 1] -= a[1]
     out[i, 2] -= a[2]
@@ -118,7 +121,7 @@ def subtract(out: Any, i: Any, a: Vector) -> None:
 
 @jitable
 def add_matrix(out: Any, i: Any, A: Matrix) -> None:
-    """`out_i += A` for blocks `out` (n, 3, 3): 9 operations."""
+    """Compute `out_i += A` for blocks `out` (n, 3, 3): 9 operations."""
     block = out[i]
     add(block, 0, A[0])
     add(block, 1, A[1])
@@ -127,7 +130,7 @@ def add_matrix(out: Any, i: Any, A: Matrix) -> None:
 
 @jitable
 def subtract_matrix(out: Any, i: Any, A: Matrix) -> None:
-    """`out_i -= A` for blocks `out` (n, 3, 3): 9 operations."""
+    """Compute `out_i -= A` for blocks `out` (n, 3, 3): 9 operations."""
     block = out[i]
     subtract(block, 0, A[0])
     subtract(block, 1, A[1])
@@ -136,7 +139,10 @@ def subtract_matrix(out: Any, i: Any, A: Matrix) -> None:
 
 @jitable
 def close_rows(ends: Any, blocks: Any, diagonal: Any) -> None:
-    """`K_aa = -sum_b K_ab`: a translation costs nothing. The sums are symmetric, so 6 entries an end: 12 operations an edge."""
+    """Add `-sum_b K_ab` to `K_aa`, because a translation needs no force: 12 operations per edge.
+
+    The sums are symmetric, so 6 entries are computed per end.
+    """
     for i in range(len(ends)):
         K, A, B = blocks[i], diagonal[ends[i, 0]], diagonal[ends[i, 1]]
         for r in range(3):

@@ -1,4 +1,4 @@
-"""The cantilever of the studies of speed: 5 x 1 x 1 m, clamped at x = 0, bent at its end by half of its length."""
+"""Cantilever of the speed studies: 5 x 1 x 1 m, clamped at x = 0. The load bends its end by half of its length."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from skfem_stvk.arguments import Array
 LENGTH, YOUNG, POISSON = 5.0, 1.5e6, 0.3
 TRACTION = (0.0, 0.0, -1.0e4)  # force per rest area at the end [Pa]: P L^2/EI = 2
 RTOL = 1e-8
-#: Load factors of the programs that do not choose their own.
+#: Load factors of the programs that do not choose their own load steps.
 TENTHS = np.arange(1, 11) / 10
 
 
 class Run(NamedTuple):
-    """What one program needed for the cantilever: displacement of the end's centre (3,) [m], Newton iterations, seconds by part."""
+    """Result and cost of one program: displacement of the end's centre (3,) [m], Newton iterations, seconds by part."""
 
     name: str
     ndofs: int
@@ -36,19 +36,22 @@ class Run(NamedTuple):
 
 @contextmanager
 def timed(seconds: dict[str, float], part: str) -> Iterator[None]:
-    """Add the time of what is done within to a part."""
+    """Add the wall time of the `with` block to `seconds[part]`."""
     start = perf_counter()
     yield
     seconds[part] = seconds.get(part, 0.0) + perf_counter() - start
 
 
 def cantilever(n: int) -> skfem.MeshTet:
-    """5 n x n x n cells of six tetrahedra, with the boundaries "wall" and "tip"; the end's centre is a vertex if `n` is even."""
+    """Return the mesh of 5 n x n x n cells of six tetrahedra, with the boundaries "wall" and "tip".
+
+    The end's centre is a vertex if `n` is even.
+    """
     across = np.linspace(0, 1, n + 1)
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, LENGTH, 5 * n + 1), across, across)
     return mesh.with_boundaries({"wall": lambda x: x[0] == 0, "tip": lambda x: x[0] == LENGTH})
 
 
 def end_centre(mesh: skfem.MeshTet) -> int:
-    """The vertex at the end's centre."""
+    """Return the vertex at the end's centre."""
     return int(np.argmin(np.linalg.norm(mesh.p - np.array([[LENGTH], [0.5], [0.5]]), axis=0)))

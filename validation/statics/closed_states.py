@@ -1,6 +1,6 @@
-"""Homogeneous states at finite strain, whose displacements, stresses and reactions have closed forms that every mesh meets.
+"""Homogeneous states at finite strain. Displacements, stresses and reactions have closed forms, which every mesh reproduces.
 
-With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` and `E`, `nu` of the simplex's own dimensions, `F` the deformation gradient and
+With `e = (s^2 - 1)/2`, Lame constants `lam`, `mu` and `E`, `nu` in the dimension of the simplex, `F` the deformation gradient and
 `P` the nominal (first Piola-Kirchhoff) stress:
 
     uniaxial strain   F = diag(s, 1, 1)        P_11 = (lam + 2 mu) s e,  P_22 = P_33 = lam e
@@ -19,7 +19,7 @@ import numpy as np
 
 from skfem_stvk.arguments import Array
 
-#: At t = 1.
+#: Stretch and shear at t = 1.
 STRETCH, SHEAR = 1.2, 0.4
 
 
@@ -59,7 +59,7 @@ def simple_shear(k: int, lam: float, mu: float, t: float) -> tuple[Array, Array]
 
 
 ClosedForm = Callable[[int, float, float, float], tuple[Array, Array]]
-#: By name, and the dimensions of simplices in which the state is of its own.
+#: Closed form by name, with the dimensions of simplices in which the state differs from all others.
 STATES: dict[str, tuple[ClosedForm, tuple[int, ...]]] = {
     "uniaxial strain": (uniaxial_strain, (2, 3)),
     "uniaxial stress": (uniaxial_stress, (1, 2, 3)),
@@ -75,7 +75,7 @@ def _stretch(t: float) -> tuple[float, float]:
 
 
 def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
-    """`E` and `nu` of an isotropic law in `k` dimensions; on a line `lam + 2 mu` is `E`."""
+    """Return `E` and `nu` of an isotropic law in `k` dimensions. On a line, `lam + 2 mu` is `E`."""
     if k == 1:
         return lam + 2 * mu, 0.0
     nu = lam / (2 * (lam + mu)) if k == 3 else lam / (lam + 2 * mu)

@@ -1,4 +1,4 @@
-"""Slender cantilevers that bend far: the elastica, under a dead load at the tip and a uniform one.
+"""Slender cantilevers in large bending against the elastica: a dead load at the tip, and a uniform dead load.
 
 With theta the angle of the beam's tangent, s the length along it from the clamp, L = EI = 1:
 
@@ -6,8 +6,8 @@ With theta the angle of the beam's tangent, s the length along it from the clamp
     theta'' = -q (1 - s) cos(theta)      uniform load q L^3/EI
     theta(0) = 0,  theta'(1) = 0;        w = integral of sin(theta), shortening 1 - integral of cos(theta)
 
-A body of height h and nu = 0 differs from it by shear, about 0.6 (h/L)^2 of the deflection, and by what bending does to the
-material's stiffness, about 0.3 (h kappa)^2 where it is bent most: at L/h = 100 below 0.1 % in all cases here.
+A body of height h and nu = 0 differs from the elastica in two ways. Shear adds about 0.6 (h/L)^2 of the deflection. Bending changes
+the stiffness of the material by about 0.3 (h kappa)^2 at the largest curvature. At L/h = 100 both are below 0.1 % in all cases.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from .orders import extrapolated
 from .study import Study
 
 LENGTH, HEIGHT, YOUNG = 1.0, 0.01, 1.2e7
-STIFFNESS = YOUNG * HEIGHT**3 / 12  # EI [N m^2] of a unit of depth
+STIFFNESS = YOUNG * HEIGHT**3 / 12  # EI [N m^2] per unit of depth
 MESHES = ((300, 2), (600, 4), (1200, 8), (2400, 16))
 LIMIT, ODE_LIMIT = 5e-3, 1e-5
 
 
 class Case(NamedTuple):
-    """A load in units of the beam, and what literature.md tabulates: deflection w/L and shortening u/L of the tip."""
+    """Load in the beam's units, with the deflection w/L and the shortening u/L of the tip from the table in literature.md."""
 
     kind: str
     load: float
@@ -49,7 +49,7 @@ CASES = (
 
 
 def elastica(quick: bool = False) -> Study:
-    """slender cantilevers bend as the elastica does, extrapolated within 0.5 %"""
+    """Compare slender cantilevers with the elastica; the extrapolated tips agree within 0.5 %."""
     cases, meshes = (CASES[5:6], MESHES[:3]) if quick else (CASES, MESHES)
     rows, failures = [], []
     for case in cases:
@@ -73,12 +73,12 @@ def elastica(quick: bool = False) -> Study:
         ("load", "PL²/EI, qL³/EI", "of tip", *(f"{nx}x{ny}x2" for nx, ny in meshes), "extrapolated", "elastica", "off"),
         tuple(rows),
         tuple(failures),
-        ("the elastica's own equation, integrated to 1e-10, agrees with the published five digits",),
+        ("the differential equation of the elastica, integrated to 1e-10, agrees with the published five digits",),
     )
 
 
 def elastica_tip(kind: str, load: float) -> Array:
-    """`w/L` and `u/L` of the tip by the elastica's equation."""
+    """Return `w/L` and `u/L` of the tip from the differential equation of the elastica."""
 
     def slope(s: Array, y: Array) -> Array:
         force = load * (1 - s) if kind == "uniform" else load
@@ -90,13 +90,13 @@ def elastica_tip(kind: str, load: float) -> Array:
     s = np.linspace(0, 1, 101)
     solution = solve_bvp(slope, ends, s, np.stack([s * np.pi / 3, 1 - s, s**2 / 2, s**3 / 4]), tol=1e-10, max_nodes=100_000)
     if not solution.success:
-        raise RuntimeError(f"The elastica's equation under a {kind} load of {load:g} was not solved: {solution.message}")
+        raise RuntimeError(f"load = {kind} {load:g}; the equation of the elastica was not solved: {solution.message}")
     tip: Array = solution.y[2:, -1]
     return tip
 
 
 def tip(case: Case, nx: int, ny: int) -> Array:
-    """`w/L` and `u/L` of the tip of a strip of triangles."""
+    """Return `w/L` and `u/L` of the tip of a strip of triangles."""
     mesh = strip(nx, ny, lambda a, b: (LENGTH * a, HEIGHT * b))
     force = case.load * STIFFNESS / LENGTH ** (2 if case.kind == "tip" else 3)
     load = Traction(lambda x: x[0] == LENGTH, (0, -force / HEIGHT)) if case.kind == "tip" else BodyForce((0, -force / HEIGHT))

@@ -1,4 +1,4 @@
-"""Closed homogeneous states at finite strain, by prescribed boundaries and by tractions, on all kinds of simplices."""
+"""Closed homogeneous states at finite strain on all kinds of simplices, by prescribed boundary displacements and by tractions."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from .study import Study
 LIMIT = 1e-10
 DRIVEN, PARTS = ("boundary", "tractions"), ("u", "stress", "reaction")
 
-#: From t to the deformation gradient and the nominal stress.
+#: Function of t that returns the deformation gradient and the nominal stress.
 Path = Callable[[float], tuple[Array, Array]]
 
 
 def homogeneous(quick: bool = False) -> Study:
-    """closed homogeneous states come out to 1e-10, whatever the simplices and however they are driven"""
-    found = {place: _errors_of(*place, n=3 if quick else 6) for place in _places()}
+    """Compare homogeneous states with closed forms to 1e-10, on all kinds of simplices and for both ways of loading."""
+    found = {case: _errors_of(*case, n=3 if quick else 6) for case in _cases()}
     return Study(
         "Homogeneous states",
         f"displacements, stresses and reactions agree with closed forms to {LIMIT:g}",
         ("simplices", "state", *(f"{driven}: u" if part == "u" else part for driven in DRIVEN for part in PARTS)),
-        tuple((*place, *(f"{error:.1e}" for error in errors)) for place, errors in found.items()),
-        tuple(f"{', '.join(place)}: off by {max(errors):.1e}" for place, errors in found.items() if not max(errors) <= LIMIT),
-        ("relative to the largest displacement, to the largest nominal stress, and to that times the volume or an area",),
+        tuple((*case, *(f"{error:.1e}" for error in errors)) for case, errors in found.items()),
+        tuple(f"{', '.join(case)}: off by {max(errors):.1e}" for case, errors in found.items() if not max(errors) <= LIMIT),
+        ("errors relative to the largest displacement, the largest nominal stress, and this stress times the volume or an area",),
     )
 
 
-def _places() -> list[tuple[str, str]]:
+def _cases() -> list[tuple[str, str]]:
     states = {name: dimensions for name, (_, dimensions) in STATES.items()}
     return [(name, state) for name, kind in KINDS.items() for state, dimensions in states.items() if kind.k in dimensions]
 
 
 def _errors_of(kind: str, state: str, n: int) -> list[float]:
-    """Errors of displacement, stress and reactions: by prescribed boundaries, then by tractions."""
+    """Return the errors of displacement, stress and reactions: first by prescribed boundaries, then by tractions."""
     return [error for study in (by_boundary, by_tractions) for error in study(KINDS[kind], STATES[state][0], n)]
 
 
 def by_boundary(kind: Kind, form: ClosedForm, n: int) -> tuple[float, float, float]:
-    """Errors of displacement, stress and reactions where the whole boundary is displaced as in the closed form."""
+    """Return the errors of displacement, stress and reactions if the whole boundary has the displacements of the closed form."""
     path = partial(form, kind.k, *kind.lame)
     components = {"xyz"[i]: partial(_displacement, kind, path, i) for i in range(kind.k)}
     system = System(kind.mesh(n), kind.term(), fixed=kind.across, prescribed={partial(_on_boundary, kind.k): components})
@@ -57,7 +57,7 @@ def by_boundary(kind: Kind, form: ClosedForm, n: int) -> tuple[float, float, flo
 
 
 def by_tractions(kind: Kind, form: ClosedForm, n: int) -> tuple[float, float, float]:
-    """Errors where the nominal stress pulls at all faces and no more than rigid motions is held: then reactions vanish."""
+    """Return the errors if the nominal stress acts on all faces. Only rigid motions are constrained, so reactions vanish."""
     path = partial(form, kind.k, *kind.lame)
     faces = [(axis, side) for axis in range(kind.k) for side in (0.0, 1.0)]
     loads = [Traction(partial(_on_face, axis, side), partial(_traction, kind, path, axis, side)) for axis, side in faces]
@@ -68,7 +68,7 @@ def by_tractions(kind: Kind, form: ClosedForm, n: int) -> tuple[float, float, fl
 
 
 def _errors(kind: Kind, result: StaticResult, path: Path) -> tuple[float, float]:
-    """Errors of displacement and stress."""
+    """Return the errors of displacement and stress."""
     (F, P), x = path(1.0), result.system.mesh.p
     u = np.zeros_like(x)
     u[: kind.k] = (F - np.eye(kind.k)) @ x[: kind.k]

@@ -1,4 +1,4 @@
-"""The kinds of simplices: unit cubes, squares and lines of them, with their material, their sections and how they are held."""
+"""Kinds of simplices: meshes of unit cubes, squares and lines, with materials, cross-sections and supports."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from skfem_stvk import ElementMesh, StVK
 from .meshes import Array, moved_box
 
 YOUNG, POISSON = 3.0e5, 0.3
-#: What keeps a body from moving rigidly and holds nothing else: vertices and components, of which each kind takes its own.
+#: Statically determinate supports: vertices and components. Each kind takes those within its own dimension.
 POINTS = (((0.0, 0.0, 0.0), "xyz"), ((1.0, 0.0, 0.0), "yz"), ((0.0, 0.0, 1.0), "y"))
 
 
 class Kind(NamedTuple):
-    """Simplices of dimension `k` in a space of `d`, with `options` of their term."""
+    """Simplices of dimension `k` in a space of dimension `d`, with `options` of their term."""
 
     k: int
     d: int
     options: dict[str, Any]
 
     def mesh(self, n: int) -> ElementMesh:
-        """The unit cube, square or line in `n^k` cells."""
+        """Return the unit cube, square or line with `n^k` cells."""
         flat = moved_box(self.k, n)
         return ElementMesh(np.pad(flat.p, ((0, self.d - self.k), (0, 0))), flat.t)
 
@@ -33,7 +33,7 @@ class Kind(NamedTuple):
 
     @property
     def lame(self) -> tuple[float, float]:
-        """Lame constants within the simplices' own dimensions; on a line `(E, 0)`."""
+        """Lame constants in the dimension of the simplices; on a line `(E, 0)`."""
         if self.k == 1:
             return YOUNG, 0.0
         plane_stress = self.d > self.k or "plane" in self.options
@@ -47,12 +47,12 @@ class Kind(NamedTuple):
 
     @property
     def across(self) -> dict[Any, str]:
-        """A flat membrane or straight cable without tension does not resist motion across it: that is held."""
+        """Supports normal to a flat membrane or a straight cable, which has no transverse stiffness without tension."""
         return {_everywhere: "xyz"[self.k : self.d]} if self.d > self.k else {}
 
     @property
     def statically_determinate(self) -> dict[Any, str]:
-        """Supports that hold rigid motions, and nothing else."""
+        """Supports that constrain rigid motions only."""
         own = [
             (np.array(x[: self.d]), "".join(c for c in letters if c in "xyz"[: self.k]))
             for x, letters in POINTS

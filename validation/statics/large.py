@@ -1,4 +1,4 @@
-"""The same cantilever with a million unknowns, by conjugate gradients with algebraic multigrid: time, memory, and how they grow."""
+"""The cantilever with a million unknowns by conjugate gradients with algebraic multigrid: time, memory and growth of both."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_GIGABYTES, MOST_SECONDS, MOST_GROWTH = 24.0, 1200.0, 1.2
 
 
 class Large(NamedTuple):
-    """A run, the iterations of the linear solver, and the most memory that the process has held so far [GB]."""
+    """Run, iterations of the linear solver, and peak memory of the process so far [GB]."""
 
     run: Run
     linear: int
@@ -26,7 +26,7 @@ class Large(NamedTuple):
 
 
 def large(quick: bool = False) -> Study:
-    """a million unknowns by AMG-CG within 24 GB and 20 minutes, and the growth of the time"""
+    """Solve for a million unknowns by AMG-CG within 24 GB and 20 minutes, and fit the growth of the time."""
     with_edges.warm_up(AmgCg().name)
     runs = [_run(n) for n in (QUICK_SIZES if quick else SIZES)]
     growth = fitted_order([one.run.ndofs for one in runs], [one.run.total for one in runs])
@@ -41,7 +41,7 @@ def large(quick: bool = False) -> Study:
         ("unknowns", "Newton", "CG", "assemble", "factor", "solve", "other", "total [s]", "peak [GB]"),
         tuple(map(_row, runs)),
         tuple(failures),
-        (f"growth: power {growth:.2f}", "the peak is of the whole process, with all that ran in it before"),
+        (f"growth: power {growth:.2f}", "the peak memory is of the whole process, including earlier runs in it"),
     )
 
 

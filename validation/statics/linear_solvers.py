@@ -1,4 +1,4 @@
-"""The linear solvers that programs are run with: SciPy's own, and PARDISO as its wrapper offers it."""
+"""Linear solvers for the programs: SciPy's SuperLU, and PARDISO through its wrapper pypardiso."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from .cantilever import Array
 
 
 def superlu(K: Any, b: Array) -> Array:
-    """SciPy's default, and with it scikit-fem's and FElupe's."""
+    """Solve with SuperLU, the default of SciPy, scikit-fem and FElupe."""
     x: Array = spsolve(K, b)
     return x
 
 
 def forget() -> None:
-    """Let PARDISO's wrapper forget the matrix that it factorised last; it would not factorise the same one again."""
+    """Free the last factorization of pypardiso, which would not factorise the same matrix again."""
     if pardiso_is_installed():
         import_module("pypardiso").scipy_aliases.pypardiso_solver.free_memory(everything=True)
 
 
 def direct(K: Any, b: Array) -> Array:
-    """PARDISO where it is installed, else SuperLU."""
+    """Solve with PARDISO if it is installed, otherwise with SuperLU."""
     return pardiso(K, b) if pardiso_is_installed() else superlu(K, b)
 
 
 def pardiso(K: Any, b: Array) -> Array:
-    """`pypardiso.spsolve`, which takes every matrix for an unsymmetric one."""
+    """Solve with `pypardiso.spsolve`, which treats every matrix as unsymmetric."""
     x: Array = import_module("pypardiso").spsolve(K.tocsr(), b)
     return x

@@ -1,7 +1,7 @@
-"""A manufactured solution: orders of convergence in L2 and H1 on unstructured meshes, here in 3D.
+"""Manufactured solution in 3D: orders of convergence in L2 and H1 on unstructured meshes.
 
-The solution is `skfem_stvk.referee.manufactured`'s. The displacement is prescribed on all faces but x = 1, where the traction P e_1
-acts.
+The solution is `skfem_stvk.referee.manufactured.Manufactured`. The displacement is prescribed on all faces but x = 1, where the
+traction P e_1 acts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .study import Study
 YOUNG, POISSON = 1.0e5, 0.3
 LAM, MU = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG / (2 * (1 + POISSON))
 SOLUTION = Manufactured(LAM, MU)
-#: For other studies with the same constants.
+#: Fields with the same constants, for other studies.
 displacement, gradient, nominal_stress, body_force = (
     SOLUTION.displacement,
     SOLUTION.gradient,
@@ -31,7 +31,7 @@ ORDERS, LIMIT = {"L2": 2.0, "H1": 1.0}, 0.1
 
 
 def manufactured(quick: bool = False) -> Study:
-    """a manufactured solution in 3D converges with order 2 in L2 and 1 in H1"""
+    """Fit the orders of convergence to a manufactured solution in 3D: 2 in L2 and 1 in H1."""
     cells = CELLS[:3] if quick else CELLS
     errors = np.array([_errors(moved_box(3, n)) for n in cells])
     fitted = {norm: fitted_order(1 / np.array(cells), errors[:, i]) for i, norm in enumerate(ORDERS)}
@@ -42,12 +42,12 @@ def manufactured(quick: bool = False) -> Study:
         ("tetrahedra", *(f"error in {norm}" for norm in ORDERS)),
         (*rows, ("fitted order", *(f"{order:.3f}" for order in fitted.values()))),
         tuple(f"{norm}: order {order:.3f}" for norm, order in fitted.items() if not abs(order - ORDERS[norm]) <= LIMIT),
-        ("relative to the solution's own norms; inner vertices are moved at random by up to a fifth of a cell",),
+        ("errors are relative to the norms of the solution; inner vertices are moved at random by up to a fifth of a cell",),
     )
 
 
 def _errors(mesh: ElementMesh) -> tuple[float, float]:
-    """Relative errors in L2 and in the H1 seminorm."""
+    """Return the relative errors in L2 and in the H1 seminorm."""
     pull = Traction(lambda x: x[0] == 1, lambda x, t: nominal_stress(x, t)[:, 0])
     terms = (StVK(young=YOUNG, poisson=POISSON), BodyForce(body_force), pull)
     result = solve_static(System(mesh, terms, prescribed={_but_one_face: displacement}), steps=2, quiet=True)
@@ -55,5 +55,5 @@ def _errors(mesh: ElementMesh) -> tuple[float, float]:
 
 
 def _but_one_face(x: Array) -> Any:
-    """Whether points lie on a face of the cube other than x = 1; its edges belong to the others."""
+    """Return whether points lie on a face of the cube other than x = 1. Edges of x = 1 belong to the other faces."""
     return ((x == 0) | (x == 1))[1:].any(axis=0) | (x[0] == 0)

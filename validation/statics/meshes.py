@@ -1,4 +1,4 @@
-"""Meshes of the studies: boxes whose inner vertices are moved at random, which the referee has too, and strips of triangles."""
+"""Meshes of the studies: boxes with inner vertices moved at random, shared with the referee, and strips of triangles."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from skfem_stvk.referee.manufactured import moved_box
 __all__ = ["Array", "moved_box", "strip"]
 
 
-def strip(nx: int, ny: int, place: Callable[[Array, Array], Sequence[Array]]) -> ElementMesh:
-    """`nx x ny` cells of two triangles with alternating diagonals; `place` takes the unit square's coordinates to (x, y).
+def strip(nx: int, ny: int, mapping: Callable[[Array, Array], Sequence[Array]]) -> ElementMesh:
+    """Return `nx x ny` cells of two triangles with alternating diagonals; `mapping` maps the unit square to (x, y).
 
     >>> strip(2, 2, lambda a, b: (4 * a, b))
     ElementMesh: 8 triangles in 2D, 9 vertices
@@ -25,4 +25,4 @@ def strip(nx: int, ny: int, place: Callable[[Array, Array], Sequence[Array]]) ->
     v10, v01, v11 = v00 + ny + 1, v00 + 1, v00 + ny + 2
     rising, falling = [[v00, v10, v11], [v00, v11, v01]], [[v00, v10, v01], [v10, v11, v01]]
     triangles = np.where((i + j) % 2 == 0, rising, falling)
-    return ElementMesh(np.stack(place(a.ravel(), b.ravel())), triangles.transpose(1, 2, 0).reshape(3, -1))
+    return ElementMesh(np.stack(mapping(a.ravel(), b.ravel())), triangles.transpose(1, 2, 0).reshape(3, -1))

@@ -1,4 +1,4 @@
-"""Orders of convergence, and what a sequence of meshes tends to."""
+"""Orders of convergence, and Richardson extrapolation of sequences of meshes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ __all__ = ["extrapolated", "fitted_order"]
 
 
 def extrapolated(values: ArrayLike) -> float:
-    """Richardson's limit of values on meshes that are halved each time, repeated: errors in `h^2, h^4, ...` are taken out one by
-    one.
+    """Return the repeated Richardson extrapolation of `values` on meshes with `h` halved each time.
+
+    Errors in `h^2, h^4, ...` are eliminated one by one.
 
     >>> extrapolated([5 + 3, 5 + 3 / 4, 5 + 3 / 16])
     5.0

@@ -1,4 +1,4 @@
-"""A cantilever that bends far: time by part, against the scripts that competent users of scikit-fem and FElupe write."""
+"""Cantilever in large bending: time by part, against scripts that competent users of scikit-fem and FElupe write."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .study import Study
 
 #: Cells across: about 5, 50 and 230 thousand unknowns.
 SIZES, QUICK_SIZES = (6, 14, 24), (4,)
-#: A program that would take longer [s] is run for two iterations, which tell what all would take.
+#: If a program would take longer than this [s], two iterations are run and the total is estimated from their times.
 PATIENCE = 300.0
-#: SuperLU's fill is left out beyond so many unknowns.
+#: SuperLU is left out above this number of unknowns because of its fill.
 MOST_FOR_SUPERLU = 100_000
-#: Claims are about meshes of at least so many unknowns; below, all takes seconds.
+#: The claims are about meshes of at least this number of unknowns; smaller meshes take only seconds.
 LEAST = 40_000
 PARDISO, FELUPE = Pardiso().name, "FElupe P1"
 AGREEMENT, ASSEMBLY, FASTER = 1e-6, 0.05, 10.0
@@ -35,7 +35,7 @@ SOLVERS = {"SuperLU": superlu, "PARDISO": pardiso}
 
 
 class Entry(NamedTuple):
-    """A run with a linear solver; `estimated` from its first two iterations if it would take too long."""
+    """Run with a linear solver. If the run would take too long, it is `estimated` from its first two iterations."""
 
     run: Run
     solver: str
@@ -47,37 +47,36 @@ class Entry(NamedTuple):
 
 
 def speed(quick: bool = False) -> Study:
-    """time by part of a cantilever that bends far, against scripts in scikit-fem and FElupe, in one run"""
+    """Compare the time by part with scripts in scikit-fem and FElupe, in one run."""
     absent = missing()
     with_edges.warm_up("auto", *({PARDISO} - set(absent)))
     meshes = [list(entries_on(n)) for n in (QUICK_SIZES if quick else SIZES)]
     return Study(
         "Speed, cantilever in large bending",
-        f"one answer; from {LEAST // 1000} k unknowns on both others take {FASTER:g} x as long with their default solver, and "
-        "longer with PARDISO on both sides",
+        f"all programs agree; from {LEAST // 1000} k unknowns on, both others take {FASTER:g} x as long with their default "
+        "solver, and longer with PARDISO on both sides",
         ("program", "solver", "unknowns", "iterations", "assemble", "factor", "solve", "other", "total [s]", "x auto", "tip [m]"),
         tuple(_row(entry, entries[0]) for entries in meshes for entry in entries),
         tuple(failure for entries in meshes for failure in _failures(entries)),
         (
-            f"assembly, of which {ASSEMBLY:.0%} was the target: "
-            f"{', '.join(share for entries in meshes for share in _shares(entries))}",
-            "same mesh, load steps and stop (residual 1e-8 of loads and reactions); FElupe's own time is all in 'other'",
-            f"~ where all would take more than {PATIENCE:g} s, two iterations were timed and as many counted as ours needs; "
-            f"SuperLU is left out beyond {MOST_FOR_SUPERLU} unknowns",
+            f"share of assembly (target: {ASSEMBLY:.0%}): {', '.join(share for entries in meshes for share in _shares(entries))}",
+            "same mesh, load steps and tolerance (residual 1e-8 of loads and reactions); 'other' has all of FElupe's own time",
+            f"~: the run would take more than {PATIENCE:g} s; estimated from two timed iterations and our number of iterations; "
+            f"SuperLU is left out above {MOST_FOR_SUPERLU} unknowns",
             *(f"not measured: {name}; {line}" for name, line in absent.items()),
         ),
     )
 
 
 def missing() -> dict[str, str]:
-    """Programs and solvers that are not installed, and the line that installs each."""
+    """Return the programs and solvers that are not installed, with the line that installs each."""
     lines = {} if pardiso_is_installed() else {PARDISO: "pip install 'skfem-stvk[pardiso]'"}
     felupe = PEERS["FElupe"]
     return lines if felupe.version() else lines | {FELUPE: felupe.install}
 
 
 def entries_on(n: int) -> Iterator[Entry]:
-    """All programs on the mesh with `n` cells across, ours with its own choice of a solver first."""
+    """Yield the runs of all programs on the mesh with `n` cells across; the first is ours with the solver "auto"."""
     mesh, absent = cantilever(n), missing()
     run, result = with_edges.solve(mesh)
     yield Entry(run, f"auto: {result.solver}")
@@ -86,11 +85,14 @@ def entries_on(n: int) -> Iterator[Entry]:
     for program in [program for name, program in PROGRAMS.items() if name not in absent]:
         for name, linear in SOLVERS.items():
             if name.lower() not in absent and (name != "SuperLU" or run.ndofs <= MOST_FOR_SUPERLU):
-                yield _patiently(partial(program, mesh, linear=linear, factors=result.history.t), name, run.iterations)
+                yield _run_or_estimate(partial(program, mesh, linear=linear, factors=result.history.t), name, run.iterations)
 
 
-def _patiently(solve: Callable[..., Run], solver: str, iterations: int) -> Entry:
-    """The run; or, where it would take too long, its beginning and what one more iteration takes, times the iterations of ours."""
+def _run_or_estimate(solve: Callable[..., Run], solver: str, iterations: int) -> Entry:
+    """Return the complete run, or an estimate if it would take longer than `PATIENCE`.
+
+    The estimate is the first iteration plus the time of the second for each further iteration. It assumes our number of iterations.
+    """
     forget()
     one = solve(most=1)
     forget()
@@ -109,7 +111,7 @@ def _row(entry: Entry, first: Entry) -> tuple[str, ...]:
 
 
 def _shares(entries: list[Entry]) -> Iterator[str]:
-    """Assembly's share of the time of each of our runs."""
+    """Yield the share of assembly in the time of each of our runs."""
     for entry in entries:
         if entry.ours:
             share = entry.run.seconds["assemble"] / entry.run.total
@@ -123,7 +125,7 @@ def _failures(entries: list[Entry]) -> Iterator[str]:
     for entry in entries:
         what = f"{entry.run.ndofs} unknowns, {entry.run.name} with {entry.solver}"
         if not entry.estimated and not _agree(entry.run.tip, first.run.tip):
-            yield f"{what}: tip {entry.run.tip}, not {first.run.tip}"
+            yield f"{what}: tip = {entry.run.tip}; expected {first.run.tip}"
         if large and not entry.ours:
             fast, factor = (first, FASTER) if entry.solver == "SuperLU" else (ours[PARDISO], 1.0)
             if not entry.run.total > factor * fast.run.total:

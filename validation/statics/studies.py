@@ -1,4 +1,4 @@
-"""All studies of static solves, one after the other."""
+"""Runner of the studies of static solves."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .work_precision import work_precision
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the studies of these names and print them; pictures go to the folder `out`. The exit code is 0 if all claims hold."""
+    """Run the named studies, print them and write pictures to the folder `out`. The exit code is 0 if all claims hold."""
     studies: dict[str, Callable[[bool], Study]] = {
         "homogeneous": homogeneous,
         "turek-hron": turek_hron,

@@ -1,4 +1,4 @@
-"""What a study found: a claim, the rows that were measured, and whether the claim holds."""
+"""Result of a study: the claim, the measured rows, and whether the claim holds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _recorded: list[list[Study]] = []
 
 @contextmanager
 def recording() -> Iterator[list[Study]]:
-    """The studies that are rendered within: a report has them as they are, besides what is printed."""
+    """Collect the studies that are rendered within the `with` block, for a report."""
     _recorded.append([])
     try:
         yield _recorded[-1]
@@ -27,16 +27,16 @@ def recording() -> Iterator[list[Study]]:
 
 @dataclass(frozen=True)
 class Study:
-    """A claim and what was measured for it.
+    """Claim with the measured rows.
 
     Parameters
     ----------
-    name, claim : in words; "" where times are measured and none is claimed, as by quick runs, which a busy machine must not fail.
-    columns : heads of the table.
-    rows : the table; words to the left, numbers (as text) to the right.
-    failures : what contradicts the claim, in words; it holds if there is none.
-    notes : what a reader of the table should know.
-    pictures : files that were written.
+    name, claim : in words. The claim is "" if times are only measured, as in quick runs, which must not fail on a busy machine.
+    columns : headings of the table.
+    rows : cells of the table as text. Words are aligned left, numbers right.
+    failures : contradictions to the claim, in words; the claim holds if there are none.
+    notes : remarks below the table.
+    pictures : paths of the pictures.
     """
 
     name: str
@@ -49,11 +49,11 @@ class Study:
 
     @property
     def passed(self) -> bool:
-        """Whether the claim holds, of at least one row."""
+        """Whether the claim holds and there is at least one row."""
         return bool(self.rows) and not self.failures
 
     def rendered(self) -> RenderableType:
-        """The study for a rich console."""
+        """Return the study as a rich renderable, and add it to the lists of `recording`."""
         for studies in _recorded:
             studies.append(self)
         right = tuple(column for i, column in enumerate(self.columns) if all(_is_number(row[i]) for row in self.rows))

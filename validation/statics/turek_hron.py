@@ -1,7 +1,7 @@
-"""The elastic flag of Turek and Hron (2006) under gravity, CSM1 and CSM2, in plane strain.
+"""Elastic flag of Turek and Hron (2006) under gravity, cases CSM1 and CSM2, in plane strain.
 
-The clamp is the arc of the cylinder, centre (0.2, 0.2), radius 0.05: the flag's corners there are at x = 0.2489898. A is (0.6,
-0.2).
+The clamp is an arc of the cylinder with centre (0.2, 0.2) and radius 0.05. The flag's corners there are at x = 0.2489898. Point A
+is (0.6, 0.2).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LIMIT, ORDER, ORDER_LIMIT = 1e-3, 2.0, 0.2
 
 
 class Case(NamedTuple):
-    """A case and its reference: displacements of A on the finest level (392 196 unknowns) of FeatFlow's benchmark page."""
+    """Case with its reference: displacements of A on the finest level (392 196 unknowns) of FeatFlow's benchmark page."""
 
     name: str
     young: float
@@ -35,7 +35,7 @@ CASES = (Case("CSM1", 1.4e6, (-7.18739e-3, -66.1009e-3)), Case("CSM2", 5.6e6, (-
 
 
 class Finding(NamedTuple):
-    """One component of A's displacement on all meshes [m]."""
+    """Component of the displacement of A on all meshes [m]."""
 
     case: Case
     component: int
@@ -47,17 +47,17 @@ class Finding(NamedTuple):
 
     @property
     def order(self) -> float:
-        """Fitted to the distances from the reference on the three finest meshes."""
+        """Order of convergence, fitted to the differences from the reference on the three finest meshes."""
         return fitted_order([4, 2, 1], np.abs(self.values[-3:] - self.reference))
 
     @property
     def limit(self) -> float:
-        """What the values tend to."""
+        """Richardson extrapolation of the values."""
         return extrapolated(self.values)
 
 
 def turek_hron(quick: bool = False) -> Study:
-    """Turek and Hron's CSM1 and CSM2, extrapolated, within 0.1 % of the reference"""
+    """Compare the extrapolated CSM1 and CSM2 of Turek and Hron with the reference; they agree within 0.1 %."""
     meshes = MESHES[:3] if quick else MESHES
     tips = {case: np.array([tip(case, nx, ny) for nx, ny in meshes]) for case in CASES}
     findings = [Finding(case, i, tips[case][:, i]) for case in CASES for i in (0, 1)]
@@ -68,14 +68,14 @@ def turek_hron(quick: bool = False) -> Study:
         tuple(map(_row, findings)),
         tuple(failure for finding in findings for failure in _failures(finding)),
         (
-            "the order is fitted to the distances from the reference on the three finest meshes; extrapolation by Richardson, "
+            "the order is fitted to the differences from the reference on the three finest meshes; extrapolation by Richardson, "
             "repeated; the flag's clamp is the arc of the cylinder",
         ),
     )
 
 
 def tip(case: Case, nx: int, ny: int) -> Array:
-    """Displacement (2,) of A [m]."""
+    """Return the displacement (2,) of A [m]."""
     mesh = strip(nx, ny, flag)
     flag_itself = StVK(young=case.young, poisson=POISSON, density=DENSITY)
     system = System(mesh, [flag_itself, Gravity((0, -GRAVITY))], fixed=[(np.arange(ny + 1), "xy")])
@@ -85,7 +85,7 @@ def tip(case: Case, nx: int, ny: int) -> Array:
 
 
 def flag(a: Array, b: Array) -> tuple[Array, Array]:
-    """The unit square's points on the flag, from the arc to its end."""
+    """Map the unit square to the flag, from the arc to the free end."""
     y = CENTRE + HEIGHT * (b - 0.5)
     arc = CENTRE + np.sqrt(RADIUS**2 - (y - CENTRE) ** 2)
     return arc + a * (END - arc), y

@@ -1,4 +1,4 @@
-"""The cantilever with this package."""
+"""Cantilever with this package."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .cantilever import POISSON, RTOL, TRACTION, YOUNG, Run, end_centre, timed
 
 
 def solve(mesh: skfem.MeshTet, solver: str = "auto") -> tuple[Run, StaticResult]:
-    """A static solve with the steps that it chooses, and its result."""
+    """Solve with automatic load steps; return the run and the result."""
     seconds: dict[str, float] = {}
     with timed(seconds, "other"):
         system = System(mesh, [StVK(young=YOUNG, poisson=POISSON), Traction("tip", TRACTION)], fixed={"wall": "xyz"})
@@ -23,7 +23,7 @@ def solve(mesh: skfem.MeshTet, solver: str = "auto") -> tuple[Run, StaticResult]
 
 
 def warm_up(*solvers: str) -> None:
-    """Compile the kernels and load the libraries, which is not to be timed."""
+    """Compile the kernels and load the libraries, so that neither is timed."""
     from .cantilever import cantilever
 
     for solver in solvers:

@@ -1,4 +1,4 @@
-"""The cantilever as a competent user of FElupe writes it: `SolidBody`, `PointLoad`, and a `Job` of equal load steps."""
+"""Cantilever as a competent user of FElupe writes it: `SolidBody`, `PointLoad`, and a `Job` of equal load steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from .with_scikit_fem import LinearSolver
 
 
 def solve(mesh: skfem.MeshTet, linear: LinearSolver, factors: Array = TENTHS, most: int = 1000) -> Run:
-    """FElupe's Newton, on the same law as the peer of the benchmark; `most` iterations, where only their time is asked for."""
+    """Solve with FElupe's Newton method and the law of the benchmark's peer.
+
+    `most` limits the iterations of runs that are only timed.
+    """
     felupe = require("FElupe")
     seconds: dict[str, float] = {}
     with timed(seconds, "other"):
@@ -26,7 +29,7 @@ def solve(mesh: skfem.MeshTet, linear: LinearSolver, factors: Array = TENTHS, mo
         ramp = {load: np.asarray(factors)[:, None, None] * nodal_forces(mesh)}
         step = felupe.Step([solid, load], ramp=ramp, boundaries={"wall": wall})
         solver = _Counted(linear, most)
-        with suppress(_EnoughError):
+        with suppress(_IterationLimitError):
             felupe.Job([step]).evaluate(tol=RTOL, solver=solver, verbose=0, kwargs={"parallel": True})
     seconds["solve"] = solver.seconds["solve"]
     seconds["other"] -= seconds["solve"]
@@ -34,17 +37,17 @@ def solve(mesh: skfem.MeshTet, linear: LinearSolver, factors: Array = TENTHS, mo
 
 
 def _body(mesh: skfem.MeshTet) -> tuple[Any, Any]:
-    """The solid body and its field."""
+    """Return the solid body and its field."""
     peer = FElupe(mesh.p, mesh.t, YOUNG, POISSON)
     return peer._solid, peer._field
 
 
-class _EnoughError(Exception):
-    """As many iterations were made as were asked for."""
+class _IterationLimitError(Exception):
+    """End of the iterations at the requested number."""
 
 
 class _Counted:
-    """A linear solver that counts and times its calls."""
+    """Linear solver that counts and times its calls."""
 
     def __init__(self, linear: LinearSolver, most: int) -> None:
         self.linear, self.most, self.count = linear, most, 0
@@ -52,14 +55,14 @@ class _Counted:
 
     def __call__(self, K: Any, b: Array) -> Array:
         if self.count == self.most:
-            raise _EnoughError
+            raise _IterationLimitError
         self.count += 1
         with timed(self.seconds, "solve"):
             return self.linear(K, b)
 
 
 def nodal_forces(mesh: skfem.MeshTet) -> Array:
-    """(nv, 3) forces of the traction at the vertices [N]: a third of each facet's area to each of its corners."""
+    """Return the nodal forces of the traction [N], (nv, 3): a third of each facet's force on each of its corners."""
     facets = mesh.facets[:, mesh.boundaries["tip"]]
     a, b, c = (mesh.p[:, corner].T for corner in facets)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2

@@ -1,4 +1,4 @@
-"""The cantilever as a competent user of scikit-fem writes it: forms with constant parts hoisted out, `condense` and `solve`."""
+"""Cantilever as a competent user of scikit-fem writes it: forms with precomputed constants, `condense` and `solve`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ def traction(v: Any, _: Any) -> Array:
 
 
 def stress_and_moduli(F: Array, lam: float | Array = LAM, mu: float | Array = MU) -> tuple[Array, Array]:
-    """First Piola-Kirchhoff stress `P = F S` (3, 3, nt, nq) and `A = dP/dF` (3, 3, 3, 3, nt, nq); `lam` may be (nt, 1)."""
+    """Return the first Piola-Kirchhoff stress `P = F S` (3, 3, nt, nq) and `A = dP/dF` (3, 3, 3, 3, nt, nq).
+
+    `lam` and `mu` may have the shape (nt, 1).
+    """
     E = 0.5 * (np.einsum("kI...,kJ...->IJ...", F, F) - I3)
     S = lam * np.einsum("ii...->...", E) * I3 + 2 * mu * E
     A = np.einsum("iJ...,kL...->iJkL...", lam * F, F) + np.einsum("iL...,kJ...->iJkL...", mu * F, F)
@@ -45,7 +48,10 @@ def stress_and_moduli(F: Array, lam: float | Array = LAM, mu: float | Array = MU
 
 
 def solve(mesh: skfem.MeshTet, element: str, linear: LinearSolver, factors: Array = TENTHS, most: int = 1000) -> Run:
-    """Newton's method in load steps with elements "P1" or "P2"; `most` iterations, where only their time is asked for."""
+    """Solve by Newton's method in load steps with elements "P1" or "P2".
+
+    `most` limits the iterations of runs that are only timed.
+    """
     seconds: dict[str, float] = {}
     with timed(seconds, "other"):
         elements = skfem.ElementVector(ELEMENTS[element]())
@@ -58,7 +64,7 @@ def solve(mesh: skfem.MeshTet, element: str, linear: LinearSolver, factors: Arra
             with timed(seconds, "assemble"):
                 P, A = stress_and_moduli(basis.interpolate(u).grad + I3)
                 residual = internal_force.assemble(basis, P=P) - t * load
-            if in_balance(residual, clamped, t * load):
+            if in_equilibrium(residual, clamped, t * load):
                 break
             with timed(seconds, "assemble"):
                 K = tangent.assemble(basis, A=A)
@@ -71,8 +77,8 @@ def solve(mesh: skfem.MeshTet, element: str, linear: LinearSolver, factors: Arra
     return Run(f"scikit-fem {element}", len(u), tip, iterations, seconds)
 
 
-def in_balance(residual: Array, clamped: Array, load: Array) -> bool:
-    """Whether the residual at free degrees of freedom is small against loads and reactions."""
+def in_equilibrium(residual: Array, clamped: Array, load: Array) -> bool:
+    """Return whether the residual at free degrees of freedom is small relative to loads and reactions."""
     free = residual.copy()
     free[clamped] = 0
     return bool(np.linalg.norm(free) <= RTOL * (np.linalg.norm(load) + np.linalg.norm(residual[clamped])))

@@ -1,4 +1,4 @@
-"""Tip error against wall time: linear elements by edges and by scikit-fem, and scikit-fem's quadratic ones, of the same model."""
+"""Tip error against wall time: linear elements by edges and by scikit-fem, and quadratic elements of scikit-fem."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STYLES = (("#0072B2", "o"), ("#D55E00", "s"), ("#009E73", "^"))  # Okabe and Ito
 
 
 class Point(NamedTuple):
-    """A run on a mesh of `n` cells across, and its distance from the truth."""
+    """Run on a mesh of `n` cells across, with its error relative to the reference."""
 
     n: int
     run: Run
@@ -31,20 +31,20 @@ class Point(NamedTuple):
 
 
 def work_precision(quick: bool = False, folder: Path | None = None) -> Study:
-    """what linear elements cost: tip error against time, with quadratic elements for comparison"""
+    """Measure tip error against time of linear elements, with quadratic elements for comparison."""
     with_edges.warm_up("auto")
     factors = with_edges.solve(cantilever(2))[1].history.t
     sizes = QUICK if quick else SIZES
-    truth = _truth(QUICK_FINEST if quick else FINEST)
-    points = {name: [_point(name, n, truth, factors) for n in several] for name, several in sizes.items()}
+    reference = _reference(QUICK_FINEST if quick else FINEST)
+    points = {name: [_point(name, n, reference, factors) for n in several] for name, several in sizes.items()}
     notes = [
-        f"truth: scikit-fem P2, {QUICK_FINEST if quick else FINEST} cells across, tip {truth[2]:.5f} m; scikit-fem: PARDISO, load "
-        "steps as by edges"
+        f"reference: scikit-fem P2, {QUICK_FINEST if quick else FINEST} cells across, tip {reference[2]:.5f} m; "
+        "scikit-fem: PARDISO, load steps of the edge form"
     ]
     notes += [_to_reach(goal, points) for goal in GOALS]
     return Study(
         "Work and precision",
-        f"edges give the linear elements' answer (to {AGREEMENT:g})"
+        f"edges give the same result as linear elements (to {AGREEMENT:g})"
         + ("" if quick else " in less time than scikit-fem's assembly"),
         ("program", "cells across", "unknowns", "tip [m]", "error", "iterations", "seconds"),
         tuple(_row(name, point) for name, several in points.items() for point in several),
@@ -54,19 +54,19 @@ def work_precision(quick: bool = False, folder: Path | None = None) -> Study:
     )
 
 
-def _truth(n: int) -> Array:
-    """The end's displacement on the finest mesh of quadratic elements."""
+def _reference(n: int) -> Array:
+    """Return the displacement of the end on the finest mesh of quadratic elements."""
     return with_scikit_fem.solve(cantilever(n), "P2", direct, factors=np.array([0.5, 1.0])).tip
 
 
-def _point(name: str, n: int, truth: Array, factors: Array) -> Point:
+def _point(name: str, n: int, reference: Array, factors: Array) -> Point:
     mesh = cantilever(n)
     run = with_edges.solve(mesh)[0] if name == "edges P1" else with_scikit_fem.solve(mesh, name[-2:], direct, factors)
-    return Point(n, run, float(np.linalg.norm(run.tip - truth) / np.linalg.norm(truth)))
+    return Point(n, run, float(np.linalg.norm(run.tip - reference) / np.linalg.norm(reference)))
 
 
 def seconds_to_reach(goal: float, points: list[Point]) -> float:
-    """Time for an error of `goal`, on the straight lines through neighbours on logarithmic scales; NaN outside of them."""
+    """Return the time for an error of `goal` by linear interpolation on logarithmic scales; NaN outside the measured errors."""
     errors, seconds = [point.error for point in points], [point.run.total for point in points]
     if not min(errors) <= goal <= max(errors):
         return float("nan")
@@ -97,7 +97,7 @@ def _failures(points: dict[str, list[Point]], times: bool) -> Iterator[str]:
 
 
 def _picture(points: dict[str, list[Point]], folder: Path) -> Path:
-    """Error against time of each program."""
+    """Plot error against time of each program."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     for (name, several), (colour, marker) in zip(points.items(), STYLES, strict=True):

@@ -1,4 +1,4 @@
-"""Right endings: by tiny steps of Verlet, a rigid body's, a state of rest, or that there is none."""
+"""Right final states: by tiny steps of Verlet, of a rigid body, at rest, or none."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..truths import Make
 from .scene import Ending
 from .verlet import Motion, followed, total_energy
 
-#: Of displacements, as a part of the largest; of the energy, as a part of the most: for steps that a user would take.
+#: Limit of the error of displacements relative to the largest, and of the energy relative to its maximum, for usual steps.
 LIMIT = 0.1
 
 
@@ -22,14 +22,15 @@ def _forces(volume: bool, degree: int) -> str:
 
 
 def none(when: float, degree: int = 1) -> Ending:
-    """The material gives way: St. Venant-Kirchhoff does not resist what turns it inside out."""
-    return Ending(f"none: in tiny steps of Verlet, {_forces(False, degree)}, elements turn inside out at {when:.2f} s", None)
+    """Return the outcome that the material loses stability: St. Venant-Kirchhoff does not resist inversion."""
+    return Ending(f"none: in tiny steps of Verlet, {_forces(False, degree)}, elements invert at {when:.2f} s", None)
 
 
 def tiny_steps(make: Make, until: float, steps: int, volume: bool = False, degree: int = 1) -> Ending:
-    """Return the end of velocity Verlet in so many steps, by scikit-fem's forces for linear elements without a volume term.
+    """Return the final state of velocity Verlet in `steps` steps.
 
-    Quadratic elements vibrate faster and take four times as many. The source names those of elements of this `degree`.
+    Linear elements without a volume term use scikit-fem's forces. Quadratic elements vibrate faster and take four times as many
+    steps. The source is stated for elements of this `degree`.
     """
 
     def _followed(system: System) -> Motion:
@@ -49,7 +50,10 @@ def tiny_steps(make: Make, until: float, steps: int, volume: bool = False, degre
 
 
 def state(source: str, make: Make, expected: Callable[[System], Array], free: bool = False, limit: float = LIMIT) -> Ending:
-    """Displacements (ndofs,) that come from elsewhere; a body that starts `free` and at rest in shape keeps its energy [J]."""
+    """Return the outcome with displacements (ndofs,) from the function `expected`.
+
+    If the body is `free` and starts without strain, it conserves its energy [J].
+    """
 
     def error(system: System, u: Array) -> float:
         right = expected(system)

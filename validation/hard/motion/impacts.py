@@ -17,11 +17,11 @@ from .scene import Scene
 
 YOUNG, POISSON, DENSITY = 1e5, 0.3, 1e3
 UNTIL, TINY = 0.5, 500
-#: Speed at which every other vertex of the shaken block begins to move down [m/s], until when and in which steps it is followed.
+#: Initial downward speed of every other vertex of the shaken block [m/s], duration [s] and number of steps.
 SHAKEN, SHAKEN_UNTIL, SHAKEN_STEPS = 6.0, 0.4, 80
-#: Methods that show what becomes of it; with the volume term its motion depends on rounding, so that there is none to compare with.
+#: Methods for this block without the volume term. With it, the motion depends on rounding, so there is no reference.
 WITHOUT_VOLUME = ("plain eq. 9", "forward Euler", "forward Euler, dt=None", "eq. 9", "backward Euler", "energy-momentum")
-#: The plate is down and up again after this time [s].
+#: Time after which the plate is back in its first position [s].
 CRUSHED = 0.4
 
 
@@ -50,15 +50,15 @@ def _shake() -> Scene:
     )
 
 
-def _scene(name: str, make: Make, steps: int, turned: float | None = None, *, degree: int = 1) -> Scene:
-    """`turned`: when elements turn inside out where no volume term resists."""
-    truth = endings.tiny_steps(make, UNTIL, TINY, False, degree) if turned is None else endings.none(turned, degree)
+def _scene(name: str, make: Make, steps: int, inverted: float | None = None, *, degree: int = 1) -> Scene:
+    """Return a scene. `inverted`: time at which elements invert without a volume term; None if they do not."""
+    truth = endings.tiny_steps(make, UNTIL, TINY, False, degree) if inverted is None else endings.none(inverted, degree)
     with_volume = endings.tiny_steps(make, UNTIL, TINY, True, degree)
     return Scene(name, partial(made, make, degree), steps, truth=truth, with_volume=with_volume, until=UNTIL)
 
 
 def _dropped(speed: float, n: int = 4) -> Body:
-    """A cube as it hits the ground at this speed [m/s], where its foot stays."""
+    """Return a cube at its impact on the ground with this speed [m/s]; its foot is fixed."""
     mesh = meshes.bar(1.0, n)
     v0 = np.where(mesh.p[2] > 0, -speed, 0.0)[:, None] * [0.0, 0.0, 1.0]
     weight = Gravity(g=(0, 0, -9.81))
@@ -66,7 +66,7 @@ def _dropped(speed: float, n: int = 4) -> Body:
 
 
 def _shaken() -> Body:
-    """A cube on the ground, of which every other vertex begins to move down."""
+    """Return a cube on the ground; every other vertex has a downward initial velocity."""
     mesh = meshes.bar(1.0, 4)
     v0 = np.where(np.arange(mesh.nv) % 2 == 0, -SHAKEN, 0.0) * (mesh.p[2] > 0)
     weight = Gravity(g=(0, 0, -9.81))
@@ -76,7 +76,7 @@ def _shaken() -> Body:
 
 
 def _crushed(by: float) -> Body:
-    """A cube between two plates, of which one goes down by this part of its height and comes back."""
+    """Return a cube between two plates. The upper plate moves down by this fraction of the height and back."""
     plate = {"x": 0.0, "y": 0.0, "z": partial(_down, by)}
     mesh = meshes.bar(1.0, 4)
     return Body(mesh, YOUNG, POISSON, fixed={lambda x: x[2] == 0: "xyz"}, prescribed={lambda x: x[2] == 1: plate}, density=DENSITY)

@@ -1,4 +1,4 @@
-"""Whether a method was right about a motion: by where the body is and what energy it has, whatever the method says of it."""
+"""Verdict on a motion from its final state and energy, independent of the message of the method."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ from ..judge import FLAT, Judgement, Verdict, volume_ratios
 from .endings import LIMIT
 from .scene import Ending
 
-#: How a method says that elements were inside out on the way, and that its steps lost or gained energy; what no words admit.
+#: Patterns of messages that report inverted elements on the way, or a loss or gain of energy; a pattern that never matches.
 INSIDE_OUT, ENERGY, NOTHING = "inside out", r"(lost|gained) \d+ % of the energy", r"(?!)"
 
 
 class Fault(NamedTuple):
-    """What speaks against a state, and a pattern of the words that admit it."""
+    """Fault of a state, and the pattern of a message that reports it."""
 
     what: str
     words: str
 
 
 def judged(system: System, u: Array, v: Array, claims_success: bool, said: str, ending: Ending) -> Judgement:
-    """The verdict on the last state (ndofs,) of a method that reached the end, or did not; `said` is its message: a warning is
-    gone by then.
+    """Return the verdict on the last state (ndofs,) of a method. `said` is its message.
 
-    A fault that it has said itself is none of being wrong, but for elements that are inside out in the end: no words make that a
-    success.
+    `claims_success` means that the method reached the end. A fault that the message reports is not counted as wrong. Inverted
+    elements in the final state are an exception: no message makes them a success.
     """
     if not claims_success:
         return Judgement(Verdict.SAID_SO, said)
@@ -43,12 +42,12 @@ def judged(system: System, u: Array, v: Array, claims_success: bool, said: str, 
 
 
 def faults_of(system: System, u: Array, v: Array, ending: Ending) -> list[Fault]:
-    """What speaks against a last state."""
+    """Return the faults of a final state."""
     if not (np.isfinite(u).all() and np.isfinite(v).all()):
         return [Fault("not finite", NOTHING)]
-    turned = int((volume_ratios(system, u) <= FLAT).sum())
-    if turned:
-        return [Fault(f"{turned} elements inside out", NOTHING)]
+    inverted = int((volume_ratios(system, u) <= FLAT).sum())
+    if inverted:
+        return [Fault(f"{inverted} elements inside out", NOTHING)]
     if ending.error is None:
         return [Fault("no right motion", f"{INSIDE_OUT}|{ENERGY}")]
     faults: list[Fault] = []

@@ -1,4 +1,4 @@
-"""Runs of very many steps: nothing grows but the ledger."""
+"""Runs of very many steps: only the ledger may grow."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from skfem_stvk.dynamics.record import MotionState
 
 from .. import meshes
 
-#: Part of the steps after which memory is looked at first; what Python may hold in the end that it did not then, besides the ledger
+#: Fraction of the steps before the first memory measurement; largest growth of Python's memory after it, without the ledger
 #: [bytes].
 WARM, MOST = 0.2, 1e5
-#: Of the energy that there is: what may have gone or come from nowhere; linearised backward Euler loses it by its nature.
+#: Largest energy error relative to the energy; linearised backward Euler dissipates energy and is exempt.
 ENERGY, DISSIPATES = 0.05, ("LinearBackwardEuler",)
 DT = 5e-4
-#: Integrators, steps of the quick table and of the whole one.
+#: Integrators, with numbers of steps of the quick and of the complete table.
 LONG: tuple[tuple[Integrator, int, int], ...] = (
     (ForwardEuler(dt=DT), 20_000, 1_000_000),
     (EnergyMomentum(dt=10 * DT), 400, 20_000),
@@ -32,13 +32,13 @@ LONG: tuple[tuple[Integrator, int, int], ...] = (
 
 
 class Growth(NamedTuple):
-    """What a long run took.
+    """Result of a long run.
 
     Attributes
     ----------
-    ledger, other, process : memory that the ledger's rows take, what Python holds besides that it did not after `WARM` of the
-        steps, and by how much the process grew since then, with all that allocators keep [bytes].
-    energy : closure error in the end, as a part of the largest strain energy.
+    ledger, other, process : memory of the ledger's rows, growth of Python's other memory after `WARM` of the steps, and growth of
+        the process since then, including memory that allocators retain [bytes].
+    energy : closure error at the end relative to the largest strain energy.
     """
 
     name: str
@@ -51,12 +51,12 @@ class Growth(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether nothing grew but the ledger, and the energy is where it belongs."""
+        """Whether only the ledger grew, and the energy error is within its limit."""
         return self.other <= MOST and (abs(self.energy) <= ENERGY or self.name in DISSIPATES)
 
 
 class Watched:
-    """An integrator at work, which looks at the memory once, when a time [s] has come."""
+    """Stepper that measures the memory once, at a given time [s]."""
 
     def __init__(self, stepper: Stepper, when: float) -> None:
         self._stepper, self._when, self.before, self.process = stepper, when, 0.0, 0.0
@@ -67,11 +67,11 @@ class Watched:
     def step(self, state: MotionState, t: float) -> None:
         self._stepper.step(state, t)
         if t >= self._when:
-            self._when, self.before, self.process = float("inf"), held(), resident()
+            self._when, self.before, self.process = float("inf"), traced(), resident()
 
 
-def held() -> float:
-    """What Python holds since tracing began, but for ledgers [bytes]."""
+def traced() -> float:
+    """Return Python's memory since tracing began, without ledgers [bytes]."""
     snapshot = tracemalloc.take_snapshot().filter_traces(
         [tracemalloc.Filter(False, "*ledger.py"), tracemalloc.Filter(False, tracemalloc.__file__)]
     )
@@ -79,13 +79,13 @@ def held() -> float:
 
 
 def resident() -> float:
-    """Memory of this process that is in use [bytes]; 0 where the system has no such file."""
+    """Return the resident memory of this process [bytes]; 0 if the system has no such file."""
     file = Path("/proc/self/statm")
     return float(file.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if file.exists() else 0.0
 
 
 def grown(integrator: Integrator, steps: int, watched: Callable[[Stepper, float], Watched] = Watched) -> Growth:
-    """A small cantilever that swings for so many steps."""
+    """Measure a small cantilever that swings for `steps` steps."""
     assert integrator.dt is not None
     until, made = steps * integrator.dt, []
 
@@ -100,7 +100,7 @@ def grown(integrator: Integrator, steps: int, watched: Callable[[Stepper, float]
     begin = perf_counter()
     tracemalloc.start()
     run = simulate(system, observed, until=until, quiet=True)
-    seconds, other, process = perf_counter() - begin, held() - made[0].before, resident() - made[0].process
+    seconds, other, process = perf_counter() - begin, traced() - made[0].before, resident() - made[0].process
     tracemalloc.stop()
     closure, most = run.ledger["closure_error"][-1], run.ledger["strain_energy"].max()
     return Growth(integrator.name, steps, seconds, run.ledger.rows().nbytes, other, process, float(closure / most))

@@ -1,4 +1,4 @@
-"""The methods of the table: what each makes of a scene."""
+"""Methods of the table, and a run of a method on a scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .scene import Scene
 
 
 class Answer(NamedTuple):
-    """What a method says: its last displacements and velocities, whether it claims to be at the end, counts, status and message."""
+    """Answer of a method: last displacements and velocities, whether it claims success, counts, status and message."""
 
     u: Array
     v: Array
@@ -37,13 +37,16 @@ def _plain(scene: Scene) -> Answer:
 
 
 class Method(NamedTuple):
-    """An integrator for steps of this length [s], None for the method without checks; whether the system has the volume term."""
+    """Function that returns an integrator for a step [s], and whether the volume term is used.
+
+    The function is None for the method without checks.
+    """
 
     integrator: Callable[[float], Integrator] | None
     volume: bool = False
 
     def solve(self, scene: Scene) -> Answer:
-        """Its answer."""
+        """Return the answer of the method."""
         if self.integrator is None:
             return _plain(scene)
         body = scene.body()
@@ -62,7 +65,7 @@ class Method(NamedTuple):
         return Answer(run.u, run.v, run.success, run.ledger.steps - 1, run.iterations, run.status.value, run.message)
 
 
-#: By name, in the order of the table; all but the first are the project's.
+#: Methods by name, in the order of the table; all but the first are this package's.
 METHODS = {
     "plain eq. 9": Method(None),
     "forward Euler": Method(lambda dt: ForwardEuler(dt=dt)),
@@ -78,7 +81,7 @@ OURS = tuple(METHODS)[1:]
 
 
 def run(scene: Scene, name: str) -> Run:
-    """Run a method on a scene, and judge what it says."""
+    """Run a method on a scene, and judge its answer."""
     method, begin = METHODS[name], perf_counter()
     with np.errstate(all="ignore"):
         answer = method.solve(scene)

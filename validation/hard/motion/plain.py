@@ -1,4 +1,4 @@
-"""Linearised backward Euler as the overview writes it (eq. 9), and nothing else: no question asked."""
+"""Linearised backward Euler as in the overview (eq. 9), without any checks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .verlet import masses
 
 
 def simulated(scene: Scene) -> tuple[Array, Array, int]:
-    """Displacements and velocities (ndofs,) after all steps, and how many had finite numbers.
+    """Return displacements and velocities (ndofs,) after all steps, and the number of steps with finite values.
 
     v <- 1/T (M/T^2 + D/T + K)^-1 (h - F(p) + M v/T)        p <- p + T v
     """

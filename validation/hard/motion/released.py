@@ -1,4 +1,4 @@
-"""Bodies that are let go: stretched, pressed flat, under their weight; and a whip."""
+"""Bodies that are released: stretched, flattened, under their weight; and a whip."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from . import endings
 from .scene import Scene
 
 YOUNG, POISSON, DENSITY = 1e5, 0.3, 1e3
-#: The whip's Young's modulus [Pa], the angle that its handle swings by and comes back, and the time that it takes for that [s].
+#: Young's modulus of the whip [Pa], amplitude of the handle's rotation [rad], and its duration [s].
 LASH, ANGLE, STROKE = 1e7, 1.0, 0.25
 
 
@@ -34,28 +34,28 @@ def released() -> list[Scene]:
     ]
 
 
-def _scene(name: str, make: Make, until: float, steps: int, tiny: int, turned: float | None = None, *, degree: int = 1) -> Scene:
-    """`turned`: when elements turn inside out where no volume term resists."""
-    truth = endings.tiny_steps(make, until, tiny, False, degree) if turned is None else endings.none(turned, degree)
+def _scene(name: str, make: Make, until: float, steps: int, tiny: int, inverted: float | None = None, *, degree: int = 1) -> Scene:
+    """Return a scene. `inverted`: time at which elements invert without a volume term; None if they do not."""
+    truth = endings.tiny_steps(make, until, tiny, False, degree) if inverted is None else endings.none(inverted, degree)
     with_volume = endings.tiny_steps(make, until, tiny, True, degree)
     return Scene(name, partial(made, make, degree), steps, truth=truth, with_volume=with_volume, until=until)
 
 
 def _let_go(length: float, n: int, stretches: tuple[float, float, float]) -> Body:
-    """A free bar that starts from rest, stretched along the axes."""
+    """Return a free bar that starts from rest, stretched along the axes."""
     mesh = meshes.bar(length, n)
     u0 = (np.diag(stretches) - np.eye(3)) @ mesh.p
     return Body(mesh, YOUNG, POISSON, u0=u0.ravel("F"), density=DENSITY)
 
 
 def _swinging() -> Body:
-    """A soft cantilever whose weight begins to act."""
+    """Return a soft cantilever on which its weight acts suddenly."""
     weight = Gravity(g=(0, 0, -9.81))
     return Body(meshes.bar(3.0, 3), 1e6, POISSON, (weight,), {lambda x: x[0] == 0: "xyz"}, density=DENSITY)
 
 
 def _whip() -> Body:
-    """A bar that tapers from 8 cm to 2 cm over 1 m, its handle turned about an axis across."""
+    """Return a bar that tapers from 8 cm to 2 cm over 1 m. Its handle rotates about a transverse axis."""
     across = np.linspace(-0.5, 0.5, 2)
     straight = meshes.box([np.linspace(0, 1, 21), across, across])
     p = straight.p.copy()

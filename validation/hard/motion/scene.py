@@ -1,4 +1,4 @@
-"""A hard case in motion: a body, how long it moves and in which steps, and where it has to be in the end."""
+"""Hard case in motion: a body, the duration and steps of its motion, and the right final state."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..case import Array, Case, Truth
 
 @dataclass(frozen=True)
 class Ending(Truth):
-    """Where a body has to be in the end, with which energy.
+    """Right final state and energy of a body.
 
     Parameters
     ----------
-    energy : how far the energy of displacements and velocities is off, as a part of the largest there was; None where none is
-        asked for.
+    energy : function that returns the error of the energy of displacements and velocities relative to its maximum; None if the
+        energy is not checked.
     """
 
     energy: Callable[[System, Array, Array], float] | None = None
@@ -26,14 +26,14 @@ class Ending(Truth):
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(Case):
-    """A row of the table; its `steps` are those of the methods that take the same.
+    """Row of the table; its `steps` are those of the methods with a given step.
 
     Parameters
     ----------
-    truth, with_volume : without and with the volume term.
-    until : the end [s].
-    damping : what acts besides.
-    right : names of the methods that have to be right where there is a right motion; the others may say that they are not.
+    truth, with_volume : right final states without and with the volume term.
+    until : duration [s].
+    damping : Rayleigh damping; None for none.
+    right : names of the methods that must be right if there is a right motion. The other methods may report a failure.
     """
 
     truth: Ending

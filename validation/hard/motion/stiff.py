@@ -1,4 +1,4 @@
-"""Steps of 1/30 s, however stiff: 1e9 Pa among 1e2 Pa, and a block thrown."""
+"""Steps of 1/30 s for any stiffness: 1e9 Pa in 1e2 Pa, and a block that is thrown."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .scene import Scene
 from .verlet import masses
 
 STIFF, SOFT, FOAM = 1e9, 1e2, 40.0
-#: As stiff as can be followed in tiny steps, and so much stiffer than what is soft that it is rigid as well.
+#: Stiffness that tiny steps can still resolve, and large enough relative to the soft part for the core to be nearly rigid [Pa].
 RIGID = 1e5
-#: Of the thrown block [1/s]: about the axis of its middle inertia, and a little about the others.
+#: Angular velocity of the thrown block [1/s], mostly about its axis of intermediate inertia.
 SPIN = np.array([0.3, 6.0, 0.3])
 THROWN = 2.0
 
@@ -36,34 +36,35 @@ def _kick() -> Scene:
 
 
 def _between(stiff: float) -> Body:
-    """A bar, soft but for its middle third, which is kicked and spun; its ends are held."""
+    """Return a bar with clamped ends, soft but for its middle third, which starts with a translation and a spin."""
     mesh = meshes.bar(3.0, 2)
     young = np.where(np.abs(mesh.p[0, mesh.t].mean(axis=0) - 1.5) < 0.5, stiff, SOFT)
     x = mesh.p.T - [1.5, 0.5, 0.5]
-    turning = np.cross([0.0, 1.0, 0.0], x)
-    v0 = np.where(np.abs(x[:, :1]) < 0.51, turning + np.array([0.0, 0.0, 1.0]), 0.0)
+    spin = np.cross([0.0, 1.0, 0.0], x)
+    v0 = np.where(np.abs(x[:, :1]) < 0.51, spin + np.array([0.0, 0.0, 1.0]), 0.0)
     ends = {lambda x: (x[0] == 0) | (x[0] == 3): "xyz"}
     return Body(mesh, young, 0.3, fixed=ends, density=FOAM, v0=v0.ravel())
 
 
 def _flip() -> Scene:
-    truth = endings.state("a rigid body's, Euler's equations", _spun, _turned, free=True)
+    truth = endings.state("a rigid body's, Euler's equations", _spun, _rotated, free=True)
     name = "throw a block of 1e9 Pa that flips, in steps of 1/30 s"
     return Scene(name, _spun, 60, truth=truth, with_volume=truth, until=THROWN)
 
 
 def _spun() -> Body:
-    """A block with three different moments of inertia, about its centre of mass."""
+    """Return a block with three different moments of inertia, with its centre of mass at the origin."""
     mesh = meshes.box([np.linspace(-0.5, 0.5, 5), np.linspace(-0.25, 0.25, 3), np.linspace(-0.1, 0.1, 2)])
     mass = masses(Body(mesh, STIFF, 0.3, density=1e3))[::3]
     centred = ElementMesh(mesh.p - (mesh.p @ mass / mass.sum())[:, None], mesh.t)
     return Body(centred, STIFF, 0.3, density=1e3, v0=np.cross(SPIN, centred.p.T).ravel())
 
 
-def _turned(system: System) -> Array:
-    """Displacements (ndofs,) in the end, by `R' = R [w]x`, `I w = R' L` with the angular momentum `L` that stays.
+def _rotated(system: System) -> Array:
+    """Return the final displacements (ndofs,) by `R' = R [w]x`, `I w = R' L`, with the constant angular momentum `L`.
 
-    The centre of the masses of quadratic elements is a little beside that of linear ones, about which the body is spun: it flies.
+    The lumped masses of quadratic elements have a slightly different centre. The initial spin is about the centre of the linear
+    elements, so the quadratic body also translates.
     """
     body = made(_spun, system.mesh.element.degree)
     mass = masses(body)[::3]

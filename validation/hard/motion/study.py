@@ -1,4 +1,4 @@
-"""All scenes by all methods, and runs of very many steps: printed as they come, and saved."""
+"""Runner of all scenes with all methods, and of runs of very many steps: prints progress and tables, and saves the tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .methods import run as run_method
 from .scene import Scene
 
 NAME = "hard-cases-in-motion"
-#: What is drawn: names of scenes, and the method whose last state it is.
+#: Pictures: names of scenes, and the method whose last state is drawn.
 SHOWN = (
     ("drop a block from 0.2 m", "energy-momentum"),
     ("drop a block from 0.2 m", "energy-momentum + volume"),
@@ -40,7 +40,7 @@ SHOWN = (
 
 
 def motion(console: Console, quick: bool, out: Path | None) -> list[str]:
-    """The table of bodies in motion, and what does not hold in it."""
+    """Print the table of bodies in motion, and return the failed claims."""
     begin, rows = perf_counter(), []
     for scene in scenes(quick):
         console.print(f"[dim]{perf_counter() - begin:5.0f} s  {escape(scene.name)}[/]")
@@ -55,17 +55,20 @@ def motion(console: Console, quick: bool, out: Path | None) -> list[str]:
 
 
 def scenes(quick: bool) -> list[Scene]:
-    """All; `quick`: without those that take long."""
+    """Return all scenes; `quick` omits the slow ones."""
     return [scene for make in SCENES for scene in make() if scene.quick or not quick]
 
 
 def row_of(scene: Scene) -> Row:
-    """A scene by all its methods."""
+    """Run all methods of a scene."""
     return Row(scene, scene.body().system(volume=False), [run_method(scene, method) for method in scene.methods or METHODS])
 
 
 def failures(row: Row) -> Iterator[str]:
-    """What contradicts the claims: the project is never wrong without a word, and right where the scene says so."""
+    """Yield the contradictions to the claims.
+
+    This package is never wrong without a warning, and right in the scenes that require it.
+    """
     scene = row.case
     assert isinstance(scene, Scene)
     for run in row.runs:
@@ -73,12 +76,12 @@ def failures(row: Row) -> Iterator[str]:
         if run.method in OURS and run.verdict is Verdict.WRONG:
             yield f"{scene.name}, {run.method}: reported as success, but {run.judgement.why}"
         elif run.method in scene.right and ending.error is not None and run.verdict is not Verdict.RIGHT:
-            yield f"{scene.name}, {run.method}: there is a right motion, but: {run.judgement.why}"
+            yield f"{scene.name}, {run.method}: a right motion exists; got: {run.judgement.why}"
 
 
 def memory(console: Console, quick: bool, out: Path | None) -> list[str]:
-    """The table of long runs, and what does not hold in it."""
-    columns = "steps", "s", "ledger, MB", "besides, MB", "process, MB", "energy off by"
+    """Print the table of long runs, and return the failed claims."""
+    columns = "steps", "s", "ledger, MB", "other, MB", "process, MB", "energy off by"
     table = grid("Long runs", "integrator", *columns, right=columns)
     found = [grown(integrator, few if quick else many) for integrator, few, many in LONG]
     for one in found:
@@ -90,7 +93,7 @@ def memory(console: Console, quick: bool, out: Path | None) -> list[str]:
 
 def _failures(one: Growth) -> Iterator[str]:
     if not one.holds:
-        yield f"{one.name}: {one.steps} steps left {one.other / 1e6:.3f} MB besides the ledger, energy off by {one.energy:.1e}"
+        yield f"{one.name}: {one.steps} steps left {one.other / 1e6:.3f} MB without the ledger, energy off by {one.energy:.1e}"
 
 
 __all__ = ["Run", "failures", "memory", "motion", "row_of", "scenes"]

@@ -1,4 +1,4 @@
-"""Motions by an independent solve: velocity Verlet in tiny steps, with scikit-fem's forces; the system's for a volume term."""
+"""Independent motions: velocity Verlet in tiny steps with scikit-fem's forces, or with the system's forces for a volume term."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from skfem_stvk.terms.load import Moment
 from ..case import Array, Body, made
 from ..judge import volume_ratios
 
-#: Every so many steps is looked at volumes and energies.
+#: Volumes and energies are checked after this number of steps.
 EVERY = 10
-#: Prescribed displacements are differenced over this time for the first velocities [s].
+#: Time step for the finite difference of prescribed displacements that gives the initial velocities [s].
 BRIEF = 1e-6
 
 
 class Motion(NamedTuple):
-    """How a motion went.
+    """Result of a motion.
 
     Attributes
     ----------
-    u, v : (ndofs,) displacements [m] and velocities [m/s] in the end.
-    size : root mean square of the displacements where they were largest [m].
-    energy, most : kinetic, strain and potential energy in the end, and the most that kinetic and strain energy were together [J].
-    turned : when an element was first seen inside out [s]; infinity for never.
+    u, v : (ndofs,) displacements [m] and velocities [m/s] at the end.
+    size : largest root mean square of the displacements [m].
+    energy, most : kinetic, strain and potential energy at the end, and the largest sum of kinetic and strain energy [J].
+    inverted : time at which an inverted element was first found [s]; infinity for never.
     """
 
     u: Array
@@ -37,7 +37,7 @@ class Motion(NamedTuple):
     size: float
     energy: float
     most: float
-    turned: float
+    inverted: float
 
 
 class Elasticity(NamedTuple):
@@ -48,7 +48,7 @@ class Elasticity(NamedTuple):
 
 
 def elasticity(body: Body, volume: bool) -> Elasticity:
-    """The elasticity of scikit-fem, or of the system itself where there is a volume term, or elements are quadratic."""
+    """Return scikit-fem's elasticity, or the system's own for a volume term or quadratic elements."""
     if volume or body.mesh.element.degree == 2:
         system = body.system(volume)
         return Elasticity(system.energy, system.internal_force)
@@ -58,7 +58,10 @@ def elasticity(body: Body, volume: bool) -> Elasticity:
 
 
 def masses(body: Body) -> Array:
-    """(ndofs,) lumped: a quarter of each tetrahedron to its vertices [kg]; of quadratic elements the system's own."""
+    """Return the lumped masses [kg], (ndofs,): a quarter of each tetrahedron for each of its vertices.
+
+    For quadratic elements, the masses are the system's own.
+    """
     if body.mesh.element.degree == 2:
         system = body.system(volume=False)
         return system.mass().multiply(np.ones(system.ndofs))
@@ -69,35 +72,35 @@ def masses(body: Body) -> Array:
 
 
 def total_energy(body: Body, volume: bool, u: Array, v: Array) -> float:
-    """Kinetic and strain energy and the potential of constant loads [J]."""
+    """Return the sum of kinetic energy, strain energy and potential of constant loads [J]."""
     loads = body.system(volume).external_force(np.zeros_like(u), Moment(0.0, 1.0))
     return float(v @ (masses(body) * v) / 2 + elasticity(body, volume).energy(u) - loads @ u)
 
 
 @lru_cache(maxsize=32)
 def followed(make: Callable[[], Body], volume: bool, until: float, steps: int, degree: int = 1) -> Motion:
-    """The motion from the body's `u0` and `v0` until a time [s], in so many steps, of elements of this `degree`."""
+    """Return the motion from the body's `u0` and `v0` until a time [s] in `steps` steps, with elements of this `degree`."""
     body = made(make, degree)
     system, M, h = body.system(volume), masses(body), until / steps
     elastic, held = elasticity(body, volume), system.supports.held
     u, v = (np.zeros(system.ndofs) if given is None else given.copy() for given in (body.u0, body.v0))
-    v[held] = (_held(system, BRIEF) - _held(system, 0.0)) / BRIEF
+    v[held] = (_prescribed(system, BRIEF) - _prescribed(system, 0.0)) / BRIEF
     a = (system.external_force(u, Moment(0.0, 1.0)) - elastic.force(u)) / M
-    size, most, turned = 0.0, 0.0, np.inf
+    size, most, inverted = 0.0, 0.0, np.inf
     for step in range(1, steps + 1):
         t, before = step * h, u[held]
         v += h / 2 * a
         u += h * v
-        u[held] = _held(system, t)
+        u[held] = _prescribed(system, t)
         a = (system.external_force(u, Moment(t, 1.0)) - elastic.force(u)) / M
         v += h / 2 * a
         v[held] = (u[held] - before) / h
         size = max(size, float(np.sqrt((u**2).mean())))
         if step % EVERY == 0:
             most = max(most, float(v @ (M * v) / 2 + elastic.energy(u)))
-            turned = t if turned == np.inf and volume_ratios(system, u).min() <= 0 else turned
-    return Motion(u, v, size, total_energy(body, volume, u, v), most, turned)
+            inverted = t if inverted == np.inf and volume_ratios(system, u).min() <= 0 else inverted
+    return Motion(u, v, size, total_energy(body, volume, u, v), most, inverted)
 
 
-def _held(system: System, t: float) -> Array:
+def _prescribed(system: System, t: float) -> Array:
     return np.asarray(system.supports.values(Moment(t, 1.0)))

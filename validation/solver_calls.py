@@ -1,4 +1,4 @@
-"""Costs of the other calls of solvers, and of F and K under each law: one run, one thread."""
+"""Costs of further calls of solvers, and of F and K under each law: one run, one thread."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from skfem_stvk.system import Pattern
 
 from .bench.costs import best_and_median
 
-#: The first is the unit of the others.
+#: Compared laws; the first one is the unit.
 LAWS = StVK, NeoHookean, Corotated, InvertibleStVK
 
 
 def costs(meshes: Mapping[str, ElementMesh], term: StVK, seconds: float) -> Table:
     """Return a table of ns per tetrahedron of each call, and of multiples of W and F."""
-    return _table("asked", meshes, lambda mesh: calls(mesh, term), lambda name: "W and F", seconds)
+    return _table("call", meshes, lambda mesh: calls(mesh, term), lambda name: "W and F", seconds)
 
 
 def costs_of_laws(meshes: Mapping[str, ElementMesh], seconds: float) -> Table:
@@ -51,7 +51,7 @@ def _table(
 
 
 def calls_of_laws(mesh: ElementMesh) -> dict[str, Callable[[], Any]]:
-    """Calls by law and quantity, in a homogeneous state of some per cent of strain."""
+    """Return the calls by law and quantity, in a homogeneous state with strains of some per cent."""
     u = (mesh.p.T @ (0.05 * np.random.default_rng(0).standard_normal((3, 3)))).ravel()
     found: dict[str, Callable[[], Any]] = {}
     for law in LAWS:
@@ -68,7 +68,7 @@ def calls_of_laws(mesh: ElementMesh) -> dict[str, Callable[[], Any]]:
 
 
 def calls(mesh: ElementMesh, term: StVK) -> dict[str, Callable[[], Any]]:
-    """Calls by what is asked, in a state with edges in tension and in compression."""
+    """Return the calls by name, in a state with edges in tension and in compression."""
     assembly, rng = term.bind(mesh), np.random.default_rng(0)
     u, v = (amount * rng.standard_normal((mesh.nv, 3)) for amount in (0.1 * np.cbrt(np.ptp(mesh.p) ** 3 / mesh.nv), 1.0))
     force, diagonal = np.zeros_like(u), np.zeros((mesh.nv, 3, 3))

@@ -1,4 +1,4 @@
-"""Starts that are inside out or tangled: what is damped comes to rest where it would be without."""
+"""Initial states with inverted elements: the damped body comes to rest in the static equilibrium."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNTIL, LIMIT = 4.0, 0.05
 DAMPING = Rayleigh(alpha=5.0)
 
 
-def tangled() -> list[Scene]:
+def inverted() -> list[Scene]:
     return [
         _scene("start from random positions, damped", starts.random_positions, "eq. 9 + volume"),
         _scene(
@@ -52,7 +52,7 @@ def _at_rest(make: truths.Make, volume: bool) -> Ending:
 
 
 def _from(u0: truths.Start) -> Body:
-    """The cantilever of the static cases; what is held starts where it is held."""
+    """Return the cantilever of the static cases; constrained vertices start at their prescribed positions."""
     body = starts.bent()
     u = u0(body.mesh)
     u.reshape(-1, 3)[body.mesh.p[0] == 0] = 0.0
