@@ -1,4 +1,7 @@
-"""Meshes and materials that the tests share: unequal edges, both orientations, lambda != mu, nu != 0."""
+"""Meshes and materials that the tests share.
+
+The meshes have unequal edges and elements of both orientations. The materials have `lambda != mu` and `nu != 0`.
+"""
 
 import numpy as np
 import skfem
@@ -13,12 +16,12 @@ from skfem_stvk.reference import ReferenceStVK
 
 
 def distorted(p, rng, amount=0.15):
-    """Coordinates moved by a part of the spacing, so that no two edges are alike."""
+    """Return coordinates, each moved by up to `amount` times the mean spacing, so that no two edges are equal."""
     return p + amount * (np.ptp(p, axis=1).max() / p.shape[1] ** (1 / p.shape[0])) * rng.uniform(-1, 1, p.shape)
 
 
 def turned_round(t, rng):
-    """Half of the elements with two vertices exchanged: both orientations."""
+    """Return `t` with two vertices exchanged in about half of the elements, so that both orientations occur."""
     t = t.copy()
     half = rng.random(t.shape[1]) < 0.5
     t[:2, half] = t[1::-1, half]
@@ -69,7 +72,7 @@ MESHES = {
 
 
 def bodies():
-    """(mesh, terms) by name: every kind of simplex with every kind of material that fits it."""
+    """Return `{name: (mesh, terms)}`: each kind of simplex with each kind of material that suits it."""
     rng = np.random.default_rng(3)
     frame = random_frames(1, rng)[0]
     ply = {"young_axial": 14.0, "young_transverse": 1.0, "poisson_axial": 0.3, "poisson_transverse": 0.4, "shear_axial": 0.6}
@@ -77,7 +80,7 @@ def bodies():
     for name, mesh in MESHES.items():
         cases[f"{name}, isotropic"] = mesh, [StVK(young=2.0, poisson=0.3)]
         cases[f"{name}, auxetic"] = mesh, [StVK(young=2.0, poisson=-0.4)]
-        # a frame tilted out of the plane has no meaning in plane strain alone, but is a fine material there too
+        # a frame tilted out of the plane has no meaning in plane strain alone, but the material is valid there
         cases[f"{name}, anisotropic"] = mesh, [StVK(Anisotropic(some_voigt(rng), frame=frame))]
         cases[f"{name}, fibres"] = mesh, [StVK(TransverselyIsotropic(**ply, frame=random_frames(mesh.nt, rng)))]
         cases[f"{name}, two regions"] = (
@@ -110,17 +113,17 @@ BODIES = bodies()
 
 
 def reference_of(mesh, terms):
-    """scikit-fem's assembly of these terms."""
+    """Return scikit-fem's assembly of these terms."""
     return ReferenceStVK(mesh.p, mesh.t, elasticity(mesh, terms))
 
 
 def state(mesh, amount=0.3, seed=4):
-    """A displacement that is not small, of every vertex its own."""
+    """Return a random displacement of each vertex; the displacements are not small."""
     return amount * np.random.default_rng(seed).standard_normal(mesh.p.size) / mesh.nv ** (1 / mesh.k)
 
 
 def curved(mesh, amount=0.03, seed=5):
-    """The quadratic simplices on linear ones, with all middles of edges moved: edges are curved, both orientations stay."""
+    """Return the mesh with quadratic simplices whose mid-edge nodes are moved: edges are curved, both orientations remain."""
     quadratic, rng = mesh.with_degree(2), np.random.default_rng(seed)
     p = quadratic.p.copy()
     p[:, mesh.nv :] += amount * rng.uniform(-1, 1, (mesh.d, quadratic.nv - mesh.nv))
@@ -128,7 +131,7 @@ def curved(mesh, amount=0.03, seed=5):
 
 
 def boxes(k, d=None, n=2):
-    """Hexahedra or quadrilaterals no two of which are alike, of both orientations; quadrilaterals in space as a membrane."""
+    """Return a mesh of unequal hexahedra or quadrilaterals of both orientations; quadrilaterals with `d = 3` form a membrane."""
     rng, element = np.random.default_rng(6), ELEMENTS["hexahedra" if k == 3 else "quadrilaterals"]
     mesh = (skfem.MeshHex if k == 3 else skfem.MeshQuad).init_tensor(*[np.linspace(0, 1, n + 1)] * k)
     mirrored = [int(np.flatnonzero((element.nodes == row).all(axis=1))[0]) for row in np.abs(element.nodes - np.eye(k)[0])]
@@ -140,7 +143,7 @@ def boxes(k, d=None, n=2):
     return ElementMesh(p, t, element=element)
 
 
-#: Elements with several points: curved quadratic simplices, boxes that are no parallelepipeds.
+#: Elements with several points: curved quadratic simplices, quadrilaterals and hexahedra that are no parallelepipeds.
 CURVED = {
     "quadratic tetrahedra": curved(box(2)),
     "quadratic triangles": curved(sheet(3)),
@@ -163,7 +166,10 @@ EVERY_MESH = MESHES | CURVED
 
 
 def scikit_fem_of(mesh):
-    """A basis of scikit-fem on the same nodes, with its vector element and a rule of high order; None where it has no such mesh."""
+    """Return a basis of scikit-fem on the same nodes, with its vector element and a rule of high order.
+
+    Return None if scikit-fem has no mesh of this kind.
+    """
     known = {
         "tetrahedra": (skfem.MeshTet, skfem.ElementTetP1),
         "triangles": (skfem.MeshTri, skfem.ElementTriP1),
@@ -180,21 +186,27 @@ def scikit_fem_of(mesh):
 
 
 def values_at(x, t, element, xi):
-    """(nt, nq, d) values `sum_a N_a x_a` at reference points `xi` (nq, k) of elements `t` (n, nt), of a field `x` (d, nv)."""
+    """Return the values `sum_a N_a x_a` of a field `x` (d, nv) in elements `t` (n, nt), (nt, nq, d).
+
+    `xi` (nq, k) are the reference points.
+    """
     return np.einsum("qa,dat->tqd", element.values(xi), x[:, t])
 
 
 def element_sizes(mesh, kind="exact"):
-    """(nt,) lengths, areas or volumes by the rule of a kind; "exact" is, but for curved membranes."""
+    """Return lengths, areas or volumes by the named rule, (nt,). The rule "exact" is exact except for curved membranes."""
     return points.sizes_of(mesh.p, mesh.t, mesh.element, kind)
 
 
 def jacobians(mesh, xi):
-    """(nt, nq) determinants of the base vectors at reference points, negative where an element is inverted from its centre."""
+    """Return determinants of the base vectors at reference points, (nt, nq).
+
+    The determinant is negative where an element is inverted relative to its centre.
+    """
     now, centre = (points.spokes_at(mesh.p, mesh.t, mesh.element, at) for at in (xi, rule_of(mesh.element, "one-point").points))
     return points.signed(now, centre)
 
 
 def node_sizes(mesh):
-    """(nv,) shortest distance between two nodes in the elements around each node, by the referee."""
+    """Return the shortest distance between two nodes in the elements around each node, (nv,), as the referee computes it."""
     return Shape(mesh, Discretisation(mesh.element.name)).node_size

@@ -1,29 +1,30 @@
-"""What tests in several folders need."""
+"""Settings and fixtures of tests in several folders."""
 
 import os
 
 import pytest
 from hypothesis import settings
 
-# Tests never assert a time, and the first example may compile a kernel; examples are the same in every run, and one that fails is
-# printed so that it can be run again.
+# Tests have no time limit, because the first example may compile a kernel. Examples are the same in every run. Failing examples are
+# printed, so that they can be run again.
 settings.register_profile("house", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("house")
 
-# From Python 3.12 on numba says which kernels run only if it is asked to before it is imported (`kernels.parts.kernels_run`).
+# From Python 3.12 on, numba reports kernel calls only if this is set before its import (`kernels.parts.kernels_run`).
 os.environ["NUMBA_ENABLE_SYS_MONITORING"] = "1"
 
 
 def pytest_report_header() -> str:
-    """Where the random numbers of the tests come from."""
+    """Return the line of the report header that names the seeds of random numbers."""
     hypothesis = "Hypothesis derandomized, its failing examples are printed"
-    return f"seeds: {hypothesis}; NumPy's generators have the seeds that stand in the tests"
+    return f"seeds: {hypothesis}; NumPy's generators are seeded in the tests"
 
 
 @pytest.fixture(scope="session")
 def gmsh():
-    """Gmsh itself. Without it, or without the libraries of the system that its wheel needs, tests that mesh cannot run; in CI they
-    fail.
+    """Return the module gmsh.
+
+    If gmsh or a system library that it needs is missing, the tests are skipped. In CI they fail.
     """
     try:
         import gmsh
@@ -39,8 +40,9 @@ def gmsh():
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Neighbouring tests go to the same process, which makes their fixtures and compiles their kernels once; who is done takes over
-    the others'.
+    """Return a scheduler that gives neighbouring tests to one process, so that fixtures and kernels are made once per process.
+
+    A process that has finished takes over tests of other processes.
     """
     from xdist.scheduler import WorkStealingScheduling
 

@@ -1,4 +1,4 @@
-"""Meshes and files that the tests of reading share."""
+"""Meshes and files that the tests of mesh readers share."""
 
 import meshio
 import numpy as np
@@ -20,13 +20,13 @@ def write(path, points, cells, **more):
 
 
 def same_facets(mesh, boundary, given, name):
-    """Do the facets join the same vertices, whatever their order?"""
+    """Return whether the facets of both boundaries join the same vertices; their order does not matter."""
     one, other = np.sort(mesh.boundaries[boundary], axis=0), np.sort(given.facets[:, given.boundaries[name]], axis=0)
     return sorted(one.T.tolist()) == sorted(other.T.tolist())
 
 
 def curved(cls, seed=0, amount=0.02):
-    """A mesh of scikit-fem's all of whose nodes are moved, so that edges of second-order meshes are curved; a group of facets."""
+    """Return a mesh of scikit-fem with all nodes moved and one group of facets; edges of second-order meshes are curved."""
     base = {skfem.MeshTet2: skfem.MeshTet, skfem.MeshTri2: skfem.MeshTri}.get(cls, cls)
     mesh = base.init_tensor(*[np.linspace(0, 1, 3)] * base().dim())
     mesh = mesh if cls is base else cls.from_mesh(mesh)

@@ -12,9 +12,10 @@ from skfem_stvk.terms.load import Moment, Value
 
 @dataclass(frozen=True, eq=False)
 class PointSpring(Load):
-    """Springs to a point: `1/2 k (|x + u - point| - length)^2` for each vertex at a place.
+    """Springs to a point, with the energy `1/2 k (|x + u - point| - length)^2` for each vertex at a location.
 
-    `point` is one (d,) for all vertices, or one (n, d) for each; `k` a number that ramps, or a function of t.
+    `point` is either one point (d,) for all vertices or one point for each vertex (n, d). `k` is a number that ramps, or a function
+    of t.
     """
 
     where: Any
@@ -28,7 +29,7 @@ class PointSpring(Load):
 
 class BoundSprings:
     has_potential, dead, symmetric, balanced = True, False, True, False
-    nodes_paired = np.empty((2, 0), dtype=np.int32)  # each vertex is coupled with itself alone
+    nodes_paired = np.empty((2, 0), dtype=np.int32)  # each vertex is coupled only with itself
 
     def __init__(self, mesh, vertices, spring):
         self._vertices, self.nodes, self._rest, self._length = (
@@ -44,7 +45,7 @@ class BoundSprings:
         return self._stiffness.constant is not None
 
     def _springs(self, u, t):
-        """Stiffness, lengths and directions."""
+        """Return stiffnesses, lengths and directions of the springs."""
         arms = self._rest + u[self._vertices]
         lengths = np.linalg.norm(arms, axis=1)
         directions = np.divide(arms, lengths[:, None], out=np.zeros_like(arms), where=lengths[:, None] > 0)

@@ -1,4 +1,4 @@
-"""docs/equations.md: no equation of the overview is missing, and every file, name and test that it refers to exists."""
+"""docs/equations.md has all equations of the overview, and all files, names and tests that it cites exist."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
 ENTRIES = dict(re.findall(r"^### (.+?)\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL))
 VERDICTS = {"held", "held in part", "did not hold", "erratum"}
-#: What the overview claims, in its order, by a word of each that no other has.
+#: Claims of the overview, in its order; each is identified by a phrase that occurs in no other claim.
 CLAIMS = (
     "unnaturally", "mass-spring", "explicit and implicit", "conservative", "diagonal, which", "need no K", "more stable",
     "conjugate gradients", "constant and need", "simpler", "simplest", "costly", "cubic", "in advance from", "element by element",
@@ -30,7 +30,7 @@ def test_every_claim_has_one_entry():
 
 
 @pytest.mark.parametrize("title", ENTRIES)
-def test_code_and_tests_exist_and_there_is_a_verdict(title):
+def test_cited_code_and_tests_exist_and_each_entry_has_a_verdict(title):
     lines = {key: " ".join(text.split()) for key, text in re.findall(r"^- (\w+): (.*?)(?=^- |\Z)", ENTRIES[title], re.M | re.S)}
     assert list(lines) == ["Code", "Test", "Measured", "Verdict"]
     assert set(re.findall(r"\*\*(.+?)\*\*", lines["Verdict"])) <= VERDICTS and "**" in lines["Verdict"]

@@ -1,4 +1,4 @@
-"""Every example of the docs runs, draws its picture, and gives its number."""
+"""Every example of the docs runs, draws its picture, and gives the documented number."""
 
 import importlib.util
 from pathlib import Path
@@ -73,7 +73,7 @@ def test_ex08_own_law():
 def test_ex09_curved_bar():
     example = run("ex09_curved_bar")
     linear, _, _, quadratic = example.errors.values()
-    assert len({result.system.ndofs for result in example.results.values()}) == 3  # the first and the last have as many unknowns
+    assert len({result.system.ndofs for result in example.results.values()}) == 3  # first and last: same number of unknowns
     assert linear == pytest.approx(0.5858, rel=1e-3) and quadratic == pytest.approx(5.0e-4, rel=0.2)
 
 
@@ -227,7 +227,7 @@ def test_ex26_own_law():
     assert max(example.worst_errors(example.reports[""]).values()) < 0.1
 
 
-def test_no_example_is_forgotten():
+def test_every_example_has_a_test_and_a_picture():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
     assert all(path.with_suffix(".png").exists() for path in EXAMPLES.glob("ex*.py"))

@@ -1,7 +1,8 @@
-"""Files and rows that a new law, element, load, integrator, linear solver, key, peer, command or hard case takes.
+"""Files and rows needed for a new law, element, load, integrator, linear solver, key, peer, command or hard case.
 
-`extensions/package.py` adds the rows and names the files of the package that would have them. More toy laws and loads are in
-`terms/toys.py`; `terms/test_toys.py` takes them through whole analyses, `elements/test_a_new_element.py` the element.
+`extensions/package.py` adds the rows and names the files of the package that need them. Further toy laws and loads are in
+`terms/toys.py`. `terms/test_toys.py` runs whole analyses with them, and `elements/test_a_new_element.py` runs them with the
+element.
 """
 
 import re
@@ -48,7 +49,7 @@ from validation.bench import Plan, bench
 from validation.textbook_laws import LAM, LAWS, MU
 
 STEEL = StVK(young=1e5, poisson=0.3, density=1000.0)
-#: A scene that each of these changes.
+#: A scene that the tests modify.
 BAR = {
     "mesh": {"type": "box", "size": [2.0, 1.0, 1.0], "cells": [2, 1, 1]},
     "materials": {"steel": {"model": "isotropic", "young": 1e5, "poisson": 0.3}},
@@ -56,15 +57,15 @@ BAR = {
     "fixed": {"left": "xyz"},
     "analysis": {"type": "static", "steps": 2},
 }
-#: Most files of the package that one edits, beside the new ones.
+#: Largest number of existing files of the package that an extension edits.
 MOST = {"law": 2, "element": 2, "load": 2, "integrator": 1, "linear solver": 1, "key of scenes": 1}
 
 
 @dataclass(frozen=True)
 class Slowed(DriftKick):
-    """An integrator with an option."""
+    """Integrator with an option."""
 
-    drag: Annotated[float, Quantity(None, "Part of the velocity that is lost.", ge=0)] = 0.5
+    drag: Annotated[float, Quantity(None, "Lost fraction of the velocity.", ge=0)] = 0.5
 
 
 def bar(*loads):
@@ -77,15 +78,15 @@ def package(monkeypatch):
 
 
 def edited(monkeypatch, kind):
-    """The files of the package that a toy of this kind would edit."""
+    """Return the files of the package that an extension of this kind edits."""
     with monkeypatch.context() as rows:
         package = Package(rows)
         EXTENSIONS[kind](package)
     return list(package.edited)
 
 
-def test_the_table_of_the_files_that_one_edits_is_that_of_the_docs(monkeypatch):
-    """The table is printed here. No kind of extension edits more files than the docs say."""
+def test_files_that_an_extension_edits_are_those_of_the_docs(monkeypatch):
+    """CONTRIBUTING.md contains this table, which the test prints; no kind of extension edits more files."""
     table = {kind: edited(monkeypatch, kind) for kind in EXTENSIONS}
     lines = [f"| {kind} | {len(files)} | {', '.join(f'`{name}`' for name in files)} |" for kind, files in table.items()]
     print("\n".join(lines))
@@ -95,14 +96,14 @@ def test_the_table_of_the_files_that_one_edits_is_that_of_the_docs(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", EXTENSIONS)
-def test_the_rest_of_the_package_names_no_other_place_for_it(monkeypatch, kind):
-    """Without its rows nothing of the toy is left: scenes have the same keys as before."""
+def test_an_extension_needs_no_other_row(monkeypatch, kind):
+    """After the rows are removed, scenes have the same keys as before."""
     before = page()
     edited(monkeypatch, kind)
     assert page() == before
 
 
-def test_a_law_moves_a_body_in_python_in_a_scene_and_before_the_referee(package):
+def test_a_new_law_works_in_python_in_a_scene_and_with_the_referee(package):
     EXTENSIONS["law"](package)
     pull = Traction("right", (0.0, 0.0, -2e3))
     system = System(box_mesh((2.0, 1.0, 1.0), (2, 1, 1)), [Damaged(young=1e5, poisson=0.3, damage=0.2), pull], {"left": "xyz"})
@@ -114,7 +115,7 @@ def test_a_law_moves_a_body_in_python_in_a_scene_and_before_the_referee(package)
     assert Scene.of(system, BAR["analysis"]).data["terms"][0] == {"type": "damaged", "material": "isotropic-1", "damage": 0.2}
     with pytest.raises(SceneError, match=r"terms\[0\]\.damage: got 1.0; expected a value less than 1"):
         Scene.of_data(BAR | {"terms": [law | {"damage": 1.0}, BAR["terms"][1]]})
-    assert "## damaged" in page() and "Part of the stiffness that is lost" in json_schema()
+    assert "## damaged" in page() and "Lost fraction of the stiffness" in json_schema()
     claims, mesh = Damaged(young=1e5, poisson=0.3), box(2)
     assert assert_consistent(System(mesh, claims), mesh).passed
     assert_consistent(System(mesh, claims), mesh, young=0.5e5, poisson=0.3)
@@ -126,8 +127,8 @@ def test_a_law_moves_a_body_in_python_in_a_scene_and_before_the_referee(package)
     assert not verify_law(energy=lambda F: 2 * textbook.W(F), claims=claims, quiet=True).passed
 
 
-def test_a_load_acts_in_python_in_a_scene_and_before_the_referee(package):
-    """On linear elements a constant force is shared out as `BodyForce` shares it, and what varies converges with their order."""
+def test_a_new_load_works_in_python_in_a_scene_and_with_the_referee(package):
+    """A constant force on linear elements acts as `BodyForce`, and solutions with a varying force converge at their order."""
     EXTENSIONS["load"](package)
     weight = (30.0, 0.0, -2e2)
     found, other = (solve_static(bar(of(weight)), steps=2, quiet=True).u for of in (SharedForce, BodyForce))
@@ -161,7 +162,7 @@ def test_an_element_is_judged_by_the_referee(package):
 
 
 def test_an_integrator_is_a_file_and_a_row(package, tmp_path):
-    """It moves a body with the order that it declares, finds its critical step, and goes on from a checkpoint."""
+    """DriftKick converges at order 1 and conserves momentum; `simulate` finds its critical step and resumes."""
     EXTENSIONS["integrator"](package)
     mesh = box(2)
     system, push = System(mesh, STEEL), 0.5 * np.sin(3 * mesh.p[::-1]).ravel("F")
@@ -188,7 +189,7 @@ def test_the_referee_judges_an_integrator_by_what_it_declares(package):
 
 
 def test_a_linear_solver_is_a_file_and_a_row(package):
-    """Statics, arc length, implicit steps and modes take it by its name; the referee judges what it solves."""
+    """Statics, arc length, implicit steps and modes accept the solver by its name, and the referee passes its solutions."""
     EXTENSIONS["linear solver"](package)
     system = bar(Traction(lambda x: x[0] > 0.9, (0, 0, -2e3)))
     by, right = (solve_static(system, steps=2, solver=name, quiet=True) for name in ("dense", "superlu"))
@@ -206,7 +207,10 @@ def test_a_linear_solver_is_a_file_and_a_row(package):
 
 
 def test_a_scene_takes_an_integrator_and_a_linear_solver_by_their_row(package):
-    """Those that are registered when it is checked, with the same results as in Python; others are named beside them."""
+    """A scene accepts integrators and solvers registered at the time of the check, with the same results as in Python.
+
+    An unknown name is refused; the message suggests a registered name.
+    """
     EXTENSIONS["integrator"](package)
     EXTENSIONS["linear solver"](package)
     free = System(box(2), [STEEL, Gravity((0, 0, -9.81))])
@@ -219,7 +223,7 @@ def test_a_scene_takes_an_integrator_and_a_linear_solver_by_their_row(package):
 
 
 def test_options_of_an_integrator_are_keys_as_soon_as_it_is_registered(package):
-    """With its type, limits and sentence; of another integrator the key is refused."""
+    """The key has the type, limits and description of the option; it is refused for another integrator."""
     EXTENSIONS["integrator"](package)
     package.add("skfem_stvk.dynamics.integrators", "INTEGRATORS", "Slowed", Slowed)
     motion = {"type": "dynamic", "integrator": "slowed", "dt": 1e-6, "until": 1e-5, "drag": 0.25}
@@ -227,13 +231,13 @@ def test_options_of_an_integrator_are_keys_as_soon_as_it_is_registered(package):
     dense = {"steel": BAR["materials"]["steel"] | {"density": 1e3}}
     scene = Scene.of_data(BAR | {"materials": dense, "terms": terms, "analysis": motion})
     assert scene.built.integrator == Slowed(dt=1e-6, drag=0.25)
-    assert re.search(r"`drag` \| number >= 0 \|.*Of slowed: part of the velocity that is lost, by default 0.5", page())
+    assert re.search(r"`drag` \| number >= 0 \|.*Of slowed: lost fraction of the velocity, by default 0.5", page())
     for wrong, said in (({"drag": -1.0}, "greater than or equal to 0"), ({"integrator": "drift-kick"}, "is an option of slowed")):
         with pytest.raises(SceneError, match=rf"analysis\.drag: .*{said}"):
             Scene.of_data(BAR | {"materials": dense, "terms": terms, "analysis": motion | wrong})
 
 
-def test_a_key_of_a_scene_is_checked_printed_and_kept(package):
+def test_a_key_of_a_scene_is_checked_printed_and_stored(package):
     with pytest.raises(SceneError, match="author: unknown key"):
         Scene.of_data(BAR | {"author": "Lame"})
     EXTENSIONS["key of scenes"](package)
@@ -245,7 +249,7 @@ def test_a_key_of_a_scene_is_checked_printed_and_kept(package):
 
 
 def test_a_peer_is_a_file_and_a_row(monkeypatch):
-    """It is listed, loaded by its name, and timed and compared by the benchmark beside the others."""
+    """The peer is listed and loaded by its name, and the benchmark times it and compares it with the others."""
     monkeypatch.setitem(PEERS, "Toy", Peer("numpy", "numpy", "pip install numpy"))
     monkeypatch.setitem(sys.modules, "skfem_stvk.peers.numpy", peer)
     assert available()["Toy"] == np.__version__ and load("Toy") is peer.Toy

@@ -1,4 +1,4 @@
-"""What is specified stays what it was, whatever becomes of the arrays, lists and dicts that it was made from."""
+"""A specification does not change if the arrays, lists and dicts from which it was made change afterwards."""
 
 import dataclasses
 
@@ -41,7 +41,7 @@ from skfem_stvk.results import Fields
 MESH = box()
 WALL, TIP = np.flatnonzero(MESH.p[0] < 0.2), np.flatnonzero(MESH.p[0] > 0.8)
 ELASTIC = StVK(young=2.0, poisson=0.3, density=1.5)
-TURN = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+ROTATION = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
 VOIGT = np.diag([3.0, 4.0, 5.0, 1.0, 1.5, 2.0])
 POISSON, SHEAR = (0.1, 0.2, 0.1), (1.0, 1.1, 1.2)
 BASIS = skfem.Basis(skfem.MeshTet(MESH.p, MESH.t), skfem.ElementVector(skfem.ElementTetP1()))
@@ -63,7 +63,7 @@ def with_region(term):
     return [StVK(young=2.0, poisson=0.3), term]
 
 
-#: The specification, what it is made from, and what is done to that; then what is asked of a system of it.
+#: Each case: a function that makes terms, and the array that it takes, which the test changes afterwards.
 ARRAYS = {
     "Gravity": (lambda g: with_load(Gravity(g)), np.array([1.0, 2.0, 3.0])),
     "Ramp": (lambda g: with_load(Gravity(Ramp(g, until=1.0))), np.array([1.0, 2.0, 3.0])),
@@ -100,20 +100,20 @@ ARRAYS = {
     "Isotropic": (lambda E: with_material(Isotropic(E, 0.3)), STIFF),
     "Isotropic, poisson": (lambda nu: with_material(Isotropic(2.0, nu)), 0.1 * STIFF),
     "Orthotropic": (lambda E: with_material(Orthotropic((E, 2.0, 1.0), POISSON, SHEAR)), 3 * STIFF),
-    "Orthotropic, frame": (lambda Q: with_material(Orthotropic((3.0, 2.0, 1.0), POISSON, SHEAR, frame=Q)), TURN),
+    "Orthotropic, frame": (lambda Q: with_material(Orthotropic((3.0, 2.0, 1.0), POISSON, SHEAR, frame=Q)), ROTATION),
     "TransverselyIsotropic": (lambda E: with_material(TransverselyIsotropic(E, 2.0, 0.1, 0.2, 1.0)), 3 * STIFF),
     "Anisotropic": (lambda C: with_material(Anisotropic(C)), VOIGT),
 }
 
 
 def answer(terms):
-    """Forces and a potential, where there is one, that depend on all that terms are given."""
+    """Return the residual at a fixed state; it depends on all data of the terms."""
     system = System(MESH, terms)
     return system.residual(0.2 * state(MESH), 0.7)
 
 
-def spoil(array):
-    """Let it be something else that is as good."""
+def change_in_place(array):
+    """Change the array to different valid data, in place."""
     if array.dtype == bool:
         array[:] = np.roll(array, 5)
     elif array.dtype.kind == "i":
@@ -125,11 +125,11 @@ def spoil(array):
 
 
 @pytest.mark.parametrize("name", ARRAYS)
-def test_a_specification_keeps_what_it_was_made_from(name):
+def test_a_specification_does_not_change_with_its_source_array(name):
     make, original = ARRAYS[name]
     given = original.copy()
     terms, expected = make(given), answer(make(original.copy()))
-    spoil(given)
+    change_in_place(given)
     changed = answer(make(given.copy()))
     assert np.abs(changed - expected).max() > 1e-6 * np.abs(expected).max()
     assert np.array_equal(answer(terms), expected)
@@ -138,7 +138,7 @@ def test_a_specification_keeps_what_it_was_made_from(name):
 @pytest.mark.parametrize(
     "name", [name for name, (_, array) in ARRAYS.items() if "mask" not in name and array.ndim == 1 and "components" not in name]
 )
-def test_lists_are_kept_too(name):
+def test_lists_are_copied_too(name):
     make, original = ARRAYS[name]
     given = original.tolist()
     terms, expected = make(given), answer(make(original.copy()))
@@ -147,7 +147,7 @@ def test_lists_are_kept_too(name):
 
 
 class Series:
-    """What NumPy takes for an array, as it does a series of pandas."""
+    """Object that NumPy converts to an array, as it converts a pandas series."""
 
     def __init__(self, values):
         self.values = values
@@ -156,7 +156,7 @@ class Series:
         return self.values if dtype is None else self.values.astype(dtype)
 
 
-def test_what_numpy_takes_for_an_array_is_kept_too():
+def test_objects_that_numpy_converts_to_arrays_are_copied_too():
     ids, forces = WALL.copy(), np.ones((3, len(WALL)))
     terms = with_load(NodalLoad(Series(ids), Series(forces)))
     expected = answer(with_load(NodalLoad(WALL, np.ones((3, len(WALL))))))
@@ -175,21 +175,21 @@ def test_every_public_specification_is_in_the_table():
     assert public == plain | results | known
 
 
-def test_what_is_kept_cannot_be_written_to():
+def test_stored_arrays_are_read_only():
     load = NodalLoad(WALL.copy(), np.ones((3, len(WALL))))
     for array in (load.where, load.force, StVK(young=1.0, poisson=0.3, region=HALF.copy()).region):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
 
 
-def test_scikit_fems_degrees_of_freedom_are_kept():
+def test_scikit_fems_degrees_of_freedom_are_copied():
     view = BASIS.get_dofs(nodes=WALL.copy())
     load, expected = NodalLoad(view, (1.0, 2.0, 3.0)), answer(with_load(NodalLoad(WALL, (1.0, 2.0, 3.0))))
     view.nodal_ix[:] = np.roll(TIP, 1)[0]
     assert np.array_equal(answer(with_load(load)), expected)
 
 
-def test_a_mesh_keeps_its_arrays_and_what_has_names():
+def test_a_mesh_copies_its_arrays_and_named_groups():
     p, t, ids = MESH.p.copy(), MESH.t.copy(), WALL.copy()
     facets, half = MESH.surface[:, :4].copy(), HALF.copy()
     sets = {"wall": ids}
@@ -213,17 +213,17 @@ def test_a_mesh_of_scikit_fem_may_change_afterwards():
     assert np.array_equal(mesh.boundaries["wall"], expected) and np.array_equal(mesh.elements("half"), elements)
 
 
-def test_supports_keep_ids_and_values():
-    ids, tip, values, told = WALL.copy(), TIP.copy(), np.linspace(1, 2, len(TIP)), {"x": 0.5}
-    told["y"] = values
-    fixed, prescribed = [(ids, "xyz")], [(tip, told)]
+def test_supports_copy_ids_and_values():
+    ids, tip, values, prescribed_values = WALL.copy(), TIP.copy(), np.linspace(1, 2, len(TIP)), {"x": 0.5}
+    prescribed_values["y"] = values
+    fixed, prescribed = [(ids, "xyz")], [(tip, prescribed_values)]
     system = System(MESH, ELASTIC, fixed=fixed, prescribed=prescribed)
     expected = System(
         MESH, ELASTIC, fixed=[(WALL, "xyz")], prescribed=[(TIP, {"x": 0.5, "y": np.linspace(1, 2, len(TIP))})]
     ).supports
     ids[:], tip[:] = 0, 0
     values *= 9
-    told["z"] = 3.0
+    prescribed_values["z"] = 3.0
     fixed.clear()
     prescribed.clear()
     assert np.array_equal(system.supports.fixed, expected.fixed) and np.array_equal(
@@ -231,7 +231,7 @@ def test_supports_keep_ids_and_values():
     )
 
 
-def test_a_stop_keeps_its_place():
+def test_a_stop_copies_its_location():
     ids, given = TIP.copy(), []
     given += [ids, "z", -0.01]
     stop = Stop(displacement=given)
@@ -241,7 +241,7 @@ def test_a_stop_keeps_its_place():
     assert result.u.reshape(-1, 3)[TIP, 2].mean() == pytest.approx(-0.01, rel=1e-8)
 
 
-def test_a_state_keeps_its_displacements():
+def test_a_state_copies_its_displacements():
     u, v = 0.1 * state(MESH), state(MESH, seed=3)
     expected = Fields(MESH, [ELASTIC]).at(u.copy(), v.copy())
     now = Fields(MESH, [ELASTIC]).at(u, v)
@@ -250,14 +250,14 @@ def test_a_state_keeps_its_displacements():
     assert np.array_equal(now.u, expected.u) and np.array_equal(now.v, expected.v)
 
 
-def test_an_operator_and_a_product_keep_their_displacements():
+def test_an_operator_and_a_product_copy_their_displacements():
     system, u, v = System(MESH, ELASTIC), 0.1 * state(MESH), state(MESH, seed=3)
     K, expected = system.linear_operator(u), system.product(u, v)
     u *= 2
     assert np.array_equal(K @ v, expected) and np.abs(system.product(u, v) - expected).max() > 1e-3 * np.abs(expected).max()
 
 
-def test_a_limit_of_stress_keeps_what_it_was_given():
+def test_a_stress_limit_copies_its_values():
     given = np.array([1.0, 2.0])
     limit = PrincipalStressLimit(given)
     given[:] = 9

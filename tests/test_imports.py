@@ -1,4 +1,4 @@
-"""What a program does not use is not imported: neither packages of others nor parts of this one, each use in a fresh process."""
+"""A program imports only the packages and the parts of this package that it uses; each case runs in a fresh process."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ from slow import slow_but
 import skfem_stvk
 
 ROOT = Path(__file__).parent.parent
-#: Packages that take long to import, or that need not be there.
+#: Packages that take long to import, or that are optional.
 HEAVY = [
     "pydantic",
     "meshio",
@@ -32,7 +32,7 @@ HEAVY = [
     "felupe",
     "ngsolve",
 ]
-#: Parts of this package that an energy does not need.
+#: Parts of this package that the energy does not need.
 PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "peers", "reduced", "scene", "cli"]
 
 BODY = """
@@ -49,7 +49,7 @@ EXPLICIT = (
     BODY + "from skfem_stvk import VelocityVerlet, simulate\nrun = simulate(system, VelocityVerlet(), until=1e-3, quiet=True)\n"
 )
 IMPLICIT = BODY + "from skfem_stvk import EnergyMomentum, simulate\nstepper = EnergyMomentum(dt=1e-3, solver='superlu')\n"
-#: Uses, and what of the heavy packages each imports, at most.
+#: Code by name of use, and the heavy packages that this code may import.
 USES = {
     "the package alone": ("import skfem_stvk", ""),
     "energy, force and tangent": (ENERGY, ""),
@@ -80,7 +80,7 @@ USES = {
 
 
 def imported(code, folder):
-    """The modules of a fresh process that has run the code, beyond those of scikit-fem and numba."""
+    """Return the modules that the code imports in a fresh process, except those of scikit-fem and numba."""
     before = "import sys, skfem, numba, scipy.sparse\nbefore = set(sys.modules)\n"
     after = "\nprint(*sorted(set(sys.modules) - before))"
     path = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
@@ -111,8 +111,8 @@ def test_a_use_imports_only_the_parts_of_the_package_that_it_needs(code, parts, 
         assert ours and not [name for name in ours if name.split(".")[1] in parts]
 
 
-def test_all_public_names_are_there_when_asked_for():
-    """One by one and together, and no others; parts of the package too."""
+def test_all_public_names_can_be_imported():
+    """All public names can be imported singly and together, and so can parts of the package; other names are refused."""
     assert {name: getattr(skfem_stvk, name).__name__ for name in skfem_stvk.__all__} == {name: name for name in skfem_stvk.__all__}
     assert set(skfem_stvk.__all__) <= set(dir(skfem_stvk))
     everything: dict[str, object] = {}

@@ -1,4 +1,4 @@
-"""The plugin of pytest, in the package that docs/testing.md makes: in a folder of its own, found as an installed plugin is."""
+"""The pytest plugin works in the package of docs/testing.md, which is in a folder of its own with the plugin installed."""
 
 import json
 import os
@@ -22,7 +22,7 @@ TUTORIAL = (ROOT / "docs" / "testing.md").read_text()
 
 
 def test_the_plugin_imports_nothing_before_it_is_used():
-    """Each run of pytest in the environment imports it: its own lines take a millisecond."""
+    """The plugin imports no other module; every run of pytest in the environment imports it."""
     code = (
         "import sys, pytest; before = set(sys.modules); import skfem_stvk.pytest_plugin; print(sorted(set(sys.modules) - before))"
     )
@@ -30,14 +30,14 @@ def test_the_plugin_imports_nothing_before_it_is_used():
     assert done.stdout.strip() == "['skfem_stvk', 'skfem_stvk.pytest_plugin']", done.stderr
 
 
-def test_the_wheel_holds_the_plugin_and_says_that_it_is_one():
+def test_the_wheel_contains_the_plugin_and_its_entry_point():
     assert PROJECT["project"]["entry-points"]["pytest11"] == {"skfem_stvk.pytest_plugin": "skfem_stvk.pytest_plugin"}
     assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"] == ["skfem_stvk"]
 
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """The folder of the tutorial's package; beside it what an installed distribution has of the plugin."""
+    """Return the folder of the tutorial's package, with the metadata that an installed distribution has of the plugin."""
     folder = tmp_path_factory.mktemp("downstream")
     files = re.findall(r"^`([\w/.]+)`:\n\n```python\n(.*?)^```", TUTORIAL, re.DOTALL | re.MULTILINE)
     assert len(files) == 2
@@ -52,7 +52,7 @@ def package(tmp_path_factory):
 
 
 def run(folder, *options):
-    """What pytest says in the package, its exit code, and JUnit's cases by their names."""
+    """Run pytest in the package; return its exit code, its output, and JUnit's cases by name."""
     paths = [str(folder / "src"), str(folder / "site"), str(ROOT)]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")} | {"PYTHONPATH": os.pathsep.join(paths)}
     command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", "-p", "no:cacheprovider", "--rootdir=.", "tests"]
@@ -67,8 +67,8 @@ def run(folder, *options):
 
 def test_the_tutorials_package_passes(package):
     (package / "tests" / "test_other.py").write_text("def test_that_fails():\n    assert False\n")
-    code, said, cases = run(package, "-m", "stvk")  # which leaves the other out
-    assert code == 0 and "warning" not in said, said
+    code, output, cases = run(package, "-m", "stvk")  # deselects the other test
+    assert code == 0 and "warning" not in output, output
     kinds = {"triangles", "tetrahedra"}, {"tetrahedra", "quadratic triangles", "quadrilaterals"}
     models = {f"{name}[{kind}]" for name, some in zip(NAMES, kinds, strict=True) for kind in some}
     assert set(cases) == models | {"test_the_law_alone"}
@@ -77,29 +77,29 @@ def test_the_tutorials_package_passes(package):
         assert re.match(r"passed: \d+ passed", value)
 
 
-def test_the_plugin_that_is_named_and_the_installed_one_are_one(package):
-    """Two of them would add the option --stvk-report twice, and no test would run."""
-    code, said, cases = run(package, "-p", "skfem_stvk.pytest_plugin", "-k", "law_alone")
-    assert code == 0 and list(cases) == ["test_the_law_alone"], said
+def test_a_plugin_named_on_the_command_line_is_the_installed_plugin(package):
+    """The plugin is registered once; a second registration would add --stvk-report twice and no test would run."""
+    code, output, cases = run(package, "-p", "skfem_stvk.pytest_plugin", "-k", "law_alone")
+    assert code == 0 and list(cases) == ["test_the_law_alone"], output
 
 
-def test_its_failures_say_what_is_wrong_where_junit_shows_it(package):
-    """Lambda doubled as in the tutorial; and a model whose message would break the file."""
+def test_junit_shows_the_cause_of_each_failure(package):
+    """JUnit's messages name a doubled lambda, and an exception text with control characters leaves the file valid."""
     module = package / "src" / "softbody" / "__init__.py"
     right = module.read_text()
     module.write_text(right.replace("self.lam = young", "self.lam = 2 * young").replace("log = np.log", "log = boom(); np.log"))
     module.write_text(module.read_text() + '\n\ndef boom():\n    raise RuntimeError("\\x1b[31m ]]> \\0 <b>")\n')
     try:
-        code, said, cases = run(package, "-k", "tetrahedra", "--stvk-report=reports")
+        code, output, cases = run(package, "-k", "tetrahedra", "--stvk-report=reports")
     finally:
         module.write_text(right)
     assert code == 1
-    told = {name: next(case.iter("failure")) for name, case in cases.items()}
-    stvk, other = (told[f"{name}[tetrahedra]"] for name in NAMES)
+    failures = {name: next(case.iter("failure")) for name, case in cases.items()}
+    stvk, other = (failures[f"{name}[tetrahedra]"] for name in NAMES)
     assert stvk.get("message").startswith("skfem_stvk.testing.Inconsistent: Body is not consistent: ")
     assert "lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in stvk.get("message")
-    assert "agreement, F of candidate against scikit-fem" in stvk.text and stvk.text in said
-    assert "pytest_plugin.py:" not in said and "testing.py:" not in said  # the frames that fail are those of the tests
+    assert "agreement, F of candidate against scikit-fem" in stvk.text and stvk.text in output
+    assert "pytest_plugin.py:" not in output and "testing.py:" not in output  # the frames that fail are those of the tests
     assert "raised RuntimeError: \\x1b[31m ]]> \\x00 <b>" in other.text
     folders = [package / "reports" / f"tests-test_softbody.py-{name}-tetrahedra-1" for name in NAMES]
     reports = [json.loads((folder / "report.json").read_text()) for folder in folders]
@@ -114,22 +114,22 @@ MISTAKEN = {
 }
 
 
-def test_a_mark_that_is_mistaken_is_said(package):
+def test_a_wrong_argument_of_the_mark_is_reported(package):
     body = "    stvk_referee.assert_law(energy=lambda F: 0.0)\n"
     tests = [f"\n\n@pytest.mark.stvk({mark})\ndef test_{i}(stvk_referee):\n{body}" for i, mark in enumerate(MISTAKEN)]
     module = package / "tests" / "test_mark.py"
     module.write_text("import pytest\n" + "".join(tests))
     try:
-        code, said, cases = run(package, "-k", "test_mark")
+        code, output, cases = run(package, "-k", "test_mark")
     finally:
         module.unlink()
-    assert code == 1 and "TypeError" not in said
+    assert code == 1 and "TypeError" not in output
     for i, words in enumerate(MISTAKEN.values()):
         (failure,) = cases[f"test_{i}"].iter("failure")
         assert words in failure.get("message")
 
 
-def test_a_report_that_cannot_be_written_is_said_before_the_tests(package):
+def test_an_unwritable_report_folder_is_reported_before_the_tests(package):
     (package / "a file").write_text("")
     paths = [str(package / "src"), str(package / "site"), str(ROOT)]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")} | {"PYTHONPATH": os.pathsep.join(paths)}

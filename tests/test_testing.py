@@ -1,4 +1,4 @@
-"""The assertions for other packages: what is right passes, what is planted is found, and the text of a failure says what was."""
+"""The assertions for other packages pass correct models, catch planted faults, and describe each failure."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ OTHER = NeoHookean(young=2.0, poisson=0.3)
 
 
 class Changed:
-    """A model with some of its methods changed."""
+    """Model with some of its methods changed."""
 
     def __init__(self, terms, **changes):
         body = System(MESH, terms)
@@ -26,7 +26,7 @@ def checks_of(report):
     return {result.check for result in report.failures()}
 
 
-def test_a_law_that_claims_nothing_is_held_to_what_is_true_of_every_law():
+def test_a_law_without_claims_is_checked_for_properties_of_every_law():
     report = assert_consistent(System(MESH, OTHER), MESH)
     passed = {result.check for result in report.results if result.outcome is CheckOutcome.PASSED}
     every = {"derivatives", "memory", "invariance", "balance", "symmetry", "rigid modes", "no further zero mode", "patch test"}
@@ -35,7 +35,7 @@ def test_a_law_that_claims_nothing_is_held_to_what_is_true_of_every_law():
 
 
 class Logarithmic:
-    """Bars along all edges of segments, with the energy `(log l/L)^2 L/2`; it has no tangent."""
+    """Bars along the edges of segments, with the energy `(log l/L)^2 L/2`, without a tangent."""
 
     def __init__(self, mesh):
         self.mesh = mesh
@@ -78,7 +78,10 @@ INNER = 3 * int(np.flatnonzero((np.abs(MESH.p - 0.5) < 0.3).all(axis=0))[0])
 
 
 def pulled(F, u):
-    """A force on one inner node and its opposite on the next, along the line between the two, that moves with the body."""
+    """Return F with equal and opposite forces added to one inner node and a neighbour, along the line between them.
+
+    The forces rotate with the body.
+    """
     x = (MESH.p.T.ravel() + u).reshape(-1, 3)
     a, b = INNER // 3, int(MESH.t[:, (MESH.t == INNER // 3).any(axis=0)].max())
     F = F.reshape(-1, 3).copy()
@@ -87,8 +90,8 @@ def pulled(F, u):
     return F.ravel()
 
 
-def limp(K, u):
-    """K with the stiffness of one motion taken away twice."""
+def with_negative_stiffness(K, u):
+    """Return K with twice the stiffness of one motion subtracted, so that its stiffness becomes negative."""
     v = np.random.default_rng(7).standard_normal(len(u))
     Kv = K @ v
     return K.toarray() - 2 * np.outer(Kv, Kv) / (v @ Kv)
@@ -104,20 +107,20 @@ def limp(K, u):
         (OTHER, {"internal_force": lambda F, u: F + np.eye(len(F))[1]}, {"balance"}),
         (OTHER, {"internal_force": pulled}, {"patch test"}),
         (OTHER, {"internal_force": lambda F, u: F * np.nan}, {"derivatives", "invariance", "balance", "patch test"}),
-        (OTHER, {"tangent": limp}, {"derivatives", "no further zero mode"}),
+        (OTHER, {"tangent": with_negative_stiffness}, {"derivatives", "no further zero mode"}),
     ],
     ids=[
         "doubled F",
         "K",
         "skew K",
-        "energy of a place",
+        "energy of a location",
         "lone force",
-        "not equal to its neighbours",
+        "self-balanced forces on neighbours",
         "nan",
-        "a motion that is paid for",
+        "a motion of negative stiffness",
     ],
 )
-def test_what_is_planted_in_another_law_is_caught(terms, changes, caught):
+def test_faults_planted_in_another_law_are_caught(terms, changes, caught):
     with pytest.raises(Inconsistent) as failure:
         assert_consistent(Changed(terms, **changes), MESH)
     assert caught <= checks_of(failure.value.report)
@@ -147,7 +150,7 @@ def test_the_text_of_a_failure_has_a_line_for_each_kind_and_no_control_character
     assert str(failure.value).replace("\n", "").isprintable() and "first line second \\x1b[31mred" in lines[0]
 
 
-def test_what_is_no_model_or_argument_is_refused():
+def test_invalid_models_and_arguments_are_refused():
     with pytest.raises(StvkError, match="of type int, has none of energy, internal_force, tangent"):
         assert_consistent(3, MESH)
     with pytest.raises(StvkError, match="homogeneous = 'no'; expected True or False"):

@@ -1,4 +1,4 @@
-"""Warnings point at the line of the user who can do something about it."""
+"""Warnings are attributed to the line of the user's program that caused them."""
 
 import warnings
 from pathlib import Path

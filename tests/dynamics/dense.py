@@ -1,13 +1,12 @@
-"""Motions once more, in dense numpy from Green's strain on, for whom everything is a formula: nothing of the package is in here but
-the mesh.
-"""
+"""Motions in dense NumPy, from Green's strain on; of the package only the mesh is used."""
 
 import numpy as np
 
 
 class Dense:
-    """A bar of `motions`: F, K, D and M of its displacements, real or complex; derivatives are by complex steps, exact to
-    round-off.
+    """Bar of `motions`: F, K, D and M of its real or complex displacements.
+
+    Derivatives are by complex steps, exact to round-off.
     """
 
     def __init__(self, mesh, young, density, damping=(0.0, 0.0, 0.0), consistent=False):
@@ -34,7 +33,7 @@ class Dense:
         return (np.einsum("eki,ekj->eij", F, F) - np.eye(self.mesh.d)) / 2
 
     def pull(self, u, strain):
-        """The force along the deformed elements at `u` of the stresses that belong to a strain; F for the strain at `u`."""
+        """Return the nodal forces of the stresses of a strain, for deformed elements at `u`; this is F for the strain at `u`."""
         stress = 2 * self.mu[:, None, None] * strain + np.einsum("e,ekk,ij->eij", self.lam, strain, np.eye(self.mesh.d))
         forces = np.einsum("e,eik,ekj,eaj->eai", self.volumes, self.deformation(u), stress, self.gradients)
         return np.einsum("eai,aev->vi", forces, self.at).ravel()
@@ -46,19 +45,19 @@ class Dense:
         return jacobian(self.F, u)
 
     def gauss_newton(self, u):
-        """K without stresses: of the strains alone."""
+        """Return K without stresses: the derivative with respect to the strains only."""
         return jacobian(lambda w: self.pull(u, self.strain(w)), u)
 
     def D(self, u):
         return self.alpha * self.M + self.beta * self.K0 + self.tau * self.gauss_newton(u)
 
     def strain_rate(self, u, v):
-        """Of velocities `v` at `u`, both complex if need be."""
+        """Return the strain rate of velocities `v` at `u`; both may be complex."""
         F, rate = self.deformation(u), self.deformation(v) - np.eye(self.mesh.d)
         return (np.einsum("eki,ekj->eij", F, rate) + np.einsum("eki,ekj->eij", rate, F)) / 2
 
     def resistance(self, u, v):
-        """`D(u) v`."""
+        """Return `D(u) v`."""
         return self.linear_resistance(v) + self.tau * self.pull(u, self.strain_rate(u, v))
 
     def linear_resistance(self, v):
@@ -70,7 +69,7 @@ def jacobian(function, x):
 
 
 def root(residual, w, free):
-    """Newton's method over the free degrees of freedom, until nothing moves."""
+    """Return a root over the free degrees of freedom, by Newton's method until changes are below 1e-14."""
     for _ in range(12):
         change = np.linalg.solve(jacobian(residual, w)[np.ix_(free, free)], residual(w)[free])
         w = w.copy()

@@ -1,5 +1,6 @@
-"""Motions that the tests of dynamics share: small, unstructured, of both orientations, nu != 0, materials that differ by
-element.
+"""Motions shared by the tests of dynamics.
+
+The meshes are small and unstructured, with both orientations and nu != 0. Materials vary by element.
 """
 
 from typing import Any, NamedTuple
@@ -20,15 +21,15 @@ BOTH = [Rayleigh(alpha=0.8, beta=4e-3), EdgeDamping(3e-3)]
 
 
 def bar(d):
-    """The mesh of a short bar along x, in the plane or in space, whose inner vertices and end faces are moved about."""
+    """Return the mesh of a short bar along x, in the plane or in space, with randomly moved vertices."""
     rng = np.random.default_rng(d)
     make, cells = {2: (skfem.MeshTri, (4, 2)), 3: (skfem.MeshTet, (2, 1, 1))}[d]
     mesh = make.init_tensor(*(np.linspace(0, length, n + 1) for length, n in zip((1.0, 0.5, 0.4), cells, strict=False)))
-    return ended(mesh, 0.04 * rng.uniform(-1, 1, mesh.p.shape), turned_round(mesh.t, rng))
+    return with_ends(mesh, 0.04 * rng.uniform(-1, 1, mesh.p.shape), turned_round(mesh.t, rng))
 
 
-def ended(mesh, moves=0.0, t=None):
-    """With names for its ends."""
+def with_ends(mesh, moves=0.0, t=None):
+    """Return the mesh with names for its ends."""
     ends = {name: mesh.facets[:, mesh.facets_satisfying(lambda x, at=at: x[0] == at)] for name, at in (("left", 0), ("right", 1))}
     return ElementMesh(mesh.p + moves, mesh.t if t is None else t, boundaries=ends)
 
@@ -37,14 +38,14 @@ MESHES = {d: bar(d) for d in (2, 3)}
 
 
 def material(mesh, young=3.0, seed=5):
-    """Of another stiffness and density in every element."""
+    """Return StVK with a different stiffness and density in each element."""
     rng = np.random.default_rng(seed)
     section = {"thickness": 0.7, "plane": "stress"} if mesh.d == 2 else {}
     return StVK(young=young * rng.uniform(0.7, 1.3, mesh.nt), poisson=0.3, density=rng.uniform(0.7, 1.3, mesh.nt), **section)
 
 
 def velocities(mesh, spin=2.0, drift=0.5, strain=0.6):
-    """(ndofs,) of a body that turns, flies and stretches smoothly."""
+    """Return velocities (ndofs,) of a body that rotates, translates and stretches smoothly."""
     x = mesh.p.T - mesh.p.mean(axis=1)
     axis = np.array([0.3, -0.4, 1.0])[3 - mesh.d if mesh.d == 3 else 0 :]
     turning = spin * (np.cross(axis, x) if mesh.d == 3 else np.stack([-x[:, 1], x[:, 0]], axis=1))
@@ -53,14 +54,14 @@ def velocities(mesh, spin=2.0, drift=0.5, strain=0.6):
 
 
 def reached(system, integrator=None, **options):
-    """A motion that reaches its end, where elements may be inside out."""
+    """Return a run that reaches its end; elements may be inverted."""
     run = simulate(system, integrator, quiet=True, raise_on_failure=False, **options)
     assert run.status in (Status.FINISHED, Status.ENDED_INVERTED), run.message
     return run
 
 
 class Scene(NamedTuple):
-    """A system, and how its motion begins; and whether elements may be inside out where it ends."""
+    """System with the initial state of its motion, and whether elements may be inverted at its end."""
 
     system: System
     v0: Any = None
@@ -69,7 +70,7 @@ class Scene(NamedTuple):
     inverts: bool = False
 
     def run(self, integrator, until, **options):
-        """Simulated without a word."""
+        """Return a quiet run."""
         options = {"u0": self.u0, "v0": self.v0, "damping": self.damping} | options
         if self.inverts and "raise_on_failure" not in options:
             return reached(self.system, integrator, until=until, **options)
@@ -77,56 +78,59 @@ class Scene(NamedTuple):
 
 
 def pushed(t):
-    """A force or an acceleration that changes with time."""
+    """Return a force or an acceleration that changes with time."""
     return (1.5 * np.sin(4 * t + 0.5), -2.0 * np.cos(3 * t), 1.0 + t * t)
 
 
 def moved(x, t):
-    """Where a support goes: it turns, moves and stretches, at rest and on its way at t = 0."""
+    """Return the displacement of a support that rotates, moves and stretches; at t = 0 it is zero, and its velocity is not."""
     return (0.3 * np.sin(2 * t) + 0.1 * t * x[1], 0.1 * (np.cos(5 * t) - 1) + 0.0 * x[0], 0.2 * t * x[0])
 
 
 def clamped(d, **options):
-    """Held at its left end, pushed at the other by what changes with time, and heavy."""
+    """Return a heavy body fixed at its left end, with a time-dependent traction at its right end."""
     mesh = MESHES[d]
     loads = [Traction("right", lambda t: pushed(t)[:d]), Gravity((0.3, -1.0, 0.5)[:d])]
     return Scene(System(mesh, [material(mesh), *loads], fixed={"left": "xyz"[:d]}), **options)
 
 
 def driven(d, **options):
-    """Its left end moves as it is told."""
+    """Return a body with prescribed displacements of its left end."""
     mesh = MESHES[d]
     return Scene(System(mesh, material(mesh), prescribed={"left": lambda x, t: moved(x, t)[:d]}), **options)
 
 
 def spinning(d, **options):
-    """Free, spinning, flying and swinging."""
+    """Return a free body that rotates, translates and vibrates."""
     mesh = MESHES[d]
     return Scene(System(mesh, material(mesh)), **{"v0": velocities(mesh), **options})
 
 
 def loaded(d, **options):
-    """Free to move, pulled at two vertices by what changes with time."""
+    """Return a free body with time-dependent forces on two vertices."""
     mesh = MESHES[d]
     pull = NodalLoad((1, 5), lambda t: [0.04 * f for f in pushed(t)[:d]])
     return Scene(System(mesh, [material(mesh), pull]), **{"v0": velocities(mesh), **options})
 
 
-def let_go(d, by=0.5):
-    """Pressed together by this part of its size: with the first step that is found it blows up, unless that is little."""
+def released(d, by=0.5):
+    """Return a body released from a compression by this fraction of its size.
+
+    The first step size that is found makes it blow up, unless the compression is small.
+    """
     mesh = MESHES[d]
     return Scene(System(mesh, material(mesh)), u0=-by * (mesh.p - mesh.p.mean(axis=1)[:, None]).ravel("F"), inverts=True)
 
 
 def kicked(d):
-    """Pushed together at 2 s, and damped: with the step that is found before it blows up there."""
+    """Return a damped body that is compressed by a pulse at 2 s; it blows up there with the step size found before."""
     mesh, most = MESHES[d], {2: 6.0, 3: 16.0}[d]
     push = Traction("right", lambda t: np.multiply(0.1, pushed(t)[:d]) - most * np.exp(-(((t - 2) / 0.2) ** 2)) * np.eye(d)[0])
     return Scene(System(mesh, [material(mesh), push]), damping=BOTH, inverts=True)
 
 
 def stretched(mesh):
-    """Stiff, and stiffer and stiffer, for it is pulled apart: critical steps fall."""
+    """Return a stiff body that stiffens as it is stretched, so that critical steps decrease."""
     ends = {"left": {"x": 0.0, "y": 0.0, "z": 0.0}, "right": {"x": lambda t: 0.8 * np.sin(t / 4) ** 2}}
     return Scene(System(mesh, [material(mesh, young=300.0)], prescribed=ends))
 
@@ -141,7 +145,7 @@ SCENES = {
 
 
 def begun(system, integrator, v0):
-    """What a run is and where it begins, undeformed with velocities `v0`."""
+    """Return the setup and the initial record of a run, undeformed with velocities `v0`."""
     motion = Motion(system, "lumped", None)
     state = MotionState.at(0.0, np.zeros(system.ndofs), v0)
     state.v[motion.free.fixed] = 0

@@ -1,4 +1,4 @@
-"""What a time loop costs besides the arithmetic: memory, and looks at the critical step."""
+"""Cost of a time loop besides arithmetic: memory, and reviews of the critical step."""
 
 import re
 import sys
@@ -33,12 +33,12 @@ def pushed(system):
 
 
 def forget_names():
-    """Have Python let go of names of attributes: it keeps the last 4096 that C code has asked for, some 60 B each."""
+    """Clear Python's cache of attribute names, which holds the last 4096 names used by C code, some 60 B each."""
     getattr(sys, "_clear_internal_caches", sys._clear_type_cache)()
 
 
 def memory_of_steps(n, integrator):
-    """Of a body of n cells across: the most bytes that a step takes for a moment, those that three leave, and those of `u`."""
+    """Return bytes for a body of n cells across: the largest temporary allocation of a step, the growth in three steps, and `u`."""
     system = hanging(n)
     setup, record = begun(system, integrator, pushed(system))
     loop, peaks = Loop(setup, record, Outputs(setup, record), True), []
@@ -72,14 +72,14 @@ def memory_of_steps(n, integrator):
 @pytest.mark.parametrize(
     "integrator", [ForwardEuler(dt=1e-5), VelocityVerlet(dt=1e-5), LinearBackwardEuler(dt=1e-3)], ids=lambda one: one.name
 )
-def test_nothing_as_long_as_a_vector_is_allocated_in_the_time_loop(integrator):
-    """What a kernel works in, 12 kB for a block of elements, is as large for any body, and nothing else grows with it either."""
+def test_the_time_loop_allocates_no_vector(integrator):
+    """Work arrays of kernels, 12 kB per block of elements, and all other allocations do not depend on the size of the body."""
     (few, _, _), (peak, left, u) = (memory_of_steps(n, integrator) for n in (4, 6))
     assert peak < u and left < 1000 and abs(peak - few) < 300
 
 
-def test_a_linear_step_starts_from_where_velocity_and_acceleration_lead():
-    """Less iterations, and the same motion."""
+def test_a_linear_step_starts_from_the_extrapolated_velocity():
+    """The initial guess saves iterations, and the motion is the same."""
     system = hanging(4)
     run = simulate(system, LinearBackwardEuler(dt=1e-2, rtol=1e-3), until=0.3, v0=pushed(system), quiet=True)
     setup, record = begun(system, run.integrator, pushed(system))
@@ -92,7 +92,7 @@ def test_a_linear_step_starts_from_where_velocity_and_acceleration_lead():
     assert np.abs(state.u - run.u).max() < 1e-2 * np.abs(run.u).max()
 
 
-def test_looks_are_taken_more_often_while_the_bound_moves():
+def test_reviews_are_more_frequent_while_the_bound_changes():
     step, reviews = Reviews(step=1.25, bound=1.0).estimate(1.0, 10)
     assert step == 1.25 and (reviews.next, reviews.interval) == (30, 20)
     for _ in range(5):
@@ -106,8 +106,8 @@ def test_looks_are_taken_more_often_while_the_bound_moves():
 
 
 @pytest.mark.parametrize("n", [4, 6, 8])
-@pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")  # of elements inside out
-def test_steps_that_are_found_stay_below_the_critical_one_as_a_soft_body_swings(n):
+@pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")  # warnings of inverted elements
+def test_automatic_steps_of_a_soft_body_stay_below_the_critical_step(n):
     system = hanging(n)
     run = simulate(system, VelocityVerlet(), until=0.5, v0=pushed(system), quiet=True, raise_on_failure=False)
     assert run.status is Status.FINISHED
@@ -115,8 +115,8 @@ def test_steps_that_are_found_stay_below_the_critical_one_as_a_soft_body_swings(
 
 
 @pytest.mark.parametrize("share, times", [(0.99, 0), (1.01, 1)], ids=["below", "above"])
-def test_eigenvalues_are_looked_for_only_where_a_given_step_is_above_the_safe_bound(share, times, monkeypatch):
-    """There they may show that it is stable all the same, and no warning comes."""
+def test_eigenvalues_are_computed_only_for_steps_above_the_safe_bound(share, times, monkeypatch):
+    """The eigenvalues may show that the step is stable nevertheless; then there is no warning."""
     system, asked, at = hanging(3), [], LargestFrequency.at
     found = critical_step(system)
     assert share * found.bound < found.step
@@ -125,7 +125,7 @@ def test_eigenvalues_are_looked_for_only_where_a_given_step_is_above_the_safe_bo
     assert run.status is Status.FINISHED and len(asked) == times
 
 
-def test_a_body_that_is_drawn_out_until_a_given_step_is_too_large_is_noticed_though_no_eigenvalue_was_looked_for_before():
+def test_a_step_that_becomes_too_large_is_reported_without_earlier_eigenvalues():
     system = hanging(3)
     dt = 0.9 * critical_step(system).bound
     setup, record = begun(system, VelocityVerlet(dt=dt), pushed(system))
@@ -140,7 +140,7 @@ def test_a_body_that_is_drawn_out_until_a_given_step_is_too_large_is_noticed_tho
     assert limit._last.step < dt < critical_step(system).bound
 
 
-def test_the_advice_after_a_blow_up_has_both_numbers_even_if_none_was_looked_for_before():
+def test_the_advice_after_a_blow_up_names_step_and_bound():
     system = hanging(3)
     dt = 0.5 * critical_step(system).bound
     setup, record = begun(system, VelocityVerlet(dt=dt), pushed(system))

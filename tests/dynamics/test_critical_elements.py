@@ -1,4 +1,4 @@
-"""What step each element allows: none is left out, the body has no longer one, and the right ones are named."""
+"""The critical step of each element is found, is not below the body's, and the critical elements are named."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def body(name, **more):
 
 
 def of_one(system, e):
-    """The step of one element, whose K is that of a mesh of its own, at the nodes of the body."""
+    """Return the step of one element, with K of a mesh of its own and the masses of the body."""
     mesh, law = system.mesh, system.terms[0]
     kept = np.unique(mesh.t[:, e])
     t = np.searchsorted(kept, mesh.t[:, [e]])
@@ -51,7 +51,7 @@ def of_one(system, e):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_each_step_is_that_of_its_own_stiffness_and_the_masses_of_the_body(name):
+def test_each_step_follows_from_the_own_stiffness_and_the_masses_of_the_body(name):
     system = body(name)
     found = critical_elements(system, 3)
     for e in (0, system.mesh.nt // 2, int(found.elements[0])):
@@ -59,22 +59,22 @@ def test_each_step_is_that_of_its_own_stiffness_and_the_masses_of_the_body(name)
 
 
 @pytest.mark.parametrize("quadrature", [None, slow("one-point"), "exact"])
-def test_the_rule_of_the_system_counts(quadrature):
+def test_steps_use_the_quadrature_of_the_system(quadrature):
     system = body("hexahedra", quadrature=quadrature)
     assert critical_elements(system).every[5] == pytest.approx(of_one(system, 5), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_no_body_has_a_longer_step_than_one_of_its_elements_allows(name):
+def test_the_step_of_the_body_does_not_exceed_that_of_an_element(name):
     system = body(name, fixed={tuple(range(0, BODIES[name].nv, 4)): "x"})
     least, step = critical_elements(system, 1).steps[0], critical_step(system).step
-    assert step <= least * (1 + 1e-3)  # to which eigenvalues are found
+    assert step <= least * (1 + 1e-3)  # the tolerance of eigenvalues
     assert least < 2.5 * step
 
 
 @pytest.mark.parametrize("height", [1e-3, 1e-5])
-def test_a_sliver_sets_the_step_of_the_body_to_some_percent(height):
-    """Steps by its own mass alone would be ten times too short."""
+def test_a_sliver_determines_the_step_of_the_body_to_five_percent(height):
+    """Steps from the element's own mass alone would be ten times too short."""
     mesh = box(3)
     p = mesh.p.copy()
     a, b, c, apex = p[:, mesh.t[:, 40]].T
@@ -86,13 +86,13 @@ def test_a_sliver_sets_the_step_of_the_body_to_some_percent(height):
     assert found.steps[0] == pytest.approx(critical_step(system).step, rel=0.05)
 
 
-def test_it_counts_the_displacements():
+def test_steps_depend_on_the_displacements():
     system = body("tetrahedra")
     stretched = 0.5 * system.mesh.p.ravel("F")
     assert (critical_elements(system, u=stretched).every < critical_elements(system).every).all()
 
 
-def test_laws_and_penalties_add_up_and_what_is_not_of_elements_is_named():
+def test_laws_and_penalties_add_up_and_other_terms_are_named():
     mesh = box(2)
     floor = ElementMesh.of(skfem.MeshTet(mesh.p, mesh.t).with_boundaries({"floor": lambda x: x[2] < 0.1}))
     law = StVK(young=2.0, poisson=0.3, density=1.0)
@@ -108,7 +108,7 @@ def test_laws_and_penalties_add_up_and_what_is_not_of_elements_is_named():
         critical_elements(System(floor, SpringNetwork(young=2.0, poisson=0.25, density=1.0)))
 
 
-def test_the_element_that_was_made_bad_is_found():
+def test_a_stiff_element_is_found():
     mesh = box(3)
     young = np.ones(mesh.nt)
     young[77] = 1e4
@@ -118,10 +118,10 @@ def test_the_element_that_was_made_bad_is_found():
     np.testing.assert_array_equal(found.every[found.elements], found.steps)
 
 
-def test_elements_that_cannot_move_or_are_gone_or_in_no_term_have_no_step():
+def test_constrained_removed_and_unused_elements_have_infinite_steps():
     mesh = box(2)
-    held = tuple(mesh.t[:, 5].tolist())
-    system = System(mesh, StVK(young=1.0, poisson=0.3, density=1.0), fixed={held: "xyz"})
+    constrained = tuple(mesh.t[:, 5].tolist())
+    system = System(mesh, StVK(young=1.0, poisson=0.3, density=1.0), fixed={constrained: "xyz"})
     with_all = critical_elements(system).every
     assert np.isinf(with_all[5]) and np.isfinite(np.delete(with_all, 5)).all()
     system = system.without([7])

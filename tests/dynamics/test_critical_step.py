@@ -1,4 +1,4 @@
-"""Explicit steps: the critical one is 2/omega_max, the bound is below it, and what is above it blows up."""
+"""The critical explicit step is 2/omega_max, the bound is below it, and longer steps are unstable."""
 
 import numpy as np
 import pytest
@@ -22,16 +22,16 @@ from skfem_stvk.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.dynamics.damping import EdgeDamping, Rayleigh
 from skfem_stvk.edges import NONE
 
-#: `step` is 2 over `sqrt(value + residual)`: that much too small at most, and hardly ever too large.
+#: `step` is 2 over `sqrt(value + residual)`, so it is too small by at most the first, and too large by hardly more than the second.
 BELOW, ABOVE = 1e-3, 1e-4
 
 
 def unstructured(n=200):
-    """Tetrahedra between random points, with slivers."""
+    """Return tetrahedra between random points, with slivers."""
     p = np.random.default_rng(0).random((3, n)) * [[2.0], [1.0], [1.0]]
     mesh = ElementMesh(p, Delaunay(p.T).simplices.T)
-    spokes = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
-    volume = np.abs(np.linalg.det(spokes.transpose(2, 0, 1)))
+    base_vectors = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
+    volume = np.abs(np.linalg.det(base_vectors.transpose(2, 0, 1)))
     used, t = np.unique(mesh.t[:, volume > 1e-2 * volume.mean()], return_inverse=True)
     return ElementMesh(p[:, used], t.reshape(4, -1))
 
@@ -62,7 +62,7 @@ AMOUNTS = (0.0, 0.2, 0.5)
 
 
 def matrices(system, u):
-    """K, K0, K_GN and m over the free degrees of freedom."""
+    """Return K, K0, K_GN and m over the free degrees of freedom."""
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
     K = system.tangent(u), system.tangent(np.zeros(system.ndofs)), system.jacobian(u, kept=NONE)
     return [k.toarray()[np.ix_(free, free)] for k in K], np.repeat(system.mass().vertex, system.mesh.d)[free]
@@ -76,7 +76,7 @@ def largest(K, m):
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_the_step_is_that_of_the_largest_eigenvalue(name, amount):
     system = SYSTEMS[name]
-    u = state(system.mesh, amount) - amount * system.mesh.p.ravel("F")  # pressed together: K is indefinite
+    u = state(system.mesh, amount) - amount * system.mesh.p.ravel("F")  # compressed, so that K is indefinite
     (K, _, _), m = matrices(system, u)
     exact = 2 / np.sqrt(largest(K, m))
     found = critical_step(system, u)
@@ -86,14 +86,14 @@ def test_the_step_is_that_of_the_largest_eigenvalue(name, amount):
     assert 0 < found.products < 100
 
 
-def test_some_of_these_states_are_indefinite():
+def test_some_tested_states_are_indefinite():
     system = SYSTEMS["tetrahedra, free"]
     (K, _, _), _ = matrices(system, state(system.mesh, 0.5) - 0.5 * system.mesh.p.ravel("F"))
     assert np.linalg.eigvalsh(K)[0] < -0.02 * np.linalg.eigvalsh(K)[-1]
 
 
 def exact_with_damping(system, u, alpha, beta, tau):
-    """By bisection of `T^2 K + 2 T D <= 4 M`."""
+    """Return the critical step by bisection of `T^2 K + 2 T D <= 4 M`."""
     (K, K0, KGN), m = matrices(system, u)
     low, high = 0.0, 2 / np.sqrt(largest(K, m))
     for _ in range(60):
@@ -124,7 +124,7 @@ def test_damping_makes_the_step_smaller(name, amount, damping):
     assert (found.omega, found.omega_bound) == (undamped.omega, undamped.omega_bound)
 
 
-def test_at_rest_it_is_the_formula_of_the_damping_ratio():
+def test_the_step_at_rest_follows_from_the_damping_ratio():
     system, (alpha, beta) = SYSTEMS["tetrahedra, free"], (2.0, 0.1)
     (K, _, _), m = matrices(system, np.zeros(system.ndofs))
     omega = np.sqrt(largest(K, m))
@@ -134,7 +134,7 @@ def test_at_rest_it_is_the_formula_of_the_damping_ratio():
 
 
 def grows(system, step, force, n=1500):
-    """Whether `v += T M^-1 f(u, v); u += T v` blows up from a velocity of rounding."""
+    """Return whether `v += T M^-1 f(u, v); u += T v` diverges from a velocity of 1e-9."""
     free = np.ones(system.ndofs)
     free[system.supports.held] = 0
     u, v = np.zeros(system.ndofs), 1e-9 * free * np.random.default_rng(0).standard_normal(system.ndofs)
@@ -154,8 +154,9 @@ def force(system, alpha=0.0, beta=0.0, tau=0.0):
 @pytest.mark.parametrize("damping", [None, *DAMPINGS])
 @pytest.mark.parametrize("name", ["tetrahedra, held", slow("triangles, free"), "cable, free"])
 def test_instability_is_observed_within_two_percent(name, damping):
-    """2 % above the step a perturbation of 1e-9 grows by six orders; 2 % below it does not. Damping takes the velocity of the step
-    before.
+    """2 % above the step a perturbation of 1e-9 grows by six orders; 2 % below it does not.
+
+    Damping uses the velocity of the previous step.
     """
     system, (given, factors) = SYSTEMS[name], DAMPINGS.get(damping, (None, (0, 0, 0)))
     step = critical_step(system, damping=given).step
@@ -163,9 +164,10 @@ def test_instability_is_observed_within_two_percent(name, damping):
     assert grows(system, 1.02 * step, force(system, *factors))
 
 
-def test_the_largest_frequency_is_found_where_it_moved():
-    """One vertex near its neighbours in a mesh that else does not change: an estimate that only went on from the mode before would
-    miss it.
+def test_the_largest_frequency_is_found_at_another_vertex():
+    """In a mesh that is otherwise at rest, one vertex is moved close to its neighbours.
+
+    An estimate that only continued from the previous mode would miss the largest frequency.
     """
     mesh = box(6)
     system = System(mesh, StVK(young=2.0, poisson=0.3, density=1.0))
@@ -179,7 +181,7 @@ def test_the_largest_frequency_is_found_where_it_moved():
         assert exact * (1 - BELOW) < frequency.at(u.ravel()).step < exact * (1 + ABOVE)
 
 
-def test_it_depends_on_the_state_alone():
+def test_the_step_depends_only_on_the_state():
     system = SYSTEMS["tetrahedra, held"]
     frequency, u = LargestFrequency(system, EdgeDamping(0.1)), state(system.mesh)
     first = frequency.at(u)
@@ -188,18 +190,18 @@ def test_it_depends_on_the_state_alone():
     assert frequency.bound(u) == first.bound
 
 
-def test_what_is_held_altogether_does_not_count():
-    """A stiff part whose vertices are all held; its neighbours see it, but only as a wall."""
+def test_fully_constrained_elements_do_not_limit_the_step():
+    """All vertices of a stiff part are constrained, so that its neighbours are affected only as by a wall."""
     mesh = MESHES["triangles"]
     stiff = np.flatnonzero((mesh.p[0][mesh.t] < 0.4).all(axis=0))
     young = np.where(np.isin(np.arange(mesh.nt), stiff), 1e6, 1.0)
     fixed = {tuple(np.unique(mesh.t[:, stiff]).tolist()): "xy"}
-    held, soft = (System(mesh, StVK(young=y, poisson=0.3, density=1.0), fixed=fixed) for y in (young, 1.0))
-    found, wanted = critical_step(held), critical_step(soft)
+    stiff_wall, soft = (System(mesh, StVK(young=y, poisson=0.3, density=1.0), fixed=fixed) for y in (young, 1.0))
+    found, wanted = critical_step(stiff_wall), critical_step(soft)
     assert found.step == pytest.approx(wanted.step, rel=1e-3) and found.bound == pytest.approx(wanted.bound, rel=1e-12)
 
 
-def test_single_precision_will_do():
+def test_single_precision_is_sufficient():
     system = SYSTEMS["tetrahedra, free"]
     single = System(system.mesh, system.terms, dtype=np.float32)
     u = state(system.mesh)
@@ -216,7 +218,7 @@ def test_units_do_not_matter(factor):
     assert other.step == pytest.approx(factor * 1e-3 * one.step, rel=1e-9) and other.products == one.products
 
 
-def test_a_single_degree_of_freedom():
+def test_a_single_degree_of_freedom_has_the_textbook_step():
     """A mass of 1/2 kg on a spring of 4 N/m: omega^2 = 8."""
     line = ElementMesh([[0.0, 1.0]], [[0], [1]])
     system = System(line, StVK(young=4.0, poisson=0.3, density=1.0), fixed={(0,): "x"})
@@ -226,15 +228,15 @@ def test_a_single_degree_of_freedom():
     assert str(found) == "critical step 0.7071 s, safe bound 0.7071 s"
 
 
-def test_what_no_element_stiffens_has_no_critical_step():
-    """A bar pressed beyond 1/sqrt(3) of its length pushes the other way."""
+def test_a_body_without_positive_stiffness_has_no_critical_step():
+    """A bar compressed beyond 1/sqrt(3) of its length has negative stiffness."""
     line = ElementMesh([[0.0, 1.0]], [[0], [1]])
     system = System(line, StVK(young=4.0, poisson=0.3, density=1.0), fixed={(0,): "x"})
     found = critical_step(system, [0.0, -0.7])
     assert (found.step, found.bound, found.omega, found.omega_bound) == (np.inf, np.inf, 0.0, 0.0)
 
 
-def test_what_cannot_be_done_is_refused():
+def test_invalid_calls_are_refused():
     system = SYSTEMS["triangles, free"]
     with pytest.raises(MaterialError, match="density"):
         critical_step(System(*BODIES["tetrahedra, isotropic"]))

@@ -1,4 +1,4 @@
-"""What damping is given by is checked, and kinds add up."""
+"""Arguments of damping are checked, and kinds of damping add up."""
 
 import dataclasses
 
@@ -15,12 +15,12 @@ from skfem_stvk.dynamics.damping import EdgeDamping, Rayleigh, damping_factors
     [(lambda x: Rayleigh(alpha=x), "alpha"), (lambda x: Rayleigh(beta=x), "beta"), (EdgeDamping, "tau")],
     ids=["alpha", "beta", "tau"],
 )
-def test_what_is_negative_or_no_number_is_refused(make, name, value):
+def test_factors_must_be_nonnegative_numbers(make, name, value):
     with pytest.raises(StvkError, match=rf"{name} = .*; expected a number \[.*s\], not negative"):
         make(value)
 
 
-def test_nothing_changes_once_it_is_made():
+def test_damping_is_frozen():
     with pytest.raises(dataclasses.FrozenInstanceError):
         Rayleigh(0.1, np.float64(0.2)).alpha = 3.0
 
@@ -40,6 +40,6 @@ def test_kinds_add_up(damping, factors):
 
 
 @pytest.mark.parametrize("damping", [0.1, "Rayleigh", [0.1], Rayleigh, [[EdgeDamping(1.0)]]])
-def test_what_is_no_damping_is_refused(damping):
+def test_other_objects_are_refused_as_damping(damping):
     with pytest.raises(StvkError, match=r"expected Rayleigh\(alpha=..., beta=...\), EdgeDamping\(tau\), or a list"):
         damping_factors(damping)

@@ -1,4 +1,4 @@
-"""The equations of the integrators, step by step against dense numpy."""
+"""Steps of the integrators agree with their equations in dense NumPy."""
 
 from types import SimpleNamespace
 
@@ -28,15 +28,15 @@ DT, STEPS, PUSHED = 0.02, 4, (5, 7)
 
 
 class Textbook(Dense):
-    """The motion of `scene` in dense matrices, from its own constants."""
+    """The motion of `scene` in dense matrices, with constants of its own."""
 
     def __init__(self, d, damping, consistent=False):
         rng, mesh = np.random.default_rng(5), MESHES[d]
         young, density = 3.0 * rng.uniform(0.7, 1.3, mesh.nt), rng.uniform(0.7, 1.3, mesh.nt)
         super().__init__(mesh, young, density, FACTORS[damping], consistent)
         left = np.unique(mesh.boundaries["left"])
-        self.held = (d * left[:, None] + np.arange(d)).ravel()
-        self.free = np.setdiff1d(np.arange(self.n), self.held)
+        self.constrained = (d * left[:, None] + np.arange(d)).ravel()
+        self.free = np.setdiff1d(np.arange(self.n), self.constrained)
         self.x, self.u0 = mesh.p[:, left], np.zeros(self.n)
 
     def h(self, t):
@@ -50,7 +50,7 @@ class Textbook(Dense):
     def start(self):
         u, v = self.u0.copy(), velocities(self.mesh)
         step = 1e-4
-        v[self.held] = (self.support(step) - self.support(-step)) / (2 * step)
+        v[self.constrained] = (self.support(step) - self.support(-step)) / (2 * step)
         a = np.zeros(self.n)
         force = self.h(0.0) - self.resistance(u, v) - self.F(u)
         a[self.free] = np.linalg.solve(self.M[np.ix_(self.free, self.free)], force[self.free])
@@ -61,7 +61,7 @@ class Textbook(Dense):
         for number in range(STEPS):
             t = (number + 1) * DT
             w = DT * state.v
-            w[self.held] = self.support(t) - state.u[self.held]
+            w[self.constrained] = self.support(t) - state.u[self.constrained]
             step(self, state, w, t)
             state.t = t
         return state
@@ -76,7 +76,7 @@ def scene(d, damping):
 
 
 def forward_euler(it, state, w, t):
-    """Eq. 4."""
+    """Make a step of eq. 4."""
     acceleration = (it.h(t) - it.D(state.u) @ state.v - it.F(state.u))[it.free] / np.diag(it.M)[it.free]
     v = w / DT
     v[it.free] = state.v[it.free] + DT * acceleration
@@ -96,12 +96,12 @@ def velocity_verlet(it, state, w, t):
 
 
 def linear_backward_euler(tangent):
-    """Eq. 9."""
+    """Return a step of eq. 9 with this tangent."""
 
     def step(it, state, w, t):
         K = tangent(it, state.u)
         A, b = it.M / DT**2 + it.D(state.u) / DT + K, it.h(t) - it.F(state.u) + it.M @ state.v / DT
-        f, s = it.free, it.held
+        f, s = it.free, it.constrained
         w[f] = np.linalg.solve(A[np.ix_(f, f)], b[f] - A[np.ix_(f, s)] @ w[s])
         state.v = w / DT
         state.u = state.u + DT * state.v
@@ -110,7 +110,7 @@ def linear_backward_euler(tangent):
 
 
 def solved(residual, ends):
-    """A step whose equation of `w` is solved; `ends` gives velocities and accelerations."""
+    """Return a step that solves an equation for `w`; `ends` returns the new velocities and accelerations."""
 
     def step(it, state, w, t):
         w = root(lambda w: residual(it, state, w, t), w, it.free)
@@ -196,12 +196,12 @@ def test_steps_are_those_of_the_equation(name, d, damping, consistent):
 
 
 def blocks(K, d):
-    """The diagonal blocks of a matrix."""
+    """Return the diagonal blocks of a matrix."""
     return K * np.kron(np.eye(len(K) // d), np.ones((d, d)))
 
 
 def clamped(it, u):
-    """K without negative tensions of edges."""
+    """Return K without negative tensions of edges."""
     return System(it.mesh, material(it.mesh)).jacobian(u, kept=TENSILE).toarray()
 
 
@@ -214,7 +214,7 @@ def clamped(it, u):
         ("rest", "alpha", lambda it, u: it.K0),
     ],
 )
-def test_other_tangents_are_what_they_say_in_equation_9(tangent, damping, matrix, d):
+def test_other_tangents_solve_their_version_of_equation_9(tangent, damping, matrix, d):
     run = spinning_textbook(d, damping)
     integrator = LinearBackwardEuler(DT, tangent=tangent, rtol=1e-12)
     alpha, beta, tau = FACTORS[damping]
@@ -225,7 +225,7 @@ def test_other_tangents_are_what_they_say_in_equation_9(tangent, damping, matrix
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("d", [2, 3])
-def test_backward_euler_finds_the_minimum_of_what_a_step_costs(d, mass):
+def test_backward_euler_minimises_the_incremental_potential(d, mass):
     alpha, beta, _ = FACTORS["damped"]
     body = scene(d, "undamped")._replace(damping=Rayleigh(alpha, beta))
     system, rng = body.system, np.random.default_rng(d)
@@ -247,12 +247,12 @@ def test_backward_euler_finds_the_minimum_of_what_a_step_costs(d, mass):
         ahead, back = (np.array([cost(w + sign * p) for p in steps]) for sign in (1, -1))
         assert min(ahead.min(), back.min()) > lowest
         slopes[size] = (np.abs(ahead - back) / (ahead + back - 2 * lowest)).max()
-    assert slopes[1e-4] < 1e-4  # what is left is of third order
+    assert slopes[1e-4] < 1e-4  # the remainder is of third order
 
 
 def spinning_textbook(d, damping):
-    """Free, without loads."""
+    """Return a free body without loads."""
     it = Textbook(d, damping)
-    it.held, it.free, it.x = it.held[:0], np.arange(it.n), it.x[:, :0]
+    it.constrained, it.free, it.x = it.constrained[:0], np.arange(it.n), it.x[:, :0]
     it.h, it.u0 = lambda t: np.zeros(it.n), 0.05 * np.cos(np.arange(it.n))
     return it

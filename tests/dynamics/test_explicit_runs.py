@@ -1,4 +1,4 @@
-"""Steps that explicit runs find, and what is looked at on the way and in the end."""
+"""Explicit runs find stable steps, and report inverted elements and long steps."""
 
 import sys
 
@@ -23,7 +23,7 @@ from skfem_stvk.results.series import read_list
 
 @pytest.mark.parametrize("damping", [(3.0, 0.0, 0.0), (0.0, 0.02, 0.0), (0.0, 0.0, 0.02)], ids=["alpha", "beta", "tau"])
 @pytest.mark.parametrize(("make", "weight"), [(ForwardEuler, 1), (VelocityVerlet, 2)], ids=["ForwardEuler", "VelocityVerlet"])
-def test_damping_counts_twice_where_it_is_taken_at_a_predicted_velocity(make, weight, damping):
+def test_damping_at_a_predicted_velocity_counts_twice_in_the_step(make, weight, damping):
     scene = spinning(2, damping=kinds(1, *damping))
     expected = critical_step(scene.system, damping=kinds(weight, *damping)).step
     assert scene.run(make(), 1e-3).dt == pytest.approx(0.85 * expected, rel=1e-9)
@@ -34,8 +34,8 @@ def kinds(times, alpha, beta, tau):
     return [Rayleigh(times * alpha, times * beta), EdgeDamping(times * tau)]
 
 
-def test_where_any_step_is_stable_one_is_asked_for():
-    """A bar that can only swing has no stiffness across."""
+def test_a_step_size_is_required_if_any_step_is_stable():
+    """A bar that can only swing has no transverse stiffness."""
     bar = ElementMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     system = System(bar, StVK(young=1.0, poisson=0.0, area=1.0, density=1.0), fixed=[([0], "xy"), ([1], "x")])
     v0 = [0, 0, 0, 0.01]
@@ -44,17 +44,17 @@ def test_where_any_step_is_stable_one_is_asked_for():
     assert simulate(system, VelocityVerlet(0.1), until=1.0, v0=v0, quiet=True).success
 
 
-def test_a_frequency_that_is_not_found_is_given_up(monkeypatch):
+def test_the_search_for_a_frequency_is_limited(monkeypatch):
     system = spinning(3).system
     found = critical_step(system)
     monkeypatch.setattr(sys.modules["skfem_stvk.dynamics.critical_step"], "MOST_PRODUCTS", 5)
     given_up = critical_step(system)
     assert found.products > given_up.products == 5
-    assert given_up.bound <= given_up.step <= 1.001 * found.step  # on the safe side by what is left of the residual
+    assert given_up.bound <= given_up.step <= 1.001 * found.step  # on the safe side by the remaining residual
 
 
 @pytest.mark.parametrize("make", [ForwardEuler, VelocityVerlet])
-def test_elements_that_are_inside_out_are_told_of_however_seldom_states_are_saved(make):
+def test_inverted_elements_are_reported_even_if_states_are_saved_rarely(make):
     mesh = MESHES[3]
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: [f / 5 for f in pushed(t)])])
     with pytest.warns(StvkWarning, match=r"t = 0.16 s: .*element.* inside out"):
@@ -63,7 +63,7 @@ def test_elements_that_are_inside_out_are_told_of_however_seldom_states_are_save
 
 
 @pytest.mark.parametrize("make", [BackwardEuler, Newmark])
-def test_a_body_that_begins_inside_out_is_let_go_on(make):
+def test_a_body_may_start_with_inverted_elements(make):
     mesh = MESHES[2]
     system = System(mesh, [material(mesh), VolumePenalty(3.0, kind="compression")], fixed={"left": "xy"})
     u0 = np.zeros((mesh.nv, 2))
@@ -76,7 +76,7 @@ def test_a_body_that_begins_inside_out_is_let_go_on(make):
 
 @pytest.mark.parametrize("every", [1, 7, 20, 1000])
 @pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
-def test_a_motion_that_blew_up_ends_in_its_files_where_the_run_does(every, tmp_path):
+def test_files_of_a_motion_that_blew_up_end_with_the_run(every, tmp_path):
     mesh = MESHES[2]
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: (0.0, 0.0) if t <= 1 else (1e5, 3e5))])
     files = {"save": tmp_path / "run.pvd", "every": every, "checkpoint": tmp_path / "run"}
@@ -89,8 +89,8 @@ def test_a_motion_that_blew_up_ends_in_its_files_where_the_run_does(every, tmp_p
     np.testing.assert_array_equal(saved.arrays["u"], run.u)
 
 
-def test_a_step_that_is_too_long_is_told_of_once():
-    """A body that flies as a whole has no vibration that could grow, but rounding."""
+def test_a_step_that_is_too_long_is_reported_once():
+    """A body in pure translation has no vibration that could grow, except round-off."""
     scene = spinning(2, v0=np.ones(2 * MESHES[2].nv))
     dt = 1.02 * critical_step(scene.system).step
     with pytest.warns(StvkWarning) as caught:
@@ -98,13 +98,13 @@ def test_a_step_that_is_too_long_is_told_of_once():
     assert sum("above the critical one" in str(warning.message) for warning in caught) == 1
 
 
-def test_a_step_without_end_is_refused():
+def test_an_infinite_step_is_refused():
     for make in (VelocityVerlet, BackwardEuler):
         with pytest.raises(StvkError, match="dt = inf; expected a time step"):
             make(np.inf)
 
 
-def test_newmarks_factors_are_held_against_each_other():
+def test_newmarks_factors_are_checked_together():
     for beta, gamma in ((0.25, 0.6), (0.29, 0.6)):
         with pytest.raises(StvkError, match="expected gamma >= 1/2 and beta >= gamma/2"):
             Newmark(0.1, beta=beta, gamma=gamma)

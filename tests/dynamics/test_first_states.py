@@ -1,4 +1,4 @@
-"""What a motion begins with, where it is held; and its first step."""
+"""Initial states of motions at supports, and first steps."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ LEFT = np.unique(MESH.boundaries["left"])
 
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), EnergyMomentum(0.01)], ids=lambda one: one.name)
-def test_what_is_held_is_where_its_supports_have_it_to_the_last_bit(integrator):
+def test_constrained_vertices_are_bitwise_at_their_prescribed_positions(integrator):
     u0 = np.full(MESH.p.size, 1e-13)
     system = System(MESH, material(MESH), fixed={"left": "xy"})
     run = simulate(system, integrator, until=0.05, u0=u0, v0=velocities(MESH), quiet=True)
@@ -30,8 +30,8 @@ def test_rounding_of_large_displacements_is_no_jump():
 
 
 @pytest.mark.parametrize("dt", [1e-5, 1e-2])
-def test_supports_begin_at_the_speed_that_a_step_sees(dt):
-    """Fast ones, slow ones: they are differenced over a part of the step."""
+def test_initial_velocities_of_supports_suit_the_step_size(dt):
+    """The velocity of supports is a difference over a fraction of the step, for fast and slow supports."""
     omega = 0.05 / dt
     system = System(MESH, material(MESH), prescribed={"left": {"x": lambda t: 1e-4 * np.sin(omega * t), "y": 0.0}})
     run = simulate(system, EnergyMomentum(dt), until=dt, quiet=True)
@@ -53,7 +53,7 @@ def test_a_step_far_longer_than_the_motion_is_one_step_to_its_end(integrator, tm
         simulate(system, checkpoint=tmp_path / "c", resume=True, until=-1.0, quiet=True)
 
 
-def test_a_step_that_is_found_far_longer_than_the_motion_is_one_step_to_its_end():
+def test_an_automatic_step_far_longer_than_the_motion_is_one_step_to_its_end():
     run = simulate(System(MESH, material(MESH)), VelocityVerlet(), until=1e-9, v0=velocities(MESH), quiet=True)
     assert run.success and run.t == 1e-9 and run.ledger.steps == 2
     np.testing.assert_allclose(run.u, 1e-9 * velocities(MESH), rtol=1e-6)

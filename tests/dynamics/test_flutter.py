@@ -1,4 +1,4 @@
-"""Modes where loads follow the body: K is not symmetric, and the body can flutter."""
+"""Modes under follower loads: K is not symmetric, and the body can flutter."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ YOUNG, WIDTH = 1e6, 1.0
 
 
 def column(cells=40, length=20.0, copies=1):
-    """A slender column along x, of so many cells along; copies stand side by side without touching."""
+    """Return a slender column along x, with `cells` elements along it; copies are side by side without contact."""
     one = skfem.MeshQuad.init_tensor(np.linspace(0, length, cells + 1), np.linspace(-WIDTH / 2, WIDTH / 2, 3)).to_meshtri(style="x")
     p = np.hstack([one.p + np.array([[0.0], [3.0 * number]]) for number in range(copies)])
     t = np.hstack([one.t + number * one.nvertices for number in range(copies)])
@@ -21,7 +21,7 @@ def column(cells=40, length=20.0, copies=1):
 
 
 def pressed(mesh, load, by, **fixed):
-    """Held at its base, pressed at its head by the load of this kind, `by` times Euler's and Bernoulli's `E I / L^2`."""
+    """Return a column fixed at its base, with a load on its head of `by` times Euler's and Bernoulli's `E I / L^2`."""
     p = by * YOUNG * WIDTH**3 / 12 / np.ptp(mesh.p[0]) ** 2
     acting = Pressure("head", p) if load is Pressure else Traction("head", (-p, 0.0))
     material = StVK(young=YOUNG, poisson=0.3, density=1.3, plane="stress")
@@ -29,12 +29,12 @@ def pressed(mesh, load, by, **fixed):
 
 
 def straight(system, t=1.0):
-    """The column shortened, at load factor t: the first step of a path to it."""
+    """Return the displacements of the shortened column at load factor t, the first step of a load path."""
     return solve_static(system, steps=round(1 / t), quiet=True, raise_on_failure=False).history[0].u
 
 
 def lapack(system, u, t=1.0, mass="lumped"):
-    """All eigenvalues, ascending by their real parts; K and M over the free degrees of freedom."""
+    """Return all eigenvalues in the order of their real parts, and K and M over the free degrees of freedom."""
     free = system.free_dofs(system.supports.held).free
     K, M = (matrix.toarray()[np.ix_(free, free)] for matrix in (system.jacobian(u, t), system.mass(mass).matrix))
     values = eig(np.linalg.solve(M, K), right=False)
@@ -45,7 +45,7 @@ def lapack(system, u, t=1.0, mass="lumped"):
 @pytest.mark.parametrize(("by", "growing"), [(8.0, 0), (90.0, 2)])
 @pytest.mark.parametrize("n", [6, 24], ids=["sparse", "dense"])
 def test_the_lowest_pairs_are_those_of_lapack(n, by, growing, mass):
-    """Matrices are dense where there are few unknowns for each mode; on so coarse a mesh the column takes more than Beck's load."""
+    """Matrices are dense if there are few unknowns per mode. On so coarse a mesh the column withstands more than Beck's load."""
     system = pressed(column(10), Pressure, by)
     u = straight(system)
     found, (values, K, M) = modes(system, n, u=u, mass=mass), lapack(system, u, mass=mass)
@@ -65,7 +65,7 @@ def test_the_lowest_pairs_are_those_of_lapack(n, by, growing, mass):
 
 
 def critical(load, mesh, low, high):
-    """The load, in `E I / L^2`, from which on a mode grows, by bisection; and the modes there."""
+    """Return the load at which a mode begins to grow, in `E I / L^2`, by bisection, and the modes there."""
     growing = None
     while high / low - 1 > 2e-4:
         middle = (low + high) / 2
@@ -76,8 +76,10 @@ def critical(load, mesh, low, high):
 
 
 def test_becks_column_flutters_at_eight_times_eulers_load():
-    """Follower force on a cantilever: 20.05 E I/L^2 (Beck 1952) against pi^2/4 of a dead one. Both on the same mesh, whose
-    triangles lock; how thick it is changes the ratio by (thickness/length)^2, which goes in the extrapolation.
+    """A follower force on a cantilever: 20.05 E I/L^2 (Beck 1952), compared with pi^2/4 for a dead load.
+
+    Both loads act on the same mesh, whose triangles lock. The thickness changes the ratio by (thickness/length)^2, which
+    extrapolation removes.
     """
     ratios = []
     for length, cells in ((20.0, 40), (40.0, 80)):
@@ -91,7 +93,7 @@ def test_becks_column_flutters_at_eight_times_eulers_load():
     assert (4 * ratios[1] - ratios[0]) / 3 == pytest.approx(20.05 / (np.pi**2 / 4), rel=2e-3)
 
 
-def test_a_mode_that_flutters_grows_in_time_as_it_says():
+def test_a_fluttering_mode_grows_at_its_reported_rate():
     system = pressed(column(20), Pressure, 40.0)
     u = straight(system)
     found = modes(system, 3, u=u)
@@ -106,7 +108,7 @@ def test_a_mode_that_flutters_grows_in_time_as_it_says():
 
 
 @pytest.mark.filterwarnings("ignore:The mesh is in 2 parts")
-def test_none_of_two_equal_pairs_is_missed_and_equal_modes_do_not_flutter():
+def test_equal_pairs_are_found_and_equal_modes_do_not_flutter():
     twins = column(20, copies=2)
     for by, growing in ((8.0, 0), (35.0, 4)):
         system = pressed(twins, Pressure, by)
@@ -117,9 +119,10 @@ def test_none_of_two_equal_pairs_is_missed_and_equal_modes_do_not_flutter():
         np.testing.assert_allclose(found.eigenvalues.real[::2], found.eigenvalues.real[1::2], rtol=1e-6)
 
 
-def test_a_jacobian_that_comes_out_symmetric_is_taken_for_what_it_is():
-    """The head slides along x only: pressure on it has a potential there, and the column buckles. Without the load's part in K it
-    is off by 9 %.
+def test_a_jacobian_symmetric_up_to_rounding_is_treated_as_symmetric():
+    """The head slides only along x, so that pressure on it has a potential, and the column buckles.
+
+    Without the load's contribution, K is off by 9 %.
     """
     by = 2.4 * 20.19
     system = pressed(column(), Pressure, by, head="y")
@@ -131,11 +134,11 @@ def test_a_jacobian_that_comes_out_symmetric_is_taken_for_what_it_is():
     np.testing.assert_allclose(found.eigenvalues, eigh(K, M, eigvals_only=True)[:4], rtol=1e-6)
     without = System(system.mesh, system.elastic_terms, fixed={"base": "xy", "head": "y"})
     assert abs(modes(without, 4, u=u).eigenvalues[3] / found.eigenvalues[3] - 1) < 1
-    iterated = modes(system, 4, u=u, solver="block-jacobi-cg")  # which is given a matrix
+    iterated = modes(system, 4, u=u, solver="block-jacobi-cg")  # this solver takes a matrix
     np.testing.assert_allclose(iterated.eigenvalues, found.eigenvalues, rtol=1e-6)
 
 
-def test_loads_act_as_they_do_at_their_load_factor():
+def test_modes_use_loads_at_their_load_factor():
     system = pressed(column(20), Pressure, 40.0)
     u = straight(system, 0.25)
     values, _, _ = lapack(system, u, 0.25)
@@ -147,13 +150,13 @@ def test_loads_act_as_they_do_at_their_load_factor():
         modes(system, 4, u=u, t="a")
 
 
-def test_conjugate_gradients_are_refused_where_k_is_not_symmetric():
+def test_conjugate_gradients_are_refused_for_unsymmetric_k():
     system = pressed(column(10), Pressure, 8.0)
     with pytest.raises(StvkError, match="Follower loads make K unsymmetric"):
         modes(system, 3, u=straight(system), solver="amg-cg")
 
 
-def test_flutter_is_said_drawn_and_written(tmp_path):
+def test_flutter_is_reported_drawn_and_written(tmp_path):
     system = pressed(column(20), Pressure, 40.0)
     found = modes(system, 3, u=straight(system))
     assert "2 unstable" in repr(found) and "unstable, flutters at" in repr(found) and "grows by exp(" in repr(found)

@@ -1,4 +1,4 @@
-"""Motions of bodies some of whose forces are the gradient of no energy: the ledger lacks that energy, and balances all the same."""
+"""Motions with some forces that have no energy: the ledger omits that energy and balances nevertheless."""
 
 import matplotlib
 import numpy as np
@@ -48,7 +48,7 @@ OPTIONS = {"young": 30.0, "poisson": 0.3, "density": 1.0}
 
 
 def body(law, mixed):
-    """A cantilever that falls, of the law alone, or of it in one half and of StVK in the other."""
+    """Return a falling cantilever with the law everywhere, or with the law in one half of the elements and StVK in the other."""
     terms = [law(**OPTIONS)]
     if mixed:
         terms = [law(region=np.arange(0, MESH.nt, 2), **OPTIONS), StVK(region=np.arange(1, MESH.nt, 2), **OPTIONS)]
@@ -62,7 +62,7 @@ def without_value(ledger):
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize("law", [at_vertices, by_stress, in_frames])
-def test_energies_that_do_not_exist_are_nan_and_the_rest_balances(law, mixed, integrator):
+def test_missing_energies_are_nan_and_the_rest_balances(law, mixed, integrator):
     system = body(law, mixed)
     ledger = simulate(system, INTEGRATORS[integrator], until=0.3, quiet=True).ledger
     (own,) = system.without_energy
@@ -79,8 +79,8 @@ def test_energies_that_do_not_exist_are_nan_and_the_rest_balances(law, mixed, in
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("law", [at_vertices, by_stress])
-def test_a_resumed_run_has_the_ledger_of_one_that_never_stopped(law, integrator, tmp_path):
-    """With energies of the other half in its balance."""
+def test_a_resumed_run_has_the_ledger_of_an_uninterrupted_run(law, integrator, tmp_path):
+    """The balance includes the energies of the other half."""
     given = INTEGRATORS[integrator]
     whole = simulate(body(law, True), given, until=0.2, quiet=True)
     simulate(body(law, True), given, until=0.1, quiet=True, checkpoint=tmp_path / "run")
@@ -89,7 +89,7 @@ def test_a_resumed_run_has_the_ledger_of_one_that_never_stopped(law, integrator,
     np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
 
 
-def test_a_checkpoint_that_knows_such_an_energy_or_lacks_another_is_refused(tmp_path):
+def test_a_checkpoint_with_impossible_energies_is_refused(tmp_path):
     system, until = body(at_vertices, True), 0.1
     simulate(system, Newmark(0.01), until=until, quiet=True, checkpoint=tmp_path / "run")
     file = tmp_path / "run" / "motion.npz"
@@ -104,21 +104,21 @@ def test_a_checkpoint_that_knows_such_an_energy_or_lacks_another_is_refused(tmp_
         ("strain_energy StVK 1", 1.01 * rows[:, names.index("strain_energy StVK 1")]),
         ("external_work", 1.01 * rows[:, names.index("external_work")]),
     ):
-        lying = rows.copy()
-        lying[:, names.index(name)] = value
-        write_archive(file, header.model_dump(), arrays | {"ledger": lying})
+        impossible = rows.copy()
+        impossible[:, names.index(name)] = value
+        write_archive(file, header.model_dump(), arrays | {"ledger": impossible})
         with pytest.raises(StvkError, match=r"motion\.npz is damaged"):
             simulate(system, checkpoint=tmp_path / "run", resume=True, until=2 * until, quiet=True)
 
 
-def test_a_line_and_a_picture_of_such_a_motion_have_a_dash(capsys):
+def test_missing_energies_are_dashes_in_output_and_pictures(capsys):
     run = simulate(body(at_vertices, False), Newmark(0.01), until=0.05)
     assert "J   strain -   total -   closure error" in capsys.readouterr().out
     legend = [text.get_text() for text in run.ledger.plot().axes[0].get_legend().get_texts()]
     assert {"strain energy: -", "total energy: -", "kinetic energy"} <= set(legend)
 
 
-def test_a_motion_that_blows_up_without_an_energy_says_so():
+def test_a_blow_up_without_an_energy_is_reported():
     with pytest.warns(StvkWarning):
         run = simulate(body(at_vertices, False), VelocityVerlet(0.5), until=50.0, quiet=True, raise_on_failure=False)
     assert run.status.name == "BLEW_UP" and np.isfinite(run.u).all() and "nan" not in run.message

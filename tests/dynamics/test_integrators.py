@@ -1,4 +1,4 @@
-"""What every integrator owes: one suite for all of them, which holds each to what it declares."""
+"""One suite tests every integrator for its declared properties."""
 
 from itertools import pairwise
 
@@ -43,15 +43,15 @@ MAKERS = {
 }
 IMPLICIT = [name for name, make in MAKERS.items() if not make(1.0).explicit]
 CONVERGED = [name for name in IMPLICIT if not name.startswith("Linear")]
-#: A tangent that knows no neighbours, or not how the body has turned, does not know damping by stiffness either.
+#: Tangents without coupling of neighbours, or without the rotation of the body, do not contain damping by stiffness either.
 CRUDE = ("LinearBackwardEuler, diagonal", "LinearBackwardEuler, rest")
-#: Until when, and in how many steps, where these are not those of the others of their order.
+#: End time and number of steps, if they differ from those of other integrators of the same order.
 TIMES = {"GeneralizedAlpha, 0": (0.06, 16)}
-#: Circular frequency by which displacements and velocities are compared [1/s].
+#: Circular frequency that scales displacements for the comparison with velocities [1/s].
 OMEGA = 10.0
 
 
-def test_all_integrators_are_here():
+def test_the_suite_covers_all_integrators():
     assert {type(make(1.0)).__name__ for make in MAKERS.values()} == set(INTEGRATORS)
 
 
@@ -67,7 +67,7 @@ def cases():
 
 
 @pytest.mark.parametrize(("name", "scene", "d", "mass"), list(cases()))
-def test_errors_of_the_motion_and_of_its_books_fall_with_the_declared_order(name, scene, d, mass):
+def test_errors_of_motion_and_energy_fall_with_the_declared_order(name, scene, d, mass):
     order = MAKERS[name](1.0).order
     until, steps = TIMES.get(name, {1: (0.03, 20), 2: (0.12, 16)}[order])
     runs = [SCENES[scene](d).run(MAKERS[name](until / n), until, mass=mass) for n in (steps, 2 * steps, 4 * steps)]
@@ -91,13 +91,13 @@ def test_errors_of_the_motion_and_of_its_books_fall_with_the_declared_order(name
         ("rest", "lumped", EdgeDamping(0.1), "as if the body had not turned"),
     ],
 )
-def test_a_crude_tangent_is_no_excuse_for_another_mass_or_damping(tangent, mass, damping, what):
+def test_crude_tangents_are_refused_with_unsuitable_mass_or_damping(tangent, mass, damping, what):
     with pytest.raises(StvkError, match=f"LinearBackwardEuler: tangent='{tangent}' would .*{what}.*Take"):
         spinning(2).run(LinearBackwardEuler(1e-3, tangent=tangent), 0.1, mass=mass, damping=damping)
 
 
 def drifts(integrator, d, mass="lumped"):
-    """How much of the conserved quantities a free spinning body loses or gains, as a part of what it has of them."""
+    """Return relative changes of the conserved quantities of a free rotating body."""
     ledger = spinning(d).run(integrator, 0.6, mass=mass).ledger
     axes = {2: "z", 3: "xyz"}[d]
     momenta = {
@@ -121,7 +121,7 @@ def test_an_integrator_conserves_what_it_declares_and_nothing_else(name, d):
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("name", MAKERS)
-def test_a_motion_runs_backwards_where_that_is_declared_and_nowhere_else(name, d):
+def test_only_declared_integrators_are_reversible(name, d):
     scene, integrator = spinning(d), MAKERS[name](0.01)
     there = scene.run(integrator, 0.2)
     back = scene.run(integrator, 0.2, u0=there.u, v0=-there.v)
@@ -130,21 +130,21 @@ def test_a_motion_runs_backwards_where_that_is_declared_and_nowhere_else(name, d
     assert max(missed) < 1e-9 if integrator.reversible else min(missed) > 1e-6
 
 
-def test_damping_is_not_run_backwards():
+def test_damped_motions_are_not_reversible():
     scene, integrator = spinning(3, damping=EdgeDamping(3e-3)), VelocityVerlet(0.01)
     there = scene.run(integrator, 0.2)
     assert np.abs(scene.run(integrator, 0.2, u0=there.u, v0=-there.v).u).max() > 1e-3
 
 
-def books(run):
-    """The largest closure error, as a part of the largest energy."""
+def relative_closure_error(run):
+    """Return the largest closure error relative to the largest energy."""
     ledger = run.ledger
     assert run.success and not run.cuts
     return np.abs(ledger["closure_error"]).max() / max(ledger["kinetic_energy"].max(), ledger["strain_energy"].max())
 
 
-def founded(d):
-    """On a bed, under pressure that follows the surface, and heavy."""
+def on_foundation(d):
+    """Return a body on an elastic foundation, with follower pressure and gravity."""
     mesh = MESHES[d]
     terms = [
         material(mesh),
@@ -155,7 +155,7 @@ def founded(d):
     return Scene(System(mesh, terms), v0=0.6 * velocities(mesh))
 
 
-WORKING = {"time loads": clamped, "moving supports": driven, "a free body": loaded, "a bed and pressure": founded}
+WORKING = {"time loads": clamped, "moving supports": driven, "a free body": loaded, "a bed and pressure": on_foundation}
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -163,18 +163,18 @@ WORKING = {"time loads": clamped, "moving supports": driven, "a free body": load
     "damping", [None, Rayleigh(alpha=0.8, beta=0.05), EdgeDamping(0.05)], ids=["undamped", "Rayleigh", "edges"]
 )
 @pytest.mark.parametrize("scene", WORKING)
-def test_the_books_of_energy_momentum_close_whatever_works_on_the_body(scene, damping, d):
+def test_the_energy_of_energy_momentum_balances_under_all_loads(scene, damping, d):
     run = WORKING[scene](d)._replace(damping=damping).run(EnergyMomentum(0.02, rtol=1e-13), 0.3)
     work, lost = run.ledger["external_work"], run.ledger["dissipated_work"]
-    assert books(run) < 1e-11 and np.abs(work).max() > 1e-3
+    assert relative_closure_error(run) < 1e-11 and np.abs(work).max() > 1e-3
     assert (np.diff(lost) > 0).all() if damping else not lost.any()
 
 
-def test_the_books_of_energy_momentum_close_to_second_order_with_a_volume_penalty():
+def test_the_energy_of_energy_momentum_balances_to_second_order_with_a_volume_penalty():
     mesh = MESHES[3]
     system = System(mesh, [material(mesh), VolumePenalty(5.0, kind="quadratic")])
     scene = Scene(system, v0=velocities(mesh))
-    errors = [books(scene.run(EnergyMomentum(dt, rtol=1e-13), 0.2)) for dt in (0.02, 0.01, 0.005)]
+    errors = [relative_closure_error(scene.run(EnergyMomentum(dt, rtol=1e-13), 0.2)) for dt in (0.02, 0.01, 0.005)]
     assert errors[0] > 1e-5 and np.log2(errors[1] / errors[2]) == pytest.approx(2, abs=0.2)
     ledger = scene.run(EnergyMomentum(0.02, rtol=1e-13), 0.5).ledger
     for axis in "xyz":
@@ -182,7 +182,7 @@ def test_the_books_of_energy_momentum_close_to_second_order_with_a_volume_penalt
         assert np.abs(momentum - momentum[0]).max() < 1e-12
 
 
-#: Those that keep linear momentum, with the masses that they take.
+#: Integrators that conserve linear momentum, with the masses that they accept.
 FLYING = [
     (name, mass)
     for name, make in MAKERS.items()
@@ -193,7 +193,7 @@ FLYING = [
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(("name", "mass"), FLYING)
-def test_a_rigid_body_flies_exactly(name, mass, d):
+def test_a_rigid_body_translates_exactly(name, mass, d):
     integrator, mesh = MAKERS[name](0.03), MESHES[d]
     v, g = np.array([3.0, -2.0, 1.0])[:d], np.array([0.5, -9.0, 2.0])[:d]
     flight = Scene(System(mesh, material(mesh)), v0=np.tile(v, mesh.nv)).run(integrator, 0.6, mass=mass)
@@ -210,22 +210,22 @@ def test_a_rigid_body_flies_exactly(name, mass, d):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_edges_resist_no_rotation_and_rayleighs_stiffness_does(d):
+def test_rayleigh_damping_resists_rotation_and_edge_damping_does_not(d):
     mesh, angle = MESHES[d], 0.9
-    turn = np.eye(d)
-    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    rotation = np.eye(d)
+    rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     system, x = System(mesh, material(mesh)), mesh.p.T
-    turned = (x @ turn.T - x).ravel()
+    rotated = (x @ rotation.T - x).ravel()
     scale = system.energy(0.3 * x.ravel())
     lost = {
-        kind: Motion(system, "lumped", kind).dissipated(np.zeros(system.ndofs), turned, 1.0)
+        kind: Motion(system, "lumped", kind).dissipated(np.zeros(system.ndofs), rotated, 1.0)
         for kind in (EdgeDamping(1.0), Rayleigh(beta=1.0))
     }
     assert abs(lost[EdgeDamping(1.0)]) < 1e-14 * scale and lost[Rayleigh(beta=1.0)] > 0.1 * scale
 
 
 @pytest.mark.parametrize("make", [EnergyMomentum, BackwardEuler], ids=["EnergyMomentum", "BackwardEuler"])
-def test_a_spinning_body_comes_to_rest_in_itself_by_its_edges_and_stops_by_its_stiffness(make):
+def test_edge_damping_conserves_the_spin_and_rayleigh_damping_stops_it(make):
     ends = {}
     for damping in (EdgeDamping(0.2), Rayleigh(beta=0.2)):
         ledger = spinning(2, damping=damping).run(make(0.04, rtol=1e-13), 4.0).ledger
@@ -238,7 +238,7 @@ def test_a_spinning_body_comes_to_rest_in_itself_by_its_edges_and_stops_by_its_s
 
 @pytest.mark.parametrize("tangent", ["clamped", "gauss-newton", "warped", "diagonal", "rest"])
 @pytest.mark.parametrize("make", [BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum])
-def test_where_an_equation_is_solved_the_tangent_does_not_matter(make, tangent):
+def test_converged_steps_do_not_depend_on_the_tangent(make, tangent):
     for mass in ("lumped", "consistent")[: 1 if tangent == "diagonal" else 2]:
         for scene in (SCENES["driven and damped"](2), spinning(3)):
             exact, other = (scene.run(make(0.01, tangent=which, rtol=1e-11), 0.08, mass=mass) for which in ("exact", tangent))
@@ -257,8 +257,8 @@ def test_solvers_agree(name, solver):
 
 
 @pytest.mark.parametrize("make", INTEGRATORS.values(), ids=INTEGRATORS)
-def test_a_number_of_another_precision_is_the_number_it_stands_for(make, tmp_path):
-    """Times are sums of steps: in single precision they would be off by 1e-7."""
+def test_single_precision_arguments_are_converted_exactly(make, tmp_path):
+    """Times are sums of steps, so single precision would change them by 1e-7."""
     scene, single = clamped(2), np.float32(0.003)
     damping = [Rayleigh(np.float32(0.5), np.float32(1e-3)), EdgeDamping(np.float32(1e-3))]
     same = [Rayleigh(*(float(one) for one in vars(damping[0]).values())), EdgeDamping(float(damping[1].tau))]

@@ -1,5 +1,6 @@
-"""Ctrl-C at lines all over what writes files (a stride of 1 takes each that is run): nothing is lost, and no state is ever missing
-from a series.
+"""Ctrl-C at any line that writes files loses nothing, and no state is ever missing from a series.
+
+With a stride of 1 each line that is run would be tested.
 """
 
 import gc
@@ -15,7 +16,7 @@ from skfem_stvk import Interrupted, simulate
 from skfem_stvk.dynamics import EnergyMomentum, VelocityVerlet, checkpoint
 from skfem_stvk.results.series import read_list
 
-#: Of this package, what writes while a run goes.
+#: Modules of this package that write during a run.
 WRITERS = (
     "outputs.py",
     "series.py",
@@ -30,7 +31,7 @@ STEPS, EVERY = 2, 2
 
 
 class CtrlC:
-    """Raises KeyboardInterrupt at line `number` of those that the writers run; notes them all if there is none."""
+    """Context that raises KeyboardInterrupt at line `number` of the writers, or records all their lines if `number` is None."""
 
     def __init__(self, number=None):
         self.number, self.lines = number, []
@@ -55,7 +56,7 @@ class CtrlC:
         return self._line
 
     def last_times(self):
-        """The number at which each line is run for the last time."""
+        """Return the number at which each line is run for the last time."""
         return sorted({line: number for number, line in enumerate(self.lines, 1)}.values())
 
 
@@ -66,22 +67,22 @@ def motion(folder, integrator, steps=STEPS, **options):
 
 
 def written(folder):
-    """All files of a run, and what those hold that are to be the same whenever they were written."""
+    """Return all files of a run, and the contents of files that do not depend on when they were written."""
     files = {str(file.relative_to(folder)): file for file in folder.rglob("*") if file.is_file()}
-    held = {name: file.read_bytes() for name, file in files.items() if file.suffix in (".vtu", ".csv")}
-    return dict.fromkeys(files) | held, read_list(folder / "run.pvd")
+    contents = {name: file.read_bytes() for name, file in files.items() if file.suffix in (".vtu", ".csv")}
+    return dict.fromkeys(files) | contents, read_list(folder / "run.pvd")
 
 
 @pytest.fixture
 def each_step(monkeypatch):
-    """A checkpoint each step."""
+    """Write a checkpoint at each step."""
     monkeypatch.setattr(checkpoint, "EVERY", 0.0)
     monkeypatch.setattr(checkpoint, "SHARE", np.inf)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("integrator", "stride"), [(VelocityVerlet(0.01), 13), (EnergyMomentum(0.01), 41)])
-def test_ctrl_c_at_lines_that_write_leaves_a_motion_that_goes_on_whole(integrator, stride, tmp_path, each_step):
+def test_ctrl_c_at_any_line_that_writes_leaves_a_motion_that_resumes_exactly(integrator, stride, tmp_path, each_step):
     (tmp_path / "whole").mkdir()
     whole = motion(tmp_path / "whole", integrator, STEPS + 1)
     expected, interrupted = written(tmp_path / "whole"), 0
@@ -98,7 +99,7 @@ def test_ctrl_c_at_lines_that_write_leaves_a_motion_that_goes_on_whole(integrato
                 motion(folder, integrator)
         except KeyboardInterrupt as error:
             interrupted += isinstance(error, Interrupted)
-        gc.collect()  # a lock whose giving back was interrupted goes with the frames of the error
+        gc.collect()  # a lock whose release was interrupted is freed with the frames of the error
         again = motion(folder, integrator, STEPS + 1, resume=True)
         np.testing.assert_array_equal(again.ledger.rows(), whole.ledger.rows())
         assert written(folder) == expected, f"line {number}"

@@ -1,4 +1,4 @@
-"""Runs that are interrupted where it hurts."""
+"""Interrupted runs end in a consistent state and resume exactly."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ INTEGRATORS = [ForwardEuler(DT), VelocityVerlet(DT), LinearBackwardEuler(DT), En
 
 
 def interrupt_once(owner, method, monkeypatch, number):
-    """Ctrl-C comes once, after call `number` of a method."""
+    """Raise KeyboardInterrupt once, after call `number` of a method."""
     kept, count = getattr(owner, method), 0
 
     def interrupted(self, *content):
@@ -33,8 +33,8 @@ def interrupt_once(owner, method, monkeypatch, number):
     monkeypatch.setattr(owner, method, interrupted)
 
 
-def goes_on(scene, integrator, run, path, until):
-    """Its last state is one that was entered in the books, and a run from its checkpoint ends as if nothing had been."""
+def assert_resumes(scene, integrator, run, path, until):
+    """Assert that the last state is in the ledger, and that the resumed run equals an uninterrupted run."""
     assert run.ledger["time"][-1] == run.t
     kinetic = run.v @ scene.system.mass().multiply(run.v) / 2
     assert kinetic == pytest.approx(run.ledger["kinetic_energy"][-1], rel=1e-12)
@@ -44,35 +44,35 @@ def goes_on(scene, integrator, run, path, until):
     np.testing.assert_array_equal(resumed.u, whole.u)
 
 
-#: After the step itself, and after it was entered in the books, whose first row is that of the beginning.
-MOMENTS = {"step": (Cutting, "advance", 0), "books": (Books, "enter", 1), "clock": (Clock, "tick", 0)}
+#: The moments are after the step, after its ledger row (the first row is the initial state), and after the clock.
+MOMENTS = {"step": (Cutting, "advance", 0), "ledger": (Books, "enter", 1), "clock": (Clock, "tick", 0)}
 
 
-#: Clocks count whole steps only.
+#: Clocks count only whole steps.
 WITHIN = [(moment, number) for moment in MOMENTS for number in (30, 31) if (moment, number) != ("clock", 31)]
 
 
 @pytest.mark.parametrize(("moment", "number"), WITHIN)
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
-def test_ctrl_c_within_what_belongs_to_a_step_leaves_no_half_of_it(integrator, number, moment, tmp_path, monkeypatch):
+def test_ctrl_c_within_a_step_leaves_a_whole_step(integrator, number, moment, tmp_path, monkeypatch):
     scene, (owner, method, more) = driven(2, damping=BOTH), MOMENTS[moment]
     with monkeypatch.context() as patch:
         interrupt_once(owner, method, patch, number + more)
         with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
             scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert 0.19 < caught.value.run.t <= SHORT
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
+    assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
 
 
 @pytest.mark.parametrize("number", [30, 31], ids=["whole", "short"])
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
-def test_ctrl_c_where_a_support_is_asked_for_leaves_no_half_of_a_step(integrator, number, tmp_path):
-    """Explicit integrators have moved the body by then."""
+def test_ctrl_c_in_a_function_of_a_support_leaves_a_whole_step(integrator, number, tmp_path):
+    """At this moment explicit integrators have already moved the body."""
     mesh, asked, hit = MESHES[2], [0.0], []
 
     def moving(t):
         asked.append(t)
-        if not hit and t > (number - 0.9) * DT and 0 < t - asked[-2] < 1.5 * DT:  # step by step, not for a checkpoint's signature
+        if not hit and t > (number - 0.9) * DT and 0 < t - asked[-2] < 1.5 * DT:  # not for the signature of a checkpoint
             hit.append(t)
             raise KeyboardInterrupt
         return 0.1 * np.sin(3 * t)
@@ -81,10 +81,10 @@ def test_ctrl_c_where_a_support_is_asked_for_leaves_no_half_of_a_step(integrator
     with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
         scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert hit and 0.19 < caught.value.run.t < SHORT
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
+    assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
 
 
-#: Where a step is found, and where a motion blows up and goes back: methods, and which calls of them.
+#: Moments at which a step size is found, or a motion blows up and goes back: methods, and numbers of their calls.
 FOUND = {
     "look": (Reviews, "estimate", (1, 4, 9)),
     "critical step": (LargestFrequency, "at", (3, 5)),
@@ -100,31 +100,31 @@ FOUND = {
 @pytest.mark.parametrize(
     ("moment", "number"), [(moment, number) for moment, (_, _, numbers) in FOUND.items() for number in numbers]
 )
-def test_ctrl_c_where_a_step_is_found_leaves_no_half_of_it(moment, number, tmp_path, monkeypatch):
-    """What was seen of the critical step goes with the state."""
+def test_ctrl_c_during_step_size_control_leaves_a_whole_step(moment, number, tmp_path, monkeypatch):
+    """The state includes the data about the critical step."""
     scene, (owner, method, _) = kicked(3), FOUND[moment]
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", np.inf)
         interrupt_once(owner, method, patch, number)
         with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
             scene.run(VelocityVerlet(), 4.0, checkpoint=tmp_path / "c")
-    goes_on(scene, VelocityVerlet(), caught.value.run, tmp_path / "c", 4.0)
+    assert_resumes(scene, VelocityVerlet(), caught.value.run, tmp_path / "c", 4.0)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
-def test_ctrl_c_between_two_steps_loses_none(integrator, tmp_path, monkeypatch):
+def test_ctrl_c_between_two_steps_loses_no_step(integrator, tmp_path, monkeypatch):
     scene = driven(2, damping=BOTH)
     with monkeypatch.context() as patch:
         interrupt_once(Outputs, "step", patch, 27)
         with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from there") as caught:
             scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert caught.value.run.t == 27 * DT
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
+    assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
-def test_a_later_checkpoint_is_kept(integrator, tmp_path, monkeypatch):
-    """The last good state is that of 20 steps before, the last checkpoint that of the step before."""
+def test_a_checkpoint_later_than_the_good_state_is_retained(integrator, tmp_path, monkeypatch):
+    """The last good state is 20 steps old, and the last checkpoint is one step old."""
     scene = driven(2, damping=BOTH)
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", 0.0)
@@ -134,4 +134,4 @@ def test_a_later_checkpoint_is_kept(integrator, tmp_path, monkeypatch):
             scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert caught.value.run.t == 20 * DT
     assert checkpoint.load(tmp_path / "c" / "motion.npz").ledger.steps == 30
-    goes_on(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
+    assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)

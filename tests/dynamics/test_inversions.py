@@ -1,4 +1,4 @@
-"""What a run says of elements that turn inside out."""
+"""Runs report inverted elements."""
 
 import re
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.S
 
 
 def shaken(*terms):
-    """A soft block on its base, and first velocities: every other vertex downwards, at 6 m/s."""
+    """Return a soft block on its base, and velocities of 6 m/s downwards for every other vertex."""
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 5)] * 3)
     elastic = StVK(young=1e5, poisson=0.3, density=1000.0)
     system = System(mesh, [elastic, *terms, Gravity((0, 0, -9.81))], fixed={lambda x: x[2] == 0: "xyz"})
@@ -32,8 +32,8 @@ def shaken(*terms):
     return system, v.ravel()
 
 
-def tangled():
-    """A body of which a corner is pushed through it, and a penalty that turns it back; and first displacements."""
+def folded():
+    """Return a body with a corner pushed through it and a penalty that restores it, and its displacements."""
     mesh = MESHES[2]
     system = System(mesh, [material(mesh), VolumePenalty(3.0, kind="compression")], fixed={"left": "xy"})
     u = np.zeros((mesh.nv, 2))
@@ -42,10 +42,10 @@ def tangled():
 
 
 @pytest.mark.parametrize(
-    ("integrator", "turned"), [(VelocityVerlet(), 134), (ForwardEuler(1e-3), 100), (LinearBackwardEuler(0.005), 110)]
+    ("integrator", "inverted"), [(VelocityVerlet(), 134), (ForwardEuler(1e-3), 100), (LinearBackwardEuler(0.005), 110)]
 )
-def test_a_motion_that_ends_inside_out_is_no_success(integrator, turned, tmp_path):
-    """Its files are written like those of any other, and it goes on from them."""
+def test_a_motion_that_ends_with_inverted_elements_is_no_success(integrator, inverted, tmp_path):
+    """Its files are written as for any other run, and the run can be resumed."""
     system, v0 = shaken()
     files = {"save": tmp_path / "run.pvd", "checkpoint": tmp_path / "run"}
     with pytest.raises(
@@ -55,7 +55,7 @@ def test_a_motion_that_ends_inside_out_is_no_success(integrator, turned, tmp_pat
     run = caught.value.run
     ids = system.inside_out(run.u)
     assert run.status is Status.ENDED_INVERTED and not run.success and run.t == 0.4
-    assert run.ledger["inside_out"][-1] == len(ids) >= turned - 20
+    assert run.ledger["inside_out"][-1] == len(ids) >= inverted - 20
     finding = next(one for one in run.findings if one.name == "inside out")
     np.testing.assert_array_equal(finding.elements, ids)
     table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
@@ -64,8 +64,8 @@ def test_a_motion_that_ends_inside_out_is_no_success(integrator, turned, tmp_pat
 
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), LinearBackwardEuler(0.01)], ids=lambda one: one.name)
-def test_what_was_inside_out_on_the_way_alone_is_a_success_that_says_so(integrator, tmp_path):
-    system, u0 = tangled()
+def test_temporary_inversions_are_a_success_and_reported(integrator, tmp_path):
+    system, u0 = folded()
     files = {"checkpoint": tmp_path / "run", "damping": Rayleigh(alpha=3.0)}
     run = simulate(system, integrator, until=1.0, u0=u0, quiet=True, **files)
     first = len(system.inside_out(u0))
@@ -78,13 +78,13 @@ def test_what_was_inside_out_on_the_way_alone_is_a_success_that_says_so(integrat
     assert "inside out on the way" in more.message and more.success
 
 
-def test_a_motion_without_inversion_says_nothing_of_it():
+def test_a_motion_without_inversion_reports_none():
     system, v0 = shaken()
     run = simulate(system, EnergyMomentum(0.005), until=0.05, v0=0.1 * v0, quiet=True)
     assert "inside out" not in run.message and not run.findings and not run.ledger["inside_out"].any()
 
 
-def test_the_ledger_counts_those_of_every_implicit_step_and_of_explicit_ones_now_and_then():
+def test_inversions_are_counted_at_every_implicit_step_and_at_some_explicit_steps():
     system, v0 = shaken()
     for integrator, every in ((LinearBackwardEuler(0.005), 1), (VelocityVerlet(0.005), EXPLICIT)):
         whole = reached(system, integrator, until=0.3, v0=v0).ledger["inside_out"]
@@ -96,8 +96,8 @@ def test_the_ledger_counts_those_of_every_implicit_step_and_of_explicit_ones_now
         assert len(set(whole)) > 2
 
 
-def test_a_resumed_run_has_the_same_counts_as_one_that_never_stopped(tmp_path):
-    """The end of the first part is looked at out of turn."""
+def test_a_resumed_run_has_the_counts_of_an_uninterrupted_run(tmp_path):
+    """The end of the first part is reviewed at a step at which the whole run has no review."""
     system, v0 = shaken()
     whole = reached(system, VelocityVerlet(0.005), until=0.4, v0=v0)
     first = reached(system, VelocityVerlet(0.005), until=0.235, v0=v0, checkpoint=tmp_path / "run")
@@ -107,16 +107,18 @@ def test_a_resumed_run_has_the_same_counts_as_one_that_never_stopped(tmp_path):
     assert resumed.message == whole.message
 
 
-def test_a_run_that_stops_inside_out_says_so():
+def test_a_failed_run_reports_inverted_elements():
     system, _ = shaken()
     u0 = np.random.default_rng(0).uniform(-1, 1, system.mesh.p.T.shape) * (system.mesh.p[2] > 0)[:, None]
     run = simulate(system, EnergyMomentum(0.05), until=0.5, u0=u0.ravel(), quiet=True, raise_on_failure=False)
     assert run.status is Status.NOT_CONVERGED
-    turned = system.inside_out(run.u)
-    assert len(turned) > 100 and f"{len(turned)} elements ({turned[0]}, " in run.message and "inside out or flat" in run.message
+    inverted = system.inside_out(run.u)
+    assert (
+        len(inverted) > 100 and f"{len(inverted)} elements ({inverted[0]}, " in run.message and "inside out or flat" in run.message
+    )
 
 
-def test_bodies_that_lock_are_told_of_and_what_is_pressed_too_far_in_the_end_is_in_the_message():
+def test_locking_and_final_overcompression_are_reported():
     mesh = ElementMesh.of(skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3))
     system = System(mesh, StVK(young=1.0, poisson=0.46, density=1.0))
     u0 = mesh.p.T * [0.0, 0.0, -0.5]

@@ -1,4 +1,4 @@
-"""Supports that jump are told of, those that move fast are not."""
+"""Jumps of supports are reported, and fast motions of supports are not."""
 
 import warnings
 
@@ -41,8 +41,8 @@ MOTIONS = {
 }
 
 
-class Asked:
-    """A function, how often it was asked, and the last time."""
+class CountedFunction:
+    """Function that counts its calls and records the latest time."""
 
     def __init__(self, of):
         self.of, self.count, self.latest = of, 0, 0.0
@@ -53,7 +53,7 @@ class Asked:
 
 
 def pulled(function, d=2):
-    """The left end is told where to go along x; its vertices are held across."""
+    """Return a body with prescribed displacements of its left end along x; the other components there are zero."""
     mesh = MESHES[d]
     return Scene(System(mesh, material(mesh), fixed={"left": "xyz"[1:d]}, prescribed={"left": {"x": function}}))
 
@@ -68,13 +68,13 @@ def test_a_support_that_jumps_is_named_once(name, integrator):
         pulled(function).run(integrator, 0.2063)
     assert len(caught) == 1 and caught[0].filename.endswith("motions.py")
     words = str(caught[0].message).split()
-    told, by = float(words[2]), float(words[words.index("to") + 1])
-    assert when <= told + 1e-9 and told - when <= 2e-3 * integrator.dt
+    reported, by = float(words[2]), float(words[words.index("to") + 1])
+    assert when <= reported + 1e-9 and reported - when <= 2e-3 * integrator.dt
     assert by == pytest.approx(size, rel=0.02)
 
 
 @pytest.mark.parametrize("integrator", [ForwardEuler(DT / 4), LinearBackwardEuler(DT), Newmark(DT)], ids=lambda one: one.name)
-def test_whatever_the_integrator(integrator):
+def test_jumps_are_reported_by_every_integrator(integrator):
     with pytest.warns(StvkWarning, match="jump by up to 0.02 m"):
         pulled(JUMPS["within a step"][-1], 3).run(integrator, 0.2063)
 
@@ -84,41 +84,41 @@ def test_whatever_the_integrator(integrator):
 @pytest.mark.parametrize(
     "integrator", [EnergyMomentum(DT), LinearBackwardEuler(DT), VelocityVerlet(DT / 4)], ids=lambda one: one.name
 )
-def test_what_moves_fast_or_has_a_kink_is_no_jump(name, integrator):
-    asked = Asked(MOTIONS[name])
+def test_fast_motions_and_kinks_are_no_jumps(name, integrator):
+    asked = CountedFunction(MOTIONS[name])
     scene = pulled(asked)
     asked.latest = 0.0
     run = scene.run(integrator, 0.2063)
     assert run.success and asked.latest <= 0.2063
 
 
-def test_a_smooth_motion_is_not_asked_for_more_often(monkeypatch):
+def test_the_search_for_jumps_evaluates_smooth_motions_no_more_often(monkeypatch):
     counts = []
     for looking in (True, False):
         with monkeypatch.context() as patch:
             if not looking:
                 patch.setattr(Jumps, "look", lambda self, t, held=None: None)
-            asked = Asked(lambda t: SIZE * np.sin(4 * t))
+            asked = CountedFunction(lambda t: SIZE * np.sin(4 * t))
             pulled(asked).run(EnergyMomentum(DT), 1.0)
             counts.append(asked.count)
     assert counts[0] == counts[1]
 
 
-def test_those_that_jump_are_named_and_not_those_that_move():
-    """Even if these move further over the same step, and begin to."""
+def test_only_jumping_supports_are_named():
+    """The other supports move further over the same step, and start to move in it."""
     mesh, corner = MESHES[3], [int(np.argmax(MESHES[3].p[0]))]
     ends = [("left", lambda x, t: max(0.0, t - 0.1455) * np.ones_like(x)), (corner, {"z": lambda t: 0.003 * (t > 0.1412)})]
     with pytest.warns(StvkWarning, match=rf"1 vertex \({corner[0]}\) jump by up to 0\.003 m"):
         simulate(System(mesh, material(mesh), prescribed=ends), EnergyMomentum(DT), until=0.2, quiet=True)
 
 
-def test_a_jump_that_no_step_survives_is_told_of():
+def test_a_jump_that_makes_all_steps_fail_is_reported():
     with pytest.warns(StvkWarning, match=r"jump by up to 9 m"), pytest.raises(SimulationError):
         pulled(lambda t: 9.0 * (t > 0.104)).run(EnergyMomentum(DT), 0.2)
 
 
-def test_what_was_fast_before_is_known_of_each_support_alone():
-    """A search is for those that were never so fast: one may jump while the other swings."""
+def test_earlier_speeds_are_recorded_for_each_support():
+    """Each search concerns only supports that never moved so fast before, so a jump is found next to an oscillation."""
     scene = driven(2)
     motion = Motion(scene.system, "lumped", None)
     state = MotionState.at(0.0, np.zeros(scene.system.ndofs), np.zeros(scene.system.ndofs))
@@ -136,7 +136,7 @@ def test_what_was_fast_before_is_known_of_each_support_alone():
     assert searched == [[1], [1], [i for i in range(len(still)) if i != 1]]
 
 
-def test_a_run_that_goes_on_after_a_jump_says_nothing_of_it(tmp_path):
+def test_a_run_resumed_after_a_jump_does_not_report_it(tmp_path):
     scene = pulled(JUMPS["within a step"][-1])
     with pytest.warns(StvkWarning, match="jump"):
         scene.run(EnergyMomentum(DT), 0.15, checkpoint=tmp_path / "c")

@@ -1,4 +1,4 @@
-"""A run that is killed at a random moment goes on bit for bit."""
+"""A run that is killed at a random moment resumes bit for bit."""
 
 import errno
 import os
@@ -14,7 +14,7 @@ import numba
 import numpy as np
 import pytest
 import skfem
-from motions import BOTH, MESHES, clamped, driven, ended, kicked, material, reached, spinning, stretched, velocities
+from motions import BOTH, MESHES, clamped, driven, kicked, material, reached, spinning, stretched, velocities, with_ends
 
 from skfem_stvk import Gravity, NodalLoad, StVK, StvkError, StvkWarning, System, simulate
 from skfem_stvk.dynamics import (
@@ -37,7 +37,7 @@ from skfem_stvk.results.store import write_archive
 
 HERE = Path(__file__).parent
 
-#: By name: the scene, the integrator, and until when it runs: some hundred steps, the last one of them short.
+#: Scene, integrator and end time by name; runs have some hundred steps, and the last step is short.
 RUNS = {
     "superlu": (lambda: driven(3, damping=BOTH), lambda: EnergyMomentum(2e-3, solver="superlu"), 0.3015),
     "ssor-cg": (lambda: clamped(3), lambda: LinearBackwardEuler(2e-3), 0.3015),
@@ -51,7 +51,7 @@ RUNS = {
     "two threads": (lambda: stretched(LARGE), lambda: VelocityVerlet(), 0.4),
 }
 #: Enough tetrahedra for two threads.
-LARGE = ended(skfem.MeshTet.init_tensor(*(np.linspace(0, length, n) for length, n in ((1.0, 25), (0.5, 9), (0.4, 9)))))
+LARGE = with_ends(skfem.MeshTet.init_tensor(*(np.linspace(0, length, n) for length, n in ((1.0, 25), (0.5, 9), (0.4, 9)))))
 SMALL = [name for name in RUNS if name != "two threads"]
 EVERY = 7
 PROGRAM = """
@@ -67,23 +67,23 @@ print("done", flush=True)
 
 
 def whole(name, folder, resume=False):
-    """The run of this name, with all that it writes in a folder."""
+    """Make the run of this name, with all output files in a folder."""
     scene, integrator, until = RUNS[name]
     scene, folder = scene(), Path(folder)
     if resume:
         return reached(scene.system, checkpoint=folder / "run", resume=True, until=until)
-    outlets = {"save": folder / "run.pvd", "every": EVERY, "checkpoint": folder / "run", "probes": {"tip": [2]}}
-    return scene.run(integrator(), until, **outlets)
+    files = {"save": folder / "run.pvd", "every": EVERY, "checkpoint": folder / "run", "probes": {"tip": [2]}}
+    return scene.run(integrator(), until, **files)
 
 
 def frames(folder):
-    """Times of the states that the series lists, which all open, and their displacements."""
+    """Return times and displacements of the states listed in the series; all files must be readable."""
     listed = read_list(folder / "run.pvd")
     return [t for t, _ in listed], [meshio.read(folder / name).point_data["displacement"] for _, name in listed]
 
 
 def same(one, other, folders):
-    """Two runs that agree to the last bit, in all that they say and wrote."""
+    """Assert that two runs agree to the last bit, in results, messages and files."""
     for name in ("u", "v", "t", "dt", "message", "cuts", "iterations"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     np.testing.assert_array_equal(one.ledger.rows(), other.ledger.rows())
@@ -96,7 +96,7 @@ def same(one, other, folders):
 
 @pytest.fixture
 def folders(tmp_path):
-    """For a run as it should be, and for one that is killed."""
+    """Return a folder for the complete run, and one for the killed run."""
     for name in ("whole", "killed"):
         (tmp_path / name).mkdir()
     return tmp_path / "whole", tmp_path / "killed"
@@ -107,7 +107,7 @@ class Killed(BaseException):
 
 
 def stopped(name, folder, monkeypatch, checkpoints, resume=False):
-    """The run as a kill leaves it after so many checkpoints, one a step: nothing is cleaned up, nothing more is written."""
+    """Stop the run as a kill would, after this number of checkpoints, one per step: without cleanup or further output."""
     kept, count = MotionCheckpoint.write, 0
 
     def write(self, *content):
@@ -127,7 +127,7 @@ def stopped(name, folder, monkeypatch, checkpoints, resume=False):
 
 @pytest.mark.parametrize("name", SMALL)
 @pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.StvkWarning")
-def test_a_run_goes_on_bit_for_bit_from_any_checkpoint(folders, monkeypatch, name):
+def test_a_run_resumes_bit_for_bit_from_any_checkpoint(folders, monkeypatch, name):
     expected = whole(name, folders[0])
     assert expected.ledger.steps > 150 and (np.ptp(np.diff(expected.ledger["time"])[:-1]) > 1e-4) == name.startswith("steps")
     assert ("blew up" in expected.message) == (name == "steps that are halved")
@@ -138,15 +138,15 @@ def test_a_run_goes_on_bit_for_bit_from_any_checkpoint(folders, monkeypatch, nam
 
 
 def of_many_levels(young=2e4):
-    """A bar whose multigrid has more than its coarsest level, under its weight."""
-    mesh = ended(skfem.MeshTet.init_tensor(*(np.linspace(0, length, n) for length, n in ((3.0, 14), (1.1, 5), (0.9, 5)))))
+    """Return a bar under its weight, whose multigrid hierarchy has more than its coarsest level."""
+    mesh = with_ends(skfem.MeshTet.init_tensor(*(np.linspace(0, length, n) for length, n in ((3.0, 14), (1.1, 5), (0.9, 5)))))
     law = StVK(young=young, poisson=0.3, density=1e3)
     return System(mesh, [law, Gravity((0, 0, -9.0))], fixed=[(lambda x: x[0] == 0, "xyz")])
 
 
 @pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
 @pytest.mark.parametrize("integrator", [name for name, one in INTEGRATORS.items() if not one.explicit])
-def test_each_integrator_goes_on_bit_for_bit_with_each_solver(integrator, solver, tmp_path):
+def test_each_integrator_resumes_bit_for_bit_with_each_solver(integrator, solver, tmp_path):
     steps, system = INTEGRATORS[integrator](0.02, solver=solver), of_many_levels()
     whole = simulate(system, steps, until=0.32, quiet=True)
     for n in (3, 9):
@@ -157,7 +157,7 @@ def test_each_integrator_goes_on_bit_for_bit_with_each_solver(integrator, solver
 
 
 @pytest.mark.parametrize("integrator", [Newmark, EnergyMomentum])
-def test_a_hierarchy_that_was_replaced_on_the_way_is_built_again(integrator, tmp_path, monkeypatch):
+def test_a_replaced_hierarchy_is_rebuilt_after_a_resume(integrator, tmp_path, monkeypatch):
     monkeypatch.setattr(amg, "GROWTH", 0.95)  # so that most of them count as slow
     steps, system = integrator(0.02, solver="amg-cg"), of_many_levels(young=2e7)
     whole = simulate(system, steps, until=0.32, quiet=True)
@@ -180,7 +180,7 @@ def test_a_checkpoint_with_a_hierarchy_whose_origin_is_not_finite_is_refused(tmp
 
 
 def killed(name, folder, threads, moment, resume=False):
-    """A process that makes this run, and is killed so long after it has begun; whether it was still at it."""
+    """Run this in a process that is killed `moment` seconds after its first checkpoint; return whether it was still running."""
     program = PROGRAM.format(paths=[str(HERE), str(HERE.parent)], name=name, folder=str(folder), resume=resume)
     environment = os.environ | {"NUMBA_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1"}
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=environment) as process:
@@ -195,14 +195,12 @@ def killed(name, folder, threads, moment, resume=False):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "threads"), [("superlu", 1), ("two threads", 2)])
-def test_a_process_that_is_killed_at_a_random_moment_loses_nothing_that_was_written(folders, name, threads):
+def test_a_killed_process_loses_nothing_that_was_written(folders, name, threads):
     before, threads = numba.get_num_threads(), min(threads, numba.config.NUMBA_NUM_THREADS)
     numba.set_num_threads(threads)
     try:
         expected = whole(name, folders[0])
-        moments = np.random.default_rng(threads).uniform(
-            0, 0.5, 2
-        )  # where they fall in the run is as random as the machine is busy
+        moments = np.random.default_rng(threads).uniform(0, 0.5, 2)  # the moment in the run depends on how busy the machine is
         print(f"killed after {moments} s")
         assert killed(name, folders[1], threads, moments[0])
         times, _ = frames(folders[1])
@@ -215,7 +213,7 @@ def test_a_process_that_is_killed_at_a_random_moment_loses_nothing_that_was_writ
         numba.set_num_threads(before)
 
 
-def test_a_run_that_has_ended_goes_on_to_a_later_end(folders):
+def test_a_finished_run_resumes_to_a_later_end(folders):
     scene = driven(3, damping=BOTH)
     integrator = EnergyMomentum(0.01)
     for folder, ends in zip(folders, ([0.2], [0.055, 0.1, 0.2]), strict=True):
@@ -227,7 +225,7 @@ def test_a_run_that_has_ended_goes_on_to_a_later_end(folders):
     same(expected, run, folders)
 
 
-def test_a_checkpoint_is_of_the_last_whole_step(tmp_path):
+def test_a_checkpoint_contains_the_last_whole_step(tmp_path):
     spinning(2).run(EnergyMomentum(0.01), 0.055, checkpoint=tmp_path / "run")
     with pytest.raises(StvkError, match=r"until = 0.04 s is not after t = 0.05 s"):
         simulate(spinning(2).system, checkpoint=tmp_path / "run", resume=True, until=0.04)
@@ -235,8 +233,8 @@ def test_a_checkpoint_is_of_the_last_whole_step(tmp_path):
 
 
 @pytest.mark.parametrize("integrator", [EnergyMomentum(0.1), VelocityVerlet(0.001)])
-def test_a_motion_that_is_at_its_end_is_returned_as_it_is(integrator, tmp_path):
-    """Its end may be rounded: 3 * 0.1 is above 0.3."""
+def test_a_motion_at_its_end_is_returned_unchanged(integrator, tmp_path):
+    """The end may be rounded: 3 * 0.1 is above 0.3."""
     options = {"until": 0.3, "save": tmp_path / "run.pvd", "checkpoint": tmp_path / "run", "quiet": True}
     finished = simulate(spinning(2).system, integrator, v0=spinning(2).v0, **options)
     files = {file: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
@@ -252,7 +250,7 @@ def test_a_motion_that_is_at_its_end_is_returned_as_it_is(integrator, tmp_path):
     assert files == {file: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
 
 
-def test_outlets_can_be_others_when_a_run_goes_on(tmp_path):
+def test_output_files_may_change_when_a_run_resumes(tmp_path):
     scene = spinning(2)
     scene.run(EnergyMomentum(0.01), 0.1, checkpoint=tmp_path / "a")
     shutil.copytree(tmp_path / "a", tmp_path / "b")
@@ -295,7 +293,7 @@ def saved(tmp_path):
         ({"every": 0}, "every = 0; expected"),
     ],
 )
-def test_a_run_goes_on_only_as_what_it_was(saved, options, message):
+def test_a_run_resumes_only_with_the_same_problem(saved, options, message):
     system, path = saved
     kept = (path / "motion.npz").read_bytes()
     with pytest.raises(StvkError, match=message):
@@ -303,7 +301,7 @@ def test_a_run_goes_on_only_as_what_it_was(saved, options, message):
     assert (path / "motion.npz").read_bytes() == kept
 
 
-def test_the_same_call_goes_on_and_what_is_left_out_is_taken_from_the_checkpoint(saved, tmp_path):
+def test_omitted_arguments_are_taken_from_the_checkpoint(saved, tmp_path):
     system, path = saved
     shutil.copytree(path, tmp_path / "other")
     whole = simulate(system, until=0.2, quiet=True, **CALL)
@@ -313,7 +311,7 @@ def test_the_same_call_goes_on_and_what_is_left_out_is_taken_from_the_checkpoint
         np.testing.assert_array_equal(again.u, whole.u)
 
 
-def test_resume_begins_where_nothing_is_kept_and_needs_a_folder(tmp_path):
+def test_resume_starts_a_run_without_checkpoint_and_needs_a_folder(tmp_path):
     system = clamped(2).system
     run = simulate(system, until=0.05, checkpoint=tmp_path / "run", resume=True, quiet=True, **CALL)
     assert run.ledger.steps == 6 and [file.name for file in (tmp_path / "run").iterdir()] == ["motion.npz"]
@@ -321,7 +319,7 @@ def test_resume_begins_where_nothing_is_kept_and_needs_a_folder(tmp_path):
         simulate(system, until=0.05, resume=True, quiet=True, **CALL)
 
 
-def test_files_and_paths_to_resume_are_taken_until_1_0_with_a_warning(tmp_path):
+def test_files_and_paths_to_resume_are_accepted_until_1_0_with_a_warning(tmp_path):
     scene, integrator = spinning(2), EnergyMomentum(0.01)
     whole = scene.run(integrator, 0.2)
     with pytest.warns(StvkWarning, match=r"checkpoint = '.*run\.npz' is taken until 1\.0\. Name a folder: checkpoint='.*run'"):
@@ -340,7 +338,7 @@ def test_files_and_paths_to_resume_are_taken_until_1_0_with_a_warning(tmp_path):
 
 
 def moved(tmp_path):
-    """A run with a series, and its checkpoint where it was moved to."""
+    """Return the scene of a run with a series, and the folder to which its checkpoint was moved."""
     scene = spinning(2)
     (tmp_path / "old").mkdir()
     scene.run(EnergyMomentum(0.01), 0.1, save=tmp_path / "old" / "run.pvd", every=3, checkpoint=tmp_path / "old" / "run")
@@ -348,15 +346,15 @@ def moved(tmp_path):
     return scene, tmp_path / "new"
 
 
-def test_a_series_goes_on_beside_the_checkpoint_wherever_both_have_moved(tmp_path):
+def test_a_series_continues_next_to_a_moved_checkpoint(tmp_path):
     scene, new = moved(tmp_path)
     run = simulate(scene.system, checkpoint=new / "run", resume=True, until=0.2, quiet=True)
     assert run.series == new / "run.pvd" and not (tmp_path / "old").exists()
     assert frames(new)[0] == [run.ledger["time"][row] for row in (0, 3, 6, 9, 12, 15, 18, 20)]
 
 
-def test_a_series_that_is_not_beside_its_checkpoint_is_asked_for(tmp_path):
-    """It says that the path is the checkpoint's, and never begins anew in silence."""
+def test_the_path_of_a_missing_series_is_requested(tmp_path):
+    """The message names the checkpoint's path, and no series is started without a warning."""
     scene, new = moved(tmp_path)
     kept = {file.name: file.read_bytes() for file in new.rglob("*") if file.is_file()}
     (tmp_path / "run").mkdir()
@@ -376,7 +374,7 @@ def test_a_series_that_is_not_beside_its_checkpoint_is_asked_for(tmp_path):
     assert len(frames(new)[0]) == 8
 
 
-def test_a_solver_that_is_an_object_has_to_be_given_again(tmp_path):
+def test_a_solver_object_has_to_be_passed_again(tmp_path):
     scene, integrator = spinning(2), EnergyMomentum(0.01, solver=SuperLU())
     whole = scene.run(integrator, 0.2)
     scene.run(integrator, 0.1, checkpoint=tmp_path / "run")
@@ -391,7 +389,7 @@ def test_a_solver_that_is_an_object_has_to_be_given_again(tmp_path):
 
 
 @pytest.mark.parametrize("what", ["checkpoint", "table", "state"])
-def test_a_full_disk_ends_a_run_and_loses_nothing_else(folders, monkeypatch, what):
+def test_a_full_disk_ends_a_run_without_losing_results(folders, monkeypatch, what):
     expected = whole("superlu", folders[0])
     owner, method = {"checkpoint": (MotionCheckpoint, "write"), "table": (LedgerFile, "write"), "state": (Series, "add")}[what]
     kept, count = getattr(owner, method), 0
@@ -419,7 +417,7 @@ def test_a_full_disk_ends_a_run_and_loses_nothing_else(folders, monkeypatch, wha
 
 
 @pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
-def test_a_resumed_run_that_blows_up_leaves_what_was_saved_before(tmp_path):
+def test_a_resumed_run_that_blows_up_retains_earlier_states(tmp_path):
     mesh = MESHES[2]
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: (0.0, 0.0) if t <= 1 else (1e5, 3e5))])
     options = {"save": tmp_path / "run.pvd", "every": 10, "checkpoint": tmp_path / "run", "quiet": True}

@@ -1,4 +1,4 @@
-"""The ledger of a motion, its table on disk and its picture."""
+"""A motion's ledger, its table on disk and its picture."""
 
 import csv
 import errno
@@ -36,7 +36,7 @@ def read(path):
 
 
 @pytest.mark.parametrize("steps", [0, 1, 1023, 1024, 1025, 5000])
-def test_a_ledger_gives_back_what_was_entered(steps):
+def test_a_ledger_returns_its_rows_unchanged(steps):
     rows = np.random.default_rng(2).normal(size=(steps, 3))
     ledger = Ledger(NAMES)
     for row in rows:
@@ -51,11 +51,11 @@ def test_columns_cannot_be_written_to():
     ledger = filled(3)
     with pytest.raises(ValueError, match="read-only"):
         ledger["time"][0] = 1.0
-    ledger.append([0.3, 1.0, 2.0])  # but the ledger can
+    ledger.append([0.3, 1.0, 2.0])  # but the ledger itself can be extended
     assert ledger["time"][-1] == 0.3
 
 
-def test_what_was_looked_at_stays_when_the_ledger_grows():
+def test_views_of_columns_stay_valid_when_the_ledger_grows():
     ledger = filled(1000)
     before = ledger["kinetic_energy"]
     copy = before.copy()
@@ -64,7 +64,7 @@ def test_what_was_looked_at_stays_when_the_ledger_grows():
     np.testing.assert_array_equal(before, copy)
 
 
-def test_a_ledger_goes_on_from_rows_and_after_it_is_cut():
+def test_a_ledger_continues_from_rows_and_after_truncation():
     whole = filled(40)
     again = Ledger(NAMES, whole.rows()[:30])
     for row in whole.rows(30):
@@ -80,7 +80,7 @@ def test_a_ledger_goes_on_from_rows_and_after_it_is_cut():
 
 def test_rows_of_another_length_are_refused():
     ledger = filled(2)
-    for values in ([1.0], [1.0, 2.0], [1.0] * 4):  # one alone would be spread over all columns
+    for values in ([1.0], [1.0, 2.0], [1.0] * 4):  # one value alone would be broadcast to all columns
         with pytest.raises(
             StvkError, match=rf"values has {len(values)} values; expected 3 numbers, one for each of time, kinetic_energy"
         ):
@@ -136,7 +136,7 @@ def test_columns_are_named_after_the_body():
 
 
 @given(st.lists(st.tuples(*[st.floats(allow_nan=False)] * 3), max_size=5))
-def test_a_table_has_all_digits(tmp_path_factory, rows):
+def test_a_table_contains_all_digits(tmp_path_factory, rows):
     ledger = Ledger(("time", 'probe "A", left x', "total_energy"), np.array(rows).reshape(-1, 3))
     names, values = read(ledger.save(tmp_path_factory.mktemp("table") / "motion.csv"))
     assert names == ledger.names
@@ -150,10 +150,10 @@ def test_a_long_table_has_every_row_once(tmp_path, monkeypatch):
         np.testing.assert_array_equal(read(ledger.save(tmp_path / "motion.csv"))[1], ledger.rows())
 
 
-def test_a_table_that_grows_is_the_one_written_at_once(tmp_path):
+def test_a_growing_table_equals_a_table_written_at_once(tmp_path):
     whole, ledger = filled(60), Ledger(NAMES)
     file = LedgerFile(tmp_path / "flag.csv", ledger)
-    assert not file.path.exists()  # nothing is touched before the first rows
+    assert not file.path.exists()  # no file is touched before the first rows
     for number, row in enumerate(whole.rows()):
         ledger.append(row)
         if number % 7 == 3:
@@ -168,14 +168,14 @@ def test_a_table_that_grows_is_the_one_written_at_once(tmp_path):
 def test_a_resumed_run_drops_the_rows_after_its_checkpoint_and_half_a_line(tmp_path, left):
     path = tmp_path / "flag.csv"
     filled(left).save(path)
-    path.write_bytes(path.read_bytes() + b"4.0,0.1")  # what a kill may leave
+    path.write_bytes(path.read_bytes() + b"4.0,0.1")  # a possible remainder after a kill
     ledger = filled(40)
     LedgerFile(path, ledger).write()
     np.testing.assert_array_equal(read(path)[1], ledger.rows())
 
 
 @pytest.mark.parametrize("harm", ["removed", "edited", "cut"])
-def test_a_table_that_somebody_touched_is_written_anew(tmp_path, harm):
+def test_a_table_changed_from_outside_is_written_again(tmp_path, harm):
     ledger = filled(20)
     file = LedgerFile(tmp_path / "flag.csv", ledger)
     file.write()
@@ -191,14 +191,14 @@ def test_a_table_that_somebody_touched_is_written_anew(tmp_path, harm):
 
 
 class Full(io.FileIO):
-    """A file on a disk that has room for ten more bytes."""
+    """File on a disk with space for ten more bytes."""
 
     def write(self, lines):
         super().write(bytes(lines)[:10])
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-def test_a_full_disk_leaves_whole_lines_and_the_next_write_catches_up(tmp_path, monkeypatch):
+def test_a_full_disk_leaves_whole_lines_and_the_next_write_completes_them(tmp_path, monkeypatch):
     ledger = filled(20)
     file = LedgerFile(tmp_path / "flag.csv", ledger)
     file.write()
@@ -215,7 +215,7 @@ def test_a_full_disk_leaves_whole_lines_and_the_next_write_catches_up(tmp_path, 
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is full")
-def test_a_disk_that_really_is_full_raises(tmp_path):
+def test_a_real_full_device_raises(tmp_path):
     file = LedgerFile(tmp_path / "flag.csv", filled(3))
     file.write()
     file.path = Path("/dev/full")
@@ -223,7 +223,7 @@ def test_a_disk_that_really_is_full_raises(tmp_path):
         file._append(b"1,2,3\n", 0)
 
 
-def test_places_that_cannot_be_written_are_refused_before_any_work(tmp_path):
+def test_unwritable_paths_are_refused_before_any_work(tmp_path):
     for path, message in ((tmp_path / "flag.txt", "does not end in .csv"), (tmp_path / "no" / "flag.csv", "does not exist")):
         with pytest.raises(StvkError, match=message):
             LedgerFile(path, filled(1))
@@ -252,7 +252,7 @@ def test_the_picture_has_energies_closure_error_momenta_and_probes(tmp_path):
         *("displacement of tip [m]", "displacement of A [m]"),
     ]
     legend = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert "total energy" in legend and "external work" not in legend, "what is zero throughout is left out"
+    assert "total energy" in legend and "external work" not in legend, "columns of zeros are left out"
     path = tmp_path / "ledger.png"
     motion(50).plot(path)
     assert path.stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""Modes are the lowest eigenpairs of (K, M), rigid ones are known for what they are."""
+"""Modes are the lowest eigenpairs of (K, M), and rigid modes are identified."""
 
 import numpy as np
 import pytest
@@ -30,17 +30,17 @@ NAMES = tuple(solver.name for solver in SOLVERS)
 
 
 def term(mesh, **options):
-    """Its density differs from element to element."""
+    """Return StVK with densities that vary by element."""
     return StVK(young=2.0, poisson=0.3, density=np.random.default_rng(0).uniform(0.5, 2, mesh.nt), **options)
 
 
 def wall(mesh):
-    """At one end."""
+    """Return the vertices at one end."""
     return tuple(np.flatnonzero(mesh.p[0] < np.quantile(mesh.p[0], 0.15)).tolist())
 
 
 def dense(system, u=None, mass="lumped", t=1.0):
-    """All eigenpairs over the free degrees of freedom, by LAPACK."""
+    """Return all eigenpairs over the free degrees of freedom, by LAPACK."""
     u = np.zeros(system.ndofs) if u is None else u
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
     K, M = (matrix.toarray()[np.ix_(free, free)] for matrix in (system.jacobian(u, t), system.mass(mass).matrix))
@@ -58,7 +58,7 @@ def assert_are_the_lowest(found, system, u=None, mass="lumped", limit=1e-9):
     M = system.mass(mass).matrix
     assert np.abs(found.shapes @ (M @ found.shapes.T) - np.eye(n)).max() < 1e-10
     assert not found.shapes[:, system.supports.held].any()
-    more = np.count_nonzero(values <= values[n - 1] + 1e-6 * values[-1])  # all of a multiple eigenvalue
+    more = np.count_nonzero(values <= values[n - 1] + 1e-6 * values[-1])  # all pairs of a multiple eigenvalue
     inside = ((shapes[:more] @ (M @ found.shapes.T)) ** 2).sum(axis=0)
     assert inside.min() > 1 - 1e-8
     assert (found.residuals < 1e-4 * max(abs(values[n - 1]), 1e-3 * values[-1])).all()
@@ -67,12 +67,12 @@ def assert_are_the_lowest(found, system, u=None, mass="lumped", limit=1e-9):
 
 
 MATRIX_FREE = ("block-jacobi-cg", "ssor-cg")
-#: The solvers with the masses that they take.
+#: The solvers with the masses that they accept.
 SOLVED = [(solver, mass) for solver in NAMES for mass in MASSES if not (solver in MATRIX_FREE and mass == "consistent")]
 
 
 @pytest.mark.parametrize("solver", MATRIX_FREE)
-def test_a_solver_that_forms_no_matrix_takes_no_mass_between_vertices(solver):
+def test_matrix_free_solvers_refuse_a_consistent_mass(solver):
     mesh = MESHES["triangles"]
     with pytest.raises(StvkError, match="forms no matrix; expected 'lumped'"):
         modes(System(mesh, term(mesh), fixed={wall(mesh): "xy"}), 8, mass="consistent", solver=solver)
@@ -102,8 +102,8 @@ def test_a_free_body_has_its_rigid_modes(name, solver, mass):
 
 
 @pytest.mark.parametrize("name", [slow("tetrahedra"), "triangles"])
-def test_few_modes_of_many_are_those_of_the_dense_problem(name):
-    """Most cases above have so few unknowns that matrices are dense; here they are not, and eigenvalues come in pairs."""
+def test_the_lowest_modes_of_a_large_body_are_those_of_the_dense_problem(name):
+    """Most cases above have so few unknowns that matrices are dense; here they are sparse, and eigenvalues occur in pairs."""
     if name == "tetrahedra":
         mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 5)] * 3)
     else:
@@ -131,8 +131,11 @@ def test_the_frequencies_are_those_of_scikit_fems_matrices():
     assert modes(system, 7, mass="consistent").frequencies == pytest.approx(wanted, rel=1e-9)
 
 
-def test_a_cantilever_vibrates_as_euler_and_bernoulli_say():
-    """Plane stress, 20 times as long as thick; linear triangles are too stiff, four times less so with half their size."""
+def test_frequencies_of_a_cantilever_are_those_of_euler_and_bernoulli():
+    """Linear triangles are too stiff for plane stress, and half their size divides the error by four.
+
+    The cantilever is 20 times as long as thick.
+    """
     length, thick, young, density = 1.0, 0.05, 2e11, 7800.0
     errors = []
     for n in (4, 8):
@@ -142,13 +145,13 @@ def test_a_cantilever_vibrates_as_euler_and_bernoulli_say():
         wanted = np.array([1.8751, 4.6941, 7.8548]) ** 2 / (2 * np.pi) * np.sqrt(young * thick**2 / 12 / density) / length**2
         errors.append(modes(system, 3).frequencies / wanted - 1)
     assert (errors[0] > errors[1]).all() and errors[1][0] == pytest.approx(errors[0][0] / 4, rel=0.02)
-    limit = (4 * errors[1] - errors[0]) / 3  # shear and rotation, which Euler and Bernoulli leave out, lower the third by 2.5 %
+    limit = (4 * errors[1] - errors[0]) / 3  # shear and rotatory inertia lower the third frequency by 2.5 %
     assert abs(limit[0]) < 1e-3 and (np.diff(limit) < 0).all() and -0.03 < limit[2] < -0.02
 
 
 @pytest.mark.parametrize("solver", NAMES)
-def test_a_stretched_string_sounds_higher(solver):
-    """Modes about a loaded equilibrium are those of its Jacobian, which has the stress in it."""
+def test_tension_raises_the_frequencies(solver):
+    """Modes about a loaded equilibrium are modes of its Jacobian, which includes the stress."""
     mesh = ElementMesh.of(
         skfem.MeshTri(sheet(6).p * [[3.0], [0.5]], sheet(6).t).with_boundaries(
             {"left": lambda x: x[0] < 0.2, "right": lambda x: x[0] > 2.8}
@@ -163,7 +166,7 @@ def test_a_stretched_string_sounds_higher(solver):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_body_that_has_turned_has_the_same_modes(d):
+def test_a_rotated_body_has_the_same_modes(d):
     mesh = sheet() if d == 2 else box()
     system = System(mesh, term(mesh))
     Q = random_frames(1, np.random.default_rng(1))[0] if d == 3 else np.array([[0.6, -0.8], [0.8, 0.6]])
@@ -175,8 +178,8 @@ def test_a_body_that_has_turned_has_the_same_modes(d):
 
 
 @pytest.mark.parametrize("solver", NAMES)
-def test_negative_eigenvalues_are_reported_as_what_they_are(solver):
-    """A column that is pressed beyond its buckling load and stays straight."""
+def test_negative_eigenvalues_are_reported_as_unstable(solver):
+    """The column is straight and compressed beyond its buckling load."""
     flat = skfem.MeshTri.init_tensor(np.linspace(0, 3, 31), np.linspace(0, 0.1, 3))
     system = System(flat, StVK(young=2.0, poisson=0.3, density=1.0), fixed={(lambda x: x[0] == 0): "xy"})
     u = (flat.p * [[-0.02], [0.0]]).ravel("F")
@@ -191,7 +194,7 @@ def test_negative_eigenvalues_are_reported_as_what_they_are(solver):
 
 @pytest.mark.parametrize("solver", NAMES)
 def test_the_lowest_of_many_negative_eigenvalues_are_found(solver):
-    """Those nearest to zero are others."""
+    """The state has other eigenvalues nearest to zero than its lowest ones."""
     flat = skfem.MeshTri.init_tensor(np.linspace(0, 3, 31), np.linspace(0, 0.1, 3))
     system = System(flat, StVK(young=2.0, poisson=0.3, density=1.0), fixed={(lambda x: x[0] == 0): "xy"})
     u = (flat.p * [[-0.1], [0.0]]).ravel("F")
@@ -201,8 +204,8 @@ def test_the_lowest_of_many_negative_eigenvalues_are_found(solver):
     assert found.unstable.all()
 
 
-def test_what_moves_as_a_whole_on_springs_is_not_rigid():
-    """A stiff block on a soft foundation: its lowest modes are rigid motions, but have stiffness; along the floor there is none."""
+def test_rigid_motions_on_springs_are_not_rigid_modes():
+    """The lowest modes of a stiff block on a soft foundation are rigid motions with stiffness; along the floor there is none."""
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3).with_boundaries({"floor": lambda x: x[2] == 0})
     block = StVK(young=1e6, poisson=0.3, density=2.0)
     on_springs = modes(System(mesh, [block, ElasticFoundation("floor", stiffness=(0.0, 0.0, 8.0))]), 7)
@@ -213,7 +216,7 @@ def test_what_moves_as_a_whole_on_springs_is_not_rigid():
 
 
 def test_a_soft_mode_is_not_rigid():
-    """A thin strip bends with a millionth of the largest frequency, and is no rigid motion."""
+    """A thin strip bends with a millionth of the largest frequency, but this is no rigid motion."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 201), np.linspace(0, 1e-3, 2))
     found = modes(System(mesh, StVK(young=1e3, poisson=0.3, density=1.0)), 6)
     assert found.rigid.tolist() == [True] * 3 + [False] * 3
@@ -221,7 +224,7 @@ def test_a_soft_mode_is_not_rigid():
 
 @pytest.mark.filterwarnings("ignore:The mesh is in 2 parts")
 def test_each_part_has_its_own_rigid_modes():
-    """Two separate bodies, one of them on a hinge."""
+    """The bodies are two separate sheets, with or without hinges."""
     one = sheet(3)
     p, t = np.hstack([one.p, one.p + np.array([[3.0], [1.0]])]), np.hstack([one.t, one.t + one.nv])
     mesh = ElementMesh(p, t)
@@ -232,8 +235,8 @@ def test_each_part_has_its_own_rigid_modes():
 
 
 @pytest.mark.parametrize("name", ["membrane", "cable"])
-def test_what_has_no_stiffness_across_is_not_rigid(name):
-    """Flat in space at rest, a membrane moves without stiffness in ways that are not rigid."""
+def test_modes_without_transverse_stiffness_are_not_rigid(name):
+    """At rest, a flat membrane in space has motions without stiffness that are not rigid."""
     flat = ElementMesh(np.append(sheet().p, np.zeros((1, 25)), axis=0), sheet().t) if name == "membrane" else MESHES["cable"]
     system = System(flat, term(flat))
     found = modes(system, 9)
@@ -242,15 +245,15 @@ def test_what_has_no_stiffness_across_is_not_rigid(name):
 
 
 @pytest.mark.filterwarnings("ignore:The mesh is in 2 parts")
-def test_a_straight_cable_does_not_turn_about_itself():
-    """A single element in space has five rigid modes, each of two its own."""
+def test_a_straight_cable_has_no_rotation_about_itself():
+    """A single element in space has five rigid modes, and each of two elements has its own."""
     ends = np.array([[0.0, 1.0, 5.0, 6.0], [0.0, 0.3, 0.0, 0.0], [0.0, 0.1, 0.0, 1.0]])
     found = modes(System((ends, np.array([[0, 2], [1, 3]])), StVK(young=10.0, poisson=0.3, density=1.0, area=0.1)), 12)
     assert found.rigid.tolist() == [True] * 10 + [False] * 2 and np.isfinite(found.shapes).all()
 
 
-def test_a_body_without_any_stiffness_has_modes_without_any():
-    """A flat membrane that can only move across."""
+def test_a_body_without_stiffness_has_zero_eigenvalues():
+    """A flat membrane can only move transversely."""
     flat = ElementMesh(np.append(sheet(6).p, np.zeros((1, 49)), axis=0), sheet(6).t)
     found = modes(System(flat, term(flat), fixed={lambda x: x[0] > -9.0: "xy"}), 3)
     assert not found.eigenvalues.any() and not found.frequencies.any() and not found.unstable.any()
@@ -260,7 +263,7 @@ TISSUE, BELOW = StVK(young=1.0, poisson=0.3, density=1.0), {lambda x: x[2] == 0:
 
 
 @pytest.mark.filterwarnings("ignore:The mesh is in 20 parts")
-def test_none_of_many_equal_modes_is_missed():
+def test_all_of_many_equal_modes_are_found():
     """Lanczos' method alone found 18 of the 20 with this solver."""
     one, copies = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3), 20
     p = np.hstack([one.p + 3.0 * number * np.eye(3)[:, :1] for number in range(copies)])
@@ -271,14 +274,14 @@ def test_none_of_many_equal_modes_is_missed():
     assert found.eigenvalues[copies] > 1.01 * first
 
 
-def test_single_precision_will_do():
+def test_single_precision_is_sufficient():
     mesh = MESHES["tetrahedra"]
     single, double = (modes(System(mesh, term(mesh), dtype=dtype), 9) for dtype in (np.float32, np.float64))
     assert single.rigid.sum() == double.rigid.sum() == 6
     assert single.frequencies == pytest.approx(double.frequencies, rel=1e-4)
 
 
-def test_all_modes_of_a_small_body():
+def test_all_modes_of_a_small_body_are_found():
     mesh = sheet(1)
     system = System(mesh, StVK(Anisotropic(some_voigt(np.random.default_rng(0)), density=2.0)), fixed={(0,): "xy"})
     assert_are_the_lowest(modes(system, 6), system)
@@ -286,27 +289,27 @@ def test_all_modes_of_a_small_body():
         modes(system, 7)
 
 
-def test_the_same_modes_come_again_to_the_last_bit():
+def test_modes_are_bitwise_reproducible():
     system = System(box(5), term(box(5)))
     one, other = modes(system, 8), modes(system, 8)
     assert np.array_equal(one.shapes, other.shapes) and np.array_equal(one.eigenvalues, other.eigenvalues)
 
 
-def test_loads_are_those_of_dynamics():
-    """Dead loads add nothing to K, however large they are."""
+def test_dead_loads_do_not_change_the_modes():
+    """Dead loads of any size add nothing to K."""
     mesh = MESHES["triangles"]
     loaded, bare = (System(mesh, [term(mesh), *loads], fixed={wall(mesh): "xy"}) for loads in ([BodyForce((0.0, -1.0))], []))
     assert np.array_equal(modes(loaded, 4).eigenvalues, modes(bare, 4).eigenvalues)
 
 
 @pytest.mark.parametrize("n", [0, -1, 2.0, True, None, "10"])
-def test_what_is_no_number_of_modes_is_refused(n):
+def test_an_invalid_number_of_modes_is_refused(n):
     mesh = MESHES["triangles"]
     with pytest.raises(StvkError, match="expected a number of modes, from 1 to 50"):
         modes(System(mesh, term(mesh)), n)
 
 
-def test_what_cannot_be_done_is_refused():
+def test_invalid_calls_are_refused():
     mesh = ElementMesh.of(skfem.MeshTri().refined(2))
     solid = StVK(young=2.0, poisson=0.3, density=1.0)
     with pytest.raises(MaterialError, match="density"):
@@ -336,7 +339,7 @@ def test_modes_are_written_and_drawn(tmp_path):
         found.state(5)
 
 
-def test_it_says_what_it_found():
+def test_modes_are_summarised_in_repr():
     found = modes(System(sheet(), term(sheet())), 4)
     assert repr(found).splitlines()[:2] == ["Modes: 4, 3 of them rigid, 0 unstable", "   0  rigid"]
     assert repr(found).splitlines()[4] == f"   3  {found.frequencies[3]:.6g} Hz"
@@ -345,7 +348,10 @@ def test_it_says_what_it_found():
 
 @pytest.mark.parametrize("size", [1e-20, 1e-9, 1e20])
 def test_modes_are_found_in_any_unit_of_length(size):
-    """ARPACK takes eigenvalues of the inverse below 4e-11 for zero: at 1e-9 m a rigid mode was none, at 1e-20 it never ended."""
+    """ARPACK treats eigenvalues of the inverse below 4e-11 as zero.
+
+    Without scaling, it missed a rigid mode at 1e-9 m, and did not end at 1e-20 m.
+    """
     cube = skfem.MeshTet().refined(2)
     one, other = (
         modes(System(ElementMesh(s * cube.p, cube.t), StVK(young=210e9, poisson=0.3, density=7850.0)), 8) for s in (1.0, size)

@@ -1,4 +1,4 @@
-"""A motion on disk."""
+"""Checkpoints of motions on disk."""
 
 import os
 import signal
@@ -31,13 +31,13 @@ def body(material=SOFT, mesh=MESH, loads=(), fixed=None, prescribed=None):
 
 
 def call(path, system=None, **options):
-    """A motion that keeps what it was in a folder."""
+    """Run a motion with a checkpoint in a folder."""
     given = {"integrator": VelocityVerlet(1e-3), "until": 0.02, "v0": np.full(2 * MESH.nvertices, 0.1)}
     return simulate(system or body(), checkpoint=path, quiet=True, **(given | options))
 
 
 def written(path, steps=3):
-    """A checkpoint with something to lose in it, which is not of any motion."""
+    """Write a checkpoint with typical data that belongs to no motion."""
     rng = np.random.default_rng(steps)
     ledger = Ledger(["time", "A x"], rng.normal(size=(steps, 2)))
     arrays = {"u": rng.normal(size=50) / 3, "picked": np.arange(steps), "on": np.array([True, False])}
@@ -65,13 +65,13 @@ def same(saved, about, arrays, ledger):
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2000])
-def test_a_checkpoint_gives_back_every_bit(tmp_path, steps):
+def test_a_checkpoint_is_read_back_bit_for_bit(tmp_path, steps):
     checkpoint, *content = written(tmp_path / "flag", steps=steps)
     same(load(checkpoint.file), *content)
     assert [file.name for file in (tmp_path / "flag").iterdir()] == ["motion.npz"]
 
 
-def test_the_ledger_of_a_checkpoint_goes_on(tmp_path):
+def test_the_ledger_of_a_checkpoint_can_be_extended(tmp_path):
     checkpoint, _, _, ledger = written(tmp_path / "flag")
     again = load(checkpoint.file).ledger
     again.append([9.0, 8.0])
@@ -110,7 +110,7 @@ def test_the_motion_of_another_system_is_neither_resumed_nor_replaced(tmp_path, 
     assert kept == {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
 
 
-def test_its_own_motion_is_replaced_whatever_its_end_and_others_when_asked(tmp_path):
+def test_a_run_replaces_its_own_motion_and_others_only_with_overwrite(tmp_path):
     files = {"path": tmp_path / "flag", "save": tmp_path / "flag.pvd", "every": 5}
     call(**files)
     assert call(**files, until=0.03).success and len(list(tmp_path.glob("flag_*.vtu"))) == 7
@@ -121,7 +121,7 @@ def test_its_own_motion_is_replaced_whatever_its_end_and_others_when_asked(tmp_p
     assert call(**files, **slower, resume=True, until=0.03).ledger.steps == 61
 
 
-def test_constant_loads_do_not_ramp_and_times_are_those_of_the_run(tmp_path):
+def test_fingerprints_use_the_times_of_the_run_and_constant_loads_do_not_ramp(tmp_path):
     asked = set()
 
     def pull(t):
@@ -138,7 +138,7 @@ def test_constant_loads_do_not_ramp_and_times_are_those_of_the_run(tmp_path):
     assert not one.differences(one.signature)
 
 
-def test_loads_that_know_nothing_of_the_times_of_another_motion_are_others(tmp_path):
+def test_loads_undefined_at_the_times_of_another_motion_differ_from_its_loads(tmp_path):
     def short(t):
         if 0.02 < t < 0.5:
             raise RuntimeError("no data")
@@ -149,7 +149,7 @@ def test_loads_that_know_nothing_of_the_times_of_another_motion_are_others(tmp_p
         call(tmp_path / "flag", body(loads=[Traction("tip", short)]))
 
 
-def test_files_that_are_none_are_named(tmp_path):
+def test_invalid_files_are_named(tmp_path):
     path = tmp_path / "motion.npz"
     with pytest.raises(StvkError, match=r"no checkpoint .*motion\.npz.*leave out resume"):
         load(path)
@@ -169,7 +169,7 @@ def test_files_that_are_none_are_named(tmp_path):
     assert call(tmp_path, overwrite=True).success and load(path).ledger.steps == 21
 
 
-def test_a_file_that_is_cut_or_damaged_is_never_believed(tmp_path):
+def test_a_truncated_or_damaged_file_is_never_accepted(tmp_path):
     path, rng = tmp_path / "flag" / "motion.npz", np.random.default_rng(3)
     _, *content = written(tmp_path / "flag")
     whole = path.read_bytes()
@@ -182,7 +182,7 @@ def test_a_file_that_is_cut_or_damaged_is_never_believed(tmp_path):
             data[rng.integers(len(data))] ^= 1 << rng.integers(8)
         path.write_bytes(data)
         try:
-            same(load(path), *content)  # a bit that means nothing, such as a file's date
+            same(load(path), *content)  # a bit without meaning, such as in the date of a file
         except StvkError:
             refused += 1
     assert refused > 250
@@ -196,17 +196,17 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
         load(tmp_path / "flag" / "motion.npz")
 
 
-def test_places_that_cannot_be_written_are_refused_before_any_work(tmp_path):
+def test_unwritable_paths_are_refused_before_any_work(tmp_path):
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "no" / "flag", tmp_path / "file"):
         with pytest.raises(StvkError, match="cannot be written"), MotionCheckpoint(path):
             pass
     checkpoint, *content = written(tmp_path / "flag")
-    with MotionCheckpoint(checkpoint.folder):  # looks whether it can write, and leaves the file alone
+    with MotionCheckpoint(checkpoint.folder):  # this checks that the folder is writable, and leaves the file alone
         same(load(checkpoint.file), *content)
 
 
-def test_writing_takes_no_more_than_its_share_of_the_time(tmp_path, monkeypatch):
+def test_writing_checkpoints_is_limited_to_a_share_of_the_time(tmp_path, monkeypatch):
     for cost in (0.001, 0.2, 3.0):
         now = [100.0]
         monkeypatch.setattr(module.time, "perf_counter", lambda now=now: now[0])
@@ -225,14 +225,14 @@ def test_writing_takes_no_more_than_its_share_of_the_time(tmp_path, monkeypatch)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no limit on the size of files")
-def test_a_full_disk_keeps_the_checkpoint_that_is_there(tmp_path):
+def test_a_full_disk_retains_the_earlier_checkpoint(tmp_path):
     import resource
 
     checkpoint, about, arrays, ledger = written(tmp_path / "flag")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    for room in (0, 100, 900, 20_000):
+    for limit in (0, 100, 900, 20_000):
         try:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
             with pytest.raises(WriteError, match=r"motion\.npz could not be written: File too large\. What was there.*Make room"):
                 checkpoint.write(about, {"u": np.zeros(100_000)}, ledger)
         finally:
@@ -258,7 +258,7 @@ while True:
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no signal that cannot be caught")
 @pytest.mark.parametrize("delay", [0.0, slow(0.0007), 0.003, slow(0.008)])
-def test_a_killed_run_leaves_a_checkpoint_that_is_whole(tmp_path, delay):
+def test_a_killed_run_leaves_a_whole_checkpoint(tmp_path, delay):
     path = tmp_path / "flag"
     code = ENDLESS.format(path=[os.path.dirname(os.path.abspath(__file__)), *sys.path], file=str(path))
     child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

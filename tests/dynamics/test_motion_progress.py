@@ -1,4 +1,4 @@
-"""What a simulation prints."""
+"""Progress output of simulations."""
 
 import io
 
@@ -12,7 +12,7 @@ from skfem_stvk.dynamics.progress import MotionProgress
 
 
 class Clock:
-    """Time that passes when it is told to."""
+    """Clock whose time is set by the test."""
 
     def __init__(self):
         self.now = 50.0
@@ -29,7 +29,7 @@ def clock(monkeypatch):
 
 
 def simulate(clock, seconds, steps, done=0, quiet=False):
-    """Steps that take so long each."""
+    """Show progress for steps that take `seconds` each."""
     ledger = Ledger(["time", "kinetic_energy", "strain_energy", "total_energy", "closure_error"])
     with MotionProgress("a body of 8 elements", ledger, done, quiet) as progress:
         for number in range(done + 1, steps + 1):
@@ -38,7 +38,7 @@ def simulate(clock, seconds, steps, done=0, quiet=False):
             progress.step(number, steps)
 
 
-def test_elsewhere_than_on_a_terminal_a_line_every_few_seconds_and_one_at_the_end(clock, capsys):
+def test_without_a_terminal_a_line_is_printed_every_few_seconds_and_at_the_end(clock, capsys):
     simulate(clock, 1 / 128, 1536)
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
@@ -54,19 +54,19 @@ def test_elsewhere_than_on_a_terminal_a_line_every_few_seconds_and_one_at_the_en
     ]
 
 
-def test_a_slow_step_has_a_line_of_its_own(clock, capsys):
+def test_each_slow_step_prints_a_line(clock, capsys):
     simulate(clock, 60.0, 100)
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 102 and "0.0167 steps/s   1 h 38 min left" in lines[2]
 
 
-def test_a_resumed_run_counts_its_own_steps_for_the_speed(clock, capsys):
+def test_the_speed_of_a_resumed_run_counts_only_its_own_steps(clock, capsys):
     simulate(clock, 0.1, 1100, done=1000)
     lines = capsys.readouterr().out.splitlines()
     assert "step 1050/1100   10 steps/s   5 s left" in lines[1] and "step 1100/1100   10 steps/s   took 10 s" in lines[-1]
 
 
-def test_the_time_left_follows_the_speed_of_late(clock, capsys):
+def test_the_remaining_time_follows_the_recent_speed(clock, capsys):
     ledger = Ledger(["time"])
     with MotionProgress("header", ledger, 0, False) as progress:
         for number in range(1, 301):
@@ -81,14 +81,14 @@ def test_quiet_prints_nothing(clock, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_no_step_at_all_ends_without_a_line(clock, capsys):
+def test_a_run_without_a_step_prints_no_line(clock, capsys):
     with pytest.raises(KeyError), MotionProgress("header", Ledger(["time"]), 7, False):
         raise KeyError
     assert capsys.readouterr().out == "header\n"
 
 
 @pytest.mark.parametrize("width", [80, 160])
-def test_on_a_terminal_a_bar_that_is_drawn_four_times_a_second(clock, capsys, monkeypatch, width):
+def test_a_terminal_shows_a_bar_four_times_per_second(clock, capsys, monkeypatch, width):
     screen = io.StringIO()
     monkeypatch.setattr(terminal, "Console", lambda stderr: Console(file=screen, force_terminal=True, width=width, _environ={}))
     simulate(clock, 1 / 128, 1536)

@@ -1,4 +1,4 @@
-"""What supports do to a body in motion, held against its momentum, its energy and statics."""
+"""Reactions of bodies in motion agree with momentum, energy and statics."""
 
 import pickle
 
@@ -40,20 +40,20 @@ def columns(run, prefix):
 
 
 def pushes(run):
-    """(n, d) sums of the loads, which do not depend on where the body is, and of what `alpha` takes."""
+    """Return sums (n, d) of the loads, which do not depend on the displacements, and of damping by `alpha`."""
     system, times = run.system, run.ledger["time"]
     loads = [system.external_force(np.zeros(system.ndofs), Moment(t, 1.0)) for t in times]
     return np.reshape(loads, (len(times), -1, system.mesh.d)).sum(axis=1) - run.motion.alpha * columns(run, "linear_momentum_")
 
 
 def rate_and_forces(run):
-    """The rate of linear momentum over each step, and all forces from outside at each moment."""
+    """Return the rate of linear momentum over each step, and all external forces at each time."""
     rate = np.diff(columns(run, "linear_momentum_"), axis=0) / np.diff(run.ledger["time"])[:, None]
     return rate, pushes(run) + columns(run, "reaction clamp ")
 
 
 def heavy(d, pull):
-    """Held at its left end, heavy, and pulled elsewhere."""
+    """Return a heavy body fixed at its left end, with forces on two vertices."""
     mesh = MESHES[d]
     right = np.unique(mesh.boundaries["right"])[:2]
     return System(mesh, [material(mesh), Gravity((0.3, -1.0, 0.5)[:d]), NodalLoad(right, pull)], fixed={"left": AXES[:d]})
@@ -72,8 +72,8 @@ def heavy(d, pull):
     ids=lambda one: getattr(one, "name", None),
 )
 def test_loads_and_reactions_are_the_rate_of_momentum_to_round_off(integrator, mass, start, end, d):
-    """Those at the beginning of a step, at its end, or both, as the integrator has them."""
-    constant = isinstance(integrator, ForwardEuler)  # it takes the loads at the end of a step
+    """The forces are those at the beginning of a step, at its end, or the mean of both, as in the integrator."""
+    constant = isinstance(integrator, ForwardEuler)  # it uses the loads at the end of a step
     system = heavy(d, (0.05, 0.1, -0.05)[:d] if constant else lambda t: [0.06 * f for f in pushed(t)[:d]])
     run = Scene(system, 0.2 * velocities(MESHES[d])).run(integrator, 0.2, mass=mass, reactions={"clamp": "left"})
     rate, forces = rate_and_forces(run)
@@ -85,9 +85,10 @@ def test_loads_and_reactions_are_the_rate_of_momentum_to_round_off(integrator, m
 @pytest.mark.parametrize(
     ("integrator", "mass", "start"), [(VelocityVerlet(0.01), "lumped", 0.5), (BackwardEuler(0.02, rtol=1e-13), "consistent", 0.0)]
 )
-def test_with_foundations_too_loads_and_reactions_are_the_rate_of_momentum(integrator, mass, start, damping):
-    """The springs of a foundation, and their share of the damping by stiffness, are forces from outside; a clamp shares a vertex
-    with them.
+def test_loads_and_reactions_with_foundations_are_the_rate_of_momentum(integrator, mass, start, damping):
+    """Springs of a foundation, and their share of damping by stiffness, are external forces.
+
+    A clamp shares a vertex with the foundation.
     """
     mesh = MESHES[2]
     bed = ElasticFoundation(lambda x: x[1] < 0.1, (0.5, 0.9))
@@ -95,7 +96,7 @@ def test_with_foundations_too_loads_and_reactions_are_the_rate_of_momentum(integ
     options = {"mass": mass, "reactions": {"clamp": None, "bed": lambda x: x[1] < 0.1}}
     run = Scene(system, 0.2 * velocities(mesh), damping=damping).run(integrator, 0.2, **options)
     rate, forces = rate_and_forces(run)
-    # Verlet takes damping at a predicted velocity, and backward Euler that of the edges from the difference of their elongations
+    # Verlet uses damping at a predicted velocity, and backward Euler that of edges from the difference of their elongations
     limit = 2e-3 if damping is BOTH or (damping and start) else 1e-11
     np.testing.assert_allclose(rate, start * forces[:-1] + (1 - start) * forces[1:], rtol=0, atol=limit * np.abs(forces).max())
     assert np.abs(columns(run, "reaction bed ")).max() > 0.02 * np.abs(forces).max()
@@ -104,7 +105,7 @@ def test_with_foundations_too_loads_and_reactions_are_the_rate_of_momentum(integ
 
 
 def swung(d):
-    """Its left end goes where it is told, and takes the body along; another vertex is held by one component alone."""
+    """Return a body with prescribed displacements of its left end, and of one component of another vertex."""
     mesh = MESHES[d]
     corner = int(np.argmax(mesh.p.sum(axis=0)))
     ends = [
@@ -118,23 +119,23 @@ def swung(d):
 @pytest.mark.parametrize(
     ("make", "mass"),
     [
-        (VelocityVerlet, "lumped"),  # it takes no other
+        (VelocityVerlet, "lumped"),  # it accepts no other mass
         *((make, mass) for make in (EnergyMomentum, Newmark, GeneralizedAlpha) for mass in ("lumped", "consistent")),
     ],
 )
-def test_of_moving_supports_too_to_the_second_order(make, mass):
+def test_reactions_of_moving_supports_are_accurate_to_second_order(make, mass):
     off = []
     for dt in (0.02, 0.01):
         run = swung(2).run(make(dt), 0.4, mass=mass, reactions={"clamp": None})
         rate, forces = rate_and_forces(run)
         missing = rate - (forces[1:] + forces[:-1]) / 2
-        missing = (missing[1:] + missing[:-1]) / 2  # velocities of supports that are told displacements ring from step to step
-        late = run.ledger["time"][2:] > 0.25  # with generalised alpha that has died away then
+        missing = (missing[1:] + missing[:-1]) / 2  # velocities of prescribed supports oscillate from step to step
+        late = run.ledger["time"][2:] > 0.25  # with generalised alpha the oscillation has decayed by then
         off.append(np.abs(missing[late]).max() / np.abs(forces).max())
     assert off[0] < 0.01 and off[1] < 0.3 * off[0]
 
 
-def test_of_a_free_end_of_a_step_too_to_the_first_order():
+def test_reactions_of_linear_steps_are_accurate_to_first_order():
     off = []
     for dt in (0.02, 0.01):
         run = clamped(2).run(LinearBackwardEuler(dt, rtol=1e-10), 0.2, reactions={"clamp": "left"})
@@ -144,7 +145,7 @@ def test_of_a_free_end_of_a_step_too_to_the_first_order():
     assert off[0] < 0.05 and off[1] < 0.6 * off[0]
 
 
-def test_the_work_of_moving_supports_is_that_of_their_reactions():
+def test_the_work_of_moving_supports_is_the_work_of_their_reactions():
     mesh = MESHES[3]
     system = System(
         mesh, material(mesh), prescribed={"left": lambda x, t: np.outer([0.1, -0.2, 0.1], np.sin(3 * t) ** 2 + 0 * x[0])}
@@ -156,7 +157,7 @@ def test_the_work_of_moving_supports_is_that_of_their_reactions():
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_motion_that_has_come_to_rest_has_the_reactions_of_statics(d):
+def test_a_motion_at_rest_has_the_reactions_of_statics(d):
     mesh, roller = MESHES[d], int(np.argmax(MESHES[d].p[0] - MESHES[d].p[1]))
     terms = [material(mesh, young=30.0), Gravity((0.0, -1.0, 0.2)[:d]), Traction("right", (0.5, 0.2, 0.1)[:d])]
     terms.append(ElasticFoundation("right", 0.7))
@@ -182,7 +183,7 @@ def test_the_last_row_of_the_ledger_is_the_reaction_at_the_end(scene, until):
     np.testing.assert_array_equal(columns(run, "reaction one ")[-1], run.reaction([0]).resultant)
 
 
-def test_a_run_that_was_pickled_still_knows_its_reactions():
+def test_a_pickled_run_retains_its_reactions():
     mesh = MESHES[2]
     system = System(mesh, [material(mesh), Gravity((0.0, -1.0))], fixed={"left": "xy"})
     run = simulate(system, EnergyMomentum(0.02), until=0.1, damping=BOTH, quiet=True)
@@ -190,7 +191,7 @@ def test_a_run_that_was_pickled_still_knows_its_reactions():
     np.testing.assert_array_equal(again.reaction("left").by_node, run.reaction("left").by_node)
 
 
-def test_to_follow_reactions_changes_nothing_else_and_survives_a_resume(tmp_path):
+def test_recorded_reactions_change_nothing_else_and_resume(tmp_path):
     scene, places = driven(2, damping=BOTH), {"probes": {"A": [3]}, "reactions": {"A": "left"}}
     for integrator in (VelocityVerlet(0.01), EnergyMomentum(0.01)):
         scene.run(integrator, 0.1, checkpoint=tmp_path / integrator.name, **places)
@@ -203,7 +204,7 @@ def test_to_follow_reactions_changes_nothing_else_and_survives_a_resume(tmp_path
         np.testing.assert_array_equal(without.ledger.rows(), whole.ledger.rows()[:, : len(without.ledger.names)])
 
 
-def test_supports_are_asked_for_within_the_run_only():
+def test_supports_are_evaluated_only_within_the_run():
     asked = []
 
     def pull(t):
@@ -226,7 +227,7 @@ def test_supports_are_asked_for_within_the_run_only():
     assert min(asked) >= 3.0 - 1e-12 and max(asked) <= 3.03 + 1e-12
 
 
-def test_accelerations_of_supports_are_right_for_cubics():
+def test_accelerations_of_supports_are_exact_for_cubics():
     mesh = MESHES[2]
     system = System(mesh, material(mesh), fixed={"left": "y"}, prescribed={"left": {"x": lambda t: t**3 - t**2}})
     a = held_accelerations(Motion(system, "lumped", None), 0.5, 0.4)
@@ -235,7 +236,7 @@ def test_accelerations_of_supports_are_right_for_cubics():
     np.testing.assert_allclose(forwards, a, atol=1e-10)
 
 
-def test_a_run_that_made_no_step_has_reactions(tmp_path):
+def test_a_run_without_a_step_has_reactions(tmp_path):
     mesh = MESHES[2]
 
     def failing(t):
@@ -247,11 +248,11 @@ def test_a_run_that_made_no_step_has_reactions(tmp_path):
     with pytest.raises(RuntimeError, match="no more") as caught:
         simulate(system, EnergyMomentum(0.01), until=0.1, quiet=True)
     run = caught.value.run
-    held = np.repeat(system.mass().vertex, 2)[system.supports.held].reshape(-1, 2)
-    np.testing.assert_allclose(run.reaction().by_node, held * [0.0, 1.0])  # nothing is strained yet
+    masses = np.repeat(system.mass().vertex, 2)[system.supports.held].reshape(-1, 2)
+    np.testing.assert_allclose(run.reaction().by_node, masses * [0.0, 1.0])  # nothing is strained yet
 
 
-def test_places_without_supports_are_refused():
+def test_locations_without_supports_are_refused():
     run = clamped(2).run(EnergyMomentum(0.02), 0.04)
     with pytest.raises(SupportError, match="reaction: nothing is held at 'right', so there is no reaction"):
         run.reaction("right")
@@ -270,20 +271,20 @@ def test_places_without_supports_are_refused():
         (StvkError, "two columns 'reaction B x': rename", {"reactions": {"B": "left"}, "probes": {"reaction B": [3]}}),
     ],
 )
-def test_what_cannot_be_followed_is_told_before_any_work(error, message, places, monkeypatch):
+def test_invalid_reactions_and_probes_are_refused_before_any_work(error, message, places, monkeypatch):
     monkeypatch.setattr(Motion, "__init__", None)
     with pytest.raises(error, match=message):
         clamped(2).run(EnergyMomentum(0.02), 0.04, **places)
 
 
-def test_reactions_have_panels_of_their_own_in_the_picture():
+def test_the_picture_has_separate_panels_for_reactions():
     run = clamped(2).run(EnergyMomentum(0.02), 0.1, probes={"tip": [3]}, reactions={"clamp": "left"})
     labels = [axes.get_ylabel().replace("\n", " ") for axes in run.ledger.plot().axes]
     assert labels[-2:] == ["displacement of tip [m]", "reaction clamp [N]"]
 
 
-def test_a_last_step_that_is_next_to_nothing_says_as_much_as_a_whole_one():
-    """Over 2e-9 s rounding is all that differences of the supports' places see."""
+def test_reactions_after_a_tiny_last_step_are_accurate():
+    """Over 2e-9 s, differences of the supports' displacements contain only round-off."""
     whole, more = (swung(2).run(EnergyMomentum(1e-3), 0.2 + extra, reactions={"clamp": "left"}) for extra in (0.0, 2e-9))
     assert more.ledger.steps == whole.ledger.steps + 1
     for found in (more.reaction("left").resultant, columns(more, "reaction clamp ")[-1]):

@@ -1,10 +1,10 @@
-"""Motions that blow up with a step that was found: they go on from the last good state, with shorter ones."""
+"""Motions that blow up with a step that was found continue from the last good state, with shorter steps."""
 
 import re
 
 import numpy as np
 import pytest
-from motions import MESHES, kicked, let_go, material, pushed, reached, velocities
+from motions import MESHES, kicked, material, pushed, reached, released, velocities
 
 from skfem_stvk import NodalLoad, StvkError, StvkWarning, System, VolumePenalty, simulate
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, Status, VelocityVerlet, guards
@@ -19,9 +19,9 @@ ONCE = r"; it blew up once on the way, and went on from the last good state with
 
 
 @pytest.mark.parametrize("make", EXPLICIT)
-@pytest.mark.parametrize("scene", [let_go, kicked])
+@pytest.mark.parametrize("scene", [released, kicked])
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_motion_that_blows_up_goes_on_with_steps_half_as_long(d, scene, make):
+def test_a_motion_that_blows_up_continues_with_half_the_step(d, scene, make):
     run = scene(d).run(make(), 4.0)
     shorter, first = map(float, re.search(ONCE, run.message).groups())
     times, ledger = run.ledger["time"], run.ledger
@@ -37,15 +37,15 @@ def test_a_motion_that_blows_up_goes_on_with_steps_half_as_long(d, scene, make):
 
 
 @pytest.mark.parametrize("make", EXPLICIT)
-def test_a_step_that_was_given_is_never_changed(make):
-    scene = let_go(2)
+def test_a_user_supplied_step_is_never_changed(make):
+    scene = released(2)
     dt = 2 * scene.run(make(), 3.0).ledger["time"][1]  # it went back to the beginning
     run = scene.run(make(dt), 3.0, raise_on_failure=False)
     assert run.status is Status.BLEW_UP and run.dt == dt and "on the way" not in run.message and "halved" not in run.message
 
 
-def test_a_motion_that_blows_up_again_and_again_is_given_up(tmp_path, monkeypatch):
-    """The load does no work before it is there."""
+def test_a_motion_that_blows_up_repeatedly_is_stopped(tmp_path, monkeypatch):
+    """The load does no work before t = 1 s."""
     mesh, begun, kept = MESHES[2], [], Loop._begin
     monkeypatch.setattr(Loop, "_begin", lambda self: begun.append(self.record.clock.dt) or kept(self))
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: (0.0, 0.0) if t <= 1 else (1e9, 3e9))])
@@ -60,7 +60,7 @@ def test_a_motion_that_blows_up_again_and_again_is_given_up(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("every", [1, 3, 7, 23, 1000])
-def test_what_was_thrown_away_is_in_no_file(every, tmp_path):
+def test_discarded_steps_are_in_no_file(every, tmp_path):
     files = {"save": tmp_path / "run.pvd", "every": every, "checkpoint": tmp_path / "run"}
     run = kicked(3).run(VelocityVerlet(), 3.0, **files)
     times, steps = run.ledger["time"], run.ledger.steps - 1
@@ -72,15 +72,15 @@ def test_what_was_thrown_away_is_in_no_file(every, tmp_path):
         np.testing.assert_array_equal(table[name], run.ledger[name])
 
 
-def test_a_checkpoint_keeps_the_last_good_state_only_for_steps_that_are_found(tmp_path):
+def test_checkpoints_contain_the_last_good_state_only_for_automatic_steps(tmp_path):
     for integrator, kept in ((VelocityVerlet(), True), (VelocityVerlet(0.01), False), (EnergyMomentum(0.01), False)):
-        run = let_go(2, by=0.05).run(integrator, 1.0, checkpoint=tmp_path / "run", overwrite=True)
+        run = released(2, by=0.05).run(integrator, 1.0, checkpoint=tmp_path / "run", overwrite=True)
         saved = load(tmp_path / "run" / "motion.npz")
         assert ("good u" in saved.arrays) == kept == (saved.header.good is not None)
         assert run.status is Status.FINISHED
 
 
-def test_a_penalty_that_is_there_is_not_recommended():
+def test_an_existing_penalty_is_not_recommended():
     mesh = MESHES[3]
     system = System(
         mesh, [material(mesh), VolumePenalty(0.01, "compression"), NodalLoad((1, 5), lambda t: [f / 5 for f in pushed(t)])]
@@ -90,8 +90,8 @@ def test_a_penalty_that_is_there_is_not_recommended():
 
 
 @pytest.mark.parametrize(("t0", "dt"), [(1e12, 1e-6), (1e9, 1e-3), (-1e9, 1e-3), (1e13, None)])
-def test_a_clock_that_cannot_tell_the_steps_apart_is_refused(t0, dt):
-    scene = let_go(2, by=0.05)
+def test_a_start_time_too_large_for_the_step_is_refused(t0, dt):
+    scene = released(2, by=0.05)
     with pytest.raises(StvkError, match=rf"t0 = {re.escape(f'{t0:g}')} s is too late for steps of dt = .*Count the time from 0"):
         scene.run(VelocityVerlet(dt), t0 + 0.5, t0=t0)
     with pytest.raises(StvkError, match="is too late"):

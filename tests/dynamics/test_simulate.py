@@ -1,4 +1,4 @@
-"""Runs that end badly, runs that are asked for wrongly, and what is in the books."""
+"""Runs that fail, runs with wrong arguments, and the contents of the energy ledger."""
 
 import json
 import pickle
@@ -71,7 +71,7 @@ def call(system=SYSTEM, integrator=None, **options):
 
 @pytest.mark.parametrize("make", EXPLICIT)
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_step_that_is_too_long_is_told_of_and_its_blow_up_noticed(make, d):
+def test_a_step_that_is_too_long_is_reported_and_its_blow_up_detected(make, d):
     scene = spinning(d)
     critical = critical_step(scene.system).step
     with pytest.warns(StvkWarning, match=f"step dt = .* above the critical one, {critical:.4g} s"):
@@ -95,7 +95,7 @@ def test_a_blow_up_is_raised_with_the_run_so_far(tmp_path):
     assert times == sorted(set(times))
 
 
-def test_a_step_below_the_critical_one_is_taken_without_a_word_and_none_is_chosen_by_default():
+def test_stable_steps_cause_no_warning_and_are_chosen_by_default():
     scene = spinning(3)
     for make in EXPLICIT:
         run = scene.run(make(), 0.3)
@@ -104,8 +104,9 @@ def test_a_step_below_the_critical_one_is_taken_without_a_word_and_none_is_chose
 
 
 def guarded(rows):
-    """Which rows of energies (kinetic, strain, potential, external, dissipated, closure error) count as a blow-up, and the good
-    ones.
+    """Return which rows of energies count as a blow-up, and the numbers of steps of the good states.
+
+    Rows are kinetic, strain and potential energy, external and dissipated work, and closure error.
     """
     names = "time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
     ledger, found, good = Ledger(names), [], []
@@ -124,53 +125,55 @@ def guarded(rows):
     return found, good
 
 
-def test_energy_from_nowhere_is_held_against_what_there_was_or_was_given():
+def test_excess_energy_is_compared_with_initial_and_supplied_energy():
     row = [1.0, 2.0, 5.0, 0.0, 0.0]
     error, bearable = 20.2, 19.9
     assert guarded([[*row, 0.0], [*row, 3 * error], [*row, 3 * bearable], [*row, -9e9]])[0] == [True, False, False]
-    assert guarded([[*row, 0.0], [1.0, 2.0, -35.0, 0.0, 0.0, 3 * error]])[0] == [False]  # it has fallen
-    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, -40.0, 0.0, 3 * error]])[0] == [False]  # it was worked on
-    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, 0.0, 40.0, 3 * error]])[0] == [True]  # damping took what was not there
+    assert guarded([[*row, 0.0], [1.0, 2.0, -35.0, 0.0, 0.0, 3 * error]])[0] == [False]  # the potential energy has decreased
+    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, -40.0, 0.0, 3 * error]])[0] == [False]  # external work was done on it
+    assert guarded([[*row, 0.0], [1.0, 2.0, 5.0, 0.0, 40.0, 3 * error]])[0] == [
+        True
+    ]  # damping dissipated energy that never existed
     assert guarded([[*row, 0.0], [np.nan, 2.0, 5.0, 0.0, 0.0, 0.0]])[0] == [True]
     assert guarded([[0.0] * 6, [1e-20, 0.0, 0.0, 0.0, 0.0, 1e-20]])[0] == [False]
 
 
-def test_the_last_good_state_is_of_a_time_when_energy_was_right():
+def test_the_last_good_state_has_the_right_energy():
     row = [1.0, 2.0, 0.0, 0.0, 0.0]
     _, good = guarded([[*row, 0.0]] * (3 * EVERY) + [[*row, 4.0]] * (2 * EVERY))
     assert good[0] == 0 and good[EVERY - 1] == EVERY
     assert good[-1] == 2 * EVERY
 
 
-def test_a_state_that_much_energy_has_just_come_to_is_not_good_before_it_has_stayed_there():
+def test_a_state_with_new_energy_is_good_only_after_some_steps():
     row = [1.0, 2.0, 0.0, 0.0, 0.0]
     _, good = guarded(
         [[*row, 0.0]] * (EVERY + 1) + [[*row, 0.75]] * (3 * EVERY)
-    )  # a quarter, and a tenth is borne in as many steps
+    )  # a quarter; a tenth is tolerated in as many steps
     assert good[7 * EVERY // 2 - 2] == EVERY and good[7 * EVERY // 2 - 1] == 7 * EVERY // 2
-    _, good = guarded([[*row, 0.01 * number] for number in range(400)])  # slowly, and no more than there was
+    _, good = guarded([[*row, 0.01 * number] for number in range(400)])  # slowly, and no more than the initial energy
     assert good[-1] == 300
 
 
 @dataclass(frozen=True)
-class Fussy(EnergyMomentum):
-    """Takes no step that is longer than `limit`, and leaves the state as it is then."""
+class LimitedSteps(EnergyMomentum):
+    """EnergyMomentum that fails for steps longer than `limit`, and leaves the state unchanged."""
 
     limit: float = 1.0
 
     def stepper(self, motion):
-        return FussyStepper(motion, self)
+        return LimitedStepper(motion, self)
 
 
-class FussyStepper(ImplicitStepper):
+class LimitedStepper(ImplicitStepper):
     def step(self, state, t):
         if t - state.t > self.integrator.limit:
             raise StepFailed("too long")
         super().step(state, t)
 
 
-def test_a_bar_that_is_pressed_until_nothing_has_stiffness_goes_on():
-    """Its critical step is infinite for a while."""
+def test_a_bar_without_stiffness_continues_to_move():
+    """The critical step is infinite for some time."""
     bar = ElementMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     system = System(bar, [StVK(young=1e5, poisson=0.0, area=1e-2, density=1000.0)], fixed=[([0], "xy"), ([1], "y")])
     for integrator in (VelocityVerlet(1e-3), ForwardEuler(1e-3), VelocityVerlet()):
@@ -180,8 +183,8 @@ def test_a_bar_that_is_pressed_until_nothing_has_stiffness_goes_on():
 
 
 @pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
-def test_a_step_that_is_found_does_not_grow_above_that_at_rest():
-    """A body that is let go while it is pressed is soft for a moment, one that is stretched goes back through its rest."""
+def test_an_automatic_step_does_not_exceed_that_at_rest():
+    """A body released from compression is soft for a moment; a body released from tension passes through its state of rest."""
     scene = spinning(2)
     for stretch in (-0.1, 0.3):
         u0 = stretch * scene.system.mesh.p.ravel("F")
@@ -190,12 +193,12 @@ def test_a_step_that_is_found_does_not_grow_above_that_at_rest():
         assert np.diff(run.ledger["time"]).max() <= 0.851 * min(rest, start)
 
 
-def test_energy_that_the_steps_lost_is_said():
+def test_energy_lost_by_the_steps_is_reported():
     assert re.search(r"; the steps lost \d+ % of the energy", clamped(2).run(BackwardEuler(0.05), 0.5).message)
     assert "energy" not in clamped(2).run(EnergyMomentum(0.05), 0.5).message
 
 
-def test_ctrl_c_leaves_a_checkpoint_that_goes_on(tmp_path):
+def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path):
     mesh, until = MESHES[2], 0.9
     hit = []
 
@@ -220,24 +223,26 @@ def test_ctrl_c_leaves_a_checkpoint_that_goes_on(tmp_path):
         np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
 
 
-def test_a_step_that_fails_is_made_in_halves():
+def test_a_failed_step_is_made_in_halves():
     for scene in (SCENES["driven and damped"](2), clamped(3)):
-        fine, cut = (scene.run(make, 0.1) for make in (EnergyMomentum(0.005, rtol=1e-13), Fussy(0.02, limit=0.006, rtol=1e-13)))
+        fine, cut = (
+            scene.run(make, 0.1) for make in (EnergyMomentum(0.005, rtol=1e-13), LimitedSteps(0.02, limit=0.006, rtol=1e-13))
+        )
         assert cut.cuts == 5 and "in 5 steps, 5 of them cut into smaller ones" in cut.message and not fine.cuts
-        assert np.abs(cut.v - fine.v).max() < 1e-8 * np.abs(fine.v).max()  # supports begin to move at differences over 1e-3 dt
+        assert np.abs(cut.v - fine.v).max() < 1e-8 * np.abs(fine.v).max()  # first velocities of supports: differences over 1e-3 dt
         for name in fine.ledger:
             scale = max(np.abs(fine.ledger[name]).max(), fine.ledger["kinetic_energy"].max())
             np.testing.assert_allclose(cut.ledger[name], fine.ledger[name][::4], rtol=0, atol=1e-8 * scale)
 
 
-def test_steps_that_are_cut_one_after_the_other_are_told_of():
+def test_consecutive_cut_steps_are_reported():
     with pytest.warns(StvkWarning, match="10 steps in a row had to be cut") as caught:
-        clamped(2).run(Fussy(0.02, limit=0.015), 0.4)
+        clamped(2).run(LimitedSteps(0.02, limit=0.015), 0.4)
     assert len(caught) == 1
 
 
-def test_steps_that_took_the_clamped_tangent_are_counted():
-    """A block that is let go from a compression of 30 % has an indefinite K."""
+def test_steps_with_the_clamped_tangent_are_counted():
+    """A block released from a compression of 30 % has an indefinite K."""
     mesh = MESHES[3]
     scene = System(mesh, [material(mesh)])
     run = simulate(scene, LinearBackwardEuler(5.0), until=20.0, u0=-0.3 * mesh.p.ravel("F"), quiet=True, raise_on_failure=False)
@@ -245,7 +250,7 @@ def test_steps_that_took_the_clamped_tangent_are_counted():
 
 
 @pytest.mark.parametrize("integrator", [EnergyMomentum(0.01), LinearBackwardEuler(0.01)])
-def test_ctrl_c_within_the_end_of_a_step_leaves_no_half_of_it(integrator, tmp_path, monkeypatch):
+def test_ctrl_c_at_the_end_of_a_step_leaves_a_whole_step(integrator, tmp_path, monkeypatch):
     scene, count = clamped(2), 0
     update = type(integrator).update
 
@@ -269,7 +274,7 @@ def test_ctrl_c_within_the_end_of_a_step_leaves_no_half_of_it(integrator, tmp_pa
     np.testing.assert_array_equal(resumed.ledger.rows(), whole.ledger.rows())
 
 
-def test_eq_9_refuses_edge_damping_where_it_would_damp_more_than_edges():
+def test_eq_9_refuses_edge_damping_that_would_damp_other_terms():
     mesh = MESHES[2]
     for other in (VolumePenalty(), Pressure("right", 0.1), ElasticFoundation("left", 1.0)):
         system = System(mesh, [material(mesh), other])
@@ -280,7 +285,7 @@ def test_eq_9_refuses_edge_damping_where_it_would_damp_more_than_edges():
         assert call(system, BackwardEuler(0.01), damping=EdgeDamping(0.1)).success
 
 
-def test_what_was_given_before_a_resume_counts_for_the_guard():
+def test_energy_supplied_before_a_resume_counts_for_the_guard():
     row = [1.0, 2.0, 0.0, 0.0, 0.0]
     ledger = Ledger(
         ("time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error")
@@ -292,7 +297,7 @@ def test_what_was_given_before_a_resume_counts_for_the_guard():
     assert not guard.blown_up()
 
 
-def test_tensions_of_the_beginning_are_those_that_are_asked_for():
+def test_initial_tensions_are_the_requested_ones():
     mesh = MESHES[2]
     system = System(mesh, [material(mesh)])
     tensions, v = StartTensions(system), velocities(mesh)
@@ -308,7 +313,7 @@ def test_tensions_of_the_beginning_are_those_that_are_asked_for():
             np.testing.assert_allclose(product, difference @ v, atol=1e-12)
 
 
-def test_a_record_goes_back_to_all_that_it_was():
+def test_a_record_is_restored_completely():
     setup, record = begun(SYSTEM, VelocityVerlet(0.01), V0)
 
     def now():
@@ -324,12 +329,12 @@ def test_a_record_goes_back_to_all_that_it_was():
     assert now() != before
     record.back()
     assert now() == before and not record.state.u.any()
-    record.clock.tick()  # what was kept is not what goes on
+    record.clock.tick()  # the copy differs from the state that continues
     record.back()
     assert now() == before
 
 
-def test_a_step_that_was_found_comes_back_to_what_it_was_and_no_further():
+def test_an_automatic_step_grows_only_up_to_its_first_value():
     setup, record = begun(SYSTEM, VelocityVerlet(), V0)
     limit = StableStep(setup.motion, setup.integrator)
     dt, reviews = limit.first(record.state)
@@ -348,7 +353,7 @@ def test_a_step_that_was_found_comes_back_to_what_it_was_and_no_further():
         review(1e-18)
 
 
-def test_a_bound_that_is_infinite_says_nothing_and_is_looked_at_soon():
+def test_an_infinite_bound_gives_no_estimate_and_an_early_review():
     for before, bound in ((np.inf, 1.0), (1.0, np.inf)):
         step, reviews = Reviews(step=1.0, bound=before).estimate(bound, 7)
         assert np.isnan(step) and reviews.next == 7 + FEWEST
@@ -356,19 +361,19 @@ def test_a_bound_that_is_infinite_says_nothing_and_is_looked_at_soon():
     assert step == 0.5 and reviews.next < 7 + FIRST
 
 
-def test_where_the_smallest_part_fails_too_the_run_ends_with_the_state_before():
+def test_a_run_ends_with_the_state_before_a_step_that_fails_in_all_parts():
     scene = SCENES["driven and damped"](2)
-    run = scene.run(Fussy(0.02, limit=0.02 / 65), 0.1, raise_on_failure=False)
+    run = scene.run(LimitedSteps(0.02, limit=0.02 / 65), 0.1, raise_on_failure=False)
     assert (
         run.status is Status.NOT_CONVERGED
         and run.t == 0
         and not run.u[scene.system.free_dofs(scene.system.supports.held).free].any()
     )
     assert "the step from t = 0 s did not converge, not even in 64 parts: too long" in run.message
-    assert scene.run(Fussy(0.02, limit=0.02 / 63), 0.04).cuts == 2
+    assert scene.run(LimitedSteps(0.02, limit=0.02 / 63), 0.04).cuts == 2
 
 
-def test_a_body_that_is_pulled_through_itself_is_given_up_with_its_elements_named():
+def test_a_run_stopped_by_inversion_names_the_elements():
     mesh = MESHES[3]
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: [f / 10 for f in pushed(t)])])
     for make in (BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum):
@@ -380,7 +385,7 @@ def test_a_body_that_is_pulled_through_itself_is_given_up_with_its_elements_name
         assert 0 < run.t < 0.5 and not len(system.inside_out(run.u)) and run.ledger["time"][-1] == run.t
 
 
-def test_elements_inside_out_are_told_of_once():
+def test_inverted_elements_are_reported_once():
     mesh = MESHES[3]
     system = System(mesh, [material(mesh), NodalLoad((1, 5), lambda t: [f / 5 for f in pushed(t)])])
     with pytest.warns(StvkWarning, match=r"t = .*: .*element.* inside out.*VolumePenalty") as caught:
@@ -390,7 +395,7 @@ def test_elements_inside_out_are_told_of_once():
 
 @pytest.mark.parametrize("integrator", [ForwardEuler(0.01), VelocityVerlet(0.01), LinearBackwardEuler(0.01), EnergyMomentum(0.01)])
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
-def test_what_interrupts_a_run_is_raised_with_the_last_whole_state(integrator, error):
+def test_exceptions_are_raised_with_the_last_whole_state(integrator, error):
     def failing(t):
         if 0.5 < t < 0.99:
             raise error("no more")
@@ -409,7 +414,7 @@ def test_what_interrupts_a_run_is_raised_with_the_last_whole_state(integrator, e
 
 
 @pytest.mark.parametrize("until", [0.95, 1.0])
-def test_steps_end_where_they_should(until):
+def test_steps_end_at_multiples_of_dt_and_at_the_end_time(until):
     times = spinning(2).run(EnergyMomentum(0.1), until).ledger["time"]
     np.testing.assert_array_equal(times, [*(0.1 * np.arange(10)), until])
     late = spinning(2).run(EnergyMomentum(0.1), 5.0 + until, t0=5.0).ledger["time"]
@@ -420,7 +425,7 @@ def test_steps_end_where_they_should(until):
     ("start", "dt", "until"),
     [(0.0, 0.1, 1.0), (0.0, 0.3, 0.9), (0.0, 0.01, 0.07), (0.3, 1 / 3, 100.3), (-2.0, 1e-3, 7.0), (1e6, 0.1, 1e6 + 1)],
 )
-def test_a_clock_meets_an_end_that_is_a_whole_number_of_steps_away(start, dt, until):
+def test_a_clock_reaches_the_end_after_a_whole_number_of_steps(start, dt, until):
     clock, whole = Clock(start, dt), True
     expected = clock.left(until)
     steps = 0
@@ -431,7 +436,7 @@ def test_a_clock_meets_an_end_that_is_a_whole_number_of_steps_away(start, dt, un
     assert whole and steps == expected == round((until - start) / dt) and abs(t - until) < 1e-6 * dt
 
 
-def test_a_clock_goes_on_at_another_pace():
+def test_a_clock_continues_with_another_step():
     clock = Clock(1.0, 0.25)
     clock.tick()
     clock.change(0.5)
@@ -455,7 +460,7 @@ def kinds():
 
 
 @pytest.mark.parametrize(("column", "load"), [pytest.param(*kind, id=f"{type(kind[1]).__name__}, {kind[0]}") for kind in kinds()])
-def test_what_a_load_gives_is_in_the_books(column, load):
+def test_the_energy_of_a_load_is_in_the_ledger(column, load):
     mesh = MESHES[3]
     system = System(mesh, [material(mesh), load])
     run = simulate(system, EnergyMomentum(0.02, rtol=1e-13), until=0.2, v0=0.5 * velocities(mesh), quiet=True)
@@ -470,7 +475,7 @@ def test_what_a_load_gives_is_in_the_books(column, load):
     )
 
 
-def test_a_row_of_the_books_is_what_the_state_has():
+def test_a_row_of_the_ledger_agrees_with_the_state():
     mesh = MESHES[3]
     terms = [material(mesh), VolumePenalty(2.0, kind="quadratic"), Gravity((0.3, -1.0, 0.5))]
     system = System(mesh, terms)
@@ -511,20 +516,20 @@ def test_momentum_grows_by_the_impulse_of_the_loads():
         np.testing.assert_allclose(momentum[1:] - momentum[0], impulse[:, c], atol=1e-12)
 
 
-def test_constants_do_not_ramp_and_a_body_at_rest_in_equilibrium_stays_there():
+def test_a_body_in_equilibrium_stays_at_rest_under_constant_loads():
     mesh = MESHES[2]
     terms = [material(mesh, young=30.0), Gravity((0.0, -1.0)), Traction("right", (0.5, 0.2))]
-    held = {"fixed": {"left": "xy"}, "prescribed": {lambda x: x[0] > 0.9: {"x": 0.05}}}
-    equilibrium = solve_static(System(mesh, terms, **held), quiet=True, rtol=1e-13).u
+    supports = {"fixed": {"left": "xy"}, "prescribed": {lambda x: x[0] > 0.9: {"x": 0.05}}}
+    equilibrium = solve_static(System(mesh, terms, **supports), quiet=True, rtol=1e-13).u
     for integrator in (VelocityVerlet(0.002), LinearBackwardEuler(0.01), EnergyMomentum(0.01), GeneralizedAlpha(0.01)):
-        run = simulate(System(mesh, terms, **held), integrator, until=0.1, u0=equilibrium, quiet=True)
+        run = simulate(System(mesh, terms, **supports), integrator, until=0.1, u0=equilibrium, quiet=True)
         assert (
             np.abs(run.u - equilibrium).max() < 1e-9 * np.abs(equilibrium).max()
             and np.abs(run.ledger["external_work"]).max() < 1e-12
         )
 
 
-def test_rayleighs_alpha_slows_a_free_body_down_exponentially():
+def test_rayleighs_alpha_slows_a_free_body_exponentially():
     mesh, v0 = MESHES[3], np.tile([1.0, -2.0, 0.5], MESHES[3].nv)
     run = simulate(System(mesh, material(mesh)), EnergyMomentum(0.01), until=1.0, v0=v0, damping=Rayleigh(alpha=0.7), quiet=True)
     np.testing.assert_allclose(run.v, np.exp(-0.7) * v0, rtol=1e-4)
@@ -532,13 +537,13 @@ def test_rayleighs_alpha_slows_a_free_body_down_exponentially():
     assert run.ledger["dissipated_work"][-1] == pytest.approx(lost, rel=1e-4)
 
 
-def test_a_stiff_bar_swings_at_its_frequency():
+def test_a_stiff_bar_vibrates_at_its_frequency():
     nodes, young = 9, 100.0
     mesh = ElementMesh(np.linspace(0, 1, nodes)[None], np.stack([np.arange(nodes - 1), np.arange(1, nodes)]))
     system = System(mesh, StVK(young=young, area=1.0, density=1.0), fixed={(0,): "x"})
     k = np.pi / 2
     v0 = 1e-4 * np.sin(k * mesh.p[0])
-    omega = 2 * np.sqrt(young) * (nodes - 1) * np.sin(k / (2 * (nodes - 1)))  # of lumped masses on equal springs
+    omega = 2 * np.sqrt(young) * (nodes - 1) * np.sin(k / (2 * (nodes - 1)))  # lumped masses on equal springs
     run = simulate(system, VelocityVerlet(1e-4), until=2 * pi / omega, v0=v0, quiet=True)
     np.testing.assert_allclose(run.v[1:], v0[1:], rtol=1e-3)
     np.testing.assert_allclose(run.u / 1e-4 * omega, 0, atol=1e-3)
@@ -613,7 +618,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistakes_are_named(mistake, monkeypatch, tmp_path):
+def test_wrong_arguments_are_named(mistake, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     error, message, options = MISTAKES[mistake]
     with pytest.raises(error, match=message):
@@ -647,7 +652,7 @@ def test_options_of_integrators_are_checked(make, options, message):
 
 
 @pytest.mark.parametrize("name", ["save", "checkpoint"])
-def test_what_cannot_be_written_is_told_before_any_work(tmp_path, name):
+def test_unwritable_files_are_refused_before_any_work(tmp_path, name):
     (tmp_path / "folder.pvd").mkdir()
     (tmp_path / "flag").write_text("no folder")
     wrong = {"save": ("missing/flag.pvd", "flag.txt", "folder.pvd"), "checkpoint": ("missing/flag", "flag")}
@@ -655,7 +660,7 @@ def test_what_cannot_be_written_is_told_before_any_work(tmp_path, name):
         with pytest.raises(StvkError, match=r"flag|folder"):
             call(**{name: path})
         with pytest.raises(StvkError, match=r"flag|folder"):
-            call(strip(density=None), **{name: path})  # which would be the next thing to be told
+            call(strip(density=None), **{name: path})  # which would be the next error
 
 
 def test_names_of_files_may_have_blanks_and_umlauts(tmp_path):
@@ -668,7 +673,7 @@ def test_names_of_files_may_have_blanks_and_umlauts(tmp_path):
         assert path.is_file()
 
 
-def test_there_is_nothing_to_animate_or_to_draw_before_there_is_something():
+def test_animations_and_pictures_need_saved_states():
     run = clamped(2).run(EnergyMomentum(0.01), 0.02)
     with pytest.raises(StvkError, match=r"no states were saved. Name a series: simulate\(..., save='run.pvd'\)"):
         run.animate("flag.gif")
@@ -679,7 +684,7 @@ def test_there_is_nothing_to_animate_or_to_draw_before_there_is_something():
 
 
 def velocities_of(path):
-    """By time, of a series."""
+    """Return velocities by time, of a series."""
     return {t: meshio.read(path.with_name(name)).point_data["velocity"][:, :2].ravel() for t, name in read_list(path)}
 
 
@@ -709,14 +714,14 @@ def test_the_velocities_after_a_blow_up_are_those_of_the_last_good_state(tmp_pat
 
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(0.01), LinearBackwardEuler(0.01), EnergyMomentum(0.01)])
-def test_what_writing_takes_is_a_part_of_the_time(integrator, tmp_path):
+def test_writing_time_is_part_of_the_total(integrator, tmp_path):
     for options in ({}, {"save": tmp_path / "a.pvd"}, {"checkpoint": tmp_path / "a"}):
         run = clamped(2).run(integrator, 0.05, **options)
         assert list(run.seconds) == ["assemble", "factor", "solve", "write", "other"]
         assert bool(options) == (run.seconds["write"] > 0) and min(run.seconds.values()) >= 0
 
 
-def test_the_last_state_and_the_books_are_saved_in_any_case(tmp_path):
+def test_the_last_state_and_the_ledger_are_always_saved(tmp_path):
     run = clamped(2).run(EnergyMomentum(0.01), 0.135, save=tmp_path / "a.pvd", every=5, checkpoint=tmp_path / "a")
     pvd = (tmp_path / "a.pvd").read_text()
     assert [float(line.split('"')[1]) for line in pvd.splitlines() if "timestep" in line] == [0.0, 0.05, 0.1, 0.135]
@@ -730,7 +735,7 @@ def test_the_last_state_and_the_books_are_saved_in_any_case(tmp_path):
     ]
 
 
-def test_a_run_says_what_it_was(capsys):
+def test_a_run_is_summarised_in_repr_and_output(capsys):
     run = driven(2, damping=BOTH).run(EnergyMomentum(0.01), 0.1, quiet=False)
     assert "reached t = 0.1 s in 10 steps" in repr(run) and "EnergyMomentum(dt=0.01" in repr(run) and "assemble" in repr(run)
     printed = capsys.readouterr().out
@@ -741,7 +746,7 @@ def test_a_run_says_what_it_was(capsys):
 
 
 @pytest.mark.parametrize("name", ["a\nb", "\x1b[31mred", "a\0", "\ud800", "a\rb"])
-def test_names_that_cannot_be_printed_are_refused_as_names_of_probes_and_of_series(name, tmp_path):
+def test_unprintable_names_of_probes_and_series_are_refused(name, tmp_path):
     scene = spinning(2)
     with pytest.raises(StvkError, match=r"probes: the name .* cannot be printed") as caught:
         scene.run(VelocityVerlet(0.01), 0.1, probes={name: [1]})

@@ -1,5 +1,6 @@
-"""Loads that have a potential and are not dead, in motion: their energy is the ledger's, their stiffness that of tangents, modes
-and critical steps.
+"""Loads that have a potential and are not dead, in motion.
+
+The ledger contains their energy, and tangents, modes and critical steps contain their stiffness.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ ANCHOR = (1.5, 0.8, -0.4)
 
 
 def sprung(d, k=0.05, length=0.0, fixed=None, own=False):
-    """Springs from one end to a point, or each to where its vertex is at rest."""
+    """Return a body with springs from one end to a point, or from each vertex to its position at rest."""
     mesh = MESHES[d]
     ids = np.unique(mesh.boundaries["right"])
     return System(mesh, [material(mesh), PointSpring(ids, mesh.p.T[ids] if own else ANCHOR[:d], k, length)], fixed=fixed)
@@ -34,7 +35,7 @@ def motion(d, integrator, until=0.4, **options):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_energy_momentum_keeps_the_energy_of_springs_to_round_off(d):
+def test_energy_momentum_conserves_the_energy_of_springs_to_round_off(d):
     run = motion(d, EnergyMomentum(0.02))
     potential = run.ledger["potential_energy"]
     assert np.ptp(potential) > 0.1 * run.ledger["total_energy"].max() and not run.ledger["external_work"].any()
@@ -42,7 +43,7 @@ def test_energy_momentum_keeps_the_energy_of_springs_to_round_off(d):
     assert np.abs(run.ledger["closure_error"]).max() < 1e-11 * run.ledger["total_energy"].max()
 
 
-def test_of_springs_with_a_length_the_ledger_closes_to_the_second_order():
+def test_the_ledger_with_springs_of_nonzero_length_closes_to_second_order():
     errors = [
         np.abs(motion(2, make(dt), length=0.6).ledger["closure_error"]).max()
         for make in (EnergyMomentum, VelocityVerlet)
@@ -69,14 +70,14 @@ def test_every_integrator_finds_the_same_motion(integrator):
     assert np.abs(u - fine).max() < 0.02 * np.abs(fine).max()
 
 
-def test_linear_backward_euler_is_stable_with_springs_that_are_stiff():
-    """One solve with their stiffness; without it the springs would be explicit, and steps 30 times too long."""
+def test_linear_backward_euler_is_stable_with_stiff_springs():
+    """The linear solve includes their stiffness; otherwise the springs would be explicit, and steps 30 times too long."""
     run = motion(3, LinearBackwardEuler(0.05), until=1.0, k=1e4, own=True)
     assert run.success and run.ledger["total_energy"][-1] < run.ledger["total_energy"][0]
     assert run.ledger["potential_energy"].max() < 0.1 * run.ledger["total_energy"][0]
 
 
-def test_what_would_damp_springs_is_refused():
+def test_edge_damping_that_would_damp_springs_is_refused():
     system = sprung(2)
     with pytest.raises(StvkError, match="it would damp loads that depend on where the body goes"):
         Scene(system, velocities(system.mesh), EdgeDamping(1e-3)).run(LinearBackwardEuler(0.01), 0.02)
@@ -110,7 +111,7 @@ def test_the_critical_step_is_safe_with_springs(k, length):
     assert 0.6 * limit < critical.step <= limit * (1 + 1e-6) and critical.bound <= critical.step and critical.step < bare.step
 
 
-def test_an_explicit_run_with_stiff_springs_finds_a_step_that_does_not_blow_up():
+def test_an_explicit_run_with_stiff_springs_finds_a_stable_step():
     run = motion(2, VelocityVerlet(), until=0.2, k=500.0, own=True)
     assert run.success and "blew up" not in run.message
     assert np.abs(run.ledger["closure_error"]).max() < 0.3 * run.ledger["total_energy"].max()

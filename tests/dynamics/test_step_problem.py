@@ -1,4 +1,4 @@
-"""The equation of a step, as Newton's method asks for it."""
+"""The equation of a step, as Newton's method uses it."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ EPS = np.finfo(float).eps
 
 
 def begun(integrator, d=3, mass="lumped", damping=None, size=0.1):
-    """A step of `integrator` that has begun, of a held body under loads in time, and displacements over it."""
+    """Return the problem of a started step of a supported body under time-dependent loads, and displacements over the step."""
     mesh, rng = MESHES[d], np.random.default_rng(d)
     loads = [NodalLoad((1, 5), lambda t: [0.4 * f for f in pushed(t)[:d]]), Gravity((0.3, -1.0, 0.5)[:d])]
     system = System(mesh, [material(mesh), *loads], fixed={"left": "xyz"[:d]})
@@ -45,7 +45,7 @@ def begun(integrator, d=3, mass="lumped", damping=None, size=0.1):
 @pytest.mark.parametrize("damping", [None, Rayleigh(0.8, 0.05)], ids=["undamped", "damped"])
 @pytest.mark.parametrize("integrator", [BackwardEuler(DT), Newmark(DT), GeneralizedAlpha(DT, rho=0.4)], ids=lambda one: one.name)
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_slope_of_what_a_step_costs_is_the_residual(d, integrator, damping, mass):
+def test_the_slope_of_the_incremental_potential_is_the_residual(d, integrator, damping, mass):
     problem, _, w, p = begun(integrator, d, mass, damping)
     assert problem.quartic
     cost = np.polynomial.Polynomial(problem.energy_along(w, p, AT_END))
@@ -54,12 +54,12 @@ def test_the_slope_of_what_a_step_costs_is_the_residual(d, integrator, damping, 
         assert cost.deriv()(s) == pytest.approx(slope, rel=1e-9)
 
 
-def test_what_has_no_potential_along_a_line_is_not_taken_for_a_quartic():
+def test_equations_without_a_potential_are_not_quartic():
     assert not begun(EnergyMomentum(DT))[0].quartic
     assert not begun(BackwardEuler(DT), damping=EdgeDamping(0.1))[0].quartic
 
 
-def test_elements_turn_inside_out_where_the_body_is_not_where_the_step_began():
+def test_step_limits_and_inversions_refer_to_the_current_state():
     problem, u, w, p = begun(BackwardEuler(DT), size=0.2)
     assert problem.step_limit(w, p) == problem.motion.system.step_limit(u + w, p) != problem.motion.system.step_limit(w, p)
     far = u + 5 * p
@@ -70,8 +70,8 @@ def test_elements_turn_inside_out_where_the_body_is_not_where_the_step_began():
 
 
 @pytest.mark.parametrize("integrator", [BackwardEuler(DT), EnergyMomentum(DT), Newmark(DT)], ids=lambda one: one.name)
-def test_a_residual_is_held_against_every_force_and_so_is_rounding(integrator):
-    """Inertia ahead and behind, loads and internal forces: each of them counts, and nothing more than a few times their sum."""
+def test_the_scales_of_residual_and_round_off_include_all_forces(integrator):
+    """The scale includes inertia at both ends of the step, loads and internal forces, and is at most a few times their sum."""
     for strength, heavy in ((1e6, 1.0), (1.0, 1e6)):
         mesh = MESHES[3]
         soft = System(mesh, [material(mesh, young=3.0 / strength), Gravity((0.0, -heavy, 0.0))])
@@ -88,15 +88,15 @@ def test_a_residual_is_held_against_every_force_and_so_is_rounding(integrator):
             assert max(sizes) < 1.01 * problem.round_off(w, AT_END) / EPS < 30 * sum(sizes)
 
 
-def test_a_residual_that_overflows_is_no_state():
-    """Forces that are finite, but whose norm is not: an infinite residual would be as small as what it is held against."""
+def test_a_residual_that_overflows_raises():
+    """The forces are finite, but their norm is not: an infinite residual would be as small as its scale."""
     problem, _, w, _ = begun(BackwardEuler(DT))
     with pytest.raises(StateError, match="overflows"):
         problem.residual(1e102 * w / np.abs(w).max(), AT_END)
 
 
 @pytest.mark.parametrize("solver", ["superlu", "block-jacobi-cg", "amg-cg"])
-def test_nothing_stands_in_for_the_tangent_at_rest(solver):
+def test_the_tangent_at_rest_is_never_replaced(solver):
     problem, _, w, p = begun(BackwardEuler(DT, tangent="rest", solver=solver))
     first, *others = (problem.factorise(at, AT_END, tangent) for at, tangent in zip((w, 3 * w, -w), Tangent, strict=True))
     assert all(other is first for other in others)
@@ -110,8 +110,8 @@ def test_nothing_stands_in_for_the_tangent_at_rest(solver):
 
 
 @pytest.mark.parametrize("make", [LinearBackwardEuler, EnergyMomentum])
-def test_the_tangent_at_rest_does_not_depend_on_when_it_was_made(make, tmp_path):
-    """Loads that follow the body and change with time are not in it: a run that is resumed makes it later."""
+def test_the_tangent_at_rest_does_not_depend_on_the_time(make, tmp_path):
+    """The tangent does not contain time-dependent follower loads, because a resumed run makes it later."""
     mesh = MESHES[2]
     system = System(mesh, [material(mesh), Pressure("right", lambda t: 0.3 + 0.5 * np.sin(6 * t))], fixed={"left": "xy"})
     integrator = make(0.01, tangent="rest", solver="superlu")
@@ -122,7 +122,7 @@ def test_the_tangent_at_rest_does_not_depend_on_when_it_was_made(make, tmp_path)
 
 
 @pytest.mark.parametrize("make", [BackwardEuler, Newmark, EnergyMomentum, LinearBackwardEuler])
-def test_at_rest_there_is_one_factorisation_whatever_rounding_makes_of_times(make, monkeypatch):
+def test_the_tangent_at_rest_is_factorised_once(make, monkeypatch):
     made, factorise = [], FreeTangent.factorise
 
     def counted(self, *content):
@@ -134,7 +134,7 @@ def test_at_rest_there_is_one_factorisation_whatever_rounding_makes_of_times(mak
     assert len(made) == 1 and run.ledger.steps == 101 and len(np.unique(np.diff(run.ledger["time"]))) > 1
 
 
-def test_multigrid_is_told_how_the_body_turns_where_it_is():
+def test_multigrid_gets_the_rigid_modes_of_the_current_state():
     problem, u, w, _ = begun(BackwardEuler(DT, solver="amg-cg"))
     problem.factorise(w, AT_END)
     where = problem.motion.system.mesh.p.T + (u + w).reshape(-1, 3)

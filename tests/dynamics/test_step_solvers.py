@@ -1,4 +1,4 @@
-"""What solves implicit steps by default: conjugate gradients with SSOR, on the edges of one term or on the matrix of several."""
+"""Default solvers of implicit steps: conjugate gradients with SSOR, on the edges of one term or on the matrix of several."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ MESHES = {2: MeshTri.init_tensor(*(np.linspace(0, x, n) for x, n in ((0.3, 13), 
 
 
 def bar(dim, terms=1, young=1e5):
-    """Soft in one half, three times as stiff in the other; one end is held, a side slides."""
+    """Return a bar that is three times as stiff in one half as in the other; one end is fixed, one side slides."""
     mesh = MESHES[dim]
     stiff = mesh.p[0][mesh.t].mean(axis=0) > mesh.p[0].max() / 2
     material = StVK(young=np.where(stiff, 3 * young, young), poisson=0.4, density=1000.0)
@@ -48,7 +48,7 @@ def test_the_motion_is_that_of_a_direct_solver(dim, terms, mass):
     assert np.abs(runs[0].u).max() > 1e-3 and runs[0].iterations > 100
 
 
-def test_a_matrix_is_made_where_sweeps_or_the_mass_need_one():
+def test_a_matrix_is_assembled_if_sweeps_or_the_mass_need_it():
     def chosen(terms, mass, solver="ssor-cg"):
         return LinearBackwardEuler(0.01, solver=solver).linear_solver(Motion(bar(3, terms), mass, None))
 
@@ -59,7 +59,7 @@ def test_a_matrix_is_made_where_sweeps_or_the_mass_need_one():
     assert chosen(2, "consistent", "superlu") == SuperLU()
 
 
-def test_by_default_converged_integrators_iterate_on_tetrahedra_where_k_is_symmetric_and_new_each_step():
+def test_default_solvers_depend_on_dimension_tangent_and_symmetry():
     def chosen(system, **more):
         return BackwardEuler(0.01, **more).linear_solver(Motion(system, "lumped", None)).name
 
@@ -83,8 +83,8 @@ def test_by_default_converged_integrators_iterate_on_tetrahedra_where_k_is_symme
     ids=lambda one: getattr(one, "name", None),
 )
 @pytest.mark.parametrize("dim", [slow(2), 3])
-def test_follower_loads_are_taken_with_every_tangent(dim, integrator, limit, tangent):
-    """By a solver for their matrix; as a dead load the pressure leads 4 to 9 % off."""
+def test_follower_loads_are_accurate_with_every_tangent(dim, integrator, limit, tangent):
+    """The solver accepts the unsymmetric matrix; with the pressure as a dead load the error is 4 to 9 %."""
     mesh = motions.MESHES[dim]
     system = System(mesh, [motions.material(mesh), Pressure("right", 0.3)], fixed={"left": "xyz"[:dim]})
     expected = simulate(system, VelocityVerlet(1e-3), until=0.1, quiet=True).u
@@ -92,7 +92,7 @@ def test_follower_loads_are_taken_with_every_tangent(dim, integrator, limit, tan
     assert np.abs(run.u - expected).max() < limit * np.abs(expected).max()
 
 
-def test_conjugate_gradients_that_were_asked_for_refuse_follower_loads_unless_the_tangent_has_nothing_of_them():
+def test_requested_conjugate_gradients_refuse_tangents_with_follower_loads():
     mesh = motions.MESHES[3]
     system = System(mesh, [motions.material(mesh), Pressure("right", 0.3)], fixed={"left": "xyz"})
     asked = LinearBackwardEuler(0.01, solver="ssor-cg")
@@ -102,8 +102,8 @@ def test_conjugate_gradients_that_were_asked_for_refuse_follower_loads_unless_th
 
 
 @pytest.mark.parametrize("make", [BackwardEuler, slow(Newmark), slow(GeneralizedAlpha)])
-def test_short_steps_are_as_good_as_with_a_direct_solver(make):
-    """Inertia is all that their residuals are small against."""
+def test_short_steps_are_as_accurate_as_with_a_direct_solver(make):
+    """Only inertia is large compared with their residuals."""
     system, v0 = bar(3), 0.3 * MESHES[3].p.T[:, ::-1].ravel()
     runs = [simulate(system, make(1e-4, solver=solver), until=0.01, v0=v0, quiet=True) for solver in ("auto", "superlu")]
     assert 0 < np.abs(runs[0].v - runs[1].v).max() < 3e-7 * np.abs(runs[1].v).max()

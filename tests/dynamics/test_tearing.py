@@ -1,4 +1,4 @@
-"""Motions of bodies that lose elements by a rule: energies add up, runs go on bit for bit, and equal those without the elements."""
+"""Bodies that lose elements in motion: energies balance, runs resume bit for bit, and motions equal those of smaller bodies."""
 
 import warnings
 
@@ -40,7 +40,7 @@ INTEGRATORS = {
 
 
 def sheet(nx=8, ny=4, d=2, **options):
-    """A sheet that is held at the left and has densities and stiffnesses that differ by element."""
+    """Return a sheet fixed at its left end, with densities and stiffnesses that vary by element."""
     if d == 2:
         mesh = skfem.MeshTri.init_tensor(np.linspace(0, 2, nx + 1), np.linspace(0, 1, ny + 1))
     else:
@@ -54,12 +54,12 @@ def sheet(nx=8, ny=4, d=2, **options):
 
 
 def pulled(system, speed=5.0):
-    """Velocities that pull it apart."""
+    """Return velocities that stretch the body."""
     return (system.mesh.p.T * ([speed] + [0] * (system.mesh.d - 1))).ravel()
 
 
 def at(t_of, ids):
-    """A rule that takes elements out once, at the first step from a time on."""
+    """Return a rule that removes elements once, at the first step after a time."""
     return lambda t, u: ids if t > t_of else []
 
 
@@ -72,8 +72,8 @@ def quietly(what, *arguments, **options):
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("name", INTEGRATORS)
 @pytest.mark.parametrize("damping", [None, [Rayleigh(0.3, 1e-5), EdgeDamping(1e-5)]], ids=["", "damped"])
-def test_after_it_lost_elements_a_body_moves_like_one_that_is_built_without_them(name, d, damping):
-    """The half before in one run, then the other system, from the same state."""
+def test_a_body_without_its_removed_elements_moves_like_one_built_without_them(name, d, damping):
+    """The reference is a run up to the removal, and then a run of a system without the elements from the same state."""
     if name == "newmark, rest" and damping:
         damping = Rayleigh(0.3, 1e-5)
     out = np.array([3, 4, 5, 11])
@@ -86,16 +86,16 @@ def test_after_it_lost_elements_a_body_moves_like_one_that_is_built_without_them
     left = sheet(d=d)
     left = quietly(left.without, out)
     second = quietly(simulate, left, INTEGRATORS[name](), until=0.04, u0=first.u, v0=first.v, t0=first.t, **options)
-    limit = 1e-2 if name == "verlet, steps that are found" else 2e-6  # other steps
+    limit = 1e-2 if name == "verlet, steps that are found" else 2e-6  # the step sizes differ
     assert np.abs(run.u - second.u).max() < limit * np.abs(second.u).max()
     assert np.abs(run.v - second.v).max() < 30 * limit * np.abs(second.v).max()
-    gone = first.ledger["total_energy"][-1] - second.ledger["total_energy"][0]
-    assert gone != 0 and run.ledger["removed_energy"][-1] == pytest.approx(gone, rel=1e-8)
+    lost = first.ledger["total_energy"][-1] - second.ledger["total_energy"][0]
+    assert lost != 0 and run.ledger["removed_energy"][-1] == pytest.approx(lost, rel=1e-8)
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
-def test_the_ledger_closes_to_what_the_integrator_is_off_by_without(name):
-    """The energy of the elements, from their stresses: another way than the ledger's."""
+def test_the_ledger_with_removals_closes_as_well_as_without(name):
+    """The energy of removed elements is computed from their stresses, independently of the ledger."""
     body = sheet()
     seen = []
 
@@ -117,7 +117,7 @@ def test_the_ledger_closes_to_what_the_integrator_is_off_by_without(name):
     strain = (state["strain_energy_density"] * Fields.of(whole).volume)[own].sum()
     step = int(np.flatnonzero(np.abs(jumps) > 1e-6 * most)[0])
     assert ledger["time"][step + 1] == run.removed_at[0]
-    assert 0 < strain < jumps[step] + 1.0 * most  # potential and kinetic energy beside it
+    assert 0 < strain < jumps[step] + 1.0 * most  # the jump includes potential and kinetic energy
     v = quietly(simulate, sheet(), INTEGRATORS[name](), until=float(run.removed_at[0]), v0=pulled(body), quiet=True).v
     left = sheet()
     before = v @ left.mass().multiply(v) / 2, -(left.external_force(seen[0][1], 1.0) @ seen[0][1])
@@ -128,8 +128,8 @@ def test_the_ledger_closes_to_what_the_integrator_is_off_by_without(name):
     assert jumps[step] == pytest.approx(strain + kinetic + weight[0] - weight[1], rel=1e-6)
 
 
-def test_energy_that_is_not_booked_is_seen(monkeypatch):
-    """The planted fault."""
+def test_a_missing_energy_of_removal_is_detected(monkeypatch):
+    """Planted fault: the energy of removed elements is zero."""
     monkeypatch.setattr(Books, "_energy_in_all", lambda self, state: 0.0)
     body = sheet()
     run = quietly(simulate, body, EnergyMomentum(2e-3), until=0.04, v0=pulled(body), remove=at(0.01, [3]), quiet=True)
@@ -144,7 +144,7 @@ def torn(until, system=None, integrator=None, limit=1.5e3, **options):
     )
 
 
-def test_elements_tear_where_their_largest_principal_stress_is_above_the_limit():
+def test_elements_with_principal_stress_above_the_limit_are_removed():
     run = torn(0.05)
     assert len(run.removed) > 3 and (np.diff(run.removed_at) >= 0).all() and run.success
     largest = np.linalg.eigvalsh(run.state["cauchy_stress"])[:, -1]
@@ -157,7 +157,7 @@ def test_elements_tear_where_their_largest_principal_stress_is_above_the_limit()
     assert (np.flatnonzero(largest > 1.5e3) == np.sort(same.removed[same.removed_at == same.removed_at[0]])).all()
 
 
-def test_limits_differ_by_element_and_looks_may_be_seldom():
+def test_limits_may_vary_by_element_and_be_checked_rarely():
     limit = np.full(64, np.inf)
     limit[:9] = 1e3
     body = sheet()
@@ -168,7 +168,7 @@ def test_limits_differ_by_element_and_looks_may_be_seldom():
     assert (steps % 7 == 0).all()
 
 
-def test_nothing_changes_where_no_element_is_above_the_limit():
+def test_a_limit_that_no_element_reaches_changes_nothing():
     free, watched = (torn(0.03, limit=limit) for limit in (1e9, np.inf))
     plain = quietly(simulate, sheet(), VelocityVerlet(), until=0.03, v0=pulled(sheet()), quiet=True)
     for run in (free, watched):
@@ -176,7 +176,7 @@ def test_nothing_changes_where_no_element_is_above_the_limit():
     assert "removed_energy" not in plain.ledger and not watched.ledger["removed_energy"].any()
 
 
-def test_the_critical_step_follows():
+def test_the_step_follows_the_critical_step_after_removals():
     run = torn(0.05)
     now = critical_step(run.system, run.u).step
     assert run.dt <= 0.9 * now
@@ -187,7 +187,7 @@ def test_the_critical_step_follows():
 
 @pytest.mark.parametrize("name", [*INTEGRATORS])
 @pytest.mark.parametrize("again", ["a new system", slow("the same system")])
-def test_a_run_that_is_resumed_goes_on_bit_for_bit(name, again, tmp_path):
+def test_a_torn_run_resumes_bit_for_bit(name, again, tmp_path):
     options = {"damping": Rayleigh(0.1), "every": 3}
     wanted = torn(0.0451, integrator=INTEGRATORS[name](), save=tmp_path / "one.pvd", **options)
     body = sheet()
@@ -207,7 +207,7 @@ def test_a_run_that_is_resumed_goes_on_bit_for_bit(name, again, tmp_path):
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
-def test_the_body_that_tears_is_another_one(name):
+def test_removals_do_not_change_the_system_of_the_caller(name):
     body = sheet()
     u = pulled(body)
     whole = body.tangent(0.1 * u).data
@@ -216,7 +216,7 @@ def test_the_body_that_tears_is_another_one(name):
     assert run.system is not body and run.system.pattern is body.pattern
 
 
-def test_what_was_taken_out_before_the_run_belongs_to_it(tmp_path):
+def test_elements_removed_before_the_run_belong_to_the_problem(tmp_path):
     whole = sheet()
     notched = whole.without([30, 31])
     torn(0.02, notched, checkpoint=tmp_path / "kept")
@@ -230,7 +230,7 @@ def test_what_was_taken_out_before_the_run_belongs_to_it(tmp_path):
         torn(0.05, other, checkpoint=tmp_path / "kept", resume=True)
 
 
-def test_a_resumed_run_has_to_have_its_rule(tmp_path):
+def test_a_resumed_run_needs_the_same_rule(tmp_path):
     torn(0.02, checkpoint=tmp_path / "kept")
     with pytest.raises(StvkError, match=r"remove was 'PrincipalStressLimit\(1500, every=1\)' and is None"):
         simulate(sheet(), VelocityVerlet(), until=0.03, checkpoint=tmp_path / "kept", resume=True, quiet=True)
@@ -238,14 +238,14 @@ def test_a_resumed_run_has_to_have_its_rule(tmp_path):
         torn(0.03, limit=1.6e3, checkpoint=tmp_path / "kept", resume=True)
 
 
-def test_files_of_a_torn_body_have_the_elements_that_are_left(tmp_path):
+def test_files_of_a_torn_body_contain_the_remaining_elements(tmp_path):
     run = torn(0.05, save=tmp_path / "torn.pvd", every=1)
     last = sorted(tmp_path.glob("torn_*.vtu"))[-1]
     assert read_mesh(last).nt == 64 - len(run.removed) if not run.system.bare.size else True
     assert run.animate(tmp_path / "torn.gif").stat().st_size > 1000
 
 
-def test_loose_parts_fly():
+def test_loose_parts_fall_freely():
     body = sheet()
     x = body.mesh.p[0, body.mesh.t].mean(axis=0)
     with pytest.warns(StvkWarning, match="1 part comes loose"):
@@ -280,7 +280,7 @@ def test_bare_nodes_stay_where_they_are():
     [("stress", "remove = 'stress'"), (PrincipalStressLimit, "remove = "), (1e6, "remove = ")],
     ids=str,
 )
-def test_what_is_no_rule_is_refused(rule, message):
+def test_invalid_rules_are_refused(rule, message):
     with pytest.raises(StvkError, match=message):
         simulate(sheet(), VelocityVerlet(), until=0.1, remove=rule)
 
@@ -294,7 +294,7 @@ def test_limits_are_positive(limit):
 @pytest.mark.parametrize(
     "answer", [[99], np.ones(3, dtype=bool), np.arange(64), "nowhere", 0.5], ids=["99", "mask", "all", "name", "0.5"]
 )
-def test_what_a_function_returns_is_checked_and_the_run_so_far_is_kept(answer):
+def test_results_of_rules_are_checked_and_errors_contain_the_run(answer):
     body = sheet()
     with pytest.raises(SimulationError) as raised:
         simulate(
@@ -310,7 +310,7 @@ def test_limits_have_one_value_for_each_element():
         )
 
 
-def test_a_mesh_of_quadratic_elements_tears(tmp_path):
+def test_meshes_of_quadratic_elements_may_tear(tmp_path):
     mesh = ElementMesh.of(skfem.MeshTri.init_tensor(np.linspace(0, 2, 5), np.linspace(0, 1, 3))).with_degree(2)
     body = System(mesh, StVK(young=1e4, poisson=0.3, density=1.0), fixed={lambda x: x[0] == 0: "xy"})
     run = quietly(

@@ -1,4 +1,4 @@
-"""The energy along a line is a quartic, and its coefficients are known to the last digits."""
+"""The energy along a line is a quartic, and its coefficients are accurate to the last digits."""
 
 from decimal import localcontext
 from fractions import Fraction
@@ -22,7 +22,7 @@ def along(mesh, terms, u, v, dtype=np.float64):
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", BODIES)
-def test_the_quartic_is_the_energy_wherever_one_looks(name, parts, monkeypatch):
+def test_the_quartic_is_the_energy_along_the_line(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh, terms = BODIES[name]
     body, u, v = System(mesh, terms), state(mesh), state(mesh, seed=9)
@@ -45,7 +45,7 @@ def test_slope_and_curvature_are_those_of_force_and_tangent(name):
 
 
 def exact_coefficients(mesh, u, v):
-    """From the energy at five places, in 50 digits: divided differences have no truncation error."""
+    """Return the coefficients from the energy at five points, in 50 digits; divided differences have no truncation error."""
     lam, mu = (float(value) for value in TERM.material.lame(TERM.hypothesis(mesh)))
     inverse = inverse_of_vandermonde()
     body = exact.ExactStVK(mesh.p, mesh.t, (lam, mu))
@@ -58,7 +58,7 @@ def exact_coefficients(mesh, u, v):
 
 
 def inverse_of_vandermonde():
-    """(5, 5) fractions that make coefficients of the values of a quartic at -2 ... 2."""
+    """Return the fractions (5, 5) that give the coefficients of a quartic from its values at -2 ... 2."""
     rows = []
     for m in range(-2, 3):
         product, scale = [Fraction(1)], Fraction(1)
@@ -73,7 +73,7 @@ def inverse_of_vandermonde():
 @pytest.mark.parametrize("offset", [0.0, 1e6])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane"])
 def test_every_coefficient_has_all_its_digits(name, offset, of_u, of_v):
-    """At small strains and far from the origin too: `|p|^2 - |P|^2` would have lost them."""
+    """The digits remain at small strains and far from the origin, where `|p|^2 - |P|^2` loses them."""
     mesh = MESHES[name]
     mesh = ElementMesh(mesh.p + offset, mesh.t)
     rng = np.random.default_rng(7)
@@ -85,14 +85,14 @@ def test_every_coefficient_has_all_its_digits(name, offset, of_u, of_v):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra, two regions", slow("membrane, anisotropic"), "cable, area"])
-def test_in_single_precision_too(name):
+def test_single_precision_agrees_with_double(name):
     mesh, terms = BODIES[name]
     u, v = state(mesh), state(mesh, seed=9)
     single, double = along(mesh, terms, u, v, np.float32), along(mesh, terms, u, v)
     assert single.dtype == np.float64 and 0 < np.abs(single - double).max() < 2e-6 * np.abs(double).max()
 
 
-def test_along_a_translation_nothing_changes_and_along_nothing_neither():
+def test_the_energy_is_constant_along_translations_and_zero_directions():
     mesh = MESHES["tetrahedra"]
     u = state(mesh)
     W = System(mesh, TERM).energy(u)
@@ -101,7 +101,7 @@ def test_along_a_translation_nothing_changes_and_along_nothing_neither():
         assert c[0] == pytest.approx(W, rel=1e-14) and not c[1:].any()
 
 
-def test_coefficients_are_the_same_to_the_last_bit_from_run_to_run(monkeypatch):
+def test_coefficients_are_bitwise_reproducible(monkeypatch):
     in_parts(monkeypatch, 3)
     mesh = MESHES["tetrahedra"]
     assembly, u, v = TERM.bind(mesh), state(mesh).reshape(-1, 3), state(mesh, seed=9).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The arrays that the kernels read, and what an assembly does to the arrays that it is handed."""
+"""Assemblies store the arrays of the kernels correctly, and add to or overwrite the arrays of the caller as documented."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ TERM = StVK(young=2.0, poisson=0.3)
 
 
 @pytest.mark.parametrize("n", [1, LANES - 1, LANES, LANES + 1, 5 * LANES + 3])
-def test_what_goes_into_lanes_comes_out_again(n):
+def test_lanes_are_packed_and_unpacked_without_change(n):
     rows = np.arange(3 * n).reshape(3, n)
     blocks = in_lanes(rows)
     assert blocks.flags.c_contiguous and len(blocks) == -(-n // LANES)
@@ -39,7 +39,7 @@ def test_the_own_order_is_another_order_of_the_same_simplices(name):
 
 
 def test_neighbours_in_the_own_order_are_near():
-    """Bandwidth after a shuffle of all vertices, which users' meshes often come with."""
+    """Vertices are shuffled first, as in many meshes of users, and the bandwidth is measured."""
     mesh = box(8)
     number = np.random.default_rng(0).permutation(mesh.nv).astype(np.int32)
     t = number[mesh.t]
@@ -47,8 +47,11 @@ def test_neighbours_in_the_own_order_are_near():
     assert np.ptp(order.t, axis=0).max() < 0.4 * np.ptp(t, axis=0).max()
 
 
-def test_few_vertices_come_before_all_their_neighbours_though_the_mesh_was_refined():
-    """Sweeps begin anew at each of them; a refined mesh has the vertices of the coarse one first. A box keeps its order."""
+def test_few_vertices_precede_all_their_neighbours_in_a_refined_mesh():
+    """A refined mesh has the vertices of the coarse mesh first; a box keeps its order.
+
+    Sweeps start again at each of these vertices.
+    """
     for mesh in (MeshTet().refined(2), MeshTet().refined(3)):
         t, edges = mesh.t.astype(np.int32), edge_topology(mesh.t)[0]
         order = own_order(t, edges)
@@ -86,14 +89,14 @@ def test_force_is_added_and_K_is_written_or_added(name):
     assert np.abs(same - before - F).max() < 1e-14 * scale
     assert np.abs(more - K - 7).max() < 1e-14 * (np.abs(K).max() + 7)
     written = np.zeros(pattern.nnz)
-    written[K != 0] = np.nan  # all that the term has is written over
+    written[K != 0] = np.nan  # all entries of the term are overwritten
     assembly.fill(u, rows, written, False)
     assert np.array_equal(written, K)
 
 
 @pytest.mark.parametrize("name", MESHES)
 def test_blocks_of_edges_are_those_of_K_and_their_total_is_its_trace(name):
-    """In fewer dimensions than three the total has the parts across too, which nothing else needs."""
+    """In fewer than three dimensions the total includes the components across the body, which are not used elsewhere."""
     mesh = MESHES[name]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, mesh.d)
     K = System(mesh, TERM).tangent(u.ravel()).toarray().reshape(mesh.nv, mesh.d, mesh.nv, mesh.d).swapaxes(1, 2)
@@ -112,7 +115,7 @@ def test_blocks_of_edges_are_those_of_K_and_their_total_is_its_trace(name):
     assert total > 0
 
 
-def test_blocks_are_filled_anew_where_they_stand():
+def test_blocks_are_refilled_in_place():
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
     _, wanted = assembly.blocks(u)
@@ -125,7 +128,7 @@ def test_blocks_are_filled_anew_where_they_stand():
 
 
 def test_simplices_that_only_fill_a_block_have_no_energy():
-    """Seventeen simplices in two blocks of sixteen: the last stands fifteen times more."""
+    """Seventeen simplices are stored in two blocks of sixteen, so that the last one is stored fifteen more times."""
     mesh = box(3)
     p, t = mesh.p, mesh.t[:, : LANES + 1]
     used, t = np.unique(t, return_inverse=True)
@@ -140,8 +143,8 @@ def test_simplices_that_only_fill_a_block_have_no_energy():
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_coefficients_of_edges_and_what_the_kernels_store_are_one_stiffness(name):
-    """W from `form.L` and from the kernels, whose spokes begin at another vertex and come in another order."""
+def test_edge_coefficients_and_kernel_data_give_the_same_energy(name):
+    """W from `form.L` equals W from the kernels, which use base vectors from another vertex and in another order."""
     mesh = MESHES[name]
     u = state(mesh).reshape(-1, mesh.d)
     for terms in (BODIES[f"{name}, isotropic"][1], BODIES[f"{name}, anisotropic"][1], BODIES[f"{name}, fibres"][1]):
@@ -152,8 +155,8 @@ def test_coefficients_of_edges_and_what_the_kernels_store_are_one_stiffness(name
         assert zeta @ form.L @ zeta / 4 == pytest.approx(assembly.energy_and_force(u, np.zeros_like(u)), rel=1e-13)
 
 
-def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
-    """Nothing of the size of the mesh is made anew by what a solver asks again and again."""
+def test_work_vectors_are_reused_and_counted(monkeypatch):
+    """Repeated calls of a solver allocate no array of the size of the mesh."""
     in_parts(monkeypatch, 2)
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
@@ -184,15 +187,15 @@ def test_vectors_to_work_in_are_kept_and_counted(monkeypatch):
         (1.0, 1e20, np.float32),
     ],
 )
-def test_a_stiffness_that_numbers_do_not_hold_is_refused(size, young, dtype):
-    """W, F and K would be zero without a word, or overflow."""
+def test_a_stiffness_out_of_range_is_refused(size, young, dtype):
+    """Otherwise W, F and K would be zero without a message, or overflow."""
     mesh = MESHES["cable"]
     with pytest.raises(MaterialError, match=r"6 elements \(0, 1, 2, 3, 4, \.\.\.\) of the region: .* range of float.*units"):
         System(ElementMesh(size * mesh.p, mesh.t), StVK(young=young, poisson=0.3), dtype=dtype)
 
 
 @pytest.mark.parametrize(("size", "young"), [(1e-6, 1e3), (1e-6, 1e11), (1e5, 1e4), (1e-3, 1e12)])
-def test_cells_and_mountains_in_metres_fit_in_single_precision(size, young):
+def test_bodies_of_1e_6_to_1e5_metres_fit_in_single_precision(size, young):
     mesh = MESHES["tetrahedra"]
     far, u = ElementMesh(size * mesh.p, mesh.t), state(mesh)
     single, double = (System(far, StVK(young=young, poisson=0.3), dtype=dtype) for dtype in (np.float32, np.float64))

@@ -1,4 +1,4 @@
-"""Tangents without compression beyond linear simplices: the eigenvalues of S at the points, by their sign."""
+"""Tangents without compression of elements other than linear simplices use eigenvalues of S at the points, by sign."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ MATERIALS = {"isotropic": {"young": 1.0, "poisson": 0.3}, "orthotropic": {"mater
 
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("name", MESHES)
-def test_it_is_positive_semi_definite_and_exact_in_tension(name, material):
+def test_the_clamped_tangent_is_semi_definite_and_exact_in_tension(name, material):
     mesh = MESHES[name]
     body = System(mesh, StVK(**MATERIALS[material]))
     noise = 0.02 * np.random.default_rng(0).normal(size=mesh.p.shape)
@@ -34,7 +34,7 @@ def test_it_is_positive_semi_definite_and_exact_in_tension(name, material):
 
 @pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 def test_signs_of_eigenvalues_have_factors(dtype):
-    """K = 2 J'LJ + positive part + negative part, each times its factor."""
+    """K = 2 J'LJ + positive part + negative part; each part is multiplied by its factor."""
     mesh = MESHES["quadratic tetrahedra"]
     body = System(mesh, StVK(young=1.0, poisson=0.3), dtype=dtype)
     u = 0.1 * np.random.default_rng(1).normal(size=body.ndofs)

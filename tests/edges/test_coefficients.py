@@ -1,3 +1,5 @@
+"""Coefficients of edges and pairs of edges agree with published values and closed forms."""
+
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, random_frames, some_voigt
@@ -36,7 +38,7 @@ def test_a_coefficient_of_a_pair_may_be_negative():
 @pytest.mark.parametrize("plane", [None, "stress"])
 @pytest.mark.parametrize("name", ["triangles", "membrane"])
 def test_triangles_have_delingettes_cotangent_coefficients(name, plane):
-    """In the plane: plane strain unless plane stress is asked for. In space: a membrane, always in plane stress."""
+    """In the plane the default is plane strain, with plane stress as an option; in space, membranes are in plane stress."""
     mesh, young, poisson, h = MESHES[name], 2.0, 0.3, 0.7
     if name == "membrane":
         plane = None
@@ -89,7 +91,7 @@ def test_an_isotropic_matrix_in_any_frame_gives_the_isotropic_coefficients(name,
     assert np.abs(isotropic - general).max() < 1e-13 * np.abs(isotropic).max()
 
 
-def test_turning_body_and_frame_together_changes_nothing():
+def test_rotating_body_and_frame_together_changes_nothing():
     mesh, rng = MESHES["tetrahedra"], np.random.default_rng(0)
     C, (Q, frame) = some_voigt(rng), random_frames(2, rng)
     before = StVK(Anisotropic(C, frame=frame)).coefficients(mesh)

@@ -1,4 +1,4 @@
-"""The resistance of edges to the rate of their squared elongations."""
+"""Damping resists the rates of the squared elongations of edges."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -25,13 +25,13 @@ def product(assembly, u, v, kept):
 
 
 def states(mesh, amount=0.3, seed=4):
-    """(nv, d) displacements of a body that is pushed together, and velocities."""
+    """Return displacements (nv, d) of a compressed body, and velocities."""
     u, v = (state(mesh, amount, seed + i).reshape(-1, mesh.d) for i in (0, 5))
     return u - 0.3 * min(amount, 1) * mesh.p.T, v
 
 
 def from_the_edges(assembly, u, v):
-    """`R = 1/4 rate' L rate`, and its derivative by `v`."""
+    """Return `R = 1/4 rate' L rate`, and its derivative by `v`."""
     form = assembly.form
     (a, b), p = form.edges, form.P + form.differences(u)
     rate, force = 2 * (p * (v[a] - v[b])).sum(axis=1), np.zeros(u.shape)
@@ -42,7 +42,7 @@ def from_the_edges(assembly, u, v):
 
 
 def spins(d):
-    """(n, d, d) skew matrices: rates of all rotations."""
+    """Yield skew matrices (d, d): the rates of all rotations."""
     for i in range(d):
         for j in range(i):
             spin = np.zeros((d, d))
@@ -52,7 +52,7 @@ def spins(d):
 
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", BODIES)
-def test_it_is_that_of_the_edges(name, parts, monkeypatch):
+def test_the_force_is_that_of_the_edges(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh, assemblies = CASES[name]
     u, v = states(mesh)
@@ -65,7 +65,7 @@ def test_it_is_that_of_the_edges(name, parts, monkeypatch):
 
 @settings(max_examples=60)
 @given(st.sampled_from(sorted(CASES)), st.integers(0, 10**6), st.sampled_from([1e-9, 0.3, 1.0, 10.0]))
-def test_it_is_the_product_with_the_gauss_newton_tangent_and_takes_twice_R(name, seed, amount):
+def test_damping_is_the_gauss_newton_product_and_has_the_power_2_R(name, seed, amount):
     mesh, assemblies = CASES[name]
     u, v = states(mesh, amount, seed)
     for assembly in assemblies:
@@ -77,7 +77,7 @@ def test_it_is_the_product_with_the_gauss_newton_tangent_and_takes_twice_R(name,
 
 @pytest.mark.parametrize("kept", [ALL, TENSILE])
 @pytest.mark.parametrize("name", BODIES)
-def test_with_tensions_in_it_the_tangent_is_another(name, kept):
+def test_tangents_with_tensions_differ_from_damping(name, kept):
     mesh, assemblies = CASES[name]
     u, v = states(mesh)
     for assembly in assemblies:
@@ -86,7 +86,7 @@ def test_with_tensions_in_it_the_tangent_is_another(name, kept):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_rigid_motions_meet_no_resistance_in_any_state(name):
+def test_rigid_motions_are_not_damped_in_any_state(name):
     mesh, assemblies = CASES[name]
     (u, v), ones = states(mesh), np.ones((mesh.nv, 1))
     for assembly in assemblies:
@@ -94,12 +94,12 @@ def test_rigid_motions_meet_no_resistance_in_any_state(name):
         for rate in (*((mesh.p.T + u) @ spin.T for spin in spins(mesh.d)), *(ones * axis for axis in np.eye(mesh.d))):
             R, force = damping(assembly, u, rate)
             assert 1e-26 * size > R and np.abs(force).max() < LIMIT * np.abs(resistance).max()
-        for spin in spins(mesh.d):  # about where the body is at rest it is not one: the check can fail
+        for spin in spins(mesh.d):  # about the body at rest the motion is not rigid, so the check can fail
             assert damping(assembly, u, mesh.p.T @ spin.T)[0] > 1e-4 * size
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_it_is_the_limit_of_small_changes(name):
+def test_damping_is_the_limit_of_small_changes(name):
     mesh, assemblies = CASES[name]
     u, v = states(mesh)
     for assembly in assemblies:
@@ -113,7 +113,7 @@ def test_it_is_the_limit_of_small_changes(name):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
-def test_in_single_precision_too(name):
+def test_single_precision_agrees_with_double(name):
     mesh, terms = BODIES[name]
     u, v = states(mesh)
     for term in terms:

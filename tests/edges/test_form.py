@@ -1,3 +1,5 @@
+"""The edge form: sums of the energy, the matrix L, and tensions."""
+
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, state
@@ -8,8 +10,8 @@ TERM = StVK(young=2.0, poisson=0.3)
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_three_ways_to_sum_the_energy_agree(name):
-    """Eq. 12 (all pairs), eq. 14 (springs plus pairs) and the sum over simplices."""
+def test_three_sums_of_the_energy_agree(name):
+    """The sums are eq. 12 (all pairs), eq. 14 (springs plus pairs) and the sum over simplices."""
     mesh = MESHES[name]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, mesh.d)
     form = assembly.form
@@ -51,7 +53,7 @@ def test_tension_is_the_projection_of_the_second_piola_kirchhoff_stress(name):
 
 
 def test_small_strains_keep_all_digits():
-    """`|p|^2 - |P|^2` would keep 8 of them."""
+    """`|p|^2 - |P|^2` would keep 8 digits."""
     from skfem_stvk.referee.exact import ExactStVK
 
     mesh = MESHES["tetrahedra"]

@@ -1,4 +1,7 @@
-"""The force between two states, whose work is the difference of their energies; what it is beside when weights are not alike."""
+"""The work of the mean force between two states is the difference of their energies.
+
+With other weights than one half, the work differs by a multiple of the energy of the change.
+"""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -26,23 +29,23 @@ def mean(assembly, u0, u1, weights=HALVES, theta=0.5):
 
 
 def states(mesh, of_u=0.3, of_v=0.3, seed=4):
-    """(nv, d) two states, both of them not small."""
+    """Return two states, (nv, d) each, which are not small by default."""
     u0 = state(mesh, of_u, seed).reshape(-1, mesh.d) - 0.2 * min(of_u, 1) * mesh.p.T
     return u0, u0 + state(mesh, of_v, seed + 5).reshape(-1, mesh.d)
 
 
-def turn_of(d, angle=2.0):
-    """(d, d) a rotation that is not small, about an axis of no direction in particular."""
+def rotation_of(d, angle=2.0):
+    """Return a rotation (d, d) by a large angle, about a random axis."""
     if d == 1:
         return np.eye(1)
     axes = np.linalg.qr(np.random.default_rng(3).standard_normal((d, d)))[0]
-    turn = np.eye(d)
-    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    return axes @ turn @ axes.T
+    rotation = np.eye(d)
+    rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return axes @ rotation @ axes.T
 
 
 def from_the_edges(assembly, u0, u1, weights, theta):
-    """R and the force from the coefficients L of the edges, with 11 bits more than the kernels."""
+    """Return R and the force from the coefficients L of the edges, with 11 bits more than the kernels."""
     form, (w0, w1) = assembly.form, weights
     (a, b), L = form.edges, np.asarray(form.L.todense(), dtype=np.longdouble)
     P, U0, U1 = (x[a] - x[b] for x in (x.astype(np.longdouble) for x in (form.p.T, u0, u1)))
@@ -56,14 +59,14 @@ def from_the_edges(assembly, u0, u1, weights, theta):
 
 
 def excess_of_work(assembly, u0, u1, force):
-    """How much more its work over `u1 - u0` is than `W(u1) - W(u0)`, as a part of what they are made of."""
+    """Return the excess of the work over `u1 - u0` over `W(u1) - W(u0)`, relative to the size of the summands."""
     W0, W1, work = assembly.energy_and_force(u0), assembly.energy_and_force(u1), np.vdot(force, u1 - u0)
     assert min(W0, W1) > 0 and abs(W1 - W0) > 1e-3 * W0
     return (work - (W1 - W0)) / (W0 + W1 + (np.abs(force) * np.abs(u1 - u0)).sum())
 
 
 def imbalance(force, x):
-    """Of forces, and of torques about the places `x` (nv, d), as a part of the largest."""
+    """Return the larger relative imbalance of forces, and of torques at the positions `x` (nv, d)."""
     torque = np.einsum("ni,nj->ij", x, force)
     sums = np.abs(force.sum(axis=0)).max(), np.abs(torque - torque.T).max() / np.abs(x).max()
     return max(sums) / np.abs(force).sum()
@@ -71,7 +74,7 @@ def imbalance(force, x):
 
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", BODIES)
-def test_it_is_that_of_the_edges(name, parts, monkeypatch):
+def test_the_force_is_that_of_the_edges(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh, assemblies = CASES[name]
     u0, u1 = states(mesh)
@@ -90,7 +93,7 @@ def test_it_is_that_of_the_edges(name, parts, monkeypatch):
     st.sampled_from([1e-9, 0.1, 1.0, 10.0]),
     st.sampled_from([1e-3, 0.3, 10.0]),
 )
-def test_its_work_is_the_difference_of_the_energies_and_it_balances_in_between(name, seed, amount, part):
+def test_mean_forces_have_the_work_of_the_energies_and_balance(name, seed, amount, part):
     mesh, assemblies = CASES[name]
     u0, u1 = states(mesh, amount, part * amount, seed)
     for assembly in assemblies:
@@ -116,15 +119,15 @@ def test_with_other_weights_the_work_is_larger_by_the_energy_of_the_change(name)
 FAULTS = {
     "force at the midpoint": lambda a, u0, u1: force_of(a, (u0 + u1) / 2)[1],
     "mean of the forces": lambda a, u0, u1: (force_of(a, u0)[1] + force_of(a, u1)[1]) / 2,
-    "along the edges as they are later": lambda a, u0, u1: mean(a, u0, u1, theta=1.0)[1],
-    "a little off the middle": lambda a, u0, u1: mean(a, u0, u1, theta=0.5 + 1e-6)[1],
-    "weights a little off": lambda a, u0, u1: mean(a, u0, u1, (0.5 - 1e-6, 0.5 + 1e-6))[1],
+    "along the edges at the end of the step": lambda a, u0, u1: mean(a, u0, u1, theta=1.0)[1],
+    "slightly off the middle": lambda a, u0, u1: mean(a, u0, u1, theta=0.5 + 1e-6)[1],
+    "slightly wrong weights": lambda a, u0, u1: mean(a, u0, u1, (0.5 - 1e-6, 0.5 + 1e-6))[1],
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", BODIES)
-def test_what_is_nearly_it_fails_by_its_work(name, fault):
+def test_similar_forces_have_another_work(name, fault):
     mesh, assemblies = CASES[name]
     u0, u1 = states(mesh)
     for assembly in assemblies:
@@ -133,7 +136,7 @@ def test_what_is_nearly_it_fails_by_its_work(name, fault):
 
 
 @pytest.mark.parametrize("name", [name for name in BODIES if CASES[name][0].d > 1])
-def test_forces_along_edges_of_another_place_turn_the_body(name):
+def test_forces_along_edges_at_other_positions_have_a_torque(name):
     mesh, assemblies = CASES[name]
     u0, u1 = states(mesh)
     for assembly in assemblies:
@@ -143,10 +146,10 @@ def test_forces_along_edges_of_another_place_turn_the_body(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_a_rigid_motion_however_large_changes_no_edge(name):
+def test_a_large_rigid_motion_changes_no_edge(name):
     mesh, assemblies = CASES[name]
     (u0, u1), x = states(mesh), mesh.p.T
-    moved = (x + u0) @ turn_of(mesh.d).T + 3.0 - x
+    moved = (x + u0) @ rotation_of(mesh.d).T + 3.0 - x
     for assembly in assemblies:
         W, F = force_of(assembly, u0)
         R, force = mean(assembly, u0, moved, (-1.0, 1.0))
@@ -155,7 +158,7 @@ def test_a_rigid_motion_however_large_changes_no_edge(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_of_one_state_twice_it_is_the_force_there(name):
+def test_the_mean_force_of_equal_states_is_their_force(name):
     mesh, assemblies = CASES[name]
     u0, _ = states(mesh)
     for assembly in assemblies:
@@ -168,8 +171,9 @@ def test_of_one_state_twice_it_is_the_force_there(name):
 @pytest.mark.parametrize("offset", [0.0, 2.0**20])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])
 def test_small_changes_have_all_their_digits(name, offset, of_u, of_v):
-    """Small strains, small changes of large ones, and far from the origin: `zeta(u1) - zeta(u0)`, taken as it stands there, has
-    none left.
+    """The claim holds for small strains, small changes of large strains, and far from the origin.
+
+    The plain difference `zeta(u1) - zeta(u0)` has no correct digit there.
     """
     mesh = MESHES[name]
     mesh = ElementMesh(mesh.p + offset, mesh.t)
@@ -182,7 +186,7 @@ def test_small_changes_have_all_their_digits(name, offset, of_u, of_v):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
-def test_in_single_precision_changes_have_its_digits_however_small_they_are(name):
+def test_small_changes_are_accurate_in_single_precision(name):
     mesh, terms = BODIES[name]
     for of_v in (0.3, 1e-7):
         u0, u1 = states(mesh, 0.3, of_v)
@@ -194,7 +198,7 @@ def test_in_single_precision_changes_have_its_digits_however_small_they_are(name
             assert 0 < np.abs(force - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
-def test_it_is_the_same_to_the_last_bit_from_run_to_run_and_adds_to_what_is_there(monkeypatch):
+def test_mean_forces_are_bitwise_reproducible_and_added(monkeypatch):
     in_parts(monkeypatch, 3)
     mesh = MESHES["tetrahedra"]
     assembly, (u0, u1) = TERM.bind(mesh), states(mesh)

@@ -1,4 +1,4 @@
-"""Boxes with one point, on meshes no two boxes of which are alike: volumes, steps, penalties, stretches, work, and motions."""
+"""Boxes with one point, on meshes of unequal boxes: volumes, steps, penalties, stretches, work, and motions."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from skfem_stvk.terms.volume_energies import ENERGIES
 
 TERM = StVK(young=2.0, poisson=0.3, density=1.5)
 MESHES = {"hexahedra": boxes(3), "quadrilaterals": boxes(2, n=3)}
-#: Weights and places of the derivative at zero of a polynomial of degree six, to the last digit.
+#: Weights and points of the derivative at zero, exact for polynomials of degree six.
 SEVEN = [(w / 60, s) for w, s in zip((-1, 9, -45, 45, -9, 1), (-3, -2, -1, 1, 2, 3), strict=True)]
 
 
@@ -24,21 +24,21 @@ def body(mesh, *more, hourglass=0.3, **options):
 
 
 def mean_gradients(mesh):
-    """(nt, n, d) by a rule that is exact for cofactors, and (nt,) volumes."""
+    """Return mean gradients (nt, n, d) by a rule that is exact for cofactors, and volumes (nt,)."""
     xi, weights = get_quadrature(RefHex if mesh.k == 3 else RefQuad, 7)
-    spokes = spokes_at(mesh.p, mesh.t, mesh.element, xi.T)
-    volumes = np.abs(np.linalg.det(spokes)) * weights
-    gradients = np.einsum("qai,tqdi,tq->tad", mesh.element.derivatives(xi.T), np.linalg.inv(spokes), volumes)
+    base_vectors = spokes_at(mesh.p, mesh.t, mesh.element, xi.T)
+    volumes = np.abs(np.linalg.det(base_vectors)) * weights
+    gradients = np.einsum("qai,tqdi,tq->tad", mesh.element.derivatives(xi.T), np.linalg.inv(base_vectors), volumes)
     return gradients / volumes.sum(axis=1)[:, None, None], volumes.sum(axis=1)
 
 
 def deformation(mesh, u):
-    """(nt, d, d) mean deformation gradients at `u` (nv, d)."""
+    """Return mean deformation gradients at `u` (nv, d), (nt, d, d)."""
     return np.eye(mesh.d) + np.einsum("tad,atc->tcd", mean_gradients(mesh)[0], u[mesh.t])
 
 
 def ratios(mesh, u):
-    """(nt, 1 + n) of the mean deformation gradient, and at the nodes."""
+    """Return volume ratios of the mean deformation gradient, and at the nodes, (nt, 1 + n)."""
     rest, now = (spokes_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, mesh.element.nodes) for x in (mesh.p.T, mesh.p.T + u))
     return np.column_stack([np.linalg.det(deformation(mesh, u)), np.linalg.det(now) / np.linalg.det(rest)])
 
@@ -51,7 +51,7 @@ def test_volumes_are_those_of_the_mean_gradient_and_at_the_nodes(name):
     assert bound.volume_ratios(u) == pytest.approx(J.min(axis=1), rel=1e-12, abs=1e-12)
     assert J.min() < 0 and list(body(mesh).inside_out(u.ravel())) == list(np.flatnonzero(J.min(axis=1) <= 0))
     assert bound.volume_ratios(0 * u) == pytest.approx(1, rel=1e-13)
-    A = 0.4 * np.random.default_rng(0).standard_normal((mesh.d, mesh.d))  # of which the mean gradient is the gradient
+    A = 0.4 * np.random.default_rng(0).standard_normal((mesh.d, mesh.d))  # this affine map has the mean gradient A
     assert bound.volume_ratios(mesh.p.T @ A.T) == pytest.approx(np.linalg.det(np.eye(mesh.d) + A), rel=1e-12)
 
 
@@ -86,7 +86,10 @@ def test_derivatives_of_polynomials_of_degree_six_are_exact():
 @pytest.mark.parametrize("kind", ENERGIES)
 @pytest.mark.parametrize("name", [slow("hexahedra"), "quadrilaterals"])
 def test_a_volume_penalty_has_the_energy_of_the_mean_gradient(name, kind):
-    """And its force and tangent: derivatives along a line. J is a cubic there, `(J - 1)^2` of degree six; others are smooth."""
+    """Its force and tangent agree with derivatives along a line.
+
+    On a line J is a cubic, and `(J - 1)^2` has degree six; other penalties are smooth.
+    """
     mesh, k = MESHES[name], 3.0
     with_penalty, without = body(mesh, VolumePenalty(k, kind)), body(mesh)
     step = 1.0 if kind == "quadratic" else 1e-3
@@ -113,7 +116,7 @@ def test_a_volume_penalty_has_the_energy_of_the_mean_gradient(name, kind):
 
 @pytest.mark.parametrize("weights", [(0.5, 0.5), (0.3, 0.7), (0.0, 1.0)])
 @pytest.mark.parametrize("name", MESHES)
-def test_mean_forces_work_as_the_energies_differ_and_balance(name, weights):
+def test_mean_forces_have_the_work_of_the_energies_and_balance(name, weights):
     mesh, bound = MESHES[name], body(MESHES[name]).bound_terms[0]
     u0, u1 = (state(mesh, 0.3, seed=s).reshape(-1, mesh.d) - 0.1 * s * mesh.p.T for s in (1, 2))
     force = np.zeros_like(u0)
@@ -127,17 +130,20 @@ def test_mean_forces_work_as_the_energies_differ_and_balance(name, weights):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_a_deformed_body_that_turns_is_not_damped(name):
-    """Nor in one step, however large; what resists hourglass modes is tension, of which K without tensions has nothing."""
+def test_a_deformed_rotating_body_is_not_damped(name):
+    """A rotation causes no damping, neither as a rate nor as one large step.
+
+    Hourglass control acts like a tension, and K without tensions does not contain it.
+    """
     mesh, bound = MESHES[name], body(MESHES[name]).bound_terms[0]
     u, v = state(mesh, 0.2).reshape(-1, mesh.d), state(mesh, 0.2, seed=2).reshape(-1, mesh.d)
     W, x, size = np.eye(mesh.d)[::-1] * np.sign(np.arange(mesh.d)[:, None] - 0.5), mesh.p.T + u, np.zeros_like(u)
-    turn = np.linalg.qr(W + np.eye(mesh.d))[0]
-    turn[0] *= np.linalg.det(turn)
+    rotation = np.linalg.qr(W + np.eye(mesh.d))[0]
+    rotation[0] *= np.linalg.det(rotation)
     assert bound.damping_force(u, v, size) > 1e-3
     for call in (bound.damping_force, lambda u, w, out: bound.mean_force(u, u + w, (-1.0, 1.0), 0.5, out)):
         force = np.zeros_like(u)
-        spin = x @ (W - W.T) if call == bound.damping_force else x @ turn.T - x
+        spin = x @ (W - W.T) if call == bound.damping_force else x @ rotation.T - x
         assert call(u, spin, force) < 1e-26 and np.abs(force).max() < 1e-13 * np.abs(size).max()
     without, whole = (System.jacobian(body(mesh, hourglass=h), u.ravel(), kept=NONE) for h in (0.3, 0.0))
     assert abs(without - whole).max() < 1e-15 * abs(whole).max()
@@ -147,7 +153,7 @@ def test_a_deformed_body_that_turns_is_not_damped(name):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_energy_and_momenta_of_a_body_that_tumbles_are_kept(name):
+def test_energy_and_momenta_of_a_tumbling_body_are_conserved(name):
     mesh = MESHES[name]
     system, x = body(mesh), mesh.p.T - mesh.p.mean(axis=1)
     spin = np.cross([3.0, -2, 5], x) if mesh.d == 3 else 5 * x[:, ::-1] * [-1, 1]
@@ -186,8 +192,8 @@ def test_a_body_hangs_in_equilibrium(name, solver):
 
 
 @pytest.mark.parametrize("make", [skfem.MeshHex, skfem.MeshQuad])
-def test_hourglass_modes_of_a_parallelepiped_are_strained_by_the_control_alone(make):
-    """Also by no penalty: its volume is that of the mean gradient."""
+def test_only_the_control_resists_hourglass_modes_of_a_parallelepiped(make):
+    """A penalty has no energy in these modes either, because its volume is that of the mean gradient."""
     mesh = make().scaled(0.5)
     signs = np.prod(np.sign(mesh.p[:2] - 0.25), axis=0)
     u = np.zeros((mesh.nvertices, len(mesh.p)))

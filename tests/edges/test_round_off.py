@@ -1,4 +1,4 @@
-"""The size of what rounding does to the force."""
+"""Bounds of the round-off of the force."""
 
 import numpy as np
 import pytest
@@ -24,20 +24,20 @@ def force_of(assembly, u):
 
 
 def states(mesh):
-    """(nv, d) displacements: at random and small or not, of the whole body, turned, and far away."""
+    """Yield displacements (nv, d): random and of several sizes, smooth, rotated, and far away."""
     noise, x = state(mesh).reshape(-1, mesh.d), mesh.p.T
-    turned = np.eye(mesh.d)
+    rotation = np.eye(mesh.d)
     if mesh.d > 1:
-        turned[:2, :2] = [[0.6, -0.8], [0.8, 0.6]]
+        rotation[:2, :2] = [[0.6, -0.8], [0.8, 0.6]]
     yield from (amount * noise for amount in (1.0, 1e-3, 1e-8))
     yield from (amount * np.sin(2 * x + noise) for amount in (0.3, 1e-6))
-    yield x @ (turned - np.eye(mesh.d)) + 1e-3 * noise
+    yield x @ (rotation - np.eye(mesh.d)) + 1e-3 * noise
     yield 100 + 1e-3 * noise
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane"])
-def test_errors_of_the_force_stay_below_eps_times_it(name):
-    """Against 50 digits."""
+def test_errors_of_the_force_stay_below_eps_times_the_bound(name):
+    """The exact force has 50 digits."""
     mesh = MESHES[name]
     assembly = TERM.bind(mesh)
     lam, mu = (float(value) for value in TERM.material.lame(TERM.hypothesis(mesh)))
@@ -49,8 +49,11 @@ def test_errors_of_the_force_stay_below_eps_times_it(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_of_a_state_that_is_rounded_itself_the_error_is_neither_above_nor_far_below(name):
-    """In single precision, where double is the truth: a Newton iterate cannot be stored any better. Of segments nothing adds up."""
+def test_the_bound_is_tight_for_a_rounded_state(name):
+    """Displacements are rounded to single precision, and double precision is taken as exact.
+
+    No Newton iterate can be stored more accurately. For segments errors do not accumulate.
+    """
     mesh, terms = BODIES[name]
     single, double = terms[0].bind(mesh, np.float32), terms[0].bind(mesh, np.float64)
     for u in states(mesh):
@@ -61,7 +64,7 @@ def test_of_a_state_that_is_rounded_itself_the_error_is_neither_above_nor_far_be
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_it_is_above_the_force_and_no_sum_cancels(name):
+def test_the_bound_exceeds_the_force_and_is_added(name):
     mesh, terms = BODIES[name]
     u = state(mesh).reshape(-1, mesh.d)
     assembly = terms[0].bind(mesh)
@@ -72,7 +75,7 @@ def test_it_is_above_the_force_and_no_sum_cancels(name):
     assert np.abs(before - sizes - 1).max() < 1e-14 * sizes.max()
 
 
-def test_a_body_that_is_moved_far_away_has_the_round_off_of_its_displacements():
+def test_round_off_grows_with_the_displacement_of_the_body():
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
     near, far = (np.linalg.norm(bound_of(assembly, u + offset)) for offset in (0.0, 1e6))

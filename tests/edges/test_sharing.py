@@ -1,4 +1,4 @@
-"""Parts write to places of their own, and folding them back is the plain sum."""
+"""Each part writes to its own slots, and folding the slots gives the plain sum."""
 
 from unittest import mock
 
@@ -16,14 +16,14 @@ SEEDS = st.integers(0, 10**6)
 
 
 def random_targets(seed, rows, width, size):
-    """Rows that meet near ones more often than far ones, like those of a mesh."""
+    """Return rows of targets that share near targets more often than far ones, like elements of a mesh."""
     rng = np.random.default_rng(seed)
     centre = np.linspace(0, size, rows, endpoint=False)[:, None]
     return ((centre + rng.normal(0, 0.2 * size, (rows, width))).astype(np.int64) % size).astype(np.uint32)
 
 
 def shared(targets, size, threads):
-    """Shares of work that is never too small."""
+    """Return shares with any amount of work per part."""
     with mock.patch.object(kernel_threads, "SMALLEST_PART", 1):
         return shares_of(targets, size, 1, threads)
 
@@ -42,13 +42,13 @@ def test_no_two_parts_share_a_slot(seed, rows, width, size, threads):
 
 @settings(max_examples=60)
 @given(seed=SEEDS, rows=st.integers(1, 40), width=st.integers(1, 5), size=st.integers(1, 30), threads=st.integers(1, 5))
-def test_every_slot_leads_back_to_its_target(seed, rows, width, size, threads):
+def test_every_slot_belongs_to_its_target(seed, rows, width, size, threads):
     targets = random_targets(seed, rows, width, size)
     before = targets.copy()
     shares = shared(targets, size, threads)
     target_of = np.concatenate([np.arange(size), shares.extra])
     assert np.array_equal(target_of[shares.slots], targets.ravel()) and np.array_equal(targets, before)
-    assert len(np.unique(shares.slots[shares.slots >= size])) == len(shares.extra)  # no slot for nothing
+    assert len(np.unique(shares.slots[shares.slots >= size])) == len(shares.extra)  # every slot is used
 
 
 @settings(max_examples=60)
@@ -61,7 +61,7 @@ def test_every_slot_leads_back_to_its_target(seed, rows, width, size, threads):
     dtype=st.sampled_from([np.float64, np.float32]),
 )
 def test_folding_gives_the_plain_sum(seed, rows, size, threads, width, dtype):
-    """Of whole numbers, so that the order does not matter."""
+    """The values are whole numbers, so that the order of summation does not matter."""
     targets = random_targets(seed, rows, 4, size)
     shares = shared(targets, size, threads)
     values = np.random.default_rng(seed).integers(-99, 99, (targets.size, width)).astype(dtype)
@@ -74,7 +74,7 @@ def test_folding_gives_the_plain_sum(seed, rows, size, threads, width, dtype):
 
 @pytest.mark.parametrize("count", [0, 1, 7, 128, 1000])
 @pytest.mark.parametrize("threads", [1, 2, 3, 64])
-def test_parts_cover_all_rows_once_and_are_alike(count, threads):
+def test_parts_cover_all_rows_once_and_have_equal_sizes(count, threads):
     parts = parts_of(count, 16, threads)
     assert parts[0] == 0 and parts[-1] == count and parts.dtype == np.int64
     assert 1 <= len(parts) - 1 <= threads
@@ -89,7 +89,7 @@ def test_small_work_is_not_shared():
     assert len(parts_of(2 * kernel_threads.SMALLEST_PART // 16, 16, 8)) == 3
 
 
-def test_one_part_needs_no_slots_of_its_own():
+def test_one_part_uses_no_extra_slots():
     targets = random_targets(0, 9, 4, 12)
     shares = shares_of(targets, 12, 16, 8)
     assert np.shares_memory(shares.slots, targets) and len(shares.extra) == 0

@@ -1,5 +1,7 @@
-"""Rows of K that are written as soon as their last element has come are those of the blocks of all pairs, to the last bit
-from run to run."""
+"""Rows of K written after their last element equal the rows from blocks of all pairs.
+
+They are equal to the last bit from run to run.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ STVK = StVK(young=2.0, poisson=0.3)
 
 
 def renumbered(mesh, seed=0):
-    """The same linear simplices, with vertices and elements in any order."""
+    """Return the same linear simplices with vertices and elements in random order."""
     rng = np.random.default_rng(seed)
     number = rng.permutation(mesh.nv)
     p = np.empty_like(mesh.p)
@@ -40,7 +42,7 @@ KINDS = {
 
 
 def in_both_ways(body, u, data, add=False, kept=ALL):
-    """Values of K row by row, and by the blocks of all pairs; each with its force and the rows."""
+    """Return values of K written row by row, values from the blocks of all pairs, the force of each, and the rows."""
     term, x = body.pair_terms[0], u.reshape(-1, body.mesh.d)
     rows, other = term.rows(body.pattern), data.copy()
     F, G = np.zeros_like(x, dtype=body.dtype), np.zeros_like(x, dtype=body.dtype)
@@ -56,7 +58,7 @@ def in_both_ways(body, u, data, add=False, kept=ALL):
     ("kind", "dtype"), [*((kind, np.float64) for kind in KINDS), ("shuffled", np.float32), slow("hexahedra", np.float32)]
 )
 @pytest.mark.parametrize("parts", [1, 3])
-def test_rows_written_at_once_are_those_of_all_pairs(kind, parts, dtype, monkeypatch):
+def test_streamed_rows_are_those_of_all_pairs(kind, parts, dtype, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh, options = KINDS[kind]()
     body, limit = System(mesh, STVK, dtype=dtype, **options), 3e-6 if dtype == np.float32 else 1e-14
@@ -71,7 +73,7 @@ def test_rows_written_at_once_are_those_of_all_pairs(kind, parts, dtype, monkeyp
 
 @pytest.mark.parametrize("kept", [TENSILE, NONE])
 @pytest.mark.parametrize("kind", ["box", "curved tetrahedra"])
-def test_tensions_are_weighed_as_in_blocks(kind, kept, monkeypatch):
+def test_tensions_have_the_same_factors_as_in_blocks(kind, kept, monkeypatch):
     in_parts(monkeypatch, 2)
     mesh, options = KINDS[kind]()
     body = System(mesh, STVK, **options)
@@ -87,8 +89,8 @@ def test_tensions_are_weighed_as_in_blocks(kind, kept, monkeypatch):
     ("kind", "dtype"),
     [*((kind, np.float64) for kind in ("box", "plane triangles", "cable", "curved tetrahedra")), ("shuffled", np.float32)],
 )
-def test_past_the_caches_values_are_the_same_and_nothing_else_is_written(kind, parts, dtype, monkeypatch):
-    """Wherever the values begin in a line of the caches."""
+def test_stores_past_the_caches_write_the_same_values_and_nothing_else(kind, parts, dtype, monkeypatch):
+    """The claim holds for any offset of the values within a cache line."""
     in_parts(monkeypatch, parts)
     mesh, options = KINDS[kind]()
     body = System(mesh, STVK, dtype=dtype, **options)
@@ -97,15 +99,15 @@ def test_past_the_caches_values_are_the_same_and_nothing_else_is_written(kind, p
     term.fill(x, rows, expected, False)
     monkeypatch.setattr(streaming, "PAST_CACHES", 0)
     for begin in range(9):
-        room = np.full(n + 40, 7.0, dtype)
-        data = room[begin : begin + n]
+        scratch = np.full(n + 40, 7.0, dtype)
+        data = scratch[begin : begin + n]
         data[:] = np.nan
         term.fill(x, rows, data, False)
-        assert np.array_equal(data, expected) and (room[:begin] == 7).all() and (room[begin + n :] == 7).all()
+        assert np.array_equal(data, expected) and (scratch[:begin] == 7).all() and (scratch[begin + n :] == 7).all()
 
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
-def test_results_are_the_same_bits_from_run_to_run_and_agree_for_other_numbers_of_threads(parts, monkeypatch):
+def test_results_are_bitwise_reproducible_and_agree_across_thread_counts(parts, monkeypatch):
     mesh = renumbered(box(6))
     u = state(mesh, 0.1)
     alone = System(mesh, STVK).tangent(u)
@@ -147,36 +149,36 @@ def test_terms_of_several_regions_add_up(parts, monkeypatch):
 
 @pytest.mark.parametrize("parts", [1, 4])
 @pytest.mark.parametrize("name", ["shuffled", "curved tetrahedra"])
-def test_no_two_pairs_in_work_have_the_same_slot_and_there_are_few(name, parts, monkeypatch):
+def test_pairs_in_work_have_separate_slots_and_slots_are_few(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     body = System(KINDS[name]()[0] if name != "shuffled" else renumbered(box(8)), STVK)
     term, found = body.pair_terms[0], {}
     monkeypatch.setattr(streaming, "assign_slots", lambda *given: found.setdefault("made", (given, assign_slots(*given)))[1])
     _ = term.rows(body.pattern).plan
     (t2e, pairs, of_parts, row_of, done, begin, pair_of), (slots, fresh, marks, slot, targets, size) = found["made"]
-    held, blocks = {}, len(t2e)  # the part and pair that has each slot
+    assigned, blocks = {}, len(t2e)  # the part and pair to which each slot is assigned
     for part in range(len(of_parts) - 1):
         for block in range(of_parts[part], of_parts[part + 1]):
             for s in fresh[marks[block] : marks[block + 1]]:
-                assert s not in held
-                held[s] = None
+                assert s not in assigned
+                assigned[s] = None
             for e, s in zip(t2e[block].tolist(), (slots[block] & ~TRANSPOSED).tolist(), strict=True):
-                if held[s] is None:
-                    held[s] = part, e
-                assert held[s] == (part, e)
+                if assigned[s] is None:
+                    assigned[s] = part, e
+                assert assigned[s] == (part, e)
             for row in range(done[block], done[block + 1]):
                 for e in pair_of[begin[row] : begin[row + 1]]:
-                    assert e < 0 or held[slot[e]] == (part, e)
+                    assert e < 0 or assigned[slot[e]] == (part, e)
                     if e >= 0 and row_of[pairs[e]].max() == row:
-                        del held[slot[e]]
+                        del assigned[slot[e]]
     lasting = (row_of[pairs] >= done[blocks]).any(axis=1)
-    assert len(held) == np.count_nonzero(lasting) + len(targets)
-    assert {e for _, e in held.values()} == set(np.flatnonzero(lasting).tolist())
+    assert len(assigned) == np.count_nonzero(lasting) + len(targets)
+    assert {e for _, e in assigned.values()} == set(np.flatnonzero(lasting).tolist())
     assert size < (0.5 if parts == 1 and name == "shuffled" else 1.5) * len(pairs)
 
 
 @pytest.mark.parametrize("parts", [1, 2])
-def test_what_overflows_in_any_row_is_seen(parts, monkeypatch):
+def test_an_overflow_in_any_row_is_detected(parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh = box(4)
     body = System(mesh, STVK)

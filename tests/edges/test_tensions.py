@@ -1,6 +1,4 @@
-"""The tangent by which tensions of edges stay in it: `2 J' L J + sum g t Lap (x) I`; without negative ones positive
-semi-definite.
-"""
+"""The tangent with retained tensions is `2 J' L J + sum g t Lap (x) I`; without negative tensions it is semi-definite."""
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from skfem_stvk.system import Pattern, TangentOperator
 
 
 def unstructured(k, d, n=40):
-    """Simplices between random points; segments and triangles bent into space."""
+    """Return simplices between random points; for `d > k` they are bent into space."""
     rng = np.random.default_rng(5)
     if k == 1:
         p, t = np.cumsum(rng.uniform(0.2, 1, (1, n)), axis=1) / n, np.stack([np.arange(n - 1), np.arange(1, n)])
@@ -29,7 +27,7 @@ def unstructured(k, d, n=40):
 
 
 def compressed(mesh):
-    """(nv, d) displacements of a body that is pushed together, with edges in tension and in compression."""
+    """Return displacements (nv, d) of a compressed body, with edges in tension and in compression."""
     return state(mesh).reshape(-1, mesh.d) - 0.3 * mesh.p.T
 
 
@@ -38,7 +36,7 @@ def bound(mesh, terms, dtype=np.float64):
 
 
 def from_the_edges(assembly, u, kept):
-    """(ndofs, ndofs) `2 J' L J + sum g t Lap (x) I`, dense, from the coefficients of the edges."""
+    """Return `2 J' L J + sum g t Lap (x) I`, (ndofs, ndofs), dense, from the coefficients of the edges."""
     form, (nv, d) = assembly.form, u.shape
     (a, b), e = form.edges, np.arange(form.edges.shape[1])
     J, B = np.zeros((len(e), nv, d)), np.zeros((len(e), nv))
@@ -51,7 +49,7 @@ def from_the_edges(assembly, u, kept):
 
 
 def dense(assembly, u, kept):
-    """The same from the kernels, by way of CSR values."""
+    """Return the same matrix from the kernels, by way of CSR values."""
     pattern = Pattern(len(u), u.shape[1], [assembly.nodes_paired])
     data = np.zeros(pattern.nnz)
     assembly.fill(u, assembly.rows(pattern), data, False, None, kept)
@@ -76,7 +74,7 @@ def test_tensions_of_small_strains_keep_all_digits_far_from_the_origin():
     near = MESHES["tetrahedra"]
     u = state(near, 1e-10).reshape(-1, 3)
     far = ElementMesh(near.p + 2.0**20, near.t)
-    same = ElementMesh(far.p - 2.0**20, near.t)  # what is left of the coordinates there
+    same = ElementMesh(far.p - 2.0**20, near.t)  # the coordinates as rounded there
     term = StVK(young=2.0, poisson=0.3)
     here, there = term.bind(same).tensions(u), term.bind(far).tensions(u)
     assert np.abs(here - there).max() < 1e-14 * np.abs(here).max() > 0
@@ -84,7 +82,7 @@ def test_tensions_of_small_strains_keep_all_digits_far_from_the_origin():
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", BODIES)
-def test_the_tangent_is_that_of_the_edges_with_the_tensions_that_are_kept(name, parts, monkeypatch):
+def test_the_tangent_is_that_of_the_edges_with_retained_tensions(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh, terms = BODIES[name]
     u = compressed(mesh)
@@ -110,7 +108,7 @@ STATES = {
 @pytest.mark.parametrize("stress", STATES)
 @pytest.mark.parametrize("law", ["isotropic", "general"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_clamped_and_the_gauss_newton_tangent_are_positive_semi_definite_where_the_exact_one_is_not(kind, law, stress):
+def test_clamped_and_gauss_newton_tangents_are_positive_semi_definite(kind, law, stress):
     mesh = unstructured(*KINDS[kind])
     rng = np.random.default_rng(6)
     if law == "isotropic":
@@ -128,7 +126,7 @@ def test_the_clamped_and_the_gauss_newton_tangent_are_positive_semi_definite_whe
 
 
 def regular(k):
-    """Two equilateral triangles, regular tetrahedra or equal segments with common vertices: no angle is obtuse."""
+    """Return equilateral triangles, regular tetrahedra or equal segments, two of each, without obtuse angles."""
     if k == 1:
         return ElementMesh(np.array([[0.0, 1.0, 2.0]]), np.array([[0, 1], [1, 2]]))
     if k == 2:
@@ -140,7 +138,7 @@ def regular(k):
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])
-def test_where_all_edges_are_in_tension_the_clamped_tangent_is_the_exact_one_to_the_last_bit(k):
+def test_the_clamped_tangent_is_bitwise_exact_in_pure_tension(k):
     mesh = regular(k)
     assembly = StVK(young=2.0, poisson=0.3).bind(mesh)
     u = 0.1 * mesh.p.T + 0.01 * state(mesh).reshape(-1, mesh.d)
@@ -150,7 +148,7 @@ def test_where_all_edges_are_in_tension_the_clamped_tangent_is_the_exact_one_to_
     assert np.abs(dense(assembly, -2 * u, TENSILE) - dense(assembly, -2 * u, ALL)).max() > 1e-3
 
 
-def test_energy_and_force_that_come_with_another_tangent_are_the_exact_ones():
+def test_energy_and_force_do_not_depend_on_retained_tensions():
     mesh, terms = BODIES["tetrahedra, isotropic"]
     (assembly,), u = bound(mesh, terms), state(mesh).reshape(-1, 3)
     F, same = np.zeros_like(u), np.zeros_like(u)

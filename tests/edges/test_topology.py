@@ -1,3 +1,5 @@
+"""Edges and pairs of edges have scikit-fem's numbers, and pairs are as many as predicted."""
+
 import numpy as np
 import pytest
 import skfem
@@ -33,7 +35,7 @@ def test_the_edges_of_a_simplex_join_its_own_vertices(name):
 
 
 @pytest.mark.parametrize("mesh", [skfem.MeshTet().refined(2), skfem.MeshTet.init_ball(2)])
-def test_tseps_are_three_a_facet_and_three_a_tetrahedron(mesh):
+def test_tetrahedra_have_three_pairs_of_edges_per_facet_and_per_element(mesh):
     form = StVK(young=1.0, poisson=0.3).bind(ElementMesh.of(mesh)).form
     assert form.pairs.shape[1] == 3 * mesh.nfacets + 3 * mesh.nelements
     assert (~form.adjacent).sum() == 3 * mesh.nelements

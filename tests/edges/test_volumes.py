@@ -1,4 +1,4 @@
-"""Ratios of volumes, and whether a simplex is inside out."""
+"""Ratios of volumes, and detection of inverted simplices."""
 
 from fractions import Fraction
 
@@ -13,14 +13,14 @@ from skfem_stvk.kernels.lanes import LANES
 TERM = StVK(young=2.0, poisson=0.3)
 
 
-def spokes(mesh, x):
-    """(nt, k, d)"""
+def base_vectors(mesh, x):
+    """Return base vectors, (nt, k, d)."""
     return np.swapaxes(x[mesh.t[1:]] - x[mesh.t[:1]], 0, 1)
 
 
 def ratios(mesh, u):
-    """Determinants of deformation gradients; of surfaces and curves, ratios of measures."""
-    P, p = spokes(mesh, mesh.p.T), spokes(mesh, mesh.p.T + u)
+    """Return determinants of deformation gradients; for surfaces and curves, ratios of measures."""
+    P, p = base_vectors(mesh, mesh.p.T), base_vectors(mesh, mesh.p.T + u)
     if mesh.k == mesh.d:
         return np.linalg.det(p) / np.linalg.det(P)
     return np.sqrt(np.linalg.det(p @ np.swapaxes(p, 1, 2)) / np.linalg.det(P @ np.swapaxes(P, 1, 2)))
@@ -28,7 +28,7 @@ def ratios(mesh, u):
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", MESHES)
-def test_ratios_of_volumes_come_in_the_order_of_the_elements(name, parts, monkeypatch):
+def test_ratios_of_volumes_are_in_the_order_of_the_elements(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh = MESHES[name]
     assembly, u = TERM.bind(mesh), 4 * state(mesh).reshape(-1, mesh.d)
@@ -39,8 +39,8 @@ def test_ratios_of_volumes_come_in_the_order_of_the_elements(name, parts, monkey
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_at_rest_all_are_one_for_both_orientations(name):
-    """To rounding, which depends on the compiler; and all change their sign in a mirror."""
+def test_ratios_at_rest_are_one_for_both_orientations(name):
+    """Ratios are one up to rounding, which depends on the compiler, and change their sign in a mirror image."""
     mesh = MESHES[name]
     assembly = TERM.bind(mesh)
     np.testing.assert_allclose(assembly.volume_ratios(np.zeros((mesh.nv, mesh.d))), 1, rtol=1e-15)
@@ -48,7 +48,7 @@ def test_at_rest_all_are_one_for_both_orientations(name):
     assert np.allclose(assembly.volume_ratios(mirrored), -1 if mesh.k == mesh.d else 1, rtol=1e-12)
 
 
-def test_a_term_of_a_region_has_the_elements_of_that_region_in_its_order():
+def test_ratios_of_a_region_are_in_the_order_of_the_region():
     mesh = MESHES["tetrahedra"]
     region = np.random.default_rng(0).permutation(mesh.nt)[: mesh.nt // 2]
     u = state(mesh).reshape(-1, 3)
@@ -57,7 +57,7 @@ def test_a_term_of_a_region_has_the_elements_of_that_region_in_its_order():
 
 
 @pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1])
-def test_the_one_element_that_is_inside_out_is_found_wherever_it_stands(count):
+def test_an_inverted_element_is_found_at_any_index(count):
     whole = box(2)
     used, t = np.unique(whole.t[:, :count], return_inverse=True)
     mesh = ElementMesh(whole.p[:, used], t.reshape(4, -1))
@@ -71,13 +71,16 @@ def test_the_one_element_that_is_inside_out_is_found_wherever_it_stands(count):
 
 
 def test_the_sign_is_right_for_slivers():
-    """1 : 1e10, turned and moved so far that `X + u` would lose their thickness: against exact arithmetic."""
+    """Signs of slivers of 1 : 1e10 agree with exact arithmetic.
+
+    The slivers are rotated and moved so far that `X + u` would lose their thickness.
+    """
     rng = np.random.default_rng(8)
     p = rng.random((3, 400))
     p[2] *= 1e-10
     mesh = ElementMesh(p, np.arange(400).reshape(4, 100))
-    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    u = mesh.p.T @ (turn.T - np.eye(3)) + 2.0**20 + 2e-11 * rng.standard_normal((400, 3)) * [[0, 0, 1]] @ turn.T
+    rotation = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    u = mesh.p.T @ (rotation.T - np.eye(3)) + 2.0**20 + 2e-11 * rng.standard_normal((400, 3)) * [[0, 0, 1]] @ rotation.T
     found = TERM.bind(mesh).volume_ratios(u)
     signs = []
     for corners in mesh.t.T:
@@ -93,7 +96,7 @@ def determinant(x):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic"])
-def test_in_single_precision_they_are_the_same(name):
+def test_stretches_are_the_same_in_single_precision(name):
     mesh, terms = BODIES[name]
     u = state(mesh).reshape(-1, mesh.d)
     single, double = (terms[0].bind(mesh, dtype).volume_ratios(u) for dtype in (np.float32, np.float64))

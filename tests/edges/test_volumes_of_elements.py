@@ -1,4 +1,4 @@
-"""Ratios of volumes, step limits and stretches of elements with several points: quadratic simplices, curved ones too, and boxes."""
+"""Ratios of volumes, step limits and stretches of straight and curved quadratic simplices and of boxes."""
 
 import numpy as np
 import pytest
@@ -18,12 +18,12 @@ SOLID = [name for name, mesh in EVERY.items() if mesh.k == mesh.d]
 
 
 def everywhere(mesh):
-    """Reference coordinates of points and nodes."""
+    """Return reference coordinates of points and nodes."""
     return np.concatenate([rule_of(mesh.element).points, mesh.element.nodes])
 
 
 def ratios(mesh, u, xi):
-    """(nt, nq) by determinants, or by measures where there is no sign."""
+    """Return ratios of determinants, or of measures for membranes and cables, (nt, nq)."""
     rest, now = (spokes_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, xi) for x in (mesh.p.T, mesh.p.T + u))
     if mesh.k < mesh.d:
         return measures_of(now) / measures_of(rest)
@@ -47,7 +47,7 @@ def test_the_ratio_of_an_element_is_the_smallest_at_its_points_and_nodes(name, p
 
 @pytest.mark.parametrize("make", [lambda: box(2), lambda: sheet(3)])
 def test_the_ratio_of_a_quadratic_map_is_known(make):
-    """x + a x^2 along the first axis: J = 1 + 2 a x, least at the corner that is furthest left, or right."""
+    """For x + a x^2 along the first axis, J = 1 + 2 a x is smallest at the leftmost or rightmost corner."""
     mesh = make().with_degree(2)
     x = mesh.p[0][mesh.t]
     for a in (0.3, -0.7):
@@ -64,7 +64,7 @@ def test_the_ratio_of_a_quadratic_map_is_known(make):
 
 
 def first_root(mesh, u, v):
-    """The smallest positive root of the cubics at points and nodes, from their values at four places."""
+    """Return the smallest positive root of the cubics at points and nodes, from their values at four points."""
     places = np.array([0.0, 1.0, -1.0, 2.0])
     J = [ratios(mesh, u + s * v, everywhere(mesh)).ravel() for s in places]
     least = np.inf
@@ -97,14 +97,14 @@ def test_the_step_limit_of_an_affine_motion_is_exact(name):
     one = np.eye(mesh.d)[0]
     assert body.step_limit(rest, -0.25 * x * one) == pytest.approx(4, rel=1e-12)
     assert body.step_limit(-0.5 * x * one, -0.25 * x * one) == pytest.approx(2, rel=1e-12)
-    # a root of as many folds as there are dimensions, of which rounding leaves as many parts of the digits
+    # a root of multiplicity d; rounding leaves only 1/d of its digits
     assert body.step_limit(rest, -0.25 * x) == pytest.approx(4, rel={1: 1e-12, 2: 1e-6, 3: 1e-4}[mesh.d])
     for away in (0.25 * x, 0.25 * x * one, np.ones_like(x), np.zeros_like(x)):
         assert body.step_limit(rest, away) == np.inf
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in SOLID])
-def test_nothing_limits_steps_of_what_has_no_inside(name):
+def test_steps_of_membranes_and_cables_are_not_limited(name):
     mesh = EVERY[name]
     assert TERM.bind(mesh).step_limit(np.zeros((mesh.nv, mesh.d)), -mesh.p.T) == np.inf
 
@@ -138,8 +138,8 @@ def test_compiled_and_readable_kernels_agree(name, monkeypatch):
     assert found() == pytest.approx(compiled, rel=1e-9)
 
 
-def test_an_element_that_is_inside_out_at_a_node_alone_is_found():
-    """Its points do not show it: the middle of an edge drawn towards a corner by more than a quarter of the edge."""
+def test_an_element_inverted_only_at_a_node_is_found():
+    """The middle of an edge is moved towards a corner by more than a quarter of the edge; J stays positive at the points."""
     mesh = box(2).with_degree(2)
     body, u = System(mesh, TERM), np.zeros((mesh.nv, 3))
     e, (a, b), middle = 3, mesh.t[:2, 3], mesh.t[4, 3]

@@ -1,4 +1,4 @@
-"""A new element takes a row of `ELEMENTS`, one for its facets, and one of the referee's `KINDS`: a hexahedron with 27 nodes."""
+"""A hexahedron with 27 nodes needs only two rows of `ELEMENTS`, for itself and its facets, and one row of `KINDS`."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def registered(monkeypatch):
 
 
 def curved(cells=(2, 2, 1)):
-    """Curved hexahedra, no two edges alike, of both orientations, with the boundaries of a box."""
+    """Return curved hexahedra with unequal edges, of both orientations, with the boundaries of a box."""
     rng = np.random.default_rng(3)
     mesh = box((2.0, 1.0, 0.9), cells, "hexahedra").with_degree(2)
     p = mesh.p + 0.02 * rng.uniform(-1, 1, mesh.p.shape)
@@ -67,7 +67,7 @@ def basis_on(mesh):
 
 
 @pytest.mark.parametrize("element", [HEX27, QUAD9], ids=lambda element: element.name)
-def test_its_functions_nodes_and_facets_are_those_of_scikit_fem(element):
+def test_functions_nodes_and_facets_are_those_of_scikit_fem(element):
     theirs, xi = element.scikit_fem(), rule_of(element, "exact").points
     for a in range(element.n):
         value, slope = theirs.lbasis(xi.T, a)
@@ -92,7 +92,7 @@ def test_energy_force_and_tangent_are_those_of_scikit_fem(rule):
     assert np.abs(system.tangent(u) - K).max() < 1e-13 * np.abs(K).max()
 
 
-def test_its_rule_for_masses_gives_the_mass_and_the_centre_of_curved_elements():
+def test_the_mass_rule_gives_the_mass_and_the_centre_of_curved_elements():
     mesh = curved()
     system = System(mesh, RUBBER)
     basis = basis_on(mesh)
@@ -105,7 +105,7 @@ def test_its_rule_for_masses_gives_the_mass_and_the_centre_of_curved_elements():
     assert weight @ mesh.p[0] == pytest.approx(-2 * moment, rel=1e-13)
 
 
-def test_pressure_on_its_whole_surface_has_the_work_of_its_volume_and_no_resultant():
+def test_pressure_on_the_whole_surface_has_no_resultant_and_the_work_of_the_volume():
     mesh = curved()
     system, u = System(replace(mesh, boundaries={"all": mesh.surface}), [RUBBER, Pressure("all", 3e4)]), bent(mesh)
     forces, x = system.external_force(u).reshape(-1, 3), mesh.p.T + u.reshape(-1, 3)
@@ -115,7 +115,7 @@ def test_pressure_on_its_whole_surface_has_the_work_of_its_volume_and_no_resulta
 
 
 @pytest.mark.parametrize("solver", ["superlu", "amg-cg"])
-def test_solve_static_finds_where_the_reference_balances(solver):
+def test_solve_static_finds_an_equilibrium_of_the_reference(solver):
     mesh = curved()
     loads = [Gravity((0, 0, -9.81)), Traction("right", (0, 0, -2e4))]
     system = System(mesh, [RUBBER, *loads], fixed={"left": "xyz"})
@@ -145,12 +145,12 @@ def test_modes_bound_frequencies_closer_than_tetrahedra_with_almost_the_same_nod
     assert (fine < one).all() and (one < other).all() and one == pytest.approx(other, rel=0.02)
 
 
-def test_the_referee_judges_it():
+def test_the_referee_passes_the_element():
     report = verify(curved((2, 1, 1)), young=5e6, poisson=0.3, quiet=True)
     assert report.passed and report.header is not None
 
 
-def test_it_is_read_back_from_the_file_that_is_written(tmp_path):
+def test_a_written_mesh_is_read_back(tmp_path):
     mesh = curved()
     mesh = replace(mesh, subdomains={"half": np.arange(2, dtype=np.int32)}, node_sets={"some": np.array([1, 20, mesh.nv - 1])})
     again = read_mesh(write_mesh(tmp_path / "mesh.vtu", mesh))
@@ -169,7 +169,7 @@ def test_it_is_read_back_from_the_file_that_is_written(tmp_path):
     )
 
 
-def test_cells_that_may_have_another_order_of_nodes_are_taken_by_their_corners():
+def test_cells_of_ambiguous_node_order_are_read_by_their_corners():
     mesh = curved()
     _, cells = as_cells(mesh.t, HEX27)
     with pytest.warns(StvkWarning, match="higher order"):
@@ -177,7 +177,7 @@ def test_cells_that_may_have_another_order_of_nodes_are_taken_by_their_corners()
     assert taken.element is ELEMENTS["hexahedra"] and np.array_equal(taken.p[:, taken.t], mesh.p[:, mesh.corners])
 
 
-def test_nodes_elsewhere_than_on_edges_have_no_ends():
+def test_meshes_with_nodes_off_the_edges_have_no_ends():
     assert curved().ends() is None
 
 
@@ -190,7 +190,7 @@ def test_quality_names_the_elements_that_fold():
     assert fault.ids.tolist() == [1] and "of faces and of the cell" in fault.text
 
 
-def test_scenes_take_it_from_a_file_and_from_a_key(tmp_path):
+def test_scenes_accept_the_element_from_a_file_and_from_a_key(tmp_path):
     mesh = curved()
     loads = [Gravity((0, 0, -9.81)), Traction("right", (0, 0, -2e4))]
     system = System(mesh, [RUBBER, *loads], fixed={"left": "xyz"})
@@ -211,7 +211,7 @@ def test_no_weight_is_negative(rule):
     assert (rule_of(HEX27, rule).weights > 0).all()
 
 
-def test_its_mesh_is_that_of_scikit_fem():
+def test_the_mesh_is_that_of_scikit_fem():
     straight = skfem.MeshHex2.from_mesh(skfem.MeshHex().refined(1))
     mesh = ElementMesh.of(straight)
     assert mesh.element is HEX27 and np.array_equal(mesh.t, ElementMesh.of(skfem.MeshHex().refined(1)).with_degree(2).t)
@@ -220,7 +220,7 @@ def test_its_mesh_is_that_of_scikit_fem():
     for side in sides.boundaries.values():
         assert (find_facets(side, facets_of(sides.t, sides.nv, HEX27)[0], sides.nv) >= 0).all()
     view = skfem.Basis(straight, skfem.ElementVector(skfem.ElementHex2())).get_dofs(lambda x: x[0] == 0)
-    by_view, by_place = (System(mesh, RUBBER, fixed=[(where, "xyz")]).supports.fixed for where in (view, lambda x: x[0] == 0))
-    assert np.array_equal(by_view, by_place) and len(by_view) == 75
+    by_view, by_predicate = (System(mesh, RUBBER, fixed=[(where, "xyz")]).supports.fixed for where in (view, lambda x: x[0] == 0))
+    assert np.array_equal(by_view, by_predicate) and len(by_view) == 75
     with pytest.warns(StvkWarning, match="0 of their 54 edges are curved"):
         assert mesh.with_degree(1).element is ELEMENTS["hexahedra"]

@@ -1,4 +1,4 @@
-"""Tables of elements against scikit-fem's own."""
+"""Tables of elements agree with scikit-fem's."""
 
 import copy
 import pickle
@@ -66,7 +66,7 @@ def test_facets_have_the_nodes_of_their_element(name):
     for nodes in element.facets:
         assert len(nodes) == facet.n
         x = facet.values(xi) @ element.nodes[list(nodes)]
-        others = np.delete(element.values(x), nodes, axis=1)  # those that are not on the facet vanish there
+        others = np.delete(element.values(x), nodes, axis=1)  # functions of nodes that are not on the facet vanish there
         np.testing.assert_allclose(others, 0, atol=1e-15)
         np.testing.assert_allclose(element.values(x)[:, nodes], facet.values(xi), atol=1e-15)
 
@@ -78,7 +78,7 @@ def test_a_copy_or_a_pickle_is_the_row_of_the_table(name):
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
-def test_names_in_other_packages_are_of_elements_with_the_same_nodes(name):
+def test_elements_of_the_same_name_in_other_packages_have_the_same_nodes(name):
     element = ELEMENTS[name]
     assert type(SKFEM[name]) is element.scikit_fem and np.array_equal(element.nodes, SKFEM[name].doflocs)
     assert element.mesh is None or element.mesh.elem is element.scikit_fem
@@ -89,7 +89,7 @@ def test_names_in_other_packages_are_of_elements_with_the_same_nodes(name):
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
-def test_an_element_with_its_nodes_in_reverse_is_the_same_turned_round(name):
+def test_reversed_nodes_give_the_opposite_orientation(name):
     element, xi = ELEMENTS[name], rule_of(ELEMENTS[name], "usual").points
     jacobian = np.einsum("qai,aj->qij", element.derivatives(xi), element.nodes[element.reversed])
     assert np.linalg.det(jacobian) == pytest.approx(-1, abs=1e-14)

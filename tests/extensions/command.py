@@ -1,4 +1,4 @@
-"""A toy command: how many elements a mesh file has."""
+"""A toy command that prints the number of elements of a mesh file."""
 
 from skfem_stvk import read_mesh
 
@@ -8,6 +8,6 @@ def arguments(parser):
 
 
 def run(options):
-    """Print the number of elements; exit code 0."""
+    """Print the number of elements; return the exit code 0."""
     print(f"{read_mesh(options.mesh).nt} elements")
     return 0

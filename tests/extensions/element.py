@@ -1,4 +1,4 @@
-"""A toy element: the hexahedron with 27 nodes, quadratic along each axis, and its facets with 9."""
+"""A toy element: the hexahedron with 27 nodes, quadratic along each axis, and its facets with 9 nodes."""
 
 import numpy as np
 import skfem
@@ -9,13 +9,13 @@ from skfem_stvk.reference.kinds import ElementKind
 
 
 def lagrange(s):
-    """(3, ...) quadratic polynomials that are 1 at 0, 1/2 and 1, and their derivatives (3, ...)."""
+    """Return the quadratic polynomials that are 1 at 0, 1/2 and 1, (3, ...), and their derivatives, (3, ...)."""
     values = np.stack([(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)])
     return values, np.stack([4 * s - 3, 4 - 8 * s, 4 * s - 1])
 
 
 def products(cell):
-    """Shape functions that are products of these along the axes, with nodes on all edges, faces, and in the middle of the cell."""
+    """Return products of `lagrange` along the axes, with nodes at corners and the middles of edges, faces and the cell."""
     means = (*cell.edges, *(cell.facets if len(cell.facets[0]) > 2 else ()), tuple(range(len(cell.corners))))
     nodes = np.array([*cell.corners, *(cell.corners[list(ids)].mean(axis=0) for ids in means)])
     which, k = (2 * nodes).astype(int), nodes.shape[1]
@@ -34,7 +34,7 @@ def products(cell):
 
 
 def in_cells():
-    """The index of each node of the hexahedron among those of VTK's cell: corners, middles of edges, of faces, of the cell."""
+    """Return the index of each node of the hexahedron in VTK's cell: corners, then middles of edges, of faces, of the cell."""
     corners = [(i,) for i in range(8)]
     edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
     faces = [(0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7)]
@@ -64,5 +64,5 @@ HEX27 = Element(
     skfem.MeshHex2,
     in_cells=in_cells(),
 )
-#: scikit-fem's element anew, for the referee.
+#: scikit-fem's element, independently of this package, for the referee.
 KIND = ElementKind(3, skfem.ElementHex2, skfem.MeshHex1, skfem.MeshHex2, (5, 9))

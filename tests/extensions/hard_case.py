@@ -1,4 +1,4 @@
-"""A toy group of hard cases: a cube that is stretched along one side, all others on rollers."""
+"""A toy group of hard cases: a cube that is stretched along one axis, with rollers on the other faces."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A toy integrator: symplectic Euler the other way round, positions first."""
+"""A toy integrator: symplectic Euler that updates positions before velocities."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,7 +9,7 @@ from skfem_stvk.dynamics.integrators.explicit import ExplicitStepper
 
 @dataclass(frozen=True)
 class DriftKick(Explicit):
-    """`u <- u + T v`, then `v <- v + T M^-1 (h - F(u))`."""
+    """Steps `u <- u + T v`, then `v <- v + T M^-1 (h - F(u))`."""
 
     order: ClassVar[int] = 1
     conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM, ANGULAR_MOMENTUM})
@@ -20,7 +20,7 @@ class DriftKick(Explicit):
 
 
 class DriftKickStepper(ExplicitStepper):
-    """Make steps with one force per step."""
+    """Stepper with one force evaluation per step."""
 
     def step(self, state, t):
         h = t - state.t

@@ -1,4 +1,4 @@
-"""A toy law of elements: St. Venant-Kirchhoff's, of a material that has lost a part of its stiffness."""
+"""A toy law of elements: St. Venant-Kirchhoff's law of a material that has lost a part of its stiffness."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -12,7 +12,7 @@ from skfem_stvk.terms.elastic_law import ElasticLaw
 class Damaged(ElasticLaw):
     """Elastic body with `1 - damage` times the energy of `StVK`."""
 
-    damage: Annotated[float, Quantity(None, "Part of the stiffness that is lost.", ge=0, lt=1)] = field(default=0.5, kw_only=True)
+    damage: Annotated[float, Quantity(None, "Lost fraction of the stiffness.", ge=0, lt=1)] = field(default=0.5, kw_only=True)
 
     def __post_init__(self, young, poisson, density):
         super().__post_init__(young, poisson, density)
@@ -20,9 +20,9 @@ class Damaged(ElasticLaw):
 
     def stiffness(self, mesh):
         """Return the coefficients of `StVK` on a material with less stiffness."""
-        return self.whole(1 - self.damage).stiffness(mesh)
+        return self.of_fraction(1 - self.damage).stiffness(mesh)
 
-    def whole(self, part=1.0):
-        """Return `StVK` of a part of the stiffness."""
+    def of_fraction(self, part=1.0):
+        """Return `StVK` with a fraction `part` of the stiffness."""
         law = self.material
         return StVK(young=part * law.young, poisson=law.poisson, plane=self.plane, thickness=self.thickness, region=self.region)

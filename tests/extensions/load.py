@@ -1,4 +1,4 @@
-"""A toy load: a force per volume that each element shares out evenly among its nodes."""
+"""A toy load: a force per volume that each element distributes evenly to its nodes."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""What an extension would edit in the package, tried with rows that a test takes back."""
+"""Rows of the package's tables that extensions add; a test removes them again."""
 
 import sys
 from importlib import import_module
@@ -15,7 +15,7 @@ ROOT = Path(skfem_stvk.__file__).parent.parent
 
 
 class Package:
-    """The package with rows that extensions add: `edited` are its files that would have them."""
+    """The package with the rows of extensions; `edited` are the files that contain those rows."""
 
     def __init__(self, monkeypatch):
         self._monkeypatch, self.edited = monkeypatch, {}
@@ -25,14 +25,14 @@ class Package:
         self._monkeypatch.setitem(getattr(self._module(module), table), name, value)
 
     def replace(self, module, name, value):
-        """Replace a value of a module, or make a new one."""
+        """Replace a value of a module, or add a value."""
         self._monkeypatch.setattr(self._module(module), name, value, raising=False)
 
     def _module(self, name):
         import_module(name)
         module = sys.modules[name]  # a function may have the name of its module
         file = Path(module.__file__)
-        stub = file.with_suffix(".pyi")  # which has the public names
+        stub = file.with_suffix(".pyi")  # the stub lists the public names
         self.edited[(stub if stub.exists() else file).relative_to(ROOT).as_posix()] = None
         return module
 
@@ -65,14 +65,14 @@ def with_key(package):
     sections = import_module("skfem_stvk.scene.schema.sections")
 
     class SceneTables(sections.SceneTables):
-        """A scene, with one more key."""
+        """Scene with one more key."""
 
         author: Annotated[str, key("Who wrote it.")] = ""
 
     package.replace("skfem_stvk.scene.schema.sections", "SceneTables", SceneTables)
 
 
-#: What adds each toy, by what it is.
+#: Functions that add a toy, by kind of extension.
 EXTENSIONS = {
     "law": with_law,
     "element": with_element,

@@ -1,4 +1,4 @@
-"""A toy peer: the referee's reference behind the face of a peer. The package that it needs is NumPy."""
+"""A toy peer: the referee's reference with the interface of a peer; it requires NumPy."""
 
 from skfem_stvk.peers.peer import require
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor

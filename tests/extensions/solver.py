@@ -1,4 +1,4 @@
-"""A toy linear solver: LAPACK's, on a dense matrix."""
+"""A toy linear solver: LAPACK on a dense matrix."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,7 +10,7 @@ from skfem_stvk.linear import Kind, Outcome, Solution
 
 @dataclass(frozen=True)
 class Dense:
-    """Solve with all entries of K, zeros included."""
+    """Solver that stores all entries of K, zeros included."""
 
     name: ClassVar[str] = "dense"
     takes: ClassVar[Kind] = Kind.GENERAL
@@ -25,7 +25,7 @@ class Dense:
 
 
 class DenseFactors:
-    """The matrix itself."""
+    """Dense matrix that is factorised at each solve."""
 
     def __init__(self, K):
         self.K, self.solves = K, 0

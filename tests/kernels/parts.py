@@ -1,4 +1,4 @@
-"""Small meshes in several parts, systems on the readable twins of the kernels, and which kernels run."""
+"""Small meshes in several parts, systems on the readable twins of the kernels, and records of kernel calls."""
 
 import sys
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ from skfem_stvk.mesh import displacements
 from skfem_stvk.system import pattern
 from skfem_stvk.terms import at_points
 
-#: Modules and the kernels that they import by name.
+#: Modules, and the kernels that they import by name.
 BY_NAME = {
     elements: ("lexicographic_order", "frames", "frames_of_spokes"),
     network: ("lexicographic_order",),
@@ -24,13 +24,13 @@ BY_NAME = {
 
 
 def in_parts(monkeypatch, n):
-    """From now on work is shared by `n` parts, on however many threads there are; some parts of a tiny mesh are empty."""
+    """Divide work into `n` parts from now on, independently of the number of threads; some parts of a tiny mesh are empty."""
     monkeypatch.setattr(threads, "SMALLEST_PART", 1)
     monkeypatch.setattr(numba, "get_num_threads", lambda: n)
 
 
 def on_twins(monkeypatch):
-    """From now on nothing compiled is called."""
+    """Replace compiled kernels by their readable twins from now on."""
     for name in ("element_kernels", "volume_kernels"):
         monkeypatch.setattr(assembly, name, readable)
     for name in ("element_kernels", "stretch_kernels"):
@@ -48,7 +48,7 @@ def on_twins(monkeypatch):
 
 @contextmanager
 def kernels_run():
-    """Names of the kernels that Python calls meanwhile, which numba tells to Python's profilers."""
+    """Yield the set of names of kernels that Python has called; numba reports them to Python's profilers."""
     modules = [module for name, module in sys.modules.items() if name.startswith("skfem_stvk.kernels.")]
     codes = [value.py_func.__code__ for module in modules for value in vars(module).values() if hasattr(value, "py_func")]
     known, ran = {(code.co_filename, code.co_name) for code in codes}, set()
@@ -64,7 +64,7 @@ def kernels_run():
 
 @contextmanager
 def _profiled(note):
-    """Call `note` with the code of each function that is called meanwhile."""
+    """Call `note` with the code of each function called within the context, with `sys.setprofile`."""
     before = sys.getprofile()
     sys.setprofile(lambda frame, event, argument: note(frame.f_code) if event == "call" else None)
     try:
@@ -75,7 +75,7 @@ def _profiled(note):
 
 @contextmanager
 def _monitored(note):
-    """Do the same with `sys.monitoring`."""
+    """Call `note` with the code of each function called within the context, with `sys.monitoring`."""
     monitoring, tool = sys.monitoring, sys.monitoring.PROFILER_ID
     monitoring.use_tool_id(tool, "kernels")
     monitoring.register_callback(tool, monitoring.events.PY_START, lambda code, offset: note(code))

@@ -1,9 +1,11 @@
-"""The kernels once more, slow and to be read: twins of the same signatures in plain NumPy.
+"""Twins of the kernels in plain NumPy: the same signatures, slow and readable.
 
-Tests hold the kernels against them; nothing else calls them. They take another way where there is one: gradients of shape functions
-in the frame instead of spokes, the whole tensor C instead of the numbers that are stored, sums over lists of places instead of
-loops. Elements differ by their table of points alone, and laws by what `LAWS` says of them. What is said of the
-arrays in `skfem_stvk.kernels.elements`, `laws` and `blocks` holds here.
+Only tests call the twins, and compare the kernels with them. The twins use a second method where one exists. They take gradients of
+shape functions in the frame instead of base vectors. They use the whole tensor C instead of the stored numbers, and sums over lists
+instead of loops.
+
+Elements differ only in their table of points, and laws only in their entry of `LAWS`. The arrays are described in
+`skfem_stvk.kernels.elements`, `laws` and `blocks`.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ from skfem_stvk.kernels.svd import LINE, SHEET
 from skfem_stvk.kernels.topology import OWN
 from skfem_stvk.terms.neo_hookean import thickening
 
-#: Edges of a tetrahedron as pairs of its vertices: the order of `edge_slots`.
+#: Edges of a tetrahedron as pairs of its vertices, in the order of `edge_slots`.
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
 #: The order in which the components of symmetric tensors are stored.
@@ -42,24 +44,25 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def out_of_lanes(a: NDArray, width: int, part: slice) -> NDArray:
-    """(n, width) what stands in this part of the blocks of lanes, one row a simplex."""
+    """Return the values in this part of the blocks of lanes, (n, width), one row per simplex."""
     blocks = a.reshape(-1, width, LANES)[part]
     return np.moveaxis(blocks, 2, 1).reshape(-1, width)
 
 
 def corners(x: Reals, part: slice, t: Ids, D: Reals) -> Reals:
-    """(n, 4, 3) what `x` is at the vertices of each simplex more than at vertex 0, the difference taken in double."""
+    """Return the differences of `x` between the vertices of each simplex and vertex 0, (n, 4, 3), computed in double precision."""
     corners = x.reshape(-1, 3)[out_of_lanes(t, 4, part)]
     return (corners - corners[:, :1]).astype(D.dtype)
 
 
-# Of elements with any table of points, and of any law. Einsum's indices: n elements, q points, a and b nodes; i, j, k, l axes of
-# the frame; x and y components.
+# Elements with any table of points, and any law. Einsum's indices: n elements, q points, a and b nodes; i, j, k, l axes of the
+# frame; x and y components.
 
 
 def isotropic(numbers: Reals) -> Reals:
-    """(..., 3, 3, 3, 3) `C_ijkl = lam/2 d_ij d_kl + mu/2 (d_ik d_jl + d_il d_jk)` for the numbers `w lam/2`, `w mu`: `S = C :
-    M`.
+    """Return C of `S = C : M`, (..., 3, 3, 3, 3), from the numbers `w lam/2` and `w mu`.
+
+    C_ijkl = lam/2 d_ij d_kl + mu/2 (d_ik d_jl + d_il d_jk)
     """
     I = np.eye(3)
     volume, shear = np.einsum("ij,kl->ijkl", I, I), np.einsum("ik,jl->ijkl", I, I) + np.einsum("il,jk->ijkl", I, I)
@@ -68,7 +71,7 @@ def isotropic(numbers: Reals) -> Reals:
 
 
 def general(numbers: Reals) -> Reals:
-    """(..., 3, 3, 3, 3) `C_ijkl` for the 21 numbers of its upper half in the order of `PAIRS`, row by row."""
+    """Return `C_ijkl`, (..., 3, 3, 3, 3), from the 21 numbers of its upper half in the order of `PAIRS`, row by row."""
     C = np.empty((*numbers.shape[:-1], 3, 3, 3, 3), numbers.dtype)
     upper = ((c, d) for c in range(6) for d in range(c, 6))
     for value, (c, d) in zip(np.moveaxis(numbers, -1, 0), upper, strict=True):
@@ -80,15 +83,17 @@ def general(numbers: Reals) -> Reals:
 
 
 class PointLaw(NamedTuple):
-    """A law at points (n, q), in frames whose axes are the rows of `Q` at rest, `h` their displacement, all (n, q, 3, 3).
+    """Law at points (n, q), in frames.
+
+    The axes of a frame at rest are the rows of `Q`, and `h` are their displacements, both (n, q, 3, 3).
 
     Attributes
     ----------
-    count : how many numbers it has beside `Ri`.
-    energy_and_pull : from `numbers` (n, q, count) times the weights, `Q` and `h`: the energies (n, q), and `s` (n, q, 3, 3), rows
-        `s_j = dW/dq_j`.
-    tangent : from those, two factors of tensions by their sign, and whether elements are linear simplices: `A` (n, q, 3, 3, 3, 3)
-        with `A_mnxy = ds_mx/dq_ny`.
+    count : how many numbers the law stores in addition to `Ri`.
+    energy_and_pull : from `numbers` (n, q, count) times the weights, `Q` and `h`: the energies (n, q), and `s` (n, q, 3, 3) with
+        the rows `s_j = dW/dq_j`.
+    tangent : from the same arguments, two factors of tensions by their sign, and whether elements are linear simplices:
+        `A` (n, q, 3, 3, 3, 3) with `A_mnxy = ds_mx/dq_ny`.
     """
 
     count: int
@@ -97,14 +102,15 @@ class PointLaw(NamedTuple):
 
 
 def strains(Q: Reals, h: Reals) -> Reals:
-    """`M_ij = Q_i . h_j + h_i . Q_j + h_i . h_j`."""
+    """Return `M_ij = Q_i . h_j + h_i . Q_j + h_i . h_j`."""
     return symmetric(Q, h) + products(h, h)
 
 
 def stvk(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
-    """`W = 1/4 S : M`, `s_j = sum_k S_jk q_k`, `A_mn = 2 sum_kl C_mknl q_k q_l' + S_mn I`, `S = C : M`.
+    """Return the law `W = 1/4 S : M`, `s_j = sum_k S_jk q_k`, `A_mn = 2 sum_kl C_mknl q_k q_l' + S_mn I`, `S = C : M`.
 
-    Of `S` the positive and the negative eigenvalues count by factors; of linear simplices all by the first.
+    The tangent multiplies positive and negative eigenvalues of `S` by a factor each. For linear simplices it multiplies all
+    eigenvalues by the first factor.
     """
 
     def stress(numbers: Reals, Q: Reals, h: Reals) -> Reals:
@@ -116,7 +122,7 @@ def stvk(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
 
     def tangent(numbers: Reals, Q: Reals, h: Reals, positive: float, negative: float, simplices: bool) -> Reals:
         q, S = Q + h, stress(numbers, Q, h)
-        S = positive * S if simplices else weighed(S, positive, negative)
+        S = positive * S if simplices else scaled_by_sign(S, positive, negative)
         A = 2 * np.einsum("nqikjl,nqkx,nqly->nqijxy", tensor(numbers), q, q, optimize=True)
         return A + np.einsum("nqij,xy->nqijxy", S, np.eye(3, dtype=S.dtype))
 
@@ -124,11 +130,11 @@ def stvk(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
 
 
 def neo_hookean(lam: Reals, mu: Reals, M: Reals, sign: Reals | float = 1.0) -> tuple[Reals, Reals]:
-    """Second Piola-Kirchhoff stress (..., 3, 3) and energy density (...) for `M = F'F - 1` and the sign of `J`.
+    """Return the second Piola-Kirchhoff stress (..., 3, 3) and the energy density (...) for `M = F'F - 1` and the sign of `J`.
 
         S = mu C^-1 M + lam (J - 1) J C^-1        W = mu/2 (tr M - 2 ln J) + lam/2 (J - 1)^2        C = 1 + M
 
-    Without cancellation at small strain; not a number where `J <= 0`.
+    There is no cancellation at small strain. The result is not a number where `J <= 0`.
     """
     I2, I3 = (np.trace(M, axis1=-2, axis2=-1) ** 2 - (M * M).sum(axis=(-2, -1))) / 2, np.linalg.det(M)
     x = np.trace(M, axis1=-2, axis2=-1) + I2 + I3  # J^2 - 1
@@ -145,10 +151,16 @@ def neo_hookean(lam: Reals, mu: Reals, M: Reals, sign: Reals | float = 1.0) -> t
 
 
 def neo_hookean_law(sheet: bool) -> PointLaw:
-    """`s_j = sum_k S_jk q_k`, `A_mn = m d_mn I + a g_m g_n' + c g_n g_m'`, of sheets minus `across g_m . g_n N N'`."""
+    """Return the law `s_j = sum_k S_jk q_k`, `A_mn = m d_mn I + a g_m g_n' + c g_n g_m'`.
+
+    For sheets, A contains the further term `-across g_m . g_n N N'`.
+    """
 
     def now(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals, Reals, Reals, Reals]:
-        """`mu`, `lam`, `M`, the sign of `J`, and the frame, with what elements lack as third axis: what stays, or a normal."""
+        """Return `mu`, `lam`, `M`, the sign of `J`, and the deformed frame.
+
+        The third axis of the frame of a flat element is undeformed; for sheets it is the normal.
+        """
         (mu, lam, sign), M, q = np.moveaxis(numbers, -1, 0), strains(Q, h), Q + h
         q = np.where((mu > 0)[..., None, None], q, np.eye(3, dtype=q.dtype))
         normal = np.cross(q[..., 0, :], q[..., 1, :])
@@ -192,16 +204,16 @@ def neo_hookean_law(sheet: bool) -> PointLaw:
 
 
 def bound(B: Reals) -> Reals:
-    """No less than the largest eigenvalue of matrices (..., 3, 3): `tr/3 + sqrt(2/3) |dev|`."""
+    """Return an upper bound of the largest eigenvalue of matrices (..., 3, 3): `tr/3 + sqrt(2/3) |dev|`."""
     mean = np.trace(B, axis1=-2, axis2=-1) / 3
     deviators = B - mean[..., None, None] * np.eye(3)
     return mean + np.sqrt(2 / 3 * (deviators**2).sum(axis=(-2, -1)))
 
 
 def relaxed(numbers: Reals, M: Reals) -> tuple[Reals, Reals, Reals]:
-    """`W` (n, q), S and `dS/dM` (n, q, 3, 3, 3, 3) of the relaxed energy for strains `M` within sheets.
+    """Return `W` (n, q), S and `dS/dM` (n, q, 3, 3, 3, 3) of the relaxed energy for strains `M` within sheets.
 
-    Each of the three energies of the principal values is written out, with what it is the derivative of.
+    The function writes out the energies of the three cases of principal strains, and their derivatives.
     """
     (lam, mu), (m, V) = np.moveaxis(numbers, -1, 0), np.linalg.eigh(M[..., :2, :2])
     second, first = m[..., 0], m[..., 1]
@@ -213,7 +225,7 @@ def relaxed(numbers: Reals, M: Reals) -> tuple[Reals, Reals, Reals]:
     p2 = np.where(taut, lam * (first + second) + mu * second, 0)
     T = np.stack([np.where(taut, lam + mu, np.where(slack, 0, young)), taut * lam, taut * lam, taut * (lam + mu)], axis=-1)
     apart = np.where(first > second, first - second, 1)
-    turn = np.where(taut, mu, (p1 - p2) / apart)
+    shear_factor = np.where(taut, mu, (p1 - p2) / apart)
     v = np.zeros((*V.shape[:2], 2, 3), V.dtype)
     v[..., :2] = np.swapaxes(V, -1, -2)[..., ::-1, :]  # rows are the first and the second axis
     own = np.einsum("nqai,nqaj->nqaij", v, v)
@@ -221,12 +233,15 @@ def relaxed(numbers: Reals, M: Reals) -> tuple[Reals, Reals, Reals]:
     C = np.einsum("nqab,nqaij,nqbkl->nqijkl", T.reshape(*T.shape[:2], 2, 2), own, own)
     shear = np.einsum("nqi,nqj->nqij", v[..., 0, :], v[..., 1, :])
     shear = shear + np.swapaxes(shear, -1, -2)
-    C += np.einsum("nq,nqij,nqkl->nqijkl", turn / 2, shear, shear)
+    C += np.einsum("nq,nqij,nqkl->nqijkl", shear_factor / 2, shear, shear)
     return np.where(slack, zero, p1 * first + p2 * second) / 4, S, C
 
 
 def tension() -> PointLaw:
-    """`s_j = sum_k S_jk q_k`, `A_mn = 2 sum_kl dS_mk/dM_nl q_k q_l' + S_mn I`, S of `relaxed`; no stress is negative."""
+    """Return the law `s_j = sum_k S_jk q_k`, `A_mn = 2 sum_kl dS_mk/dM_nl q_k q_l' + S_mn I`, with S of `relaxed`.
+
+    No principal stress is negative.
+    """
 
     def energy_and_pull(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals]:
         W, S, _ = relaxed(numbers, strains(Q, h))
@@ -241,7 +256,10 @@ def tension() -> PointLaw:
 
 
 def linear(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
-    """`W = 1/4 S : M`, `M_ij = Q_i . h_j + h_i . Q_j`, `s_j = sum_k S_jk Q_k`, `A_mn = 2 sum_kl C_mknl Q_k Q_l'`: no tensions."""
+    """Return the law `W = 1/4 S : M`, `M_ij = Q_i . h_j + h_i . Q_j`, `s_j = sum_k S_jk Q_k`, `A_mn = 2 sum_kl C_mknl Q_k Q_l'`.
+
+    A has no term from tensions.
+    """
 
     def energy_and_pull(numbers: Reals, Q: Reals, h: Reals) -> tuple[Reals, Reals]:
         M = symmetric(Q, h)
@@ -255,18 +273,19 @@ def linear(count: int, tensor: Callable[[Reals], Reals]) -> PointLaw:
 
 
 def rotations_and_stretches(law: Any, Q: Reals, h: Reals) -> tuple[Reals, Reals, Reals]:
-    """`U`, `V` and `s` (n, q, 3) of `F = U diag(s) V'` in the frame, by NumPy's singular values: the last one has the sign.
+    """Return `U`, `V` and `s` (n, q, 3) of `F = U diag(s) V'` in the frame; the last singular value has the sign of `det F`.
 
-    `V` is a rotation and `U` has the hand of `Q`, in the plane or on the line of flat elements without a third dimension.
+    `V` is a rotation and `U` has the orientation of `Q`. Both are in the plane or on the line of flat elements that have no third
+    dimension.
     """
     kind = 3 if law.flat is None else (1, 1, 2, 2)[law.flat.kind]
     signed = law.flat is None or law.flat.kind in (LINE, SHEET)
     U, s, V = np.linalg.svd(np.swapaxes(Q + h, 2, 3))
     V = np.swapaxes(V, 2, 3)
     if signed:
-        turned = np.sign(np.linalg.det(V[..., :kind, :kind]))
-        V[..., kind - 1] *= turned[..., None]
-        U[..., kind - 1] *= turned[..., None]
+        mirrored = np.sign(np.linalg.det(V[..., :kind, :kind]))
+        V[..., kind - 1] *= mirrored[..., None]
+        U[..., kind - 1] *= mirrored[..., None]
         hand = np.sign(np.linalg.det(U[..., :kind, :kind]) * np.linalg.det(Q[..., :kind, :kind]))
         U[..., kind - 1] *= hand[..., None]
         s[..., kind - 1] *= hand
@@ -274,12 +293,12 @@ def rotations_and_stretches(law: Any, Q: Reals, h: Reals) -> tuple[Reals, Reals,
 
 
 def stretches_are_there(law: Any) -> NDArray:
-    """(3,) whether elements have a first, second and third stretch."""
+    """Return whether elements have a first, second and third stretch, (3,)."""
     return np.arange(3) < (3 if law.flat is None else (1, 1, 2, 2)[law.flat.kind])
 
 
 def corotated_energy(law: Any, numbers: Reals, s: Reals) -> tuple[Reals, Reals, Reals]:
-    """`w`, `p` (n, q, 3) and `H` (n, q, 3, 3) of `w = mu sum e_i^2 + lam/2 (sum e_i)^2`, `e = s - 1`."""
+    """Return `w`, `p` (n, q, 3) and `H` (n, q, 3, 3) of `w = mu sum e_i^2 + lam/2 (sum e_i)^2`, `e = s - 1`."""
     there, lam, mu = stretches_are_there(law), 2 * numbers[..., 0], numbers[..., 1]
     e = (s - 1) * there
     trace = e.sum(axis=-1)
@@ -289,7 +308,7 @@ def corotated_energy(law: Any, numbers: Reals, s: Reals) -> tuple[Reals, Reals, 
 
 
 def invertible_energy(law: Any, numbers: Reals, s: Reals) -> tuple[Reals, Reals, Reals]:
-    """`w` as it is defined, its derivatives by complex steps, and those of these."""
+    """Return `w` by its definition, its derivatives by complex steps, and the derivatives of its gradient by complex steps."""
     there, lam, mu = stretches_are_there(law), 2 * numbers[..., 0], numbers[..., 1]
 
     def value_and_slopes(s: Reals) -> tuple[Reals, Reals]:
@@ -302,7 +321,7 @@ def invertible_energy(law: Any, numbers: Reals, s: Reals) -> tuple[Reals, Reals,
         k = lam + 2 * mu
         w = lam / 2 * trace**2 + mu * (E**2).sum(axis=-1) + (w1 * d).sum(axis=-1)
         w = w + np.einsum("nqij,nqi,nqj->nq", pairs, d, d) / 2 + k / 2 * (d**2).sum(axis=-1)
-        above = np.real(s) > law.threshold  # where d is zero and c moves: sum_j w_ij d_j; below, c stands and d moves
+        above = np.real(s) > law.threshold  # above, d is zero and c moves: sum_j w_ij d_j; below, c is constant and d moves
         p = w1 + np.einsum("nqij,nqj->nqi", pairs, d) + np.where(above, 0, k[..., None] * d)
         return w, p * there
 
@@ -315,7 +334,7 @@ def invertible_energy(law: Any, numbers: Reals, s: Reals) -> tuple[Reals, Reals,
 
 
 def of_stretches(law: Any, energy: Callable[[Any, Reals, Reals], tuple[Reals, Reals, Reals]]) -> PointLaw:
-    """A law of an energy `w(s)` of principal stretches: `P = U diag(p) V'`.
+    """Return the law of an energy `w(s)` of principal stretches: `P = U diag(p) V'`.
 
     dP = U T V', T_ii = sum_j H_ij D_jj, T_ij = f_ij (D_ij + D_ji)/2 + t_ij (D_ij - D_ji)/2, D = U' dF V
     """
@@ -332,11 +351,11 @@ def of_stretches(law: Any, energy: Callable[[Any, Reals, Reals], tuple[Reals, Re
         i, j = np.triu_indices(3, 1)
         with np.errstate(divide="ignore", invalid="ignore"):
             apart = s[..., i] - s[..., j]
-            f = np.where(there[j] & (apart != 0), (p[..., i] - p[..., j]) / apart, 0)  # zero apart are those that fill a block
+            f = np.where(there[j] & (apart != 0), (p[..., i] - p[..., j]) / apart, 0)  # lanes that fill a block: equal stretches
             both, least = s[..., i] + s[..., j], 64 * np.finfo(s.dtype).eps * (1 + np.abs(s[..., :1]))
             t = np.where(both > least, (p[..., i] + p[..., j]) / both, 0)
         if (positive, negative) != (1, 1):
-            H, f = weighed(H, 1, negative), np.where(f > 0, f, negative * f)
+            H, f = scaled_by_sign(H, 1, negative), np.where(f > 0, f, negative * f)
             t = np.where(t > 0, positive * t, negative * t)
         f = np.where(there[j], f, t)
         T = np.einsum("nqik,ij,kl->nqijkl", H, np.eye(3), np.eye(3))
@@ -351,7 +370,7 @@ def of_stretches(law: Any, energy: Callable[[Any, Reals, Reals], tuple[Reals, Re
 
 #: The tensor C of St. Venant-Kirchhoff's two laws.
 TENSORS: dict[type, Callable[[Reals], Reals]] = {IsotropicLaw: isotropic, GeneralLaw: general}
-#: Every law.
+#: All laws but those of principal stretches.
 LAWS: dict[type, PointLaw] = {
     IsotropicLaw: stvk(2, isotropic),
     GeneralLaw: stvk(21, general),
@@ -368,19 +387,22 @@ ENERGIES: dict[type, Any] = {CorotatedLaw: corotated_energy, InvertibleLaw: inve
 
 
 def point_law(law: Any) -> PointLaw:
-    """What a law of the kernels is at points."""
+    """Return the readable twin of a law of the kernels."""
     kind = type(law)
     return of_stretches(law, ENERGIES[kind]) if kind in ENERGIES else LAWS[kind]
 
 
 def numbers_at_points(law: Any, n: int) -> Reals:
-    """(n, m) what a law stores at points beside `Ri`."""
+    """Return the numbers that a law stores at points in addition to `Ri`, (n, m)."""
     width = 6 + point_law(law).count
     return out_of_lanes(law.D, width, slice(None))[:n, 6:]
 
 
 def stress_by_strain(law: Any, k: int, M: Reals, W: Reals, S: Reals) -> None:
-    """By the closed form of the neo-Hookean law, for sheets with the strain across, and by the three relaxed energies."""
+    """Write energies and stresses by the closed form of the neo-Hookean law or by the three relaxed energies.
+
+    For neo-Hookean sheets the strain across the sheet is included.
+    """
     numbers, full = numbers_at_points(law, len(W)), M.copy()
     if type(law) is TensionLaw:
         w, s, _ = (x[:, 0] for x in relaxed(numbers[:, None], full[:, None]))
@@ -394,7 +416,7 @@ def stress_by_strain(law: Any, k: int, M: Reals, W: Reals, S: Reals) -> None:
 
 
 def response_to_stretches(law: Any, flat: Any, Q: Reals, h: Reals, W: Reals, e: Reals, p: Reals, V: Reals) -> None:
-    """By NumPy's singular values."""
+    """Write the response with stretches from NumPy's singular values."""
     there = stretches_are_there(law._replace(flat=flat))
     _, axes, s = rotations_and_stretches(law._replace(flat=flat), Q[:, None], h[:, None])
     e[:], V[:] = (s[:, 0] - 1) * there, axes[:, 0]
@@ -403,11 +425,12 @@ def response_to_stretches(law: Any, flat: Any, Q: Reals, h: Reals, W: Reals, e: 
 
 
 class Elements(NamedTuple):
-    """What the kernels read of the elements of some blocks.
+    """Data of the elements of some blocks, as the kernels read them.
 
-    `t` (n, a) their nodes, `B` (n, q, a, 3) derivatives of the shape functions by the axes of the table, which add up to zero,
-    `Ri` (n, q, 3, 3), `law` its type and its `numbers` (n, q, m) times the weights of the points; `g` (n, q, a, 3) derivatives
-    by the axes of the frame; `modes` (k, a) of boxes with one point, and how much they are resisted, `c` (n,).
+    `t` (n, a) are the nodes. `B` (n, q, a, 3) are derivatives of the shape functions by the axes of the table, which add up to
+    zero. `Ri` is (n, q, 3, 3). `law` is the type of the law, and `numbers` (n, q, m) are its numbers times the weights of the
+    points. `g` (n, q, a, 3) are derivatives by the axes of the frame. `modes` (k, a) are hourglass modes of boxes with one point,
+    and `c` (n,) their coefficients.
     """
 
     t: Ids
@@ -420,18 +443,18 @@ class Elements(NamedTuple):
     c: Reals
 
     def differences(self, x: Reals) -> Reals:
-        """(n, a, 3) what `x` is at the nodes more than at node 0, the difference taken in double."""
+        """Return the differences of `x` between the nodes and node 0, (n, a, 3), computed in double precision."""
         values = x.reshape(-1, 3)[self.t]
         return (values - values[:, :1]).astype(self.numbers.dtype)
 
     def in_frame(self, x: Reals) -> Reals:
-        """(n, q, 3, 3) derivatives `x_j = sum_a g_aj x_a` of a field by the axes j of the frame."""
+        """Return the derivatives `x_j = sum_a g_aj x_a` of a field by the axes j of the frame, (n, q, 3, 3)."""
         return np.einsum("nqaj,nax->nqjx", self.g, self.differences(x))
 
-    def resistance(self, X: Reals) -> Reals:
-        """(n, a, b) `H_ab = 2 c sum_k gamma_ka gamma_kb`, the stiffness of hourglass modes: `W_h = 1/2 sum_ab H_ab u_a . u_b`.
+    def hourglass_stiffness(self, X: Reals) -> Reals:
+        """Return the stiffness of hourglass modes, (n, a, b): `W_h = 1/2 sum_ab H_ab u_a . u_b`.
 
-        gamma_ka = h_ka - sum_j (sum_b h_kb X_b)_j g_aj
+        H_ab = 2 c sum_k gamma_ka gamma_kb        gamma_ka = h_ka - sum_j (sum_b h_kb X_b)_j g_aj
         """
         shape = np.einsum("kb,nbx->nkx", self.modes, self.differences(X))
         gamma = self.modes - np.einsum("nkx,nax->nka", shape, self.g[:, 0])
@@ -439,27 +462,27 @@ class Elements(NamedTuple):
 
     @property
     def C(self) -> Reals:
-        """(n, q, 3, 3, 3, 3) St. Venant-Kirchhoff's C, times the weights of the points."""
+        """St. Venant-Kirchhoff's C times the weights of the points, (n, q, 3, 3, 3, 3)."""
         return TENSORS[self.law](self.numbers)
 
     def stress(self, M: Reals) -> Reals:
-        """(n, q, 3, 3) St. Venant-Kirchhoff's `S = C : M`."""
+        """Return St. Venant-Kirchhoff's `S = C : M`, (n, q, 3, 3)."""
         return np.einsum("nqijkl,nqkl->nqij", self.C, M)
 
     def pull(self, S: Reals, q: Reals) -> Reals:
-        """(n, a, 3) forces `sum_q sum_j g_aj s_j` on the nodes, `s_j = sum_k S_jk q_k`."""
+        """Return the forces `sum_q sum_j g_aj s_j` on the nodes, (n, a, 3), with `s_j = sum_k S_jk q_k`."""
         return self.spread(np.einsum("nqjk,nqkx->nqjx", S, q))
 
     def spread(self, s: Reals) -> Reals:
-        """(n, a, 3) forces `sum_q sum_j g_aj s_j` on the nodes."""
+        """Return the forces `sum_q sum_j g_aj s_j` on the nodes, (n, a, 3)."""
         return np.einsum("nqaj,nqjx->nax", self.g, s)
 
 
 def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
-    """The elements of a part of the blocks.
+    """Return the elements of a part of the blocks.
 
-    Linear simplices have one point, and the derivatives of the barycentric coordinates; boxes with mean gradients have
-    derivatives of their own. Elements of a block that are all straight have numbers for one point, which stand for all.
+    Linear simplices have one point, and their derivatives are those of the barycentric coordinates. Boxes with mean gradients have
+    derivatives of their own. A block of straight elements stores numbers for one point, which are valid at all points.
     """
     count = point_law(law).count
     D, size = law.D, (6 + count) * LANES
@@ -469,7 +492,7 @@ def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
     starts, nq = points.starts, len(points.weights)
     nodes = len(t) // (LANES * (len(starts) - 1))
     nodes_of = out_of_lanes(t, nodes, part)
-    own = np.diff(starts) > size  # whether each point has numbers of its own
+    own = np.diff(starts) > size  # whether each point has its own numbers
     first = starts[:-1, None] + np.where(own[:, None], size * np.arange(nq), 0)
     stored = D[first[part, :, None] + np.arange(size)].reshape(-1, nq, 6 + count, LANES)
     stored = np.moveaxis(stored, 3, 1).reshape(-1, nq, 6 + count)
@@ -487,32 +510,29 @@ def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
 
 
 def with_first(x: Reals, axis: int) -> Reals:
-    """Values of all nodes, which add up to zero, from those of the nodes 1, 2, ..."""
+    """Return the values of all nodes, which add up to zero, from the values of the nodes 1, 2, ..."""
     return np.concatenate([-x.sum(axis=axis, keepdims=True), x], axis=axis)
 
 
 def products(x: Reals, y: Reals) -> Reals:
-    """(n, q, 3, 3) `x_i . y_j`."""
+    """Return `x_i . y_j`, (n, q, 3, 3)."""
     return np.einsum("nqix,nqjx->nqij", x, y)
 
 
 def symmetric(x: Reals, y: Reals) -> Reals:
-    """(n, q, 3, 3) `x_i . y_j + y_i . x_j`."""
+    """Return `x_i . y_j + y_i . x_j`, (n, q, 3, 3)."""
     return products(x, y) + products(y, x)
 
 
 def deformed(elements: Elements, X: Reals, u: Reals) -> tuple[Reals, Reals, Reals]:
-    """The frame now, `q = F Q`, the strains `M = 2 E` and the stresses `S`, of each point (n, q, 3, 3).
-
-    St. Venant-Kirchhoff's.
-    """
+    """Return the deformed frame `q = F Q`, the strains `M = 2 E` and St. Venant-Kirchhoff's stresses `S`, each (n, q, 3, 3)."""
     Q, h = elements.in_frame(X), elements.in_frame(u)
     M = strains(Q, h)
     return Q + h, M, elements.stress(M)
 
 
 def contracted(S: Reals, M: Reals) -> float:
-    """`sum S : M`."""
+    """Return `sum S : M`."""
     return float((S * M).sum())
 
 
@@ -524,24 +544,24 @@ def add_to_slots(values: Reals, slots: Ids, part: slice, f: Reals) -> None:
 def energy_and_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals
 ) -> float:
-    """`W` of all points, `F_a = sum_j g_aj s_j`, and what hourglass modes add."""
+    """Return `W` of all points and add `F_a = sum_j g_aj s_j`, both with the contributions of hourglass modes."""
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
     W, s = point_law(law).energy_and_pull(elements.numbers, elements.in_frame(X), elements.in_frame(u))
-    W_h, F_h = resisted(elements, X, elements.differences(u))
+    W_h, F_h = hourglass_forces(elements, X, elements.differences(u))
     if len(f):
         add_to_slots(elements.spread(s) + F_h, slots, part, f)
     return float(W.sum()) + W_h
 
 
-def resisted(elements: Elements, X: Reals, u: Reals) -> tuple[float, Reals]:
-    """Energy of hourglass modes of `u` (n, a, 3), and their forces."""
-    forces = np.einsum("nab,nbx->nax", elements.resistance(X), u)
+def hourglass_forces(elements: Elements, X: Reals, u: Reals) -> tuple[float, Reals]:
+    """Return the energy of hourglass modes of `u` (n, a, 3), and their forces."""
+    forces = np.einsum("nab,nbx->nax", elements.hourglass_stiffness(X), u)
     return float((u * forces).sum() / 2), forces
 
 
-def weighed(S: Reals, positive: float, negative: float) -> Reals:
-    """`S` with its eigenvalues times a factor for their sign."""
+def scaled_by_sign(S: Reals, positive: float, negative: float) -> Reals:
+    """Return `S` with each eigenvalue multiplied by the factor for its sign."""
     values, axes = np.linalg.eigh(S)
     values = values * np.where(values > 0, positive, negative).astype(S.dtype)
     return np.einsum("nqie,nqe,nqje->nqij", axes, values, axes)
@@ -561,19 +581,19 @@ def linearize(
     negative: float,
     f: Reals,
 ) -> tuple[float, float]:
-    """`K_ab = sum_ij g_ai g_bj A_ij + H_ab I` over points, of pairs of nodes `a < b`."""
+    """Add `K_ab = sum_ij g_ai g_bj A_ij + H_ab I`, summed over points, for pairs of nodes `a < b`."""
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
     frames = elements.in_frame(X), elements.in_frame(u)
     A = point_law(law).tangent(elements.numbers, *frames, positive, negative, points is None)
     K = np.einsum("nqai,nqbj,nqijxy->nabxy", elements.g, elements.g, A, optimize=True)
-    K += np.einsum("nab,xy->nabxy", positive * elements.resistance(X), np.eye(3, dtype=A.dtype))
+    K += np.einsum("nab,xy->nabxy", positive * elements.hourglass_stiffness(X), np.eye(3, dtype=A.dtype))
     pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
     return energy_and_force(begin, end, t, slots, points, law, X, u, f), add_pairs(to, begin, end, [K[:, a, b] for a, b in pairs])
 
 
 def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any, X: Reals, u: Reals, out: Reals) -> None:
-    """`t_ab = -sum_ij g_ai S_ij g_bj` of each linear simplex, to the slot of its edge."""
+    """Add `t_ab = -sum_ij g_ai S_ij g_bj` of each linear simplex to the slot of its edge."""
     part = slice(begin, end)
     elements = elements_of(part, t, None, law)
     S = deformed(elements, X, u)[2]
@@ -587,7 +607,10 @@ def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any
 def along(
     begin: int, end: int, t: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals
 ) -> tuple[float, float, float, float, float]:
-    """`W(s) = 1/4 S(s) : M(s)` with `M_ij(s) = M_ij + s (q_i . H_j + H_i . q_j) + s^2 H_i . H_j`, and stresses likewise."""
+    """Return the coefficients of `W(s) = 1/4 S(s) : M(s)`, `M_ij(s) = M_ij + s (q_i . H_j + H_i . q_j) + s^2 H_i . H_j`.
+
+    The stresses are the same quadratic of s.
+    """
     elements = elements_of(slice(begin, end), t, points, law)
     (q, M, _), H = deformed(elements, X, u), elements.in_frame(v)
     strains = M, symmetric(q, H), products(H, H)
@@ -597,7 +620,7 @@ def along(
             c[m + n] += contracted(stresses, strain) / 4
     x, y = elements.differences(u), elements.differences(v)
     for place, (one, other) in enumerate(((x, x), (2 * x, y), (y, y))):
-        c[place] += float((one * resisted(elements, X, other)[1]).sum() / 2)
+        c[place] += float((one * hourglass_forces(elements, X, other)[1]).sum() / 2)
     return c[0], c[1], c[2], c[3], c[4]
 
 
@@ -613,38 +636,45 @@ def forces_along(
 def _mean_force(
     part: slice, elements: Any, X: Reals, u: Reals, v: Reals, slots: Ids, law: Any, rule: MeanStress, f: Reals
 ) -> float:
-    """`w0 S(u) + w1 S(u + v)` pull along `q_i + theta H_i`; `1/4 dS : dM` with `dM_ij = q_i . H_j + H_i . q_j + H_i . H_j`."""
+    """Add the forces of the stresses `w0 S(u) + w1 S(u + v)` along `q_i + theta H_i`; return `1/4 dS : dM`.
+
+    dM_ij = q_i . H_j + H_i . q_j + H_i . H_j
+    """
     (q, _, S), H = deformed(elements, X, u), elements.in_frame(v)
     dM = symmetric(q, H) + products(H, H)
     dS, x, y = elements.stress(dM), elements.differences(u), elements.differences(v)
     forces = elements.pull((rule.w0 + rule.w1) * S + rule.w1 * dS, q + rule.theta * H)
-    add_to_slots(forces + (rule.w0 + rule.w1) * resisted(elements, X, x + rule.theta * y)[1], slots, part, f)
+    add_to_slots(forces + (rule.w0 + rule.w1) * hourglass_forces(elements, X, x + rule.theta * y)[1], slots, part, f)
     return contracted(dS, dM) / 4
 
 
 def _discrete_mean_force(
     part: slice, elements: Any, X: Reals, u: Reals, v: Reals, slots: Ids, law: Any, rule: DiscreteGradient, f: Reals
 ) -> float:
-    """`S = (w0 + w1) (S_m + a dM) + (w1 - w0) b dM` pulls along `q_i + theta H_i`; `S_m` at the mean strain.
+    """Add the forces of `S = (w0 + w1) (S_m + a dM) + (w1 - w0) b dM` along `q_i + theta H_i`; `S_m` is S at the mean strain.
 
     a = (W1 - W0 - 1/2 S_m : dM)/(1/2 dM : dM)        b = max(0, 1/4 dS : dM)/(1/2 dM : dM)
     """
     Q, h, H = elements.in_frame(X), elements.in_frame(u), elements.in_frame(v)
-    there = (np.abs(Q).sum(axis=-1) > 0).astype(Q.dtype)  # (n, q, 3) the axes that there are
+    there = (np.abs(Q).sum(axis=-1) > 0).astype(Q.dtype)  # (n, q, 3) the axes that exist
     hands = [np.ones(there.shape[:2], Q.dtype)] * 3
     if rule.oriented:
         last = np.eye(3, dtype=Q.dtype) * (1 - there)[..., None]
         hands = [np.where(np.linalg.det(x + last) < 0, -1, 1).astype(Q.dtype) for x in (Q, Q + h, Q + h + H)]
 
     def by_strain(M: Reals, hand: Reals) -> tuple[Reals, Reals]:
-        """Of triangular frames of a hand, Cholesky's factor of `1 + M`; what is relaxed knows strains."""
+        """Return W and S for strains M.
+
+        All laws but the relaxed one use Cholesky's factor of `1 + M` as a frame, triangular and with the orientation `hand`. The
+        relaxed law depends only on strains.
+        """
         if type(law) is TensionLaw:
             return relaxed(elements.numbers, M)[:2]
-        turn, straight = (np.stack([np.ones_like(x), x, np.ones_like(x)], axis=-1) for x in (hand, hands[0]))
+        deformed, resting = (np.stack([np.ones_like(x), x, np.ones_like(x)], axis=-1) for x in (hand, hands[0]))
         q = np.linalg.cholesky(np.eye(3, dtype=M.dtype) + M)
-        rest, now = there[..., None] * np.eye(3, dtype=M.dtype) * straight[..., None], there[..., None] * q * turn[..., None, :]
+        rest, now = there[..., None] * np.eye(3, dtype=M.dtype) * resting[..., None], there[..., None] * q * deformed[..., None, :]
         W, s = LAWS[type(law)].energy_and_pull(elements.numbers, rest, now - rest)
-        return W, np.einsum("nqjx,nqxk->nqjk", s * turn[..., None, :], np.linalg.inv(q))
+        return W, np.einsum("nqjx,nqxk->nqjk", s * deformed[..., None, :], np.linalg.inv(q))
 
     M, dM = strains(Q, h), symmetric(Q + h, H) + products(H, H)
     (W0, S0), (W1, S1), (_, S) = by_strain(M, hands[1]), by_strain(M + dM, hands[2]), by_strain(M + dM / 2, hands[1])
@@ -653,14 +683,14 @@ def _discrete_mean_force(
     a = ((rule.w0 + rule.w1) * (W1 - W0 - work) + (rule.w1 - rule.w0) * more) / np.where(change > 0, change, 1)
     x, y = elements.differences(u), elements.differences(v)
     forces = elements.pull((rule.w0 + rule.w1) * S + a[..., None, None] * dM, Q + h + rule.theta * H)
-    add_to_slots(forces + (rule.w0 + rule.w1) * resisted(elements, X, x + rule.theta * y)[1], slots, part, f)
+    add_to_slots(forces + (rule.w0 + rule.w1) * hourglass_forces(elements, X, x + rule.theta * y)[1], slots, part, f)
     return float(more.sum())
 
 
 def _damping_force(
     part: slice, elements: Any, X: Reals, u: Reals, v: Reals, slots: Ids, law: Any, rule: StressOfRates, f: Reals
 ) -> float:
-    """`S' = C : M'` at `M'_ij = q_i . H_j + H_i . q_j` pull along `q_i`; `1/4 S' : M'`."""
+    """Add the forces of `S' = C : M'` along `q_i`, with `M'_ij = q_i . H_j + H_i . q_j`; return `1/4 S' : M'`."""
     q, H = deformed(elements, X, u)[0], elements.in_frame(v)
     rates = symmetric(q, H)
     stresses = elements.stress(rates)
@@ -669,14 +699,16 @@ def _damping_force(
 
 
 def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals) -> None:
-    """`f_a = sum_jk |g_aj| (S_jk (|q_k| + e_k) + dS_jk |q_k|)`, `f_0 = sum_a f_a`, with the sizes `e = E + d` of what adds up
-    to `q`.
+    """Add bounds of round-off `f_a = sum_jk |g_aj| (S_jk (|q_k| + e_k) + dS_jk |q_k|)`, and `f_0 = sum_a f_a`.
 
-    |g_aj| = sum_i |dN_a/dxi_i| |Ri_ij|        E_j = sum_a |g_aj| |X_a - X_0|        d_j = sum_a |g_aj| (|u_a| + |u_0|)
-    dM_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S = |C| : |M|, dS = |C| : dM
+    Here `e = E + d` are the sizes of the summands of `q`.
 
-    Hourglass modes with `s_k = 2 c (sum_b |h_kb| (|u_b| + |u_0|) + sum_j |(h_k'X)_j| d_j)` add `(|h_ka| + sum_j |g_aj|
-    |(h_k'X)_j|) s_k`.
+        |g_aj| = sum_i |dN_a/dxi_i| |Ri_ij|        E_j = sum_a |g_aj| |X_a - X_0|        d_j = sum_a |g_aj| (|u_a| + |u_0|)
+        dM_ij = |q_i| . d_j + d_i . |Q_j| + e_i . |h_j| + |h_i| . E_j for i <= j        S = |C| : |M|, dS = |C| : dM
+
+    Hourglass modes add `(|h_ka| + sum_j |g_aj| |(h_k'X)_j|) s_k`.
+
+        s_k = 2 c (sum_b |h_kb| (|u_b| + |u_0|) + sum_j |(h_k'X)_j| d_j)
     """
     part = slice(begin, end)
     elements = elements_of(part, t, points, law)
@@ -700,19 +732,22 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
 
 
 def derivatives(t: Ids, points: Points | None) -> Reals:
-    """(nq, n - 1, 3) derivatives of the nodes 1, 2, ... of elements, which of linear simplices are the ends of the spokes."""
+    """Return the derivatives at the nodes 1, 2, ... of elements, (nq, n - 1, 3).
+
+    For linear simplices these nodes are the ends of the base vectors.
+    """
     return np.eye(3)[None] if points is None else points.B[:, : len(t) // LANES // (len(points.starts) - 1) - 1]
 
 
-def spokes_at(x: Reals, part: slice, t: Ids, points: Points | None) -> Reals:
-    """(n, nq, 3, 3) the spokes of each element at each point, as rows."""
+def base_vectors_at(x: Reals, part: slice, t: Ids, points: Points | None) -> Reals:
+    """Return the base vectors of each element at each point as rows, (n, nq, 3, 3)."""
     B = derivatives(t, points)
     at = x.reshape(-1, 3)[out_of_lanes(t, B.shape[1] + 1, part)]
     return np.einsum("qai,nax->nqix", B, at[:, 1:] - at[:, :1])
 
 
 def numbers(D: Reals, part: slice, points: Points | None, count: int) -> Reals:
-    """(n, nq, count) the numbers of each element at each point."""
+    """Return the numbers of each element at each point, (n, nq, count)."""
     if points is None:
         return out_of_lanes(D, count, part)[:, None]
     sets = [D[i:j].reshape(-1, count, LANES) for i, j in zip(points.starts[part], points.starts[1:][part], strict=False)]
@@ -723,10 +758,11 @@ def numbers(D: Reals, part: slice, points: Points | None, count: int) -> Reals:
 
 
 def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, d: int, out: Reals) -> float:
-    """`det(p_1 ... p_k) / det(P_1 ... P_k)`, the smallest of the points; where the spokes have more than `k` components, the
-    root of the ratio of Gram determinants.
+    """Write `det(p_1 ... p_k) / det(P_1 ... P_k)`, the smallest over the points, and return the smallest of all.
+
+    If base vectors have more than `k` components, the ratio is the root of the ratio of Gram determinants.
     """
-    P, U = (spokes_at(x, slice(begin, end), t, points)[:, :, :k, :d] for x in (X, u))
+    P, U = (base_vectors_at(x, slice(begin, end), t, points)[:, :, :k, :d] for x in (X, u))
     if k == d:
         ratios = np.linalg.det(P + U) / np.linalg.det(P)
     else:
@@ -738,9 +774,11 @@ def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals,
 
 
 def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, k: int, out: Reals) -> float:
-    """The smallest singular value of `F Q = Q + U R^-1` with `P = Q R`, spokes as columns: within the element's own dimensions, the
-    smallest of the points."""
-    P, U = (np.swapaxes(spokes_at(x, slice(begin, end), t, points)[:, :, :k], 2, 3) for x in (X, u))
+    """Write the smallest singular value of `F Q = Q + U R^-1` over the points, with `P = Q R`, and return the smallest of all.
+
+    P and U have base vectors as columns, so that F is restricted to the element's own dimensions.
+    """
+    P, U = (np.swapaxes(base_vectors_at(x, slice(begin, end), t, points)[:, :, :k], 2, 3) for x in (X, u))
     Q, R = np.linalg.qr(P)
     stretches = np.linalg.svd(Q + U @ np.linalg.inv(R), compute_uv=False)[..., -1]
     if len(out):
@@ -749,8 +787,8 @@ def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: R
 
 
 def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, v: Reals, k: int) -> float:
-    """The smallest positive root of the cubics `det(p + s V)` of matrices of order `k`, found by their values at four places."""
-    P, U, V = (spokes_at(x, slice(begin, end), t, points)[:, :, :k, :k].reshape(-1, k, k) for x in (X, u, v))
+    """Return the smallest positive root of the cubics `det(p + s V)` of matrices of order `k`, from their values at four points."""
+    P, U, V = (base_vectors_at(x, slice(begin, end), t, points)[:, :, :k, :k].reshape(-1, k, k) for x in (X, u, v))
     least, places = np.inf, np.array([0.0, 1.0, -1.0, 2.0])
     for rest, p, q in zip(P, P + U, V, strict=True):
         if not q.any() or np.linalg.det(p) * np.linalg.det(rest) <= 0:
@@ -765,7 +803,7 @@ def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u:
 
 
 def volume_energies(kind: int, J: Reals) -> tuple[Reals, Reals, Reals]:
-    """`psi, psi', psi''` of `J` for a stiffness of 1."""
+    """Return `psi, psi', psi''` of `J` for a stiffness of 1."""
     if kind == QUADRATIC:
         return (J - 1) ** 2 / 2, J - 1, np.ones_like(J)
     J = np.minimum(J, 1)
@@ -780,14 +818,13 @@ def volume_energies(kind: int, J: Reals) -> tuple[Reals, Reals, Reals]:
 def volumes_of(
     part: slice, t: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int
 ) -> tuple[Reals, Reals, Reals, tuple[Reals, Reals, Reals], float]:
-    """Of each element at each point: `p` (n, nq, k, k) its spokes now, `dJ/dp_i` (n, nq, k, k), `k V0`, the energies, and the
-    smallest `J` of the barrier.
+    """Return deformed base vectors `p`, `dJ/dp_i`, both (n, nq, k, k), `k V0`, the energies, and the smallest `J` of the barrier.
 
     dJ/dp = J p^-T = cof(p)/C0
     """
     stored = numbers(D, part, points, 2)
     weights = np.ones(1) if points is None else points.weights
-    p = (spokes_at(X, part, t, points) + spokes_at(u, part, t, points))[:, :, :k, :k]
+    p = (base_vectors_at(X, part, t, points) + base_vectors_at(u, part, t, points))[:, :, :k, :k]
     cofactors = np.empty_like(p)
     for i in range(k):
         for j in range(k):
@@ -803,7 +840,7 @@ def volumes_of(
 def penalty_energy_and_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
 ) -> tuple[float, float]:
-    """`W = k V0 psi(J)`, `f_i = k V0 psi' dJ/dp_i`, `F_a = sum of dN_a/dxi_i f_i`, `F_0 = -sum_a F_a`."""
+    """Return `W = k V0 psi(J)`; add `F_a = sum of dN_a/dxi_i f_i`, `F_0 = -sum_a F_a`, with `f_i = k V0 psi' dJ/dp_i`."""
     part = slice(begin, end)
     _, n, stiffness, (psi, slope, _), least = volumes_of(part, t, points, D, X, u, k, kind)
     if len(f):
@@ -830,10 +867,11 @@ def penalty_linearize(
     kept: float,
     f: Reals,
 ) -> tuple[float, float, float]:
-    """`K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)` of the spokes, spread over the nodes, `K_0b = -sum_a K_ab`.
+    """Add `K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)`, spread from base vectors to nodes.
 
-    d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0; in one and two dimensions with the axes across for the spokes that are
-    missing
+        K_0b = -sum_a K_ab        d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0
+
+    In one and two dimensions, the axes across replace the missing base vectors.
     """
     part = slice(begin, end)
     p, n, stiffness, (_, slope, curvature), least = volumes_of(part, t, points, D, X, u, k, kind)
@@ -843,11 +881,11 @@ def penalty_linearize(
     q[:, :, :k, :k] = p
     second = np.einsum("ijm,xyz,npmz->npijxy", e, e, q)[:, :, :k, :k, :k, :k]
     second = second * numbers(D, part, points, 2)[:, :, 1, None, None, None, None]
-    spokes = np.einsum("np,npix,npjy->npijxy", stiffness * curvature, n, n)
-    spokes += kept * np.einsum("np,npijxy->npijxy", stiffness * slope, second)
+    between_vectors = np.einsum("np,npix,npjy->npijxy", stiffness * curvature, n, n)
+    between_vectors += kept * np.einsum("np,npijxy->npijxy", stiffness * slope, second)
     B = derivatives(t, points)[:, :, :k]
     K = np.zeros((len(p), B.shape[1] + 1, B.shape[1] + 1, 3, 3))
-    K[:, 1:, 1:, :k, :k] = np.einsum("pai,pbj,npijxy->nabxy", B, B, spokes)
+    K[:, 1:, 1:, :k, :k] = np.einsum("pai,pbj,npijxy->nabxy", B, B, between_vectors)
     K[:, 0, 1:] = -K[:, 1:, 1:].sum(axis=1)
     pairs = EDGES if points is None else tuple(combinations(range(K.shape[1]), 2))
     W, _ = penalty_energy_and_force(begin, end, t, slots, points, D, X, u, k, kind, f)
@@ -857,8 +895,10 @@ def penalty_linearize(
 def penalty_round_off(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, D: Reals, X: Reals, u: Reals, k: int, kind: int, f: Reals
 ) -> float:
-    """`f_i = k V0 (psi'' |e| + |psi'|) |dJ/dp_i|`, with permanents for determinants, and in `|e|` `B_i = |u_i| + |u_0|` for
-    `U_i`; at points, spokes are sums, and beside `psi'` stands what the rounding of these changes `dJ/dp_i` by.
+    """Add `f_i = k V0 (psi'' |e| + |psi'|) |dJ/dp_i|`, with permanents in place of determinants.
+
+    `|e|` contains `B_i = |u_i| + |u_0|` in place of `U_i`. At points, base vectors are sums. Then the change of `dJ/dp_i` by the
+    rounding of these sums is the factor of `psi'`.
     """
     part, B = slice(begin, end), np.abs(derivatives(t, points))
     _, _, stiffness, (_, slope, curvature), least = volumes_of(part, t, points, D, X, u, k, kind)
@@ -887,7 +927,7 @@ def penalty_round_off(
 
 
 def _permanent(rows: list[Reals]) -> Reals | float:
-    """(n,) the determinant of matrices, given by their rows (n, k), with plus for minus."""
+    """Return the permanents of matrices, (n,): determinants with plus in place of minus; `rows` are their rows (n, k)."""
     if not rows:
         return 1.0
     total: Reals = np.zeros(len(rows[0]))
@@ -897,13 +937,15 @@ def _permanent(rows: list[Reals]) -> Reals | float:
 
 
 def add_pairs(to: Any, begin: int, end: int, pairs: list[Reals]) -> float:
-    """Add the blocks (n, 3, 3) of each of the `pairs` of elements to the slots of all pairs; or, block of lanes by block of lanes,
-    to those of rows in work, and write the rows that are complete then, whose trace is returned. Of segments and triangles only the
-    first pairs of a tetrahedron have slots.
+    """Add the blocks (n, 3, 3) of each of the `pairs` of elements to the slots of the pairs; return the trace.
+
+    With `RowSlots`, the blocks are added block of lanes by block of lanes to the slots of unfinished rows. Rows that are then
+    complete are written, and the trace is that of these rows. Segments and triangles have slots only for the first pairs of a
+    tetrahedron.
     """
     slots = out_of_lanes(to.slots, to.slots.shape[1] // LANES, slice(begin, end)).T
-    turned, slots = (slots & TRANSPOSED) > 0, slots & ~TRANSPOSED
-    values = np.stack([np.where(of[:, None, None], K.swapaxes(1, 2), K) for of, K in zip(turned, pairs, strict=False)])
+    transposed, slots = (slots & TRANSPOSED) > 0, slots & ~TRANSPOSED
+    values = np.stack([np.where(of[:, None, None], K.swapaxes(1, 2), K) for of, K in zip(transposed, pairs, strict=False)])
     if isinstance(to, PairSlots):
         to.blocks[9 * to.marks[begin] : 9 * to.marks[end]] = 0
         np.add.at(to.blocks.reshape(-1, 3, 3), slots, values)
@@ -921,7 +963,7 @@ def add_pairs(to: Any, begin: int, end: int, pairs: list[Reals]) -> float:
 
 
 def finish_rows(begin: int, end: int, to: RowSlots) -> float:
-    """The transposes of lower neighbours, minus the sum of all, and upper neighbours, each to its columns; the trace."""
+    """Write transposes of lower neighbours, minus the sum of all, and upper neighbours to their columns; return the trace."""
     blocks = np.column_stack([to.eights.reshape(-1, 8), to.ninths]).reshape(-1, 3, 3)
     trace = 0.0
     for row in range(begin, end):
@@ -937,7 +979,7 @@ def finish_rows(begin: int, end: int, to: RowSlots) -> float:
 
 
 def fold_slots(begin: int, end: int, starts: Ids, sources: Ids, to: RowSlots) -> None:
-    """Each slot of other parts to the one that it belongs to."""
+    """Add each slot of other parts to its target slot."""
     for slot in range(begin, end):
         of = sources[starts[slot] : starts[slot + 1]]
         to.eights.reshape(-1, 8)[slot] += to.eights.reshape(-1, 8)[of].sum(axis=0)
@@ -945,33 +987,33 @@ def fold_slots(begin: int, end: int, starts: Ids, sources: Ids, to: RowSlots) ->
 
 
 def gather(x: Reals, order: Ids, out: Reals) -> None:
-    """`x` (n, d) of the mesh in the kernels' order, with three components."""
+    """Write `x` (n, d) of the mesh in the kernels' order, with three components."""
     out.reshape(-1, 3)[: len(order), : x.shape[1]] = x[order]
 
 
 def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
-    """Values at their places."""
+    """Write `out[i] = values[places[i]]`."""
     out[begin:end] = values[places[begin:end]]
 
 
 def total(x: Reals) -> float:
-    """`sum_i x_i`."""
+    """Return `sum_i x_i`."""
     return float(x.sum())
 
 
 def add_scaled(begin: int, end: int, factor: float, blocks: Reals, out: Reals) -> None:
-    """`out += factor blocks`."""
+    """Compute `out += factor blocks`."""
     out[begin:end] += factor * blocks[begin:end]
 
 
 def fold(values: Reals, size: int, targets: Ids, width: int) -> None:
-    """Add the slots behind the first `size` to their targets."""
+    """Add the slots after the first `size` to their targets."""
     slots = values.reshape(-1, width)
     np.add.at(slots[:size], targets, slots[size : size + len(targets)])
 
 
 def add_scattered(x: Reals, order: Ids, out: Reals) -> None:
-    """Add `x` in the kernels' order to `out` (n, d) of the mesh."""
+    """Add `x`, in the kernels' order, to `out` (n, d) of the mesh."""
     np.add.at(out, order, x.reshape(-1, 3)[: len(order), : out.shape[1]])
 
 
@@ -987,7 +1029,7 @@ def fill_rows(
     add: bool,
     data: Reals,
 ) -> float:
-    """`K_ab` of the edges, `K_ba = K_ab'`, `K_aa = -sum_b K_ab`, each value to its place; the trace."""
+    """Write `K_ab` of the edges, `K_ba = K_ab'` and `K_aa = -sum_b K_ab` to the indices of their values; return the trace."""
     trace, edges = 0.0, blocks.reshape(-1, 3, 3)
     for vertex in range(begin, end):
         star = slice(rows[vertex], rows[vertex + 1])
@@ -1004,19 +1046,19 @@ def fill_rows(
 
 
 def weigh_negative(begin: int, end: int, tensions: Reals, less: float, blocks: Reals) -> None:
-    """`K_ab + less min(t_ab, 0) I`."""
+    """Compute `K_ab + less min(t_ab, 0) I`."""
     blocks.reshape(-1, 3, 3)[begin:end] += less * np.minimum(tensions[begin:end, None, None], 0) * np.eye(3)
 
 
 def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
-    """Add `K_aa = -sum_b K_ab` to `out` (n, d, d) of the mesh, and at the other end `-sum_a K_ab'`."""
+    """Add `K_aa = -sum_b K_ab` to `out` (n, d, d) of the mesh, and `-sum_a K_ab'` at the other end."""
     d, K = out.shape[1], blocks.reshape(-1, 3, 3)[: len(edges)]
     np.subtract.at(out, order[edges[:, 0]], K[:, :d, :d])
     np.subtract.at(out, order[edges[:, 1]], np.swapaxes(K, 1, 2)[:, :d, :d])
 
 
 def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Reals) -> None:
-    """Add `|K_ab| x_b` to `out` (n,) of the mesh, and at the other end `|K_ab| x_a`."""
+    """Add `|K_ab| x_b` to `out` (n,) of the mesh, and `|K_ab| x_a` at the other end."""
     K = blocks.reshape(-1, 3, 3)[: len(edges), :d, :d].astype(np.float64)
     (a, b), norms = order[edges].T, np.linalg.norm(K, axis=(1, 2))
     np.add.at(out, a, norms * x[b])
@@ -1024,7 +1066,7 @@ def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Real
 
 
 def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
-    """`(K v)_a = sum_b K_ab (v_b - v_a)`, and at the other end `K_ab' (v_a - v_b)`."""
+    """Add `(K v)_a = sum_b K_ab (v_b - v_a)`, and `K_ab' (v_a - v_b)` at the other end."""
     (a, b), slots = edges[begin:end].T, slots[begin:end]
     K, x, to = blocks.reshape(-1, 3, 3)[begin:end], v.reshape(-1, 3), out.reshape(-1, 3)
     np.add.at(to, slots[:, 0], np.einsum("exy,ey->ex", K, x[b] - x[a]))
@@ -1032,20 +1074,21 @@ def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Rea
 
 
 def lexicographic_order(rows: Ids, n: int) -> Ids:
-    """(items,) order of the columns of `rows` (m, items), first row first; equal columns stay as they are."""
+    """Return the order of the columns of `rows` (m, items), first row first, (items,); the order of equal columns is unchanged."""
     return np.lexsort(rows[::-1]).astype(np.int32)
 
 
 def edges_of_simplices(t: Ids, local: Ids, n: int) -> tuple[Ids, Ids]:
-    """Edges (2, ne), `a < b` in lexicographic order, and (m, nt) edges of the simplices."""
+    """Return edges (2, ne), `a < b` in lexicographic order, and the edges of the simplices, (m, nt)."""
     ends = np.sort(t[local.T], axis=0).reshape(2, -1)  # all edges of the first local pair, then of the second, ...
     edges, number = np.unique(ends, axis=1, return_inverse=True)
     return edges.astype(np.int32), number.reshape(len(local), -1).astype(np.int32)
 
 
 def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
-    """(count,) new numbers of the ids in `blocks` (n, m), in the order of their first use, and (n + 1,) how many blocks 0 ... i - 1
-    use.
+    """Return new numbers of the ids in `blocks` (n, m) by their first use, (count,), and numbers of ids used so far, (n + 1,).
+
+    Entry i of the second array is the number of ids that the blocks 0 ... i - 1 use.
     """
     ids, first = np.unique(blocks.ravel(), return_index=True)
     number = np.full(count, -1)
@@ -1055,7 +1098,7 @@ def numbers_by_first_use(blocks: Ids, count: int) -> tuple[Ids, Ids]:
 
 
 def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
-    """`begin`, `others` and `entries`: the rows of a matrix with `e` at `(a, b)`, `-1 - e` at `(b, a)` and OWN at `(a, a)`."""
+    """Return `begin`, `others` and `entries`: rows of a matrix with `e` at `(a, b)`, `-1 - e` at `(b, a)` and OWN at `(a, a)`."""
     (a, b), e, own = edges, np.arange(edges.shape[1]), np.arange(n)
     row, others = np.concatenate([a, b, own]), np.concatenate([b, a, own])
     entries = np.concatenate([e, -1 - e, np.full(n, OWN)])
@@ -1065,7 +1108,7 @@ def stars(edges: Ids, n: int) -> tuple[Ids, Ids, Ids]:
 
 
 def last_uses(t: Ids, parts: Ids, n: int) -> tuple[Ids, Ids]:
-    """By sets of the parts that have a node; the last row with it."""
+    """Return the only part that has each node, or the number of parts, and the last row of `t` with the node."""
     part = np.repeat(np.arange(len(parts) - 1), np.diff(parts))
     uses = [np.flatnonzero((t == node).any(axis=1)) for node in range(n)]
     of = [set(part[rows].tolist()) for rows in uses]
@@ -1075,7 +1118,7 @@ def last_uses(t: Ids, parts: Ids, n: int) -> tuple[Ids, Ids]:
 def assign_slots(
     t2e: Ids, pairs: Ids, parts: Ids, row_of: Ids, done: Ids, begin: Ids, pair_of: Ids
 ) -> tuple[Ids, Ids, Ids, Ids, Ids, int]:
-    """A slot for each pair in each part that has it, which no other pair ever has."""
+    """Assign a slot to each pair in each part that has the pair; no other pair ever uses the slot."""
     lasting = (row_of[pairs] >= done[-1]).any(axis=1)
     number: dict[tuple[int, int], int] = {}  # (part, pair) in the order of first use
     uses, marks = [], [0]
@@ -1095,7 +1138,7 @@ def assign_slots(
 
 
 def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
-    """`indptr` and `indices` of scipy's CSR format: a row of a vertex has `d` columns for each of its blocks, `d` times."""
+    """Return `indptr` and `indices` of scipy's CSR format; each row of blocks becomes `d` rows with `d` columns per block."""
     blocks = np.split(d * columns[:, None] + np.arange(d), begin[1:-1])
     rows = [block.ravel() for block in blocks for _ in range(d)]
     indptr = np.concatenate([[0], np.cumsum([len(row) for row in rows])])
@@ -1103,7 +1146,7 @@ def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
 
 
 def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
-    """(n,) place in the CSR values of the first value of each block `(a, b)`, -1 for a block that is not there."""
+    """Return the index in the CSR values of the first value of each block `(a, b)`, (n,), or -1 for a missing block."""
     row = np.repeat(np.arange(len(begin) - 1), np.diff(begin))
     first = d * d * begin[row] + d * (np.arange(len(columns)) - begin[row])
     known = dict(zip(zip(row.tolist(), columns.tolist(), strict=True), first.tolist(), strict=True))
@@ -1119,7 +1162,10 @@ def pieces_of_simplices(t: Ids, n: int) -> Ids:
 
 
 def measures(p: Reals, t: Ids) -> Reals:
-    """(3, nt) `k!` times the volume, the longest edge, and the `(k - 1)!`-fold measure of the largest facet: a point's is 1."""
+    """Return `k!` times the volume, the longest edge, and `(k - 1)!` times the measure of the largest facet, (3, nt).
+
+    The measure of a point is 1.
+    """
     n = range(len(t))
     edges = [_measure(p, t[[a, b]]) for a in n for b in n if a < b]
     facets = [_measure(p, np.delete(t, a, axis=0)) for a in n]
@@ -1127,13 +1173,13 @@ def measures(p: Reals, t: Ids) -> Reals:
 
 
 def frames(p: Reals, t: Ids) -> Reals:
-    """(7, nt) `Ri` and `k!` times the size, by Householder's QR of the spokes."""
+    """Return `Ri` and `k!` times the size, (7, nt), by Householder's QR of the base vectors."""
     x = np.concatenate([p, np.zeros((3 - len(p), p.shape[1]))]).T[t.T]
     return frames_of_spokes(x[:, 1:] - x[:, :1])
 
 
 def frames_of_spokes(P: Reals) -> Reals:
-    """(7, n) `Ri = R^-1` with a positive diagonal in the order 11, 12, 13, 22, 23, 33, and the determinant of `R`."""
+    """Return `Ri = R^-1` with a positive diagonal in the order 11, 12, 13, 22, 23, 33, and the determinant of `R`, (7, n)."""
     n, k, _ = P.shape
     R = np.linalg.qr(P.swapaxes(1, 2))[1]
     R *= np.sign(np.diagonal(R, axis1=1, axis2=2))[:, :, None]
@@ -1143,35 +1189,36 @@ def frames_of_spokes(P: Reals) -> Reals:
 
 
 def _metric(p: Reals, t: Ids) -> Reals:
-    """(nt, k, k) `P_i . P_j` of the spokes `P_i = X_i - X_0`."""
+    """Return `P_i . P_j` of the base vectors `P_i = X_i - X_0`, (nt, k, k)."""
     P = p[:, t[1:]] - p[:, t[:1]]
     return np.einsum("din,djn->nij", P, P)
 
 
 def _measure(p: Reals, t: Ids) -> Reals:
-    """(nt,) `k!` times the volume."""
+    """Return `k!` times the volume, (nt,)."""
     return np.sqrt(np.linalg.det(_metric(p, t)))
 
 
 def _dense(rows: Ids, columns: Ids, blocks: Reals, width: int) -> NDArray[np.float64]:
-    """(3 n, 3 width) all entries of a matrix of blocks."""
+    """Return all entries of a matrix of blocks, (3 n, 3 width)."""
     matrix = np.zeros((len(rows) - 1, width, 3, 3))
     matrix[np.repeat(np.arange(len(rows) - 1), np.diff(rows)), columns] = blocks.reshape(-1, 3, 3)
     return matrix.transpose(0, 2, 1, 3).reshape(3 * len(matrix), 3 * width)
 
 
-def _of_part(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, keep: str) -> NDArray[np.float64]:
-    """(3 (end - begin), 3 n) rows of the part; kept of them: all, or the blocks "before" the diagonal or "after" it within the
-    part.
+def _rows_of_part(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, keep: str) -> NDArray[np.float64]:
+    """Return rows of the part, (3 (end - begin), 3 n), with the blocks that `keep` names, and zeros elsewhere.
+
+    `keep` is "all", or "before" or "after" for the blocks before or after the diagonal within the part.
     """
     n = len(rows) - 1
     i, j = np.indices((n, n))
-    kept = {"all": i == i, "before": (begin <= j) & (j < i), "after": (i < j) & (j < end)}[keep]
-    return (_dense(rows, columns, blocks, n) * np.kron(kept, np.ones((3, 3))))[3 * begin : 3 * end]
+    selected = {"all": i == i, "before": (begin <= j) & (j < i), "after": (i < j) & (j < end)}[keep]
+    return (_dense(rows, columns, blocks, n) * np.kron(selected, np.ones((3, 3))))[3 * begin : 3 * end]
 
 
 def _diagonal_of(begin: int, end: int, inverse: Reals) -> NDArray[np.float64]:
-    """(3 (end - begin),) * 2 the diagonal blocks of the part, from their inverses."""
+    """Return the diagonal blocks of the part, (3 (end - begin),) * 2, from their inverses."""
     matrix = np.zeros((3 * (end - begin),) * 2)
     for k, block in enumerate(inverse.reshape(-1, 3, 3)[begin:end]):
         matrix[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = np.linalg.inv(block)
@@ -1194,7 +1241,7 @@ def fill_blocks(
     blocks: Reals,
     single: Reals,
 ) -> None:
-    """Entry by entry; what has no unknown gets a diagonal."""
+    """Write the blocks entry by entry; components without an unknown have `1 / scale` on the diagonal."""
     n, place = len(rows) - 1, 3 * block + component
     K = np.zeros((3 * n, 3 * n))
     K[place[np.repeat(np.arange(len(block)), np.diff(indptr))], place[indices]] = values
@@ -1207,7 +1254,7 @@ def fill_blocks(
 
 
 def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Reals, add: bool, out: Reals) -> None:
-    """`A x`."""
+    """Compute `A x`."""
     part = slice(3 * begin, 3 * end)
     out[part] = _dense(rows, columns, blocks, len(x) // 3)[part] @ x + (out[part] if add else 0)
 
@@ -1215,46 +1262,47 @@ def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Rea
 def sweep_forward(
     begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, inverse: Reals, b: Reals, x: Reals
 ) -> None:
-    """`(L + D) x = b` within the part."""
+    """Solve `(L + D) x = b` within the part."""
     part = slice(3 * begin, 3 * end)
-    lower = _of_part(begin, end, rows, columns, blocks, "before")[:, part]
+    lower = _rows_of_part(begin, end, rows, columns, blocks, "before")[:, part]
     x[part] = np.linalg.solve(lower + _diagonal_of(begin, end, inverse), b[part])
 
 
 def residual_after_forward(
     begin: int, end: int, rows: Ids, columns: Ids, diagonal: Ids, blocks: Reals, extra: Reals, x: Reals, out: Reals
 ) -> None:
-    """`(L + D) x - A x`, where D has `extra` on its diagonal."""
+    """Compute `(L + D) x - A x`, where D has `extra` on its diagonal."""
     part = slice(3 * begin, 3 * end)
     own = np.repeat(extra, 3)[part] * x[part]
     for i in range(begin, end):
         own[3 * (i - begin) : 3 * (i - begin) + 3] += blocks.reshape(-1, 3, 3)[diagonal[i]] @ x[3 * i : 3 * i + 3]
-    lower, all_of_it = (_of_part(begin, end, rows, columns, blocks, kept) for kept in ("before", "all"))
+    lower, all_of_it = (_rows_of_part(begin, end, rows, columns, blocks, which) for which in ("before", "all"))
     out[part] = own + (lower - all_of_it) @ x
 
 
 def sweep_backward(
     begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, inverse: Reals, b: Reals, before: Reals, x: Reals
 ) -> None:
-    """`(U + D) (x_new - x) = b - A x` within the part; outside of it `before` counts."""
+    """Solve `(U + D) (x_new - x) = b - A x` within the part; outside of the part, A x uses `before`."""
     part = slice(3 * begin, 3 * end)
-    upper = _of_part(begin, end, rows, columns, blocks, "after")[:, part]
+    upper = _rows_of_part(begin, end, rows, columns, blocks, "after")[:, part]
     state = before.copy()
     state[part] = x[part]
-    residual = b[part] - _of_part(begin, end, rows, columns, blocks, "all") @ state
+    residual = b[part] - _rows_of_part(begin, end, rows, columns, blocks, "all") @ state
     x[part] += np.linalg.solve(upper + _diagonal_of(begin, end, inverse), residual)
 
 
 def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
-    """Half the sum of the Frobenius norms outside of the part."""
+    """Write half the sum of the Frobenius norms of the blocks outside of the part."""
     norms = np.linalg.norm(blocks.reshape(-1, 9), axis=1) * ((columns < begin) | (columns >= end))
     for i in range(begin, end):
         extra[i] = norms[rows[i] : rows[i + 1]].sum() / 2
 
 
 def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: Reals, out: Reals) -> int:
-    """`L^-T |P|^-1 L^-1` of `D = L P L'`; pivots that are as good as zero are replaced by the size of the block. How many are
-    negative.
+    """Write `L^-T |P|^-1 L^-1` of `D = L P L'`, and return the number of negative pivots.
+
+    Pivots that are almost zero are replaced by the size of the block.
     """
     negative = 0
     for i in range(begin, end):
@@ -1287,7 +1335,7 @@ def multiply_blocks(
     width: int,
     out: Reals,
 ) -> None:
-    """`A B`, of which the structure keeps its places."""
+    """Compute the blocks of `A B` that the structure of the result contains."""
     matrix = _dense(rows, columns, blocks, len(other_rows) - 1) @ _dense(other_rows, other_columns, other, width)
     for i in range(begin, end):
         for k in range(out_rows[i], out_rows[i + 1]):
@@ -1306,7 +1354,7 @@ def smooth_prolongator(
     tentative: Reals,
     out: Reals,
 ) -> None:
-    """`T - omega D^-1 (A T)`."""
+    """Compute `T - omega D^-1 (A T)`."""
     for i in range(begin, end):
         places = slice(rows[i], rows[i + 1])
         out.reshape(-1, 3, 3)[places] = -omega * inverse.reshape(-1, 3, 3)[i] @ products.reshape(-1, 3, 3)[places]
@@ -1314,12 +1362,12 @@ def smooth_prolongator(
 
 
 def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Reals) -> None:
-    """Each block from its place."""
+    """Write the transpose of each block from its index."""
     out.reshape(-1, 3, 3)[begin:end] = blocks.reshape(-1, 3, 3)[places[begin:end]].transpose(0, 2, 1)
 
 
 def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, modes: Reals, coarse: Reals) -> None:
-    """`Q R` of each aggregate by projection, `R = Q' B`."""
+    """Compute `Q R` of each aggregate by projection, `R = Q' B`."""
     of_row, of_aggregate = modes.reshape(-1, count, 3, 3), coarse.reshape(-1, count, count, 3, 3)
     for a in range(begin, end):
         ids = members[starts[a] : starts[a + 1]]
@@ -1335,7 +1383,7 @@ def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, 
 
 
 def invert_dense(a: Reals) -> bool:
-    """Whether it is positive definite; then its inverse."""
+    """Return whether the matrix is positive definite; if so, replace it by its inverse."""
     if np.linalg.eigvalsh(a).min() <= 0:
         return False
     a[:] = np.linalg.inv(a)
@@ -1343,12 +1391,12 @@ def invert_dense(a: Reals) -> bool:
 
 
 def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
-    """The part of `x'y`."""
+    """Return the contribution of the part to `x'y`."""
     return float((x[begin:end] * y[begin:end]).sum())
 
 
 def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Reals) -> float:
-    """`x += alpha p`, `r -= alpha q`, `r'r`."""
+    """Update `x += alpha p` and `r -= alpha q`, and return `r'r`."""
     part = slice(begin, end)
     x[part] += alpha * p[part]
     r[part] -= alpha * q[part]
@@ -1356,17 +1404,17 @@ def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Re
 
 
 def turn(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
-    """`p = z + beta p`."""
+    """Compute `p = z + beta p`."""
     p[begin:end] = z[begin:end] + beta * p[begin:end]
 
 
 def multiply_diagonal(begin: int, end: int, blocks: Reals, x: Reals, out: Reals) -> None:
-    """Block by block."""
+    """Multiply by the diagonal blocks, block by block."""
     out.reshape(-1, 3)[begin:end] = np.einsum("nij,nj->ni", blocks.reshape(-1, 3, 3)[begin:end], x.reshape(-1, 3)[begin:end])
 
 
 def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, n: int) -> Reals:
-    """(3 n, 3 n) with `A_ab`, `A_ba = A_ab'`, and `A_aa` that are given or `s_a - sum_b A_ab`, dense."""
+    """Return the dense matrix (3 n, 3 n) with `A_ab`, `A_ba = A_ab'`, and `A_aa`, either user-supplied or `s_a - sum_b A_ab`."""
     A = np.zeros((n, n, 3, 3))
     shifted = len(diagonal) == 3 * n
     A[range(n), range(n)] = diagonal.reshape(n, 3, 1) * np.eye(3) if shifted else diagonal.reshape(n, 3, 3)
@@ -1379,7 +1427,7 @@ def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, n: int) -> Reals
 
 
 def filtered(edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, omega: float) -> tuple[Reals, Reals, Reals]:
-    """A, E and L without rows and columns that are held, but for ones on the diagonal of E."""
+    """Return A, E and L without the rows and columns of constrained components; E has ones on their diagonal."""
     n = len(inverse) // 9
     A, E = matrix_of_edges(edges, blocks, diagonal, n), np.zeros((3 * n, 3 * n))
     A[held] = 0
@@ -1392,7 +1440,7 @@ def filtered(edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: I
 
 
 def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals) -> None:
-    """`r = b - A x` in the place of s, and `|r|`."""
+    """Write `r = b - A x` to s, and `|r|` to `state`."""
     A = matrix_of_edges(edges, blocks, diagonal, work.shape[1] // 3)
     A[held] = 0
     work[S] = -A @ work[X]
@@ -1402,7 +1450,7 @@ def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids,
 
 
 def precondition(edges: Ids, blocks: Reals, inverse: Reals, held: Ids, omega: float, work: Reals) -> None:
-    """`t = M^-1 r` for an r in the place of s."""
+    """Compute `t = M^-1 r` for an r stored in s."""
     _, E, L = filtered(edges, blocks, np.zeros(len(inverse) // 3), inverse, held, omega)
     work[T] = np.linalg.solve((E + L) @ np.linalg.solve(E, E + L.T), work[S])
 
@@ -1419,7 +1467,10 @@ def iterate(
     state: Reals,
     work: Reals,
 ) -> tuple[int, int]:
-    """`p = s + beta p`, `t = (E + L')^-1 p`, `u = E (E + L)^-1 A t`, `alpha = s'E^-1 s / t'A t`, `x += alpha t`, `s -= alpha u`."""
+    """Iterate `p = s + beta p`, `t = (E + L')^-1 p`, `u = E (E + L)^-1 A t`, `x += alpha t`, `s -= alpha u`.
+
+    alpha = s'E^-1 s / t'A t
+    """
     A, E, L = filtered(edges, blocks, diagonal, inverse, held, omega)
     if state[SEEN] == 0 and state[NORM] > enough:
         work[S] = E @ np.linalg.solve(E + L, work[S])
@@ -1447,7 +1498,7 @@ def iterate(
 
 
 def shifted_diagonal(edges: Ids, blocks: Reals, held: Ids, places: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
-    """The blocks on the diagonal of the matrix, with the shift."""
+    """Write the diagonal blocks of the matrix, with the shift, and return their sum."""
     if len(shift):
         diagonal[places] = shift
     n = len(out) // 9
@@ -1470,7 +1521,7 @@ def fill_edges(
     blocks: Reals,
     diagonal: Reals,
 ) -> None:
-    """The blocks of the matrix that are above the diagonal, and on it."""
+    """Write the blocks of the matrix above the diagonal, and on it."""
     n = len(rows) - 1
     A, place = np.zeros((3 * n, 3 * n)), 3 * block + component
     for u, to in enumerate(place):
@@ -1480,36 +1531,36 @@ def fill_edges(
     diagonal[:] = A[range(n), range(n)].ravel()
 
 
-# Of motion.
+# Kernels of motion.
 
 
 def momenta(p: Reals, u: Reals, v: Reals, Mv: Reals, out: Reals) -> None:
-    """`v . M v`, `sum M v`, `sum x (x) M v`."""
+    """Write `v . M v`, `sum M v`, `sum x (x) M v`."""
     x, q = np.zeros((len(u), 3)), np.zeros((len(u), 3))
     x[:, : len(p)], q[:, : len(p)] = p.T + u, Mv
     out[:] = [(v * Mv).sum(), *q.sum(axis=0), *np.cross(x, q).sum(axis=0)]
 
 
 def lumped_momenta(p: Reals, u: Reals, v: Reals, m: Reals, f: Reals, out: Reals) -> None:
-    """`momenta` of masses `m`, and `f . u`."""
+    """Write `momenta` of masses `m`, and `f . u`."""
     x, w = u.reshape(-1, len(p)), v.reshape(-1, len(p))
     momenta(p, x, w, m[:, None] * w, out[:7])
     out[7] = (f * u).sum()
 
 
 def kick_and_drift(a: Reals, h: float, dt: float, v: Reals, u: Reals) -> None:
-    """`v += h a`, `u += dt v`."""
+    """Compute `v += h a`, `u += dt v`."""
     v += h * a
     u += dt * v
 
 
 def accelerate(inverse: Reals, external: Reals, internal: Reals, h: float, a: Reals, v: Reals) -> None:
-    """`a = M^-1 (external - internal)`, `v += h a`."""
+    """Compute `a = M^-1 (external - internal)`, `v += h a`."""
     a[:] = inverse * (external - internal)
     v += h * a
 
 
 def push_and_drift(inverse: Reals, external: Reals, internal: Reals, h: float, v: Reals, u: Reals) -> None:
-    """`v += h M^-1 (external - internal)`, `u += h v`."""
+    """Compute `v += h M^-1 (external - internal)`, `u += h v`."""
     v += h * inverse * (external - internal)
     u += h * v

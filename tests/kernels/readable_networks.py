@@ -1,4 +1,4 @@
-"""The kernels of networks once more, slow and to be read: as `readable`, which holds those on elements."""
+"""Readable twins of the kernels of networks; `readable` has the twins of kernels of elements."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skfem_stvk.kernels.networks import EDGES, SPARE
 
 
 def in_blocks_of_edges(x: Reals, edges: int) -> Reals:
-    """(edges, 3) what stands in blocks of edges, one row an edge."""
+    """Return the values in blocks of edges, (edges, 3), one row per edge."""
     return x.reshape(-1, 3, EDGES).transpose(0, 2, 1).reshape(-1, 3)[:edges]
 
 

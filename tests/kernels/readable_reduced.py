@@ -1,4 +1,4 @@
-"""The kernels of reduced bodies once more: quartics of few variables by their whole symmetric tensors."""
+"""Readable twins of the kernels of reduced bodies: quartics of few variables by their whole symmetric tensors."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def ordered(n: int, factors: int) -> list[tuple[int, ...]]:
-    """Indices `a <= b <= ...` of products of so many of n variables, in the kernels' order: by the last, then the one before."""
+    """Return the indices `a <= b <= ...` of products of `factors` of n variables, in the kernels' order.
+
+    The order is by the last index, then by the last but one, and so on.
+    """
     return sorted(combinations_with_replacement(range(n), factors), key=lambda indices: indices[::-1])
 
 
 def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
-    """`L M` with `M_ij = q_i . q_j - Q_i . Q_j`."""
+    """Write `L M` with `M_ij = q_i . q_j - Q_i . Q_j`."""
     k, n = G.shape[1], G.shape[3]
     M = np.einsum("eixa,ejxb->eijab", G, G)
     M = M + np.swapaxes(M, 3, 4)
@@ -29,7 +32,7 @@ def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
 
 
 def distinct_coefficients(C: Reals, T: Reals) -> None:
-    """Every pair of products of pairs, added to where its four factors stand."""
+    """Add each product of two pairs to the coefficient of its four factors."""
     pairs = ordered(int(np.sqrt(2 * len(C))), 2)
     place = {indices: at for at, indices in enumerate(ordered(int(np.sqrt(2 * len(C))), 4))}
     T[:] = 0
@@ -39,7 +42,7 @@ def distinct_coefficients(C: Reals, T: Reals) -> None:
 
 
 def quartic(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, G: Reals, H: Reals) -> float:
-    """W, its gradient and its second derivatives, of the symmetric tensor S with the same sum."""
+    """Return W and write its gradient and second derivatives, from the symmetric tensor S that gives the same quartic."""
     n = len(x)
     S = np.zeros((n,) * 4)
     for value, indices in zip(T, ordered(n, 4), strict=True):

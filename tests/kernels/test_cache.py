@@ -1,4 +1,4 @@
-"""Machine code on disk: damaged files are deleted and said, a full disk costs time and nothing else."""
+"""Cached machine code: damaged files are reported and deleted, and a full disk costs only compile time."""
 
 import os
 import signal
@@ -25,7 +25,7 @@ from skfem_stvk.kernels.topology import lexicographic_order
 assert lexicographic_order(np.array([[2, 0, 1]], dtype=np.int32), 3).tolist() == [1, 2, 0]
 """
 NO_ROOM = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
-#: One law stored in two ways, on linear simplices, with a table of points, and with mean gradients, in an order.
+#: One law stored in two ways, on linear simplices, with a table of points, and with mean gradients, in the order `kinds`.
 LAWS = """
 import numpy as np
 from skfem_stvk.kernels.lanes import LANES, MeanPoints, Points
@@ -49,8 +49,8 @@ for law, points in {kinds}:
 KINDS = "(GeneralLaw, Points)", "(IsotropicLaw, None)", "(IsotropicLaw, MeanPoints)"
 
 
-def said(code, cache, **environment):
-    """What a process with this cache says; it must come out right."""
+def messages_of(code, cache, **environment):
+    """Return the standard error of a process with this cache, after checks that the process succeeded and printed nothing."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT), **environment}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
@@ -58,56 +58,56 @@ def said(code, cache, **environment):
     return done.stderr
 
 
-#: What may happen to a file of the cache: its ending, and what becomes of its bytes.
+#: Damage to files of the cache: the suffix of the file, and a function that changes its bytes.
 DAMAGE = {
     "an index cut off": ("nbi", lambda data: data[: len(data) // 2]),
-    "an index of nothing": ("nbi", lambda data: b""),
+    "an empty index": ("nbi", lambda data: b""),
     "code cut off": ("nbc", lambda data: data[: len(data) // 2]),
     "code with zeros at its end": ("nbc", lambda data: data[: len(data) // 2] + bytes(len(data) - len(data) // 2)),
-    "code with one bit turned": ("nbc", lambda data: data[:-1000] + bytes([data[-1000] ^ 1]) + data[-999:]),
+    "code with one bit flipped": ("nbc", lambda data: data[:-1000] + bytes([data[-1000] ^ 1]) + data[-999:]),
 }
 
 
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cache")
-    said(KERNEL, folder)
+    messages_of(KERNEL, folder)
     return folder
 
 
-@pytest.mark.parametrize("damage", slow_but({"an index cut off", "code with one bit turned"}, DAMAGE))
-def test_a_damaged_cache_is_said_deleted_and_made_anew(damage, cache):
+@pytest.mark.parametrize("damage", slow_but({"an index cut off", "code with one bit flipped"}, DAMAGE))
+def test_a_damaged_cache_is_reported_deleted_and_compiled_again(damage, cache):
     suffix, change = DAMAGE[damage]
     (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("topology.lexicographic_order")]
     whole = file.read_bytes()
     file.write_bytes(change(whole))
-    words = said(KERNEL, cache)
+    words = messages_of(KERNEL, cache)
     assert (
         "is damaged" in words and "it is deleted and compiled anew" in words and str(cache) in words and words.count("damaged") == 1
     )
     assert file.read_bytes() != change(whole)
 
 
-def test_a_whole_cache_is_used_in_silence(cache):
-    said(KERNEL, cache)
-    assert said(KERNEL, cache) == ""
+def test_an_intact_cache_is_used_without_a_message(cache):
+    messages_of(KERNEL, cache)
+    assert messages_of(KERNEL, cache) == ""
 
 
 @pytest.mark.slow
-def test_laws_and_elements_find_their_code_in_another_process_whatever_their_order(tmp_path):
-    """Their formulas are chosen by type: the code of one is not that of another, and none is compiled again."""
-    assert "compiling" in said(LAWS.format(kinds=f"[{', '.join(KINDS)}]"), tmp_path)
-    assert said(LAWS.format(kinds=f"[{', '.join(KINDS[::-1])}]"), tmp_path) == ""
+def test_laws_and_elements_find_their_cached_code_in_any_order(tmp_path):
+    """Formulas are chosen by type; each type has its own code, and the second process compiles nothing."""
+    assert "compiling" in messages_of(LAWS.format(kinds=f"[{', '.join(KINDS)}]"), tmp_path)
+    assert messages_of(LAWS.format(kinds=f"[{', '.join(KINDS[::-1])}]"), tmp_path) == ""
 
 
-def test_a_full_disk_is_said_and_kernels_are_compiled(tmp_path):
-    words = said(NO_ROOM + KERNEL, tmp_path)
+def test_a_full_disk_is_reported_and_kernels_are_compiled(tmp_path):
+    words = messages_of(NO_ROOM + KERNEL, tmp_path)
     assert "compiled kernels cannot be kept in" in words and "NUMBA_CACHE_DIR" in words and words.count("cannot be kept") == 1
     assert not [file for file in tmp_path.rglob("*") if file.is_file() and file.stat().st_size]
 
 
 @pytest.mark.parametrize("given", ["0", "abc", "-3", "2.5", ""])
-def test_a_number_of_threads_that_is_none_is_ignored_with_a_note(given, monkeypatch):
+def test_an_invalid_number_of_threads_is_ignored_with_a_warning(given, monkeypatch):
     import skfem_stvk.kernels as kernels
 
     monkeypatch.setenv("NUMBA_NUM_THREADS", given)
@@ -116,10 +116,10 @@ def test_a_number_of_threads_that_is_none_is_ignored_with_a_note(given, monkeypa
     assert "NUMBA_NUM_THREADS" not in os.environ
 
 
-def test_the_package_is_imported_whatever_the_number_of_threads(tmp_path):
-    assert "NUMBA_NUM_THREADS = '0' is ignored" in said("from skfem_stvk import System", tmp_path, NUMBA_NUM_THREADS="0")
+def test_the_package_is_imported_with_any_number_of_threads(tmp_path):
+    assert "NUMBA_NUM_THREADS = '0' is ignored" in messages_of("from skfem_stvk import System", tmp_path, NUMBA_NUM_THREADS="0")
     assert (
-        said(
+        messages_of(
             "from skfem_stvk import System; import numba; assert numba.config.NUMBA_NUM_THREADS == 1",
             tmp_path,
             NUMBA_NUM_THREADS="1",
@@ -129,7 +129,7 @@ def test_the_package_is_imported_whatever_the_number_of_threads(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "edited", "anew"),
+    ("name", "edited", "again"),
     [
         ("motion", "motion", True),
         ("motion", "cg", False),
@@ -138,18 +138,18 @@ def test_the_package_is_imported_whatever_the_number_of_threads(tmp_path):
         ("rows", "laws", True),
     ],
 )
-def test_code_on_disk_is_keyed_by_the_files_that_it_is_made_of(name, edited, anew, tmp_path, monkeypatch):
-    """An edit of one file compiles anew what holds its code, and nothing else."""
+def test_code_on_disk_is_keyed_by_its_source_files(name, edited, again, tmp_path, monkeypatch):
+    """After an edit of one file, only kernels that contain its code are compiled again."""
     for file in Path(compiled.__file__).parent.glob("*.py"):
         (tmp_path / file.name).write_text(file.read_text())
     monkeypatch.setattr(compiled, "__file__", str(tmp_path / "compiled.py"))
     before = compiled.stamp_of.__wrapped__(name)
     (tmp_path / f"{edited}.py").write_text((tmp_path / f"{edited}.py").read_text() + "# edited\n")
-    assert (compiled.stamp_of.__wrapped__(name) != before) is anew
+    assert (compiled.stamp_of.__wrapped__(name) != before) is again
 
 
-def test_ctrl_c_while_code_is_loaded_takes_effect_when_it_is():
-    """In the middle of it a process ended by a signal now and then, as callbacks of LLVM lose exceptions."""
+def test_ctrl_c_while_code_is_loaded_takes_effect_after_the_load():
+    """An interruption during the load ended the process now and then, because callbacks of LLVM lose exceptions."""
     whole = []
 
     def load(signature, target):
@@ -164,8 +164,8 @@ def test_ctrl_c_while_code_is_loaded_takes_effect_when_it_is():
     assert whole == ["f8"] and signal.getsignal(signal.SIGINT) is before
 
 
-def test_ctrl_c_while_llvm_compiles_takes_effect_when_it_has():
-    """In a callback of LLVM it was lost, and the next call found "no compiled object"."""
+def test_ctrl_c_while_llvm_compiles_takes_effect_afterwards():
+    """In a callback of LLVM the interruption was lost, and the next call raised "no compiled object"."""
     whole = []
 
     class Pressed(Listener):
@@ -185,7 +185,11 @@ def test_ctrl_c_while_llvm_compiles_takes_effect_when_it_has():
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs timers that send signals")
 def test_ctrl_c_is_not_lost_while_a_kernel_returns_arrays():
-    """A function of Python's that machine code calls to make its arrays would lose it: SystemError, at nearly every signal."""
+    """Ctrl-C raises KeyboardInterrupt at any time of the call.
+
+    A Python function that machine code calls to make arrays would lose the interruption and raise SystemError at nearly every
+    signal.
+    """
     mesh = skfem.MeshTet().refined(1)
     t, pairs = np.ascontiguousarray(mesh.t, dtype=np.int32), np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
     edges_of_simplices(t, pairs, mesh.nvertices)
@@ -193,7 +197,7 @@ def test_ctrl_c_is_not_lost_while_a_kernel_returns_arrays():
     try:
         for number in range(1, 301):
             with pytest.raises(KeyboardInterrupt):
-                while True:  # once more where it came in a finaliser, which loses it as well
+                while True:  # repeated, because a finaliser loses the interruption, too
                     signal.setitimer(signal.ITIMER_REAL, 1e-6 * number)
                     for _ in range(1000):
                         edges_of_simplices(t, pairs, mesh.nvertices)

@@ -1,9 +1,9 @@
-"""The compiled loop of conjugate gradients: against its twin, and every iterate against that of the system without what is held."""
+"""Compiled conjugate gradients agree with their readable twin, and with conjugate gradients on the system of unknowns."""
 
 import numpy as np
 import pytest
 from kernels import readable
-from linear.problems import NAMES, body, held
+from linear.problems import NAMES, body, supported
 
 from skfem_stvk.kernels import cg
 from skfem_stvk.kernels.cg import MORE, NEGATIVE, NOT_FINITE, SMALL, P, S, T, U, X
@@ -15,11 +15,11 @@ preconditioned = pytest.mark.parametrize("solver", [DIAGONAL, SsorCg()], ids=lam
 
 
 class Problem:
-    """A body, stretched and shifted, as what the kernels read and as the matrix of its unknowns."""
+    """Data of a stretched body with a shift, both as arrays of the kernels and as the matrix of its unknowns."""
 
     def __init__(self, name="box", dtype=np.float64, shift=0.5, solver=DIAGONAL):
         system = body(name)
-        self.free, d, x = held(system), system.mesh.d, system.mesh.p.T
+        self.free, d, x = supported(system), system.mesh.d, system.mesh.p.T
         u = self.free.vector((0.1 * (x - x.min(axis=0)) @ np.eye(d)[::-1]).ravel()[self.free.free])
         n = len(self.free.free)
         tangent = system.linear_operator(u)
@@ -28,31 +28,31 @@ class Problem:
         self.K = self.free.matrix(system.tangent(u)).toarray() + np.diag(self.shift)
         search = solver.analyse(Unknowns(self.free.free // d, self.free.free % d))
         search = search.factorise(self.operator, Kind.SYMMETRIC)._search
-        self.edges, self.held, self.places, self.omega = search.edges, search._held, search._places, solver.omega
+        self.edges, self.constrained, self.places, self.omega = search.edges, search._held, search._places, solver.omega
         self.blocks, self.diagonal, self.inverse = search._blocks.astype(dtype), search.diagonal.copy(), search.inverse.copy()
         self.b = np.random.default_rng(3).standard_normal(n)
 
-    def begin(self, kernels=cg, x0=0.0, held=None):
+    def begin(self, kernels=cg, x0=0.0, constrained=None):
         work, state = np.zeros((6, 3 * (len(self.inverse) // 9))), np.zeros(4)
         work[X, self.places] = x0
-        held = self.held if held is None else held
-        kernels.residual(self.edges, self.blocks, self.diagonal, held, self.places, self.b, state, work)
+        constrained = self.constrained if constrained is None else constrained
+        kernels.residual(self.edges, self.blocks, self.diagonal, constrained, self.places, self.b, state, work)
         return work, state
 
-    def iterate(self, work, state, most, kernels=cg, enough=0.0, held=None):
-        held = self.held if held is None else held
-        own = self.edges, self.blocks, self.diagonal, self.inverse, held, self.omega
+    def iterate(self, work, state, most, kernels=cg, enough=0.0, constrained=None):
+        constrained = self.constrained if constrained is None else constrained
+        own = self.edges, self.blocks, self.diagonal, self.inverse, constrained, self.omega
         return kernels.iterate(*own, enough, most, state, work)
 
-    def iterates(self, most, held=None):
-        """x after each iteration."""
-        work, state = self.begin(held=held)
+    def iterates(self, most, constrained=None):
+        """Yield x after each iteration."""
+        work, state = self.begin(constrained=constrained)
         for _ in range(most):
-            self.iterate(work, state, 1, held=held)
+            self.iterate(work, state, 1, constrained=constrained)
             yield work[X, self.places].copy()
 
     def preconditioner(self):
-        """M of the unknowns alone, dense, in their order; rows of K and their vertices as the kernels number them."""
+        """Return M of the unknowns, dense, in their order; rows of K and their vertices have the numbers of the kernels."""
         row = self.places // 3
         D = np.where(row[:, None] == row, self.K, 0)
         if not self.omega:
@@ -62,7 +62,7 @@ class Problem:
 
 
 def textbook(K, b, M, most):
-    """Iterates over the unknowns alone, with a product and a preconditioner."""
+    """Yield iterates of preconditioned conjugate gradients on the dense matrix of the unknowns."""
     x, r = np.zeros_like(b), b.copy()
     z = p = np.linalg.solve(M, r)
     for _ in range(most):
@@ -77,9 +77,9 @@ def textbook(K, b, M, most):
 @preconditioned
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("shift", [0.0, 3.0])
-def test_to_filter_what_is_held_is_to_leave_it_out_of_the_system(name, shift, solver):
+def test_filtered_iterates_are_those_of_the_system_of_unknowns(name, shift, solver):
     problem = Problem(name, shift=shift, solver=solver)
-    assert len(problem.held) > 3
+    assert len(problem.constrained) > 3
     found = list(problem.iterates(15))
     for x, wanted in zip(found, textbook(problem.K, problem.b, problem.preconditioner(), 15), strict=True):
         assert np.abs(x - wanted).max() < 1e-9 * np.abs(wanted).max()
@@ -87,22 +87,22 @@ def test_to_filter_what_is_held_is_to_leave_it_out_of_the_system(name, shift, so
 
 
 @preconditioned
-def test_without_the_filter_the_iterates_are_others(solver):
+def test_iterates_differ_without_the_filter(solver):
     problem = Problem(solver=solver)
     problem.inverse = np.where(problem.inverse == 0, 1.0, problem.inverse)
-    found = list(problem.iterates(10, held=problem.held[:0]))[-1]
+    found = list(problem.iterates(10, constrained=problem.constrained[:0]))[-1]
     *_, wanted = textbook(problem.K, problem.b, problem.preconditioner(), 10)
     assert np.abs(found - wanted).max() > 1e-2 * np.abs(wanted).max()
 
 
 @preconditioned
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_held_stays_zero_in_all_vectors(name, solver):
+def test_constrained_components_stay_zero_in_all_vectors(name, solver):
     problem = Problem(name, solver=solver)
     work, state = problem.begin(x0=0.1)
     problem.iterate(work, state, 3)
     vectors = work[[X, S, P, T, U]]
-    assert not vectors[:, problem.held].any() and (np.abs(vectors[:, problem.places]).max(axis=1) > 1e-3).all()
+    assert not vectors[:, problem.constrained].any() and (np.abs(vectors[:, problem.places]).max(axis=1) > 1e-3).all()
 
 
 @preconditioned
@@ -114,9 +114,9 @@ def test_the_preconditioner_is_the_inverse_of_m_symmetric_and_positive_definite(
         work = np.full((6, 3 * (len(problem.inverse) // 9)), 7.0)
         work[S] = 0
         work[S, problem.places] = unit
-        cg.precondition(problem.edges, problem.blocks, problem.inverse, problem.held, problem.omega, work)
+        cg.precondition(problem.edges, problem.blocks, problem.inverse, problem.constrained, problem.omega, work)
         column[:] = work[T, problem.places]
-        assert not work[T, problem.held].any()
+        assert not work[T, problem.constrained].any()
     assert np.abs(inverse @ problem.preconditioner() - np.eye(len(inverse))).max() < 1e-9
     assert np.abs(inverse - inverse.T).max() < 1e-12 * np.abs(inverse).max() and np.linalg.eigvalsh(inverse).min() > 0
     assert np.linalg.cond(inverse @ problem.K) < np.linalg.cond(problem.K)
@@ -129,7 +129,7 @@ def test_compiled_and_readable_preconditioners_agree(name, solver):
     for kernels in (cg, readable):
         work = np.zeros((6, 3 * (len(problem.inverse) // 9)))
         work[S, problem.places] = problem.b
-        kernels.precondition(problem.edges, problem.blocks, problem.inverse, problem.held, problem.omega, work)
+        kernels.precondition(problem.edges, problem.blocks, problem.inverse, problem.constrained, problem.omega, work)
         found[kernels] = work[T]
     assert np.abs(found[cg] - found[readable]).max() < 1e-11 * np.abs(found[cg]).max()
 
@@ -160,7 +160,7 @@ def test_diagonals_agree_and_are_those_of_the_matrix(name, shifted):
     found = {}
     for kernels in (cg, readable):
         diagonal, out = np.zeros_like(problem.diagonal), np.full_like(problem.inverse, 7.0)
-        total = kernels.shifted_diagonal(problem.edges, problem.blocks, problem.held, problem.places, shift, diagonal, out)
+        total = kernels.shifted_diagonal(problem.edges, problem.blocks, problem.constrained, problem.places, shift, diagonal, out)
         found[kernels] = total, diagonal, out
     for one, other in zip(found[cg], found[readable], strict=True):
         assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
@@ -171,7 +171,7 @@ def test_diagonals_agree_and_are_those_of_the_matrix(name, shifted):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_matrix_becomes_the_same_edges_by_both_ways(name):
+def test_a_matrix_gives_the_same_edge_blocks_by_both_kernels(name):
     problem = Problem(name)
     structure = problem.free.structure
     row = np.repeat(range(len(problem.b)), np.diff(structure.indptr))
@@ -181,9 +181,9 @@ def test_a_matrix_becomes_the_same_edges_by_both_ways(name):
     rows, above = analysis._rows, analysis._above
     found = {}
     for kernels in (cg, readable):
-        room = [np.full(9 * n, 7.0) for n in (len(above.columns), above.n)]
-        kernels.fill_edges(above.rows, above.columns, rows.first, rows.row, rows.component, K.indptr, K.indices, K.data, *room)
-        found[kernels] = room
+        arrays = [np.full(9 * n, 7.0) for n in (len(above.columns), above.n)]
+        kernels.fill_edges(above.rows, above.columns, rows.first, rows.row, rows.component, K.indptr, K.indices, K.data, *arrays)
+        found[kernels] = arrays
     for one, other in zip(found[cg], found[readable], strict=True):
         assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
     A = readable.matrix_of_edges(analysis._search.edges, found[cg][0], found[cg][1], above.n)[rows.places][:, rows.places]
@@ -191,7 +191,7 @@ def test_a_matrix_becomes_the_same_edges_by_both_ways(name):
 
 
 @preconditioned
-def test_the_loop_goes_on_bit_for_bit_where_it_was_left(solver):
+def test_an_interrupted_loop_continues_bit_for_bit(solver):
     problem = Problem(solver=solver)
     whole, parts = problem.begin(), problem.begin()
     assert problem.iterate(*whole, 12) == (MORE, 12)
@@ -202,7 +202,7 @@ def test_the_loop_goes_on_bit_for_bit_where_it_was_left(solver):
 
 @preconditioned
 @pytest.mark.parametrize("name", NAMES)
-def test_it_ends_when_the_residual_is_small_and_hardly_later(name, solver):
+def test_the_loop_ends_soon_after_the_residual_is_small(name, solver):
     problem = Problem(name, solver=solver)
     work, state = problem.begin()
     enough = 1e-6 * state[0]
@@ -214,7 +214,7 @@ def test_it_ends_when_the_residual_is_small_and_hardly_later(name, solver):
     assert problem.iterate(work, state, 1000, enough=enough) == (SMALL, 0)
 
 
-def test_a_residual_from_somewhere_is_that_of_the_matrix():
+def test_the_residual_of_a_nonzero_start_is_that_of_the_matrix():
     problem = Problem("sheet")
     x0 = np.random.default_rng(4).standard_normal(len(problem.b))
     work, state = problem.begin(x0=x0)
@@ -240,7 +240,7 @@ def test_negative_curvature_behind_a_positive_definite_diagonal_is_found(solver)
 
 
 @preconditioned
-def test_what_is_not_finite_is_noticed(solver):
+def test_values_that_are_not_finite_are_reported(solver):
     problem = Problem(solver=solver)
     work, state = problem.begin()
     problem.blocks[17] = np.nan

@@ -1,4 +1,4 @@
-"""Compilation: once a machine, said when it happens, and nothing that a machine without a cache cannot do."""
+"""Compilation happens once per machine and is reported; without a cache, kernels work all the same."""
 
 import gc
 import os
@@ -29,7 +29,7 @@ def run(code, cache):
     return done
 
 
-def test_compiling_is_said_once_and_done_once_a_machine(tmp_path):
+def test_compiling_is_reported_once_and_done_once_per_machine(tmp_path):
     first, second = run(TWO_KERNELS, tmp_path), run(TWO_KERNELS, tmp_path)
     assert first.stderr.count("skfem_stvk: compiling kernels for their first use") == 1
     assert "`skfem-stvk warm-up` compiles ahead" in first.stderr and "kernels compiled" not in first.stderr
@@ -38,20 +38,20 @@ def test_compiling_is_said_once_and_done_once_a_machine(tmp_path):
     assert list(tmp_path.rglob("*.nbc"))
 
 
-def test_a_long_first_use_says_how_many_kernels_are_compiled(tmp_path):
+def test_a_long_first_use_reports_the_number_of_compiled_kernels(tmp_path):
     early = "from skfem_stvk.kernels.compiled import FirstUse\nFirstUse.EVERY = 0.0\n"
-    said = run(early + TWO_KERNELS, tmp_path).stderr.splitlines()
-    assert [int(line.split()[1]) for line in said[1:]] == [1, 2, 3] and all("kernels compiled" in line for line in said[1:])
+    lines = run(early + TWO_KERNELS, tmp_path).stderr.splitlines()
+    assert [int(line.split()[1]) for line in lines[1:]] == [1, 2, 3] and all("kernels compiled" in line for line in lines[1:])
 
 
-def test_kernels_of_others_are_compiled_in_silence(tmp_path):
+def test_kernels_of_other_packages_are_compiled_without_a_message(tmp_path):
     code = "import numba, skfem_stvk.kernels.topology\nassert numba.njit(lambda x: x + 1)(1) == 2"
     assert run(code, tmp_path).stderr == ""
 
 
 @pytest.fixture
 def no_cache(monkeypatch):
-    """Numba as it is where no folder can be written to."""
+    """Make numba behave as on a machine on which no folder can be written to."""
     njit = numba.njit
 
     def refuse(*arguments, cache=False, **options):
@@ -65,7 +65,7 @@ def no_cache(monkeypatch):
         return decorated
 
     monkeypatch.setattr(numba, "njit", refuse)
-    monkeypatch.setattr(compiled.first_use, "on_disk", True)  # and as it was, after the test
+    monkeypatch.setattr(compiled.first_use, "on_disk", True)  # restored after the test
 
 
 def test_without_a_cache_kernels_are_compiled_in_every_process(no_cache):
@@ -113,7 +113,7 @@ def test_python_searches_for_cycles_again_after_a_kernel_is_compiled():
 
 
 @pytest.mark.slow
-def test_a_body_has_its_energy_where_nothing_can_be_cached(tmp_path):
+def test_energies_are_computed_without_a_cache(tmp_path):
     code = """
 import numba
 njit = numba.njit
@@ -132,8 +132,8 @@ print(System(mesh, StVK(young=1e5, poisson=0.3)).energy(0.01 * mesh.p.ravel("F")
     assert done.stderr.count("compiling") == 1 and not list(tmp_path.rglob("*.nbc"))
 
 
-def test_what_overflows_is_not_optimised_away():
-    """Of the fast math flags those that assume finite numbers are missing."""
+def test_checks_for_overflow_are_not_optimised_away():
+    """The fast math flags do not include those that assume finite numbers."""
     assert not {"ninf", "nnan", "fast", "afn"} & set(compiled.FASTMATH)
 
     @compiled.kernel

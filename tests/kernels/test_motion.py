@@ -1,4 +1,4 @@
-"""Sums over vertices and steps of explicit integrators: compiled and readable."""
+"""Compiled sums over vertices and compiled steps of explicit integrators agree with the readable twins."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,6 @@
-"""The readable twins of all laws on all elements, against the formulas of the continuum: what the compiled kernels are held
-against.
+"""The readable twins of all laws on all elements agree with the formulas of the continuum.
+
+The compiled kernels are compared with these twins elsewhere.
 """
 
 import numpy as np
@@ -20,7 +21,7 @@ LAWS = {"isotropic": StVK(young=2.0, poisson=0.3), "general": StVK(Anisotropic(V
 
 
 def partly_curved():
-    """Quadratic tetrahedra of which some blocks of lanes have straight ones alone."""
+    """Return quadratic tetrahedra; some blocks of lanes contain only straight elements, and others contain curved ones."""
     straight = box(3).with_degree(2)
     p, rng = straight.p.copy(), np.random.default_rng(5)
     middle = np.flatnonzero((np.arange(straight.nv) >= box(3).nv) & (p[0] > 0.8))
@@ -33,7 +34,7 @@ MESHES = EVERY_MESH | {f"straight {name}": mesh for name, mesh in STRAIGHT.items
 
 
 def tensor_of(law, mesh, axes):
-    """(n, k, k, k, k) in axes (n, d, k)."""
+    """Return the elasticity tensor in the axes (n, d, k), (n, k, k, k, k)."""
     condensed = mesh.k == 1 or mesh.k < mesh.d
     if law == "isotropic":
         return isotropic_tensor(2.0, 0.3, mesh.k, condensed)
@@ -41,15 +42,17 @@ def tensor_of(law, mesh, axes):
 
 
 def points_of(mesh, kind):
-    """Of each point: axes `A` (n, d, k), the global ones of solids, gradients (n, a, k) along them, and what it has of sizes
-    (n,).
+    """Return `A`, gradients and sizes of each point.
+
+    The axes `A` (n, d, k) are the global ones for solids. The gradients (n, a, k) are along them, and the sizes (n,) are the
+    point's share.
     """
     rule = rule_of(mesh.element, "mass" if kind == "one-point" else kind)
     found = []
     for dN, weight in zip(mesh.element.derivatives(rule.points), rule.weights, strict=True):
-        spokes = np.einsum("ai,dan->ndi", dN, mesh.p[:, mesh.t])
-        axes = np.linalg.qr(spokes)[0] if mesh.k < mesh.d else np.broadcast_to(np.eye(mesh.d), spokes.shape)
-        jacobian = np.swapaxes(axes, 1, 2) @ spokes
+        base_vectors = np.einsum("ai,dan->ndi", dN, mesh.p[:, mesh.t])
+        axes = np.linalg.qr(base_vectors)[0] if mesh.k < mesh.d else np.broadcast_to(np.eye(mesh.d), base_vectors.shape)
+        jacobian = np.swapaxes(axes, 1, 2) @ base_vectors
         found.append((axes, dN @ np.linalg.inv(jacobian), weight * np.abs(np.linalg.det(jacobian))))
     if kind != "one-point":
         return found
@@ -58,7 +61,7 @@ def points_of(mesh, kind):
 
 
 def continuum(mesh, law, kind, u):
-    """W, F and K by `E = 1/2 (F'F - I)`, `F = A + sum_a u_a (x) g_a`."""
+    """Return W, F and K by `E = 1/2 (F'F - I)`, `F = A + sum_a u_a (x) g_a`."""
     x, W, F, K = u.reshape(-1, mesh.d), 0.0, np.zeros((mesh.nv, mesh.d)), np.zeros((mesh.nv, mesh.d, mesh.nv, mesh.d))
     a, b = mesh.t.T[:, :, None], mesh.t.T[:, None, :]
     for axes, g, sizes in points_of(mesh, kind):
@@ -80,7 +83,10 @@ def continuum(mesh, law, kind, u):
 
 
 def hourglass(mesh, law, g, sizes):
-    """(n, a, b) stiffness of the modes `gamma_k`: what is left of products of reference coordinates without their affine part."""
+    """Return the stiffness of the hourglass modes, (n, a, b).
+
+    The modes `gamma_k` are products of reference coordinates minus their affine part.
+    """
     signs = 2 * mesh.element.nodes - 1
     bits = [[i for i in range(mesh.k) if pattern >> i & 1] for pattern in range(2**mesh.k)]
     modes = np.array([signs[:, axes].prod(axis=1) for axes in bits if len(axes) > 1])
@@ -97,7 +103,10 @@ def assert_near(found, wanted, limit=1e-12):
 
 
 def rules(mesh):
-    """Of linear simplices all rules are one; one point is for boxes that fill the space."""
+    """Return the rules that differ on this mesh.
+
+    On linear simplices all rules are the same. The rule "one-point" exists for boxes that fill the space.
+    """
     if mesh.element.is_linear_simplex:
         return ("usual",)
     return ("usual", "exact", "one-point") if mesh.element.shape.one_point and mesh.k == mesh.d else ("usual", "exact")
@@ -133,8 +142,8 @@ def test_partly_curved_meshes_store_one_frame_or_one_for_each_point():
 
 
 @pytest.mark.parametrize(("name", "law", "kind"), CASES)
-def test_what_steps_and_line_searches_ask_belongs_to_the_energy(name, law, kind, monkeypatch):
-    """The quartic, the work of mean forces, damping as `K v` without stress, and a stiffness that is clamped or not."""
+def test_quartics_mean_forces_and_damping_agree_with_the_energy(name, law, kind, monkeypatch):
+    """The quartic, the work of mean forces, damping as `K v` without stress, and clamped stiffnesses agree with the energy."""
     mesh = MESHES[name]
     on_twins(monkeypatch)
     assembly = LAWS[law].bind(Body(mesh, [], quadrature(mesh, kind)))
@@ -155,8 +164,11 @@ def test_what_steps_and_line_searches_ask_belongs_to_the_energy(name, law, kind,
 
 
 @pytest.mark.parametrize("name", [name for name, mesh in MESHES.items() if not mesh.element.is_linear_simplex])
-def test_the_clamp_takes_the_eigenvalues_of_the_stress(name, monkeypatch):
-    """What stays is between nothing and all, positive semi-definite without the negative ones, and all of it in pure tension."""
+def test_the_clamp_scales_eigenvalues_of_the_stress_by_sign(name, monkeypatch):
+    """The curvature without negative stresses is the largest, and the parts of positive and negative stresses add up.
+
+    In pure tension the clamp changes nothing.
+    """
     mesh = MESHES[name]
     on_twins(monkeypatch)
     assembly = LAWS["isotropic"].bind(mesh)

@@ -1,4 +1,4 @@
-"""The kernels of multigrid and of conjugate gradients against their readable twins, and what they claim."""
+"""The kernels of multigrid and of conjugate gradients agree with their readable twins and have the stated properties."""
 
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ TWINS = pytest.mark.parametrize("parts", PARTS.values(), ids=PARTS)
 
 
 def graph(rng, n=N, m=None):
-    """Which blocks there are; a square one has its diagonal and is symmetric."""
+    """Return the structure of a random block matrix; square structures contain the diagonal and are symmetric."""
     pattern = random_graph(n, m or n, density=0.35, random_state=rng, format="csr")
     if m is None:
         pattern = pattern + pattern.T + csr_matrix(np.eye(n))
@@ -25,7 +25,7 @@ def graph(rng, n=N, m=None):
 
 
 def matrix(rng, n=N):
-    """A symmetric positive definite matrix of blocks: rows, columns, diagonal, blocks."""
+    """Return a symmetric positive definite matrix of blocks: rows, columns, diagonal, blocks."""
     rows, columns = graph(rng, n)
     row = np.repeat(np.arange(n), np.diff(rows))
     blocks = rng.standard_normal((len(columns), 3, 3))
@@ -39,7 +39,7 @@ def matrix(rng, n=N):
 
 
 def on_both(name, parts, arguments, outputs):
-    """Results of the kernel and of its twin, in the arguments numbered `outputs` and returned."""
+    """Return the results of the kernel and of its twin: the arguments numbered `outputs` and the returned values."""
     found = []
     for module in (sparse, readable):
         own = [a.copy() if isinstance(a, np.ndarray) else a for a in arguments]
@@ -103,7 +103,7 @@ def test_products_of_matrices_and_prolongators_agree_with_their_twins(parts):
 
 
 def aggregate_modes(rng, count=2):
-    """Aggregates of several block rows, of one, and of dependent modes."""
+    """Return aggregates of several block rows, of one block row, and with dependent modes."""
     members, starts = rng.permutation(N).astype(np.int32), np.array([0, 4, 5, 9, N], dtype=np.int32)
     modes = rng.standard_normal((N, 3, 3 * count))
     modes[members[5:9], :, 4] = 2 * modes[members[5:9], :, 1]
@@ -131,7 +131,7 @@ def test_orthonormal_modes_times_coarse_ones_are_the_modes():
 
 
 def unknowns(rng):
-    """Block rows of which some components are held, with their CSR matrix."""
+    """Return block rows with some constrained components, and their CSR matrix."""
     rows, columns, diagonal, blocks = matrix(rng)
     is_free = rng.random((N, 3)) < 0.7
     is_free[:, 0] |= ~is_free.any(axis=1)
@@ -144,8 +144,8 @@ def unknowns(rng):
 @TWINS
 def test_csr_values_become_blocks_like_in_the_twin(parts):
     rows, columns, diagonal, first, block, component, K = unknowns(np.random.default_rng(6))
-    room = np.full(9 * len(columns), 7.0)
-    own = [rows, columns, diagonal, first, block, component, K.indptr, K.indices, K.data, 0.1, room, room.astype(np.float32)]
+    blank = np.full(9 * len(columns), 7.0)
+    own = [rows, columns, diagonal, first, block, component, K.indptr, K.indices, K.data, 0.1, blank, blank.astype(np.float32)]
     assert_twins("fill_blocks", parts, own, [10, 11], limit=1e-6)
 
 
@@ -176,7 +176,7 @@ def test_inverses_of_indefinite_diagonal_blocks_are_positive_definite():
 
 
 def test_a_backward_sweep_is_the_adjoint_of_a_forward_one_in_parts():
-    """Both together are a symmetric positive definite operator, whose error is smaller in the norm of A."""
+    """Both sweeps together are a symmetric positive definite operator, and the error decreases in the norm of A."""
     rng = np.random.default_rng(9)
     rows, columns, diagonal, blocks = matrix(rng)
     A, parts = readable._dense(rows, columns, blocks, N), [0, 4, 9, N]

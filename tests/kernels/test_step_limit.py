@@ -1,4 +1,4 @@
-"""How far a state may go along a line until an element has no volume left."""
+"""The step limit is the length along a line at which the first element has no volume."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ TERM = StVK(young=2.0, poisson=0.3)
 
 
 def single(rest, u, v):
-    """The limit of one tetrahedron with vertices `rest` (4, 3), `u` and `v` alike."""
+    """Return the limit of one tetrahedron with vertices `rest`, displacements `u` and direction `v`, each (4, 3)."""
     body = System(ElementMesh(np.transpose(rest), np.arange(4)[:, None]), TERM)
     return body.step_limit(np.ravel(u), np.ravel(v))
 
@@ -25,7 +25,7 @@ def determinants(mesh, x):
 
 
 def by_numpy(mesh, u, v):
-    """The smallest positive root of the cubics, from values at four places."""
+    """Return the smallest positive root of the cubics, from their values at four points."""
     u, v, x = u.reshape(-1, mesh.d), v.reshape(-1, mesh.d), mesh.p.T
     places = np.array([0.0, 1.0, -1.0, 2.0])
     J = [determinants(mesh, x + u + s * v) / determinants(mesh, x) for s in places]
@@ -39,7 +39,7 @@ def by_numpy(mesh, u, v):
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", SOLID)
-def test_it_is_the_first_root_of_all_cubics(name, parts, monkeypatch):
+def test_the_limit_is_the_first_root_of_all_cubics(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh = MESHES[name]
     body = System(mesh, TERM)
@@ -64,12 +64,12 @@ def test_compiled_and_readable_kernels_agree(name, monkeypatch):
 
 
 @pytest.mark.parametrize("name", SOLID)
-def test_of_an_affine_motion_it_is_exact(name):
+def test_the_limit_of_an_affine_motion_is_exact(name):
     mesh = MESHES[name]
     body, rest, x = System(mesh, TERM), np.zeros(mesh.p.size), mesh.p.T
     one = np.zeros(mesh.d)
     one[0] = 1
-    # a root of as many folds as there are dimensions, of which rounding leaves as many parts of the digits
+    # a root of multiplicity d; rounding leaves only 1/d of its digits
     assert body.step_limit(rest, -0.25 * x.ravel()) == pytest.approx(4, rel={1: 1e-12, 2: 1e-6, 3: 1e-4}[mesh.d])
     assert body.step_limit(rest, (-0.25 * x * one).ravel()) == pytest.approx(4, rel=1e-12)
     assert body.step_limit((-0.5 * x * one).ravel(), (-0.25 * x * one).ravel()) == pytest.approx(2, rel=1e-12)
@@ -78,8 +78,8 @@ def test_of_an_affine_motion_it_is_exact(name):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
-def test_what_rounding_leaves_of_a_coefficient_is_not_taken_for_one(name):
-    """Shear along any axis, which changes no volume: 1e-16 s^2 would end at 1e8, 1e-16 s^3 at 2e5."""
+def test_round_off_of_a_coefficient_counts_as_zero(name):
+    """Shear along any axis preserves volume: a coefficient 1e-16 s^2 would end it at 1e8, and 1e-16 s^3 at 2e5."""
     mesh, rng = MESHES[name], np.random.default_rng(3)
     body = System(mesh, TERM)
     for _ in range(10):
@@ -88,7 +88,7 @@ def test_what_rounding_leaves_of_a_coefficient_is_not_taken_for_one(name):
         assert body.step_limit(np.zeros_like(v), v) > 1e12
 
 
-def test_a_minimum_that_is_zero_but_for_rounding_is_a_zero():
+def test_a_minimum_that_is_zero_up_to_rounding_is_a_zero():
     rng = np.random.default_rng(0)
     for r, q, height in rng.uniform(0.1, 10, (500, 3)):
         # (1 - s/r)^2 (1 + s/q)
@@ -97,22 +97,22 @@ def test_a_minimum_that_is_zero_but_for_rounding_is_a_zero():
 
 
 @pytest.mark.parametrize("name", ["membrane", "cable", "cable in the plane"])
-def test_what_has_no_inside_has_no_limit(name):
+def test_membranes_and_cables_have_no_limit(name):
     mesh = MESHES[name]
     assert System(mesh, TERM).step_limit(state(mesh), state(mesh, seed=2)) == np.inf
 
 
-def test_elements_that_are_inside_out_already_are_not_looked_at():
+def test_inverted_elements_do_not_limit_the_step():
     mesh = box(1)
     body = System(mesh, TERM)
     mirrored = (-2 * mesh.p.T * [1, 0, 0]).ravel()
     back = -mirrored
     assert len(body.inside_out(mirrored)) == mesh.nt
     assert body.step_limit(mirrored, back) == np.inf and body.step_limit(0 * back, mirrored) == pytest.approx(0.5)
-    assert body.step_limit(0.5 * mirrored, back) == np.inf  # flat: neither are those
+    assert body.step_limit(0.5 * mirrored, back) == np.inf  # flat elements are not considered either
 
 
-def test_the_one_that_matters_is_found_wherever_it_stands():
+def test_the_limiting_element_is_found_at_any_index():
     mesh = box(3)
     body = System(mesh, TERM)
     for e in range(0, mesh.nt, 7):
@@ -121,7 +121,7 @@ def test_the_one_that_matters_is_found_wherever_it_stands():
         v[top] = mesh.p[:, base].mean(axis=1) - mesh.p[:, top]
         limit = body.step_limit(0 * v.ravel(), v.ravel())
         assert limit == pytest.approx(by_numpy(mesh, 0 * v, v), rel=1e-10) and limit <= 1 + 1e-12
-        # and so does one that is nearer than all before it and beyond the bound on all after it
+        # the same holds for an element that is nearer than all before it and beyond the bound on all after it
         assert body.step_limit(0 * v.ravel(), v.ravel() + 1e-3 * state(mesh)) <= 1.01
 
 
@@ -137,17 +137,17 @@ TET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
         ((1.0, 0.0, -4.0, 0.0), 0.5, 1e-12),
         ((1.0, 0.0, 0.0, -8.0), 0.5, 1e-12),
         ((1.0, 0.0, 0.0, 8.0), np.inf, 1e-12),
-        ((1.0, -2.0, 1.0, 0.0), 1.0, 1e-12),  # a double root of a parabola: it touches
+        ((1.0, -2.0, 1.0, 0.0), 1.0, 1e-12),  # a double root of a parabola, which touches zero
         ((1.0, -3.0, 3.0, -1.0), 1.0, 1e-5),  # a triple root
-        ((4.0, 0.0, -3.0, 1.0), 2.0, 1e-12),  # (s - 2)^2 (s + 1): touches, then rises
+        ((4.0, 0.0, -3.0, 1.0), 2.0, 1e-12),  # (s - 2)^2 (s + 1): touches zero, then rises
         ((4.0, -8.0, 5.0, -1.0), 1.0, 1e-12),  # (1 - s)(s - 2)^2
-        ((2.0, -5.0, 4.0, -1.0), 1.0, 1e-7),  # (s - 1)^2 (2 - s): touches first, crosses later
+        ((2.0, -5.0, 4.0, -1.0), 1.0, 1e-7),  # (s - 1)^2 (2 - s): touches zero first, crosses it later
         ((6.0, -11.0, 6.0, -1.0), 1.0, 1e-12),  # three roots: 1, 2, 3
         ((6.0, -5.0, 1.0, 0.0), 2.0, 1e-12),
         ((1.0, -1e-9, 0.0, 0.0), 1e9, 1e-12),
         ((1e-30, -1.0, 0.0, 1.0), 1e-30, 1e-12),
         ((1.0, 1e8, -1.0, 0.0), 1e8 + 1e-8, 1e-12),
-        ((1.0, -2.0 + 1e-6, 1.0, 0.0), np.inf, 1e-12),  # passes above zero at a distance of 1e-6
+        ((1.0, -2.0 + 1e-6, 1.0, 0.0), np.inf, 1e-12),  # has the minimum 1e-6 above zero
         ((1.0, -2.0 - 1e-6, 1.0, 0.0), 1 - 1e-3, 1e-6),
     ],
 )
@@ -160,19 +160,19 @@ def test_the_first_zero_of_a_cubic(c, wanted, limit):
 
 @given(st.lists(st.floats(-10, 10), min_size=3, max_size=3), st.floats(0.1, 5), st.floats(1e-6, 1e6))
 def test_the_first_zero_of_any_product_of_factors(roots, height, scale):
-    """`h prod (1 - s/r_i)` has its first zero where its smallest positive root is; also if roots are close to each other."""
+    """The first zero of `h prod (1 - s/r_i)` is the smallest positive root, also if roots are close to each other."""
     roots = np.array([r if abs(r) > 1e-3 else 1e-3 for r in roots])
-    c = height * np.poly(1 / (scale * roots))  # prod (1 - s x) has the coefficients of prod (x - ...) the other way round
+    c = height * np.poly(1 / (scale * roots))  # prod (1 - s x) has the coefficients of prod (x - ...) in reverse order
     wanted = (roots * scale)[roots > 0].min(initial=np.inf)
     found = _first_zero(*c, np.inf)
     gaps = np.abs(np.subtract.outer(roots, roots))[np.triu_indices(3, 1)]
-    near = 1e-4 if gaps.min() < 1e-2 else 1e-8  # multiple roots are known to the root of eps only
+    near = 1e-4 if gaps.min() < 1e-2 else 1e-8  # the accuracy of multiple roots is a root of eps
     assume(gaps.min() > 1e-5 or np.isinf(wanted))
     assert found == pytest.approx(wanted, rel=near)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
-def test_of_any_tetrahedron(seed, size, speed):
+def test_the_limit_of_any_tetrahedron_is_its_first_flat_state(seed, size, speed):
     rng = np.random.default_rng(seed)
     rest, u, v = size * rng.standard_normal((4, 3)), 0.3 * size * rng.standard_normal((4, 3)), speed * rng.standard_normal((4, 3))
     mesh = ElementMesh(rest.T, np.arange(4)[:, None])
@@ -191,8 +191,8 @@ def test_of_any_tetrahedron(seed, size, speed):
         assert min(around) <= 1e-5 * max(1, abs(inside).max())
 
 
-def test_a_tetrahedron_that_touches_flatness_and_comes_back():
-    """Its base turns to and fro: J = (1 - s)^2 exactly."""
+def test_a_tetrahedron_that_is_flat_for_an_instant_limits_the_step():
+    """Two edges of the base shrink to zero and reverse: J = (1 - s)^2 exactly."""
     v = np.zeros((4, 3))
     v[1], v[2] = [-1, 0, 0], [0, -1, 0]
     assert single(TET, 0 * TET, v) == pytest.approx(1, abs=1e-7)
@@ -200,7 +200,7 @@ def test_a_tetrahedron_that_touches_flatness_and_comes_back():
     assert single(TET, 0 * TET, v) == pytest.approx(1, abs=1e-7)
 
 
-def test_far_from_the_origin_and_in_other_units_it_is_the_same():
+def test_the_limit_is_invariant_under_translation_and_units():
     mesh = MESHES["tetrahedra"]
     u, v = 0.5 * state(mesh), state(mesh, seed=3)
     limit = System(mesh, TERM).step_limit(u, v)

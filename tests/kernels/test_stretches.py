@@ -1,4 +1,4 @@
-"""The smallest principal stretch, against singular values in NumPy and in exact arithmetic."""
+"""The smallest principal stretch agrees with singular values in NumPy and in exact arithmetic."""
 
 from fractions import Fraction
 
@@ -21,7 +21,7 @@ BAD = ElementMesh(
 
 
 def stretches(mesh, u):
-    """(nt, k) singular values of the deformation gradients, ascending; those of surfaces and curves within them."""
+    """Return singular values of the deformation gradients, ascending, (nt, k); for surfaces and curves, within them."""
     geometry = Geometry(mesh.p, mesh.t)
     corners = u[mesh.t.T]
     gradient = np.swapaxes(corners - corners[:, :1], 1, 2) @ geometry.gradients
@@ -30,7 +30,7 @@ def stretches(mesh, u):
 
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", MESHES)
-def test_stretches_come_in_the_order_of_the_elements(name, parts, monkeypatch):
+def test_stretches_are_in_the_order_of_the_elements(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh = MESHES[name]
     assembly, u = TERM.bind(mesh), 4 * state(mesh).reshape(-1, mesh.d)
@@ -41,7 +41,7 @@ def test_stretches_come_in_the_order_of_the_elements(name, parts, monkeypatch):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_at_rest_all_are_one_to_the_last_bit_also_after_a_translation(name):
+def test_stretches_are_bitwise_one_at_rest_and_after_a_translation(name):
     mesh = MESHES[name]
     assembly = TERM.bind(mesh)
     assert (assembly.smallest_stretches(np.zeros((mesh.nv, mesh.d))) == 1).all()
@@ -49,18 +49,19 @@ def test_at_rest_all_are_one_to_the_last_bit_also_after_a_translation(name):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_a_body_turned_and_made_smaller_has_one_stretch_everywhere(name):
-    """All principal stretches repeat, of both orientations and in a mirror."""
+def test_a_rotated_and_scaled_body_has_one_stretch_everywhere(name):
+    """All principal stretches are equal, for elements of both orientations and in a mirror image."""
     mesh, rng = MESHES[name], np.random.default_rng(5)
-    turn = np.linalg.qr(rng.standard_normal((mesh.d, mesh.d)))[0]
+    rotation = np.linalg.qr(rng.standard_normal((mesh.d, mesh.d)))[0]
     for s in (0.01, 0.6, -0.6, 30.0):
-        u = mesh.p.T @ (s * turn - np.eye(mesh.d)).T
+        u = mesh.p.T @ (s * rotation - np.eye(mesh.d)).T
         assert np.allclose(TERM.bind(mesh).smallest_stretches(u), abs(s), rtol=1e-14 / min(1, s**2), atol=0)
 
 
 def of_two_tetrahedra(values, seed, mesh=BAD):
-    """Stretches of tetrahedra of both orientations, of F = Q diag(values) R' with rotations Q and R, and a mirror if a value is
-    negative.
+    """Return F and the stretches of tetrahedra of both orientations for `F = Q diag(values) R'`.
+
+    Q and R are rotations; a negative value mirrors the tetrahedra.
     """
     Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((2, 3, 3)))[0]
     F = Q @ np.diag(values) @ R.T
@@ -69,8 +70,8 @@ def of_two_tetrahedra(values, seed, mesh=BAD):
 
 @settings(max_examples=200)
 @given(values=st.lists(st.floats(-6, 6), min_size=3, max_size=3), seed=st.integers(0, 10**6), mirror=st.booleans())
-def test_it_is_right_to_a_few_eps_of_the_largest_at_any_stretches(values, seed, mirror):
-    """1e-6 to 1e6, in any order, inside out too."""
+def test_the_error_is_a_few_eps_of_the_largest_stretch(values, seed, mirror):
+    """The stretches are from 1e-6 to 1e6, in any order, with inverted elements, too."""
     values = 10.0 ** np.array(values) * [1, 1, -1 if mirror else 1]
     F, found = of_two_tetrahedra(values, seed)
     low, high = np.linalg.svd(F, compute_uv=False)[[2, 0]]
@@ -84,29 +85,27 @@ def test_it_is_right_to_a_few_eps_of_the_largest_at_any_stretches(values, seed, 
     apart=st.sampled_from([0, 1e-16, 1e-13, 1e-10, 1e-8, 1e-5, 1e-3]),
     seed=st.integers(0, 10**6),
 )
-def test_it_is_as_right_where_two_or_three_repeat_or_almost_do(twice, once, apart, seed):
+def test_the_error_is_as_small_if_stretches_are_equal_or_close(twice, once, apart, seed):
     for values in ((twice, twice * (1 + apart), once), (twice, twice * (1 + apart), twice * (1 - apart))):
         F, found = of_two_tetrahedra(values, seed)
         low, high = np.linalg.svd(F, compute_uv=False)[[2, 0]]
         assert (np.abs(found**2 - low**2) < 50 * EPS * max(1, high**2)).all()
 
 
-def test_a_simplex_that_is_flat_or_gone_has_stretch_zero():
+def test_a_flat_or_degenerate_simplex_has_stretch_zero():
     for values in ((1.0, 0.7, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
         assert (of_two_tetrahedra(values, 3)[1] < 1e-7).all()
-    assert (of_two_tetrahedra((1e120, 1.0, 1.0), 3)[1] == 0).all()  # it overflows
+    assert (of_two_tetrahedra((1e120, 1.0, 1.0), 3)[1] == 0).all()  # det F overflows
 
 
 def test_slivers_far_away_keep_their_digits():
-    """Flatter than 1 : 1e6, turned and moved far: squares of stretches against the characteristic polynomial in exact
-    arithmetic.
-    """
+    """Squares of stretches of slivers flatter than 1 : 1e6, rotated and moved far, agree with exact arithmetic to 1e-8."""
     rng = np.random.default_rng(8)
     p = rng.random((3, 80))
     p[2] *= 1e-6
     mesh = ElementMesh(p, np.arange(80).reshape(4, 20))
-    turn, F = np.linalg.qr(rng.standard_normal((3, 3)))[0], np.diag([1.1, 0.9, 0.7])
-    u = mesh.p.T @ (turn @ F - np.eye(3)).T + 2.0**10
+    rotation, F = np.linalg.qr(rng.standard_normal((3, 3)))[0], np.diag([1.1, 0.9, 0.7])
+    u = mesh.p.T @ (rotation @ F - np.eye(3)).T + 2.0**10
     found = TERM.bind(mesh).smallest_stretches(u)
     for value, corners in zip(found, mesh.t.T, strict=True):
         P = [[Fraction(x) for x in row] for row in mesh.p.T[corners].tolist()]
@@ -116,12 +115,12 @@ def test_slivers_far_away_keep_their_digits():
 
 
 def gram(corners):
-    spokes = [[v - w for v, w in zip(corner, corners[0], strict=True)] for corner in corners[1:]]
-    return [[sum(v * w for v, w in zip(a, b, strict=True)) for b in spokes] for a in spokes]
+    base_vectors = [[v - w for v, w in zip(corner, corners[0], strict=True)] for corner in corners[1:]]
+    return [[sum(v * w for v, w in zip(a, b, strict=True)) for b in base_vectors] for a in base_vectors]
 
 
 def smallest_root(now, rest):
-    """The root of the smallest `x` with `det(now - x rest) = 0`: Newton's method from below, on an exact cubic."""
+    """Return the root of the smallest `x` with `det(now - x rest) = 0`, by Newton's method from below on an exact cubic."""
 
     def at(x):
         (a, b, c), (d, e, f), (g, h, i) = [[v - x * w for v, w in zip(*rows, strict=True)] for rows in zip(now, rest, strict=True)]
@@ -139,7 +138,7 @@ def smallest_root(now, rest):
 
 
 @pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1])
-def test_the_one_element_that_is_crushed_is_found_wherever_it_stands(count):
+def test_a_crushed_element_is_found_at_any_index(count):
     whole = box(2)
     used, t = np.unique(whole.t[:, :count], return_inverse=True)
     mesh = ElementMesh(whole.p[:, used], t.reshape(4, -1))
@@ -153,7 +152,7 @@ def test_the_one_element_that_is_crushed_is_found_wherever_it_stands(count):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic"])
-def test_in_single_precision_they_are_the_same(name):
+def test_stretches_are_the_same_in_single_precision(name):
     mesh, terms = BODIES[name]
     u = state(mesh).reshape(-1, mesh.d)
     single, double = (terms[0].bind(mesh, dtype).smallest_stretches(u) for dtype in (np.float32, np.float64))

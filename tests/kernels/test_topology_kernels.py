@@ -1,4 +1,4 @@
-"""Edges, orders, stars and places against their readable twins and scikit-fem, on meshes that are not nice."""
+"""Edges, orders, stars and indices agree with readable twins and with scikit-fem, on irregular meshes."""
 
 import hypothesis.strategies as st
 import numpy as np
@@ -16,15 +16,19 @@ HUB = 10_000
 
 
 def random_simplices(seed, k, n, nt):
-    """(k + 1, nt) distinct vertices out of `n`, in any order; most vertices may be on no simplex, and simplices may repeat
-    edges.
+    """Return simplices with distinct vertices out of `n`, in any order, (k + 1, nt).
+
+    Most vertices may belong to no simplex, and simplices may share edges.
     """
     rng = np.random.default_rng(seed)
     return np.stack([rng.choice(n, k + 1, replace=False) for _ in range(nt)], axis=1).astype(np.int32)
 
 
 def fan():
-    """Tetrahedra around an axis, the first vertex of which has HUB neighbours on a circle: isolated vertices before and behind."""
+    """Return tetrahedra around an axis; its first vertex has HUB neighbours on a circle.
+
+    There are isolated vertices before and after them.
+    """
     ring = np.arange(HUB, dtype=np.int32) + 7
     hub, top = np.full(HUB, 3, np.int32), np.full(HUB, HUB + 9, np.int32)
     return np.stack([ring, hub, np.roll(ring, -1), top])
@@ -36,7 +40,7 @@ def assert_same(one, other):
 
 
 def compare(t, n, d):
-    """All kernels on the edges of these simplices."""
+    """Compare all kernels on the edges of these simplices with their twins."""
     local = np.array(LOCAL_EDGES[len(t) - 1])
     edges, t2e = topology.edges_of_simplices(t, local, n)
     assert_same((edges, t2e), readable.edges_of_simplices(t, local, n))
@@ -63,7 +67,7 @@ def test_kernels_on_random_simplices_are_their_twins(seed, k, n, nt, d):
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), m=st.integers(1, 4), items=st.integers(0, 60), n=st.integers(1, 9))
 def test_the_lexicographic_order_is_stable(seed, m, items, n):
-    """Few numbers and many columns, so that equal ones come."""
+    """The numbers are few and the columns many, so that equal columns occur."""
     rows = np.random.default_rng(seed).integers(0, n, (m, items)).astype(np.int32)
     assert_same([topology.lexicographic_order(rows, n)], [readable.lexicographic_order(rows, n)])
 
@@ -117,7 +121,7 @@ def test_measures_and_frames_are_their_twins(name):
 
 @pytest.mark.parametrize("k", [1, 2, 3])
 def test_frames_of_spokes_are_their_twins_and_orthonormal(k):
-    """Of both orientations: the diagonal of `Ri` is positive in either."""
+    """The diagonal of `Ri` is positive for both orientations."""
     P = np.random.default_rng(0).standard_normal((50, k, 3))
     kernel, twin = geometry.frames_of_spokes(P), readable.frames_of_spokes(P)
     assert (np.abs(kernel - twin).max(axis=0) < 1e-13 * np.abs(twin).max(axis=0) ** 2).all()

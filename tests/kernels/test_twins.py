@@ -1,4 +1,4 @@
-"""The compiled kernels against the readable ones, in systems that run on either."""
+"""The compiled kernels agree with the readable twins, in systems that run on either."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ from skfem_stvk.terms import Body, HasDampingForce, HasRoundOff, HasVolume, Quar
 
 
 def results(mesh, terms, dtype=np.float64, amount=0.3, kind="usual"):
-    """All that the kernels compute, by name."""
+    """Return all results of the kernels, by name."""
     body = System(mesh, terms, quadrature=None if kind == "usual" else kind, dtype=dtype)
     u, v = state(mesh, amount), state(mesh, seed=9)
     W, F = body.energy_and_force(u)
@@ -52,7 +52,10 @@ def results(mesh, terms, dtype=np.float64, amount=0.3, kind="usual"):
 
 
 def of_terms(mesh, terms, dtype, amount, kind):
-    """What the terms know and systems do not ask for one by one; pushed together, so that there are negative tensions."""
+    """Return results of the terms that a system does not return term by term.
+
+    The bodies are compressed, so that tensions are negative.
+    """
     found = {}
     for i, term in enumerate(terms if isinstance(terms, list) else [terms]):
         assembly, v = term.bind(Body(mesh, [], quadrature(mesh, kind)), dtype), state(mesh, seed=9).reshape(-1, mesh.d)
@@ -112,7 +115,7 @@ def test_compiled_and_readable_kernels_agree(name, parts, monkeypatch):
     assert_same(results(*BODIES[name]), compiled, 1e-14)
 
 
-#: Each element with the isotropic law, and three pairs more.
+#: Each element with the isotropic law, and three pairs with the general law.
 PAIRS = [(name, "isotropic") for name in (*CURVED, "partly curved tetrahedra", "straight hexahedra")] + [
     ("quadratic tetrahedra", "general"),
     ("hexahedra", "general"),
@@ -133,7 +136,7 @@ def test_compiled_and_readable_kernels_agree_on_elements_with_several_points(nam
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "membrane", "segments", slow("quadratic tetrahedra"), slow("quadrilaterals")])
-def test_those_of_linear_elasticity_agree(name, monkeypatch):
+def test_kernels_of_linear_elasticity_agree(name, monkeypatch):
     mesh, frames = EVERY_MESH[name], random_frames(1, np.random.default_rng(5))[0]
     terms = LinearElastic(young=2.0, poisson=0.3), LinearElastic(Anisotropic(some_voigt(np.random.default_rng(7)), frame=frames))
     compiled = [results(mesh, term, kind=kind) for term in terms for kind in rules(mesh)]
@@ -145,7 +148,7 @@ def test_those_of_linear_elasticity_agree(name, monkeypatch):
 
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", ["tetrahedra", "membrane", "segments"])
-def test_those_of_networks_agree(name, parts, monkeypatch):
+def test_kernels_of_networks_agree(name, parts, monkeypatch):
     in_parts(monkeypatch, parts)
     mesh = MESHES[name]
     network = EdgeNetwork.of(mesh, StVK(young=2.0, poisson=0.3))
@@ -157,7 +160,7 @@ def test_those_of_networks_agree(name, parts, monkeypatch):
 
 
 def penalties(kind):
-    """(mesh, terms) by name, on all and on half of the elements."""
+    """Yield meshes and terms, with penalties on all and on half of the elements."""
     for name in ("tetrahedra", "triangles", "segments"):
         mesh, rng = MESHES[name], np.random.default_rng(6)
         half = rng.permutation(mesh.nt)[: mesh.nt // 2]
@@ -167,7 +170,7 @@ def penalties(kind):
 @pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("kind", [slow("quadratic"), "compression", "barrier"])
-def test_those_of_penalties_agree_with_the_readable_ones_in_double(kind, parts, dtype, monkeypatch):
+def test_kernels_of_penalties_agree_with_the_readable_ones_in_double(kind, parts, dtype, monkeypatch):
     in_parts(monkeypatch, parts)
     bodies = list(penalties(kind))
     compiled = [results(*body, dtype=dtype, amount=0.08) for body in bodies]
@@ -177,7 +180,7 @@ def test_those_of_penalties_agree_with_the_readable_ones_in_double(kind, parts, 
 
 
 @pytest.mark.parametrize("kind", ["quadratic", "compression"])
-def test_those_of_penalties_agree_inside_out(kind, monkeypatch):
+def test_kernels_of_penalties_agree_on_inverted_elements(kind, monkeypatch):
     bodies = list(penalties(kind))
     compiled = [results(*body) for body in bodies]
     assert min(found["smallest ratio of 1"] for found in compiled) < 0
@@ -187,7 +190,7 @@ def test_those_of_penalties_agree_inside_out(kind, monkeypatch):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_one_pass_gives_what_three_calls_give(name):
+def test_one_pass_gives_the_results_of_three_calls(name):
     found = results(*BODIES[name])
     for what in ("W", "F", "K"):
         assert np.abs(found[what] - found[f"{what} of linearize"]).max() <= 1e-14 * np.abs(found[what]).max(), what
@@ -221,7 +224,7 @@ def test_blocks_of_lanes_may_be_full_or_not(count, general, monkeypatch):
 
 
 def test_on_twins_no_kernel_is_called(monkeypatch):
-    """Otherwise the comparison would be of kernels with themselves."""
+    """Systems on readable twins call no compiled kernel, so that comparisons are not of kernels with themselves."""
 
     def refuse(kernel, *_):
         raise AssertionError(kernel)
@@ -254,7 +257,7 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
     ],
 )
 def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
-    """What is annotated is called from Python."""
+    """Kernels with annotations are called from Python."""
     called = {name: value.py_func for name, value in vars(module).items() if hasattr(value, "py_func") and name[0] != "_"}
     called = {name: function for name, function in called.items() if function.__module__ == module.__name__}
     annotated = {name: function for name, function in called.items() if function.__annotations__}
@@ -264,8 +267,8 @@ def test_every_kernel_that_python_calls_has_a_twin_with_its_signature(module):
         assert twin.__annotations__ == function.__annotations__, name
 
 
-def test_the_readable_tensor_of_the_general_law_is_that_of_the_isotropic_one():
-    """Two ways to store one material are one tensor C."""
+def test_the_readable_tensors_of_both_stored_forms_are_equal():
+    """One material, stored in two ways, has one tensor C."""
     mesh = MESHES["tetrahedra"]
     young, poisson = 2.0, 0.3
     mu, lam = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))

@@ -1,4 +1,4 @@
-"""Matrices for the solvers: small bodies held at one end, of every dimension, and what becomes of them."""
+"""Matrices for the solvers: small bodies of every dimension, supported at one end."""
 
 import numpy as np
 import skfem
@@ -9,7 +9,7 @@ from skfem_stvk.linear import Unknowns
 
 
 def body(name):
-    """Unstructured in its coordinates, both orientations, nu != 0; longer than thick."""
+    """Return a body with distorted coordinates, both orientations and nu != 0, longer than thick."""
     rng = np.random.default_rng(1)
     lines = [np.linspace(0, 2, 9), np.linspace(0, 1, 5), np.linspace(0, 1, 4)]
     if name == "cable":
@@ -26,21 +26,24 @@ def body(name):
 NAMES = ("box", "soft and stiff", "sheet", "membrane", "cable")
 
 
-def held(system):
-    """One end held altogether; a third of the rest of the boundary slides, so that vertices have one, two or three unknowns."""
+def supported(system):
+    """Return the unknowns of a body with one end fixed, and sliding supports on a part of the rest of its boundary.
+
+    So vertices have one, two or three unknowns.
+    """
     p, d = system.mesh.p, system.mesh.d
     wall = np.flatnonzero(p[0] < np.quantile(p[0], 0.12))
     sliding = np.flatnonzero(p[-1] < np.quantile(p[-1], 0.1)) if d > 1 else []
     fixed = [*(d * v + c for v in wall for c in range(d)), *(d * v + d - 1 for v in sliding)]
-    if system.mesh.k < d:  # a membrane has no stiffness across: its normal component is held
+    if system.mesh.k < d:  # a membrane has no transverse stiffness, so its normal component is constrained
         fixed += [d * v + d - 1 for v in range(system.mesh.nv)]
     return system.free_dofs(np.unique(fixed).astype(int))
 
 
 def problem(name="box", amount=0.0):
-    """K where the body is stretched by `amount`, so that it stays positive definite, and its unknowns."""
+    """Return K of a body stretched by `amount`, so that K stays positive definite, and its unknowns."""
     system = body(name)
-    free, d = held(system), system.mesh.d
+    free, d = supported(system), system.mesh.d
     x = system.mesh.p.T
     u = amount * np.stack([(x[:, 0] - x[:, 0].min()) * (1, 0.3, -0.2)[c] for c in range(d)], axis=1)
     K = free.matrix(system.tangent(free.vector(u.ravel()[free.free])))
@@ -55,18 +58,18 @@ def rigid_motions(p):
     modes = [np.tile(axis, (nv, 1)) for axis in np.eye(d)]
     for a in range(d):
         for b in range(a):
-            turn = np.zeros((nv, d))
-            turn[:, a], turn[:, b] = -x[:, b], x[:, a]
-            modes.append(turn)
+            rotation = np.zeros((nv, d))
+            rotation[:, a], rotation[:, b] = -x[:, b], x[:, a]
+            modes.append(rotation)
     return np.stack(modes, axis=2).reshape(d * nv, -1)
 
 
 class Matrix:
-    """K as the operator that matrix-free solvers take."""
+    """K as the operator of matrix-free solvers."""
 
     def __init__(self, K, unknowns):
         self.K, d = K, unknowns.component.max() + 1
-        dense = np.full((unknowns.vertex.max() + 1, d, d), np.nan)  # what is held is not looked at
+        dense = np.full((unknowns.vertex.max() + 1, d, d), np.nan)  # constrained components are not read
         coo = K.tocoo()
         own = unknowns.vertex[coo.row] == unknowns.vertex[coo.col]
         rows, columns = coo.row[own], coo.col[own]
@@ -80,13 +83,13 @@ class Matrix:
         return self.blocks
 
 
-def given(solver, K, unknowns):
-    """K in the form that the solver takes."""
+def matrix_for(solver, K, unknowns):
+    """Return K in the form that the solver accepts."""
     return Matrix(K, unknowns) if solver.matrix_free else K
 
 
 def indefinite(K, unknowns, below=3):
-    """K shifted such that exactly `below` of its eigenvalues are negative; same structure."""
+    """Return K shifted so that exactly `below` of its eigenvalues are negative, with the same structure."""
     values = np.linalg.eigvalsh(K.toarray())
     shift = (values[below - 1] + values[below]) / 2
     shifted = K.copy()

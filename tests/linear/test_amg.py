@@ -1,6 +1,4 @@
-"""Multigrid: iterations that hardly grow, a hierarchy that is kept and built anew, and the same answers on any number of
-threads.
-"""
+"""Multigrid: iterations hardly grow, hierarchies are reused or rebuilt, and results do not depend on the number of threads."""
 
 from dataclasses import replace
 
@@ -18,7 +16,7 @@ from skfem_stvk.linear.multigrid import FEWEST, ToCorners, aggregates
 
 
 def beam(size, young=1.0, flat=1.0):
-    """K of a beam five times as long as thick, and its unknowns."""
+    """Return K of a beam five times as long as thick, and its unknowns."""
     lines = np.linspace(0, 5, 5 * size + 1), np.linspace(0, 1, size + 1), np.linspace(0, flat, size + 1)
     mesh = skfem.MeshTet.init_tensor(*lines)
     if young != 1.0:
@@ -64,7 +62,7 @@ def test_rotations_are_needed():
 
 
 @pytest.mark.parametrize("parts", [2, 5])
-def test_in_parts_the_answer_is_the_same_and_takes_no_more_than_twice_the_iterations(parts, monkeypatch):
+def test_parts_give_the_same_result_in_at_most_twice_the_iterations(parts, monkeypatch):
     K, unknowns = problem("box")
     whole = solved(K, unknowns, 1e-10)
     in_parts(monkeypatch, parts)
@@ -73,12 +71,12 @@ def test_in_parts_the_answer_is_the_same_and_takes_no_more_than_twice_the_iterat
     assert shared.iterations <= 2 * whole.iterations
 
 
-def test_the_same_solve_twice_gives_the_same_bits():
+def test_equal_solves_give_bitwise_equal_results():
     K, unknowns = beam(5)
     assert (solved(K, unknowns).x == solved(K, unknowns).x).all()
 
 
-def test_a_hierarchy_is_kept_for_a_matrix_like_the_last():
+def test_a_hierarchy_is_reused_for_a_similar_matrix():
     K, unknowns = beam(4)
     analysis = AmgCg().analyse(unknowns)
     first = analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
@@ -88,7 +86,7 @@ def test_a_hierarchy_is_kept_for_a_matrix_like_the_last():
     assert np.abs(2 * again.x - first.x).max() < 1e-6 * np.abs(first.x).max()
 
 
-def test_a_hierarchy_is_built_anew_when_iterations_have_grown_and_from_the_modes_of_then():
+def test_a_hierarchy_is_rebuilt_with_current_modes_when_iterations_have_grown():
     (K, unknowns), other = beam(5), beam(5, young=1e4)[0]
     asked = []
 
@@ -107,7 +105,7 @@ def test_a_hierarchy_is_built_anew_when_iterations_have_grown_and_from_the_modes
     assert fast.iterations == solved(other, unknowns).iterations
 
 
-def test_iterations_that_have_grown_are_noticed_from_a_warm_start_too():
+def test_grown_iterations_are_detected_after_a_warm_start_too():
     (K, unknowns), other = beam(5), beam(5, young=1e4)[0]
     analysis, x = AmgCg().analyse(unknowns), solved(other, unknowns, 1e-10).x
     analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
@@ -118,7 +116,7 @@ def test_iterations_that_have_grown_are_noticed_from_a_warm_start_too():
     assert analysis.hierarchy is not kept
 
 
-def test_aggregates_cover_all_vertices_and_are_neither_tiny_nor_without_end():
+def test_aggregates_cover_all_vertices_and_have_moderate_sizes():
     K, unknowns = beam(6)
     rows = VertexRows(unknowns)
     blocks, single = rows.structure.room(), rows.structure.room(np.float32)
@@ -129,7 +127,7 @@ def test_aggregates_cover_all_vertices_and_are_neither_tiny_nor_without_end():
     assert FEWEST <= sizes.mean() <= 40
 
 
-def test_couplings_that_would_leave_tiny_aggregates_do_not_count(monkeypatch):
+def test_a_threshold_that_gives_tiny_aggregates_is_lowered(monkeypatch):
     monkeypatch.setattr("skfem_stvk.linear.multigrid.STRONG", 0.4)
     K, unknowns = beam(6)
     rows = VertexRows(unknowns)
@@ -139,7 +137,7 @@ def test_couplings_that_would_leave_tiny_aggregates_do_not_count(monkeypatch):
     assert np.bincount(numbers).mean() >= FEWEST
 
 
-def test_no_level_has_a_zero_on_its_diagonal_though_a_cable_has_one_mode_of_three():
+def test_diagonals_of_all_levels_are_positive_for_a_cable():
     K, unknowns = problem("cable")
     analysis = AmgCg().analyse(unknowns)
     analysis.factorise(K, Kind.SYMMETRIC)
@@ -149,7 +147,7 @@ def test_no_level_has_a_zero_on_its_diagonal_though_a_cable_has_one_mode_of_thre
         assert np.diag(level.A.dense(level.blocks)).min() > 0
 
 
-def test_blocks_hold_the_matrix_and_vectors_go_there_and_back():
+def test_blocks_represent_the_matrix_and_vectors_are_converted_both_ways():
     K, unknowns = problem("box")
     rows = VertexRows(unknowns)
     blocks, single = rows.structure.room(), rows.structure.room(np.float32)
@@ -161,7 +159,7 @@ def test_blocks_hold_the_matrix_and_vectors_go_there_and_back():
     assert np.abs(single - 0.5 * blocks).max() < 1e-6 * np.abs(blocks).max()
 
 
-def test_modes_are_asked_for_and_looked_at():
+def test_missing_and_wrong_modes_are_refused():
     K, unknowns = problem("box")
     bare = Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices)
     with pytest.raises(StvkError, match="near_null_space"):
@@ -180,7 +178,10 @@ def test_vertices_without_full_blocks_are_refused():
 
 
 def quadratic(size, k=3, bend=0.0, slides=False):
-    """K of a beam of quadratic elements, curved by `bend`, held at one end, where it may slide along it; its unknowns."""
+    """Return K of a beam of quadratic elements, curved by `bend` and fixed at one end, and its unknowns.
+
+    With `slides`, the end is fixed only along the beam, except at two nodes.
+    """
     lines = np.linspace(0, 5, 5 * size + 1), np.linspace(0, 1, size + 1), np.linspace(0, 1, size + 1)
     mesh = {2: skfem.MeshTri, 3: skfem.MeshTet}[k].init_tensor(*lines[:k])
     straight = ElementMesh(mesh.p, mesh.t).with_degree(2)
@@ -188,15 +189,15 @@ def quadratic(size, k=3, bend=0.0, slides=False):
     p[1] += bend * np.sin(p[0])
     system = System(ElementMesh(p, straight.t, element=straight.element), StVK(young=1.0, poisson=0.3))
     wall = np.flatnonzero(p[0] == 0)
-    held = [k * v + c for v in wall for c in range(k) if c == 0 or not slides or v == wall[0]]
-    held += [k * wall[-1] + c for c in range(k)] if slides else []
-    free = system.free_dofs(np.unique(held))
+    constrained = [k * v + c for v in wall for c in range(k) if c == 0 or not slides or v == wall[0]]
+    constrained += [k * wall[-1] + c for c in range(k)] if slides else []
+    free = system.free_dofs(np.unique(constrained))
     K, modes = free.matrix(system.tangent(np.zeros(system.ndofs))), rigid_motions(p)[free.free]
     return K, Unknowns(*np.divmod(free.free, k), K.indptr, K.indices, lambda: modes, system.mesh.ends())
 
 
 @pytest.mark.parametrize("of", [{}, {"bend": 0.3}, {"slides": True}, {"k": 2, "bend": 0.3}], ids=str)
-def test_the_corners_are_the_better_second_level_of_quadratic_elements(of):
+def test_corners_are_a_better_second_level_of_quadratic_elements(of):
     K, unknowns = quadratic(2 if of.get("k") != 2 else 6, **of)
     corners, aggregates = solved(K, unknowns), solved(K, replace(unknowns, ends=None))
     assert np.abs(corners.x - aggregates.x).max() < 1e-6 * np.abs(corners.x).max()
@@ -207,8 +208,8 @@ def test_supports_of_a_few_nodes_cost_no_iterations_of_their_own():
     assert solved(*quadratic(3, slides=True)).iterations <= solved(*quadratic(3)).iterations
 
 
-def test_middles_next_to_walls_take_the_mean_and_next_to_single_held_nodes_more():
-    """A wall's middles are in balance when the free corners move by one: on a plane layer P is linear."""
+def test_factors_of_middles_exceed_one_only_next_to_single_supports():
+    """Factors are 1 next to a wall, because P is linear on a plane layer; next to single constrained nodes they are larger."""
     for slides in (False, True):
         K, unknowns = quadratic(2, slides=slides)
         analysis = AmgCg().analyse(unknowns)

@@ -1,4 +1,4 @@
-"""Solvers by name, by object, and automatically."""
+"""Solvers are chosen by name, by object, and automatically."""
 
 import importlib
 import sys
@@ -22,12 +22,12 @@ def test_a_name_and_an_object_are_the_same_solver(solver):
 
 
 @pytest.mark.parametrize("wrong", ["umfpack", 3, None])
-def test_what_is_no_solver_is_refused_with_the_names_of_those_there_are(wrong):
+def test_an_unknown_solver_is_refused_with_the_known_names(wrong):
     with pytest.raises(StvkError, match=r"'auto', 'superlu', 'pardiso', 'amg-cg', 'block-jacobi-cg', 'ssor-cg'"):
         choose(wrong, 100, Kind.SYMMETRIC)
 
 
-def test_a_solver_that_cannot_take_the_matrix_is_refused_before_any_work():
+def test_a_solver_unsuited_to_the_matrix_is_refused_before_any_work():
     with pytest.raises(StvkError, match="general matrix"):
         choose("amg-cg", 100, Kind.GENERAL)
 
@@ -35,7 +35,7 @@ def test_a_solver_that_cannot_take_the_matrix_is_refused_before_any_work():
 @pytest.mark.parametrize("installed", [True, False])
 @pytest.mark.parametrize("kind", Kind)
 @pytest.mark.parametrize("n", [10, 3_000, 300_000])
-def test_automatic_choice_takes_the_matrix_and_needs_nothing_that_is_missing(installed, kind, n, monkeypatch):
+def test_the_automatic_choice_suits_the_matrix_and_is_installed(installed, kind, n, monkeypatch):
     monkeypatch.setattr(module, "pardiso_is_installed", lambda: installed)
     chosen = choose("auto", n, kind)
     assert chosen.takes >= kind and (installed or chosen != Pardiso())
@@ -44,13 +44,13 @@ def test_automatic_choice_takes_the_matrix_and_needs_nothing_that_is_missing(ins
 
 
 @pytest.mark.parametrize(("installed", "solver"), [(True, Pardiso()), (False, AmgCg())])
-def test_of_direct_solvers_only_pardiso_pays_with_10_000_unknowns(installed, solver, monkeypatch):
+def test_with_10_000_unknowns_pardiso_is_chosen_if_installed(installed, solver, monkeypatch):
     monkeypatch.setattr(module, "pardiso_is_installed", lambda: installed)
     assert choose("auto", 10_000, Kind.SYMMETRIC) == solver
 
 
 @pytest.mark.parametrize(("row", "solver"), [(45, Pardiso()), (80, AmgCg())])
-def test_with_more_entries_in_a_row_of_K_multigrid_pays_with_fewer_unknowns(row, solver, monkeypatch):
+def test_more_entries_per_row_favour_multigrid(row, solver, monkeypatch):
     monkeypatch.setattr(module, "pardiso_is_installed", lambda: True)
     assert choose("auto", 10_000, Kind.SYMMETRIC, entries=row * 10_000) == solver
     assert choose("auto", 10_000, Kind.GENERAL, entries=row * 10_000) == Pardiso()
@@ -68,7 +68,7 @@ def test_with_more_entries_in_a_row_of_K_multigrid_pays_with_fewer_unknowns(row,
         (skfem.MeshHex, 1, (1_500, 1_500)),
     ],
 )
-def test_from_how_many_unknowns_on_multigrid_pays_is_of_the_element(make, degree, fewest, installed, monkeypatch):
+def test_the_smallest_size_for_multigrid_depends_on_the_element(make, degree, fewest, installed, monkeypatch):
     monkeypatch.setattr(module, "pardiso_is_installed", lambda: installed)
     system = System(make().refined(4 if degree == 1 else 3), StVK(young=1.0, poisson=0.3), degree=degree if degree == 2 else None)
     row, many = entries_of(system) / system.ndofs, fewest[0 if installed else 1]
@@ -77,7 +77,7 @@ def test_from_how_many_unknowns_on_multigrid_pays_is_of_the_element(make, degree
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-def test_entries_of_K_are_known_before_it_is_made(degree):
+def test_entries_of_K_are_counted_before_assembly(degree):
     system = System(skfem.MeshTet().refined(1), StVK(young=1.0, poisson=0.3), degree=degree)
     assert entries_of(system) == system.pattern.nnz
 

@@ -1,5 +1,6 @@
-"""The compiled loop where a body offers its edges: the same answers as with products, of the newest matrix, in arrays that are made
-once.
+"""The compiled loop on edge blocks gives the same results as products do.
+
+It uses the newest matrix, and arrays that are made once.
 """
 
 import tracemalloc
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 import skfem
 from bodies import MESHES, state
-from linear.problems import NAMES, body, held, problem
+from linear.problems import NAMES, body, problem, supported
 
 from skfem_stvk import StVK, System
 from skfem_stvk.errors import StateError, StvkError
@@ -22,16 +23,16 @@ preconditioned = pytest.mark.parametrize("solver", [BlockJacobiCg(), SsorCg()], 
 
 
 class Products:
-    """An operator that keeps its edges to itself."""
+    """Operator that does not offer its edge blocks."""
 
     def __init__(self, operator):
         self.matvec, self.diagonal_blocks = operator.matvec, operator.diagonal_blocks
 
 
 def operator_of(name="box", amount=0.05, shift=None):
-    """The operator where the body is stretched, its unknowns, and a load."""
+    """Return the operator of a stretched body, its unknowns, and a load."""
     system = body(name)
-    free, d, x = held(system), system.mesh.d, system.mesh.p.T
+    free, d, x = supported(system), system.mesh.d, system.mesh.p.T
     u = free.vector(amount * (x - x.min(axis=0)).ravel()[free.free])
     operator = FreeOperator(system.linear_operator(u), free, shift)
     return operator, Unknowns(*np.divmod(free.free, d)), np.random.default_rng(3).standard_normal(len(free.free))
@@ -39,7 +40,7 @@ def operator_of(name="box", amount=0.05, shift=None):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("shifted", [False, True])
-def test_the_compiled_loop_takes_the_iterations_of_that_with_products(name, shifted):
+def test_both_loops_take_the_same_iterations(name, shifted):
     operator, unknowns, b = operator_of(name)
     if shifted:
         operator.shift = np.linspace(1, 2, len(b))
@@ -54,7 +55,7 @@ def test_the_compiled_loop_takes_the_iterations_of_that_with_products(name, shif
 
 
 @preconditioned
-def test_of_a_changed_operator_new_factors_know_and_nothing_is_left_of_the_old(solver):
+def test_new_factors_use_only_the_changed_operator(solver):
     operator, unknowns, b = operator_of(shift=np.zeros(len(operator_of()[2])))
     analysis = solver.analyse(unknowns)
     old = analysis.factorise(operator, SYMMETRIC).solve(b, 1e-9)
@@ -92,7 +93,7 @@ def test_a_body_in_single_precision_is_solved_in_double(solver):
 
 
 @preconditioned
-def test_a_residual_that_rounding_left_too_small_is_looked_at_from_x(solver):
+def test_a_residual_beyond_round_off_is_recomputed_from_x(solver):
     operator, unknowns, b = operator_of("soft and stiff")
     solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-18)
     assert solution.outcome in (Outcome.INACCURATE, Outcome.OUT_OF_ITERATIONS)
@@ -100,7 +101,7 @@ def test_a_residual_that_rounding_left_too_small_is_looked_at_from_x(solver):
 
 
 @preconditioned
-def test_iterations_come_to_an_end_and_what_there_is_is_handed_out(monkeypatch, solver):
+def test_the_iteration_limit_returns_the_last_iterate(monkeypatch, solver):
     monkeypatch.setattr(cg, "MOST", 7)
     operator, unknowns, b = operator_of()
     solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
@@ -110,7 +111,7 @@ def test_iterations_come_to_an_end_and_what_there_is_is_handed_out(monkeypatch, 
 
 @preconditioned
 @pytest.mark.parametrize("stretch", [1, 100_000])
-def test_stretches_between_which_python_looks_up_change_no_bit(stretch, monkeypatch, solver):
+def test_interruptible_sections_do_not_change_the_result(stretch, monkeypatch, solver):
     operator, unknowns, b = operator_of()
     factors = solver.analyse(unknowns).factorise(operator, SYMMETRIC)
     whole = factors.solve(b, 1e-10)
@@ -120,7 +121,7 @@ def test_stretches_between_which_python_looks_up_change_no_bit(stretch, monkeypa
 
 
 @preconditioned
-def test_negative_curvature_is_an_outcome_with_what_was_found_before(solver):
+def test_negative_curvature_is_an_outcome_with_the_last_iterate(solver):
     operator, unknowns, b = operator_of(amount=-0.4)
     solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
     assert solution.outcome is Outcome.NEGATIVE_CURVATURE
@@ -145,7 +146,7 @@ def test_a_shift_of_another_length_is_refused(solver):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("shift", [0.0, 2.0])
-def test_ssor_answers_as_a_dense_solve_does_with_fewer_iterations_than_diagonal_blocks(name, shift):
+def test_ssor_solves_with_fewer_iterations_than_diagonal_blocks(name, shift):
     operator, unknowns, b = operator_of(name, shift=np.full(len(operator_of(name)[2]), shift))
     start = np.cos(np.arange(len(b)))
     factors = [solver.analyse(unknowns).factorise(operator, SYMMETRIC) for solver in (SsorCg(), BlockJacobiCg())]
@@ -156,7 +157,7 @@ def test_ssor_answers_as_a_dense_solve_does_with_fewer_iterations_than_diagonal_
     assert factors[0].solve(b, 1e-6, one.x).iterations == 0
 
 
-def test_an_indefinite_diagonal_block_is_negative_curvature_at_once():
+def test_an_indefinite_diagonal_block_is_negative_curvature_before_any_iteration():
     operator, unknowns, b = operator_of(shift=np.zeros(len(operator_of()[2])))
     operator.shift[7] = -100.0
     analysis = SsorCg().analyse(unknowns)
@@ -167,17 +168,17 @@ def test_an_indefinite_diagonal_block_is_negative_curvature_at_once():
 
 
 @preconditioned
-def test_assembled_and_by_edges_the_iterations_are_the_same(solver):
+def test_assembled_and_edge_solvers_take_the_same_iterations(solver):
     K, unknowns = problem("box")
     operator, _, b = operator_of(amount=0.0)
     one = type(solver)(assembled=True).analyse(unknowns).factorise(K, SYMMETRIC).solve(b, 1e-8)
     two = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-8)
-    assert abs(one.iterations - two.iterations) <= 2 + 0.1 * one.iterations * (solver == SsorCg())  # rows have other numbers
+    assert abs(one.iterations - two.iterations) <= 2 + 0.1 * one.iterations * (solver == SsorCg())  # rows are numbered differently
     assert np.abs(one.x - two.x).max() < 1e-6 * np.abs(two.x).max()
 
 
 def grown(call, times=5):
-    """The most bytes that calls take beyond what there is, after some that make what is kept."""
+    """Return the largest number of bytes that calls allocate temporarily, after three calls that make permanent arrays."""
     for _ in range(3):
         call()
     tracemalloc.start()
@@ -192,7 +193,7 @@ def grown(call, times=5):
 
 
 @preconditioned
-def test_from_step_to_step_no_array_is_made(solver):
+def test_repeated_steps_allocate_no_arrays(solver):
     system = System(skfem.MeshTet().refined(4), StVK(young=2.0, poisson=0.3))
     free = system.free_dofs(np.flatnonzero(np.repeat(system.mesh.p[0] == 0, 3)))
     n = len(free.free)

@@ -1,4 +1,4 @@
-"""When conjugate gradients end, whatever loop they are."""
+"""Conjugate gradients end in the same way with either loop."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,10 @@ from skfem_stvk.linear.cg import solve_by
 
 
 class Drifting:
-    """A loop whose residual is smaller than that of x: every run reaches what is asked, in truth `off` times as much."""
+    """Loop that reports a smaller residual than that of x.
+
+    Every run reaches the requested residual; the true residual is the next number of `off` times as large.
+    """
 
     def __init__(self, off):
         self.size = self.norm = 1.0
@@ -32,17 +35,17 @@ def solved(off, rtol=1e-6):
     return search, solve_by(search, np.ones(3), rtol, 100)
 
 
-def test_a_residual_that_is_true_ends_it():
+def test_a_true_residual_ends_the_loop():
     search, found = solved([1.0])
     assert search.asked == [1e-6] and found.outcome is Outcome.SOLVED and found.residual == 1e-6 and found.iterations == 5
 
 
-def test_where_the_residual_was_too_small_the_loop_starts_again_and_goes_further():
+def test_a_wrong_residual_restarts_the_loop_with_a_smaller_target():
     search, found = solved([1.5, 1.5])
     assert search.asked == [1e-6, 5e-7] and found.outcome is Outcome.SOLVED and found.residual == pytest.approx(7.5e-7)
     assert found.iterations == 10
 
 
-def test_what_is_too_large_once_more_is_not_claimed():
+def test_a_residual_too_large_after_the_restart_is_inaccurate():
     search, found = solved([3.0, 3.0])
     assert len(search.asked) == 2 and found.outcome is Outcome.INACCURATE and found.residual == pytest.approx(1.5e-6)

@@ -1,4 +1,4 @@
-"""What PARDISO alone promises."""
+"""PARDISO analyses once, releases its memory, and reports perturbed and singular matrices."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from skfem_stvk.linear import Kind, Outcome, Pardiso, Unknowns
 pytest.importorskip("pypardiso")
 
 
-def test_the_order_of_elimination_is_worked_out_once(monkeypatch):
+def test_the_elimination_order_is_computed_once(monkeypatch):
     from pypardiso.pardiso_wrapper import PyPardisoSolver
 
     phases, call = [], PyPardisoSolver._call_pardiso
@@ -47,8 +47,8 @@ def test_perturbed_pivots_are_counted_and_their_inertia_is_not_claimed():
     assert Pardiso().analyse(unknowns).factorise(indefinite(K, unknowns), Kind.SYMMETRIC).perturbed_pivots == 0
 
 
-def test_errors_that_come_with_a_solve_only_are_told_apart(monkeypatch):
-    """MKL up to 2023 says so late that a matrix is singular."""
+def test_errors_during_a_solve_are_distinguished(monkeypatch):
+    """MKL up to 2023 reports a singular matrix only during the solve."""
     from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
 
     K, unknowns = problem()
@@ -68,7 +68,7 @@ def test_errors_that_come_with_a_solve_only_are_told_apart(monkeypatch):
     assert factors.solve(np.ones(unknowns.n), 1e-6).outcome is Outcome.SOLVED
 
 
-def test_out_is_written_to_where_the_factorisation_says_singular(monkeypatch):
+def test_out_is_written_if_the_factorisation_is_singular(monkeypatch):
     from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
 
     K, unknowns = problem()
@@ -85,7 +85,7 @@ def test_out_is_written_to_where_the_factorisation_says_singular(monkeypatch):
     assert solution.outcome is Outcome.SINGULAR and solution.x is out and not out.any()
 
 
-def test_a_missing_diagonal_is_refused_before_pardiso_sees_it():
+def test_a_missing_diagonal_is_refused_before_pardiso_is_called():
     K, unknowns = problem()
     row = np.repeat(np.arange(unknowns.n), np.diff(K.indptr))
     K.data[(row == 4) & (K.indices == 4)] = 0

@@ -1,4 +1,4 @@
-"""Where vectors live: spaces within spaces, and that analyses multiply vectors by no other way."""
+"""Vectors belong to spaces and subspaces, and analyses multiply vectors only by methods of their spaces."""
 
 import ast
 from pathlib import Path
@@ -36,22 +36,22 @@ def test_a_few_entries_are_those_of_the_expanded_vector(name):
     np.testing.assert_allclose(space.entries(some)(x), space.expand(x)[some], rtol=1e-14)
 
 
-def test_entries_know_their_numbers_in_the_whole():
+def test_entries_have_their_numbers_in_the_full_space():
     assert SPACES["some entries of some"].numbers.tolist() == [1, 11] and SPACES["some coordinates"].numbers.tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
-def test_norms_lose_nothing_to_squares(size):
+def test_norms_do_not_overflow_or_underflow(size):
     assert Space(3).norm(size * np.array([3.0, 0.0, -4.0])) == pytest.approx(5 * size, rel=1e-15)
 
 
-def test_random_vectors_are_the_same_for_a_seed_and_others_for_another():
+def test_random_vectors_depend_only_on_the_seed():
     assert (Space(9).random() == Space(9).random()).all() and (Space(9).random(1) != Space(9).random()).all()
 
 
 @pytest.fixture
 def counted(monkeypatch):
-    """How often each method of a space was called."""
+    """Return the number of calls of each method of a space, by name."""
     counts = {}
 
     def count(kind, name):
@@ -77,7 +77,7 @@ def body():
     return System(mesh, [StVK(young=1e5, poisson=0.3, density=1e3), Gravity(g=(1.0, 0, -9.81))], fixed={"left": "xyz"})
 
 
-def test_statics_and_motion_multiply_and_place_vectors_by_their_spaces(counted):
+def test_statics_and_motion_use_the_operations_of_their_spaces(counted):
     result = solve_static(body(), steps=2, solver="superlu", quiet=True)
     iterations = sum(len(step.iterations) for step in result.history)
     assert counted["norm"] >= 3 * iterations and counted["expand"] >= iterations and counted["dot"] >= iterations
@@ -86,12 +86,12 @@ def test_statics_and_motion_multiply_and_place_vectors_by_their_spaces(counted):
     assert counted["norm"] >= 5 * run.iterations and counted["expand"] >= run.iterations
 
 
-#: Norms of NumPy's that are of no vector of a space: of files that are checked, and of the sizes of a mesh and a mode in a picture.
+#: NumPy's norms of arrays that are no vectors of a space: checked files, the size of a mesh, and a mode in a picture.
 OTHERS = {("checkpoint.py", "np.linalg.norm"), ("modes.py", "np.linalg.norm")}
 
 
 @pytest.mark.parametrize("folder", ["nonlinear", "statics", "dynamics"])
-def test_no_product_norm_or_start_vector_goes_past_the_spaces(folder):
+def test_analyses_use_no_product_norm_or_random_vector_of_numpy(folder):
     past = {"np.vdot", "np.dot", "np.inner", "np.linalg.norm", "np.random.default_rng"}
     for file in (Path(skfem_stvk.__file__).parent / folder).rglob("*.py"):
         tree = ast.parse(file.read_text())

@@ -1,4 +1,4 @@
-"""The command that prints the table of docs/solvers.md, on bodies that take no time."""
+"""The command that prints the table of docs/solvers.md works on small bodies."""
 
 import io
 import platform
@@ -18,7 +18,7 @@ def test_each_solver_is_measured_and_solves(name):
     assert row["residual"] <= solvers.RTOL and (row["iterations"] > 0) == (name in ("amg-cg", "block-jacobi-cg", "ssor-cg"))
 
 
-def test_what_would_take_too_long_is_not_started_and_said_so(monkeypatch):
+def test_a_run_beyond_the_time_limit_is_skipped_and_reported(monkeypatch):
     monkeypatch.setattr(solvers, "LIMIT", 0)
     monkeypatch.setattr(solvers, "SOLVERS", SOLVERS[:1])
     rows = list(solvers.measurements("cube", (2, 3)))

@@ -1,4 +1,4 @@
-"""Fibres: Picinbono's transversely isotropic law by its constants, closed forms, fields of directions, and laws side by side."""
+"""Fibres: Picinbono's law, closed forms, fields of directions, and bodies of several laws."""
 
 import numpy as np
 import pytest
@@ -24,12 +24,12 @@ RNG = np.random.default_rng(0)
 
 
 def energy(E, a):
-    """Of Picinbono's kind, per volume: `E` (n, 3, 3), fibres `a` (n, 3)."""
+    """Return Picinbono's energy per volume for strains `E` (n, 3, 3) and fibres `a` (n, 3)."""
     trace, e = np.trace(E, axis1=1, axis2=2), np.einsum("ni,nij,nj->n", a, E, a)
     return LAM / 2 * trace**2 + MU * (E**2).sum(axis=(1, 2)) + D_LAM / 2 * e**2 + D_MU * e**2
 
 
-def test_the_energy_is_his_with_a_fibre_in_each_element():
+def test_the_energy_is_picinbonos_with_a_fibre_in_each_element():
     mesh, directions = box(), RNG.standard_normal((box().nt, 3))
     fibres = TransverselyIsotropic.from_lame(LAM, MU, ALONG, frame=frames_along(mesh, directions))
     body, u = System(mesh, StVK(fibres)), 0.5 * state(mesh)
@@ -40,7 +40,7 @@ def test_the_energy_is_his_with_a_fibre_in_each_element():
     assert abs(body.energy(u) / System(mesh, StVK(Isotropic.from_lame(LAM, MU))).energy(u) - 1) > 0.1
 
 
-def test_without_fibres_it_is_isotropic_and_constants_may_differ_by_element():
+def test_without_fibres_the_law_is_isotropic_and_constants_may_vary():
     plain = TransverselyIsotropic.from_lame(LAM, MU, 0.0)
     assert plain.young_axial == pytest.approx(plain.young_transverse) == Isotropic.from_lame(LAM, MU).young
     lam, mu, along = RNG.uniform(1, 2, (3, 5))
@@ -55,13 +55,13 @@ def test_without_fibres_it_is_isotropic_and_constants_may_differ_by_element():
 @pytest.mark.parametrize(
     ("lam", "mu", "along"), [(1.0, -1.0, 0.0), (-1.0, 1.0, 0.0), (1.5, 1.0, -2.7), (1.5, 1.0, np.nan)], ids=str
 )
-def test_constants_that_are_none_are_refused(lam, mu, along):
+def test_invalid_constants_are_refused(lam, mu, along):
     with pytest.raises(MaterialError):
         TransverselyIsotropic.from_lame(lam, mu, along)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_pulled_along_and_across_the_fibres_a_bar_has_the_force_and_the_width_of_the_closed_form(axis):
+def test_a_bar_of_fibres_has_the_force_and_width_of_the_closed_form(axis):
     """Uniaxial stress `S` along `axis`: `E = C^-1 S`, force `F S A` with the stretch `F = sqrt(1 + 2 E)`."""
     fibres = TransverselyIsotropic.from_lame(LAM, MU, ALONG)
     stretch = 1.2
@@ -87,7 +87,7 @@ def test_pulled_along_and_across_the_fibres_a_bar_has_the_force_and_the_width_of
 
 
 @pytest.mark.parametrize("mesh", [box(), sheet(), membrane()], ids=["tetrahedra", "triangles", "membrane"])
-def test_frames_have_their_first_axis_along_the_field_however_it_is_given(mesh):
+def test_frames_have_their_first_axis_along_the_field_in_every_form(mesh):
     def around(x):
         return np.stack([-x[1] - 0.2, x[0] + 0.3, *x[2:] * 0.5])
 
@@ -118,7 +118,7 @@ def test_frames_have_their_first_axis_along_the_field_however_it_is_given(mesh):
     ],
     ids=["two", "shape", "zero", "nan", "transposed", "text"],
 )
-def test_directions_that_are_none_are_refused(directions, message):
+def test_invalid_directions_are_refused(directions, message):
     with pytest.raises(MaterialError, match=message):
         frames_along(box(), directions)
 
@@ -134,7 +134,7 @@ def test_as_many_nodes_as_elements_are_ambiguous():
 
 
 def three_laws(nu=0.0, **more):
-    """A bar of three lengths, each of another law."""
+    """Return a bar with one of three laws in each third of its length."""
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 3, 7), np.linspace(0, 1, 3), np.linspace(0, 0.8, 3)).with_subdomains(
         {"first": lambda x: x[0] < 1, "second": lambda x: (x[0] > 1) & (x[0] < 2), "third": lambda x: x[0] > 2}
     )
@@ -146,7 +146,7 @@ def three_laws(nu=0.0, **more):
     return System(mesh, laws, **more)
 
 
-def test_laws_in_a_row_carry_the_same_force_each_by_its_own_closed_form():
+def test_laws_in_series_carry_the_force_of_their_closed_forms():
     """Without contraction the first Piola-Kirchhoff stresses are `E s (s^2 - 1)/2`, `E (s - 1)` and `E/2 (s - 1/s)`."""
     body = three_laws(
         fixed=[(lambda x: x[0] == 0, "x"), (lambda x: x[1] == 0, "y"), (lambda x: x[2] == 0, "z")],

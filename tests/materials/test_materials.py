@@ -1,3 +1,5 @@
+"""Materials: constants, frames, stored copies and refused values."""
+
 import numpy as np
 import pytest
 from bodies import MESHES
@@ -31,7 +33,7 @@ def test_plane_stress_allows_poisson_up_to_one():
         Isotropic(2.0, 0.8).check(5, SOLID)
 
 
-def test_segments_do_without_poisson_and_solids_do_not():
+def test_solids_need_poisson_and_segments_do_not():
     Isotropic(2.0).check(3, UNIAXIAL)
     with pytest.raises(MaterialError, match="poisson is missing"):
         Isotropic(2.0).check(3, SOLID)
@@ -44,7 +46,7 @@ def test_engineering_constants_of_an_isotropic_body_give_the_isotropic_matrix():
     assert np.allclose(TransverselyIsotropic(E, E, nu, nu, G).stiffness(), isotropic_voigt(E, nu))
 
 
-def test_orthotropic_compliance_holds_the_engineering_constants():
+def test_orthotropic_compliance_contains_the_engineering_constants():
     S = np.linalg.inv(Orthotropic((10.0, 2.0, 1.0), (0.4, 0.3, 0.2), (0.5, 0.6, 0.7)).stiffness())
     assert np.allclose(np.diag(S), [0.1, 0.5, 1.0, 2.0, 1 / 0.6, 1 / 0.7])
     assert np.allclose([S[1, 2], S[0, 2], S[0, 1]], [-0.4 / 2.0, -0.3 / 10.0, -0.2 / 10.0])
@@ -110,7 +112,7 @@ LOPSIDED = SYMMETRIC + np.eye(6, k=1)
         (lambda: Anisotropic(SYMMETRIC, frame=np.eye(4)), r"frame has shape \(4, 4\)"),
     ],
 )
-def test_bad_constants_are_refused_when_they_are_given(make, message):
+def test_invalid_constants_are_refused_by_the_constructor(make, message):
     with pytest.raises(MaterialError, match=message):
         make()
 
@@ -132,18 +134,18 @@ def test_arrays_that_do_not_fit_the_region_are_refused(material, message):
         material.check(5, SOLID)
 
 
-def test_a_frame_in_the_plane_is_that_frame_in_space():
+def test_a_plane_frame_equals_the_same_frame_in_space():
     c, s = np.cos(0.4), np.sin(0.4)
     ply = Orthotropic((10.0, 2.0, 1.0), (0.4, 0.3, 0.2), (0.5, 0.6, 0.7))
-    turned = {"young": ply.young, "poisson": ply.poisson, "shear": ply.shear}
-    flat = StVK(Orthotropic(**turned, frame=[[c, -s], [s, c]])).coefficients(MESHES["triangles"])
-    solid = StVK(Orthotropic(**turned, frame=[[c, -s, 0], [s, c, 0], [0, 0, 1]])).coefficients(MESHES["triangles"])
-    other = StVK(Orthotropic(**turned, frame=[[c, s], [-s, c]])).coefficients(MESHES["triangles"])
+    constants = {"young": ply.young, "poisson": ply.poisson, "shear": ply.shear}
+    flat = StVK(Orthotropic(**constants, frame=[[c, -s], [s, c]])).coefficients(MESHES["triangles"])
+    solid = StVK(Orthotropic(**constants, frame=[[c, -s, 0], [s, c, 0], [0, 0, 1]])).coefficients(MESHES["triangles"])
+    other = StVK(Orthotropic(**constants, frame=[[c, s], [-s, c]])).coefficients(MESHES["triangles"])
     assert np.array_equal(flat, solid)
     assert np.abs(flat - other).max() > 1e-2 * np.abs(flat).max()
 
 
-def test_a_material_keeps_its_own_copy_of_an_array():
+def test_a_material_copies_its_arrays():
     young = np.ones(4)
     material = Isotropic(young, 0.3)
     young[0] = np.nan

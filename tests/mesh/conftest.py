@@ -5,7 +5,10 @@ import pytest
 
 @pytest.fixture(scope="module")
 def two_boxes(gmsh, tmp_path_factory):
-    """Write two boxes that touch, with overlapping groups of volumes and one of surfaces without a name, in many ways."""
+    """Return a function that writes two touching boxes with Gmsh to a file `name`, with options, and returns its path.
+
+    Groups of volumes overlap, and a group of surfaces has no name.
+    """
     folder = tmp_path_factory.mktemp("gmsh")
 
     def save(name, **options):

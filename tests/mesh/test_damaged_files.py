@@ -1,4 +1,4 @@
-"""What a mesh file declares is what is read of it, or the file is refused with what is wrong."""
+"""A mesh file is read completely as declared, or it is refused with the cause."""
 
 import os
 
@@ -13,13 +13,13 @@ from validation.hostile import meshes, runner, tiny_files
 from validation.hostile.case import Wrong
 from validation.hostile.mesh_formats import FORMATS, written
 
-#: Changed files that can be read in this process: none of them asks for memory.
+#: Changed files that can be read in this process, because none of them requests much memory.
 SAFE = [case for case in (*meshes.cuts(), *meshes.rows(), *meshes.numbers()) if "random" not in case.name]
 SAFE = [case for case in SAFE if " is " not in case.name or case.name.endswith((" is +1", " is -1", " is nan", " is 0"))]
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_file_that_is_cut_or_miscounted_is_refused_or_holds_the_same_mesh(name, tmp_path):
+def test_a_damaged_file_is_refused_or_contains_the_same_mesh(name, tmp_path):
     chosen = [case for case in SAFE if case.name.startswith(f"{name}: ")]
     refused = 0
     for number, case in enumerate(chosen):
@@ -37,7 +37,7 @@ def test_a_file_that_is_cut_or_miscounted_is_refused_or_holds_the_same_mesh(name
     assert refused > len(chosen) / 2 > 9
 
 
-def test_tiny_files_and_what_is_no_regular_file_take_neither_memory_nor_time():
+def test_tiny_files_and_special_files_are_refused_without_memory_or_time():
     todo = [
         job
         for job in runner.jobs({"meshes": "validation.hostile.meshes"}, quick=True)
@@ -96,13 +96,13 @@ ELEMENTS = MSH[MSH.index("$Elements") :]
         (MSH.replace("5 1 1 1", "700000000 1 1 1"), "expected whole numbers from 1 .* to at most 10000"),
     ],
 )
-def test_gmsh_files_that_do_not_hold_together_are_refused(text, message, tmp_path):
+def test_inconsistent_gmsh_files_are_refused(text, message, tmp_path):
     (tmp_path / "mesh.msh").write_text(text)
     with pytest.raises(MeshError, match=rf"mesh\.msh could not be read: .*({message})"):
         read_mesh(tmp_path / "mesh.msh")
 
 
-def test_the_file_that_these_were_made_of_is_read(tmp_path):
+def test_the_undamaged_gmsh_file_is_read(tmp_path):
     (tmp_path / "mesh.msh").write_text(MSH)
     assert read_mesh(tmp_path / "mesh.msh").t.T.tolist() == [[0, 1, 2, 3], [1, 2, 3, 4]]
 
@@ -131,7 +131,7 @@ def test_abaqus_files_that_end_within_a_line_are_refused(fraction, tmp_path):
         ("*INCLUDE, INPUT=mesh.inp\n", "it includes files more than 8 deep, or more than 100: itself"),
     ],
 )
-def test_abaqus_elements_sets_and_includes_that_do_not_fit_are_refused(lines, message, tmp_path):
+def test_inconsistent_abaqus_elements_sets_and_includes_are_refused(lines, message, tmp_path):
     (tmp_path / "mesh.inp").write_text(tiny_files.INP + lines)
     with pytest.raises(MeshError, match=message):
         read_mesh(tmp_path / "mesh.inp")
@@ -144,7 +144,7 @@ def test_a_fifo_among_the_files_that_an_input_file_includes_is_refused(tmp_path)
         read_mesh(tmp_path / "mesh.inp")
 
 
-def test_vtk_cells_of_types_that_are_not_known_do_not_vanish(tmp_path):
+def test_vtk_cells_of_unknown_types_are_refused(tmp_path):
     content = written("vtk").content.replace(b"CELL_TYPES 40\n10\n10", b"CELL_TYPES 40\n10\n11")
     (tmp_path / "mesh.vtk").write_bytes(content)
     with pytest.raises(MeshError, match="1 cells are of VTK's types 11, which are not known here"):
@@ -153,7 +153,7 @@ def test_vtk_cells_of_types_that_are_not_known_do_not_vanish(tmp_path):
 
 @pytest.mark.parametrize("ending", ["vtk", "vtu"])
 @pytest.mark.parametrize("binary", [True, False])
-def test_what_pyvista_writes_is_read_with_its_groups_of_64_bits_and_without_its_strings(ending, binary, tmp_path):
+def test_files_of_pyvista_are_read_with_64_bit_groups_and_without_strings(ending, binary, tmp_path):
     pyvista = pytest.importorskip("pyvista")
     cells = np.column_stack([np.full(TETS.nelements, 4), TETS.t.T]).ravel()
     grid = pyvista.UnstructuredGrid(cells, np.full(TETS.nelements, 10), TETS.p.T)
@@ -193,7 +193,7 @@ def test_marks_of_boundaries_that_are_no_bits_of_facets_are_refused(value, tmp_p
         read_mesh(tmp_path / "mesh.vtu")
 
 
-def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+def test_a_file_without_read_permission_is_not_called_damaged(tmp_path, monkeypatch):
     file = write(tmp_path / "mesh.vtu", TETS.p.T, [("tetra", TETS.t.T)])
 
     def forbidden(*args, **options):
@@ -202,9 +202,9 @@ def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch
     monkeypatch.setattr("pathlib.Path.read_bytes", forbidden)
     with pytest.raises(
         MeshError, match=r"mesh\.vtu may not be read: Permission denied\. Change its permissions, or copy it"
-    ) as told:
+    ) as caught:
         read_mesh(file)
-    assert "cut off" not in str(told.value)
+    assert "cut off" not in str(caught.value)
 
 
 def test_points_in_coordinate_systems_of_their_own_are_refused(tmp_path):
@@ -215,7 +215,7 @@ def test_points_in_coordinate_systems_of_their_own_are_refused(tmp_path):
         read_mesh(file)
 
 
-def test_elements_that_are_not_in_the_order_of_their_ids_are_refused_where_meshio_takes_them_in_any(tmp_path):
+def test_tetgen_elements_out_of_order_are_refused(tmp_path):
     whole = written("tetgen")
     (tmp_path / "mesh.node").write_bytes(whole.beside[".node"])
     (tmp_path / "mesh.ele").write_bytes(whole.content.replace(b"\n3 ", b"\n33 "))
@@ -223,7 +223,7 @@ def test_elements_that_are_not_in_the_order_of_their_ids_are_refused_where_meshi
         read_mesh(tmp_path / "mesh.ele")
 
 
-def test_what_meshio_leaves_out_is_noticed_by_its_number(tmp_path):
+def test_cells_that_meshio_leaves_out_are_detected_by_their_number(tmp_path):
     text = written("su2").content.decode()
     first, *rest = text.split("\n10 ")
     (tmp_path / "mesh.su2").write_text(first + "\n10 " + rest[0] + "\n" + "".join("\n10 " + row for row in rest[1:]))
@@ -232,7 +232,7 @@ def test_what_meshio_leaves_out_is_noticed_by_its_number(tmp_path):
 
 
 @pytest.mark.parametrize("more", [4, 1_000_000])
-def test_a_section_of_medits_that_ends_elsewhere_than_its_entries_is_refused(more, tmp_path):
+def test_a_medit_section_with_a_wrong_end_is_refused(more, tmp_path):
     content = bytearray(written("medit binary").content)
     keyword, end, _, count = np.frombuffer(content, "<i4", 4, 24).tolist()
     assert (keyword, end, count) == (4, 40 + 26 * 28, 26)
@@ -242,7 +242,7 @@ def test_a_section_of_medits_that_ends_elsewhere_than_its_entries_is_refused(mor
         read_mesh(tmp_path / "mesh.meshb")
 
 
-def test_a_section_of_medits_that_is_there_twice_is_refused(tmp_path):
+def test_a_repeated_medit_section_is_refused(tmp_path):
     content = written("medit binary").content
     end = int(np.frombuffer(content, "<i4", 1, 28)[0])
     (tmp_path / "mesh.meshb").write_bytes(content[:end] + content[24:end] + content[end:])
@@ -250,7 +250,7 @@ def test_a_section_of_medits_that_is_there_twice_is_refused(tmp_path):
         read_mesh(tmp_path / "mesh.meshb")
 
 
-def test_a_dimension_of_medits_that_there_is_not_is_refused(tmp_path):
+def test_an_invalid_medit_dimension_is_refused(tmp_path):
     content = bytearray(written("medit binary").content)
     assert np.frombuffer(content, "<i4", 1, 20)[0] == 3
     content[20:24] = np.int32(7).tobytes()
@@ -259,7 +259,7 @@ def test_a_dimension_of_medits_that_there_is_not_is_refused(tmp_path):
         read_mesh(tmp_path / "mesh.meshb")
 
 
-def test_binary_faces_with_more_than_their_corners_are_refused(tmp_path):
+def test_binary_faces_with_further_properties_are_refused(tmp_path):
     file = tmp_path / "mesh.ply"
     meshio.write(file, meshio.Mesh(np.eye(3), [("triangle", np.arange(3)[None])]), binary=True)
     file.write_bytes(file.read_bytes().replace(b"end_header", b"property uchar red\nend_header"))
@@ -267,7 +267,7 @@ def test_binary_faces_with_more_than_their_corners_are_refused(tmp_path):
         read_mesh(file)
 
 
-def test_a_corner_of_stereolithography_without_one_coordinate_is_refused(tmp_path):
+def test_an_stl_corner_without_one_coordinate_is_refused(tmp_path):
     corners = ["vertex 0 0 0", "vertex 1 0 0", "vertex 0 1"]
     text = "\n".join(["solid", "facet normal 0 0 1", "outer loop", *corners, "endloop", "endfacet", "endsolid", ""])
     (tmp_path / "mesh.stl").write_text(text)
@@ -313,7 +313,7 @@ def test_markers_of_su2_are_boundaries(tmp_path):
         ("NPOIN= 4", "NPOIN= 4000000000", "4000000000 nodes are declared, more than its .* bytes can hold"),
     ],
 )
-def test_files_of_su2_that_do_not_hold_together_are_refused(old, new, message, tmp_path):
+def test_inconsistent_su2_files_are_refused(old, new, message, tmp_path):
     assert old in SU2
     (tmp_path / "mesh.su2").write_text(SU2.replace(old, new, 1))
     with pytest.raises(MeshError, match=message):
@@ -321,7 +321,7 @@ def test_files_of_su2_that_do_not_hold_together_are_refused(old, new, message, t
 
 
 def test_a_node_that_nastran_does_not_define_is_named(tmp_path):
-    """The id of one node stands twice, its own one nowhere; meshio ends in a KeyError."""
+    """The id of one node occurs twice, and its own id is missing; meshio raises a KeyError."""
     file = tmp_path / "mesh.nas"
     write(file, TETS.p.T, [("tetra", TETS.t.T)])
     text = file.read_text()

@@ -1,4 +1,4 @@
-"""Broken meshes are refused with the ids of what is broken; sound ones pass whatever their looks."""
+"""Broken meshes are refused with the ids of the faults; sound meshes of any shape pass."""
 
 import shutil
 import subprocess
@@ -57,13 +57,13 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("what", BROKEN)
-def test_a_broken_mesh_is_refused_with_the_ids_of(what):
+def test_a_broken_mesh_is_refused_with_the_ids_of_its_faults(what):
     mesh, message = BROKEN[what]
     with pytest.raises(MeshError, match=message):
         check_mesh(mesh)
 
 
-def turned(p, seed=1):
+def rotated(p, seed=1):
     d = len(p)
     return np.linalg.qr(np.random.default_rng(seed).normal(size=(d, d)))[0] @ p
 
@@ -81,9 +81,9 @@ FLAT = {
 @pytest.mark.parametrize("offset", [0, 1, 1e6])
 @pytest.mark.parametrize("scale", [1e-9, 1, 1e9])
 @pytest.mark.parametrize("what", FLAT)
-def test_an_element_without_volume_is_refused_at_any_size_and_place(what, scale, offset):
+def test_an_element_without_volume_is_refused_at_any_size_and_position(what, scale, offset):
     p, where = FLAT[what]
-    p = scale * (turned(np.array(p, dtype=float)) + offset)
+    p = scale * (rotated(np.array(p, dtype=float)) + offset)
     good = np.vstack([np.eye(len(p)), np.zeros(len(p))]).T[:, : p.shape[1]] * scale
     mesh = ElementMesh(np.hstack([good, p]), np.arange(2 * p.shape[1]).reshape(2, -1).T)
     with pytest.raises(MeshError, match=rf"1 element \(1\): no volume, all vertices lie in one {where} to within rounding"):
@@ -91,13 +91,13 @@ def test_an_element_without_volume_is_refused_at_any_size_and_place(what, scale,
 
 
 def tent(degrees):
-    """Two faces that meet at the given angle along an edge: a sliver with one dihedral angle near 0."""
+    """Return two faces that meet at this angle along an edge: a sliver with one dihedral angle near 0."""
     height = np.tan(np.radians(degrees))
     return ElementMesh([[0, 1, 0.5, 0.5], [0, 0, 1, 1], [0, 0, 0, height]], [[0], [1], [2], [3]])
 
 
 def cube(stretch=(1, 1, 1), offset=0.0, scale=1.0):
-    return ElementMesh(turned(CUBE.p * np.reshape(stretch, (3, 1)) + offset) * scale, CUBE.t)
+    return ElementMesh(rotated(CUBE.p * np.reshape(stretch, (3, 1)) + offset) * scale, CUBE.t)
 
 
 GOOD = {
@@ -111,18 +111,18 @@ GOOD = {
     "the mesh is tiny": cube(scale=1e-9),
     "the mesh is tiny and far away": cube(scale=1e-9, offset=1e6),
     "the mesh is huge": cube(scale=1e9, offset=1e6),
-    "triangles stand in space": ElementMesh(turned(np.vstack([SQUARE.p, 0 * SQUARE.p[:1]])), SQUARE.t),
+    "triangles stand in space": ElementMesh(rotated(np.vstack([SQUARE.p, 0 * SQUARE.p[:1]])), SQUARE.t),
     "a cable hangs in space": ElementMesh([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]),
     "parts touch in one vertex": ElementMesh([[0, 1, 0, -1, 0], [0, 0, 1, 0, -1]], [[0, 0], [1, 3], [2, 4]]),
 }
 
 
 @pytest.mark.parametrize("what", GOOD)
-def test_a_sound_mesh_passes_though(what):
+def test_a_sound_mesh_passes(what):
     check_mesh(GOOD[what])
 
 
-def test_vertices_in_the_same_place_are_named_in_a_warning():
+def test_coincident_vertices_are_named_in_a_warning():
     mesh = skfem.MeshTri().refined(1)
     p = np.hstack([mesh.p, mesh.p + np.array([[1 + 1e-9], [0]])])
     with (
@@ -144,7 +144,7 @@ def test_parts_that_are_not_connected_are_counted_with_their_sizes():
 
 
 def test_straight_needles_are_not_flat():
-    """Graded to 1e-6 of the edge: well-shaped across, long along."""
+    """Needles of relative width 1e-6, well-shaped in the cross-section, are not flat."""
     p = np.array([[0, 0, 0], [1, 0, 0], [0, 1e-6, 0], [0, 0, 1e-6]]).T
     assert len(flat_elements(ElementMesh(p, np.arange(4)[:, None]))) == 0
 
@@ -155,13 +155,13 @@ CORNER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.3, 1.0]])
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 0, 1, 2], [2, 3, 0, 1], [1, 2, 3, 0]])
 @pytest.mark.parametrize(("height", "flat"), [(1e-10, False), (1e-13, True)])
 def test_flat_is_a_height_of_1e_12_of_the_longest_edge(order, height, flat):
-    """Whichever vertex is near the plane of the others."""
+    """The result does not depend on the vertex that is near the plane of the others."""
     p = CORNER * [1, 1, height]
     assert len(flat_elements(ElementMesh(p[order].T, np.arange(4)[:, None]))) == flat
 
 
 def test_a_tetrahedron_far_away_does_not_make_the_others_flat():
-    """Rounding is that of an element's own coordinates."""
+    """The tolerance of an element depends only on its own coordinates."""
     p = np.concatenate([1e-9 * CORNER, 1e9 + CORNER * 1e3])
     assert len(flat_elements(ElementMesh(p.T, np.arange(8).reshape(2, 4).T))) == 0
 
@@ -183,7 +183,7 @@ check_mesh(embedded_mesh())
 
 
 def test_a_mesh_is_checked_where_denormal_numbers_are_flushed_to_zero():
-    """Met with a library that GCC had linked with -ffast-math: scipy's tree took all memory."""
+    """A library linked by GCC with -ffast-math flushes denormal numbers to zero; scipy's tree then took all memory."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler")
     run = subprocess.run([sys.executable, "-c", FLUSHED], timeout=60, check=False)
@@ -194,7 +194,7 @@ def test_a_mesh_is_checked_where_denormal_numbers_are_flushed_to_zero():
 
 @pytest.mark.parametrize("exponent", [40, -40])
 @pytest.mark.parametrize("mesh", [CUBE, SQUARE], ids=["tetrahedra", "triangles"])
-def test_bodies_of_any_unit_of_length_are_sound_and_have_the_same_energy_for_their_volume(mesh, exponent):
+def test_soundness_and_energy_density_do_not_depend_on_the_unit_of_length(mesh, exponent):
     size, d = 10.0**exponent, mesh.dim()
     u = 0.03 * np.cos(np.arange(mesh.p.size))
     energies = [
@@ -205,10 +205,10 @@ def test_bodies_of_any_unit_of_length_are_sound_and_have_the_same_energy_for_the
 
 @pytest.mark.parametrize("exponent", [60, 150, 300, -60, -150, -300])
 @pytest.mark.parametrize("mesh", [CUBE, SQUARE, skfem.MeshLine().refined(2)], ids=["tetrahedra", "triangles", "segments"])
-def test_bodies_beyond_the_range_of_numbers_are_told_so_and_not_that_they_have_no_volume(mesh, exponent):
-    with pytest.raises(MeshError, match=rf"The elements are from 1e-?\d+ to 1e{exponent - 1}|1e{exponent}") as told:
+def test_lengths_out_of_range_are_not_reported_as_missing_volume(mesh, exponent):
+    with pytest.raises(MeshError, match=rf"The elements are from 1e-?\d+ to 1e{exponent - 1}|1e{exponent}") as caught:
         check_mesh(ElementMesh(10.0**exponent * mesh.p, mesh.t))
-    assert "no volume" not in str(told.value) and "Choose another unit of length" in str(told.value)
+    assert "no volume" not in str(caught.value) and "Choose another unit of length" in str(caught.value)
 
 
 @pytest.mark.parametrize("size", [1e40, 1e-40, 1e150, 1e-150])
@@ -228,24 +228,24 @@ ALL = [*CURVED.values(), *(ElementMesh(f(mesh.p), mesh.t, element=mesh.element) 
 
 @pytest.mark.parametrize("mesh", ALL, ids=lambda mesh: mesh.kind)
 @pytest.mark.parametrize("scale", [1e-9, 1, 1e9])
-def test_curved_elements_and_boxes_are_sound_at_any_size_and_turned_round(mesh, scale):
+def test_curved_elements_and_boxes_are_sound_at_any_size_and_orientation(mesh, scale):
     for mirror in (1, -1):
         p = mesh.p * scale * np.array([[mirror], *[[1]] * (mesh.d - 1)])
         check_mesh(ElementMesh(p, mesh.t, element=mesh.element))
-        check_mesh(ElementMesh(turned(p) + 1e3 * scale, mesh.t, element=mesh.element))
+        check_mesh(ElementMesh(rotated(p) + 1e3 * scale, mesh.t, element=mesh.element))
 
 
 @pytest.mark.parametrize("mesh", ALL, ids=lambda mesh: mesh.kind)
 def test_elements_that_fold_over_themselves_are_refused_with_their_ids(mesh):
-    """A node of the last element is moved through the element beyond the far side: the neighbours at it may fold too."""
+    """A node of the last element is moved beyond its far side; neighbours at the node may fold, too."""
     node = mesh.t[-1, -1]
     p = mesh.p.copy()
     if mesh.k == 1:
         p[:, node] = p[:, mesh.t[0, -1]] - 0.1
     p[:, node] += 2.5 * (mesh.p[:, mesh.t[:, -1]].mean(axis=1) - p[:, node])
-    with pytest.raises(MeshError, match=r"Jacobian vanishes or changes its sign.*in another order") as told:
+    with pytest.raises(MeshError, match=r"Jacobian vanishes or changes its sign.*in another order") as caught:
         check_mesh(ElementMesh(p, mesh.t, element=mesh.element))
-    assert str(mesh.nt - 1) in str(told.value) or "..." in str(told.value)
+    assert str(mesh.nt - 1) in str(caught.value) or "..." in str(caught.value)
     folded = folded_elements(ElementMesh(p, mesh.t, element=mesh.element))
     assert mesh.nt - 1 in folded and np.isin(folded, np.flatnonzero((mesh.t == node).any(axis=0))).all()
 
@@ -253,7 +253,7 @@ def test_elements_that_fold_over_themselves_are_refused_with_their_ids(mesh):
 @pytest.mark.parametrize("name", ["quadratic triangles", "quadratic tetrahedra"])
 @pytest.mark.parametrize(("past", "sound"), [(-1e-4, True), (0, False), (1e-4, False)])
 def test_an_edge_may_be_curved_until_the_jacobian_vanishes_at_a_node(name, past, sound):
-    """A middle moved along its straight edge to a quarter of it makes the Jacobian zero at the end, and at no inner point yet."""
+    """A middle node at a quarter of a straight edge makes the Jacobian zero at the end, and at no inner point."""
     element = ELEMENTS[name]
     straight = ElementMesh(element.nodes[: element.corners].T, np.arange(element.corners)[:, None]).with_degree(2)
     p = straight.p.copy()
@@ -272,7 +272,7 @@ def test_a_hexahedron_in_meshios_order_is_refused():
 
 
 @pytest.mark.parametrize("mesh", [skfem.MeshTet2, skfem.MeshHex])
-def test_nodes_of_other_elements_that_are_broken_are_named(mesh):
+def test_faulty_nodes_of_quadratic_and_hexahedral_meshes_are_named(mesh):
     good = CURVED[mesh]
     p = good.p.copy()
     p[0, [3, 9]] = np.nan

@@ -1,4 +1,4 @@
-"""The mesh that comes with the package is a sound one of a real part."""
+"""The mesh of the package is a sound mesh of a real part."""
 
 from importlib.resources import files
 
@@ -14,27 +14,27 @@ MESH = embedded_mesh()
 FILE = files("skfem_stvk.mesh") / "data" / "bracket.msh"
 
 
-def test_it_is_sound_and_in_one_part():
+def test_the_mesh_is_sound_and_connected():
     check_mesh(MESH)
 
 
-def test_it_is_small_enough_to_ship():
+def test_the_mesh_file_is_small():
     assert 1500 <= MESH.nt <= 3500
     assert len(FILE.read_bytes()) < 200_000
 
 
-def test_every_element_is_of_one_of_its_two_materials():
+def test_every_element_has_one_of_two_materials():
     assert set(MESH.subdomains) == {"bracket", "bushing"}
     ids = np.concatenate([MESH.elements(name) for name in MESH.subdomains])
     assert np.array_equal(np.sort(ids), np.arange(MESH.nt))
 
 
-def test_half_of_its_elements_are_turned_round():
+def test_half_of_the_elements_have_negative_orientation():
     x = MESH.p.T[MESH.t.T]
     assert abs((np.linalg.det(x[:, 1:] - x[:, :1]) < 0).sum() - MESH.nt / 2) <= 1
 
 
-def test_its_volume_is_that_of_the_part():
+def test_the_volume_is_that_of_the_part():
     arms, fillet = 0.1 * 0.012 + 0.068 * 0.012, (1 - np.pi / 4) * 0.01**2
     expected = 0.04 * (arms + fillet) - np.pi * 0.012 * (0.0055**2 + 0.008**2)
     assert Geometry(MESH.p, MESH.t).volume.sum() == pytest.approx(expected, rel=0.01)
@@ -43,7 +43,7 @@ def test_its_volume_is_that_of_the_part():
 @pytest.mark.parametrize(
     ("name", "axes", "centre", "radius"), [("bolt", [0, 1], [0.07, 0.02], 0.0055), ("bore", [1, 2], [0.02, 0.055], 0.008)]
 )
-def test_its_boundaries_lie_on_their_cylinders(name, axes, centre, radius):
+def test_boundaries_lie_on_their_cylinders(name, axes, centre, radius):
     x = MESH.p[axes][:, MESH.boundaries[name].ravel()] - np.reshape(centre, (2, 1))
     assert np.allclose(np.linalg.norm(x, axis=0), radius, rtol=1e-9)
 

@@ -1,3 +1,5 @@
+"""Facets, boundary facets and their orientation agree with scikit-fem's."""
+
 import numpy as np
 import pytest
 import skfem
@@ -28,8 +30,8 @@ def test_facets_and_boundary_are_scikit_fems(mesh):
     assert np.array_equal(np.unique(simplices.surface), np.sort(mesh.boundary_nodes()))
 
 
-def test_boundary_facets_of_tetrahedra_look_outwards():
-    """The flux of x through the surface is three times the volume, whichever way the tetrahedra are turned."""
+def test_boundary_facets_of_tetrahedra_are_oriented_outwards():
+    """The flux of x through the surface is three times the volume, with tetrahedra of both orientations."""
     mesh = box(3)
     a, b, c = mesh.p[:, boundary_facets(mesh)].transpose(1, 2, 0)
     flux = ((a + b + c) / 3 * np.cross(b - a, c - a) / 2).sum()
@@ -58,16 +60,16 @@ def test_facets_of_all_elements_are_scikit_fems_with_their_middles(cls):
 
 
 @pytest.mark.parametrize("cls", KINDS)
-@pytest.mark.parametrize("turned", [False, True])
-def test_the_flux_of_x_through_the_surface_is_the_volume(cls, turned):
-    """Whichever way the elements are turned, on curved facets too: scikit-fem measures the same volume."""
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_flux_of_x_through_the_surface_is_the_volume(cls, mirrored):
+    """The claim holds for both orientations of elements and on curved facets; scikit-fem computes the same volume."""
     given = curved(cls)
     mesh = ElementMesh.of(given)
-    if turned:  # the mirror image of the body
+    if mirrored:  # the mirror image of the body
         mesh = ElementMesh(mesh.p * np.array([[-1.0], *[[1.0]] * (mesh.d - 1)]), mesh.t, element=mesh.element)
     xi, weights = rule_of(mesh.facet, "mass")
-    x, spokes = values_at(mesh.p, mesh.surface, mesh.facet, xi), spokes_at(mesh.p, mesh.surface, mesh.facet, xi)
-    normals, areas = normals_of(spokes) * weights[:, None], measures_of(spokes) * weights
+    x, base_vectors = values_at(mesh.p, mesh.surface, mesh.facet, xi), spokes_at(mesh.p, mesh.surface, mesh.facet, xi)
+    normals, areas = normals_of(base_vectors) * weights[:, None], measures_of(base_vectors) * weights
     volume = skfem.Basis(given, given.elem(), intorder=6).dx.sum()
     assert (x * normals).sum() == pytest.approx(mesh.d * volume, rel=1e-12)
     assert element_sizes(mesh).sum() == pytest.approx(volume, rel=1e-12)
@@ -77,13 +79,13 @@ def test_the_flux_of_x_through_the_surface_is_the_volume(cls, turned):
     assert sizes_of(mesh.p, mesh.surface, mesh.facet).sum() == pytest.approx(areas.sum(), rel=1e-14)
 
 
-def test_quadrilaterals_are_turned_alike_and_a_moebius_strip_of_them_has_no_sides():
+def test_quadrilaterals_get_equal_orientation_except_on_a_moebius_strip():
     n = 12
     below, above = np.arange(n), np.arange(n, 2 * n)
     ring = np.stack([below, np.roll(below, -1), np.roll(above, -1), above])
     some = np.random.default_rng(0).random(n) < 0.5
     mixed = np.where(some, ring[[1, 0, 3, 2]], ring)
-    turned, two_sided = turned_alike(mixed, 2 * n)
-    assert two_sided.all() and np.array_equal(turned, some ^ some[0])
+    reversed_ids, two_sided = turned_alike(mixed, 2 * n)
+    assert two_sided.all() and np.array_equal(reversed_ids, some ^ some[0])
     ring[[1, 2], -1] = ring[[2, 1], -1]
     assert not turned_alike(ring, 2 * n)[1].any()

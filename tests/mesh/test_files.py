@@ -1,4 +1,4 @@
-"""Files that cannot be read are refused with what is wrong and what to do, and nothing is printed."""
+"""Unreadable files are refused with cause and remedy, and nothing is printed."""
 
 import shlex
 import sys
@@ -31,23 +31,23 @@ def test_an_unknown_extension_is_refused_with_the_known_ones(tmp_path):
         ("m.OBJ", "Wavefront OBJ"), ("m.lb8.ugrid", "UGRID"), ("m.vol.gz", "Netgen"), ("m.wkt", "WKT"), ("m.xml", "DOLFIN XML"),
     ],
 )  # fmt: skip
-def test_a_format_in_which_damage_is_not_noticed_is_refused_with_the_line_that_converts_it(name, format_, tmp_path):
+def test_a_format_without_damage_checks_is_refused_with_the_command_that_converts_it(name, format_, tmp_path):
     file = tmp_path / name
     file.write_text("data")
-    with pytest.raises(MeshError) as told:
+    with pytest.raises(MeshError) as caught:
         read_mesh(file)
-    words = shlex.split(str(told.value).partition("convert it: ")[2])
-    assert f"{name} is a {format_} file; expected" in str(told.value)
+    words = shlex.split(str(caught.value).partition("convert it: ")[2])
+    assert f"{name} is a {format_} file; expected" in str(caught.value)
     assert words == ["meshio", "convert", str(file), f"{file.stem}.vtu"]
 
 
-def test_a_mesh_of_fluents_is_converted_by_that_line_and_told_from_one_of_gmshs(tmp_path, monkeypatch):
+def test_a_fluent_mesh_is_recognised_and_converted_by_the_named_command(tmp_path, monkeypatch):
     file = tmp_path / "mesh.msh"
     meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]).write(file)  # meshio's own choice for .msh
-    with pytest.raises(MeshError, match=r"mesh\.msh is a Fluent file .*file_format='gmsh'") as told:
+    with pytest.raises(MeshError, match=r"mesh\.msh is a Fluent file .*file_format='gmsh'") as caught:
         read_mesh(file)
     monkeypatch.chdir(tmp_path)
-    meshio._cli.main(shlex.split(str(told.value).partition("convert it: ")[2])[1:])
+    meshio._cli.main(shlex.split(str(caught.value).partition("convert it: ")[2])[1:])
     assert np.array_equal(read_mesh("mesh.vtu").t, TETS.t)
 
 

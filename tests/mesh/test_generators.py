@@ -1,4 +1,4 @@
-"""Meshes that are generated have the volume, the sides and the elements that they should have."""
+"""Generated meshes have the right volumes, sides and elements."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def areas(mesh, name):
     return half if x.shape[1] == 3 else 2 * half  # parallelograms
 
 
-def all_turned_one_way(mesh):
+def all_positive(mesh):
     p, t = mesh.p, mesh.t
     points = mesh.element.derivatives(rule_of(mesh.element, "mass").points)
     jacobians = np.einsum("dnt,qnk->tqdk", p[:, t], points)
@@ -44,11 +44,11 @@ def all_turned_one_way(mesh):
 
 
 @pytest.mark.parametrize("kind", BOXES)
-def test_a_box_has_its_volume_its_sides_and_elements_that_are_turned_one_way(kind):
+def test_a_box_has_the_right_volume_sides_and_positive_elements(kind):
     d = BOXES[kind]
     mesh = box(SIZE[:d], (4, 3, 2)[:d], kind, ORIGIN[:d])
     check_mesh(mesh)
-    assert mesh.kind == f"{kind} in {d}D" and all_turned_one_way(mesh)
+    assert mesh.kind == f"{kind} in {d}D" and all_positive(mesh)
     assert np.isclose(volume(mesh), np.prod(SIZE[:d]))
     assert np.allclose(mesh.p.min(axis=1), ORIGIN[:d]) and np.allclose(mesh.p.max(axis=1), np.add(ORIGIN, SIZE)[:d])
     for axis, names in enumerate((("left", "right"), ("bottom", "top"), ("front", "back"))[:d]):
@@ -72,25 +72,25 @@ def test_the_sides_of_a_box_are_named_as_scikit_fem_names_them(kind):
     assert as_sets[0] == as_sets[1]
 
 
-def test_by_default_a_box_is_of_simplices_and_begins_at_the_origin():
+def test_a_box_has_simplices_and_starts_at_the_origin_by_default():
     assert [box((1.0,) * d, 2).element.name for d in (1, 2, 3)] == ["segments", "triangles", "tetrahedra"]
     assert not box((1.0, 2.0), 2).p.min(axis=1).any() and box(3.0, 2).p.tolist() == [[0.0, 1.5, 3.0]]
 
 
 @pytest.mark.parametrize("kind", ["tetrahedra", "hexahedra"])
-def test_a_bar_lies_along_x_about_the_axis(kind):
+def test_a_bar_is_centred_on_the_x_axis(kind):
     mesh = bar(2.0, 0.5, (8, 2), kind)
     assert mesh.p.min(axis=1).tolist() == [0, -0.25, -0.25] and mesh.p.max(axis=1).tolist() == [2, 0.25, 0.25]
     assert np.isclose(volume(mesh), 0.5) and set(mesh.boundaries) == {"left", "right", "bottom", "top", "front", "back"}
-    assert mesh.nt == (6 if kind == "tetrahedra" else 1) * 8 * 4 and all_turned_one_way(mesh)
+    assert mesh.nt == (6 if kind == "tetrahedra" else 1) * 8 * 4 and all_positive(mesh)
 
 
 @pytest.mark.parametrize("inner", CYLINDERS.values(), ids=CYLINDERS)
 @pytest.mark.parametrize("cells", [(1, 1), (3, 2), (2, 3)])
-def test_a_cylinder_has_the_volume_of_its_facets_its_sides_and_elements_that_are_turned_one_way(inner, cells):
+def test_a_cylinder_has_the_right_volume_sides_and_positive_elements(inner, cells):
     mesh = cylinder(0.5, 2.0, cells, inner_radius=inner)
     check_mesh(mesh)
-    assert all_turned_one_way(mesh) and set(mesh.boundaries) == {"left", "right", "side"} | ({"inside"} if inner else set())
+    assert all_positive(mesh) and set(mesh.boundaries) == {"left", "right", "side"} | ({"inside"} if inner else set())
     r = np.linalg.norm(mesh.p[1:], axis=0)
     assert np.allclose(r[mesh.boundaries["side"]], 0.5) and np.allclose(r[mesh.boundaries.get("inside", [])], inner)
     assert (mesh.p[0][mesh.boundaries["left"]] == 0).all() and (mesh.p[0][mesh.boundaries["right"]] == 2).all()
@@ -102,14 +102,17 @@ def test_a_cylinder_has_the_volume_of_its_facets_its_sides_and_elements_that_are
     assert sum(facets.shape[1] for facets in mesh.boundaries.values()) == mesh.surface.shape[1]  # neighbours share whole faces
 
 
-def test_the_volume_of_a_cylinder_is_right_to_second_order():
+def test_the_volume_of_a_cylinder_converges_at_second_order():
     errors = [1 - volume(cylinder(0.5, 2.0, (2, n))) / (np.pi * 0.5) for n in (2, 4)]
     assert 0 < errors[1] < errors[0] / 3.8
 
 
 @pytest.mark.parametrize("inner", CYLINDERS.values(), ids=CYLINDERS)
 def test_the_elements_of_a_cylinder_are_of_good_shape(inner):
-    """Where cells are as long as across, the inner and outer radius of the worst is within 1 : 9 (1 : 3 is a regular one)."""
+    """Cells as long as wide have a ratio of inner to outer radius within 1 : 9; a regular tetrahedron has 1 : 3.
+
+    The test requires volumes above 0.02 of the cubed longest edge.
+    """
     mesh = cylinder(0.5, 1.0, (6, 3), inner_radius=inner) if inner == 0 else cylinder(0.5, 1.0, (10, 2), inner_radius=inner)
     x = mesh.p[:, mesh.t].transpose(2, 1, 0)
     edges = np.array([x[:, a] - x[:, b] for a, b in mesh.element.edges])
@@ -156,6 +159,6 @@ def test_a_mesh_is_scaled_with_all_its_names():
         (lambda: cylinder(1.0, 1.0, "many"), r"cells = 'many'; expected 2 whole numbers"),
     ],
 )
-def test_what_is_no_mesh_is_refused(make, message):
+def test_invalid_arguments_of_generators_are_refused(make, message):
     with pytest.raises(MeshError, match=message):
         make()

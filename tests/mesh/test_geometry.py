@@ -1,4 +1,4 @@
-"""Volumes and gradients against closed forms, for all simplices in all spaces."""
+"""Volumes and gradients agree with closed forms, for all simplices in all spaces."""
 
 import numpy as np
 import pytest
@@ -15,17 +15,20 @@ REGULAR = {1: EDGE, 2: np.sqrt(3) / 4 * EDGE**2, 3: EDGE**3 / (6 * np.sqrt(2))}
 
 
 def random_simplices(k, d, count=20):
-    """Simplices that do not share vertices."""
+    """Return simplices that do not share vertices."""
     p = np.random.default_rng(k + 10 * d).normal(size=(d, count * (k + 1)))
     return p, np.arange(count * (k + 1)).reshape(k + 1, count)
 
 
 def regular_simplex(k, d):
-    """One simplex of edges EDGE, turned at random in d dimensions: corners of a cube of k + 1 dimensions, projected."""
+    """Return one regular simplex with edges EDGE, randomly rotated in d dimensions.
+
+    It is a projection of corners of a cube of k + 1 dimensions.
+    """
     centred = np.eye(k + 1) - 1 / (k + 1)
     axes = np.linalg.svd(centred)[2][:k]
-    turn = np.linalg.qr(np.random.default_rng(k).normal(size=(d, d)))[0]
-    return turn[:, :k] @ (axes @ centred) * EDGE / np.sqrt(2), np.arange(k + 1).reshape(-1, 1)
+    rotation = np.linalg.qr(np.random.default_rng(k).normal(size=(d, d)))[0]
+    return rotation[:, :k] @ (axes @ centred) * EDGE / np.sqrt(2), np.arange(k + 1).reshape(-1, 1)
 
 
 @pytest.mark.parametrize(("k", "d"), KINDS)
@@ -68,9 +71,9 @@ def test_a_regular_simplex_has_the_gram_matrix_of_its_heights(k, d):
 @pytest.mark.parametrize(("k", "d"), KINDS)
 def test_both_orientations_have_the_same_positive_volume_and_gram_matrix(k, d):
     p, t = random_simplices(k, d)
-    turned = t.copy()
-    turned[:2] = t[1::-1]
-    one, other = Geometry(p, t), Geometry(p, turned)
+    reversed_t = t.copy()
+    reversed_t[:2] = t[1::-1]
+    one, other = Geometry(p, t), Geometry(p, reversed_t)
     swap = [1, 0, *range(2, k + 1)]
     assert (one.volume > 0).all()
     assert np.allclose(one.volume, other.volume, rtol=1e-12)
@@ -91,7 +94,7 @@ def test_the_aspect_ratio_of_a_regular_simplex(k, ratio):
 
 
 def test_the_aspect_ratio_is_the_longest_edge_over_the_smallest_height():
-    """Three edges at right angles: longest sqrt(1 + 4), smallest height that over the slanted face."""
+    """The longest edge of three edges at right angles is sqrt(1 + 4); the smallest height ends on the slanted face."""
     corner = ElementMesh(p=[[0, 1, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1.0]], t=[[0], [1], [2], [3]])
     height = 1 / np.sqrt(1 + 1 / 4 + 1)
     assert aspect_ratios(corner)[0] == pytest.approx(np.sqrt(5) / height, rel=1e-12)

@@ -1,4 +1,4 @@
-"""Physical groups of Gmsh and element sets of Abaqus come in as subdomains and boundaries."""
+"""Physical groups of Gmsh and element sets of Abaqus become subdomains and boundaries."""
 
 import meshio
 import numpy as np
@@ -27,7 +27,7 @@ def test_physical_groups_may_overlap_and_need_no_name(two_boxes, version, binary
     assert set(mesh.p[0, mesh.boundaries["40"]].ravel()) == {0, 1}
 
 
-def test_gmsh_writes_abaqus_files_whose_element_sets_come_in(two_boxes):
+def test_element_sets_of_abaqus_files_by_gmsh_are_read(two_boxes):
     mesh = read_mesh(two_boxes("boxes.inp"))
     x = mesh.p[0, mesh.t].mean(axis=0)
     assert set(mesh.subdomains) == {"Volume1", "Volume2", "steel", "rubber", "all"}
@@ -36,7 +36,7 @@ def test_gmsh_writes_abaqus_files_whose_element_sets_come_in(two_boxes):
     assert set(mesh.p[0, mesh.boundaries["PhysicalSurface40"]].ravel()) == {0, 1}
 
 
-def test_gmsh_files_that_mix_grouped_and_other_cells_say_how_to_write_them(two_boxes):
+def test_gmsh_files_with_ungrouped_cells_are_refused_with_a_remedy(two_boxes):
     file = two_boxes("all.msh", Mesh_SaveAll=1, Mesh_MshFileVersion=4.1)
     with pytest.raises(MeshError, match=r"could not be read: ValueError: Incompatible cell data.*from Gmsh with Mesh\.SaveAll = 0"):
         read_mesh(file)
@@ -70,7 +70,7 @@ def test_copies_within_one_physical_group_are_left_for_the_diagnostics(tmp_path)
 
 
 def test_copies_of_an_element_in_no_group_are_left_for_the_diagnostics(tmp_path):
-    """Gmsh writes an element once a group; a copy without a group is not one of those."""
+    """Gmsh writes an element once per group, so a copy without a group is a fault."""
     t = np.array([*FIVE_TETS, FIVE_TETS[4]])
     tags = [np.array([1, 1, 1, 2, 0, 0])]
     names = {"one": np.array([1, 3]), "two": np.array([2, 3])}
@@ -108,7 +108,7 @@ def subdomains_of(tmp_path, text):
     return {name: ids.tolist() for name, ids in read_mesh(tmp_path / "mesh.inp").subdomains.items()}
 
 
-def test_element_sets_of_blocks_come_in_though_a_block_names_none_and_a_name_comes_twice(tmp_path):
+def test_element_sets_of_blocks_are_read_with_unnamed_and_repeated_sets(tmp_path):
     assert subdomains_of(tmp_path, INP) == {"Steel": [0, 1, 3], "Rubber": [2]}
 
 
@@ -125,7 +125,7 @@ def test_element_sets_are_lists_ranges_or_other_sets(lines, expected, tmp_path):
     assert subdomains_of(tmp_path, INP + lines) == {"Steel": [0, 1, 3], "Rubber": [2], "few": expected}
 
 
-def test_an_element_set_that_holds_facets_is_a_boundary(tmp_path):
+def test_an_element_set_of_facets_is_a_boundary(tmp_path):
     subdomains_of(tmp_path, INP + "*ELSET, ELSET=floor\n1\n")
     mesh = read_mesh(tmp_path / "mesh.inp")
     assert mesh.boundaries["floor"].T.tolist() == [[0, 1, 2]]
@@ -147,6 +147,6 @@ def test_an_included_file_is_read_with_its_element_sets(tmp_path):
         ("*INCLUDE, INPUT=gone.inp\n", "could not be read: .*gone.inp., which it needs, is no regular file or not there"),
     ],
 )
-def test_abaqus_files_that_do_not_hold_together_are_refused(text, message, tmp_path):
+def test_inconsistent_abaqus_files_are_refused(text, message, tmp_path):
     with pytest.raises(MeshError, match=message):
         subdomains_of(tmp_path, text)

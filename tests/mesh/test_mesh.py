@@ -1,4 +1,4 @@
-"""ElementMesh takes what carries simplices and says what is wrong with the rest."""
+"""ElementMesh accepts all meshes of known elements, and refuses other arguments with the cause."""
 
 from dataclasses import replace
 
@@ -30,12 +30,12 @@ TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] <
         (np.zeros((1, 2)), [[1, 0, -1], [0, 1, 1]], r"1 element \(2\): vertex ids outside"),
     ],
 )
-def test_arrays_that_are_no_mesh_are_refused_with_what_was_expected(p, t, message):
+def test_arrays_that_are_no_mesh_are_refused_with_the_expected_shape(p, t, message):
     with pytest.raises(MeshError, match=message):
         ElementMesh(p, t)
 
 
-def test_more_than_32_bit_indices_can_count_is_refused():
+def test_counts_beyond_32_bit_indices_are_refused():
     check_index_range(2**31 - 1, "elements")
     with pytest.raises(MeshError, match=r"2147483648 elements are more than 32-bit indices can count \(2147483647\)"):
         check_index_range(2**31, "elements")
@@ -51,7 +51,7 @@ def test_a_scikit_fem_mesh_keeps_its_vertices_elements_and_subdomains(cls, k):
 
 
 @pytest.mark.parametrize("cls", [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad])
-def test_nodes_are_the_degrees_of_freedom_of_scikit_fems_element_and_curved_edges_are_kept(cls):
+def test_nodes_are_scikit_fems_degrees_of_freedom_and_edges_stay_curved(cls):
     given = curved(cls)
     mesh = ElementMesh.of(given)
     assert np.array_equal(mesh.p, given.doflocs) and np.array_equal(mesh.t, given.dofs.element_dofs)
@@ -69,19 +69,19 @@ def test_straight_quadratic_simplices_are_numbered_as_scikit_fems_element_is(k):
 
 
 @pytest.mark.parametrize("cls", [skfem.MeshQuad2, skfem.MeshHex2, skfem.MeshWedge1])
-def test_other_cells_are_refused_by_name_with_what_to_take(cls):
+def test_other_cells_are_refused_by_name_with_an_alternative(cls):
     with pytest.raises(MeshError, match=rf"^{cls.__name__} is .*(MeshHex1|MeshQuad1)\(mesh|to_meshtet\(\)"):
         ElementMesh.of(cls())
 
 
-def test_a_pair_of_arrays_is_a_mesh_and_a_mesh_is_handed_back_as_it_is():
+def test_a_pair_of_arrays_is_a_mesh_and_a_mesh_is_returned_unchanged():
     mesh = ElementMesh.of(([[0, 1, 2], [0, 0, 1], [0, 0, 1]], [[0, 1], [1, 2]]))
     assert repr(mesh) == "ElementMesh: 2 segments in 3D, 3 vertices"
     assert ElementMesh.of(mesh) is mesh
 
 
 @pytest.mark.parametrize("given", ["mesh.msh", 3, (1, 2, 3), None])
-def test_what_is_no_mesh_at_all_is_refused(given):
+def test_objects_that_are_no_mesh_are_refused(given):
     with pytest.raises(MeshError, match=r"Expected a scikit-fem mesh.*; got .*Files are read by read_mesh"):
         ElementMesh.of(given)
 
@@ -118,7 +118,7 @@ def test_a_region_is_a_name_ids_a_mask_or_everything():
         ([4, 5, 5, 4, 3], r"names 2 elements \(4, 5\) more than once"),
     ],
 )
-def test_a_region_that_is_none_is_refused_with_its_ids(region, message):
+def test_an_invalid_region_is_refused_with_its_ids(region, message):
     with pytest.raises(RegionError, match=message):
         ElementMesh.of(TRIANGLES).elements(region)
 
@@ -131,7 +131,7 @@ def test_a_subdomain_that_is_out_of_range_is_refused_by_its_name():
         mesh.elements("hole")
 
 
-def test_an_unknown_name_on_a_mesh_without_subdomains_says_that_there_are_none():
+def test_an_unknown_subdomain_of_a_mesh_without_subdomains_is_refused():
     with pytest.raises(RegionError, match="no subdomain 'rod'; known: none"):
         ElementMesh([[0, 1]], [[0], [1]]).elements("rod")
 
@@ -149,17 +149,17 @@ def test_an_unknown_name_on_a_mesh_without_subdomains_says_that_there_are_none()
         ([[0.0, 1.0]], [["0"], ["1"]], "t has dtype <U1; expected integers"),
     ],
 )
-def test_coordinates_and_ids_that_are_no_numbers_are_refused(p, t, message):
+def test_coordinates_and_ids_of_wrong_types_are_refused(p, t, message):
     with pytest.raises(MeshError, match=message):
         ElementMesh(p, t)
 
 
-def test_arrays_may_come_as_a_list():
+def test_arrays_may_be_given_as_a_list():
     mesh = ElementMesh.of([TRIANGLES.p, TRIANGLES.t])
     assert np.array_equal(mesh.p, TRIANGLES.p) and np.array_equal(mesh.t, TRIANGLES.t)
 
 
-def test_a_mesh_of_meshio_is_taken_as_its_file_would_be():
+def test_a_mesh_of_meshio_is_converted_like_its_file():
     tags = [np.array([7, 7, 7, 9, 9]), np.array([4])]
     given = meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", FIVE_TETS), ("triangle", [[0, 1, 3]])], cell_data={"part": tags})
     mesh = ElementMesh.of(given)
@@ -177,19 +177,19 @@ def test_a_mesh_of_meshio_is_taken_as_its_file_would_be():
         (np.array(CUBE) * np.nan, FIVE_TETS, "8 vertices .* with coordinates that are not finite"),
     ],
 )
-def test_a_mesh_of_meshio_that_does_not_hold_together_is_refused(points, tets, message):
+def test_an_inconsistent_mesh_of_meshio_is_refused(points, tets, message):
     with pytest.raises(MeshError, match=f"^The meshio.Mesh is no whole mesh: .*{message}"):
         ElementMesh.of(meshio.Mesh(np.array(points), [("tetra", np.array(tets))]))
 
 
-def test_periodic_meshes_are_refused_with_the_way_out():
+def test_periodic_meshes_are_refused_with_a_remedy():
     periodic = skfem.MeshTri1DG.periodic(skfem.MeshTri().refined(1), [0], [1])
     with pytest.raises(MeshError, match=r"MeshTri1DG is periodic or discontinuous.*Use the mesh that it was made of"):
         ElementMesh.of(periodic)
 
 
 @pytest.mark.parametrize("cls", [skfem.MeshTet2, skfem.MeshTri2])
-def test_of_degree_one_a_curved_mesh_is_its_corners_with_a_line_that_says_so(cls):
+def test_a_curved_mesh_of_degree_one_has_its_corners_and_a_warning(cls):
     curved_mesh = ElementMesh.of(curved(cls))
     sets, rope = {"some": np.array([0, curved_mesh.nv - 1])}, curved_mesh.t[[0, 1, curved_mesh.element.corners], :1]
     curved_mesh = replace(curved_mesh, node_sets=sets, lines={"rope": rope})
@@ -208,7 +208,7 @@ def test_of_degree_one_a_curved_mesh_is_its_corners_with_a_line_that_says_so(cls
 
 @pytest.mark.parametrize("lazy", [True, False])
 @pytest.mark.parametrize(("cls", "k"), [(skfem.MeshLine, 1), (skfem.MeshTri, 2), (skfem.MeshTet, 3)])
-def test_of_degree_two_boundaries_and_node_sets_have_the_middles_of_edges(cls, k, lazy):
+def test_boundaries_and_node_sets_of_degree_two_contain_middles_of_edges(cls, k, lazy):
     mesh = ElementMesh.of(cls().refined(2).with_boundaries({"wall": lambda x: x[0] == 0}))
     wall = np.flatnonzero(mesh.p[0] == 0)
     boundaries = mesh.boundaries if lazy else {"wall": mesh.boundaries["wall"][::-1]}
@@ -229,7 +229,7 @@ def test_another_degree_is_refused(degree):
         ElementMesh.of(TRIANGLES).with_degree(degree)
 
 
-def test_boxes_are_of_no_second_degree():
+def test_boxes_have_no_second_degree():
     boxes = ElementMesh.of(skfem.MeshHex())
     assert boxes.with_degree(1) is boxes
     with pytest.raises(MeshError, match=r"degree = 2, but the elements are hexahedra.*Leave the degree out, or split them"):
@@ -237,7 +237,7 @@ def test_boxes_are_of_no_second_degree():
 
 
 @pytest.mark.parametrize("numbers", [[1, 0, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2], [0, 1, 2, 4, 3, 5]])
-def test_quadratic_simplices_with_other_numbers_are_refused_with_those_expected(numbers):
+def test_quadratic_simplices_with_other_numbers_are_refused_with_the_expected_order(numbers):
     mesh = ElementMesh([[0, 1, 0], [0, 0, 1]], [[0], [1], [2]]).with_degree(2)
     rows = np.array([0, 1, 2, *mesh.t[3:, 0]])[numbers]
     with pytest.raises(MeshError, match=r"1 element \(0\): nodes are not numbered as scikit-fem.*order of mesh.facets"):
@@ -253,7 +253,7 @@ def test_nodes_that_do_not_fit_the_element_are_refused():
 
 @pytest.mark.parametrize("name", ["tetrahedra", "quadratic tetrahedra", "quadratic triangles", "quadratic segments", "hexahedra"])
 def test_a_renumbered_mesh_is_the_same_body(name):
-    """In scikit-fem's numbering still, with its names; rows of K that belong together lie closer than at random."""
+    """The numbering is still scikit-fem's, names remain, and the matrix has a smaller bandwidth."""
     rng, s = np.random.default_rng(0), np.linspace(0, 1, 5)
     given = {
         "tet": skfem.MeshTet.init_tensor(s, s, s),
@@ -296,7 +296,7 @@ def test_a_renumbered_mesh_is_the_same_body(name):
         (3, (5, 2), "tetrahedra. Transpose"),
     ],
 )
-def test_arrays_of_other_elements_are_told_how_they_are_given(d, shape, words):
+def test_arrays_of_other_elements_are_refused_with_the_right_call(d, shape, words):
     with pytest.raises(MeshError, match=words):
         ElementMesh(np.random.default_rng(0).random((d, 12)), np.zeros(shape, dtype=int))
 

@@ -1,4 +1,4 @@
-"""Node sets of files: Abaqus *NSET, Gmsh's physical points and curves, meshio's point sets."""
+"""Node sets of files: *NSET of Abaqus, physical points and curves of Gmsh, point sets of meshio."""
 
 import meshio
 import numpy as np
@@ -35,14 +35,14 @@ def test_nodes_may_name_their_set_and_an_included_file_too(tmp_path):
     assert node_sets_of(tmp_path, "*INCLUDE, INPUT=body.inp\n") == {"all": [0, 1, 2, 3, 4, 5], "pin": [2]}
 
 
-def test_a_set_of_a_set_that_is_not_there_is_refused(tmp_path):
+def test_a_reference_to_an_undefined_set_is_refused(tmp_path):
     with pytest.raises(
         MeshError, match=r"Node set 'few' names the set 'Wood', which is not defined above it\. Move or add its \*NSET"
     ):
         node_sets_of(tmp_path, INP + "*NSET, NSET=few\nWood\n")
 
 
-def test_nodes_on_no_element_leave_their_set_with_a_warning(tmp_path):
+def test_nodes_on_no_element_are_removed_from_their_set_with_a_warning(tmp_path):
     text = INP.replace("6, 2., 1., 1.\n", "6, 2., 1., 1.\n7, 9., 9., 9.\n").replace(
         "30, 0., 1., 0.\n", "8, 9., 9., 9.\n30, 0., 1., 0.\n"
     )
@@ -82,14 +82,14 @@ def test_physical_points_and_curves_of_gmsh_are_node_sets(version, order, gmsh, 
     assert len(edges) == 4 and np.array_equal(mesh.node_sets["rim"], np.flatnonzero(on_edge & (np.abs(mesh.p[0]) < 1e-9)))
 
 
-def test_point_sets_that_meshio_reads_come_in(tmp_path, monkeypatch):
+def test_point_sets_of_meshio_become_node_sets(tmp_path, monkeypatch):
     raw = meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", np.array(FIVE_TETS))], point_sets={"pin": np.array([3, 1])})
     (tmp_path / "mesh.exo").write_text("data")
     monkeypatch.setattr("meshio.read", lambda path: raw)
     assert read_mesh(tmp_path / "mesh.exo").node_sets["pin"].tolist() == [1, 3]
 
 
-def test_nodes_inside_elements_of_higher_order_are_in_their_set_or_leave_it_in_silence(tmp_path, monkeypatch):
+def test_middle_nodes_are_in_their_set_or_removed_without_a_further_warning(tmp_path, monkeypatch):
     middle = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]]
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     raw = meshio.Mesh(
@@ -100,6 +100,6 @@ def test_nodes_inside_elements_of_higher_order_are_in_their_set_or_leave_it_in_s
     (tmp_path / "mesh.exo").write_text("data")
     monkeypatch.setattr("meshio.read", lambda path: raw)
     assert read_mesh(tmp_path / "mesh.exo").node_sets["edge"].tolist() == [0, 1, 4]
-    with pytest.warns(StvkWarning, match="of higher order") as said:
+    with pytest.warns(StvkWarning, match="of higher order") as caught:
         mesh = read_mesh(tmp_path / "mesh.exo", degree=1)
-    assert len(said) == 1 and mesh.node_sets["edge"].tolist() == [0, 1]
+    assert len(caught) == 1 and mesh.node_sets["edge"].tolist() == [0, 1]

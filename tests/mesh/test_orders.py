@@ -1,4 +1,4 @@
-"""Elements of second order, hexahedra and quadrilaterals come in as they are: node orders, groups, and what is refused."""
+"""Elements of second order, hexahedra and quadrilaterals are read: orders of nodes, groups, and refused cells."""
 
 import meshio
 import numpy as np
@@ -14,14 +14,14 @@ from skfem_stvk.mesh.diagnostics import check_mesh
 from skfem_stvk.mesh.facets import find_facets
 from skfem_stvk.mesh.points import are_straight
 
-#: Edges whose middles follow the corners, as the manuals of the programs draw them.
+#: Edges whose middle nodes follow the corners, as drawn in the manuals of the programs.
 EDGES = {
     "segments": [(0, 1)],
     "triangles": [(0, 1), (1, 2), (2, 0)],
     "tetrahedra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
 }
 GMSH_TET = [(0, 1), (1, 2), (2, 0), (0, 3), (2, 3), (1, 3)]
-#: Corners of a box as all these programs go round it: below, then above.
+#: Corners of a box in the order of all these programs: around the bottom, then around the top.
 BOX = {"quadrilaterals": [[0, 0], [1, 0], [1, 1], [0, 1]], "hexahedra": CUBE}
 TYPES = {
     "inp": {"segments": "T3D3", "triangles": "CPS6", "tetrahedra": "C3D10", "quadrilaterals": "CPS4", "hexahedra": "C3D8"},
@@ -36,7 +36,7 @@ def in_words(rows):
 
 
 def one_cell(folder, ending, kind, points):
-    """A file with one cell, whose nodes are these points in this order, with shuffled ids."""
+    """Write a file with one cell; its nodes are these points in this order, with shuffled ids."""
     n, number = len(points), np.random.default_rng(0).permutation(len(points))
     x = np.zeros((n, 3))
     x[number, : points.shape[1]] = points
@@ -65,7 +65,7 @@ def one_cell(folder, ending, kind, points):
 
 @pytest.mark.parametrize("ending", TYPES)
 @pytest.mark.parametrize("kind", EDGES)
-def test_each_local_edge_that_is_curved_alone_is_the_one_that_is_read_as_curved(kind, ending, tmp_path):
+def test_a_single_curved_edge_is_read_as_the_same_local_edge(kind, ending, tmp_path):
     k = {"segments": 1, "triangles": 2, "tetrahedra": 3}[kind]
     corners = np.array([[0, 0, 0], [2, 0.1, 0.2], [0.3, 1.5, 0.1], [0.2, 0.4, 1.0]])[: k + 1, : max(k, 2)]
     edges = GMSH_TET if (ending, kind) == ("msh", "tetrahedra") else EDGES[kind]
@@ -83,8 +83,8 @@ def test_each_local_edge_that_is_curved_alone_is_the_one_that_is_read_as_curved(
 
 @pytest.mark.parametrize("ending", TYPES)
 @pytest.mark.parametrize("kind", BOX)
-def test_corners_of_boxes_come_in_scikit_fems_local_order(kind, ending, tmp_path):
-    """A parallelepiped is one only if each corner is in its place."""
+def test_corners_of_boxes_are_read_in_scikit_fems_local_order(kind, ending, tmp_path):
+    """The cell is a parallelepiped only if each corner has the right index."""
     reference = np.array(BOX[kind], dtype=float)
     k = reference.shape[1]
     slanted = reference @ np.array([[2, 0.3, 0.1], [0.2, 1, -0.4], [0.5, 0.1, 1.5]])[:k, :k] + 0.25
@@ -95,7 +95,7 @@ def test_corners_of_boxes_come_in_scikit_fems_local_order(kind, ending, tmp_path
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh"])
 @pytest.mark.parametrize("cls", [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad])
-def test_what_scikit_fem_saves_comes_back_with_its_groups_and_its_curved_edges(cls, ending, tmp_path):
+def test_files_of_scikit_fem_are_read_with_groups_and_curved_edges(cls, ending, tmp_path):
     given = curved(cls)
     given.save(tmp_path / f"mesh.{ending}")
     mesh = read_mesh(tmp_path / f"mesh.{ending}")
@@ -106,14 +106,17 @@ def test_what_scikit_fem_saves_comes_back_with_its_groups_and_its_curved_edges(c
     assert len(one) == len(other) and one.size == other.size
 
 
-#: Formats that keep elements of second order when meshio writes them.
+#: Formats in which meshio writes elements of second order.
 SECOND = {"bdf": ["tetra10"], "inp": ["tetra10"], "vtk": ["tetra10", "triangle6", "line3"],
           "vtu": ["tetra10", "triangle6", "line3"]}  # fmt: skip
 
 
 @pytest.mark.parametrize(("ending", "kind"), [(ending, kind) for ending, kinds in SECOND.items() for kind in kinds])
 def test_numbers_of_nodes_in_a_file_do_not_matter(ending, kind, tmp_path):
-    """Shuffled, with the vertices among the middles: vertices keep their order in the file, middles get scikit-fem's."""
+    """Node ids are shuffled, with vertices among the middle nodes.
+
+    Vertices keep their order in the file, and middle nodes get scikit-fem's.
+    """
     given = {"tetra10": lambda: curved(skfem.MeshTet2), "triangle6": lambda: curved(skfem.MeshTri2)}
     if kind == "line3":
         chain = ElementMesh([[0, 1, 3]], [[0, 1], [1, 2]]).with_degree(2)
@@ -135,7 +138,7 @@ def test_numbers_of_nodes_in_a_file_do_not_matter(ending, kind, tmp_path):
 @pytest.mark.parametrize("kind", ["tetra10", "hexahedron"])
 @pytest.mark.parametrize("ending", ["exo", "med"])
 def test_exodus_and_med_files_have_the_same_order(ending, kind, tmp_path):
-    """By meshio's own writer; Gmsh's MED file below is another's."""
+    """The files are written by meshio; another test reads a MED file of Gmsh."""
     shift = 0.1 * np.random.default_rng(0).random((10, 3))
     points = TEN + shift if kind == "tetra10" else np.array(CUBE) + shift[:8]
     mesh = read_mesh(write(tmp_path / f"mesh.{ending}", points, [(kind, np.arange(len(points))[None])]))
@@ -150,7 +153,10 @@ def test_exodus_and_med_files_have_the_same_order(ending, kind, tmp_path):
 
 @pytest.fixture(scope="module")
 def ball(gmsh, tmp_path_factory):
-    """Half a ball of radius 1 of second order, with groups of its body, its curved and its flat side, and the rim between them."""
+    """Return a function that writes half a ball of radius 1 of second order, with four groups.
+
+    The groups are the body, its curved side, its flat side, and the rim between them.
+    """
     folder = tmp_path_factory.mktemp("ball")
 
     def save(ending, order=2, **options):
@@ -177,7 +183,7 @@ def ball(gmsh, tmp_path_factory):
 
 
 @pytest.mark.parametrize("options", [{"Mesh_MshFileVersion": 2.2}, {"Mesh_MshFileVersion": 4.1}, {"Mesh_Binary": 1}])
-def test_a_ball_of_gmshs_is_round_with_its_curved_facets_and_the_nodes_of_its_rim(ball, options):
+def test_a_gmsh_ball_is_round_and_has_curved_facets_and_rim_nodes(ball, options):
     mesh = read_mesh(ball("msh", **options))
     check_mesh(mesh)
     assert mesh.element.name == "quadratic tetrahedra" and len(mesh.elements("body")) == mesh.nt
@@ -198,7 +204,7 @@ def test_a_ball_of_gmshs_is_round_with_its_curved_facets_and_the_nodes_of_its_ri
     assert np.array_equal(reduced.node_sets["rim"], straight.node_sets["rim"])
 
 
-def test_a_med_file_of_gmshs_is_round(ball):
+def test_a_ball_in_a_med_file_of_gmsh_is_round(ball):
     mesh = read_mesh(ball("med"))
     check_mesh(mesh)
     radius = np.linalg.norm(mesh.p[:, mesh.surface], axis=0)
@@ -207,7 +213,7 @@ def test_a_med_file_of_gmshs_is_round(ball):
     assert element_sizes(mesh).sum() == pytest.approx(2 / 3 * np.pi, rel=1e-3)
 
 
-def test_a_c3d10_file_has_node_sets_with_middles_and_surfaces_of_six_nodes(ball):
+def test_c3d10_files_have_middles_in_node_sets_and_surfaces_of_six_nodes(ball):
     mesh = read_mesh(ball("inp", Mesh_SaveGroupsOfElements=-1111, Mesh_SaveGroupsOfNodes=-1111))
     assert mesh.element.name == "quadratic tetrahedra"
     dome = mesh.boundaries["dome"]
@@ -252,13 +258,13 @@ TEN = np.concatenate([np.eye(4, 3, -1), [(np.eye(4, 3, -1)[a] + np.eye(4, 3, -1)
         ([[0, 1, 2, 3, 4, 5, 6, 7, 8, 8]], r"Several edges share a middle: 1 node \(8\) of the file"),
     ],
 )
-def test_nodes_that_do_not_fit_together_are_refused_with_their_ids(cells, message):
+def test_inconsistent_middle_nodes_are_refused_with_their_ids(cells, message):
     points = np.concatenate([TEN, np.random.default_rng(0).random((5, 3)) + 1])
     with pytest.raises(MeshError, match=message):
         ElementMesh.of(meshio.Mesh(points, [("tetra10", np.array(cells))]))
 
 
-def test_segments_of_second_order_on_elements_of_second_are_in_the_order_of_their_middles():
+def test_quadratic_segments_on_quadratic_elements_are_sorted_by_their_middles():
     cells = [("tetra10", np.arange(10)[None]), ("line3", np.array([[3, 2, 9], [1, 0, 4], [0, 2, 6]]))]
     mesh = ElementMesh.of(meshio.Mesh(TEN, cells, cell_sets={"rope": [[], [0, 1, 2]]}))
     rope = mesh.lines["rope"]
@@ -266,7 +272,7 @@ def test_segments_of_second_order_on_elements_of_second_are_in_the_order_of_thei
     assert ElementMesh(mesh.p, rope, element=mesh.element.edge).nt == 3
 
 
-def test_facets_of_first_order_on_elements_of_second_get_their_middles_and_others_are_left_out():
+def test_linear_facets_of_quadratic_elements_get_middles_or_are_left_out():
     cells = [("tetra10", np.arange(10)[None]), ("triangle", np.array([[2, 1, 0], [0, 1, 3]]))]
     mesh = ElementMesh.of(meshio.Mesh(TEN, cells, cell_sets={"wall": [[], [0, 1]]}))
     wall = mesh.boundaries["wall"]
@@ -291,7 +297,7 @@ def test_facets_of_first_order_on_elements_of_second_get_their_middles_and_other
         ("triangle10", "triangles", " Quadratic triangles are kept"),
     ],
 )
-def test_other_elements_of_higher_order_are_taken_by_their_corners_with_a_line_that_says_so(kind, element, more):
+def test_other_elements_of_higher_order_are_reduced_to_corners_with_a_warning(kind, element, more):
     base = ELEMENTS[element]
     n = meshio._common.num_nodes_per_cell[kind]
     points = np.random.default_rng(0).random((n, 3))
@@ -301,7 +307,7 @@ def test_other_elements_of_higher_order_are_taken_by_their_corners_with_a_line_t
     assert np.array_equal(np.sort(mesh.p, axis=1), np.sort(points[: base.n].T, axis=1))
 
 
-def test_a_file_with_some_elements_of_second_order_is_taken_by_its_corners():
+def test_a_file_with_some_quadratic_elements_is_reduced_to_corners():
     points = np.concatenate([TEN, [[1, 1, 1.0]]])
     with pytest.warns(StvkWarning, match="1 tetra10 cells are of higher order.*Quadratic tetrahedra are kept, if all are"):
         mesh = ElementMesh.of(meshio.Mesh(points, [("tetra10", np.arange(10)[None]), ("tetra", np.array([[1, 2, 3, 10]]))]))
@@ -325,7 +331,7 @@ def test_a_file_of_linear_elements_may_be_read_as_quadratic_ones(tmp_path):
         read_mesh(file, degree=2)
 
 
-def test_facets_of_hexahedra_go_round(tmp_path):
+def test_facets_of_hexahedra_have_cyclic_order(tmp_path):
     given = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3)
     floor = meshio.CellBlock("quad", np.array([[0, 1, 2, 3]]))
     mesh = ElementMesh.of(
@@ -337,7 +343,7 @@ def test_facets_of_hexahedra_go_round(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["msh", "inp"])
-def test_hexahedra_of_gmshs_have_their_groups(ending, gmsh, tmp_path):
+def test_hexahedra_of_gmsh_have_their_groups(ending, gmsh, tmp_path):
     gmsh.initialize(interruptible=False)
     model = gmsh.model
     model.occ.addBox(0, 0, 0, 1, 2, 3)

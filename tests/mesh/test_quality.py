@@ -1,4 +1,4 @@
-"""Qualities of elements are those of hand calculation, and a mesh that is refused is told of with all of its faults."""
+"""Quality measures agree with hand calculation, and all faults of a refused mesh are reported."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def names(quality):
     return [fault.name for fault in quality.faults]
 
 
-def test_a_regular_tetrahedron_has_the_values_of_textbooks():
+def test_a_regular_tetrahedron_has_textbook_values():
     quality = mesh_quality((REGULAR, np.arange(4)[:, None]))
     np.testing.assert_allclose(quality.angles, np.degrees(np.arccos(1 / 3)))
     np.testing.assert_allclose(quality.aspect, np.sqrt(3 / 2))
@@ -27,7 +27,7 @@ def test_a_regular_tetrahedron_has_the_values_of_textbooks():
     assert quality.sound and quality.parts.tolist() == [4]
 
 
-def test_triangles_have_the_angles_of_trigonometry():
+def test_triangles_have_the_right_angles():
     quality = mesh_quality(([[0, 1, 0], [0, 0, np.sqrt(3)]], [[0], [1], [2]]))
     np.testing.assert_allclose(quality.angles[:, 0], [30, 90])
     np.testing.assert_allclose(quality.edges[:, 0], [1, 2])
@@ -53,20 +53,20 @@ def test_sizes_edges_and_aspects_are_those_of_each_kind_of_simplex(name):
     pairs = [(i, j) for i in range(mesh.k + 1) for j in range(i)]
     lengths = np.array([np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in pairs])
     np.testing.assert_allclose(quality.edges, [lengths.min(axis=0), lengths.max(axis=0)])
-    spokes = x[:, 1:] - x[:, :1]
-    gram = np.linalg.det(spokes @ spokes.transpose(0, 2, 1))
+    base_vectors = x[:, 1:] - x[:, :1]
+    gram = np.linalg.det(base_vectors @ base_vectors.transpose(0, 2, 1))
     np.testing.assert_allclose(quality.size, np.sqrt(gram) / (1, 1, 2, 6)[mesh.k])
     assert np.isnan(quality.angles).all() == (mesh.k == 1)
-    if mesh.k == 2:  # the angles of a triangle add up
+    if mesh.k == 2:  # the angles of a triangle add up to 180 degrees
         third = 180 - quality.angles.sum(axis=0)
         assert ((quality.angles[0] <= third + 1e-9) & (third <= quality.angles[1] + 1e-9)).all()
     if mesh.k == mesh.d == 3:
-        np.testing.assert_array_equal(quality.turned, np.linalg.det(spokes) < 0)
+        np.testing.assert_array_equal(quality.turned, np.linalg.det(base_vectors) < 0)
         assert 0 < quality.turned.sum() < mesh.nt
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
-def test_every_element_has_qualities_that_no_unit_of_length_changes(name):
+def test_qualities_do_not_depend_on_the_unit_of_length(name):
     element = ELEMENTS[name]
     corners = element.nodes[: element.corners].T
     mesh = ElementMesh(corners, np.arange(element.corners)[:, None], element=None if element.is_simplex else element)
@@ -79,12 +79,12 @@ def test_every_element_has_qualities_that_no_unit_of_length_changes(name):
     assert len(one.extremes()) == (5 if mesh.k == 1 else 7)
 
 
-def test_the_aspect_ratio_of_a_segment_is_1_and_that_of_an_element_in_one_place_is_infinite():
+def test_the_aspect_ratio_is_1_for_segments_and_infinite_for_collapsed_elements():
     assert (mesh_quality(([[0.0, 49.0, 50.0]], [[0, 1], [1, 2]])).aspect == 1).all()
     assert mesh_quality(([[0.0, 1, 0, 2, 2, 2], [0.0, 0, 1, 3, 3, 3]], [[0, 3], [1, 4], [2, 5]])).aspect[1] == np.inf
 
 
-def test_the_worst_elements_come_first_and_by_their_ids():
+def test_the_worst_elements_are_listed_first_with_their_ids():
     p = np.array([[0, 1, 1, 0, 2, 2.1], [0, 0, 1, 1, 0, 0.001]])
     quality = mesh_quality((p, [[0, 0, 1], [1, 2, 4], [2, 3, 5]]))
     worst = quality.worst("largest aspect ratio", 2)
@@ -99,7 +99,7 @@ def test_the_worst_elements_come_first_and_by_their_ids():
 
 
 def broken():
-    """A mesh with every fault at once, and how many elements or nodes have each."""
+    """Return a mesh with every fault, and the number of elements of one of its two cubes."""
     cube = skfem.MeshTet().refined(1)
     far = cube.p + np.array([[3.0], [0], [0]])
     p = np.column_stack([cube.p, far, [9, 9, 9], [np.nan, 0, 0], cube.p[:, 0]])
@@ -109,7 +109,7 @@ def broken():
     return ElementMesh(p, np.column_stack([cube.t, cube.t + n, more])), cube.nelements
 
 
-def test_a_mesh_with_all_faults_is_told_of_at_once():
+def test_all_faults_of_a_mesh_are_reported_at_once():
     mesh, nt = broken()
     quality = mesh_quality(mesh)
     assert names(quality) == ["not finite", "collapsed", "flat", "duplicates", "unused", "coincident", "parts"]
@@ -127,7 +127,7 @@ def test_a_mesh_with_all_faults_is_told_of_at_once():
     assert all(fault.text in repr(quality) for fault in quality.faults)
 
 
-def test_the_first_fault_is_what_a_system_says():
+def test_a_system_reports_the_first_fault():
     mesh, _ = broken()
     with pytest.raises(MeshError) as refused:
         check_mesh(mesh)

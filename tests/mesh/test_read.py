@@ -1,4 +1,4 @@
-"""Mesh files of many formats come in with their vertices and simplices, or with what was left out."""
+"""Mesh files of many formats are read with vertices and elements; everything left out is reported."""
 
 import meshio
 import numpy as np
@@ -12,7 +12,7 @@ from skfem_stvk.mesh import content, read_mesh
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh"])
 @pytest.mark.parametrize("given", [TETS, TRIANGLES], ids=["tetrahedra", "triangles"])
-def test_what_scikit_fem_saves_comes_back_with_its_groups(given, ending, tmp_path, capfd):
+def test_files_of_scikit_fem_are_read_with_their_groups(given, ending, tmp_path, capfd):
     given.save(tmp_path / f"mesh.{ending}")
     capfd.readouterr()
     mesh = read_mesh(tmp_path / f"mesh.{ending}")
@@ -23,7 +23,7 @@ def test_what_scikit_fem_saves_comes_back_with_its_groups(given, ending, tmp_pat
     assert capfd.readouterr() == ("", "")
 
 
-def test_segments_that_scikit_fem_saves_come_back_with_their_groups(tmp_path):
+def test_segments_of_scikit_fem_are_read_with_their_groups(tmp_path):
     SEGMENTS.save(tmp_path / "mesh.vtu")
     mesh = read_mesh(str(tmp_path / "mesh.vtu"))
     assert (mesh.k, mesh.d) == (1, 1)
@@ -32,7 +32,7 @@ def test_segments_that_scikit_fem_saves_come_back_with_their_groups(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["bdf", "ele", "inp", "mesh", "meshb", "msh", "su2", "vtk", "vtu"])
-def test_tetrahedra_come_back_from_every_format(ending, tmp_path):
+def test_tetrahedra_are_read_from_every_format(ending, tmp_path):
     mesh = read_mesh(write(tmp_path / f"mesh.{ending}", TETS.p.T, [("tetra", TETS.t.T)]))
     assert np.allclose(mesh.p, TETS.p, atol=1e-9)
     assert np.array_equal(np.sort(mesh.t, axis=0), np.sort(TETS.t, axis=0))
@@ -84,13 +84,13 @@ def test_segments_are_in_as_many_dimensions_as_they_need(last, d, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["vtu", "msh"])
-def test_triangles_at_one_height_stay_in_space_if_that_is_asked_for(ending, tmp_path):
+def test_triangles_at_one_height_stay_in_space_on_request(ending, tmp_path):
     points = np.column_stack([TRIANGLES.p.T, np.full(TRIANGLES.nvertices, 2.5)])
     mesh = read_mesh(write(tmp_path / f"mesh.{ending}", points, [("triangle", TRIANGLES.t.T)]), dimension=3)
     assert np.array_equal(mesh.p.T, points)
 
 
-def test_a_straight_cable_is_in_as_many_dimensions_as_are_asked_for(tmp_path):
+def test_a_straight_cable_has_the_requested_number_of_dimensions(tmp_path):
     file = write(tmp_path / "mesh.vtu", [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [("line", [[0, 1], [1, 2]])])
     for d in (1, 2, 3):
         assert read_mesh(file, dimension=d).d == d
@@ -104,7 +104,8 @@ def test_a_dimension_that_is_too_small_is_refused(tmp_path):
         read_mesh(file, dimension=4)
 
 
-#: A cube with two ropes from its top to two hooks, a rope along an edge of a tetrahedron, and a sail from one edge to a hook.
+#: A cube with two ropes from its top to two hooks. A third rope follows an edge of a tetrahedron, and a sail joins an edge and a
+#: hook.
 HOOKED = [*CUBE, [9, 9, 9], [0, 0, 3], [1, 0, 3]]
 ROPES, EDGE, SAIL = [[9, 4], [5, 10]], [[0, 1]], [[4, 5, 9]]
 
@@ -120,7 +121,7 @@ def hooked(path):
     return path
 
 
-def test_nodes_of_ropes_and_sails_stay_if_these_are_named(tmp_path):
+def test_nodes_of_ropes_and_sails_are_retained_by_keep(tmp_path):
     file = hooked(tmp_path / "mesh.msh")
     with pytest.warns(StvkWarning, match=r"^1 vertex \(8\): on none of the tetrahedra, so dropped"):
         mesh = read_mesh(file, keep=["ropes", "sail"])
@@ -129,14 +130,14 @@ def test_nodes_of_ropes_and_sails_stay_if_these_are_named(tmp_path):
     assert mesh.boundaries["sail"].T.tolist() == [[4, 5, 8]] and mesh.node_sets["hooks"].tolist() == [8, 9]
 
 
-def test_nodes_of_ropes_and_sails_are_dropped_if_nothing_names_these(tmp_path):
-    with pytest.warns(StvkWarning) as said:
+def test_nodes_of_ropes_and_sails_are_dropped_without_keep(tmp_path):
+    with pytest.warns(StvkWarning) as caught:
         mesh = read_mesh(hooked(tmp_path / "mesh.msh"))
-    assert any("3 vertices (8, 9, 10)" in str(one.message) and "keep=[names]" in str(one.message) for one in said)
+    assert any("3 vertices (8, 9, 10)" in str(one.message) and "keep=[names]" in str(one.message) for one in caught)
     assert mesh.p.T.tolist() == CUBE and list(mesh.lines) == ["stiffener"] and "hooks" not in mesh.node_sets
 
 
-def test_hooks_lift_a_flat_sheet_into_space(tmp_path):
+def test_ropes_to_hooks_make_a_flat_sheet_three_dimensional(tmp_path):
     cells = [("line", np.array([[0, 3]])), ("triangle", np.array([[0, 1, 2]]))]
     tags = {"gmsh:physical": [np.array([1]), np.array([2])], "gmsh:geometrical": [np.array([1]), np.array([2])]}
     names = {"rope": np.array([1, 1]), "sheet": np.array([2, 2])}
@@ -148,7 +149,7 @@ def test_hooks_lift_a_flat_sheet_into_space(tmp_path):
 
 
 def test_ropes_and_sails_of_quadratic_elements_are_on_their_edges(tmp_path):
-    """Middles of edges that no quadratic element has are in no numbering of scikit-fem's."""
+    """A middle node of an edge of no quadratic element has no number in scikit-fem's numbering."""
     with pytest.warns(StvkWarning, match="1 vertex"):
         straight = read_mesh(hooked(tmp_path / "mesh.msh"), keep=["ropes", "sail"])
     with pytest.raises(MeshError, match=r"degree = 2, but 1 element \(0\) of 'sail' is on no edge of the other elements"):
@@ -163,14 +164,14 @@ def test_ropes_and_sails_of_quadratic_elements_are_on_their_edges(tmp_path):
         content.content_of(raw, "mesh", keep=["ropes"])
 
 
-def test_a_vertex_that_is_dropped_does_not_lift_the_rest_into_space(tmp_path):
+def test_a_dropped_vertex_does_not_make_a_flat_mesh_three_dimensional(tmp_path):
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
     with pytest.warns(StvkWarning, match=r"1 vertex \(3\): on none of the triangles, so dropped"):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", points, [("triangle", [[0, 1, 2]])]))
     assert (mesh.d, mesh.nv) == (2, 3)
 
 
-def test_cells_that_mark_boundaries_are_not_worth_a_warning(tmp_path):
+def test_cells_that_mark_boundaries_cause_no_warning(tmp_path):
     cells = [("vertex", [[0]]), ("line", [[0, 1]]), ("quad", [[0, 1, 2, 3]]), ("triangle", [[0, 1, 3]]), ("tetra", FIVE_TETS)]
     mesh = read_mesh(write(tmp_path / "mesh.vtu", CUBE, cells))
     assert (mesh.k, mesh.nt, mesh.nv) == (3, 5, 8)
@@ -213,7 +214,7 @@ def test_two_kinds_of_elements_in_one_file_are_refused_by_name(cells, message, t
         ([("vertex", [[0], [1]])], "no elements; expected tetrahedra, hexahedra, .* or segments, got 2 vertex cells"),
     ],
 )
-def test_a_file_without_elements_is_refused_with_what_it_holds(cells, message, tmp_path):
+def test_a_file_without_elements_is_refused_with_its_contents(cells, message, tmp_path):
     with pytest.raises(MeshError, match=message):
         read_mesh(write(tmp_path / "mesh.vtu", CUBE, cells))
 
@@ -225,22 +226,22 @@ def test_a_file_without_cells_is_refused(tmp_path):
 
 @pytest.mark.parametrize("ending", ["vtu", "msh"])
 @pytest.mark.parametrize(("cls", "straight"), [(skfem.MeshTet2, TETS), (skfem.MeshTri2, TRIANGLES)], ids=["tetra10", "triangle6"])
-def test_elements_of_second_order_are_reduced_to_their_corners_with_a_warning_if_that_is_asked_for(cls, straight, ending, tmp_path):
+def test_quadratic_elements_are_reduced_to_corners_on_request_with_a_warning(cls, straight, ending, tmp_path):
     cls.from_mesh(straight).save(tmp_path / f"mesh.{ending}")
     count = straight.nelements
     with pytest.warns(
         StvkWarning, match=f"^{count} (tetra10|triangle6) cells are of higher order: their corner vertices are used"
-    ) as said:
+    ) as caught:
         mesh = read_mesh(tmp_path / f"mesh.{ending}", degree=1)
-    assert len(said) == 1
+    assert len(caught) == 1
     assert np.array_equal(mesh.p, straight.p) and np.array_equal(mesh.t, straight.t)
 
 
 def test_gmsh_elements_of_third_order_keep_their_groups_without_their_inner_nodes(two_boxes):
     file = two_boxes("curved.msh", Mesh_ElementOrder=3, Mesh_MshFileVersion=2.2)
-    with pytest.warns(StvkWarning, match=r"tetra\d+ cells are of higher order") as said:
+    with pytest.warns(StvkWarning, match=r"tetra\d+ cells are of higher order") as caught:
         mesh = read_mesh(file)
-    assert len(said) == 1
+    assert len(caught) == 1
     straight = read_mesh(two_boxes("straight.msh", Mesh_MshFileVersion=2.2))
     assert (mesh.nv, mesh.nt) == (straight.nv, straight.nt)
     assert {name: len(ids) for name, ids in mesh.subdomains.items()} == {
@@ -280,6 +281,6 @@ def test_empty_blocks_do_not_count(tmp_path):
 
 
 @pytest.mark.parametrize("path", [None, 3, "", "a\0.msh", "x" * 300 + ".msh", 5_000 * "x"])
-def test_what_is_no_path_is_refused_by_its_name(path):
+def test_an_invalid_path_is_refused(path):
     with pytest.raises(MeshError, match=r"^path = .*; expected the path of a mesh file"):
         read_mesh(path)

@@ -1,4 +1,4 @@
-"""Places by their shape: boxes, planes, and the node nearest to a point."""
+"""Locations by shape: boxes, planes, and the node nearest to a point."""
 
 import numpy as np
 import pytest
@@ -16,22 +16,22 @@ LAW = StVK(young=2.0, poisson=0.3, density=1.0)
     ("shape", "same"),
     [
         (Box((0, 0, 0), (0.5, 1, 1)), lambda x: x[0] <= 0.5),
-        (Box((1e-7, 0, 0), (0.5 - 1e-7, 1, 1)), lambda x: x[0] <= 0.5),  # rounding of coordinates is no matter
+        (Box((1e-7, 0, 0), (0.5 - 1e-7, 1, 1)), lambda x: x[0] <= 0.5),  # rounding of coordinates does not matter
         (Box((0, 1, 0), (2, 1, 1)), lambda x: x[1] == 1),
         (Plane((0, 0, 1), (0, 0, 3)), lambda x: x[2] == 1),
         (Plane((2, 0, 0), (-1e-200, 0, -1e-200)), lambda x: x[0] + x[2] == 2),
         (Plane((1, 0.4, 0), (0, 1, 0), within=0.45), lambda x: x[1] <= 0.5),
         (NearestNode((1.9, 0.9, 0.1)), lambda x: (x[0] == 2) & (x[1] == 1) & (x[2] == 0)),
-        (NearestNode((0.25, 0, 0)), lambda x: (x == 0).all(axis=0)),  # of several the first
+        (NearestNode((0.25, 0, 0)), lambda x: (x == 0).all(axis=0)),  # the first of several nearest nodes
     ],
 )
-def test_a_shape_is_the_predicate_that_it_stands_for(shape, same):
+def test_a_shape_is_equivalent_to_its_predicate(shape, same):
     assert np.array_equal(vertices_at(MESH, shape), vertices_at(MESH, same))
     typed = eval(repr(shape))
     assert typed == shape and hash(typed) == hash(shape)
 
 
-def test_the_facets_of_a_shape_are_those_with_all_their_nodes_there():
+def test_facets_of_a_shape_have_all_their_nodes_in_it():
     assert facets_at(MESH, Plane((2, 0, 0), (1, 0, 0))).shape[1] == MESH.boundaries["right"].shape[1]
     with pytest.raises(
         RegionError, match=r"the node nearest to \(0, 0, 0\) has 1 vertex \(0\), but none of the 80 boundary facets"
@@ -39,7 +39,7 @@ def test_the_facets_of_a_shape_are_those_with_all_their_nodes_there():
         facets_at(MESH, NearestNode((0, 0, 0)))
 
 
-def test_it_is_good_wherever_a_place_is():
+def test_shapes_are_accepted_wherever_a_location_is_expected():
     tip, wall = Plane((2, 0, 0), (1, 0, 0)), Box((0, 0, 0), (0, 1, 1))
     shapes = System(
         MESH,
@@ -59,7 +59,7 @@ def test_it_is_good_wherever_a_place_is():
     assert np.array_equal(held_vertices(shapes, wall, "wall"), held_vertices(plain, "left", "wall"))
 
 
-def test_a_box_is_a_region_of_the_elements_with_their_centres_in_it():
+def test_a_box_as_a_region_contains_elements_by_their_centres():
     half = Box((0, 0, 0), (1, 1, 1))
     ids = MESH.elements(half)
     assert len(ids) == MESH.nt // 2 and (MESH.p[0][MESH.t[:, ids]] <= 1).all()
@@ -87,7 +87,7 @@ def test_a_box_is_a_region_of_the_elements_with_their_centres_in_it():
         (NearestNode((2000, 0, 0)), r"the node nearest to \(2000, 0, 0\) is 1998 away .* 2 large\. Is the point in the units"),
     ],
 )
-def test_a_shape_that_is_nowhere_is_refused_in_words(where, message):
+def test_a_shape_without_nodes_is_refused(where, message):
     with pytest.raises(RegionError, match="^It: " + message):
         vertices_at(MESH, where, "It")
 
@@ -106,12 +106,12 @@ def test_a_shape_that_is_nowhere_is_refused_in_words(where, message):
         (lambda: NearestNode(3.0), r"NearestNode: point has shape \(\); expected one to three coordinates"),
     ],
 )
-def test_what_is_no_shape_is_refused(make, message):
+def test_invalid_shapes_are_refused(make, message):
     with pytest.raises(RegionError, match=message):
         make()
 
 
-def test_messages_name_shapes_in_words():
+def test_messages_describe_shapes():
     assert describe(NearestNode((1, 2))) == "the node nearest to (1, 2)"
     with pytest.raises(RegionError, match=r"Traction on the plane through \(9, 0, 0\) with normal \(1, 0, 0\): none of"):
         System(MESH, [LAW, Traction(Plane((9, 0, 0), (1, 0, 0)), (0, 0, 1.0))])

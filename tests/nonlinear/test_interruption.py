@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for the end of a step."""
+"""Ctrl-C takes effect at the end of a step."""
 
 import os
 import signal
@@ -21,23 +21,23 @@ def press(times=1):
 
 def strip(*loads):
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 4, 9), np.linspace(0, 1, 3))
-    held = {lambda x: x[0] == 0: "xy"}
-    return System(mesh, [StVK(young=1e5, poisson=0.3, density=1000.0), *loads], fixed=held)
+    fixed = {lambda x: x[0] == 0: "xy"}
+    return System(mesh, [StVK(young=1e5, poisson=0.3, density=1000.0), *loads], fixed=fixed)
 
 
 @TRIES
-def test_a_motion_ends_after_the_step_that_it_is_in_and_at_once_when_pressed_again(tmp_path, presses):
+def test_ctrl_c_ends_a_motion_after_the_step_and_a_second_one_at_once(tmp_path, presses):
     pressed = []
 
-    def when_asked(t, u):
+    def interrupt_once(t, u):
         if t > 2.5e-3 and not pressed:
             pressed.append(t)
             press(presses)
 
     body = strip(Gravity(g=(0, -9.81)))
     with finishing_steps(), pytest.raises(Interrupted) as caught:
-        simulate(body, VelocityVerlet(dt=1e-3), until=0.1, remove=when_asked, checkpoint=tmp_path / "kept", quiet=True)
-    t = caught.value.run.t  # pressed again, the run is at the last good state
+        simulate(body, VelocityVerlet(dt=1e-3), until=0.1, remove=interrupt_once, checkpoint=tmp_path / "kept", quiet=True)
+    t = caught.value.run.t  # if Ctrl-C is pressed again, the run is at the last accepted state
     assert t == pytest.approx(3e-3) if presses == 1 else t < 3e-3
     on = simulate(body, until=0.02, checkpoint=tmp_path / "kept", resume=True, remove=lambda t, u: None, quiet=True)
     whole = simulate(strip(Gravity(g=(0, -9.81))), VelocityVerlet(dt=1e-3), until=0.02, remove=lambda t, u: None, quiet=True)
@@ -45,7 +45,7 @@ def test_a_motion_ends_after_the_step_that_it_is_in_and_at_once_when_pressed_aga
 
 
 @TRIES
-def test_a_path_ends_after_the_state_that_it_looks_for(presses):
+def test_ctrl_c_ends_a_path_after_the_next_state(presses):
     asked = []
 
     def pull(t):
@@ -54,7 +54,7 @@ def test_a_path_ends_after_the_state_that_it_looks_for(presses):
             press(presses)
         return (0.0, -1e3 * t)
 
-    body = strip(Traction(lambda x: x[0] == 4, pull))  # asked at 0 and 1 where it is bound
+    body = strip(Traction(lambda x: x[0] == 4, pull))  # evaluated at 0 and 1 when the load is bound
     with finishing_steps(), pytest.raises(Interrupted) as caught:
         solve_static(body, steps=5, quiet=True)
     found = caught.value.result
@@ -62,7 +62,7 @@ def test_a_path_ends_after_the_state_that_it_looks_for(presses):
     assert len(found.history) == (2 if presses == 1 else 1)
 
 
-def test_ctrl_c_is_as_ever_afterwards_and_in_other_threads():
+def test_the_signal_handler_is_restored_and_unchanged_in_other_threads():
     before = signal.getsignal(signal.SIGINT)
     with finishing_steps():
         assert signal.getsignal(signal.SIGINT) is not before

@@ -1,3 +1,5 @@
+"""Minima of the line search: the first minimum of a quartic, and a root of a slope."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ numbers = st.floats(-10, 10).filter(lambda x: x == 0 or abs(x) > 1e-3)
 
 @settings(max_examples=200)
 @given(numbers, numbers, numbers, st.floats(0.1, 10), st.floats(1e-6, 10))
-def test_the_first_minimum_is_where_the_quartic_stops_to_fall(c0, c2, c3, c4, fall):
+def test_the_first_minimum_of_a_quartic_is_found(c0, c2, c3, c4, fall):
     c = np.array([c0, -fall, c2, c3, c4])
     s = quartic_minimum(c)
     slope = np.polynomial.Polynomial(c).deriv()
@@ -20,15 +22,15 @@ def test_the_first_minimum_is_where_the_quartic_stops_to_fall(c0, c2, c3, c4, fa
     assert (slope(below) <= tiny).all()
 
 
-def test_a_second_lower_minimum_is_not_jumped_to():
-    """(s - 1)^2 (s - 3)^2 tilted so that the far minimum is the lower one: a mirrored state."""
+def test_a_second_lower_minimum_is_not_chosen():
+    """The quartic (s - 1)^2 (s - 3)^2 is tilted so that its second minimum, a mirrored state, is lower."""
     c = np.polynomial.polynomial.polyfromroots([1, 1, 3, 3]) - np.array([0, 0.2, 0, 0, 0])
     s = quartic_minimum(c)
     assert 0.9 < s < 1.2
     assert np.polynomial.Polynomial(c)(3) < np.polynomial.Polynomial(c)(s)
 
 
-def test_what_never_ends_to_fall_has_no_minimum():
+def test_an_unbounded_decrease_has_no_minimum():
     assert quartic_minimum(np.array([0, -1.0, -1.0, 0, 0])) == np.inf
 
 
@@ -48,13 +50,13 @@ def test_a_root_of_the_slope_is_found_near_and_far(root):
     assert s is not None and abs(slope(s)) <= 0.1
 
 
-def test_a_slope_without_root_is_said():
+def test_a_slope_without_root_gives_none():
     assert root_of_slope(lambda s: -1.0 - s, -1.0) is None
 
 
 @pytest.mark.parametrize("longest", [1e-4, 0.4, 1.0, 1.5, 3.0, 5.0, 100.0])
 @pytest.mark.parametrize("root", [0.3, 2.0, 60.0])
-def test_the_slope_is_not_asked_for_beyond_the_longest_length(longest, root):
+def test_the_slope_is_not_evaluated_beyond_the_longest_length(longest, root):
     asked = []
 
     def slope(s):

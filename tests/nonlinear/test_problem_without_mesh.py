@@ -1,4 +1,4 @@
-"""Newton's method and the eigenvalue tools on twenty unknowns that belong to no mesh, no system and no degrees of freedom."""
+"""Newton's method and the eigenvalue tools work on twenty unknowns without mesh, system and degrees of freedom."""
 
 import ast
 from pathlib import Path
@@ -22,7 +22,10 @@ RTOL = 1e-10
 
 
 class WithGhosts(Space):
-    """Vectors in reverse order with the first three entries twice, as a piece of a body on one rank of several has ghosts."""
+    """Vectors in reverse order in which the first three entries occur twice.
+
+    A part of a body on one of several ranks has ghosts in this way.
+    """
 
     def __init__(self):
         super().__init__(N + GHOSTS)
@@ -50,9 +53,10 @@ class Unknown(Space):
 
 
 class Wells:
-    """`V(x) = 1/2 x'Ax + 1/4 sum c_i x_i^4 - t b.x`: a chain of masses, each in a double well if `A` is not positive definite.
+    """Chain of masses with the potential `V(x) = 1/2 x'Ax + 1/4 sum c_i x_i^4 - t b.x`.
 
-    Its states are vectors with ghosts: only its spaces know which entries count.
+    Each mass is in a double well if `A` is not positive definite. States are vectors with ghosts, and the spaces define which
+    entries count.
     """
 
     iterative, quartic, symmetric = False, True, True
@@ -149,7 +153,7 @@ def test_newton_finds_the_minimum_quadratically_with_the_exact_tangent(full_firs
     assert record.residuals[-1] < 30 * record.residuals[-2] ** 2 or record.residuals[-1] < 1e-14
 
 
-def test_from_an_indefinite_state_the_search_goes_down_and_ends_in_a_well():
+def test_newton_from_an_indefinite_state_finds_a_minimum():
     problem = Wells(spring=0.3, well=-2.0)
     start = 0.05 * np.cos(np.arange(N))
     assert np.linalg.eigvalsh(problem.hessian(start))[0] < 0
@@ -157,7 +161,7 @@ def test_from_an_indefinite_state_the_search_goes_down_and_ends_in_a_well():
     assert end.converged and "clamped" in record.tangents and np.linalg.eigvalsh(problem.hessian(x))[0] > 0
 
 
-def test_without_a_potential_the_slope_along_the_line_is_what_counts():
+def test_without_a_potential_the_line_search_uses_the_slope():
     found = []
     for quartic in (True, False):
         problem = Wells(spring=0.3, well=-2.0)
@@ -171,7 +175,7 @@ def test_without_a_potential_the_slope_along_the_line_is_what_counts():
 
 
 def test_a_state_with_ghosts_is_measured_by_its_spaces():
-    """Counted twice, ghosts would make another slope: the fault is planted."""
+    """Planted fault: a product that counts ghosts twice gives another slope."""
     problem, counted = Wells(), Wells()
     counted.space = Unknown()
     counted.space.dot = lambda x, y: float(Unknown().expand(x) @ Unknown().expand(y))
@@ -193,43 +197,43 @@ def faulty(expand=None, **changes):
 
 
 FAULTS = {
-    "a direction of the wrong sign is none of descent": (
+    "a search direction of the wrong sign": (
         lambda: faulty(expand=lambda x: -Unknown().expand(x)),
         {},
         End.NO_DESCENT,
     ),
     "numbers overflow": (lambda: faulty(expand=lambda x: np.full(N + GHOSTS, -1e60) * np.sign(x[0])), {}, None),
-    "a step of a tenth is all that is left": (
+    "a step limit far below one": (
         lambda: faulty(step_limit=lambda u, v: 1e-4, named=lambda found: "this one"),
         {"full_first": False},
         End.INSIDE_OUT,
     ),
-    "the state that is found is inside out": (
+    "a result with inverted elements": (
         lambda: faulty(inside_out=lambda u: ["corner"] * int(np.abs(u).max() > 0.1)),
         {},
         End.INSIDE_OUT,
     ),
-    "a tangent that is a hundred times too stiff": (lambda: faulty(hessian=lambda x: 100 * Wells().hessian(x)), {}, None),
+    "a tangent a hundred times too stiff": (lambda: faulty(hessian=lambda x: 100 * Wells().hessian(x)), {}, None),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_planted_fault_ends_in_words_and_not_in_a_state(fault):
+def test_a_planted_fault_ends_with_a_reason_and_without_a_state(fault):
     make, options, expected = FAULTS[fault]
     x, end, record = solved(make(), **options)
     if expected is None:
-        assert not end.converged or np.abs(Wells().gradient(x, 1.0)).max() < 1e-8, "what is called converged is a solution"
+        assert not end.converged or np.abs(Wells().gradient(x, 1.0)).max() < 1e-8, "a converged state must be a solution"
     else:
         assert end is expected and (record.detail or end is not End.INSIDE_OUT)
 
 
-def test_what_is_allowed_to_be_inside_out_may_be():
-    tangled = faulty(inside_out=lambda u: ["corner"])
-    assert solved(tangled)[1] is End.INSIDE_OUT
-    assert solved(tangled, most_inside_out=1)[1].converged
+def test_an_allowed_number_of_inverted_elements_converges():
+    inverted = faulty(inside_out=lambda u: ["corner"])
+    assert solved(inverted)[1] is End.INSIDE_OUT
+    assert solved(inverted, most_inside_out=1)[1].converged
 
 
-def test_full_steps_that_arrive_on_the_other_side_are_taken_back():
+def test_full_steps_across_a_flat_state_are_rejected():
     problem = faulty(on_this_side=lambda u, found: False)
     _, end, record = solved(problem)
     assert end.converged and 0 < record.restarted < len(record)
@@ -249,7 +253,7 @@ def test_eigenvalues_of_the_tangent_are_those_of_the_matrix(well):
     assert verdict.stable is bool(values[0] > 0) and verdict.negative == (values < 0).sum()
 
 
-def test_the_house_of_nonlinear_solves_names_no_mesh_and_no_free_degrees_of_freedom():
+def test_nonlinear_solvers_name_no_mesh_and_no_free_degrees_of_freedom():
     folder = Path(skfem_stvk.__file__).parent / "nonlinear"
     for file in folder.glob("*.py"):
         tree = ast.parse(file.read_text())

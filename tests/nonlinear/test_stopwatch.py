@@ -1,4 +1,4 @@
-"""Where the time goes."""
+"""The stopwatch attributes time to parts."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from skfem_stvk.nonlinear.stopwatch import Stopwatch
 
 @pytest.fixture
 def seconds(monkeypatch):
-    """Every look at the clock is a second after the one before."""
+    """Make the clock advance by one second at each call."""
     now = iter(range(100))
     monkeypatch.setattr(stopwatch, "perf_counter", lambda: float(next(now)))
 
@@ -21,13 +21,13 @@ def test_parts_add_up_to_the_total(seconds):
     assert watch.parts() == {"assemble": 3.0, "factor": 0.0, "solve": 0.0, "write": 9.0, "other": 1.0}
 
 
-def test_time_until_an_error_counts_and_the_error_goes_on(seconds):
+def test_time_until_an_error_counts_and_the_error_is_raised(seconds):
     watch = Stopwatch()
     with pytest.raises(ZeroDivisionError), watch("solve"):
         1 / 0  # noqa: B018
     assert watch.parts()["solve"] == 1.0
 
 
-def test_a_part_that_was_not_named_is_refused():
+def test_an_unknown_part_is_refused():
     with pytest.raises(KeyError):
         Stopwatch()("write")

@@ -1,4 +1,4 @@
-"""Places by name, ids, masks and predicates."""
+"""Locations by name, ids, masks and predicates."""
 
 import numpy as np
 import pytest
@@ -20,18 +20,18 @@ def as_sets(facets):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_a_predicate_ids_a_mask_and_a_node_set_mean_the_same(name):
+def test_a_predicate_ids_a_mask_and_a_node_set_are_equivalent(name):
     mesh = MESHES[name]
     mask = mesh.p[0] < 0.6
     ids = np.flatnonzero(mask)
     mesh = ElementMesh(mesh.p, mesh.t, node_sets={"left": ids[::-1]})
     for where in (lambda x: x[0] < 0.6, ids, ids[::-1].tolist(), tuple(ids), mask, "left"):
         found = vertices_at(mesh, where)
-        assert np.array_equal(found, ids[::-1] if isinstance(where, list) else ids)  # listed ids as they are given
+        assert np.array_equal(found, ids[::-1] if isinstance(where, list) else ids)  # listed ids keep their order
         assert np.array_equal(facets_at(mesh, where), mesh.surface[:, mask[mesh.surface].all(axis=0)])
 
 
-def test_facets_of_a_predicate_are_those_that_scikit_fem_finds_with_all_vertices():
+def test_facets_of_a_predicate_are_those_of_scikit_fem():
     mesh = skfem.MeshTet().refined(2)
     expected = mesh.facets_satisfying(lambda x: x[0] == 0, boundaries_only=True)
     assert as_sets(facets_at(ElementMesh.of(mesh), lambda x: x[0] == 0)) == as_sets(mesh.facets[:, expected])
@@ -86,7 +86,7 @@ def test_a_name_of_a_boundary_and_of_a_node_set_must_mean_the_same_vertices():
         (lambda x: True, r"returned shape \(\) and dtype bool; expected a mask"),
     ],
 )
-def test_a_place_where_nothing_is_says_what_was_looked_for(where, message):
+def test_an_invalid_or_empty_location_is_refused_with_the_cause(where, message):
     mesh = ElementMesh(MESH.p, MESH.t, {"steel": [0]}, {"wall": np.array([[0], [1]])}, {"tip": [5]})
     if isinstance(where, str) and where == "empty":
         mesh = ElementMesh(MESH.p, MESH.t, node_sets={"empty": []})
@@ -100,7 +100,7 @@ def test_facets_of_a_boundary_outside_the_mesh_are_refused():
         facets_at(mesh, "wall")
 
 
-def test_vertices_that_make_no_facet_say_how_many_there_are():
+def test_vertices_without_a_facet_are_counted_in_the_message():
     with pytest.raises(
         RegionError, match=r"It: 2 vertices \(0, 1\) has 2 vertices|none of the 108 boundary facets has all its vertices there"
     ):
@@ -113,7 +113,7 @@ def test_a_predicate_cannot_change_the_mesh():
     assert np.array_equal(MESH.p, before)
 
 
-def test_places_are_named_in_words():
+def test_locations_are_described_in_messages():
     from functools import partial
 
     assert describe(np.array([False, True, True])) == "2 vertices (1, 2)"
@@ -121,7 +121,7 @@ def test_places_are_named_in_words():
 
 
 @given(st.integers(0, 10_000))
-def test_facets_are_found_whatever_the_order_of_their_vertices(seed):
+def test_facets_are_found_for_any_order_of_their_vertices(seed):
     rng = np.random.default_rng(seed)
     for mesh in (MESH, sheet()):
         chosen = rng.permutation(mesh.surface.shape[1])[:5]
@@ -141,8 +141,8 @@ def test_facets_are_scikit_fems_in_the_same_order(mesh):
             assert set(facets[:, t2f[corner, element]]) == set(mesh.t[:, element]) - {mesh.t[corner, element]}
 
 
-def test_the_boundary_of_triangles_goes_round_with_the_body_on_the_left():
-    """The area by Green's theorem, whichever way the triangles are turned; the boundary is one closed path."""
+def test_the_boundary_of_triangles_has_the_body_on_its_left():
+    """The area by Green's theorem is right for both orientations of triangles, and the boundary is one closed path."""
     mesh = sheet()
     facets = boundary_facets(mesh)
     (xa, xb), (ya, yb) = mesh.p[:, facets]
@@ -162,7 +162,7 @@ def test_the_surface_is_found_once_and_cannot_be_written_to():
 @pytest.mark.parametrize(
     "mesh", [skfem.MeshTet().refined(2), skfem.MeshTri.init_circle(2), skfem.MeshLine().refined(3), skfem.MeshTet2().refined(1)]
 )
-def test_boundaries_of_a_scikit_fem_mesh_come_along(mesh):
+def test_boundaries_of_a_scikit_fem_mesh_are_adopted(mesh):
     named = mesh.with_boundaries({"wall": lambda x: x[0] < 0.2, "inner": np.array([4, 2])})
     simplices = ElementMesh.of(named)
     assert set(simplices.boundaries) == {"wall", "inner"} and len(simplices.boundaries) == 2
@@ -172,7 +172,7 @@ def test_boundaries_of_a_scikit_fem_mesh_come_along(mesh):
         simplices.boundaries["tip"]
 
 
-def test_the_facets_of_a_scikit_fem_mesh_are_not_looked_for_before_a_boundary_is_looked_at(monkeypatch):
+def test_facets_of_a_scikit_fem_mesh_are_computed_lazily(monkeypatch):
     from skfem_stvk.mesh import facets
 
     mesh = skfem.MeshTet().refined(1).with_boundaries({"wall": lambda x: x[0] == 0})

@@ -1,4 +1,4 @@
-"""Checkpoints of motions that say what cannot be, each number and array of them in turn."""
+"""Checkpoints with impossible contents are refused; the tests change each number and each array."""
 
 import copy
 import json
@@ -13,12 +13,12 @@ from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
 from skfem_stvk.results.store import read_archive, write_archive
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
-#: What stands in the place of each entry of the header.
+#: Wrong values that replace each entry of the header.
 WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]
-#: Entries that do not change what a run computes or where it writes: what it took, and when frames are due.
-#: When the critical step is looked at, and how large it was: it is found again.
+#: Entries that do not change the results or the paths of a run: counters, and times of the next frames. Dates and values of the
+#: critical step are computed again.
 LOOKS = ("now.looks.", "good.looks.", "good.cuts", "seconds.")
-#: Options that can be so, and are believed unless the caller gives them again, which is compared.
+#: Options that may have any value; they are compared only with options that the caller gives again.
 OPTIONS = ("problem.method.damping.", "problem.method.integrator.options.")
 HARMLESS = {
     "good",
@@ -41,7 +41,7 @@ RUNS = {
 
 @pytest.fixture(scope="module", params=RUNS)
 def motion(request, tmp_path_factory):
-    """A run and its checkpoint: header and arrays."""
+    """Return a run and its checkpoint: header and arrays."""
     scene, integrator, until, places = RUNS[request.param]()
     folder = tmp_path_factory.mktemp(request.param)
     scene.run(integrator, until, checkpoint=folder / "run", **places)
@@ -49,8 +49,8 @@ def motion(request, tmp_path_factory):
     return scene.system, folder, header.model_dump(exclude_unset=True), arrays, until  # as it was written
 
 
-def go_on(system, folder, header, arrays, until):
-    """Resume what is written so, for two steps or so; what it was refused with, in words."""
+def resume_error(system, folder, header, arrays, until):
+    """Resume from this checkpoint for a few steps; return the error message, or "" on success."""
     write_archive(folder / "run" / "motion.npz", header, arrays)
     try:
         simulate(system, checkpoint=folder / "run", resume=True, until=until * 1.02, quiet=True)
@@ -62,7 +62,7 @@ def go_on(system, folder, header, arrays, until):
 
 
 def entries(header, path=()):
-    """The way to each entry of the header, whatever it holds."""
+    """Yield the key path to each entry of the header."""
     for name, value in header.items():
         yield (*path, name)
         if isinstance(value, dict):
@@ -70,7 +70,7 @@ def entries(header, path=()):
 
 
 def changed(header, path, value):
-    """A copy with another entry; without it if the value is `...`."""
+    """Return a copy with another entry, or without the entry if the value is `...`."""
     other = copy.deepcopy(header)
     inner = other
     for name in path[:-1]:
@@ -83,9 +83,9 @@ def changed(header, path, value):
 
 
 @pytest.mark.slow
-def test_each_entry_of_the_header_that_is_wrong_is_refused(motion):
+def test_each_wrong_entry_of_the_header_is_refused(motion):
     system, folder, header, arrays, until = motion
-    assert not go_on(system, folder, header, arrays, until)
+    assert not resume_error(system, folder, header, arrays, until)
     accepted, nameless, refused = [], [], 0
     for path in entries(header):
         inner = header
@@ -94,12 +94,12 @@ def test_each_entry_of_the_header_that_is_wrong_is_refused(motion):
         for value in [..., *WRONG]:
             if value == inner and type(value) is type(inner):
                 continue
-            said = go_on(system, folder, changed(header, path, value), arrays, until)
-            refused += bool(said)
-            if not said:
+            message = resume_error(system, folder, changed(header, path, value), arrays, until)
+            refused += bool(message)
+            if not message:
                 accepted.append((".".join(path), value))
-            elif str(folder / "run") not in said:
-                nameless.append((".".join(path), value, said))
+            elif str(folder / "run") not in message:
+                nameless.append((".".join(path), value, message))
     harmful = [one for one in accepted if one[0] not in HARMLESS and not one[0].startswith((*LOOKS, *OPTIONS))]
     nameless = [one for one in nameless if not (one[0].startswith(OPTIONS) and one[1] == 1e300)]
     assert not harmful and not nameless and refused > 400
@@ -109,7 +109,7 @@ def without(rows, number):
     return np.delete(rows, number, axis=0)
 
 
-#: What is done to a ledger.
+#: Changes of a ledger.
 LEDGERS = {
     "a row is missing": lambda rows: without(rows, 2),
     "the first row is missing": lambda rows: without(rows, 0),
@@ -134,7 +134,7 @@ ARRAYS = {
 }
 
 
-def test_ledgers_and_arrays_that_cannot_be_are_refused(motion):
+def test_impossible_ledgers_and_arrays_are_refused(motion):
     system, folder, header, arrays, until = motion
     cases = [("ledger", name, change) for name, change in LEDGERS.items()]
     cases += [(one, name, change) for one in arrays if one != "ledger" for name, change in ARRAYS.items()]
@@ -142,16 +142,16 @@ def test_ledgers_and_arrays_that_cannot_be_are_refused(motion):
     accepted = []
     for one, name, change in cases:
         other = arrays | {one: change(arrays[one])}
-        said = go_on(system, folder, header, {key: array for key, array in other.items() if array is not None}, until)
-        if str(folder / "run") not in said:
-            accepted.append((one, name, said))
+        message = resume_error(system, folder, header, {key: array for key, array in other.items() if array is not None}, until)
+        if str(folder / "run") not in message:
+            accepted.append((one, name, message))
     assert [
         one[:2] for one in accepted if one[:2] != ("reactions B", "shorter")
-    ] == []  # other places, but for who gives them again
-    assert not go_on(system, folder, header, arrays, until)
+    ] == []  # other locations are valid, and are compared only if they are given again
+    assert not resume_error(system, folder, header, arrays, until)
 
 
-def test_what_was_changed_after_it_was_written_is_refused_however_likely_it_is(motion):
+def test_plausible_later_changes_are_refused(motion):
     system, folder, header, arrays, until = motion
     write_archive(folder / "run" / "motion.npz", header, arrays)
     with np.load(folder / "run" / "motion.npz") as file:
