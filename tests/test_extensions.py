@@ -255,8 +255,8 @@ def test_a_peer_is_a_file_and_a_row(monkeypatch):
     assert available()["Toy"] == np.__version__ and load("Toy") is peer.Toy
     plan = Plan("quick", boxes=(50,), parts=(), judged=(), referenced=(), peers={"Toy": ("box 50",)}, seconds=0.0)
     found = bench(plan, quiet=True)
-    assert not found.failures and {time.quantity for time in found.timings if time.player == "Toy"} == {"W", "F"}
-    assert max(error.error for error in found.errors if error.player == "Toy") < 1e-9
+    assert not found.failures and {time.quantity for time in found.timings if time.implementation == "Toy"} == {"W", "F"}
+    assert max(error.error for error in found.errors if error.implementation == "Toy") < 1e-9
 
 
 def test_a_command_is_a_file_and_a_row(monkeypatch, capsys, tmp_path):

@@ -1,7 +1,7 @@
-"""A bracket with a rubber bushing, pulled at the bushing's bore: Newton's method with scikit-fem's own functions.
+"""A bracket with a rubber bushing under a load at the bushing's bore: Newton's method with scikit-fem's own functions.
 
-K, F and u are scikit-fem's, so `condense` and `solve` take them as they are. The rubber turns and stretches far beyond what
-linear elasticity describes; each load step is solved by plain Newton.
+K, F and u have scikit-fem's types, so that `condense` and `solve` accept them. Rotations and stretches of the rubber are too large
+for linear elasticity. Plain Newton solves each load step.
 """
 
 from pathlib import Path
@@ -34,12 +34,12 @@ for factor in (0.25, 0.5, 0.75, 1.0):
         u += solve(*condense(body.tangent(u, out=K), residual, D=clamped))
         residual = factor * load.ravel() - body.internal_force(u)
 
-shift = float(u.reshape(-1, 3)[bore, 0].mean())  # of the bore, along x [m]
+shift = float(u.reshape(-1, 3)[bore, 0].mean())  # mean displacement of the bore along x [m]
 energy = body.energy(u)
 
 
 def picture():
-    """The deformed surface, coloured by the displacement."""
+    """Draw the deformed surface, coloured by the displacement."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

@@ -1,7 +1,7 @@
-"""The referee catches a factor of two: somebody else's model has lambda twice too large.
+"""The referee detects a factor of two: a user's model has twice the correct lambda.
 
-The model below is a plain element loop, as one would write it in an afternoon. It passes its author's tests: F is the derivative of
-W, forces balance, rigid motions cost nothing. Only a comparison with nu != 0 shows the fault, and the report says where it is.
+The model below is a plain element loop. It passes simple tests: F is the derivative of W, forces are in balance, rigid motions
+cause no energy. Only a comparison with nu != 0 shows the fault, and the report names it.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from skfem_stvk import verify
 
 
 class ElementLoop:
-    """W and F of St. Venant-Kirchhoff on P1 tetrahedra."""
+    """Model with W and F of St. Venant-Kirchhoff on P1 tetrahedra."""
 
     def __init__(self, mesh, young, poisson, blunder=1.0):
         self.mesh, self.mu = mesh, young / (2 * (1 + poisson))
@@ -49,7 +49,7 @@ error = max(result.measured for result in wrong.failures("candidate") if result.
 
 
 def picture():
-    """Error of F against strain, of this package, the textbook form and scikit-fem."""
+    """Draw the error of F against strain for this package, the textbook form and scikit-fem."""
     from skfem_stvk.referee.plots import error_against_strain
 
     return error_against_strain(right)

@@ -1,7 +1,7 @@
-"""The same W, F, K and K v, timed: this package against scikit-fem's assembly, on one mesh.
+"""Times of W, F, K and K v: this package against scikit-fem's assembly, on one mesh.
 
-Both compute the same numbers, so the time is all there is to compare; `error` says how far they are apart. This package takes as
-many threads as numba has, which matters little on a mesh this small. `python -m validation bench` measures much more.
+Both compute the same numbers; `error` is the largest difference. This package uses all threads of numba, which has little influence
+on such a small mesh. `python -m validation bench` measures more quantities, meshes and codes.
 """
 
 from pathlib import Path
@@ -15,13 +15,13 @@ from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
 mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 11)] * 3)  # 6 000 tetrahedra
 body = System(mesh, StVK(young=1e5, poisson=0.3))
-standard = ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(1e5, 0.3, 3, False))  # scikit-fem's forms, as fast as they can be
+standard = ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(1e5, 0.3, 3, False))  # optimised forms of scikit-fem
 u = 0.1 * np.sin(2 * np.pi * mesh.p[[1, 2, 0]]).ravel("F")  # strains of 0.6
 v = np.cos(np.arange(body.ndofs))
 
 
 def best(call):
-    """Shortest time [ns a tetrahedron] of five calls, after one to warm up."""
+    """Return the shortest time of five calls, after one call to warm up [ns per tetrahedron]."""
     times = []
     for _ in range(6):
         begin = perf_counter()
@@ -45,7 +45,7 @@ times = {
 
 
 def picture():
-    """Time of each, as bars."""
+    """Draw the times as bars."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7, 3), layout="constrained")

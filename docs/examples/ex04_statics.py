@@ -1,7 +1,7 @@
-"""A bracket that carries its weight and a load, while its bore is pushed by 10 mm: a quasi-static solve from end to end.
+"""A bracket under its weight and a load, while its bore is displaced by 10 mm: a complete quasi-static solve.
 
-Loads and supports go by the names of boundaries; here they are given to the mesh first. The path has ten steps to begin with and
-grows them as Newton's method allows.
+Loads and supports refer to the names of boundaries, which the mesh gets first. The path starts with ten steps. The step size grows
+if Newton's method converges fast.
 """
 
 from pathlib import Path
@@ -22,14 +22,14 @@ system = System(
     mesh,
     [StVK(young=70e9, poisson=0.33, density=2700.0), Gravity(g=(0, 0, -9.81)), Traction("tip", (0, 0, -2e6))],
     fixed={"wall": "xyz", "symmetry": "y"},
-    prescribed={"handle": {"x": 0.01}},  # reached at t = 1; or a function of (x, t)
+    prescribed={"handle": {"x": 0.01}},  # value at t = 1; a function of (x, t) is possible, too
 )
 result = solve_static(system, steps=10, quiet=__name__ != "__main__")
-push = float(result.reaction("handle").resultant[0])  # force that moves the bore [N]
+push = float(result.reaction("handle").resultant[0])  # force that displaces the bore [N]
 
 
 def picture():
-    """The deformed bracket, coloured by the von Mises stress."""
+    """Draw the deformed bracket, coloured by the von Mises stress."""
     return result.plot(backend="matplotlib")
 
 

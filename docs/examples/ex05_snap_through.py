@@ -1,7 +1,7 @@
-"""A shallow arch that snaps through: its whole path of equilibria, past both limit points, and how it gives way at the first.
+"""A shallow arch that snaps through: its whole path of equilibria through both limit points, and its instability.
 
-Under a growing load the arch would jump from the first limit point to the far branch. Arc length follows the states in between,
-which no real arch shows, and counts the negative eigenvalues of K on the way.
+Under a growing load the arch jumps from the first limit point to the far branch. The arc-length method follows the unstable states
+in between and counts the negative eigenvalues of K on the path.
 """
 
 from pathlib import Path
@@ -30,11 +30,11 @@ system = System(arch, [StVK(young=70e6, poisson=0.3), Traction("top", (0, -load)
 result = solve_static(
     system, steps=40, method="arc-length", stop=Stop(displacement=(apex, "y", -2.0 * RISE)), quiet=__name__ != "__main__"
 )
-limit = load * result.critical_points[0].t  # beyond this load the arch snaps [N/m^2]
+limit = load * result.critical_points[0].t  # the arch snaps through above this load [N/m^2]
 
 
 def picture():
-    """Load against displacement of the apex, and the arch at rest, at the first limit point, and at the end."""
+    """Draw the load against the displacement of the apex, and the arch at rest, at the first critical point and at the end."""
     sags = -result.history.u[:, 2 * apex[0] + 1] / RISE
     loads, stable = result.history.t * load, np.array([step.negative == 0 for step in result.history])
     figure, (path, shapes) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")

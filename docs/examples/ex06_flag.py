@@ -1,8 +1,7 @@
-"""A flag that swings under its weight: Turek and Hron's CSM3 on a coarse mesh, with the integrator that keeps energy and with
-backward Euler.
+"""A flag that swings under its weight: Turek and Hron's CSM3 on a coarse mesh, by an energy-conserving method and backward Euler.
 
-The flag starts at rest, undeformed, and nothing damps it. With energy and momentum its books close to round-off for as long as it
-swings; backward Euler takes energy out at each step, until the flag hangs still.
+The flag starts at rest, undeformed and without damping. `EnergyMomentum` conserves the energy to round-off during the whole motion.
+Backward Euler dissipates energy in each step, until the flag is at rest.
 """
 
 from pathlib import Path
@@ -28,12 +27,12 @@ runs = {
     for method in (EnergyMomentum, BackwardEuler)
 }
 swing = runs[EnergyMomentum].ledger
-deepest = swing["A y"].min()  # of the tip's swing [m]
+deepest = swing["A y"].min()  # lowest displacement of the tip [m]
 drift = np.abs(swing["closure_error"]).max() / swing["kinetic_energy"].max()
 
 
 def picture():
-    """The swing of the tip, the energies, and the flag at its highest and lowest."""
+    """Draw the displacement of the tip, the energies, and the flag in its highest and lowest position."""
     figure, axes = plt.subplot_mosaic([["tip", "energy"], ["flag", "energy"]], figsize=(11, 5), layout="constrained")
     for method, run in runs.items():
         axes["tip"].plot(run.ledger["time"], 1e3 * run.ledger["A y"], label=method.__name__)

@@ -1,8 +1,8 @@
-"""A ring under pressure: a fluid, whose pressure follows the ring as it turns, buckles it at 3/4 of the dead load that does.
+"""A ring under pressure: fluid pressure is a follower load and buckles the ring at 3/4 of the critical dead load.
 
-A thin ring of radius R turns into an oval at 3 EI/R^3 under a fluid and at 4 EI/R^3 under forces that keep their direction. Beyond
-that the round ring is still in equilibrium, but a solve that ends there is no success. The thickness of this one is R/25, not quite
-thin, and the ratio is 0.78. A quarter of the ring is enough.
+A thin ring of radius R becomes oval at 3 EI/R^3 under a fluid and at 4 EI/R^3 under forces with fixed directions. Above this load
+the round ring is still in equilibrium, but this state is unstable, and a solve that ends in it does not report success. The
+thickness here is R/25, which is not very thin, and the ratio is 0.78. The model is a quarter of the ring.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ outer = RADIUS + THICKNESS / 2
 unit = (
     YOUNG / (1 - POISSON**2) * THICKNESS**3 / 12 / (RADIUS**2 * outer)
 )  # EI/R^3 in plane strain, as a pressure on the outside [N/m^2]
-full = 5.0  # the load at t = 1, in these units
+full = 5.0  # load at t = 1, in this unit
 
 strip = skfem.MeshQuad.init_tensor(np.linspace(0, np.pi / 2, 161), np.linspace(RADIUS - THICKNESS / 2, outer, 5)).to_meshtri(
     style="x"
@@ -33,7 +33,7 @@ round_ring = np.stack([radius * np.sin(angle), radius * np.cos(angle)])
 
 
 def squeezed(load, imperfection=0.0, stop=None):
-    """The path of a ring, made oval by a fraction of its thickness, under a load that grows to `full`."""
+    """Return the path of a ring with an oval imperfection, a fraction of its thickness, under a load that grows to `full`."""
     p = round_ring * (1 + imperfection * THICKNESS * np.cos(2 * angle))
     mesh = ElementMesh(p, strip.t, boundaries=boundaries)
     system = System(mesh, [StVK(young=YOUNG, poisson=POISSON), load], fixed={"top": "x", "side": "y"})
@@ -52,7 +52,7 @@ ratio = critical["fluid"] / critical["dead"]
 
 
 def picture():
-    """Loads against ovality of a ring that is nearly round, and the ring where a fluid has pressed it."""
+    """Draw the loads against the ovality of a nearly round ring, and the deformed ring under a fluid."""
     figure, (path, shape) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     for (name, load), colour in zip(loads.items(), ("tab:blue", "tab:orange"), strict=True):
         oval = squeezed(load, imperfection=0.02, stop=Stop(displacement=(top, "y", 0.3 * RADIUS)))

@@ -1,13 +1,13 @@
-"""A law of one's own in forty lines: fibres that pull and do not push, in a strip that bends down with more effort than up.
+"""A user-defined law in forty lines: tension-only fibres in a strip that is stiffer when it bends down than when it bends up.
 
-A law needs the pairs of vertices that it couples, an energy and force, and the blocks of its stiffness: no elements, no edges. Here
-each pair is a piece of a fibre. With `zeta = |p|^2 - |P|^2` and `E = zeta / (2 |P|^2)`, Green's strain along the fibre,
+A law defines the pairs of vertices that it couples, energy and force, and the blocks of its stiffness. It needs no elements or
+edges. Here each pair is a piece of a fibre. With `zeta = |p|^2 - |P|^2` and `E = zeta / (2 |P|^2)`, Green's strain along the fibre,
 
     W = 1/2 EA |P| E^2  if E > 0, else 0
 
-The package makes of it what it makes of its own laws: K, its product, every solver, motion, energies by term.
-Fibres in all rows make the strip stiffer in tension, by as much as a closed form says, and not in compression. Fibres in the
-upper half alone resist when it is bent down, and are slack when it is bent up.
+The package treats the law like its own laws: K, its product, all solvers, motion, energies by term. Fibres in all rows make the
+strip stiffer in tension, in agreement with a closed form, but not in compression. Fibres in the upper half resist bending down and
+are slack in bending up.
 """
 
 from dataclasses import dataclass
@@ -23,18 +23,18 @@ from skfem_stvk.edges import ALL
 
 @dataclass(frozen=True, eq=False)
 class Fibres:
-    """Fibres between pairs of vertices (2, n) of axial stiffness `EA` (n,) [N]."""
+    """Fibres between pairs of vertices (2, n) with axial stiffness `EA` (n,) [N]."""
 
     pairs: np.ndarray
     EA: np.ndarray
 
     def bind(self, body, dtype=np.float64):
-        """The fibres on a mesh."""
+        """Return the fibres on a mesh."""
         return BoundFibres(body.mesh.p.T, np.sort(self.pairs, axis=0), self.EA)
 
 
 class BoundFibres:
-    """Fibres on a mesh: what a system asks of a law."""
+    """Fibres on a mesh, with the methods and attributes that a system needs."""
 
     symmetric = balanced = has_energy = True
 
@@ -45,13 +45,13 @@ class BoundFibres:
         self.L = EA / (2 * length**3)  # W = L zeta^2 / 4, as for a segment of St. Venant-Kirchhoff's law
 
     def state(self, u):
-        """Pieces now, and their squared elongations as far as they are stretched."""
+        """Return the deformed pieces `p` and their `zeta`, which is zero for slack pieces."""
         a, b = self.nodes_paired
         U = u[a] - u[b]
         return self.P + U, np.maximum(((2 * self.P + U) * U).sum(axis=1), 0)
 
     def energy_and_force(self, u, force=None):
-        """Energy [J] at displacements `u` (nv, d); adds the force [N] to `force` (nv, d)."""
+        """Return the energy [J] at displacements `u` (nv, d); add the force [N] to `force` (nv, d)."""
         p, zeta = self.state(u)
         if force is not None:
             pull = (self.L * zeta)[:, None] * p
@@ -60,13 +60,13 @@ class BoundFibres:
         return float((self.L * zeta**2).sum() / 4)
 
     def add_blocks(self, u, blocks, kept=ALL):
-        """Add `K_ab = -(t I + 2 L p p')` [N/m] of the pairs; slack pieces have none."""
+        """Add the blocks `K_ab = -(t I + 2 L p p')` [N/m] of the pairs; slack pieces have no stiffness."""
         p, zeta = self.state(u)
         blocks.pairs -= (kept.positive * self.L * zeta)[:, None, None] * np.eye(p.shape[1])
         blocks.pairs -= (2 * self.L * (zeta > 0))[:, None, None] * p[:, :, None] * p[:, None, :]
 
 
-LENGTH, HEIGHT, YOUNG, STIFFER = 0.2, 0.02, 1e6, 3.0  # fibres have three times the rubber's stiffness in all
+LENGTH, HEIGHT, YOUNG, STIFFER = 0.2, 0.02, 1e6, 3.0  # the fibres together have three times the stiffness of the rubber
 columns, rows = 80, 8
 mesh = skfem.MeshTri.init_tensor(np.linspace(0, LENGTH, columns + 1), np.linspace(0, HEIGHT, rows + 1)).with_boundaries(
     {"left": lambda x: x[0] == 0, "right": lambda x: np.isclose(x[0], LENGTH), "corner": lambda x: (x[0] == 0) & (x[1] == 0)}
@@ -78,14 +78,14 @@ rubber = StVK(young=YOUNG, poisson=0.45, plane="stress")
 
 
 def fibres(chosen):
-    """Fibres along the chosen rows of vertices, each for its share of the height, 1 m thick."""
+    """Return fibres along the chosen rows of vertices. Each row has the stiffness of its share of the height, 1 m thick."""
     pairs = [np.stack([order[row, :-1], order[row, 1:]]) for row in chosen]
     EA = [np.full(columns, STIFFER * YOUNG * shares[row]) for row in chosen]
     return Fibres(np.concatenate(pairs, axis=1), np.concatenate(EA))
 
 
 def pulled(stretch, *terms):
-    """The strip between ends that slide up and down, stretched to a multiple of its length."""
+    """Return the strip stretched to a multiple of its length, between ends that slide vertically."""
     node = np.flatnonzero((mesh.p == 0).all(axis=0))
     system = System(
         mesh,
@@ -97,19 +97,19 @@ def pulled(stretch, *terms):
 
 
 def closed_form(stretch, young):
-    """Force [N] of a strip under uniaxial stress: the nominal stress `s Y E` times the height."""
+    """Return the force [N] of a strip under uniaxial stress: the nominal stress `s Y E` times the height."""
     return stretch * young * (stretch**2 - 1) / 2 * HEIGHT
 
 
 every = fibres(range(rows + 1))
-stretches = 0.993, 1.15  # pressed further, the strip buckles, and the solve says so
+stretches = 0.993, 1.15  # under more compression the strip buckles, and the solve reports it
 forces = {s: float(pulled(s, every).reaction("right").resultant[0]) for s in stretches}
 expected = {s: closed_form(s, YOUNG * (1 + STIFFER * (s > 1))) for s in stretches}
 error = max(abs(forces[s] / expected[s] - 1) for s in stretches)
 
 
 def bent(force):
-    """The strip with fibres in its upper half, held at its left end, under a force [N] up or down at the other."""
+    """Return the strip with fibres in its upper half, clamped at its left end, under a vertical force [N] at its right end."""
     upper = fibres(range(rows // 2 + 1, rows + 1))
     system = System(mesh, [rubber, upper, Traction("right", (0, force / HEIGHT))], fixed={"left": "xy"})
     return solve_static(system, steps=5, solver="superlu", quiet=True)
@@ -121,7 +121,7 @@ sags = {force: float(bent(force).u[tip]) for force in (FORCE, -FORCE)}
 
 
 def picture():
-    """Force against stretch with fibres and without, and the strip bent up and down by the same force."""
+    """Draw the force against stretch with and without fibres, and the strip bent up and down by the same force."""
     figure, (curve, shape) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
     s = np.linspace(0.98, 1.2, 111)
     curve.plot(s, closed_form(s, YOUNG), color="tab:grey", label="rubber")

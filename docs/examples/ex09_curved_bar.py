@@ -1,8 +1,8 @@
-"""A curved bar that a couple bends open: quadratic elements against linear ones and against the closed form.
+"""A curved bar that a couple bends open: quadratic elements against linear elements and against the closed form.
 
-A quarter of a ring, clamped at one end; tractions at the other, which keep their direction, make a couple and no force. A thin
-bar stays an arc then: the couple `M cos(phi)`, where phi is the turn of the end, changes its curvature 1/R by `phi/L = M
-cos(phi)/EI` everywhere.
+The bar is a quarter of a ring, clamped at one end. Tractions with fixed directions on the other end form a couple without resultant
+force. A thin bar remains an arc. The couple `M cos(phi)`, where phi is the rotation of the end, changes the curvature 1/R by
+`phi/L = M cos(phi)/EI` everywhere.
 """
 
 from dataclasses import replace
@@ -16,8 +16,8 @@ from scipy.optimize import brentq
 from skfem_stvk import ElementMesh, StVK, System, Traction, solve_static
 
 RADIUS, THICKNESS, YOUNG, POISSON = 1.0, 0.05, 1e7, 0.3
-length, couple = np.pi / 2 * RADIUS, 1.5  # the couple in EI/L
-largest = couple * YOUNG * THICKNESS / 2 / length  # traction at the outer and the inner side: M h/2 / I [Pa]
+length, couple = np.pi / 2 * RADIUS, 1.5  # length [m], couple in units of EI/L
+largest = couple * YOUNG * THICKNESS / 2 / length  # traction at the outer and inner side: M h/2 / I [Pa]
 
 turn = brentq(lambda phi: phi - couple * np.cos(phi), 0, 2)
 curvature = 1 / RADIUS - turn / length
@@ -27,7 +27,7 @@ exact = closed[:, -1] - [RADIUS, 0]  # displacement of the end
 
 
 def bent(along, across, degree):
-    """The solved bar of `along x across` cells of two triangles; edges are curved at the nodes that quadratic elements have."""
+    """Return the solution of a bar of `along x across` cells of two triangles; edges of quadratic elements are curved."""
     unit = skfem.MeshTri.init_tensor(np.linspace(0, 1, along + 1), np.linspace(-1, 1, across + 1))
     mesh = ElementMesh.of(unit.with_boundaries({"clamp": lambda x: x[0] == 0, "end": lambda x: x[0] == 1}))
     mesh = mesh.with_degree(degree)
@@ -39,7 +39,7 @@ def bent(along, across, degree):
 
 
 def of_the_end(result):
-    """Displacement of the end's middle: the mean of its nodes on both sides."""
+    """Return the displacement of the middle of the end, the mean of the nodes on both sides."""
     p = result.system.mesh.p
     sides = [np.argmin(np.hypot(p[0] - RADIUS - side * THICKNESS / 2, p[1])) for side in (-1, 1)]
     return result.u.reshape(-1, 2)[sides].mean(axis=0)
@@ -55,7 +55,7 @@ errors = {name: np.linalg.norm(of_the_end(result) - exact) / np.linalg.norm(exac
 
 
 def picture():
-    """The bar at rest, bent, and as the closed form has it."""
+    """Draw the bar at rest, the bent bars, and the closed form."""
     figure, axes = plt.subplots(figsize=(7, 5), layout="constrained")
     axes.plot(*closed, "k--", linewidth=1, label="closed form")
     for name, colour in zip(results, ("tab:orange", "tab:red", "tab:blue", "tab:green"), strict=False):

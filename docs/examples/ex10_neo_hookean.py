@@ -1,8 +1,8 @@
-"""A block crushed to two fifths of its height: a neo-Hookean body carries it, where St. Venant-Kirchhoff's gives way.
+"""A block compressed to two fifths of its height: a neo-Hookean body remains stable, a St. Venant-Kirchhoff body fails.
 
-Both have the same constants, and at a few percent the same force. The plates hold the block, so that it bulges between them. The
-force on St. Venant-Kirchhoff's body grows ever more slowly, until no equilibrium right side out is found; the neo-Hookean one
-stiffens, and its elements keep their volume.
+Both bodies have the same constants, and the same force at strains of a few percent. The plates constrain the block laterally, so
+that it bulges between them. The force on the St. Venant-Kirchhoff body grows more and more slowly, until no equilibrium without
+inverted elements is found. The neo-Hookean body becomes stiffer, and its elements are not inverted.
 """
 
 import warnings
@@ -20,7 +20,7 @@ mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 7)] * 3).with_boundaries(
 
 
 def crushed(law, by=0.6):
-    """The path of the block under a plate that goes down."""
+    """Return the path of the block under a plate that moves down."""
     body = System(
         mesh,
         law(young=1e6, poisson=0.3),
@@ -33,12 +33,12 @@ def crushed(law, by=0.6):
 
 
 paths = {law.__name__: crushed(law) for law in (NeoHookean, StVK)}
-force = {name: -float(path.reaction("plate").resultant[2]) / 1e6 for name, path in paths.items()}  # [MN], at the end of each
+force = {name: -float(path.reaction("plate").resultant[2]) / 1e6 for name, path in paths.items()}  # at the end of each path [MN]
 reached = {name: 0.6 * path.t for name, path in paths.items()}
 
 
 def picture():
-    """Forces against the way of the plate, and the neo-Hookean block in the end."""
+    """Draw the forces against the displacement of the plate, and the neo-Hookean block at the end."""
     figure = plt.figure(figsize=(11, 4.5), layout="constrained")
     path = figure.add_subplot(1, 2, 1)
     for name, colour in (("NeoHookean", "tab:blue"), ("StVK", "tab:orange")):

@@ -1,6 +1,6 @@
-"""A cantilever of equilateral triangles, in plane stress, and the same of springs: right at nu = 1/3, and wrong elsewhere.
+"""A cantilever of equilateral triangles in plane stress, and the same with springs: springs are correct only at nu = 1/3.
 
-`compare_networks` says so before anything is solved for: without pairs of edges there is one material alone.
+`compare_networks` reports the error before any solve: without pairs of edges, springs represent only one Poisson's ratio.
 """
 
 from pathlib import Path
@@ -13,14 +13,14 @@ columns, rows, side = 40, 6, 0.25
 i, j = np.meshgrid(np.arange(columns + 1), np.arange(rows + 1), indexing="ij")
 p = side * np.stack([(i + j % 2 / 2).ravel(), (np.sqrt(3) / 2 * j).ravel()])
 a, odd = (i * (rows + 1) + j)[:-1, :-1], j[:-1, :-1] % 2
-b, c, d = a + rows + 1, a + 1, a + rows + 2  # to the right, above, and both
+b, c, d = a + rows + 1, a + 1, a + rows + 2  # neighbours to the right, above, and diagonally
 t = np.concatenate([np.stack([a, b, np.where(odd, d, c)]), np.stack([np.where(odd, a, b), d, c])], axis=1).reshape(3, -1)
 mesh = ElementMesh(p, t)
 wall = {tuple(np.flatnonzero(i.ravel() == 0)): "xy"}
 
 
 def bent(body):
-    """The beam under its weight, and how far its tip sags [m]."""
+    """Return the displacements of the beam under its weight, and the deflection of its tip [m]."""
     result = solve_static(System(mesh, [body, BodyForce((0, -500.0))], fixed=wall), steps=5, quiet=True)
     return result.u, -result.u[1::2].min()
 
@@ -37,7 +37,7 @@ for nu in (0.0, 1 / 3, 0.49):
 
 
 def picture():
-    """Both beams at the three ratios."""
+    """Draw both beams for the three Poisson's ratios."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 

@@ -1,6 +1,6 @@
-"""A bar whose end is turned by 0, 45 and 90 degrees: linear elasticity takes the turn for strain, and the bar grows.
+"""A bar whose end is rotated by 0, 45 and 90 degrees: linear elasticity interprets the rotation as strain, and the bar grows.
 
-The classic picture of why stiffness is warped, or strain is Green's. The linear body is solved for with one factorisation.
+This is the classic motivation of stiffness warping and of Green's strain. The linear body needs one factorisation.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ angles = (0, 45, 90)
 
 
 def turned(law, degrees):
-    """The bar at rest when its end has been turned about the origin."""
+    """Return the equilibrium of the bar after a rotation of its end about the origin."""
 
     def moved(component):
         def displacement(x, t):
@@ -32,7 +32,7 @@ results = {(law, degrees): turned(law, degrees) for law in (StVK, LinearElastic)
 
 
 def area(result):
-    """The area of the bar over that at rest."""
+    """Return the area of the bar divided by its area at rest."""
     x, y = (mesh.p + result.u.reshape(-1, 2).T)[:, mesh.t]
     return float(np.abs((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])).sum() / 2 / 4)
 
@@ -41,7 +41,7 @@ areas = {law.__name__: [area(results[law, degrees]) for degrees in angles] for l
 
 
 def picture():
-    """Both bars at the three angles."""
+    """Draw both bars at the three angles."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 

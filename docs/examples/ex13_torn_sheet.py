@@ -1,7 +1,7 @@
-"""A sheet with a notch that is pulled until it tears: elements leave the body where their largest principal stress is too large.
+"""A notched sheet under tension that tears: elements are removed if their largest principal stress exceeds a limit.
 
-The notch is made by taking elements out, too. The crack grows from its tip, the force falls, and the ledger books the energy that
-goes with the elements, so that energies still add up.
+The notch also consists of removed elements. The crack grows from the tip of the notch, and the force decreases. The ledger records
+the energy of removed elements, so that the energy balance still closes.
 """
 
 from pathlib import Path
@@ -15,12 +15,12 @@ from skfem_stvk import PrincipalStressLimit, Rayleigh, StVK, System, VelocityVer
 rng = np.random.default_rng(4)
 square = skfem.MeshQuad.init_tensor(np.linspace(0, 1.5, 31), np.linspace(0, 1, 21)).to_meshtri(style="x")
 inner = ((square.p > 1e-9) & (square.p < np.array([[1.5], [1.0]]) - 1e-9)).all(axis=0)
-p = square.p + 0.008 * inner * rng.uniform(-1, 1, square.p.shape)  # on even meshes cracks follow their lines
+p = square.p + 0.008 * inner * rng.uniform(-1, 1, square.p.shape)  # on regular meshes, cracks follow the mesh lines
 sheet = skfem.MeshTri(p, square.t).with_boundaries({"bottom": lambda x: x[1] == 0, "top": lambda x: x[1] == 1})
 
 
 def pull(t):
-    """Where the upper grip is [m]: 0.2 m in 1.5 s, beginning and ending gently."""
+    """Return the displacement of the upper grip [m]: 0.2 m in 1.5 s, with zero velocity at the beginning and the end."""
     s = min(t / 1.5, 1.0)
     return 0.2 * s**2 * (3 - 2 * s)
 
@@ -31,10 +31,10 @@ system = System(
 )
 x, y = sheet.p[:, sheet.t].mean(axis=1)
 system = system.without((x < 0.3) & (np.abs(y - 0.525) < 0.02))  # the notch
-limit = PrincipalStressLimit(np.where((y < 0.1) | (y > 0.9), np.inf, 1.8e4), every=5)  # nothing tears at the grips
+limit = PrincipalStressLimit(np.where((y < 0.1) | (y > 0.9), np.inf, 1.8e4), every=5)  # no removal at the grips
 
 runs, states, u, v = [], [], None, None
-for begin, end in ((0.0, 0.5), (0.5, 0.62), (0.62, 1.2)):  # a state of the picture at each end
+for begin, end in ((0.0, 0.5), (0.5, 0.62), (0.62, 1.2)):  # the picture shows the state at each end
     options = {"u0": u, "v0": v, "t0": begin, "damping": Rayleigh(5.0, 2e-4), "reactions": {"grip": "top"}}
     run = simulate(system, VelocityVerlet(6e-4), until=end, remove=limit, quiet=__name__ != "__main__", **options)
     runs, states = [*runs, run], [*states, run.state]
@@ -47,7 +47,7 @@ closure = max(np.abs(one.ledger["closure_error"]).max() for one in runs) / max(o
 
 
 def picture():
-    """The sheet in three states, coloured by its largest principal stress, and the force of the upper grip."""
+    """Draw the sheet in three states, coloured by its largest principal stress, and the force of the upper grip."""
     figure, axes = plt.subplot_mosaic(
         [["0", "1", "2"], ["force"] * 3], figsize=(11, 6.2), height_ratios=(1.6, 1), layout="constrained"
     )

@@ -1,9 +1,9 @@
-"""A body that is thrown into disorder comes back: elements that are inside out are pushed the right way round again.
+"""A block with random node positions recovers: its inverted elements return to positive orientation.
 
-All nodes of a block but those of its left side start anywhere within it, so that half of its elements are inside out. With
-`InvertibleStVK` the damped motion ends where it is at rest; `StVK` does not know that the elements are inside out, for they have no
-more energy than their mirror images, and comes to rest crumpled. Beside it the other thing that singular values are good for: a
-bar that only turns has no stress with `Corotated`, and much with `LinearElastic`.
+All nodes of a block except those on its left side start at random positions in the block, so that half of its elements are
+inverted. With `InvertibleStVK` the damped motion ends in the undeformed state. With `StVK` it ends in a crumpled state, because an
+inverted element has the same energy as its mirror image. The example also shows the second use of singular values: a bar in pure
+rotation has no stress with `Corotated`, but large stress with `LinearElastic`.
 """
 
 import warnings
@@ -34,10 +34,10 @@ start = ((np.random.default_rng(7).uniform(0, 1, x.shape) - x) * (x[:, :1] > 1e-
 
 
 def after(law):
-    """The displacements after three seconds of damped motion, and how many elements are inside out then."""
+    """Return the displacements after three seconds of damped motion, and the number of inverted elements."""
     body = System(mesh, law(young=YOUNG, poisson=0.3, density=1.0), fixed={"left": "xyz"})
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # that elements are inside out
+        warnings.simplefilter("ignore", StvkWarning)  # ignore warnings about inverted elements
         motion = simulate(
             body, VelocityVerlet(), until=3.0, u0=start, damping=Rayleigh(alpha=12.0), quiet=True, raise_on_failure=False
         )
@@ -61,7 +61,7 @@ energies = {
 
 
 def draw(axes, u, title):
-    """The elements at displacements `u`, shrunk to half their size about their middles; inverted ones are red."""
+    """Draw the elements at displacements `u`, at half their size about their centres; inverted elements are red."""
     corners = (x + u.reshape(-1, 3))[mesh.t.T]
     middles = corners.mean(axis=1, keepdims=True)
     faces = (middles + 0.5 * (corners - middles))[:, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]].reshape(-1, 3, 3)
@@ -74,7 +74,7 @@ def draw(axes, u, title):
 
 
 def picture():
-    """The block at its start and where it ends with each law, and the energy of a bar that only rotates."""
+    """Draw the block at the start and at the end with each law, and the energy of a bar in pure rotation."""
     figure = plt.figure(figsize=(15, 3.4), layout="constrained")
     states = {f"start: {inside_out} of {mesh.nelements} inverted": start}
     states |= {f"{name}: {inverted} inverted": u for name, (u, inverted) in laws.items()}

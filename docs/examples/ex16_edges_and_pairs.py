@@ -1,10 +1,10 @@
-"""Finite elements and springs are one sum, with and without its second half: take it apart and see what each half is for.
+"""The energy of finite elements has a sum over edges, which are springs, and a sum over pairs of edges: effects of each sum.
 
     W = 1/4 sum_i L_ii zeta_i^2  +  1/2 sum_{pairs i < j} L_ij zeta_i zeta_j        zeta = |p|^2 - |P|^2 of an edge
 
-The first sum is a network of (quartic) springs. The second goes over pairs of edges that share a tetrahedron: adjacent ones, which
-meet in a vertex, and opposite ones. With all of it a bar that is pulled becomes thinner as Poisson's ratio says; with the springs
-alone it does so by what the mesh happens to say, and no choice of springs makes it another.
+The first sum is a network of (quartic) springs. The second sum is over pairs of edges of the same tetrahedron: adjacent pairs share
+a vertex, opposite pairs do not. With both sums, a stretched bar becomes thinner according to Poisson's ratio. With springs alone,
+the lateral contraction depends on the mesh, and no choice of the springs changes it to another value.
 """
 
 from pathlib import Path
@@ -25,21 +25,21 @@ networks = {"edges and pairs": whole, "without adjacent pairs": whole.without("a
 
 
 def pulled(network):
-    """The bar between ends that slide, stretched to `STRETCH` of its length."""
+    """Return the bar between sliding ends, stretched to `STRETCH` times its length."""
     fixed = [("left", "x"), ("low", "y"), ("back", "z")]
     system = System(mesh, network, fixed, prescribed=[("right", {"x": (STRETCH - 1) * LENGTH})])
     return solve_static(system, steps=2, quiet=True)
 
 
 def width(found):
-    """The mean width of the stretched bar along y."""
+    """Return the mean width of the stretched bar along y."""
     top = mesh.p[1] == 1
     return 1 + found.u.reshape(-1, 3)[top, 1].mean()
 
 
 found = {name: pulled(network) for name, network in networks.items()}
 widths = {name: width(one) for name, one in found.items()}
-expected = np.sqrt(1 - POISSON * (STRETCH**2 - 1))  # of a St. Venant-Kirchhoff bar under uniaxial stress
+expected = np.sqrt(1 - POISSON * (STRETCH**2 - 1))  # closed form: a St. Venant-Kirchhoff bar under uniaxial stress
 error = abs(widths["edges and pairs"] / expected - 1)
 
 u = found["edges and pairs"].u
@@ -52,7 +52,7 @@ shares = {name: energy / System(mesh, whole).energy(u) for name, energy in energ
 
 
 def picture():
-    """The end of the bar under each network, seen along its axis, and the shares of the energy."""
+    """Draw the end of the bar for each network, viewed along its axis, and the shares of the energy."""
     figure, (shape, parts) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     end = mesh.p[0] == LENGTH
     y, z = mesh.p[1:, end]

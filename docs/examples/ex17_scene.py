@@ -1,7 +1,8 @@
-"""One scene, three integrators: Turek and Hron's flag from its file, with other values put in by their keys.
+"""One scene, three integrators: Turek and Hron's flag from its scene file, with values replaced by their keys.
 
-The scene is the one that `skfem-stvk solve docs/scenes/flag.toml` solves. Newmark's method and the energy-momentum method keep the
-energy of the flag, which swings to where Turek and Hron found it; backward Euler loses energy, and does not get as far.
+`skfem-stvk solve docs/scenes/flag.toml` solves the same scene. Newmark's method and the energy-momentum method conserve the energy
+of the flag, and the tip reaches the displacement of Turek and Hron. Backward Euler dissipates energy, and the displacement is
+smaller.
 """
 
 from pathlib import Path
@@ -12,11 +13,11 @@ from skfem_stvk import Scene
 
 FLAG = Path(__file__).parent.parent / "scenes" / "flag.toml"
 INTEGRATORS = ("newmark", "energy-momentum", "backward-euler")
-LOWEST = -0.063607 - 0.065160  # mean and amplitude of the tip that Turek and Hron published [m]
+LOWEST = -0.063607 - 0.065160  # published mean minus amplitude of the tip [m] (Turek and Hron)
 
 
 def swing(integrator):
-    """The flag's first swing and back."""
+    """Return the outcome of the flag's first swing down and up."""
     return Scene.read(FLAG, set=[f"analysis.integrator={integrator}", "analysis.until=1.0", "expect={}"]).solve(quiet=True)
 
 
@@ -25,7 +26,7 @@ lowest = {integrator: float(outcome.curves["A"].values[:, 1].min()) for integrat
 
 
 def picture():
-    """The tip over time, beside the lowest point that was published."""
+    """Draw the displacement of the tip over time, and the published lowest point."""
     figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
     for (integrator, outcome), line in zip(outcomes.items(), ("-", "--", "-"), strict=True):
         curve = outcome.curves["A"]

@@ -1,10 +1,10 @@
-"""A bar that bends and twists has many unknowns, or thirty: its energy is one quartic in the amounts of a few fields.
+"""A reduced model of a bent and twisted bar with thirty unknowns: the energy is a quartic polynomial of a few coordinates.
 
     u = V q        W(q) a quartic, whose coefficients are computed once        F = dW/dq,  K = d2W/dq2
 
-Vibration modes alone cannot bend far: what turns would have to grow. Their derivatives, by how each mode changes as the body moves
-along another, are the fields that take that growth back (Barbic, James 2005). A static state and a motion on thirty of them are
-those of the full bar but for some per cent, and a step takes the same time on any mesh.
+Vibration modes alone cannot represent large bending, because linear modes of rotation increase the volume. Modal derivatives, the
+changes of each mode under displacement along another mode, correct this (Barbic, James 2005). With thirty such fields, a static
+state and a motion agree with the full bar within a few per cent. The time of a step does not depend on the mesh.
 """
 
 from pathlib import Path
@@ -23,7 +23,7 @@ material = StVK(young=1e6, poisson=0.3, density=1e3)
 
 
 def twisting_and_bending(x, t):
-    """Load on the end [Pa]: a torque about the axis, and a weight."""
+    """Return the load on the end [Pa]: a torque about the axis and a vertical force."""
     y, z = x[1] - HEIGHT / 2, x[2] - WIDTH / 2
     return t * np.stack([0 * y, -8e4 * z, 8e4 * y - 2.5e3])
 
@@ -40,7 +40,7 @@ errors = {name: np.linalg.norm(one.u - full.u) / np.linalg.norm(full.u) for name
 
 
 def let_go(body, integrator):
-    """The motion after the loads are taken away."""
+    """Return the motion after the removal of the loads."""
     return simulate(body, integrator, until=UNTIL, u0=full.u, probes={"end": "end"}, quiet=True)
 
 
@@ -51,9 +51,9 @@ drift = np.abs(motion.ledger["closure_error"]).max() / motion.ledger["total_ener
 
 
 def picture():
-    """The bar under load, in full and on both bases, and the height of its end as it is let go."""
+    """Draw the loaded full bar and the bar on both bases, and the height of the end after the removal of the loads."""
     figure = plt.figure(figsize=(11, 3.8), layout="constrained")
-    facets = ElementMesh.of(mesh).surface.T  # outwards, for the light
+    facets = ElementMesh.of(mesh).surface.T  # outward orientation, for the shading
     unknowns = loaded.ndofs - len(loaded.supports.held)
     states = {f"full, {unknowns} unknowns": full.u} | {f"{name}, {SIZE} unknowns": one.u for name, one in reduced.items()}
     for i, ((name, u), colour) in enumerate(zip(states.items(), ("0.75", "#56B4E9", "#E69F00"), strict=True)):

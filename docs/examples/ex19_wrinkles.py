@@ -1,8 +1,8 @@
-"""A sheet that is pulled and sheared between two clamps, with wrinkles and without: a tension field.
+"""A sheet in shear between two clamps, with and without wrinkling: a tension field.
 
-The lower edge is held, the upper one moves sideways. Without wrinkling the flat sheet bears compression across the pull: an
-equilibrium that is unstable, as the result says. With it, stress is along one direction: in the middle close to that of an endless
-strip, in closed form.
+The lower edge is fixed, and the upper edge moves sideways. Without wrinkling, the flat sheet has compression normal to the tension.
+This equilibrium is unstable, and the result reports it. With wrinkling, the stress has one direction. In the middle it is close to
+the closed form of an infinite strip.
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ lower, upper = np.flatnonzero(flat.p[1] == 0), np.flatnonzero(flat.p[1] == 1)
 
 
 def sheared(wrinkling):
-    """The equilibrium of the sheet between its clamps."""
+    """Return the equilibrium of the sheet between its clamps."""
     law = StVK(young=YOUNG, poisson=0.3, thickness=1e-3, wrinkling=wrinkling)
     moved = {tuple(upper): {"x": SHEAR, "y": 0.0, "z": 0.0}}
     return solve_static(
@@ -28,14 +28,14 @@ def sheared(wrinkling):
 
 
 results = {"with wrinkling": sheared(True), "without": sheared(False)}
-E1 = SHEAR**2 / 4 + np.sqrt(SHEAR**4 / 16 + SHEAR**2 / 4)  # of an endless strip
+E1 = SHEAR**2 / 4 + np.sqrt(SHEAR**4 / 16 + SHEAR**2 / 4)  # principal strain of an infinite strip
 middle = np.flatnonzero(np.abs(sheet.p[0][sheet.t].mean(axis=0) - 2) < 0.5)
 principal = {name: np.linalg.eigvalsh(result.state["pk2_stress"])[middle].mean(axis=0)[[0, -1]] for name, result in results.items()}
 forces = {name: float(result.reaction(tuple(upper)).resultant[0]) for name, result in results.items()}
 
 
 def picture():
-    """The largest stress in the sheet that wrinkles."""
+    """Draw the von Mises stress in the wrinkling sheet."""
     return results["with wrinkling"].plot("von_mises_stress")
 
 

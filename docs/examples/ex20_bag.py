@@ -1,8 +1,8 @@
 """A bag that hangs on four ropes: tetrahedra, membranes and cables on shared nodes, each term with its own elements.
 
-A soft ball in a bag of cloth, which is the ball's surface. Where a rope holds it the cloth spreads the pull; without cloth the
-ball gives way there. What the ropes pull at their hooks is the weight of all three, and each rope's tension follows from its
-stretch alone.
+A soft ball is in a bag of cloth, which is the surface of the ball. The cloth distributes the forces of the ropes; without cloth the
+ball has large local deformations at the ropes. The forces at the hooks equal the weight of ball, cloth and ropes. The tension of
+each rope follows from its stretch.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ rope = StVK(young=1e9, area=2e-5, density=1000.0, simplices=ropes)
 
 
 def hung(*terms):
-    """The equilibrium of the ball with these terms, hung on the hooks."""
+    """Return the equilibrium of the ball with these terms, suspended from the hooks."""
     fixed = {tuple(range(ball.nv, ball.nv + 4)): "xyz"}
     return solve_static(System(points, [*terms, Gravity(g=(0, 0, -G))], fixed=fixed), steps=4, quiet=True)
 
@@ -36,20 +36,20 @@ pulled = bag.reaction().resultant[2]
 
 
 def tension(result):
-    """What each rope pulls [N], from its own length: `E A (s^3 - s)/2`."""
+    """Return the tension of each rope [N] from its stretch s: `E A (s^3 - s)/2`."""
     x = points + result.u.reshape(-1, 3).T
     s = np.linalg.norm(x[:, ropes[1]] - x[:, ropes[0]], axis=0) / np.linalg.norm(points[:, ropes[1]] - points[:, ropes[0]], axis=0)
     return 1e9 * 2e-5 * (s**3 - s) / 2
 
 
 def dent(result):
-    """How far the nodes at the ropes are pulled out of the ball, against its middle [m]."""
+    """Return the mean displacement of the nodes at the ropes relative to the mean of the ball [m]."""
     u = result.u.reshape(-1, 3)
     return float(np.linalg.norm(u[held] - u[: ball.nv].mean(axis=0), axis=1).mean())
 
 
 def picture():
-    """The bag on its ropes, coloured by the stress of the cloth and the ball."""
+    """Draw the bag on its ropes, coloured by the stress of the cloth and the ball."""
     figure = bag.plot("von_mises_stress")
     near = {"xlim": (-0.4, 0.4), "ylim": (-0.4, 0.4), "zlim": (-0.3, 0.75)}
     figure.axes[0].set(**near)

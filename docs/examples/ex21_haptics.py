@@ -1,8 +1,8 @@
-"""A hand that stirs a soft bar: a second of its motion, a thousand answers, out of a table of static solves.
+"""A hand that moves the end of a soft bar: a thousand responses in one second, from a table of static solves.
 
-The end of the bar is a grip. Static solves on a grid of its displacements are made once; then each place of the hand gets its force
-and the displacements of all nodes by interpolation. Static solves at eight moments of the motion, which the table has not seen, say
-how wrong that is.
+The end of the bar is the handle. The static solves on a grid of its displacements are computed once. Interpolation in the table
+then gives the force and the displacements of all nodes for each position of the hand. Static solves at eight moments of the motion,
+which are not in the table, give the error.
 """
 
 from pathlib import Path
@@ -18,16 +18,16 @@ body = System(mesh, terms, fixed={"left": "xy"})
 grid = np.linspace(-0.1, 0.6, 6), np.linspace(-1.0, 1.0, 9)
 answers = PrecomputedResponse(body, handle="right", displacements=grid, quiet=True)
 
-seconds = np.linspace(0, 1, 1001)  # a thousand answers, one each millisecond
+seconds = np.linspace(0, 1, 1001)  # a thousand responses, one per millisecond
 hand = np.stack([0.25 + 0.3 * np.sin(2 * np.pi * seconds), 0.9 * np.sin(4 * np.pi * seconds)], axis=1)
 forces = np.array([answers(place)[0] for place in hand])
-work = float(np.sum((forces[1:] + forces[:-1]) / 2 * np.diff(hand, axis=0)))  # none is left when the hand is back
+work = float(np.sum((forces[1:] + forces[:-1]) / 2 * np.diff(hand, axis=0)))  # zero for a closed path of the hand
 
 moments = np.arange(62, 1000, 125)
 
 
 def solved(place):
-    """The force at a place of the hand, and the displacements, by a static solve."""
+    """Return the force at a position of the hand and the displacements by a static solve."""
     found = solve_static(System(mesh, terms, {"left": "xy"}, {"right": dict(zip("xy", place, strict=True))}), quiet=True)
     return found.reaction("right").resultant, found.u
 
@@ -38,7 +38,7 @@ error = max(np.linalg.norm(forces[k] - force) for k, (force, _) in zip(moments, 
 
 
 def picture():
-    """The bar at two moments on the way of the hand, and the force in time with the solves."""
+    """Draw the bar at two moments of the motion, and the force over time with the results of the solves."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 

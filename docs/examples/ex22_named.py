@@ -1,7 +1,7 @@
-"""Ten wrong models, and what the referee says is wrong with each.
+"""Ten wrong models, and the names that the referee gives to their faults.
 
-A user's own W, F and K fail; which bug it is, the report says by itself: hypotheses are tried, and what makes the error vanish is
-printed, with fitted factors.
+If a user's W, F and K fail, the report also names the fault. The referee tests hypotheses and prints those that make the error
+vanish, with fitted factors.
 """
 
 import textwrap
@@ -16,7 +16,7 @@ PLANTED = (
 
 
 def what_it_is(name):
-    """The names that the referee has for a planted fault, and the errors before and after."""
+    """Return the names that the referee gives to a planted fault, and the errors with and without it."""
     fault = FAULTS[name]
     body = bodies()[fault.body]
     try:
@@ -48,7 +48,7 @@ def picture():
 
 
 def told():
-    """What a report says of each, with the fault that was planted before it."""
+    """Return the lines of the report on each planted fault, after its description."""
     lines = []
     for name in PLANTED:
         lines.append(f"{name}: {FAULTS[name].description}")

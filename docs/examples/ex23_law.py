@@ -1,4 +1,4 @@
-"""A law of a textbook, and five mistakes of factors 2 that are made with it: which check finds each, and what the report says.
+"""A textbook law, and five common mistakes by a factor of 2: the checks that detect each mistake, and the text of the report.
 
 A neo-Hookean law (Bonet, Wood, 2008, section 6.4): W, the second Piola-Kirchhoff stress S and its tangent C = dS/dE as functions of
 the deformation gradient F. No mesh is needed.
@@ -15,7 +15,7 @@ CLAIM = NeoHookean(young=MU * (3 * LAM + 2 * MU) / (LAM + MU), poisson=LAM / 2 /
 
 
 def law(lam=LAM, mu=MU, stress=1.0, tangent=1.0, logarithm=1.0):
-    """W, S and C; the arguments are the mistakes."""
+    """Return W, S and C; the arguments introduce mistakes."""
 
     def log_of_volume(F):
         return np.log(np.linalg.det(F)) if np.linalg.det(F) > 0 else np.nan
@@ -50,7 +50,7 @@ failed = {name: sorted({f"{r.check} ({r.quantity})" for r in report.failures()})
 
 
 def said(report):
-    """What the report calls the mistake."""
+    """Return the lines of the report that name the mistake."""
     return [] if report.named is None else report.named.lines()
 
 

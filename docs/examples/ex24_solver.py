@@ -1,7 +1,7 @@
-"""A static solver of one's own, judged by what it returns: right, with half of the load, and with linear strain.
+"""A user's static solver, judged by its results: a correct solver, one with half the load, and one with linear strain.
 
-The referee asks for problems whose solutions are known, and knows of the solver nothing but the displacements. The third one is
-linear elasticity in scikit-fem: each of its steps is right for small displacements, and it is told what it is.
+The referee poses problems with known solutions and uses only the displacements that the solver returns. The third solver is linear
+elasticity in scikit-fem. It is correct for small displacements, and the referee names it as linear.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def linear_elasticity_of_scikit_fem(mesh, material, body_force, boundary):
     load = skfem.LinearForm(lambda v, w: sum(v[i] * body_force(w.x.reshape(2, -1))[i].reshape(w.x[0].shape) for i in range(2)))
     u = np.zeros(basis.N)
     u[boundary.dofs] = boundary.values.ravel()
-    K = linear_elasticity(*lame_parameters(material.young, material.poisson)).assemble(basis)  # of plane strain
+    K = linear_elasticity(*lame_parameters(material.young, material.poisson)).assemble(basis)  # plane strain
     return skfem.solve(*skfem.condense(K, load.assemble(basis), x=u, D=boundary.dofs))
 
 

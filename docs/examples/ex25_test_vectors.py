@@ -1,6 +1,6 @@
-"""Another program computes from test vectors, and is judged: right, in single precision, and with one pair of edges forgotten.
+"""Verification of another program by test vectors: correct, in single precision, and with one missing pair of edges.
 
-The function stands for a program in any language: it knows nothing but the arrays of `vectors.npz`, and gives back `results.npz`.
+The function represents a program in any language. It reads the arrays of `vectors.npz` and writes `results.npz`.
 """
 
 import tempfile
@@ -12,7 +12,7 @@ from skfem_stvk import published_vectors, verify_results
 
 
 def their_program(folder, dtype=np.float64, forget=False):
-    """W and F in every state, from edges and pairs of edges."""
+    """Compute W and F in every state from edges and pairs of edges, and write them."""
     given = dict(np.load(folder / "vectors.npz"))
     X, own, between = (given[name].astype(dtype) for name in ("nodes", "edge_coefficients", "pair_coefficients"))
     (a, b), (i, j) = given["edges"].T, given["pairs"].T
@@ -34,7 +34,7 @@ def their_program(folder, dtype=np.float64, forget=False):
 
 
 def judged(**how):
-    """The report on what the program gave back, as `skfem-stvk verify --results` prints it."""
+    """Return the report on the results of the program, as `skfem-stvk verify --results` prints it."""
     with tempfile.TemporaryDirectory() as place:
         folder = published_vectors("block").save(place)
         their_program(folder, **how)
@@ -53,7 +53,7 @@ errors = {
 
 
 def picture():
-    """Error of F in each state, and the limit; no error at all is drawn at 1e-17."""
+    """Draw the error of F in each state, and the limit; zero errors are drawn at 1e-17."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 4), layout="constrained")

@@ -1,7 +1,7 @@
-"""A neo-Hookean body of one's own, judged as in the tests of one's own package; and two mistakes in it.
+"""A user's neo-Hookean body, judged as in the tests of a user's package, and two mistakes in it.
 
-No comparison is needed: F must be the derivative of W and K that of F, rigid motions change nothing, forces balance, K is symmetric
-and has six rigid modes, and under an affine motion no force is left inside.
+The checks need no reference. F must be the derivative of W, and K the derivative of F. W must be invariant under rigid motions.
+Forces must be in balance, K must be symmetric with six rigid modes, and inner nodes must have no force under an affine motion.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ BASIS = skfem.Basis(MESH, skfem.ElementVector(MESH.elem()))
 
 
 class Rubber:
-    """W = mu/2 (F:F - 3 - 2 log J) + lam/2 (log J)^2, and its F and K, in one of which there may be a mistake."""
+    """Body with W = mu/2 (F:F - 3 - 2 log J) + lam/2 (log J)^2 and its F and K, possibly with a mistake in F or K."""
 
     def __init__(self, mistake=""):
         self.mistake = mistake
@@ -45,7 +45,7 @@ class Rubber:
 
 
 def judged(mistake):
-    """The report on the body: that of a failed assertion, if it fails."""
+    """Return the report on the body; if the assertion fails, the report of the failure."""
     try:
         return assert_consistent(Rubber(mistake), MESH)
     except Inconsistent as failure:
@@ -57,7 +57,7 @@ failed = {mistake: sorted({f"{r.check} ({r.quantity})" for r in report.failures(
 
 
 def worst_errors(report):
-    """The largest error over its limit of each check that measures one."""
+    """Return the largest ratio of error and limit for each check with a measured error."""
     measured = [r for r in report.results if r.measured is not None and r.limit]
     names = dict.fromkeys(f"{r.check} ({r.quantity})" for r in measured)
     return {name: max(r.measured / r.limit for r in measured if f"{r.check} ({r.quantity})" == name) for name in names}

@@ -1,3 +1,5 @@
+"""The command `skfem-stvk`: exit codes, messages and output files of `verify`, `info` and `bench`."""
+
 import io
 import json
 import os
@@ -37,7 +39,7 @@ def saved(path, p, t, cells="tetra", **data):
     return str(path)
 
 
-def test_without_arguments_the_embedded_mesh_is_verified(capsys):
+def test_without_a_mesh_file_the_embedded_mesh_is_verified(capsys):
     assert main(["verify"]) == 0
     out = capsys.readouterr().out
     assert "embedded bracket" in out and "PASSED" in out and "NOT PASSED" not in out
@@ -52,7 +54,7 @@ def test_a_mesh_file_is_verified_and_reported(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_curved_c3d10_file_is_verified_as_what_it_is(tmp_path, capsys):
+def test_a_curved_c3d10_file_is_verified_with_quadratic_tetrahedra(tmp_path, capsys):
     mesh = box(1).with_degree(2)
     p = mesh.p.copy()
     p[:, 8:] += 0.03 * np.random.default_rng(0).standard_normal(p[:, 8:].shape)
@@ -77,7 +79,7 @@ def test_a_wrong_element_is_exit_code_two(options, words, tmp_path, capsys):
     assert words in " ".join(capsys.readouterr().err.split())
 
 
-def test_nodes_on_no_element_are_dropped_with_a_line(tmp_path, capsys):
+def test_nodes_on_no_element_are_dropped_with_a_message(tmp_path, capsys):
     mesh = box(2)
     p = np.concatenate([mesh.p, [[9.0], [9.0], [9.0]]], axis=1)
     assert main(["verify", saved(tmp_path / "part.vtu", p, mesh.t), *MATERIAL]) == 0
@@ -133,7 +135,7 @@ def test_broken_input_is_an_error_and_nothing_is_written(arguments, message, tmp
 
 
 def test_duplicate_nodes_and_parts_are_notes(tmp_path, capsys):
-    """Two blocks whose faces lie on each other, not merged."""
+    """Two blocks with coincident faces and separate nodes give notes on duplicate nodes and on two parts."""
     block = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3)
     p, t = np.concatenate([block.p, block.p + np.array([[1.0], [0], [0]])], axis=1), np.concatenate([block.t, block.t + 27], axis=1)
     assert main(["verify", saved(tmp_path / "m.vtu", p, t), *MATERIAL]) == 0
@@ -142,14 +144,14 @@ def test_duplicate_nodes_and_parts_are_notes(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("make", [lambda f: f / "file" / "report", lambda f: f / "file"])
-def test_a_folder_that_cannot_be_made_is_an_error_before_the_work(make, tmp_path, capsys):
+def test_a_folder_that_cannot_be_created_is_an_error_before_the_run(make, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["verify", "--out", str(make(tmp_path))]) == 2
     captured = capsys.readouterr()
     assert "is a file; expected a folder" in " ".join(captured.err.split()) and not captured.out
 
 
-def test_ctrl_c_keeps_what_was_checked(monkeypatch):
+def test_ctrl_c_retains_the_results_of_finished_checks(monkeypatch):
 
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -157,11 +159,11 @@ def test_ctrl_c_keeps_what_was_checked(monkeypatch):
     monkeypatch.setattr(agreement, "_lines", interrupted)
     report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
     assert not report.passed
-    assert report.counts[CheckOutcome.PASSED] == 2 * 24  # of simplices, and of edges and their pairs
+    assert report.counts[CheckOutcome.PASSED] == 2 * 24  # checks of simplices, and of edges and their pairs
     assert {r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN} == {"interrupted"}
 
 
-def test_info_prints_versions_threads_caches_and_every_optional_package_or_what_installs_it(capsys, monkeypatch):
+def test_info_prints_versions_threads_caches_and_every_optional_package_or_its_install_command(capsys, monkeypatch):
     monkeypatch.setattr("skfem_stvk.about.version", lambda package: without_pyvista(package))
     assert main(["info"]) == 0
     out = capsys.readouterr().out
@@ -178,7 +180,7 @@ def without_pyvista(package):
 
 
 def project():
-    """The table `project` of pyproject.toml."""
+    """Return the table `project` of pyproject.toml."""
     return tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 
 
@@ -201,7 +203,7 @@ def test_every_required_package_has_its_reason_and_there_are_at_most_13():
 
 
 def entry_point(*arguments, **environment):
-    """A process that does what the installed command does."""
+    """Run the entry point of the installed command in a process."""
     module, function = project()["scripts"]["skfem-stvk"].split(":")
     return subprocess.run(
         [sys.executable, "-c", f"import sys; from {module} import {function}; sys.exit({function}())", *arguments],
@@ -229,14 +231,14 @@ def test_an_empty_folder_name_is_an_error(capsys):
     assert "--out = ''; expected the path of a folder" in capsys.readouterr().err
 
 
-def test_a_report_that_cannot_be_written_after_all_is_printed_first(tmp_path, capsys):
+def test_a_report_that_cannot_be_written_is_printed_first(tmp_path, capsys):
     (tmp_path / "report.json").mkdir()
     assert main(["verify", "--out", str(tmp_path)]) == 2
     captured = capsys.readouterr()
     assert "PASSED" in captured.out and "report.json" in captured.err
 
 
-def test_names_that_are_not_text_are_no_traceback(tmp_path, capsys):
+def test_file_names_that_are_not_utf_8_are_accepted(tmp_path, capsys):
     name = str(tmp_path / "b\udce9.vtu")
     saved(name, box(2).p, box(2).t)
     assert main(["verify", name, *MATERIAL, "--out", str(tmp_path / "report")]) == 0
@@ -256,7 +258,7 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_words():
 
 @pytest.mark.parametrize("call", [slow(1), 3, slow(20), 70])
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, ValueError])
-def test_a_stop_in_the_midst_of_the_precision_keeps_the_rest(call, kind, monkeypatch, tmp_path):
+def test_an_error_in_the_check_of_precision_retains_the_other_results(call, kind, monkeypatch, tmp_path):
     calls = iter(range(1, 10**6))
     right = precision.ExactStVK.internal_force
 
@@ -274,14 +276,14 @@ def test_a_stop_in_the_midst_of_the_precision_keeps_the_rest(call, kind, monkeyp
     assert "a line cannot turn" not in {r.reason for r in results}
 
 
-def test_a_speed_that_cannot_be_measured_is_no_pass_and_loses_nothing(monkeypatch):
+def test_a_failing_measurement_of_speed_fails_the_report_and_retains_the_other_results(monkeypatch):
     monkeypatch.setattr(verification, "speed_table", lambda case: 1 / 0)
     report = verify(box(2), StVK(young=1.0, poisson=0.3), quiet=True)
     assert not report.passed and "could not run speed" in " ".join(str(report).split()) and len(report.results) > 80
 
 
 @pytest.mark.parametrize("options", [[], ["--quick"], ["--quick", "--out", "new docs"]])
-def test_bench_prints_the_command_of_the_benchmark_and_measures_nothing(options, capsys):
+def test_bench_prints_the_command_of_the_benchmark_without_measuring(options, capsys):
     assert main(["bench", *options]) == 2
     assert shlex.split(capsys.readouterr().out) == ["python", "-m", "validation", "bench", *options]
 
@@ -295,7 +297,7 @@ def command(*arguments, flags=(), **environment):
     )
 
 
-def test_an_unknown_backend_of_matplotlib_costs_the_pictures_and_not_the_table(tmp_path):
+def test_an_unknown_backend_of_matplotlib_loses_the_pictures_but_not_the_table(tmp_path):
     mesh = saved(tmp_path / "m.vtu", box(1).p, box(1).t)
     done = command("verify", mesh, *MATERIAL, "--out", str(tmp_path / "report"), MPLBACKEND="nonsense")
     assert done.returncode == 2 and "PASSED" in done.stdout
@@ -304,7 +306,7 @@ def test_an_unknown_backend_of_matplotlib_costs_the_pictures_and_not_the_table(t
 
 
 @pytest.mark.slow
-def test_without_docstrings_and_asserts_everything_runs(tmp_path):
+def test_verify_runs_without_docstrings_and_asserts(tmp_path):
     mesh = saved(tmp_path / "m.vtu", box(1).p, box(1).t)
     done = command("verify", mesh, *MATERIAL, "--out", str(tmp_path / "report"), flags=["-OO"])
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Kernels that are compiled ahead are those that a first run needs."""
+"""`skfem-stvk warm-up` compiles all kernels of a first run."""
 
 import os
 import subprocess
@@ -40,30 +40,30 @@ def test_after_warming_up_a_first_run_compiles_nothing(tmp_path):
         folder.mkdir()
     before, _ = map(int, run(cold, "-c", FIRST_RUN).stdout.split())
     assert before == FirstUse.KERNELS
-    said = run(warm, "-m", "skfem_stvk.cli", "warm-up")
-    assert int(said.stdout.split()[0]) > before and said.stderr == ""
+    done = run(warm, "-m", "skfem_stvk.cli", "warm-up")
+    assert int(done.stdout.split()[0]) > before and done.stderr == ""
     assert run(warm, "-m", "skfem_stvk.cli", "warm-up").stdout.startswith("0 kernels compiled")
     assert run(warm, "-c", FIRST_RUN).stdout.split() == ["0", "0"]
 
 
-def test_a_law_that_an_element_does_not_take_is_named_and_left_out(capsys, monkeypatch):
+def test_a_law_without_support_for_an_element_is_named_and_left_out(capsys, monkeypatch):
     monkeypatch.setattr(warm_up, "ROWS", ({"bodies": lambda body: None},))
     assert main(["warm-up", "--elements", "segments", "--laws", "stvk", "neo-hookean"]) == 0
     left_out, total = capsys.readouterr().out.splitlines()
     assert left_out.startswith("segments, neo-hookean: NeoHookean is for solids and surfaces") and "kernels compiled in" in total
 
 
-def test_where_no_folder_can_be_written_to_nothing_is_compiled(monkeypatch, capsys):
+def test_without_a_writable_cache_folder_nothing_is_compiled(monkeypatch, capsys):
     monkeypatch.setattr(warm_up.first_use, "on_disk", False)
     assert main(["warm-up"]) == 2
     assert "Set NUMBA_CACHE_DIR to one that can" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize("option", ["--elements", "--laws"])
-def test_unknown_names_are_refused_with_those_that_there_are(option, capsys):
+def test_unknown_names_are_refused_with_the_known_names(option, capsys):
     assert main(["warm-up", option, "tetrahedrons"]) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert f"{option} 'tetrahedrons'" in said and ("tetrahedra" if option == "--elements" else "neo-hookean") in said
+    err = " ".join(capsys.readouterr().err.split())
+    assert f"{option} 'tetrahedrons'" in err and ("tetrahedra" if option == "--elements" else "neo-hookean") in err
 
 
 @pytest.mark.parametrize("element", warm_up.ELEMENTS)

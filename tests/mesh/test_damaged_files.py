@@ -217,7 +217,7 @@ def test_points_in_coordinate_systems_of_their_own_are_refused(tmp_path):
 
 def test_tetgen_elements_out_of_order_are_refused(tmp_path):
     whole = written("tetgen")
-    (tmp_path / "mesh.node").write_bytes(whole.beside[".node"])
+    (tmp_path / "mesh.node").write_bytes(whole.companions[".node"])
     (tmp_path / "mesh.ele").write_bytes(whole.content.replace(b"\n3 ", b"\n33 "))
     with pytest.raises(MeshError, match=r"the ids of its cells are not 0, 1, \.\.\.: 33 stands for 3"):
         read_mesh(tmp_path / "mesh.ele")

@@ -1,4 +1,4 @@
-"""Other codes are judged: those that are installed, those of other environments, and functions of users; what is wrong is told."""
+"""`verify` judges installed codes, codes in other environments and users' functions, and reports their errors."""
 
 import io
 import re
@@ -34,29 +34,29 @@ def judged(name, **given):
 
 
 @pytest.fixture(autouse=True)
-def frugal(monkeypatch):
-    """No time for timing, nor for NGSolve's compiler."""
+def fast(monkeypatch):
+    """Disable timing and NGSolve's compiler."""
     monkeypatch.setattr(precision, "SECONDS", 0.0)
     monkeypatch.setattr("skfem_stvk.peers.ngsolve.shutil.which", lambda program: None)
 
 
 @pytest.fixture
 def part(tmp_path, monkeypatch):
-    """The folder of a mesh, where the program works: MuJoCo writes its log there."""
+    """Write a mesh into a temporary working folder, where MuJoCo writes its log, and return the folder."""
     monkeypatch.chdir(tmp_path)
     meshio.Mesh(MESH.p.T, [("tetra", MESH.t.T)]).write("part.vtu")
     return tmp_path
 
 
 @pytest.mark.parametrize("name", [name for name in PEERS if PEERS[name].version() is not None])
-def test_a_peer_that_is_installed_passes(name, part, capsys):
+def test_an_installed_peer_passes(name, part, capsys):
     assert main(["verify", "part.vtu", *CONSTANTS, "--against", PEERS[name].module.upper()]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert f"candidate: {name}" in out and "known of it: " in out
 
 
 class OldFlex:
-    """A stand-in of MuJoCo's flex: the force of lambda times `factor`."""
+    """Stand-in for MuJoCo's flex with the force for `factor` times lambda."""
 
     def __init__(self, p, t, factor):
         lam, mu = lame(YOUNG, POISSON)
@@ -69,8 +69,8 @@ class OldFlex:
 
 
 @pytest.mark.parametrize(("version", "factor"), [("3.17.0", 2.0), ("4.0.0", 1.0)])
-def test_a_version_that_is_known_to_be_bad_is_judged_all_the_same(version, factor, part, capsys, monkeypatch):
-    """The gate of the benchmark refuses it; here it runs, and fails in F where lambda counts."""
+def test_a_version_with_a_known_error_is_still_judged(version, factor, part, capsys, monkeypatch):
+    """The benchmark refuses the version, but `verify` runs it, and F fails the checks that depend on lambda."""
 
     def made(self, p, t, young, poisson, *, any_version=False):
         from skfem_stvk.peers.peer import require
@@ -150,7 +150,7 @@ def test_a_users_function_makes_a_candidate(part, capsys):
 
 
 def stand_in(name):
-    """JAX and PyTorch as far as their classes ask: derivatives by differences in the complex plane."""
+    """Return a stand-in for JAX or PyTorch with the required functions, which uses complex-step derivatives."""
 
     def gradient(f):
         def of(u, *others):
@@ -199,7 +199,7 @@ def doubled(F):
 
 @pytest.mark.parametrize("name", ["JAX", "PyTorch"])
 def test_an_energy_density_is_differentiated_by_a_library(name, monkeypatch):
-    """W and F by a stand-in of the library, exactly; K by differences. The user's density is the body's, or has lambda twice."""
+    """W and F of the stand-in are exact, K has finite differences; a density with lambda doubled gives another energy."""
     monkeypatch.setitem(sys.modules, PEERS[name].module, stand_in(name))
     body, u = System(MESH, StVK(young=YOUNG, poisson=POISSON)), 0.1 * np.random.default_rng(0).standard_normal(MESH.p.size)
     peer = load(name)
@@ -221,7 +221,7 @@ def test_a_density_is_found_by_its_name(part, monkeypatch):
         assert line.startswith("users_density.py:W in PyTorch 0.0") and on(MESH).energy(np.zeros(24)) == pytest.approx(3.0, rel=0.2)
 
 
-def test_peers_take_the_elements_that_their_row_says():
+def test_peers_refuse_elements_that_are_not_in_their_row():
     with pytest.raises(StvkError, match="the mesh has triangles in 2D; MuJoCo is judged on tetrahedra in 3D"):
         opponent("mujoco", sheet(1), YOUNG, POISSON).__enter__()
     with pytest.raises(StvkError, match=r"quadratic tetrahedra in 3D; .*--degree 1"):
@@ -241,7 +241,7 @@ def test_peers_take_the_elements_that_their_row_says():
         ([*CONSTANTS, "--against", "mujoco", "--python", "no/python"], "'no/python' cannot be run"),
     ],
 )
-def test_what_does_not_go_together_is_refused(arguments, words, part, capsys):
+def test_conflicting_options_are_refused(arguments, words, part, capsys):
     assert main(["verify", *([] if arguments[0] == "--against" else ["part.vtu"]), *arguments]) == 2
     assert re.search(words, " ".join(capsys.readouterr().err.split()))
 
@@ -273,7 +273,7 @@ class FElupe:
 
 @pytest.fixture
 def toy(tmp_path, monkeypatch):
-    """A package of its own with another FElupe, as the other process finds it."""
+    """Create a package with another FElupe for the other process, and return a function that starts it."""
     import skfem_stvk.peers.elsewhere as module
 
     there = Path(module.__file__).parent.parent
@@ -286,7 +286,7 @@ def toy(tmp_path, monkeypatch):
     return lambda: Elsewhere(sys.executable, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
 
 
-def test_a_peer_elsewhere_answers_as_it_would_here(toy):
+def test_a_peer_in_another_process_gives_the_same_results(toy):
     u = np.arange(24.0)
     with toy() as peer:
         assert (peer.name, peer.version, peer.methods) == ("FElupe", "0.1", ["energy", "internal_force", "tangent"])
@@ -326,13 +326,13 @@ except StvkError as error:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGPIPE")
-def test_a_process_that_dies_is_told_even_where_broken_pipes_kill():
-    """As they do once `gmsh.initialize()` was called; more is sent than a pipe holds."""
+def test_a_process_that_dies_is_reported_even_if_broken_pipes_kill():
+    """The request is larger than a pipe's buffer, and SIGPIPE has its default action, as after `gmsh.initialize()`."""
     done = subprocess.run([sys.executable, "-c", f"import sys\nimport numpy as np\n{DYING}"], capture_output=True, text=True)
     assert done.returncode == 0 and "has ended, with exit code 7" in done.stdout, done
 
 
-def test_a_process_that_dies_ends_no_report(toy):
+def test_a_process_that_dies_does_not_end_the_report(toy):
     with toy() as peer:
         peer.internal_force(np.zeros(24))
         peer._process.kill()
@@ -340,8 +340,8 @@ def test_a_process_that_dies_ends_no_report(toy):
     assert not report.passed and any("has ended" in result.reason for result in report.results)
 
 
-def test_the_other_environment_needs_nothing_of_this_package_but_its_peers():
-    """Neither scikit-fem nor numba: they are hidden from the process, which makes a peer that is missing and says so."""
+def test_the_other_environment_needs_only_the_peers_of_this_package():
+    """A process without scikit-fem, numba, meshio, rich and pydantic can list the peers and load one."""
     from skfem_stvk.peers.elsewhere import START
 
     hidden = "import sys\nfor name in ('skfem', 'numba', 'meshio', 'rich', 'pydantic'): sys.modules[name] = None\n"
@@ -356,7 +356,7 @@ def test_the_other_environment_needs_nothing_of_this_package_but_its_peers():
 @pytest.mark.parametrize(
     "words", ["yes", "head -c 8 /dev/zero | tr '\\0' '\\1'; yes", "printf '\\0\\0\\0\\0\\0\\0\\0\\5hello'; cat > /dev/null"]
 )
-def test_a_program_that_is_no_python_is_told(words, tmp_path):
+def test_a_program_that_is_not_python_is_an_error(words, tmp_path):
     program = tmp_path / "program"
     program.write_text(f"#!/bin/sh\n{words}\n")
     program.chmod(0o755)
@@ -365,14 +365,14 @@ def test_a_program_that_is_no_python_is_told(words, tmp_path):
 
 
 def npz(save=np.savez, **arrays):
-    """Bytes of an NPZ file."""
+    """Return the bytes of an NPZ file."""
     file = io.BytesIO()
     save(file, **arrays)
     return file.getvalue()
 
 
 def with_method(content, method):
-    """The same NPZ file with another number for the compression of each member."""
+    """Return the same NPZ file with another compression method of each member."""
     changed = bytearray(content)
     for head, offset in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
         at = content.find(head)
@@ -395,7 +395,7 @@ ANSWERS = {
 
 
 def program_of(answer, folder, length=None):
-    """A program that answers its first question with these bytes."""
+    """Return a program that answers the first request with these bytes."""
     (folder / "answer").write_bytes((len(answer) if length is None else length).to_bytes(8, "big") + answer)
     program = folder / "program"
     program.write_text(f"#!/bin/sh\ncat {folder}/answer; cat > /dev/null\n")
@@ -404,14 +404,14 @@ def program_of(answer, folder, length=None):
 
 
 @pytest.mark.parametrize("name", ANSWERS)
-def test_an_answer_that_is_malformed_is_refused_in_words(name, tmp_path):
+def test_a_malformed_answer_is_refused_with_a_readable_message(name, tmp_path):
     with pytest.raises(StvkError, match=r"answers what no peer does .* Is it a Python\?"):
         Elsewhere(program_of(ANSWERS[name], tmp_path), "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
 
 
 @pytest.mark.parametrize("length", [2**33, 2**20 + 16 * MESH.p.size**2])
-def test_an_answer_takes_no_more_memory_than_was_sent(length, tmp_path):
-    """The first length is more than any answer on this mesh may have, the second is that of the longest one."""
+def test_an_answer_needs_no_more_memory_than_its_bytes(length, tmp_path):
+    """A declared length, beyond the largest answer on this mesh or equal to it, allocates less than 4 MiB."""
     program = tmp_path / "program"
     program.write_text(f"#!{sys.executable}\nimport sys\nsys.stdout.buffer.write(({length}).to_bytes(8, 'big'))\n")
     program.chmod(0o755)
@@ -425,13 +425,13 @@ def test_an_answer_takes_no_more_memory_than_was_sent(length, tmp_path):
 
 
 @pytest.mark.parametrize("python", ["a\0", "", "x" * 5000])
-def test_a_path_that_no_system_takes_is_refused(python):
+def test_an_invalid_path_is_refused(python):
     with pytest.raises(StvkError, match=r"python = .*; expected the path of another Python"):
         Elsewhere(python, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
 
 
-def test_row_pointers_that_go_back_end_no_process(toy, tmp_path):
-    """The last of them is 0, so that SciPy's own check looks at none."""
+def test_decreasing_row_pointers_are_an_error(toy, tmp_path):
+    """Row pointers that SciPy's check accepts, because the last pointer is 0, are an error and crash no process."""
     file = tmp_path / "peers" / "felupe.py"
     wrong = "K = csr_matrix(np.eye(self.n)); K.indptr[1], K.indptr[2:] = 10**7, 0; return K"
     file.write_text(file.read_text().replace("return csr_matrix(np.eye(self.n))", wrong))
@@ -439,20 +439,20 @@ def test_row_pointers_that_go_back_end_no_process(toy, tmp_path):
         peer.tangent(np.zeros(24))
 
 
-def test_a_python_that_lacks_the_peer_says_so(monkeypatch):
-    """This one, in which JAX or PyTorch or DOLFINx is missing."""
+def test_a_python_without_the_peer_is_an_error(monkeypatch):
+    """A peer that this Python lacks (JAX, PyTorch or DOLFINx) is an error with its install command."""
     name = next(name for name, package in PEERS.items() if package.version() is None)
     with pytest.raises(StvkError, match=f"cannot be imported.*{available()[name].split()[0]}"):
         Elsewhere(sys.executable, name, MESH.p, MESH.t, YOUNG, POISSON)
 
 
-def test_every_row_says_what_is_known(tmp_path):
+def test_every_row_states_known_deviations_tried_versions_and_elements(tmp_path):
     for name, package in PEERS.items():
         assert package.deviates and package.tried and package.elements, name
 
 
-def test_a_degenerate_answer_is_told_and_not_believed():
-    """A user's model that returns NaN, another shape, or changes what it is given."""
+def test_a_degenerate_force_does_not_pass():
+    """A user's force that is NaN, has another shape or is None does not pass."""
     body = System(MESH, StVK(young=YOUNG, poisson=POISSON))
     for force in (lambda u: np.full(u.size, np.nan), lambda u: u[:3], lambda u: None):
         report = verify(MESH, young=YOUNG, poisson=POISSON, candidate=SimpleNamespace(internal_force=force), quiet=True)
@@ -461,7 +461,7 @@ def test_a_degenerate_answer_is_told_and_not_believed():
     assert (ElementMesh.of(MESH).p == MESH.p).all() and body.energy(u) == 0
 
 
-def test_the_page_has_every_row():
+def test_the_page_contains_every_row():
     page = " ".join((Path(__file__).parents[2] / "docs" / "peers.md").read_text().split())
     for name, of in PEERS.items():
         known = f"Known to do otherwise: {of.deviates}.{' ' * bool(of.why)}{of.why} Judged: {of.tried}. `{of.install}`"
@@ -469,7 +469,7 @@ def test_the_page_has_every_row():
 
 
 def test_no_package_under_the_gpl_is_a_dependency():
-    """Nor a peer's, whatever its licence; extras are somebody's own choice."""
+    """No required dependency has the GPL or is a peer; extras are optional."""
     lines = (Path(__file__).parents[2] / "pyproject.toml").read_text().split("dependencies = [")[1].split("]")[0]
     needed = re.findall(r'"([\w-]+)', lines)
     assert len(needed) > 10 and not set(needed) & {package.distribution for package in PEERS.values()}

@@ -1,4 +1,4 @@
-"""The peers compute what this package computes, or say what is missing."""
+"""Peers agree with this package, or report the missing package."""
 
 import sys
 from types import ModuleType
@@ -18,7 +18,7 @@ LIMIT = 1e-12
 
 
 def part():
-    """An unstructured mesh: renumbered vertices, no two edges alike, half of the tetrahedra turned round, in any order."""
+    """Return an unstructured mesh: random order of vertices and elements, unequal edges, half of them with negative orientation."""
     rng = np.random.default_rng(5)
     mesh = MeshTet.init_tensor(*[np.linspace(0, 1, 5)] * 3)
     number = rng.permutation(mesh.p.shape[1])
@@ -27,8 +27,8 @@ def part():
     return p, t.astype(np.int32)
 
 
-def test_a_dolfinx_that_is_too_old_says_its_version_and_what_to_get(monkeypatch):
-    """Debian 12 has 0.5.2, which lacks `basix.ufl`."""
+def test_an_old_dolfinx_is_an_error_with_its_version_and_the_install_command(monkeypatch):
+    """DOLFINx 0.5.2 of Debian 12, which has no `basix.ufl`, is an error with its version and the install command."""
     old = ModuleType("dolfinx")
     old.__version__ = "0.5.2"
     monkeypatch.setitem(sys.modules, "dolfinx", old)
@@ -52,11 +52,11 @@ def body():
 def states():
     rng = np.random.default_rng(6)
     p, _ = part()
-    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    R = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     yield "crumpled", 0.3 * rng.standard_normal(p.size)
     yield (
         "rotated and stretched",
-        ((turn @ np.diag([1.5, 0.6, 1.1]) - np.eye(3)) @ p).T.ravel() + 0.05 * rng.standard_normal(p.size),
+        ((R @ np.diag([1.5, 0.6, 1.1]) - np.eye(3)) @ p).T.ravel() + 0.05 * rng.standard_normal(p.size),
     )
     yield "inverted", (np.diag([-2.2, 0.1, 0.2]) @ p).T.ravel() + 0.05 * rng.standard_normal(p.size)
 
@@ -65,7 +65,7 @@ STATES = dict(states())
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_a_peer_agrees_in_what_it_has(peer, body, state):
+def test_a_peer_agrees_in_its_quantities(peer, body, state):
     quantities = [quantity for quantity in ("energy", "internal_force", "tangent") if hasattr(peer, quantity)]
     assert "internal_force" in quantities
     for quantity in quantities:
@@ -73,7 +73,7 @@ def test_a_peer_agrees_in_what_it_has(peer, body, state):
         assert abs(theirs - ours).max() <= LIMIT * abs(ours).max() if quantity != "energy" else abs(theirs - ours) <= LIMIT * ours
 
 
-def test_a_peer_gives_what_its_type_promises(peer):
+def test_a_peer_returns_the_promised_types(peer):
     u = STATES["crumpled"]
     assert peer.name.startswith(tuple(PEERS)) and peer.version[0].isdigit()
     if hasattr(peer, "energy"):
@@ -84,18 +84,18 @@ def test_a_peer_gives_what_its_type_promises(peer):
     assert peer.internal_force(u).shape == u.shape
 
 
-def test_a_later_call_leaves_earlier_results_alone(peer):
+def test_a_later_call_does_not_change_earlier_results(peer):
     first, second = (STATES[state] for state in ("crumpled", "inverted"))
     for quantity in ("internal_force", "tangent"):
         if hasattr(peer, quantity):
-            kept = getattr(peer, quantity)(first)
-            copy = kept.copy()
+            earlier = getattr(peer, quantity)(first)
+            copy = earlier.copy()
             getattr(peer, quantity)(second)
-            assert abs(kept - copy).max() == 0
+            assert abs(earlier - copy).max() == 0
 
 
 @pytest.mark.parametrize("name", PEERS)
-def test_a_missing_package_is_named_with_the_line_that_installs_it(name, monkeypatch):
+def test_a_missing_package_is_named_with_its_install_command(name, monkeypatch):
     monkeypatch.setitem(sys.modules, PEERS[name].module, None)
     with pytest.raises(StvkError, match=PEERS[name].install):
         load(name)(*part(), YOUNG, POISSON)
@@ -113,12 +113,12 @@ def test_the_package_imports_without_its_peers(monkeypatch):
         assert peers.load(name).name == name
 
 
-def test_what_is_not_installed_is_listed_with_the_line_that_installs_it(monkeypatch):
+def test_peers_that_are_not_installed_are_listed_with_their_install_command(monkeypatch):
     monkeypatch.setitem(PEERS, "FElupe", Package("felupe", "no-such-distribution", "pip install felupe"))
     assert available()["FElupe"] == "pip install felupe"
 
 
-def test_a_mujoco_that_takes_lambda_twice_is_refused(monkeypatch):
+def test_a_mujoco_with_twice_the_lambda_is_refused(monkeypatch):
     old = type(sys)("mujoco")
     old.__version__ = "3.17.0"
     monkeypatch.setitem(sys.modules, "mujoco", old)
@@ -126,7 +126,7 @@ def test_a_mujoco_that_takes_lambda_twice_is_refused(monkeypatch):
         require("MuJoCo")
 
 
-def test_an_unknown_peer_is_refused_with_the_names_there_are():
+def test_an_unknown_peer_is_refused_with_the_known_names():
     with pytest.raises(StvkError, match=r"no peer 'Abaqus'.*MuJoCo, FElupe"):
         load("Abaqus")
 
@@ -137,7 +137,7 @@ def test_mujoco_refuses_an_auxetic_material():
         load("MuJoCo")(*part(), YOUNG, -0.2)
 
 
-def test_ngsolve_without_a_compiler_interprets_and_says_so(body, monkeypatch):
+def test_ngsolve_without_a_compiler_reports_that_it_is_not_compiled(body, monkeypatch):
     pytest.importorskip("ngsolve")
     monkeypatch.setattr("skfem_stvk.peers.ngsolve.shutil.which", lambda program: None)
     peer = load("NGSolve")(*part(), YOUNG, POISSON)
@@ -149,9 +149,10 @@ def test_ngsolve_without_a_compiler_interprets_and_says_so(body, monkeypatch):
 @pytest.mark.parametrize(
     ("integrator", "dt", "ours", "limit"), [("discrete", 5e-3, LinearBackwardEuler, 1e-3), ("Euler", 2e-4, ForwardEuler, 1e-9)]
 )
-def test_mujoco_moves_as_we_do(integrator, dt, ours, limit):
-    """Its implicit integrator is the linearised backward Euler with a clamped tangent, clamped element by element; its explicit one
-    the symplectic Euler.
+def test_motions_of_mujoco_agree_with_this_package(integrator, dt, ours, limit):
+    """MuJoCo's integrators agree with linearised backward Euler and with symplectic Euler.
+
+    The implicit integrator has the tangent clamped element by element.
     """
     pytest.importorskip("mujoco")
     from validation.dynamics.against_mujoco import Moving, MuJoCoMotion
@@ -170,11 +171,11 @@ def test_mujoco_moves_as_we_do(integrator, dt, ours, limit):
     assert peer.solved() and abs(u).max() > 0.3 * 20 * dt and abs(peer.displacements() - u).max() <= limit * abs(u).max()
 
 
-def test_mujoco_tells_of_a_solve_that_ran_out_of_iterations(tmp_path, monkeypatch):
+def test_a_solve_of_mujoco_without_convergence_is_reported(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
     from validation.dynamics.against_mujoco import Moving, MuJoCoMotion
 
-    monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     p, t = part()
     peer = MuJoCoMotion(p, t, YOUNG, POISSON, Moving(np.full(p.shape[1], 1e-3), np.arange(3), (0.0, 0.0, -2.0), 1.0, iterations=1))
     peer.step()

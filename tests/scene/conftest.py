@@ -1,4 +1,4 @@
-"""What tests of the commands on scenes need."""
+"""Fixtures of the tests of commands on scenes."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ import pytest
 
 @pytest.fixture
 def started():
-    """Start `skfem-stvk COMMAND PATH ...`; what is left of it after the test is killed, also where the test has failed."""
+    """Return a function that starts `skfem-stvk COMMAND PATH ...`. After the test, also if it failed, all processes are killed."""
     processes = []
 
     def start(command, path, *options):

@@ -1,4 +1,4 @@
-"Scenes that are broken, each in one way, and the message that each gets: the place, the line, what is wrong, and what is meant."
+"""Each broken scene gets a message with the key, the line, the error and a suggestion."""
 
 import os
 import re
@@ -63,7 +63,7 @@ tip.z = { value = 0, atol = 1 }
 
 
 class Broken(NamedTuple):
-    """What is broken, the edits of the good scene that break it, and the message."""
+    """Description of the error, the edits of the good scene, and the expected message."""
 
     what: str
     edits: list[tuple[str, str]]
@@ -509,7 +509,7 @@ def broken(folder, edits, name="scene.toml"):
 
 
 def words(text):
-    """The text without the breaks of its lines."""
+    """Return the text with single spaces and without line breaks."""
     return re.sub(r"\s+", " ", text).strip()
 
 
@@ -523,13 +523,13 @@ def test_a_broken_scene_gets_its_message(case, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     broken(tmp_path, case.edits)
     assert main(["solve", "scene.toml", "--quiet"]) == 2
-    said = capsys.readouterr().err
-    assert words(said).removeprefix("error ") == words(case.message)
-    assert "Traceback" not in said
+    err = capsys.readouterr().err
+    assert words(err).removeprefix("error ") == words(case.message)
+    assert "Traceback" not in err
     assert [path.name for path in tmp_path.iterdir() if path.name not in ("scene.toml", "scene")] == []
 
 
-def test_all_errors_are_said_at_once_in_the_order_of_lines(tmp_path, monkeypatch, capsys):
+def test_all_errors_are_reported_together_in_the_order_of_lines(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     wrong = [
         ("[2.0, 1.0, 1.0]", "[2.0, -1.0, nan]"),
@@ -540,12 +540,12 @@ def test_all_errors_are_said_at_once_in_the_order_of_lines(tmp_path, monkeypatch
     ]
     broken(tmp_path, wrong)
     assert main(["solve", "scene.toml"]) == 2
-    said = capsys.readouterr().err
-    lines = [int(number) for number in re.findall(r"line (\d+)", said)]
+    err = capsys.readouterr().err
+    lines = [int(number) for number in re.findall(r"line (\d+)", err)]
     assert len(lines) >= 5 and lines == sorted(lines)
 
 
-def test_a_value_that_is_set_is_named_by_its_setting(tmp_path, capsys):
+def test_an_error_in_a_set_value_names_its_setting(tmp_path, capsys):
     path = str(broken(tmp_path, []))
     for setting, message in (
         ("analysis.dt=0", "analysis.dt, from --set analysis.dt=0: got 0; expected a value greater than 0"),
@@ -569,7 +569,7 @@ def test_a_value_that_is_set_is_named_by_its_setting(tmp_path, capsys):
         assert message in words(capsys.readouterr().err), setting
 
 
-def test_what_is_no_scene_says_so(tmp_path, capsys):
+def test_files_that_are_not_scenes_are_refused(tmp_path, capsys):
     (tmp_path / "empty.toml").write_text("")
     (tmp_path / "mesh.msh").write_bytes(b"$MeshFormat\n\0\0")
     (tmp_path / "latin.toml").write_bytes("title = 'Träger'".encode("latin-1"))
@@ -584,7 +584,7 @@ def test_what_is_no_scene_says_so(tmp_path, capsys):
         assert message in words(capsys.readouterr().err), name
 
 
-#: Text after a good scene, and what is said of it within seconds.
+#: Text that is appended to a good scene, and the expected message.
 TOO_MUCH = {
     "tables in tables": ("x = " + 60 * "{a = " + "1" + 60 * "}" + "\n", "nested too deep; expected at most 50 levels"),
     "lists in lists": ("x = " + 900 * "[" + 900 * "]" + "\n", "nested too deep"),
@@ -597,7 +597,7 @@ TOO_MUCH = {
 
 
 @pytest.mark.parametrize("name", TOO_MUCH)
-def test_a_scene_of_more_than_anybody_writes_is_refused_at_once(name, tmp_path, capsys):
+def test_an_excessively_large_scene_is_refused_quickly(name, tmp_path, capsys):
     text, message = TOO_MUCH[name]
     path = broken(tmp_path, [])
     path.write_text(path.read_text() + text)
@@ -605,7 +605,7 @@ def test_a_scene_of_more_than_anybody_writes_is_refused_at_once(name, tmp_path, 
     assert message in words(capsys.readouterr().err)
 
 
-def test_many_numbers_and_dots_elsewhere_are_fine(tmp_path):
+def test_many_numbers_and_many_dots_in_comments_are_legal(tmp_path):
     path = broken(tmp_path, [])
     dots, ids = f"# {80 * '.'} {80 * 'A sentence. '}\n", [n / 10 for n in range(20_000)]
     path.write_text(dots + path.read_text() + f"[prescribed]\ntimes = {ids}\n")
@@ -623,14 +623,14 @@ def test_data_and_settings_that_are_nested_too_deep_are_refused():
         SceneSource.of({}).changed([100_000 * "a." + "a=1"])
 
 
-def test_as_many_wrong_names_as_right_ones_take_seconds():
-    """Each complaint names the first hundred of the right ones alone."""
+def test_a_message_about_a_wrong_name_lists_at_most_a_hundred_known_names():
+    """A message names the first hundred known names and the number of the others."""
     complaint = name_known("k", (f"p{n}" for n in range(5_000)))
     assert "'p1087' and 4900 more" in complaint and len(complaint) < 1000
 
 
 @pytest.mark.parametrize("name", ["pipe", "zero"])
-def test_a_scene_that_never_ends_is_refused(name, tmp_path, capsys):
+def test_a_pipe_and_an_endless_device_are_refused(name, tmp_path, capsys):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "zero").symlink_to("/dev/zero")
     assert main(["solve", str(tmp_path / name)]) == 2
@@ -638,7 +638,7 @@ def test_a_scene_that_never_ends_is_refused(name, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", [300 * "y", 5_000 * "y", "half a pair \ud800"])
-def test_names_that_no_file_has_are_refused(name, tmp_path, capsys):
+def test_impossible_file_names_are_refused(name, tmp_path, capsys):
     path = broken(tmp_path, [])
     for arguments in (
         [name + ".toml"],
@@ -647,12 +647,12 @@ def test_names_that_no_file_has_are_refused(name, tmp_path, capsys):
         [str(path), "--set", f'initial.file="{name}.vtu"'],
         [str(path), "--set", f'output.file="{name}.vtu"'],
     ):
-        if "ud800" not in ascii(name) or "--set" not in arguments:  # which is no TOML
+        if "ud800" not in ascii(name) or "--set" not in arguments:  # not valid TOML
             assert main(["solve", *arguments, "--quiet"]) == 2
             assert re.search(r"= .*; expected the (path|name) of a", words(capsys.readouterr().err)), arguments
 
 
-def test_windows_line_ends_and_a_mark_of_utf_8_are_fine(tmp_path):
+def test_windows_line_ends_and_a_byte_order_mark_are_legal(tmp_path):
     path = tmp_path / "windows.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
     assert Scene.read(path).sections.analysis.type == "dynamic"

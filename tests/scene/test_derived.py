@@ -1,4 +1,4 @@
-"""Keys of scenes are those that parameters of the library declare, with their types, defaults, limits and units."""
+"""Scene keys follow the declared parameters of the library, with their types, defaults, limits and units."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args, get_type_hints
@@ -23,7 +23,7 @@ from skfem_stvk.scene.units import DIMENSIONS
 
 @dataclass(frozen=True)
 class Glue:
-    """A toy term."""
+    """Toy term."""
 
     where: Annotated[Any, Quantity(None, "Place that is glued.")]
     stiffness: Annotated[float, Quantity("stiffness per area", "Stiffness of the glue.", gt=0)]
@@ -39,7 +39,7 @@ class Glue:
 GLUE = derived("type", "glue", Glue, AnyTerm)
 
 
-def test_a_table_has_a_key_for_each_parameter_that_is_declared():
+def test_a_table_has_a_key_for_each_declared_parameter():
     rows = {row.name: row for row in rows_of(GLUE)}
     assert list(rows) == ["type", "on", "stiffness", "kind", "pulls", "ages", "layers", "name", "range"]
     assert (rows["stiffness"].type, rows["stiffness"].dimension) == ("number > 0", "stiffness per area")
@@ -50,7 +50,7 @@ def test_a_table_has_a_key_for_each_parameter_that_is_declared():
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"stiffness": 0.0}, "greater than 0"),
         ({"stiffness": "1"}, "valid number"),
@@ -66,10 +66,10 @@ def test_a_table_has_a_key_for_each_parameter_that_is_declared():
         ({"on": 3}, "a name, coordinates"),
     ],
 )
-def test_values_that_are_not_declared_are_refused(changed, said):
+def test_values_outside_the_declaration_are_refused(changed, message):
     good = {"type": "glue", "on": "left", "stiffness": 2.0}
     assert GLUE.model_validate(good | {"pulls": None}).stiffness == 2.0
-    with pytest.raises(ValidationError, match=said):
+    with pytest.raises(ValidationError, match=message):
         GLUE.model_validate(good | changed)
 
 
@@ -92,7 +92,7 @@ def test_every_declared_dimension_is_one_of_units():
 
 #: Good arguments of a law on elements.
 ON_ELEMENTS = {"young": 1.0, "poisson": 0.3, "plane": "strain", "thickness": 1.0, "area": 1.0}
-#: Good arguments of all that declares limits or texts.
+#: Good arguments of all classes and functions that declare limits or texts.
 GOOD = {
     **dict.fromkeys((StVK, NeoHookean, LinearElastic), ON_ELEMENTS),
     SpringNetwork: ON_ELEMENTS | {"rule": "lloyd"},
@@ -118,7 +118,7 @@ GOOD = {
 
 
 def declared(made):
-    """Parameters of a class or function with their declaration."""
+    """Yield the parameters of a class or function with their declarations."""
     for name, hint in get_type_hints(made, include_extras=True).items():
         for one in getattr(hint, "__metadata__", ()):
             if isinstance(one, Quantity):
@@ -130,7 +130,7 @@ def is_limited(quantity):
 
 
 def wrong_arguments():
-    """A row for each limit and for each list of texts that is declared."""
+    """Yield a wrong argument for each declared limit and for each declared list of texts."""
     for made, good in GOOD.items():
         for name, quantity in declared(made):
             beyond = [
@@ -143,15 +143,15 @@ def wrong_arguments():
                 yield made, name, "other"
 
 
-def test_all_that_declares_limits_has_good_arguments():
+def test_good_arguments_cover_all_declared_limits():
     made = {table.library for table in (*term_tables(), *material_tables(), *get_args(get_args(Time)[0]))} | {*INTEGRATORS.values()}
     limited = {one for one in made if any(is_limited(found) for _, found in declared(one))}
     assert limited == GOOD.keys() and len(list(wrong_arguments())) >= 20
 
 
 @pytest.mark.parametrize(("made", "name", "value"), list(wrong_arguments()), ids=str)
-def test_the_library_refuses_what_it_declares_to_be_wrong(made, name, value):
-    """By the name of the parameter, as scenes refuse it by its key."""
+def test_the_library_refuses_values_outside_its_declarations(made, name, value):
+    """The error names the parameter, in the same way as a scene names the key."""
     made(**GOOD[made])
     with pytest.raises(StvkError, match=rf"\b{name}"):
         made(**GOOD[made] | {name: value})

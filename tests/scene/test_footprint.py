@@ -1,4 +1,4 @@
-"""Each part of a scene has its elements, bytes and packages, and parts that it does not name cost nothing."""
+"""The footprint lists elements, bytes and packages for each part of a scene, and unused parts cost nothing."""
 
 import json
 import subprocess
@@ -33,7 +33,7 @@ ADDED = {
     "edge-network": {"material": "rubber"},
     "neo-hookean": {"material": "rubber"},
 }
-#: Terms whose matrix is made of blocks of pairs of nodes, in a row of their own.
+#: Terms whose matrix consists of blocks of pairs of nodes, which have a separate row.
 BLOCKS = ("pressure", "elastic-foundation")
 
 
@@ -43,7 +43,7 @@ def costs(*terms, **changed):
 
 
 @pytest.mark.parametrize("kind", ADDED)
-def test_a_term_has_a_row_of_its_own_and_its_bytes_are_in_no_other(kind):
+def test_a_term_has_its_own_row_and_no_other_row_contains_its_bytes(kind):
     without, found = costs(), costs({"type": kind} | ADDED[kind])
     own = found[f"terms[1] {kind}"]
     assert set(found) - set(without) - {"blocks of pairs"} == {own.name} and own.nbytes > 0
@@ -53,7 +53,7 @@ def test_a_term_has_a_row_of_its_own_and_its_bytes_are_in_no_other(kind):
 
 
 def test_a_term_on_a_part_of_the_elements_costs_that_part():
-    """A twentieth of a longer bar: a column of boxes at its end, and the arrays of its elements."""
+    """A term on a twentieth of a bar has a twentieth of the elements and less than 6 % of the bytes."""
     mesh = {"type": "box", "size": [40.0, 1.0, 1.0], "cells": [80, 5, 5]}
     places = {"end": {"type": "box", "low": [38.0, -1.0, -1.0], "high": [41.0, 2.0, 2.0]}}
     found = costs({"type": "neo-hookean", "material": "rubber", "region": "end"}, mesh=mesh, places=places)
@@ -61,20 +61,20 @@ def test_a_term_on_a_part_of_the_elements_costs_that_part():
     assert part.elements == whole.elements / 20 and part.nbytes < 0.06 * whole.nbytes
 
 
-def test_an_explicit_motion_makes_no_stiffness_and_no_pattern_and_statics_no_mass():
+def test_explicit_motions_allocate_no_stiffness_and_no_pattern_and_statics_no_mass():
     static, explicit, modes = costs(), costs(analysis=EXPLICIT), costs(analysis={"type": "modes", "n": 2})
     made = {"pattern of K", "rows of K", "mass"}
     assert (made & set(static), made & set(explicit), made & set(modes)) == (made - {"mass"}, {"mass"}, made)
     assert explicit["terms[0] stvk"].nbytes < static["terms[0] stvk"].nbytes
 
 
-def test_all_bytes_are_those_that_the_system_counts():
+def test_the_sum_of_all_bytes_equals_the_memory_of_the_system():
     for changed in ({}, {"analysis": EXPLICIT}, {"terms": [*BODY["terms"], {"type": "pressure"} | ADDED["pressure"]]}):
         built = Scene.of_data(BODY | changed).built
         assert sum(row.nbytes for row in footprint(built)) == sum(built.system.memory().values()) > 0
 
 
-def test_the_pages_of_a_scene_and_the_command_have_all_rows(tmp_path, capsys):
+def test_the_table_and_the_command_contain_all_rows(tmp_path, capsys):
     rows = list(costs().values())
     text = as_text(table(rows))
     assert all(row.name in text for row in rows)
@@ -87,8 +87,8 @@ def test_the_pages_of_a_scene_and_the_command_have_all_rows(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("solver", ["superlu", slow("amg-cg")])
-def test_packages_are_imported_by_what_names_them(solver):
-    """In a process of its own: those of the solver as it solves, those of the results as they are written."""
+def test_packages_are_imported_only_when_they_are_needed(solver):
+    """A new process imports the packages of the solver when it solves, and those of the results when it writes them."""
     pulled = BODY | {"prescribed": {"right": {"x": 0.1}}, "solver": {"name": solver}}
     program = f"""if True:
         import json, sys, tempfile

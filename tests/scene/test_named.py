@@ -1,4 +1,4 @@
-"""What a program built, as a scene: written, read again and built, it is the same to the last bit."""
+"""A system that is written as a scene, read and built again is unchanged bit for bit."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -55,7 +55,7 @@ WOOD = Orthotropic(
 
 
 def crooked(mesh):
-    """With nodes where no short decimal number is."""
+    """Return the mesh with coordinates that have no short decimal form."""
     rng = np.random.default_rng(5)
     return replace(mesh, p=mesh.p / 3 + 0.02 * rng.random(mesh.p.shape))
 
@@ -67,7 +67,7 @@ SHEET = replace(FLAT, p=np.append(FLAT.p, [np.full(FLAT.nv, 0.1)], axis=0))
 
 
 def rewritten(system, tmp_path, analysis=STATIC):
-    """The system of the scene that was written and read again; nothing is left out."""
+    """Write the system as a scene, read it, and return both systems. Assert that nothing is left out."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         scene = Scene.of(system, analysis)
@@ -195,7 +195,7 @@ def test_a_scene_and_the_same_in_python_give_identical_results(tmp_path):
         assert one.solve(quiet=True).result.u.tobytes() == expected.u.tobytes()
 
 
-def test_the_resolved_scene_of_a_run_finds_its_mesh(tmp_path):
+def test_the_resolved_scene_of_a_run_refers_to_its_mesh(tmp_path):
     scene = Scene.of(System(SOLID, [StVK(STEEL), Gravity((0, 0, -1e-3))], {"left": "xyz"}), {"type": "static", "steps": 1})
     outcome = scene.solve(tmp_path / "results", quiet=True)
     again = Scene.read(tmp_path / "results" / "resolved.toml").solve(quiet=True)
@@ -224,7 +224,7 @@ LOADED = [StVK(STEEL), Traction(lambda x: x[0] > 0.6, (0, 0, -0.01)), Gravity(Ra
     ],
     ids=["arc length", "energy-momentum", "velocity-verlet", "modes"],
 )
-def test_each_analysis_gives_in_a_scene_what_it_gives_in_python(analysis, python, tmp_path):
+def test_each_analysis_gives_the_same_result_in_a_scene_and_in_python(analysis, python, tmp_path):
     body = System(SOLID, [StVK(STEEL)] if analysis["type"] == "modes" else LOADED, {"left": "xyz"})
     scene = Scene.of(body, analysis)
     scene.write(tmp_path / "scene.toml")
@@ -235,8 +235,8 @@ def test_each_analysis_gives_in_a_scene_what_it_gives_in_python(analysis, python
         assert (result.frequencies if analysis["type"] == "modes" else result.u).tobytes() == expected.tobytes()
 
 
-def test_elements_of_a_region_keep_their_order(tmp_path):
-    """In which they are added up: a file has them ascending."""
+def test_elements_of_a_region_retain_their_order(tmp_path):
+    """Elements of a region retain their order of summation, although a mesh file has ascending ids."""
     mesh = crooked(box((2, 1, 1), (3, 2, 2)))
     order = np.random.default_rng(2).permutation(mesh.nt)
     mesh = replace(mesh, subdomains={"all of it": order})
@@ -257,14 +257,14 @@ ANALYSES = [
 
 
 @pytest.mark.parametrize("analysis", ANALYSES, ids=lambda one: one["type"] if isinstance(one, dict) else one.integrator)
-def test_analyses_are_kept(analysis, tmp_path):
+def test_analyses_are_unchanged_in_a_scene(analysis, tmp_path):
     scene = Scene.of(System(SOLID, StVK(STEEL), {"left": "xyz"}), analysis)
     scene.write(tmp_path / "scene.toml")
     again = Scene.read(tmp_path / "scene.toml").sections.analysis
     given = analysis if isinstance(analysis, dict) else analysis.model_dump(exclude_none=True)
     for name, value in given.items():
-        kept = getattr(again, name)
-        assert (kept.model_dump(exclude_none=True) if hasattr(kept, "model_dump") else kept) == value, name
+        found = getattr(again, name)
+        assert (found.model_dump(exclude_none=True) if hasattr(found, "model_dump") else found) == value, name
 
 
 def test_the_same_constants_are_one_material():
@@ -272,7 +272,7 @@ def test_the_same_constants_are_one_material():
     assert list(Scene.of(system, STATIC).data["materials"]) == ["isotropic-1", "isotropic-2"]
 
 
-def test_names_that_are_taken_are_not_given_again():
+def test_new_names_differ_from_names_of_the_mesh():
     mesh = replace(SOLID, node_sets={"nodes-1": [0]}, subdomains={"region-1": [0]})
     scene = Scene.of(System(mesh, [StVK(STEEL, [1, 2]), StVK(WOOD)], {(3, 4): "x"}), STATIC)
     assert scene.data["fixed"] == {"nodes-2": "x"} and scene.data["terms"][0]["region"] == "region-2"
@@ -280,12 +280,12 @@ def test_names_that_are_taken_are_not_given_again():
 
 
 class OwnLaw(StVK):
-    """A law of somebody else."""
+    """Law of a user."""
 
 
 @dataclass(frozen=True, eq=False)
 class OwnMaterial(Isotropic):
-    """A material of somebody else."""
+    """Material of a user."""
 
 
 LEFT_OUT = {
@@ -306,17 +306,17 @@ LEFT_OUT = {
 }
 
 
-@pytest.mark.parametrize("said", LEFT_OUT)
-def test_what_has_no_name_is_left_out_and_told(said, tmp_path):
+@pytest.mark.parametrize("message", LEFT_OUT)
+def test_terms_without_a_name_in_scenes_are_left_out_with_a_warning(message, tmp_path):
     edges = EdgeNetwork.of(SOLID, StVK(STEEL)).edges.shape[1]
-    terms = [SpringNetwork(STEEL, stiffness=np.ones(edges)) if "SpringNetwork" in said else one for one in LEFT_OUT[said]]
+    terms = [SpringNetwork(STEEL, stiffness=np.ones(edges)) if "SpringNetwork" in message else one for one in LEFT_OUT[message]]
     with pytest.warns(StvkWarning, match="What has no name in a scene is left out: ") as warnings_:
         scene = Scene.of(System(SOLID, [StVK(STEEL), *terms]), STATIC)
-    assert len(scene.left_out) == 1 and scene.left_out[0].startswith(said) and scene.left_out[0] in str(warnings_[0].message)
+    assert len(scene.left_out) == 1 and scene.left_out[0].startswith(message) and scene.left_out[0] in str(warnings_[0].message)
     assert [term["type"] for term in scene.data["terms"]] == ["stvk"]
 
 
-def test_supports_and_precision_that_have_no_name_are_told():
+def test_supports_and_precision_without_a_name_in_scenes_are_reported():
     prescribed = [("right", {"x": 0.1, "y": lambda t: t}), ([0, 1], lambda x, t: 0 * x), ([6], {"z": np.array([0.1])})]
     system = System(replace(SOLID, node_sets={"a\x1b": [2]}), StVK(STEEL), {"a\x1b": "x"}, prescribed, dtype=np.float32)
     system = system.without([1])
@@ -335,7 +335,7 @@ def test_supports_and_precision_that_have_no_name_are_told():
     assert scene.data["prescribed"] == {"right": {"x": 0.1}}
 
 
-def test_what_is_no_system_and_no_analysis_is_refused():
+def test_arguments_other_than_a_system_and_an_analysis_are_refused():
     with pytest.raises(StvkError, match="expected a System"):
         Scene.of(SOLID, STATIC)
     with pytest.raises(StvkError, match=r"analysis = 'static'; expected a table such as"):
@@ -346,7 +346,7 @@ def test_what_is_no_system_and_no_analysis_is_refused():
         Scene.of(System(SOLID, StVK(STEEL)), {"type": "unstatic"})
 
 
-def test_elements_that_terms_bring_are_named_in_the_mesh_and_boundaries_keep_their_names(tmp_path):
+def test_simplices_of_terms_get_names_in_the_mesh_and_boundaries_retain_their_names(tmp_path):
     ropes = StVK(young=100.0, area=0.01, simplices=[[0, 3], [3, 5]])
     skin = StVK(STEEL, thickness=0.1, simplices="left")
     system = System(SOLID, [StVK(STEEL), skin, ropes, Pressure(None, 0.1, simplices="left")], fixed={"right": "xyz"})
@@ -358,7 +358,7 @@ def test_elements_that_terms_bring_are_named_in_the_mesh_and_boundaries_keep_the
 
 
 def bag():
-    """The first body of docs/membranes.md: a ball in its skin, on a rope to a hook that no other element has."""
+    """Return the first body of docs/membranes.md: a ball in its skin, on a rope to a hook that no other element contains."""
     ball = crooked(ElementMesh.of(skfem.MeshTet.init_ball(1)))
     top = int(np.argmax(ball.p[2]))
     terms = [
@@ -371,14 +371,14 @@ def bag():
 
 
 def sail():
-    """A flat sheet in space on two ropes, one along its edge."""
+    """Return a flat sheet in space on two ropes, one along its edge."""
     terms = [StVK(young=10.0, poisson=0.3), StVK(young=100.0, area=0.01, simplices=[[0, 1], [SHEET.nv, 2]])]
     points = np.append(SHEET.p, [[1.0], [1.0], [0.1]], axis=1)
     return System(replace(SHEET, p=points), [*terms, NodalLoad([SHEET.nv], (0.1, 0.2, 0.3))], {"left": "xyz"})
 
 
 @pytest.mark.parametrize("body", [bag, sail])
-def test_nodes_of_cables_and_membranes_alone_come_along(body, tmp_path):
+def test_nodes_that_only_cables_or_membranes_contain_are_in_the_scene(body, tmp_path):
     system = body()
     for other in rewritten(system, tmp_path):
         assert_same(other, system)

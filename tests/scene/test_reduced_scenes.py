@@ -1,4 +1,4 @@
-"""Scenes on a basis of few unknowns."""
+"""Scenes on a reduced basis agree with reduced systems and with full scenes."""
 
 import numpy as np
 import pytest
@@ -21,11 +21,11 @@ def scene(analysis, reduced=None, **more):
     return Scene.of_data(TABLES | {"analysis": analysis} | ({} if reduced is None else {"reduced": reduced}) | more)
 
 
-def test_a_static_scene_is_the_solve_of_a_reduced_system():
-    asked = scene(STATIC, BASIS)
-    outcome, full = asked.solve(quiet=True), scene(STATIC).solve(quiet=True)
-    same = solve_static(ReducedSystem(asked.built.system, 12, 6, quiet=True), steps=4, quiet=True)
-    assert outcome.values["tip.z"] == pytest.approx(same.u.reshape(-1, 3)[asked.built.mesh.p[0] == 4.0, 2].mean(), rel=1e-10)
+def test_a_static_scene_gives_the_solution_of_a_reduced_system():
+    reduced = scene(STATIC, BASIS)
+    outcome, full = reduced.solve(quiet=True), scene(STATIC).solve(quiet=True)
+    same = solve_static(ReducedSystem(reduced.built.system, 12, 6, quiet=True), steps=4, quiet=True)
+    assert outcome.values["tip.z"] == pytest.approx(same.u.reshape(-1, 3)[reduced.built.mesh.p[0] == 4.0, 2].mean(), rel=1e-10)
     assert outcome.values["wall.z"] == pytest.approx(5e3, rel=1e-9) == full.values["wall.z"]
     assert outcome.values["tip.z"] == pytest.approx(full.values["tip.z"], rel=0.05)
     assert outcome.values["tip.z"] != full.values["tip.z"]
@@ -39,18 +39,18 @@ def test_paths_and_motions_are_near_those_of_the_full_scene(analysis, tmp_path):
     assert outcome.success and outcome.values["tip.z"] == pytest.approx(full.values["tip.z"], rel=0.1)
 
 
-def test_a_scene_is_written_with_its_basis_and_goes_on_from_its_folder(tmp_path):
-    asked = scene(MOTION, BASIS)
-    again = Scene.read(asked.write(tmp_path / "written.toml"))
-    assert again.sections.reduced == asked.sections.reduced and again.sections.solver.name == "auto"
-    first = asked.solve(tmp_path / "results", quiet=True)
+def test_a_scene_is_written_with_its_basis_and_solved_in_a_folder(tmp_path):
+    motion = scene(MOTION, BASIS)
+    again = Scene.read(motion.write(tmp_path / "written.toml"))
+    assert again.sections.reduced == motion.sections.reduced and again.sections.solver.name == "auto"
+    first = motion.solve(tmp_path / "results", quiet=True)
     assert first.success and (tmp_path / "results" / "report.html").exists()
     static = scene(STATIC, BASIS).solve(tmp_path / "static", quiet=True)
     assert static.success and np.isfinite(static.values["wall.z"])
 
 
 @pytest.mark.parametrize(
-    ("tables", "said"),
+    ("tables", "message"),
     [
         ({"analysis": {"type": "modes"}}, "modes are of the whole body"),
         ({"analysis": MOTION | {"integrator": "velocity-verlet"}}, "take an implicit one"),
@@ -62,16 +62,16 @@ def test_a_scene_is_written_with_its_basis_and_goes_on_from_its_folder(tmp_path)
         ({"analysis": STATIC, "reduced": {"size": 0}}, "reduced.size"),
     ],
 )
-def test_what_does_not_go_together_is_refused_at_its_key(tables, said):
-    with pytest.raises(SceneError, match=said):
+def test_conflicting_keys_are_refused(tables, message):
+    with pytest.raises(SceneError, match=message):
         scene(**({"reduced": BASIS} | tables)).solve(quiet=True)
 
 
-def test_without_a_basis_nothing_of_one_is_made(monkeypatch):
+def test_a_scene_without_a_basis_creates_no_reduced_system(monkeypatch):
     from skfem_stvk import reduced
 
     def refused(*given, **more):
-        raise AssertionError("this was not to be made")
+        raise AssertionError("expected no call of ReducedSystem")
 
     monkeypatch.setattr(reduced, "ReducedSystem", refused)
     assert scene(STATIC).solve(quiet=True).success

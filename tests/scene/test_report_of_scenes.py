@@ -1,4 +1,4 @@
-"""The report of a scene: plots and pictures with its units, and a page that needs no other file."""
+"""The report of a scene has plots and pictures in its units and is one self-contained page."""
 
 import re
 from collections import namedtuple
@@ -16,7 +16,7 @@ from skfem_stvk.scene.report import write_report
 Curve = namedtuple("Curve", "t values dimension")
 Judged = namedtuple("Judged", "name got expected allowed passed")
 STEEL = StVK(young=2.1e5, poisson=0.3, density=7.85e-9)  # in N, mm, t
-HELD = {"left": "xyz"}
+CLAMPED = {"left": "xyz"}
 
 
 def beam(d=3):
@@ -26,18 +26,18 @@ def beam(d=3):
 
 @pytest.fixture(scope="module")
 def bent():
-    """A cantilever of steel, in mm, N and MPa, and its path."""
-    return solve_static(System(beam(), [STEEL, Traction("right", [0, 0, -1.0])], fixed=HELD), 4, quiet=True)
+    """Return the path of a steel cantilever in mm, N and MPa."""
+    return solve_static(System(beam(), [STEEL, Traction("right", [0, 0, -1.0])], fixed=CLAMPED), 4, quiet=True)
 
 
 def outcome_of(result, *, kind, curves=None, judged=(), units="mm-N-MPa", title="", **output):
-    """What `solve` makes of a scene, around the result of an analysis."""
+    """Return a stand-in for the outcome of a scene with this result of an analysis."""
     output = {"file": None, "fields": None, "picture": "", "animation": None, "plots": []} | output
     sections = SimpleNamespace(
         title=title,
         units=units,
         terms=[SimpleNamespace(type="stvk", material="steel"), SimpleNamespace(type="traction")],
-        fixed=HELD,
+        fixed=CLAMPED,
         analysis=SimpleNamespace(type=kind),
         output=SimpleNamespace(**output),
         initial=SimpleNamespace(t0=0.0),
@@ -69,7 +69,7 @@ def text_of(figure):
     ]
 
 
-def test_a_report_holds_its_pictures_and_needs_no_other_file(tmp_path, bent):
+def test_a_report_contains_its_pictures_and_needs_no_other_file(tmp_path, bent):
     outcome = outcome_of(bent, kind="static", curves={"tip": tip(bent)}, plots=["path", "tip"], picture="von_mises_stress")
     page = write_report(tmp_path, outcome).read_text(encoding="utf-8")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["picture.png", "plot-path.png", "plot-tip.png", "report.html"]
@@ -83,7 +83,7 @@ def test_pictures_are_not_empty(tmp_path, bent):
     assert len(drawn) == 2 and all(0.01 < part < 0.6 for part in drawn.values()), drawn
 
 
-def test_labels_carry_the_units_of_the_scene(bent):
+def test_labels_have_the_units_of_the_scene(bent):
     outcome = outcome_of(bent, kind="static", curves={"tip": tip(bent)}, picture="von_mises_stress")
     assert "von Mises stress [MPa]" in text_of(report._last_state(outcome))
     assert "displacement of tip [mm]" in text_of(report._curve(outcome, "tip"))
@@ -92,7 +92,7 @@ def test_labels_carry_the_units_of_the_scene(bent):
     assert report._unit_of_result(outcome, "load") == ""
 
 
-def test_axes_in_a_plane_and_films_carry_the_unit_of_length(tmp_path):
+def test_axes_in_a_plane_and_animations_have_the_unit_of_length(tmp_path):
     system = System(beam(2), [STEEL, Gravity([0, -9810.0])], fixed={"left": "xy"})
     run = simulate(system, EnergyMomentum(dt=1e-3), until=3e-3, save=tmp_path / "a.pvd", every=1, quiet=True)
     outcome = outcome_of(run, kind="dynamic", picture="von_mises_stress", plots=["ledger"], file="a.pvd", animation="a.gif")
@@ -102,7 +102,7 @@ def test_axes_in_a_plane_and_films_carry_the_unit_of_length(tmp_path):
     assert "data:image/gif;base64," in page and (tmp_path / "plot-ledger.png").exists()
 
 
-def test_small_displacements_are_enlarged_and_the_title_says_so(bent):
+def test_small_displacements_are_scaled_and_the_title_has_the_factor(bent):
     outcome = outcome_of(bent, kind="static", picture="von_mises_stress")
     (title,) = (text for text in text_of(report._last_state(outcome)) if "load factor" in text)
     factor = float(title.rpartition("× ")[2])
@@ -112,7 +112,7 @@ def test_small_displacements_are_enlarged_and_the_title_says_so(bent):
 
 
 @pytest.mark.parametrize(("largest", "factor"), [(0.0, 1.0), (0.2, 1.0), (0.03, 2.0), (0.08e-3, 1000.0), (1e-300, 5e298)])
-def test_the_factor_is_round_and_large_displacements_are_shown_as_they_are(largest, factor):
+def test_the_factor_is_round_and_large_displacements_are_not_scaled(largest, factor):
     assert report._scale(np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]), largest) == pytest.approx(factor)
 
 
@@ -123,20 +123,20 @@ def test_a_body_without_the_field_is_coloured_by_its_displacements():
     assert "displacement [mm]" in texts and not any("stress" in text for text in texts)
 
 
-def test_curves_of_a_path_from_rest_begin_there(bent):
+def test_curves_of_a_path_from_rest_begin_at_zero(bent):
     (axes,) = report._curve(outcome_of(bent, kind="static", curves={"tip": tip(bent)}), "tip").axes
     assert [line.get_xydata()[0].tolist() for line in axes.lines[1:]] == [[0.0, 0.0]] * 3
     assert len(axes.lines[1].get_xdata()) == len(bent.history) + 1
 
 
-def test_results_stand_beside_what_was_expected(tmp_path, bent):
+def test_results_are_listed_with_their_expected_values(tmp_path, bent):
     judged = (Judged("tip.z", -0.125, -0.12, 1e-3, False), Judged("load", 1.0, 1.0, 0.0, True))
     page = write_report(tmp_path, outcome_of(bent, kind="static", judged=judged)).read_text(encoding="utf-8")
     assert "1 of 2 not as expected" in page
     assert page.count(">not as expected<") == 1 and page.count(">as expected<") == 1
 
 
-def test_a_plot_that_fails_is_said_and_costs_nothing_else(tmp_path, bent, monkeypatch):
+def test_a_failing_plot_is_reported_and_the_rest_is_written(tmp_path, bent, monkeypatch):
     monkeypatch.setattr(report, "_path", lambda outcome: 1 / 0)
     outcome = outcome_of(bent, kind="static", plots=["path"], picture="pressure_of_light", file="last.vtu")
     page = write_report(tmp_path, outcome).read_text(encoding="utf-8")
@@ -152,7 +152,7 @@ def test_a_last_state_that_cannot_be_written_is_an_error_after_the_report(tmp_pa
     assert "last.vtu is not written" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-def test_of_modes_the_first_elastic_ones_are_drawn_and_all_are_saved(tmp_path):
+def test_the_first_elastic_modes_are_drawn_and_all_modes_are_saved(tmp_path):
     found = modes(System(beam(), STEEL), 9)
     write_report(tmp_path, outcome_of(found, kind="modes", picture="von_mises_stress", file="m.pvd"))
     assert sorted(path.name for path in tmp_path.glob("*.png")) == ["picture-6.png", "picture-7.png", "picture-8.png"]
@@ -168,6 +168,6 @@ def test_names_of_plots_cannot_leave_the_folder():
     ]
 
 
-def test_texts_of_a_scene_do_not_act_on_the_page(tmp_path, bent):
+def test_texts_of_a_scene_are_escaped_in_the_page(tmp_path, bent):
     page = write_report(tmp_path, outcome_of(bent, kind="static", title="<script>alert(1)</script>")).read_text(encoding="utf-8")
     assert "<script>" not in page and "&lt;script&gt;" in page

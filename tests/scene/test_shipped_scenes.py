@@ -1,4 +1,4 @@
-"""The scenes that the documentation shows: each gives what it expects, and none is a warning's."""
+"""Each scene of the documentation meets its expectations without a warning."""
 
 import runpy
 import warnings
@@ -15,16 +15,16 @@ from skfem_stvk.scene.info import inspect_scene
 
 FOLDER = Path(__file__).parents[2] / "docs" / "scenes"
 SCENES = sorted(path.name for path in FOLDER.glob("*.toml"))
-#: Settings by which a scene is quick, and still gives what it expects.
+#: Settings for a quick run of a scene that still meets its expectations.
 QUICK = {"thrown.toml": ["analysis.until=5e-4"]}
 
 
-def test_there_are_eleven():
+def test_there_are_eleven_scenes():
     assert len(SCENES) == 11
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_scene_gives_what_it_expects(name):
+def test_a_scene_meets_its_expectations(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error", StvkWarning)
         scene = Scene.read(FOLDER / name, set=QUICK.get(name, []))
@@ -34,12 +34,12 @@ def test_a_scene_gives_what_it_expects(name):
     assert outcome.exit_code == 0, outcome.message
 
 
-def test_the_bag_is_the_body_of_its_example():
+def test_the_bag_equals_its_example_bit_for_bit():
     example = runpy.run_path(str(FOLDER.parent / "examples" / "ex20_bag.py"))
     assert Scene.read(FOLDER / "bag.toml").solve(quiet=True).result.u.tobytes() == example["bag"].u.tobytes()
 
 
-def test_the_disc_is_the_membrane_of_its_page():
+def test_the_disc_equals_the_membrane_in_python_bit_for_bit():
     disc = skfem.MeshTri.init_circle(3)
     rim = np.flatnonzero(np.hypot(*disc.p) > 1 - 1e-9)
     flat = np.concatenate([disc.p, np.zeros((1, disc.p.shape[1]))])
@@ -49,5 +49,5 @@ def test_the_disc_is_the_membrane_of_its_page():
 
 
 @pytest.mark.parametrize("name", ["bag.toml", "disc.toml", "block.toml"])
-def test_nothing_is_wrong_with_elements_of_several_kinds(name):
+def test_scenes_with_elements_of_several_kinds_have_no_remarks(name):
     assert inspect_scene(Scene.read(FOLDER / name)).remarks == []

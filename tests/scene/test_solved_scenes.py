@@ -1,4 +1,4 @@
-"""Scenes that are solved: the same as the program, whatever interrupts them, and with an exit code that says how it went."""
+"""Solved scenes give the results of the same program, survive interruptions, and return the documented exit codes."""
 
 import json
 import os
@@ -94,7 +94,7 @@ def body(*loads):
     return System(mesh, [StVK(young=1e6, poisson=0.45, density=1100.0), *loads], fixed={"left": "xyz"})
 
 
-def test_a_static_scene_gives_what_the_program_gives_bit_for_bit(tmp_path):
+def test_a_static_scene_equals_the_program_bit_for_bit(tmp_path):
     outcome = Scene.read(scene(tmp_path, STATIC, FOLLOWED)).solve(quiet=True)
     result = solve_static(body(Traction("right", (0, 0, -2e3))), steps=4, quiet=True)
     assert outcome.success and outcome.exit_code == 0
@@ -104,7 +104,7 @@ def test_a_static_scene_gives_what_the_program_gives_bit_for_bit(tmp_path):
     assert outcome.values["tip.z"] < -0.1
 
 
-def test_a_motion_gives_what_the_program_gives_bit_for_bit(tmp_path):
+def test_a_motion_equals_the_program_bit_for_bit(tmp_path):
     outcome = Scene.read(scene(tmp_path, MOTION, FOLLOWED)).solve(quiet=True)
     system = body(Gravity(g=(0, 0, -9.81)))
     v0 = np.tile([0, 0.5, 0], system.mesh.nv)
@@ -118,7 +118,7 @@ def test_a_motion_gives_what_the_program_gives_bit_for_bit(tmp_path):
 
 
 @pytest.mark.parametrize("analysis", [STATIC, MOTION], ids=["static", "dynamic"])
-def test_states_on_the_way_hold_the_fields_that_are_named(tmp_path, analysis):
+def test_saved_states_contain_the_requested_fields(tmp_path, analysis):
     path = scene(tmp_path, analysis, FOLLOWED, 'fields = ["volume_ratio"]\n')
     Scene.read(path).solve(tmp_path / "beam", quiet=True)
     assert list(read_vtu(tmp_path / "beam" / "beam_0000.vtu").cell_data) == ["volume_ratio"]
@@ -126,13 +126,13 @@ def test_states_on_the_way_hold_the_fields_that_are_named(tmp_path, analysis):
         Scene.read(path, ["output.fields=['volume_ratio', 'volume']"])
 
 
-def test_modes_are_what_the_program_gives(tmp_path):
+def test_modes_equal_those_of_the_program(tmp_path):
     outcome = Scene.read(scene(tmp_path, MODES)).solve(quiet=True)
     assert [outcome.values[f"frequency.{n}"] for n in range(4)] == modes(body(), 4).frequencies.tolist()
 
 
 @pytest.mark.parametrize("parts", [(STATIC, FOLLOWED), (MOTION, FOLLOWED), (MODES,)], ids=["static", "dynamic", "modes"])
-def test_the_resolved_scene_is_one_that_gives_the_same_results(tmp_path, parts):
+def test_the_resolved_scene_gives_the_same_results(tmp_path, parts):
     first = Scene.read(scene(tmp_path, *parts)).solve(tmp_path / "first", quiet=True)
     resolved = Scene.read(tmp_path / "first" / "resolved.toml")
     second = resolved.solve(tmp_path / "second", quiet=True)
@@ -142,17 +142,17 @@ def test_the_resolved_scene_is_one_that_gives_the_same_results(tmp_path, parts):
     assert text == (tmp_path / "first" / "resolved.toml").read_text()
 
 
-def test_results_are_judged_by_what_is_expected(tmp_path, capsys):
+def test_results_are_judged_by_the_expectations(tmp_path, capsys):
     good = "[expect]\nwall.z = { value = 2000, rtol = 1e-6 }\nload = { value = 1, atol = 0 }\n"
     assert main(["solve", str(scene(tmp_path, STATIC, FOLLOWED, good, name="good.toml")), "--quiet"]) == 0
     bad = "[expect]\nwall.z = { value = 2000, rtol = 1e-6 }\ntip.z = { value = 1, atol = 0.5 }\n"
     assert main(["solve", str(scene(tmp_path, STATIC, FOLLOWED, bad, name="bad.toml"))]) == 3
     assert "not as expected tip.z" in capsys.readouterr().out
-    said = json.loads((tmp_path / "bad" / "summary.json").read_text())
-    assert [one["passed"] for one in said["expectations"]] == [True, False] and said["exit_code"] == 3
+    summary = json.loads((tmp_path / "bad" / "summary.json").read_text())
+    assert [one["passed"] for one in summary["expectations"]] == [True, False] and summary["exit_code"] == 3
 
 
-#: A bar that is thrown against its wall: explicit steps gain 15 % of the energy at 20 m/s, and blow up once at 25 m/s.
+#: A bar with a velocity towards its clamped end: explicit steps gain 15 % of the energy at 20 m/s, and diverge once at 25 m/s.
 THROWN = """
 [[terms]]
 type = "volume-penalty"
@@ -170,33 +170,33 @@ blow_ups = {{ value = 0, atol = 0 }}
 
 
 @pytest.mark.parametrize(
-    ("speed", "said", "failed"),
+    ("speed", "message", "failed"),
     [
         (20, r"^The steps gained 1\d % of the energy\. Take a smaller dt", {"energy_gained"}),
         (25, r"^The motion blew up once on the way, and its steps (gained|lost) \S+ % of the energy", {"blow_ups"}),
     ],
 )
-def test_energy_from_nowhere_is_a_warning_and_can_be_expected_not_to_come(speed, said, failed, tmp_path):
+def test_a_gain_of_energy_is_a_warning_and_can_fail_an_expectation(speed, message, failed, tmp_path):
     path = tmp_path / "thrown.toml"
     beam = BEAM.replace("poisson = 0.45\ndensity = 1100", "poisson = 0.3\ndensity = 1000")
     path.write_text(beam + THROWN.format(v=speed, w=0.3 * speed))
-    with pytest.warns(StvkWarning, match=said) as warnings_:
+    with pytest.warns(StvkWarning, match=message) as warnings_:
         outcome = Scene.read(path).solve(quiet=True)
     assert outcome.success and outcome.warnings == tuple(str(one.message) for one in warnings_)
     assert {one.name for one in outcome.judged if not one.passed} == failed and outcome.exit_code == 3
     assert outcome.values["energy_gained"] == outcome.result.gained and outcome.values["blow_ups"] == outcome.result.blow_ups
 
 
-def test_names_of_results_reach_no_terminal_as_control_codes(tmp_path, capsys):
+def test_names_of_results_are_printed_without_control_characters(tmp_path, capsys):
     probes = '[output]\nprobes = { "\\u001b[31mtip" = "right" }\n[expect."\\u001b[31mtip"]\nz = { value = 9, rtol = 0.1 }\n'
     assert main(["solve", str(scene(tmp_path, STATIC, probes))]) == 3
-    said = capsys.readouterr()
-    assert "\\x1b" in said.out and "\x1b" not in said.out + said.err
+    captured = capsys.readouterr()
+    assert "\\x1b" in captured.out and "\x1b" not in captured.out + captured.err
 
 
 @pytest.mark.parametrize("parts", [STATIC, MOTION])
-def test_a_disk_that_is_full_is_an_outcome_that_the_summary_has(parts, tmp_path, capsys):
-    """Files may have so many bytes: enough for a summary, too few for a state."""
+def test_a_full_disk_is_reported_in_the_summary(parts, tmp_path, capsys):
+    """With a limit of the file size that allows the summary but no state, the summary says that the run was interrupted."""
     path = scene(tmp_path, parts, FOLLOWED)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, before[1]))
@@ -204,14 +204,14 @@ def test_a_disk_that_is_full_is_an_outcome_that_the_summary_has(parts, tmp_path,
         code = main(["solve", str(path), "--quiet"])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    said = json.loads((tmp_path / "beam" / "summary.json").read_text())
-    assert said["status"] == "interrupted" and "beam_0000.vtu could not be written" in said["message"]
+    summary = json.loads((tmp_path / "beam" / "summary.json").read_text())
+    assert summary["status"] == "interrupted" and "beam_0000.vtu could not be written" in summary["message"]
     err = " ".join(capsys.readouterr().err.split())
     assert code == 2 or (code == 130 and "beam_0000.vtu could not be written" in err and "--resume" in err)
     assert main(["solve", str(path), "--quiet", "--force"]) == 0
 
 
-def test_a_velocity_that_overflows_is_an_outcome(tmp_path):
+def test_an_overflowing_velocity_is_reported_as_a_failure(tmp_path):
     outcome = Scene.read(scene(tmp_path, MOTION.replace("[0, 0.5, 0]", "[1e308, 1e308, 1e308]"))).solve(
         tmp_path / "out", quiet=True
     )
@@ -219,7 +219,7 @@ def test_a_velocity_that_overflows_is_an_outcome(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["pipe", "/dev/zero", '{"status": "finished", "results": 3}', 2_000 * "[", "\0"])
-def test_a_summary_that_cannot_be_read_is_told(content, tmp_path, capsys):
+def test_an_unreadable_summary_is_an_error(content, tmp_path, capsys):
     out = tmp_path / "beam"
     out.mkdir()
     if content == "pipe":
@@ -234,11 +234,11 @@ def test_a_summary_that_cannot_be_read_is_told(content, tmp_path, capsys):
     )
 
 
-def test_what_does_not_converge_says_so_and_keeps_what_there_is(tmp_path):
+def test_a_solve_without_convergence_is_reported_and_retains_its_states(tmp_path):
     path = scene(tmp_path, STATIC.replace("-2e3", "-2e7"), FOLLOWED)
     assert main(["solve", str(path), "--quiet"]) == 1
-    said = json.loads((tmp_path / "beam" / "summary.json").read_text())
-    assert said["status"] == "stopped before the end" and 0 < said["results"]["load"] < 1
+    summary = json.loads((tmp_path / "beam" / "summary.json").read_text())
+    assert summary["status"] == "stopped before the end" and 0 < summary["results"]["load"] < 1
     assert (tmp_path / "beam" / "beam_0000.vtu").is_file()
 
 
@@ -257,18 +257,18 @@ def test_results_of_another_run_are_replaced_only_by_force(tmp_path, capsys):
     assert "thesis.tex" in capsys.readouterr().err
 
 
-def test_two_runs_do_not_write_one_folder_at_the_same_time(tmp_path, capsys):
+def test_two_simultaneous_runs_cannot_write_into_one_folder(tmp_path, capsys):
     path = scene(tmp_path, STATIC)
     (tmp_path / "beam").mkdir()
     with OneWriter(tmp_path / "beam"):
         assert main(["solve", str(path), "--quiet", "--force"]) == 2
         assert main(["sweep", str(path), "--quiet", "--set", "analysis.steps=2,3", "--out", str(tmp_path / "beam")]) == 2
-    said = capsys.readouterr().err
-    assert said.count("is being written by") == 2
+    err = capsys.readouterr().err
+    assert err.count("is being written by") == 2
     assert main(["solve", str(path), "--quiet"]) == 0
 
 
-def test_a_run_that_was_refused_leaves_its_folder_free(tmp_path, capsys):
+def test_a_refused_run_does_not_block_its_folder(tmp_path, capsys):
     path = scene(tmp_path, STATIC)
     assert main(["solve", str(path), "--quiet", "--set", 'fixed={ left = "x" }']) == 2
     assert "rigid modes left" in capsys.readouterr().err
@@ -276,7 +276,7 @@ def test_a_run_that_was_refused_leaves_its_folder_free(tmp_path, capsys):
     assert main(["solve", str(path), "--quiet"]) == 0
 
 
-def test_nothing_is_begun_anew_where_something_should_be_resumed(tmp_path, capsys):
+def test_resume_without_a_checkpoint_is_an_error(tmp_path, capsys):
     path = scene(tmp_path, MOTION)
     assert main(["solve", str(path), "--quiet", "--resume"]) == 2
     assert "nothing to resume" in capsys.readouterr().err and not (tmp_path / "beam").exists()
@@ -285,7 +285,7 @@ def test_nothing_is_begun_anew_where_something_should_be_resumed(tmp_path, capsy
     assert main(["solve", str(scene(tmp_path, MODES, name="modes.toml")), "--quiet", "--resume"]) == 2
 
 
-def test_a_checkpoint_of_another_problem_is_refused_with_what_differs(tmp_path, capsys):
+def test_a_checkpoint_of_another_problem_is_refused_with_the_difference(tmp_path, capsys):
     path = scene(tmp_path, MOTION)
     assert main(["solve", str(path), "--quiet"]) == 0
     assert main(["solve", str(path), "--quiet", "--resume", "--set", "materials.rubber.young=2e6"]) == 2
@@ -305,7 +305,7 @@ def contents(folder):
         (STATIC, ("--force", "--set", "fixed={ left = 'x' }")),
     ],
 )
-def test_a_run_that_is_refused_leaves_the_results_that_are_there(tmp_path, capsys, analysis, options):
+def test_a_refused_run_does_not_change_existing_results(tmp_path, capsys, analysis, options):
     path = scene(tmp_path, analysis, FOLLOWED)
     assert main(["solve", str(path), "--quiet"]) == 0
     before = contents(tmp_path / "beam")
@@ -316,7 +316,7 @@ def test_a_run_that_is_refused_leaves_the_results_that_are_there(tmp_path, capsy
     assert contents(tmp_path / "beam") == before
 
 
-def test_results_of_a_run_that_an_error_ended_are_not_replaced(tmp_path, monkeypatch, capsys):
+def test_results_of_a_failed_run_are_not_replaced(tmp_path, monkeypatch, capsys):
     path = scene(tmp_path, STATIC, FOLLOWED)
 
     def fails(built, folder, quiet):
@@ -331,7 +331,7 @@ def test_results_of_a_run_that_an_error_ended_are_not_replaced(tmp_path, monkeyp
     assert (tmp_path / "beam" / "beam_0000.vtu").read_text() == "a state"
 
 
-def test_results_that_another_run_finishes_while_a_scene_is_built_are_not_replaced(tmp_path, monkeypatch):
+def test_results_of_a_run_that_ends_during_the_setup_of_another_are_not_replaced(tmp_path, monkeypatch):
     slow, fast = Scene.read(scene(tmp_path, STATIC)), Scene.read(scene(tmp_path, STATIC.replace("-2e3", "-1e3")))
     look = Folder.open
 
@@ -346,7 +346,7 @@ def test_results_that_another_run_finishes_while_a_scene_is_built_are_not_replac
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["scene_hash"] == fast.hash
 
 
-def test_force_leaves_no_file_of_the_former_run_and_all_others(tmp_path):
+def test_force_removes_all_files_of_the_previous_run_and_no_others(tmp_path):
     path = scene(tmp_path, MOTION, FOLLOWED, 'plots = ["tip", "ledger"]\nanimation = "beam.gif"\n')
     assert main(["solve", str(path), "--quiet"]) == 0
     (tmp_path / "beam" / "plot-mine.png").write_text("mine")
@@ -382,7 +382,7 @@ def wait_for(path, process):
 
 
 LONG = MOTION.replace("until = 0.2", "until = 0.6").replace("dt = 0.01", "dt = 0.002")
-#: A path whose states are kept as they are found.
+#: A path that saves each state as soon as it is found.
 PATH = STATIC.replace('type = "static"', 'type = "arc-length"').replace("steps = 4", "steps = 200\nstop = { states = 120 }")
 
 
@@ -393,32 +393,32 @@ PATH = STATIC.replace('type = "static"', 'type = "arc-length"').replace("steps =
         (signal.SIGKILL, PATH, "checkpoint/state_00005.npz"),
     ],
 )
-def test_a_run_that_is_interrupted_or_killed_is_resumed_from_the_command_line(tmp_path, started, how, analysis, until):
+def test_an_interrupted_or_killed_run_is_resumed_from_the_command_line(tmp_path, started, how, analysis, until):
     whole = Scene.read(scene(tmp_path, analysis, FOLLOWED, name="whole.toml")).solve(quiet=True)
     path = scene(tmp_path, analysis, FOLLOWED)
     process = started("solve", path)
     wait_for(tmp_path / "beam" / until, process)
     os.kill(process.pid, how)
     out, err = process.communicate(timeout=60)
-    said = json.loads((tmp_path / "beam" / "summary.json").read_text())
+    summary = json.loads((tmp_path / "beam" / "summary.json").read_text())
     if how == signal.SIGINT:
         assert process.returncode == 130, out + err
-        assert said["status"] == "interrupted" and f"skfem-stvk solve {path} --out {tmp_path / 'beam'} --resume" in err
-        assert 0 < said["results"]["time"] < 0.6
+        assert summary["status"] == "interrupted" and f"skfem-stvk solve {path} --out {tmp_path / 'beam'} --resume" in err
+        assert 0 < summary["results"]["time"] < 0.6
     else:
-        assert said["status"] == "was killed or is running"
-    kept = {file.name: file.stat().st_mtime_ns for file in (tmp_path / "beam" / "checkpoint").glob("state_*.npz")}
-    on = started("solve", path, "--resume")
-    out, err = on.communicate(timeout=120)
-    assert on.returncode == 0, out + err
+        assert summary["status"] == "was killed or is running"
+    before = {file.name: file.stat().st_mtime_ns for file in (tmp_path / "beam" / "checkpoint").glob("state_*.npz")}
+    resumed = started("solve", path, "--resume")
+    out, err = resumed.communicate(timeout=120)
+    assert resumed.returncode == 0, out + err
     assert json.loads((tmp_path / "beam" / "summary.json").read_text())["results"] == pytest.approx(
         whole.values, rel=1e-9, abs=1e-9
     )
-    after = {name: (tmp_path / "beam" / "checkpoint" / name).stat().st_mtime_ns for name in kept}
-    assert after == kept and (how == signal.SIGINT or len(kept) > 5)  # what was found is not found again
+    after = {name: (tmp_path / "beam" / "checkpoint" / name).stat().st_mtime_ns for name in before}
+    assert after == before and (how == signal.SIGINT or len(before) > 5)  # saved states are not solved again
 
 
-def test_a_scene_in_a_program_is_told_by_its_data():
+def test_a_scene_of_data_is_identified_by_its_data():
     data = {
         "mesh": {"type": "box", "size": [1.0, 1.0], "cells": [2, 2]},
         "materials": {"m": {"model": "isotropic", "young": 1.0, "poisson": 0.3}},
@@ -433,7 +433,7 @@ def test_a_scene_in_a_program_is_told_by_its_data():
     assert Scene.of_data(data).hash != Scene.of_data(data | {"fixed": {"bottom": "y"}}).hash
 
 
-def test_a_mesh_that_was_changed_under_its_name_makes_another_scene(tmp_path):
+def test_a_changed_mesh_file_changes_the_hash_of_the_scene(tmp_path):
     path = tmp_path / "arch.toml"
     for name in ("arch.toml", "arch.msh"):
         (tmp_path / name).write_bytes((Path(__file__).parents[2] / "docs" / "scenes" / name).read_bytes())
@@ -460,7 +460,7 @@ LISTED = "<VTKFile><Collection>{}</Collection></VTKFile>".format(
         ("initial={{ file = '{}', at = 0.0 }}", "a.pvd", LISTED, "last_0.vtu", "last_1.vtu"),
     ],
 )
-def test_a_file_that_belongs_to_another_file_makes_another_scene(tmp_path, setting, name, text, part, other):
+def test_a_changed_companion_file_changes_the_hash_of_the_scene(tmp_path, setting, name, text, part, other):
     path = scene(tmp_path, STATIC)
     (tmp_path / "between.inp").write_text("*NODE\n** *INCLUDE, INPUT=c.inp\n*INCLUDE,INPUT=b.inp\n")
     for file in (part, other, name):
@@ -472,7 +472,7 @@ def test_a_file_that_belongs_to_another_file_makes_another_scene(tmp_path, setti
     assert Scene.read(path, [setting.format(name)]).hash != before
 
 
-def test_files_that_include_themselves_have_a_hash(tmp_path):
+def test_a_mesh_file_that_includes_itself_has_a_hash(tmp_path):
     (tmp_path / "a.inp").write_text("*INCLUDE, INPUT=a.inp\n")
     assert Scene.read(scene(tmp_path, STATIC), ["mesh={ file = 'a.inp' }"]).hash
 
@@ -488,8 +488,8 @@ def test_relative_paths_are_relative_to_the_scene(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("law", ["corotated'\nrotation = 'vertex", "invertible-stvk'\nextend = 'stress"])
-def test_an_energy_that_does_not_exist_is_a_dash_wherever_a_scene_lists_it(tmp_path, capsys, law):
-    """In the summary it is null; what expects it is refused before the analysis."""
+def test_an_undefined_energy_is_a_dash_in_all_outputs_of_a_scene(tmp_path, capsys, law):
+    """An undefined energy is a dash in tables and null in the summary; an expectation of it is refused before the analysis."""
     parts = [MOTION, 'plots = ["ledger"]\n'.join([FOLLOWED, "[expect]\n"])]
     path = scene(tmp_path, *parts, "energy.closure = { value = 0, atol = 1 }\n")
     path.write_text(path.read_text().replace('"stvk"', f"'{law}'"))
@@ -502,12 +502,12 @@ def test_an_energy_that_does_not_exist_is_a_dash_wherever_a_scene_lists_it(tmp_p
     assert 'class="failed"' not in page and (tmp_path / "beam" / "plot-ledger.png").is_file()
     path.write_text(path.read_text().replace("energy.closure", "energy.total"))
     assert main(["solve", str(path), "--force"]) == 2
-    assert "expect.energy.total" in (said := capsys.readouterr().err) and " 0 has no energy" in said
+    assert "expect.energy.total" in (err := capsys.readouterr().err) and " 0 has no energy" in err
 
 
 @pytest.mark.parametrize("parts", [STATIC, MOTION], ids=["static", "dynamic"])
-def test_what_nobody_foresaw_is_not_refused_as_bad_input(tmp_path, monkeypatch, parts):
-    """A failed analysis is a `StvkError`, which hides neither the traceback nor that the run has begun."""
+def test_an_unexpected_error_is_not_reported_as_bad_input(tmp_path, monkeypatch, parts):
+    """An unexpected error is an `AnalysisError` with its traceback, and the summary says that the run has started."""
 
     def fault(*given):
         raise KeyError("a fault")

@@ -1,4 +1,4 @@
-"""Sweeps: every run of a product in its folder and its row, whatever fails, crashes, is killed or interrupted on the way."""
+"""A sweep gives each run its folder and its row, although runs fail, crash, are killed or are interrupted."""
 
 import csv
 import json
@@ -71,14 +71,14 @@ def without_seconds(rows):
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
-    """A product of which one run in the middle does not converge, one is refused by the mesh, one is not as expected."""
+    """Run a sweep in which one run does not converge, some are refused, and one does not meet its expectation."""
     path = scene(tmp_path_factory.mktemp("swept"), STATIC, "[expect]\ntip.y = { value = -0.02, atol = 0.01 }\n")
     settings = [f"{YOUNG}=1e6,1e3,4e6", "fixed={left='xy'},{hole='xy'}"]
     code = main(["sweep", str(path), "--set", settings[0], "--set", settings[1], "--jobs", "1", "--quiet"])
     return path, settings, code
 
 
-def test_a_sweep_is_the_product_of_its_values_and_each_run_what_it_is_alone(swept):
+def test_a_sweep_is_the_product_of_its_values_and_each_run_equals_a_single_run(swept):
     path, _, code = swept
     rows = table(path.parent / "beam-sweep")
     assert code == 1
@@ -93,7 +93,7 @@ def test_a_sweep_is_the_product_of_its_values_and_each_run_what_it_is_alone(swep
     assert rows[0]["folder"] == "young=1e6,fixed=left_xy"
 
 
-def test_a_run_that_fails_has_its_message_in_the_table_and_stops_no_other(swept):
+def test_a_failed_run_has_its_message_in_the_table_and_other_runs_continue(swept):
     rows = table(swept[0].parent / "beam-sweep")
     assert [row["exit_code"] for row in rows] == ["0", "2", "1", "2", "3", "2"]
     assert rows[0]["message"] == ""
@@ -111,14 +111,15 @@ def test_the_table_is_the_same_with_two_jobs(swept, tmp_path):
     assert rows[0].results["tip.y"] == float(table(tmp_path / "two")[0]["tip.y"])
 
 
-def test_a_second_call_does_only_what_is_missing(tmp_path, capsys):
+def test_a_second_call_solves_only_missing_runs(tmp_path, capsys):
     path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
     sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
     before = {one: one.read_bytes() for one in out.glob("*/summary.json")}
     shutil.rmtree(out / "young=2e6")
     assert main(["sweep", str(path), "--set", f"{YOUNG}=1e6,2e6,3.5e6", "--jobs", "1"]) == 0
-    said = capsys.readouterr().out
-    assert "3 runs, 1 of them there already" in said and "[2/3] young=2e6: converged" in said and "[3/3] young=3.5e6" in said
+    out_text = capsys.readouterr().out
+    assert "3 runs, 1 of them there already" in out_text
+    assert "[2/3] young=2e6: converged" in out_text and "[3/3] young=3.5e6" in out_text
     assert (out / "young=1e6" / "summary.json").read_bytes() == before[out / "young=1e6" / "summary.json"]
     assert (out / "young=2e6" / "summary.json").read_bytes() != before[out / "young=2e6" / "summary.json"]
     assert [float(row[YOUNG]) for row in table(out)] == [1e6, 2e6, 3.5e6]
@@ -138,8 +139,8 @@ def test_runs_of_another_scene_are_replaced_only_by_force(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_runs_that_failed_are_solved_again_by_force(tmp_path):
-    """A run that is not as expected stays as it is until then; one that is done stays even so."""
+def test_failed_runs_are_solved_again_by_force(tmp_path):
+    """A run that does not meet its expectation is solved again only by force; a successful run is never solved again."""
     path, out = scene(tmp_path, STATIC, "[expect]\ntip.y = { value = -0.02, atol = 0.01 }\n"), tmp_path / "beam-sweep"
     values = {YOUNG: [1e6, 4e6]}
     before = sweep(path, values, jobs=1, quiet=True)
@@ -156,14 +157,14 @@ def test_runs_that_failed_are_solved_again_by_force(tmp_path):
     assert (out / before[0].folder.name / "summary.json").stat().st_mtime_ns == stamps[0]
 
 
-def test_values_that_are_not_plausible_are_told(tmp_path, capsys):
+def test_implausible_values_are_reported_once(tmp_path, capsys):
     path = scene(tmp_path, STATIC)
     sweep(path, {"materials.rubber.density": [1000.0, 1.0]}, jobs=1)
     printed = capsys.readouterr().out
     assert printed.count("note materials.rubber.density = 1 kg/m^3 is not usual") == 1 and "(in 1 of 2 runs)" in printed
 
 
-def test_what_else_is_in_a_folder_is_left_alone(tmp_path):
+def test_a_folder_with_other_files_is_refused(tmp_path):
     path = scene(tmp_path, STATIC)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("mine")
@@ -177,7 +178,7 @@ def test_what_else_is_in_a_folder_is_left_alone(tmp_path):
         sweep(path, {YOUNG: [1e6]}, path)
 
 
-def test_a_product_of_more_runs_than_anybody_wants_is_refused_at_once(tmp_path):
+def test_a_product_of_too_many_runs_is_refused_quickly(tmp_path):
     many = list(range(1, 1001))
     with pytest.raises(SceneError, match=r"has 1000000000 runs; expected at most 10000\. Give fewer values"):
         sweep(scene(tmp_path, STATIC), {"analysis.steps": many, "threads": many, YOUNG: many}, quiet=True)
@@ -195,7 +196,7 @@ def test_the_table_of_another_program_is_refused(content, tmp_path):
 @pytest.mark.parametrize(
     "change", [{"results": {"tip.y": [1]}}, {"results": 3}, {"exit_code": 3, "expectations": [{}]}, {"seconds": "x"}]
 )
-def test_a_damaged_summary_is_no_run_that_is_done(change, tmp_path):
+def test_a_run_with_a_damaged_summary_does_not_count_as_finished(change, tmp_path):
     path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
     sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
     summary = out / "young=2e6" / "summary.json"
@@ -209,9 +210,9 @@ def test_all_values_are_checked_before_anything_runs(tmp_path):
     path = scene(tmp_path, STATIC)
     with pytest.raises(SceneError) as caught:
         sweep(path, [f"{YOUNG}=1e6,-1", "analysis.steps=2,0", "analysis.stpes=3"])
-    said = str(caught.value)
-    assert "young, from --set materials.rubber.young=-1: " in said and "(in 2 of 4 runs)" in said
-    assert "steps, from --set analysis.steps=0: " in said and "did you mean 'steps'?" in said
+    message = str(caught.value)
+    assert "young, from --set materials.rubber.young=-1: " in message and "(in 2 of 4 runs)" in message
+    assert "steps, from --set analysis.steps=0: " in message and "did you mean 'steps'?" in message
     assert len(caught.value.complaints) == 3 and not (tmp_path / "beam-sweep").exists()
 
 
@@ -235,12 +236,12 @@ def test_all_values_are_checked_before_anything_runs(tmp_path):
         ({YOUNG: [object()]}, "what TOML has"),
     ],
 )
-def test_values_that_are_none_are_refused(tmp_path, settings, match):
+def test_illegal_values_of_a_sweep_are_refused(tmp_path, settings, match):
     with pytest.raises(StvkError, match=match):
         sweep(scene(tmp_path, STATIC), settings)
 
 
-def test_values_of_a_program_are_those_of_the_command_line(tmp_path):
+def test_values_in_python_equal_values_on_the_command_line(tmp_path):
     path = scene(tmp_path, STATIC)
     forces = [[0, -1e3], [0.0, -2e3]]
     first = sweep(path, {"terms[1].traction": forces, "title": ["a, 'b'"], YOUNG: np.array([2.5e5])}, jobs=1, quiet=True)
@@ -248,7 +249,7 @@ def test_values_of_a_program_are_those_of_the_command_line(tmp_path):
     assert again == first and [row.folder.name for row in first] == [f"traction=0_-{n}000,title=a_b_,young=250000" for n in (1, 2)]
 
 
-def test_names_of_folders_differ_whatever_the_values_are(tmp_path):
+def test_names_of_folders_are_unique_for_all_values(tmp_path):
     path = scene(tmp_path, STATIC)
     probes = ["Ä/..", "Ö/..", "a", "A", "long" * 25, "CON", ".."]
     axes, runs = planned(path, {"output.probes.tip": probes, "units": ["SI"], YOUNG: [1e6]})
@@ -262,7 +263,7 @@ def test_an_axis_has_the_unit_of_its_key(tmp_path):
     assert [_dimension(runs[0].scene.sections, axis.loc) for axis in axes] == ["stress", "stress", None]
 
 
-def test_numbers_are_drawn_against_the_first_of_them(tmp_path):
+def test_a_plot_is_drawn_only_for_several_values(tmp_path):
     path = scene(tmp_path, STATIC)
     plot = tmp_path / "beam-sweep" / "sweep.png"
     sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
@@ -280,8 +281,8 @@ def wait_for(condition, process):
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
-def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_path, how, started):
-    """The scene writes a state every ten steps, of which the killed run has some."""
+def test_an_interrupted_or_killed_sweep_is_continued_by_the_next_call(tmp_path, how, started):
+    """The next call completes the sweep and gives the same results; the interrupted run is resumed from its checkpoint."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
     until = "analysis.until=0.01,0.3,0.02"
@@ -294,19 +295,19 @@ def test_a_sweep_that_is_interrupted_or_killed_is_taken_up_by_the_next_call(tmp_
     if how == signal.SIGINT:
         assert process.returncode == 130 and "2 of 3 runs" in printed and "Traceback" not in err
         assert rows[1]["exit_code"] == "130" and 0 < float(rows[1]["time"]) < 0.3
-    said = json.loads((out / "until=0.3" / "summary.json").read_text())
-    assert said["status"] == ("interrupted" if how == signal.SIGINT else "was killed or is running")
+    summary = json.loads((out / "until=0.3" / "summary.json").read_text())
+    assert summary["status"] == ("interrupted" if how == signal.SIGINT else "was killed or is running")
     first = (out / "until=0.01" / "summary.json").read_bytes()
     before = (out / "until=0.3" / "beam_0001.vtu").stat().st_mtime_ns
     rows = sweep(path, [until], jobs=1, quiet=True)
     assert (out / "until=0.01" / "summary.json").read_bytes() == first
-    if how == signal.SIGINT:  # a killed run goes on from a checkpoint that is a few seconds old
+    if how == signal.SIGINT:  # a killed run resumes from an older checkpoint and may write the state again
         assert (out / "until=0.3" / "beam_0001.vtu").stat().st_mtime_ns == before
     assert [row.exit_code for row in rows] == [0, 0, 0]
     assert rows[1].results == Scene.read(path, ["analysis.until=0.3"]).solve(quiet=True).values
 
 
-def test_processes_end_with_the_one_that_started_them(tmp_path, started):
+def test_child_processes_end_with_their_parent(tmp_path, started):
     path, states = scene(tmp_path, MOTION), tmp_path / "beam-sweep" / "until=100"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
     process = started("sweep", path, "--set", "analysis.until=100.0", "--jobs", "1")
@@ -319,8 +320,8 @@ def test_processes_end_with_the_one_that_started_them(tmp_path, started):
     assert len(list(states.glob("*.vtu"))) == before
 
 
-def test_a_process_that_crashes_takes_no_other_run_with_it(tmp_path, started):
-    """It is killed from outside, as by a system that is out of memory."""
+def test_a_crashed_process_does_not_end_other_runs(tmp_path, started):
+    """A worker that is killed, as by a system without memory, has the status "crashed", and the other runs succeed."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"
     path.write_text(path.read_text().replace("[output]\n", '[output]\nfile = "beam.pvd"\n'))
     process = started("sweep", path, "--set", "analysis.until=0.01,100.0,0.02", "--jobs", "1")
@@ -337,7 +338,7 @@ def test_a_process_that_crashes_takes_no_other_run_with_it(tmp_path, started):
     assert rows[1]["status"] == "crashed" and "--set 'analysis.until=100.0'" in rows[1]["message"]
 
 
-def test_an_energy_that_does_not_exist_has_an_empty_cell(tmp_path):
+def test_an_undefined_energy_has_an_empty_cell(tmp_path):
     path = scene(tmp_path, STATIC)
     path.write_text(path.read_text().replace('"stvk"', '"corotated"'))
     code = main(["sweep", str(path), "--set", 'terms[0].rotation="element","vertex"', "--jobs", "1", "--quiet"])

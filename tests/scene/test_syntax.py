@@ -1,4 +1,4 @@
-"""TOML text: the lines of its keys, what is said where it is none, and data written as such text."""
+"""The TOML functions return the lines of keys, readable syntax errors, and text that is read as the same data."""
 
 import re
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skfem_stvk.errors import SceneError
 from skfem_stvk.scene.syntax import lines_of, parsed, written
 
-#: Keys of every form, each with its line as its value or in its name.
+#: Keys of every form; values or names of keys are their line numbers.
 FORMS = '''one = 1 # [no]
 "two # 2" = 2
 three.a . "b.c" = 3
@@ -66,16 +66,16 @@ LINES = {
 }
 
 
-def places(data, loc=()):
-    """All keys and entries of lists in data."""
+def key_paths(data, loc=()):
+    """Return the key paths of all keys and list entries in the data."""
     entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    return {loc}.union(*(places(value, (*loc, one)) for one, value in entries))
+    return {loc}.union(*(key_paths(value, (*loc, one)) for one, value in entries))
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_keys_of_every_form_have_their_line(end):
     lines = lines_of(FORMS.replace("\n", end))
-    assert lines.keys() | {()} == places(parsed(FORMS, "forms.toml"))
+    assert lines.keys() | {()} == key_paths(parsed(FORMS, "forms.toml"))
     assert {loc: lines[loc] for loc in LINES} == LINES
 
 
@@ -83,12 +83,12 @@ def test_keys_of_every_form_have_their_line(end):
 def test_a_text_may_end_with_quotation_marks(mark):
     text = "a = [QQQxQQQQ, QbQ] # Q\nb = [QQQQQQ, QQQxQQQQQ, QQ]\n[c]\nd = QeQ\n".replace("Q", mark)
     lines = lines_of(text)
-    assert lines.keys() | {()} == places(parsed(text, "quotes.toml"))
+    assert lines.keys() | {()} == key_paths(parsed(text, "quotes.toml"))
     assert [lines[loc] for loc in (("a", 1), ("b", 2), ("c", "d"))] == [1, 2, 4]
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("a = 1\n[b]\na = 2\na = {x = 3}\n", "line 4, column 12: cannot overwrite a value. 'b.a' is there already, in line 3"),
         ("a.b = 1\na = [1,\n2]\n", "line 3, column 3: cannot overwrite a value. 'a' is there already, in line 1"),
@@ -104,8 +104,8 @@ def test_a_text_may_end_with_quotation_marks(mark):
         (f"x = {'1' * 5000}\ny = 2\n", "scene.toml: a whole number has too many digits."),
     ],
 )
-def test_text_that_is_no_toml_gets_its_place_and_the_words_of_the_parser(text, said):
-    with pytest.raises(SceneError, match=re.escape(said)):
+def test_a_syntax_error_has_line_and_column_and_the_message_of_the_parser(text, message):
+    with pytest.raises(SceneError, match=re.escape(message)):
         parsed(text, "scene.toml")
 
 
@@ -118,7 +118,7 @@ VALUES = st.recursive(
 
 
 @given(st.dictionaries(TEXT, VALUES, max_size=5))
-def test_data_that_are_written_are_read_the_same(data):
+def test_written_data_are_read_unchanged(data):
     text = written(data)
     assert parsed(text, "scene.toml") == data
-    assert lines_of(text).keys() | {()} == places(data)
+    assert lines_of(text).keys() | {()} == key_paths(data)

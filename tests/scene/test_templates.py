@@ -1,4 +1,4 @@
-"""What is printed from the schema: examples that solve, the page of all keys, JSON Schema."""
+"""Texts generated from the schema are correct: examples that solve, the page of all keys, and the JSON Schema."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.parametrize("kind", templates.EXAMPLES)
-def test_an_example_solves_as_it_stands_and_gives_what_it_expects(kind, tmp_path, capsys):
+def test_an_example_solves_without_a_change_and_meets_its_expectations(kind, tmp_path, capsys):
     assert main(["init", "--type", kind]) == 0
     path = tmp_path / "scene.toml"
     path.write_text(capsys.readouterr().out)
@@ -22,7 +22,7 @@ def test_an_example_solves_as_it_stands_and_gives_what_it_expects(kind, tmp_path
 
 
 @pytest.mark.parametrize("kind", templates.EXAMPLES)
-def test_each_key_of_an_example_is_explained_and_those_left_out_are_offered(kind):
+def test_each_key_of_an_example_is_explained_and_optional_keys_are_comments(kind):
     text = templates.example(kind)
     keys = [line for line in text.splitlines() if "=" in line and not line.startswith("#")]
     explained = [line for line in keys if "  # " in line or " # " in line]
@@ -31,8 +31,8 @@ def test_each_key_of_an_example_is_explained_and_those_left_out_are_offered(kind
 
 
 @pytest.mark.parametrize("kind", templates.EXAMPLES)
-def test_what_an_example_offers_can_be_taken(kind):
-    """Keys with a default, without their comment signs, are where they belong."""
+def test_optional_keys_of_an_example_are_legal(kind):
+    """An example remains legal if the comment signs before keys with a default are removed."""
     lines = templates.example(kind).splitlines()
     taken = [line[2:] if line.startswith("# ") and " = " in line and "..." not in line.split("#")[1] else line for line in lines]
     assert len([1 for one, other in zip(lines, taken, strict=True) if one != other]) >= 2
@@ -45,7 +45,7 @@ def templates_source(text):
     return SceneSource.parse(text)
 
 
-def test_the_page_of_all_keys_is_what_the_schema_says():
+def test_the_page_of_all_keys_equals_the_text_from_the_schema():
     assert (DOCS / "scene-keys.md").read_text() == templates.page()
 
 

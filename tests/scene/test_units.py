@@ -1,4 +1,4 @@
-"""Systems of units are consistent, and values that are in other units are told."""
+"""Systems of units are consistent, and values in other units are detected."""
 
 import re
 from pathlib import Path
@@ -50,7 +50,7 @@ class Toy(BaseModel):
 
 @pytest.mark.parametrize("name", UNITS)
 def test_a_system_is_consistent(name):
-    """Force is mass times acceleration, stress force per area, energy force times length, as the symbols say, too."""
+    """Force is mass times acceleration, stress is force per area, energy is force times length, and symbols have these factors."""
     units = UNITS[name]
     f = units.factor
     assert np.isclose(f("force"), f("mass") * f("acceleration"), rtol=1e-14)
@@ -64,7 +64,7 @@ def test_a_system_is_consistent(name):
         assert np.isclose(f(dimension), known[symbol], rtol=1e-12), dimension
 
 
-def test_symbols_are_those_that_are_customary():
+def test_symbols_are_the_customary_symbols():
     assert [UNITS["SI"].symbol(one) for one in ("density", "stiffness per area", "rate", None)] == ["kg/m^3", "N/m^3", "1/s", ""]
     assert UNITS["mm-kg-ms"].symbol("velocity") == "mm/ms" and UNITS["cm-g-s"].symbol("density") == "g/cm^3"
     assert all(units.symbol(one) and units.factor(one) > 0 for units in UNITS.values() for one in DIMENSIONS)
@@ -86,7 +86,7 @@ MANY = {
 
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("name", MANY)
-def test_what_there_is_is_plausible_in_every_system(name, units):
+def test_real_materials_are_plausible_in_every_system(name, units):
     young, density = MANY[name]
     f = UNITS[units].factor
     steel = Steel(young=young / f("stress"), density=density / f("density"))
@@ -147,27 +147,27 @@ def test_what_there_is_is_plausible_in_every_system(name, units):
         (Toy(materials={"ply": Steel(voigt=[[210.0, 1.0], [1.0, 80.0]])}), "materials.ply.voigt = 210 Pa is not usual"),
     ],
 )
-def test_values_in_other_units_are_told_with_the_likely_cause(scene, message):
+def test_values_in_other_units_are_reported_with_the_likely_cause(scene, message):
     (text,) = implausible(scene)
     assert text.startswith(message)
 
 
-def test_a_mesh_of_another_size_is_told():
+def test_an_implausible_size_of_the_mesh_is_reported():
     (text,) = implausible(Toy(), box((300.0, 20.0), 2))
     assert text.startswith("the size of the mesh = 300 m is not usual") and text.endswith("can be scaled: mesh.scale.")
     assert implausible(Toy(units="mm-N-MPa"), box((300.0, 20.0), 2)) == []
 
 
 def keys_with_dimensions(schema):
-    """Keys of a JSON Schema and their dimensions, in whatever table."""
+    """Yield the keys with dimensions in all tables of a JSON Schema, and their dimensions."""
     for table in (schema, *schema.get("$defs", {}).values()):
         for name, key in table.get("properties", {}).items():
             if key.get("dimension"):
                 yield name, key["dimension"]
 
 
-def test_the_keys_that_are_looked_at_are_those_of_the_schema():
-    """A key that is renamed there would be looked at no more; a dimension that is unknown here has no symbol."""
+def test_the_checked_keys_and_dimensions_exist_in_the_schema():
+    """All keys of the plausibility checks exist in the schema, and all dimensions of the schema have symbols."""
     found = set(keys_with_dimensions(scene_tables().model_json_schema()))
     assert {dimension for _, dimension in found} <= set(DIMENSIONS) and len(found) > 30
     assert {(name, usual.dimension) for name, usual in KEYS.items()} <= found
@@ -195,14 +195,14 @@ BAR = {
         (["units=mm-N-MPa", "materials.steel.young=210e3", "materials.steel.density=7.85e-9"], "terms[1].g = 9.81 mm/s^2 is not"),
     ],
 )
-def test_a_scene_in_other_units_is_told_so_once(change, beginning):
+def test_a_value_in_other_units_is_reported_once(change, beginning):
     scene = Scene.of_data(BAR)
     assert scene.implausible() == []
-    told = implausible(scene_tables().model_validate(scene.source.changed(change).data), scene.built.mesh)
-    assert [text for text in told if text.startswith(beginning)] and len({text.split(" = ")[0] for text in told}) == len(told)
+    texts = implausible(scene_tables().model_validate(scene.source.changed(change).data), scene.built.mesh)
+    assert [text for text in texts if text.startswith(beginning)] and len({text.split(" = ")[0] for text in texts}) == len(texts)
 
 
-def test_the_documentation_has_every_system_with_steel_and_weight_in_it():
+def test_the_documentation_lists_every_system_with_correct_values_of_steel_and_gravity():
     page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
     rows = [re.split(r" *\| *", line)[1:-1] for line in page.splitlines() if re.match(r"\| `[\w-]+` \| ", line) and ";" in line][1:]
     assert [row[0].strip("`") for row in rows] == list(UNITS)

@@ -1,4 +1,4 @@
-"""Cases with planted faults, for the runner of hostile inputs to catch."""
+"""Cases with planted faults that the runner of hostile inputs must catch."""
 
 import ctypes
 import os
@@ -61,7 +61,7 @@ def ends_at_once(folder):
 
 
 def loses(folder):
-    raise Wrong(Verdict.LOSS, "state 7 is gone")
+    raise Wrong(Verdict.LOSS, "state 7 is missing")
 
 
 def cannot_run(folder):
@@ -72,7 +72,7 @@ def judge_that_fails(result):
     raise StvkError("An error of the judge is no refusal.")
 
 
-#: What has to come of each, by its name.
+#: Expected verdict of each case.
 EXPECTED = {
     "refused in words": Verdict.REFUSED,
     "a right result": Verdict.RIGHT,

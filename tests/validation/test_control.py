@@ -1,4 +1,4 @@
-"""The control computes the model, for constants of the whole body or of each element."""
+"""The C loop computes St. Venant-Kirchhoff's model, for constants of the whole body or of each element."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Every public function is given hostile values for each of its arguments: it refuses them by name, or the result is right."""
+"""Every public function gets hostile values of each argument: its error names the argument, or its result is correct."""
 
 from importlib import import_module
 from inspect import isclass, isfunction
@@ -28,9 +28,9 @@ PARTS = (
     "system",
     "terms",
 )
-#: Public names without a row, and why.
+#: Public names without a row in the tables, with the reason.
 WITHOUT = {
-    # made by the package for its users: nobody gives them arguments
+    # created by the package only: users do not call the constructors
     *(
         "Deformation",
         "PointResponse",
@@ -89,7 +89,7 @@ WITHOUT = {
         "Integrator",
     ),
     *("LinearSolver", "Load", "Material", "MeshLike", "Operator", "Peer", "Quartic", "Term", "TurningLoad", "is_load"),
-    # errors and warnings, enumerations, what has no arguments
+    # errors and warnings, enumerations, names without arguments
     *(
         "Hypothesis",
         "Interrupted",
@@ -103,17 +103,17 @@ WITHOUT = {
         "embedded_mesh",
         "names",
     ),
-    # within: arrays that `System` has checked
+    # internal classes: `System` checks their arrays
     *("Assembly", "EdgeForm", "NodeBlocks", "Tensions"),
-    # files, which the family "meshes" and tests/scene are for
+    # files: the family "meshes" and tests/scene test them
     *("read_mesh", "Scene"),
-    # a user's function and a few numbers, which tests/referee/test_solvers_judged.py and test_integrators_judged.py hold
+    # a user's function and a few numbers: tests/referee/test_solvers_judged.py and test_integrators_judged.py test them
     *("verify_solver", "verify_integrator"),
 }
 
 
 def fault_of(case, folder):
-    """What is wrong in the outcome of a case; None if nothing is."""
+    """Return the description of the fault in the outcome of a case; None if there is no fault."""
     try:
         result = case.attempt(folder)
     except Exception as error:
@@ -127,7 +127,7 @@ def fault_of(case, folder):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("table", slow_but([name for name in arguments.TABLES if name != "table_of_results"], arguments.TABLES))
-def test_what_is_no_argument_is_refused_by_its_name_and_what_is_one_gives_the_right_result(table, tmp_path, monkeypatch):
+def test_errors_name_the_hostile_argument_and_legal_values_give_the_correct_result(table, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cases = list(arguments.cases_of_calls(arguments.calls_of(table), costly=False))
     faults = [fault for case in cases if (fault := fault_of(case, tmp_path))]
@@ -152,34 +152,36 @@ def test_every_public_function_and_class_has_a_row():
 def test_every_method_of_a_system_has_a_row():
     calls = {call.name.split(" ")[0] for call in arguments.calls_of("table_of_systems")}
     methods = {name: getattr(System, name) for name in dir(System) if name[0] != "_"}
-    for name in ("commit", "prescribe", "remove"):  # analyses call the first two, and the third is refused, whatever it is given
+    for name in ("commit", "prescribe", "remove"):  # analyses call the first two; the third refuses every argument
         del methods[name]
     with_arguments = {name for name, method in methods.items() if isfunction(method) and method.__code__.co_argcount > 1}
     assert {f"System.{name}" for name in with_arguments} <= calls and len(with_arguments) > 20
 
 
-def taken(x):
+def accepts_everything(x):
     return x
 
 
-def from_the_depths(x):
+def raises_type_error_inside(x):
     return float(np.sqrt(x) + None)
 
 
-def unnamed(x):
-    raise StvkError("Something is wrong with what came.")
+def does_not_name_its_argument(x):
+    raise StvkError("Something is wrong with the value.")
 
 
-def half_right(x):
+def depends_on_the_type(x):
     return 1.0 if isinstance(x, float) else 2.0
 
 
-@pytest.mark.parametrize("function", [taken, from_the_depths, unnamed, half_right])
-def test_a_function_that_does_not_look_at_its_argument_is_found(function, tmp_path):
+@pytest.mark.parametrize(
+    "function", [accepts_everything, raises_type_error_inside, does_not_name_its_argument, depends_on_the_type]
+)
+def test_a_function_that_does_not_check_its_argument_is_found(function, tmp_path):
     cases = arguments.cases_of_calls([Call("f", lambda: (function, {"x": 2.0}))])
     faults = [fault for case in cases if (fault := fault_of(case, tmp_path))]
     assert len(faults) > 3
 
 
-def test_values_are_many_and_have_names_of_their_own():
+def test_there_are_more_than_70_hostile_values_with_unique_names():
     assert len({value.name for value in EVERY}) == len(EVERY) > 70

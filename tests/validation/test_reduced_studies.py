@@ -1,4 +1,4 @@
-"""The studies of reduced models: their quick forms hold, and what they claim can fail."""
+"""Studies of reduced models: the quick versions hold, and each claim can fail."""
 
 import pytest
 
@@ -13,14 +13,14 @@ def test_every_name_has_a_study():
 
 
 @pytest.mark.parametrize("study", [against_full.at_rest, against_full.in_motion])
-def test_derivatives_bring_the_error_of_modes_down(study, tmp_path):
+def test_derivatives_reduce_the_error_of_modes(study, tmp_path):
     (found,) = study(True, tmp_path)
     assert found.passed, found.failures
     errors = {row[0]: [float(one.rstrip("%")) for one in row[1:]] for row in found.rows}
     assert errors["modes"][-1] > 20 and errors["modes and derivatives"][-1] < 12 and errors["all three"][-1] < 4
 
 
-def test_modes_in_place_of_their_derivatives_do_not(monkeypatch):
+def test_modes_instead_of_derivatives_do_not_reduce_the_error(monkeypatch):
     kinds = against_full.KINDS
     monkeypatch.setattr(against_full, "KINDS", (kinds[0], kinds[1]._replace(derivatives=False, modes=kinds[0].modes), *kinds[2:]))
     (found,) = against_full.at_rest(True, None)
@@ -30,23 +30,23 @@ def test_modes_in_place_of_their_derivatives_do_not(monkeypatch):
 @pytest.mark.parametrize(
     "study", [cables.hanging_cable, cables.cable_net, cables.inflated_sphere, membranes.clamped_disc, membranes.sheared_sheet]
 )
-def test_cables_and_membranes_are_as_their_own_equations_say(study):
+def test_cables_and_membranes_satisfy_their_own_equations(study):
     studies = list(study(True, None))
     assert studies
     for found in studies:
         assert found.passed, found.failures
 
 
-def test_another_law_of_the_cables_is_noticed(monkeypatch):
-    """Of engineering strain: `T = E A (s - 1)`, alike for small strain."""
+def test_another_law_of_the_cables_is_detected(monkeypatch):
+    """A law in engineering strain, `T = E A (s - 1)`, which is equal for small strains, is detected."""
     monkeypatch.setattr(cables, "stretch_of", lambda tension, stiffness: 1 + tension / stiffness)
     (found,) = cables.hanging_cable(True, None)
     assert not found.passed
 
 
 @pytest.mark.parametrize(("name", "value"), [("STRETCH", 1.51), ("POISSON", 0.31)])
-def test_a_sphere_of_another_law_is_noticed(monkeypatch, name, value):
-    """The pressure is that of the closed form for the right numbers, the sphere is made of others."""
+def test_a_sphere_of_another_law_is_detected(monkeypatch, name, value):
+    """A sphere whose numbers differ from those of the closed form is detected."""
     right = cables.System
 
     def other(mesh, terms, **given):
@@ -62,22 +62,22 @@ def test_a_sphere_of_another_law_is_noticed(monkeypatch, name, value):
     assert not found.passed
 
 
-def test_loads_that_are_not_those_of_the_net_are_noticed(monkeypatch):
+def test_other_loads_on_the_net_are_detected(monkeypatch):
     right = cables.NodalLoad
     monkeypatch.setattr(cables, "NodalLoad", lambda nodes, force: right(nodes, force * 1.0001))
     (found,) = cables.cable_net(True, None)
     assert not found.passed
 
 
-def test_energy_is_kept_by_the_mean_of_the_force_alone(monkeypatch):
+def test_only_the_mean_of_the_force_conserves_energy(monkeypatch):
     from skfem_stvk.dynamics import step_matrix
 
     monkeypatch.setattr(against_full, "QUICK_PERIODS", 2)
-    (found,) = against_full.kept_energy(True, None)
+    (found,) = against_full.conserved_energy(True, None)
     lost = {row[0]: float(row[1]) for row in found.rows}
     assert found.passed and lost["Newmark"] > 1e6 * lost["EnergyMomentum"]
     monkeypatch.setattr(step_matrix, "GAUSS", (0.5, 0.5))
-    (found,) = against_full.kept_energy(True, None)
+    (found,) = against_full.conserved_energy(True, None)
     assert not found.passed
 
 
@@ -89,8 +89,8 @@ def test_costs_are_measured_for_every_size(monkeypatch):
     assert [row[1] for row in found.rows] == ["full", "r = 5", "r = 20"] and found.claim == ""
 
 
-def test_a_tension_field_of_another_law_is_noticed(monkeypatch):
-    """Poisson's factor of plane stress left where it wrinkles."""
+def test_a_tension_field_of_another_law_is_detected(monkeypatch):
+    """A tension field with the factor `1/(1 - nu^2)` of plane stress is detected."""
     right = membranes.tension_field
     assert all(study.passed for study in membranes.sheared_sheet(True, None))
     monkeypatch.setattr(membranes, "tension_field", lambda shear: (right(shear)[0] / (1 - membranes.POISSON**2), right(shear)[1]))

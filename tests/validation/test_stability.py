@@ -1,4 +1,4 @@
-"""The studies of stability, in their quick versions; their closed forms and independent solves; and that they see what is wrong."""
+"""Studies of stability: closed forms, independent solves and quick versions are correct, and the studies detect errors."""
 
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ LAM, MU = 1.3, 0.8
 
 
 def a_result(*kinds, t=1.0, smallest=0.5):
-    """A path with critical points of these kinds."""
+    """Return a stand-in for a path with critical points of these kinds."""
     points = tuple(SimpleNamespace(kind=kind, t=t, resolved=True) for kind in kinds)
     step = SimpleNamespace(smallest_volume_ratio=smallest)
     return SimpleNamespace(critical_points=points, history=[step], message="It ended.")
@@ -32,14 +32,14 @@ def a_result(*kinds, t=1.0, smallest=0.5):
 
 
 @pytest.mark.parametrize("bar", snap_through.BARS)
-def test_the_bars_path_is_that_of_its_edge(bar):
+def test_the_closed_form_of_the_bar_is_the_force_of_its_edge(bar):
     for depth in bar.rise * np.array([-0.3, 0.2, 0.9, 1.7, 2.2]):
         force = -bar.system().internal_force([0, 0, 0, -depth])[3]
         assert force == pytest.approx(float(bar.force(depth)), rel=1e-12, abs=1e-12 * bar.limit_load)
     np.testing.assert_allclose(bar.force(np.array(bar.limit_points)) / bar.limit_load, [1, -1], rtol=1e-13)
     for point in bar.limit_points:
-        beside = bar.force(point + 1e-5 * bar.rise * np.array([-1, 1]))
-        assert abs(np.diff(beside)[0]) < 1e-12 * bar.limit_load
+        nearby = bar.force(point + 1e-5 * bar.rise * np.array([-1, 1]))
+        assert abs(np.diff(nearby)[0]) < 1e-12 * bar.limit_load
 
 
 def test_the_theory_of_shallow_arches_is_the_derivative_of_its_energy():
@@ -57,17 +57,17 @@ def test_the_theory_of_shallow_arches_is_the_derivative_of_its_energy():
         step = 1e-4 * e
         slope = (8 * (energy(b + step) - energy(b - step)) - (energy(b + 2 * step) - energy(b - 2 * step))) / (12 * step)
         assert slope == pytest.approx(-float(body.load(b)) / 4, rel=1e-9)  # the load's work is q L (e - b)/4
-    beside = body.load(body.limit_rise + 1e-6 * np.array([-1, 1]) * e)
-    assert abs(np.diff(beside)[0]) < 1e-10 * body.load(body.limit_rise)
+    nearby = body.load(body.limit_rise + 1e-6 * np.array([-1, 1]) * e)
+    assert abs(np.diff(nearby)[0]) < 1e-10 * body.load(body.limit_rise)
 
 
-def test_the_arch_is_as_thick_across_its_middle_line():
+def test_the_arch_has_its_thickness_normal_to_the_middle_line():
     body, a, step = arch.Arch(), np.linspace(0, 1, 41), 1e-6
-    across = np.subtract(body.place(a, 1.0), body.place(a, 0.0))
-    along = np.subtract(body.place(a + step, 0.5), body.place(a - step, 0.5)) / (2 * step)
+    across = np.subtract(body.map_to_arch(a, 1.0), body.map_to_arch(a, 0.0))
+    along = np.subtract(body.map_to_arch(a + step, 0.5), body.map_to_arch(a - step, 0.5)) / (2 * step)
     np.testing.assert_allclose(np.hypot(*across), body.thickness, rtol=1e-12)
     assert np.abs((across * along).sum(axis=0)).max() < 1e-9 * body.thickness
-    np.testing.assert_allclose(body.place(a, 0.5)[1], body.rise * np.sin(np.pi * a) ** 2, atol=1e-15)
+    np.testing.assert_allclose(body.map_to_arch(a, 0.5)[1], body.rise * np.sin(np.pi * a) ** 2, atol=1e-15)
 
 
 def test_the_arch_would_leave_its_path_only_after_the_limit_point():
@@ -80,7 +80,7 @@ def test_the_arch_would_leave_its_path_only_after_the_limit_point():
 
 
 @pytest.mark.parametrize("angle", [5, 40, 80, 120])
-def test_elliptic_integrals_solve_the_elasticas_equation(angle):
+def test_elliptic_integrals_solve_the_equation_of_the_elastica(angle):
     exact = post_buckling.elastica(angle)
     P = exact.load * np.pi**2 / 4
 
@@ -107,7 +107,7 @@ def acoustic_minimum(F, lam, mu, directions):
 
 @pytest.mark.parametrize("nu", [0.0, 0.2, 0.3, 0.45])
 @pytest.mark.parametrize("case", ellipticity.CASES, ids=lambda case: case.name)
-def test_ellipticity_is_lost_where_it_is_said(case, nu):
+def test_ellipticity_is_lost_at_the_closed_stretches(case, nu):
     lam, mu = 2 * nu / (1 - 2 * nu), 1.0
     angles = np.linspace(0, np.pi, 4001)
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -120,7 +120,7 @@ def test_ellipticity_is_lost_where_it_is_said(case, nu):
     assert values[0] > 0 > values[1]
 
 
-def test_the_stretches_are_those_that_are_tabulated():
+def test_the_stretches_equal_the_tabulated_values():
     np.testing.assert_allclose([ellipticity.uniaxial(nu) for nu in (0, 0.3, 0.45)], (0.586, 0.706, 0.906), atol=5e-4)
 
 
@@ -135,15 +135,15 @@ def test_the_laws_cases_are_homogeneous_states(case):
     force = system.internal_force(((F - np.eye(k)) @ p).T.ravel()).reshape(-1, k)
     expected = law.YOUNG * case.modulus(nu) / 2 * s * (s * s - 1) * case.section
     assert force[-1, 0] == pytest.approx(expected, rel=1e-12)
-    free = [(vertex, "xyz".index(c)) for vertex in range(k + 1) for c in "xyz"[:k] if c not in case.held[vertex]]
-    assert all(abs(force[place]) < 1e-12 * abs(expected) for place in free if place != (k, 0))
+    free = [(vertex, "xyz".index(c)) for vertex in range(k + 1) for c in "xyz"[:k] if c not in case.constrained[vertex]]
+    assert all(abs(force[index]) < 1e-12 * abs(expected) for index in free if index != (k, 0))
 
 
 # independent solves
 
 
 @pytest.mark.parametrize("k", [2, 3])
-def test_the_independent_force_and_tangent_are_those_of_the_edges(k):
+def test_the_independent_force_and_tangent_equal_those_of_the_edge_form(k):
     mesh = moved_box(k, 2)
     cells, element = (skfem.MeshTri, skfem.ElementTriP1) if k == 2 else (skfem.MeshTet, skfem.ElementTetP1)
     basis = skfem.Basis(cells(mesh.p, mesh.t), skfem.ElementVector(element()), intorder=1)
@@ -157,13 +157,13 @@ def test_the_independent_force_and_tangent_are_those_of_the_edges(k):
 
 
 def section():
-    """Quadratic triangles on 0.5 < r < 1.3, -0.2 < z < 0.4."""
+    """Return a body of quadratic triangles on 0.5 < r < 1.3, -0.2 < z < 0.4."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0.5, 1.3, 4), np.linspace(-0.2, 0.4, 3))
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP2()), intorder=6)
     return independent.Body(basis, LAM, MU, basis.zeros(), np.arange(basis.N), 0, independent.axisymmetric)
 
 
-def test_axisymmetric_elements_do_the_work_of_the_stress():
+def test_the_work_of_axisymmetric_forces_is_the_work_of_the_stress():
     body, (a, b) = section(), (0.2, -0.1)
     widened, raised = (
         body.basis.project(move) for move in (lambda x: np.stack([x[0], 0 * x[1]]), lambda x: np.stack([0 * x[0], x[1]]))
@@ -236,26 +236,26 @@ def test_the_claim_holds(study):
     assert found.passed, found.failures
 
 
-# and what they see
+# detection of errors
 
 
-def test_another_bar_is_seen(monkeypatch):
+def test_another_bar_is_detected(monkeypatch):
     monkeypatch.setattr(snap_through, "BARS", snap_through.BARS[:1])
     right = snap_through.Bar.system
     monkeypatch.setattr(snap_through.Bar, "system", lambda bar: right(bar._replace(rise=(1 + 1e-9) * bar.rise)))
     failures = snap_through.snap_through().failures
-    assert "off the path" in failures[0] and "limit point at" in failures[1]
+    assert "distance from the path" in failures[0] and "limit point at" in failures[1]
 
 
-def test_a_missing_limit_point_is_seen():
+def test_a_missing_limit_point_is_detected():
     assert not list(wrong(a_result("limit point", "limit point")))
     assert "expected 2" in next(wrong(a_result("limit point")))
     assert "bifurcation" in next(wrong(a_result("limit point", "bifurcation")))
     assert "nothing found" in next(wrong(a_result()))
-    assert "inside out" in next(wrong(a_result("limit point", "limit point", smallest=-0.1)))
+    assert "inverted" in next(wrong(a_result("limit point", "limit point", smallest=-0.1)))
 
 
-def test_a_limit_load_off_by_a_percent_is_seen():
+def test_an_error_of_one_percent_in_the_limit_load_is_detected():
     values = [1 + 0.3 * h**2 - 0.02 * h**4 for h in (1, 0.5, 0.25)]
     assert not list(Convergence(values, 1.0).failures(1e-3, (2.0, 0.15)))
     assert "extrapolated" in next(Convergence(values, 1.01).failures(1e-3, (2.0, 0.15)))
@@ -264,21 +264,21 @@ def test_a_limit_load_off_by_a_percent_is_seen():
 
 def stub_arch(monkeypatch, theory=1.0, loads=(1.284873, 1.053216, 1.000735)):
     results = iter(a_result("limit point", t=load) for load in loads)
-    monkeypatch.setattr(arch, "followed", lambda *mesh, turns: next(results))
+    monkeypatch.setattr(arch, "followed", lambda *mesh, count: next(results))
     quadratic = {50: 0.98342, 100: 0.996135}
     monkeypatch.setattr(arch, "quadratic", lambda body, n: SimpleNamespace(t=theory * quadratic[body.slenderness]))
     return arch.arch(quick=True).failures
 
 
-def test_an_arch_off_by_a_percent_is_seen(monkeypatch):
+def test_an_error_of_one_percent_in_the_arch_is_detected(monkeypatch):
     assert not stub_arch(monkeypatch)
     assert len(stub_arch(monkeypatch, theory=1.01)) == 3
     assert len(stub_arch(monkeypatch, loads=np.array((1.284873, 1.053216, 1.000735)) * 0.99)) >= 1
 
 
-def test_a_dome_off_by_a_millionth_is_seen(monkeypatch):
+def test_an_error_of_three_millionths_in_the_dome_is_detected(monkeypatch):
     loads, twin = iter((3.490109, 2.621697)), SimpleNamespace(t=3.490109 * (1 + 3e-6))
-    monkeypatch.setattr(dome, "followed", lambda *mesh, turns: a_result("limit point", t=next(loads)))
+    monkeypatch.setattr(dome, "followed", lambda *mesh, count: a_result("limit point", t=next(loads)))
     monkeypatch.setattr(dome, "axisymmetric", lambda n, m: SimpleNamespace(t=2.35017))
     monkeypatch.setattr(dome, "tetrahedra", lambda n, m: twin)
     monkeypatch.setattr(independent, "limit_point", lambda body, depths: body)
@@ -286,7 +286,7 @@ def test_a_dome_off_by_a_millionth_is_seen(monkeypatch):
     assert "by displacement control" in failure
 
 
-def test_a_wrong_moment_of_inertia_is_seen(monkeypatch):
+def test_a_wrong_moment_of_inertia_is_detected(monkeypatch):
     monkeypatch.setattr(column, "FINE", (2, 4))
     wrong_load = property(lambda body: np.pi**2 * column.YOUNG * body.height**3 / 11.9 / 4)
     monkeypatch.setattr(column.Column, "euler_load", wrong_load)
@@ -300,14 +300,14 @@ def test_critical_loads_of_the_straight_column_are_the_bifurcations_of_its_path(
     assert found == pytest.approx(body.buckled().t, rel=1e-5)
 
 
-def test_another_stiffness_of_corotated_columns_is_seen(monkeypatch):
+def test_another_stiffness_of_corotated_columns_is_detected(monkeypatch):
     monkeypatch.setattr(corotated, "meshes", lambda: {"quadratic triangles, 2 through h": column.Column(20, 2).mesh()})
     monkeypatch.setitem(corotated.LAWS, "Corotated", lambda young, poisson: Corotated(young=1.01 * young, poisson=poisson))
     failures = corotated.corotated().failures
     assert len(failures) == 2 and "StVK 1.7468" in failures[0] and "1.7468" in failures[1]
 
 
-def test_another_mode_is_seen():
+def test_another_mode_is_detected():
     body = column.Column(20, 2)
     deflection = np.zeros((body.mesh().nv, 2))
     x = body.mesh().p[0]
@@ -317,7 +317,7 @@ def test_another_mode_is_seen():
     assert column.mode_error(body, SimpleNamespace(mode=deflection.ravel())) > 0.01
 
 
-def test_another_elastica_is_seen(monkeypatch):
+def test_another_elastica_is_detected(monkeypatch):
     right = post_buckling.elastica
     monkeypatch.setattr(post_buckling, "SLENDER", (10, 20))
     monkeypatch.setattr(post_buckling, "ANGLES", (40,))
@@ -325,18 +325,18 @@ def test_another_elastica_is_seen(monkeypatch):
     assert any("of thin columns" in failure for failure in post_buckling.post_buckling(quick=True).failures)
 
 
-def test_another_law_is_seen(monkeypatch):
+def test_another_law_is_detected(monkeypatch):
     monkeypatch.setattr(law, "CASES", [law.CASES[1]._replace(modulus=lambda nu: (1 + 1e-7) * law.confined(nu))])
     assert len(law.law().failures) == len(law.POISSON)
 
 
-def test_another_acoustic_tensor_is_seen(monkeypatch):
+def test_another_acoustic_tensor_is_detected(monkeypatch):
     monkeypatch.setattr(ellipticity, "StVK", lambda young, poisson: StVK(young=young, poisson=poisson + 1e-8))
     monkeypatch.setattr(ellipticity, "CASES", ellipticity.CASES[1:2])
     assert len(ellipticity.ellipticity(quick=True).failures) == len(ellipticity.POISSON)
 
 
-def test_what_never_vanishes_is_not_found(monkeypatch):
+def test_an_eigenvalue_without_a_zero_is_not_found(monkeypatch):
     monkeypatch.setattr(Fields, "at", lambda fields, u: {"smallest_acoustic_eigenvalue": np.ones(fields.mesh.nt)})
     with pytest.raises(NotFoundError, match="do not vanish"):
         ellipticity.lost(ellipticity.CASES[0], 0.3, 2)
@@ -344,23 +344,23 @@ def test_what_never_vanishes_is_not_found(monkeypatch):
 
 def test_states_are_rotated():
     for k in (2, 3):
-        turn = ellipticity.rotation(k)
-        np.testing.assert_allclose(turn @ turn.T, np.eye(k), atol=1e-15)
-        assert np.abs(turn - np.eye(k)).max() > 0.1
+        R = ellipticity.rotation(k)
+        np.testing.assert_allclose(R @ R.T, np.eye(k), atol=1e-15)
+        assert np.abs(R - np.eye(k)).max() > 0.1
     assert Rotation.from_matrix(ellipticity.rotation(3)).magnitude() > 1
 
 
 # the command
 
 
-def test_the_command_draws_the_paths_that_are_asked_for(tmp_path, capsys):
+def test_the_command_draws_the_requested_paths(tmp_path, capsys):
     assert stability.main(quick=True, only=["snap-through", "law"], out=str(tmp_path / "new")) == 0
     out = capsys.readouterr().out
     assert "all 2 claims hold" in out and "One bar" in out and "arch" not in out
     assert (tmp_path / "new" / "stability.png").stat().st_size > 10_000
 
 
-def test_the_command_says_what_was_not_found(monkeypatch, capsys):
+def test_the_command_reports_missing_limit_points(monkeypatch, capsys):
     def broken(quick):
         """a claim"""
         raise NotFoundError("There is no limit point.")
@@ -371,7 +371,7 @@ def test_the_command_says_what_was_not_found(monkeypatch, capsys):
     assert "There is no limit point." in out and "DOES NOT HOLD: broken" in out and "Limit points of the law" in out
 
 
-def test_an_odd_number_of_panels_leaves_an_empty_place(tmp_path):
+def test_an_odd_number_of_panels_leaves_an_empty_panel(tmp_path):
     line = picture.Curve([0, 1], [0, 1], "line")
     panel = picture.Panel("A path", ("u", "P"), (line,), (line,), line)
     assert picture.draw([panel] * 3, tmp_path / "three.png").exists()

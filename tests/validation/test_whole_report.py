@@ -1,4 +1,4 @@
-"""The validation report: kinds apart, each claim with its reference, what is missing shown as such, and what moved is told."""
+"""The validation report separates kinds of claims, gives each claim its reference, and lists missing claims and changed values."""
 
 import json
 import os
@@ -27,7 +27,7 @@ def claim(name="a", outcome="holds", value=1.0, part="one", **more):
 
 @pytest.fixture
 def jobs(monkeypatch):
-    """Stand-ins for the jobs: by part, the claims, or why there are none."""
+    """Replace the jobs and return their claims by part."""
     part = Part(Kind.CODE, "closed forms", "analytic", "a book")
     monkeypatch.setitem(
         PARTS, "statics", {"one": part, "two": part._replace(kind=Kind.SOLUTION), "timed": part._replace(speed=True)}
@@ -46,7 +46,7 @@ def test_every_part_of_every_study_is_in_the_report():
     assert all(part.reference and part.reference_kind and part.source for parts in PARTS.values() for part in parts.values())
 
 
-def test_it_is_written_as_html_and_json_and_compared_with_an_earlier_run(jobs, tmp_path, capsys):
+def test_the_report_is_written_as_html_and_json_and_compared_with_an_earlier_run(jobs, tmp_path, capsys):
     assert make_report(["statics"], quick=True, out=str(tmp_path / "first")) == 0
     first = json.loads((tmp_path / "first" / "validation.json").read_text())
     assert first["holds"] and len(first["claims"]) == 2 and first["not run without --speed"]
@@ -54,7 +54,7 @@ def test_it_is_written_as_html_and_json_and_compared_with_an_earlier_run(jobs, t
     jobs["one"][0].value = 1.05
     code = make_report(["statics"], quick=True, out=str(tmp_path), compare=str(tmp_path / "first" / "validation.json"))
     out = capsys.readouterr().out
-    assert code == 0 and "1 values moved since" in out
+    assert code == 0 and "1 values changed since" in out
     page = (tmp_path / "validation.html").read_text()
     assert "Code verification" in page and "all claims hold" in page and "1.05" in page
 
@@ -70,7 +70,7 @@ report(quick=True, out=sys.argv[1])
 """
 
 
-def test_a_run_that_is_killed_leaves_the_parts_that_had_ended_and_is_resumed(jobs, tmp_path, monkeypatch):
+def test_a_killed_run_retains_the_finished_parts_and_is_resumed(jobs, tmp_path, monkeypatch):
     file = tmp_path / "validation.json"
     root = Path(__file__).parents[2]
     paths = os.pathsep.join([str(root), str(root / "tests")])
@@ -96,7 +96,7 @@ def test_a_run_that_is_killed_leaves_the_parts_that_had_ended_and_is_resumed(job
         make_report(["statics"], quick=True, resume=True)
 
 
-def test_a_resumed_run_repeats_what_was_missing(jobs, tmp_path, capsys):
+def test_a_resumed_run_repeats_missing_parts(jobs, tmp_path, capsys):
     jobs["two"] = [claim("b", "missing", part="two")]
     assert make_report(["statics"], quick=True, out=str(tmp_path)) == 1
     jobs["one"], jobs["two"] = [claim("not asked")], [claim("b", part="two")]
@@ -104,12 +104,12 @@ def test_a_resumed_run_repeats_what_was_missing(jobs, tmp_path, capsys):
     assert "not asked" not in (tmp_path / "validation.html").read_text()
 
 
-def test_what_measures_time_runs_only_when_it_is_asked_for(jobs):
+def test_parts_that_measure_time_run_only_on_request(jobs):
     assert module._jobs(["statics"], True, False) == [("statics", "one"), ("statics", "two")]
     assert ("statics", "timed") in module._jobs(["statics"], True, True)
 
 
-def test_what_does_not_hold_or_is_missing_does_not_pass(jobs, capsys):
+def test_a_claim_that_does_not_hold_or_is_missing_fails_the_report(jobs, capsys):
     jobs["one"] = [claim(outcome="does not hold", reason="round-off")]
     assert make_report(["statics"], quick=True) == 1
     jobs["one"], jobs["two"] = [claim()], [claim("b", outcome="missing", failures=["no such package"])]
@@ -117,8 +117,8 @@ def test_what_does_not_hold_or_is_missing_does_not_pass(jobs, capsys):
     assert "missing statics, one: b: no such package" in " ".join(capsys.readouterr().out.split())
 
 
-def test_why_a_command_does_not_hold_is_its_last_line(jobs, capsys):
-    """What is no study and no number has neither failures nor an error."""
+def test_the_reason_of_a_failed_command_is_its_last_line(jobs, capsys):
+    """The claim of a command has neither failures nor an error, so that the report shows the last note."""
     jobs["one"] = [job.Claim(Kind.CODE.value, "statics", "one", "a", outcome="does not hold", notes=["a table", "3 WRONG"])]
     assert make_report(["statics"], quick=True) == 1
     assert "does not hold statics, one: a: 3 WRONG" in capsys.readouterr().out
@@ -133,7 +133,7 @@ def test_a_job_that_crashes_or_takes_too_long_is_missing(monkeypatch):
     assert late.outcome == "missing" and "took longer than" in late.failures[0]
 
 
-def test_a_number_holds_within_its_tolerance_alone():
+def test_a_number_holds_only_within_its_tolerance():
     number = numbers.Number("n", "words", 1.02, 1.0, 0.01, "reason", "analytic", "a book")
     assert job.of_number(number, Kind.CODE, "g", "p").outcome == "does not hold"
     for value in (float("nan"), float("inf")):
@@ -156,10 +156,10 @@ def test_coefficients_of_the_regular_tetrahedron_hold():
     assert {job.of_number(n, Kind.PUBLISHED, "g", "p").outcome for n in numbers.coefficients(True)} == {"holds"}
 
 
-def test_bad_arguments_are_told(capsys, monkeypatch, tmp_path):
+def test_bad_arguments_are_errors(capsys, monkeypatch, tmp_path):
     (tmp_path / "no.json").write_text("{}")
     monkeypatch.setattr(sys, "argv", ["validation", "--quick", "--compare", str(tmp_path / "no.json")])
-    assert command.main() == 2 and "is no report of this command" in capsys.readouterr().err
-    with pytest.raises(Exception, match="There is no group nothing"):
+    assert command.main() == 2 and "is not a report of this command" in capsys.readouterr().err
+    with pytest.raises(Exception, match="groups = nothing; expected some of"):
         make_report(["nothing"])
     assert catalogue.PARTS is PARTS

@@ -1,4 +1,4 @@
-"""Test vectors are right to the last bit, hold all that is needed, and what is computed from them is judged."""
+"""Test vectors are correctly rounded and complete, and `verify_results` judges results computed from them."""
 
 import shutil
 import subprocess
@@ -40,15 +40,15 @@ def published():
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_published_vectors_come_out_again_to_the_last_bit(name, published, monkeypatch):
-    """In the published states: random numbers and rotations need not be the same on every machine."""
+def test_published_vectors_are_reproduced_bit_for_bit(name, published, monkeypatch):
+    """In the published states, new vectors equal the published vectors bit for bit; other machines may draw other states."""
     monkeypatch.setattr(module, "named_states", lambda *given: published[name].states)
     assert made(name).arrays["digest"] == published[name].arrays["digest"]
     assert sum(file.stat().st_size for file in FOLDER.glob("*.npz")) < 400_000
 
 
 def exactly(vectors, s):
-    """W, F and K of tetrahedra in fractions, from E and nu."""
+    """Return W, F and K of tetrahedra, computed in fractions from E and nu."""
     X, u = (np.vectorize(Fraction, otypes=[object])(vectors.arrays[name]) for name in ("nodes", "u"))
     u = u[s].reshape(X.shape)
     W, F, K = Fraction(0), np.full(u.size, Fraction(0)), np.full((u.size, u.size), Fraction(0))
@@ -80,7 +80,7 @@ def exactly(vectors, s):
 
 @pytest.mark.parametrize(("name", "s"), [("tetrahedron", 3), ("block", 4)])
 def test_every_number_is_rounded_once(name, s, published):
-    """Equal to the last bit to W, F and K in fractions, whose conversion to double is the only rounding."""
+    """W, F and K equal bit for bit the values in fractions, whose conversion to double is the only rounding."""
     vectors = published[name]
     W, F, K = exactly(vectors, s)
     assert (vectors.arrays["W"][s], vectors.arrays["F"][s].tolist()) == (W, F.tolist())
@@ -92,7 +92,7 @@ def test_every_number_is_rounded_once(name, s, published):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_the_coefficients_of_edges_and_pairs_are_those_of_the_network(name):
+def test_the_coefficients_of_edges_and_pairs_equal_those_of_the_network(name):
     mesh = MESHES[name] if MESHES[name].nt < 60 else box(1)
     sections = {1: {"area": 0.2}, 2: {"thickness": 0.3, "plane": "stress"}}.get(mesh.k, {})
     law = StVK(young=2.0, poisson=0.3, **sections)
@@ -108,7 +108,7 @@ def test_the_coefficients_of_edges_and_pairs_are_those_of_the_network(name):
 
 
 def from_points(vectors, s):
-    """W, F and K of an isotropic body from points, dN, R_inverse, volumes and lame alone, as another program would."""
+    """Return W, F and K of an isotropic body from points, dN, R_inverse, volumes and lame only, as another program would."""
     a = vectors.arrays
     X, u = a["nodes"], a["u"][s].reshape(a["nodes"].shape)
     n, d = X.size, X.shape[1]
@@ -130,8 +130,8 @@ def from_points(vectors, s):
 
 
 @pytest.mark.parametrize("name", ["curved", "hexahedra", "curved sheet"])
-def test_points_and_triangles_are_all_that_other_elements_need(name, published, tmp_path):
-    if name == "curved sheet":  # in space, where elements have axes of their own
+def test_points_and_triangles_suffice_for_other_elements(name, published, tmp_path):
+    if name == "curved sheet":  # in space, where each element has its own axes
         flat = sheet(1).with_degree(2)
         bent = ElementMesh(np.vstack([flat.p, 0.2 * flat.p[0] * flat.p[1]]), flat.t, element=flat.element)
         vectors = export_vectors(bent, StVK(young=2.0, poisson=0.3, thickness=0.1), quadrature="exact", quiet=True)
@@ -152,7 +152,7 @@ def test_points_and_triangles_are_all_that_other_elements_need(name, published, 
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
-    """The C program of the docs, compiled by the system's compiler."""
+    """Return the C program of the docs, compiled by the system's compiler."""
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("there is no C compiler, cc")
@@ -161,8 +161,8 @@ def program(tmp_path_factory):
     return file
 
 
-def test_a_c_program_makes_the_round_trip(program, tmp_path, capsys):
-    """It computes W, F and K from L alone; as its lambda is doubled, or a pair left out, it is told."""
+def test_the_c_program_passes_and_a_missing_pair_fails(program, tmp_path, capsys):
+    """W, F and K that the C program computes from L pass; a pair coefficient of zero fails."""
     assert main(["export", "--out", str(tmp_path)]) == 0
     for name in SIMPLICES:
         subprocess.run([program, tmp_path / name / "vectors.txt", tmp_path / name / "results.txt"], check=True)
@@ -184,7 +184,7 @@ def test_the_c_program_refuses_vectors_of_other_elements(program, published, tmp
     assert done.returncode == 1 and "there is no edges" in done.stderr
 
 
-def test_the_c_program_says_what_it_cannot_read(program, published, tmp_path):
+def test_the_c_program_reports_unreadable_files(program, published, tmp_path):
     published["block"].save(tmp_path)
     whole = tmp_path / "vectors.txt"
     (tmp_path / "cut.txt").write_text(whole.read_text()[:3000])
@@ -194,7 +194,7 @@ def test_the_c_program_says_what_it_cannot_read(program, published, tmp_path):
         assert done.returncode == 1 and words in done.stderr
 
 
-def test_a_part_is_exported_and_judged_by_command(tmp_path, capsys):
+def test_a_part_is_exported_and_judged_by_commands(tmp_path, capsys):
     import meshio
 
     mesh = box(1)
@@ -242,7 +242,7 @@ def spoil(array, how):
 @pytest.mark.parametrize(
     ("name", "how"), list(product(("W", "F", "K_values", "K_blocks"), ("off by 1e-11", "NaN", "infinite", "sign")))
 )
-def test_a_wrong_value_is_told(name, how, published, tmp_path):
+def test_a_wrong_value_fails(name, how, published, tmp_path):
     vectors = published["block"]
     assert judged(tmp_path, vectors, right(vectors, name)).passed
     report = judged(tmp_path, vectors, {name: spoil(vectors.arrays[name], how)})
@@ -260,8 +260,8 @@ def test_some_states_in_another_order_are_enough(published, tmp_path):
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_what_is_wrong_with_results_is_named(name, published, tmp_path):
-    """As that of a candidate, though values are known in the states of the vectors alone."""
+def test_faults_of_results_are_named(name, published, tmp_path):
+    """Faults get the same names as faults of candidates, although values are known only in the states of the vectors."""
     vectors = published[name]
     F, blocks = vectors.arrays["F"], vectors.arrays["K_blocks"]
     faults = {
@@ -278,7 +278,7 @@ def test_what_is_wrong_with_results_is_named(name, published, tmp_path):
 
 @pytest.mark.parametrize("name", [name for name in PUBLISHED if name != "membrane"])
 def test_a_doubled_lambda_is_named_in_results(name, published, tmp_path):
-    """Of two materials too: fitted to the states of the vectors."""
+    """A doubled lambda is named, also for two materials, by a fit to the states of the vectors."""
     vectors = published[name]
     E, nu = vectors.arrays["young"], vectors.arrays["poisson"]
     lam, mu = 2 * E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
@@ -290,7 +290,7 @@ def test_a_doubled_lambda_is_named_in_results(name, published, tmp_path):
 @pytest.mark.parametrize("digits", ["float32", "%.7g", "%g"])
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_single_precision_is_named_in_results(name, digits, published, tmp_path):
-    """Whether a few quantities are in single precision, or all that were given, and in some states alone."""
+    """Single precision is named if one quantity or all quantities have it, and if only some states are given."""
     vectors = published[name]
 
     def rounded(array):
@@ -309,7 +309,7 @@ def test_single_precision_is_named_in_results(name, digits, published, tmp_path)
 
 
 def test_values_that_are_not_finite_are_named_by_their_states(published, tmp_path):
-    """And explained by no hypothesis that leaves the other values alone."""
+    """States with NaN or infinity are named, and hypotheses explain only the finite values."""
     vectors = published["block"]
     F = vectors.arrays["F"].copy()
     F[[0, 3], 5] = np.nan, np.inf
@@ -322,8 +322,8 @@ def test_values_that_are_not_finite_are_named_by_their_states(published, tmp_pat
     assert judged(tmp_path, vectors, {"F": F}).named.names == ["not a number at inversion"]
 
 
-def test_what_nothing_explains_is_told_with_where_it_is(published, tmp_path):
-    """Also of results in a single state, at rest, and of values that are not numbers."""
+def test_errors_without_an_explanation_are_reported_with_their_location(published, tmp_path):
+    """Errors that no hypothesis explains are reported, also for a single state, the state of rest, and NaN."""
     vectors = published["block"]
     F = vectors.arrays["F"].copy()
     F[:, 5] *= 1.5
@@ -363,7 +363,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_damaged_text_is_refused_with_what_is_wrong(name, published, tmp_path):
+def test_a_damaged_text_is_refused_with_the_reason(name, published, tmp_path):
     text, words = BAD[name]
     (tmp_path / "results.txt").write_text(text)
     with pytest.raises(StvkError, match=f"(?s){words}"):
@@ -393,7 +393,7 @@ def test_a_damaged_npz_is_refused(published, tmp_path):
         verify_results(tmp_path, vectors)
 
 
-def test_vectors_that_were_changed_or_are_missing_are_refused(published, tmp_path):
+def test_changed_and_missing_vectors_are_refused(published, tmp_path):
     published["block"].save(tmp_path)
     write_text(tmp_path / "results.txt", right(published["block"], "W"))
     (tmp_path / "vectors.npz").unlink()
@@ -432,7 +432,7 @@ def test_vectors_of_other_materials_are_refused(law, words):
         export_vectors(box(1), law, quiet=True)
 
 
-def test_the_page_has_the_whole_layout():
+def test_the_page_contains_the_whole_layout():
     page = (DOCS / "test-vectors.md").read_text()
     for name, field in LAYOUT.items():
         sizes = " x ".join(field.sizes)

@@ -1,4 +1,4 @@
-"""The benchmark: time, memory and errors of this package and of others in one run, and the targets that they are held against."""
+"""Benchmark of time, memory and errors: this package and other codes in one run, judged by targets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["FULL", "QUICK", "Benchmark", "Plan", "bench", "main"]
 
 
 def main(quick: bool = False, out: str | None = None) -> int:
-    """time, memory and errors of W, F, K and K v, of this package and of what else is installed; exit code 0 if all ran"""
+    """measure time, memory and errors of W, F, K and K v for this package and other installed codes; exit code 0 if all ran"""
     try:
         if out is not None:
             refuse_unwritable(out)

@@ -1,6 +1,6 @@
-"""All who compute W, F, K and K v in one run: this package, a C loop, scikit-fem, the textbook form and other codes.
+"""Implementations of W, F, K and K v that one run compares: this package, a C loop, scikit-fem, the textbook form and other codes.
 
-Their times are taken in turns, and their errors against 50 digits.
+The timed calls alternate. The errors are relative to a computation in 50 digits.
 """
 
 from __future__ import annotations
@@ -35,12 +35,15 @@ from .results import CONTROL, CSR, MODELS, OURS, REFERENCE, TEXTBOOK, Benchmark,
 Calls = dict[tuple[str, str], Callable[[], Any]]
 
 STRAINS = (1e-3, 1e-6)
-#: How much of the specimen's deformation models are timed at: none of its elements is inside out there.
+#: Fraction of the specimen's deformation at which the models are timed. No element is inverted there.
 MODEST = 0.2
 
 
 def time_contenders(results: Benchmark, specimen: Specimen) -> None:
-    """Time this package in both precisions on one and two threads, the C loop and one CSR product with the same K on one."""
+    """Time this package, the C loop and one CSR product with the same K.
+
+    This package runs in both precisions, on one and two threads; the others run on one thread.
+    """
     control = results.optional(CONTROL, partial(_control_calls, specimen))
     for dtype in ("float64", "float32"):
         body, u, v = System(specimen.mesh, specimen.term, dtype=dtype), specimen.u.astype(dtype), specimen.v.astype(dtype)
@@ -54,14 +57,14 @@ def time_contenders(results: Benchmark, specimen: Specimen) -> None:
                     calls[CSR, "K v"] = partial(matmul, K, v)
                 if count == 1 and dtype == "float64":
                     calls |= control or {}
-                for (player, quantity), taken in best_and_median(calls, results.plan.seconds).items():
-                    results.add(specimen, player, quantity, taken, count, dtype)
+                for (implementation, quantity), taken in best_and_median(calls, results.plan.seconds).items():
+                    results.add(specimen, implementation, quantity, taken, count, dtype)
                 if count == 1 and dtype == "float64":
                     results.least_bytes[specimen.name] = {what: n / specimen.mesh.nt for what, n in least_bytes(body, K).items()}
 
 
 def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, Any]:
-    """Return the calls of a system, and the K that they fill."""
+    """Return the calls of a system, and the matrix K that they overwrite."""
     K, operator = body.tangent(u), body.linear_operator(u)
     calls: dict[str, Callable[[], Any]] = {
         "W": partial(body.energy, u),
@@ -76,7 +79,7 @@ def our_calls(body: System, u: NDArray[Any], v: NDArray[Any]) -> tuple[Calls, An
 
 
 def _control_calls(specimen: Specimen) -> Calls:
-    """Return the calls of the C loop; a StvkError if there is no compiler, or what it makes cannot be used."""
+    """Return the calls of the C loop. Raise StvkError if there is no compiler, or if the compiled loop cannot be used."""
     try:
         loop = Control(specimen.mesh.p, specimen.mesh.t, *lame(YOUNG, POISSON))
     except (OSError, np.linalg.LinAlgError) as error:
@@ -90,7 +93,7 @@ def reference_on(mesh: ElementMesh) -> ReferenceStVK:
 
 
 def time_reference(results: Benchmark, specimen: Specimen) -> None:
-    """Time scikit-fem's W, F and K, and the textbook form's F in both precisions, on one thread."""
+    """Time W, F and K of scikit-fem, and F of the textbook form in both precisions, on one thread."""
     if specimen.size not in results.plan.referenced:
         return
     for dtype in ("float64", "float32"):
@@ -115,12 +118,12 @@ def _time_peer(results: Benchmark, specimen: Specimen, name: str) -> None:
 
 
 def peer_on(name: str, mesh: ElementMesh) -> Any:
-    """Return a peer of the benchmark's material; a StvkError if it is not installed."""
+    """Return a peer with the benchmark's material. Raise StvkError if the peer is not installed."""
     return load(name)(mesh.p, mesh.t, YOUNG, POISSON)
 
 
 def time_models(results: Benchmark, specimen: Specimen) -> None:
-    """Time W and F, and K, of other models of the same material on one thread, in turns with St. Venant-Kirchhoff's."""
+    """Time W and F, and K, of other models of the same material on one thread, alternating with St. Venant-Kirchhoff's."""
     if specimen.size not in results.plan.referenced:
         return
     u = MODEST * specimen.u
@@ -135,7 +138,7 @@ def time_models(results: Benchmark, specimen: Specimen) -> None:
 
 
 def models_of(specimen: Specimen) -> dict[str, Any]:
-    """Return the models that are timed, by name, `MODELS`."""
+    """Return the timed models by the names in `MODELS`."""
     material: dict[str, Any] = {"young": YOUNG, "poisson": POISSON}
     network = EdgeNetwork.of(specimen.mesh, specimen.term)
     made = {
@@ -152,7 +155,7 @@ def models_of(specimen: Specimen) -> dict[str, Any]:
 
 
 def leave_out(results: Benchmark) -> None:
-    """Say which peers the plan does not time, and how those that are missing are installed."""
+    """Record the peers that the plan does not time, and the install command of missing peers."""
     for name, package in PEERS.items():
         if package.version() is None:
             results.not_measured[name] = f"not installed: {package.install}"
@@ -160,17 +163,17 @@ def leave_out(results: Benchmark) -> None:
             results.not_measured[name] = "left to the full run"
 
 
-def _time(results: Benchmark, specimen: Specimen, player: str, model: Any) -> None:
+def _time(results: Benchmark, specimen: Specimen, implementation: str, model: Any) -> None:
     calls = {what: partial(getattr(model, name), specimen.u) for what, name in METHODS.items() if hasattr(model, name)}
     with threads(1):
         for quantity, taken in best_and_median(calls, results.plan.seconds).items():
-            results.add(specimen, player, quantity, taken)
+            results.add(specimen, implementation, quantity, taken)
 
 
 def compare_errors(results: Benchmark, specimen: Specimen) -> None:
-    """Keep the errors of all players on 64 tetrahedra from the middle of a mesh, strained at random without rotation.
+    """Record the errors of all implementations on 64 tetrahedra from the middle of a mesh, strained at random without rotation.
 
-    Single precision holds the displacements exactly, so that the computation alone is measured.
+    The displacements are exact in single precision, so that only errors of the computation are measured.
     """
     shape = patch(Shape(specimen.mesh, Discretisation(specimen.mesh.element.name)))
     piece = shape.mesh
@@ -180,22 +183,22 @@ def compare_errors(results: Benchmark, specimen: Specimen) -> None:
     for strain in STRAINS:
         u, v = (strain * noise).astype(np.float32).astype(float).reshape(2, -1)
         F, Kv = exact.internal_force(u), exact.product(u, v)
-        for (player, dtype), model in models.items():
+        for (implementation, dtype), model in models.items():
             at = u.astype(dtype)
-            results.errors.append(ErrorOf(player, dtype, "F", strain, relative_error(model.internal_force(at), F)))
+            results.errors.append(ErrorOf(implementation, dtype, "F", strain, relative_error(model.internal_force(at), F)))
             if hasattr(model, "tangent"):
                 product = model.tangent(at) @ v.astype(dtype)
-                results.errors.append(ErrorOf(player, dtype, "K", strain, relative_error(product, Kv)))
+                results.errors.append(ErrorOf(implementation, dtype, "K", strain, relative_error(product, Kv)))
 
 
 def _models(results: Benchmark, specimen: Specimen, piece: ElementMesh) -> dict[tuple[str, str], Any]:
-    """Return every player that was timed, by name and precision."""
+    """Return the implementations that were timed, by name and precision."""
     models: dict[tuple[str, str], Any] = {(REFERENCE, "float64"): reference_on(piece)}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # the patch may be in pieces
+        warnings.simplefilter("ignore", StvkWarning)  # the patch may be disconnected
         for dtype in ("float64", "float32"):
             models[OURS, dtype] = System(piece, specimen.term, dtype=dtype)
             models[TEXTBOOK, dtype] = Textbook(specimen.term.bind(piece).form, dtype)
-    for name in dict.fromkeys(timing.player for timing in results.timings if timing.player in results.plan.peers):
+    for name in dict.fromkeys(timing.implementation for timing in results.timings if timing.implementation in results.plan.peers):
         models[name, "float64"] = peer_on(name, piece)
     return models

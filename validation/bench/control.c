@@ -1,12 +1,11 @@
-/* A plain loop over P1 tetrahedra for St. Venant-Kirchhoff's law in the Total Lagrangian form: what a careful engineer writes
-   first, and what an assembly from edges has to beat. C = F'F, S = lambda tr(E) I + 2 mu E, P = F S; forces and 3x3 blocks are
-   added up in the mesh's order.
+/* Plain loop over P1 tetrahedra for St. Venant-Kirchhoff's law in the Total Lagrangian form, the reference for the speed of the
+   assembly from edges. C = F'F, S = lambda tr(E) I + 2 mu E, P = F S. Forces and 3x3 blocks are added in the order of the mesh.
 
    rest     (nv, 3) vertices
    corner   (nt, 4) vertices of each tetrahedron
-   grad     (nt, 3, 3) gradients of the barycentric coordinates 1, 2, 3; that of 0 is minus their sum
+   grad     (nt, 3, 3) gradients of the barycentric coordinates 1, 2, 3; the gradient of coordinate 0 is minus their sum
    lam, mu  (nt,) Lame's constants times the volume
-   place    (nt, 4, 4) the block of K that each pair of corners adds to */
+   block_of (nt, 4, 4) index of the block of K to which each pair of corners contributes */
 
 #include <string.h>
 
@@ -67,7 +66,7 @@ void force(long nt, long nv, const double *x, const int *corner, const double *g
     struct state s = deform(x, c, g);
     double S[3][3];
     stress(&s, lam[e], mu[e], S);
-    double P[3][3], h[3][3]; /* all of h before f is touched: adding to it in between costs a third in large meshes */
+    double P[3][3], h[3][3]; /* compute all of h before writing to f: alternating costs a third more time in large meshes */
     for (int i = 0; i < 3; i++)
       for (int J = 0; J < 3; J++) P[i][J] = dot(s.F[i], S[J]);
     for (int a = 0; a < 3; a++)
@@ -82,7 +81,7 @@ void force(long nt, long nv, const double *x, const int *corner, const double *g
 }
 
 /* Block (a, b): V [lambda (F g_a)(F g_b)' + mu (F g_b)(F g_a)' + mu (g_a.g_b) F F' + (g_a.S g_b) I] */
-void tangent(long nt, long nb, const double *x, const int *corner, const double *grad, const int *place, const double *lam,
+void tangent(long nt, long nb, const double *x, const int *corner, const double *grad, const int *block_of, const double *lam,
              const double *mu, double *restrict K) {
   memset(K, 0, 9 * nb * sizeof *K);
   for (long e = 0; e < nt; e++) {
@@ -100,7 +99,7 @@ void tangent(long nt, long nb, const double *x, const int *corner, const double 
       }
     for (int a = 0; a < 4; a++)
       for (int b = 0; b < 4; b++) {
-        double *block = K + 9L * place[16 * e + 4 * a + b];
+        double *block = K + 9L * block_of[16 * e + 4 * a + b];
         double shear = m * dot(g[a], g[b]), geometric = dot(Sg[a], g[b]);
         for (int i = 0; i < 3; i++)
           for (int k = 0; k < 3; k++) block[3 * i + k] += l * Fg[a][i] * Fg[b][k] + m * Fg[b][i] * Fg[a][k] + shear * left[i][k];

@@ -1,4 +1,4 @@
-"""The control: a plain element loop in C, timed in the same run as the assembly from edges."""
+"""Control of the benchmark: a plain element loop in C, timed in the same run as the assembly from edges."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def compiler() -> str | None:
 class Control:
     """`W`, `F` and `K` of St. Venant-Kirchhoff's law, Total Lagrangian, element by element on one thread.
 
-    The tetrahedra `t` (4, nt) may be of either orientation, Lame's constants [Pa] numbers or (nt,). Without a C compiler, or if it
-    fails, a StvkError says so.
+    The tetrahedra `t` (4, nt) may have either orientation. Lame's constants [Pa] are numbers or (nt,). Raise StvkError if there is
+    no C compiler, or if the compiler fails.
     """
 
     def __init__(self, p: ArrayLike, t: ArrayLike, lam: ArrayLike, mu: ArrayLike) -> None:
@@ -66,7 +66,7 @@ class Control:
         return self._f
 
     def tangent(self, u: Array) -> bsr_matrix:
-        """Return the tangent stiffness [N/m], around values that the next call overwrites."""
+        """Return the tangent stiffness [N/m]. The next call overwrites its values."""
         self._move(u)
         sizes = ctypes.c_long(self.nt), ctypes.c_long(len(self._blocks))
         self._library.tangent(*sizes, *self._mesh, _at(self._positions), *self._material, _at(self._blocks))
@@ -82,10 +82,10 @@ def _at(array: NDArray[np.float64] | NDArray[np.int32]) -> ctypes.c_void_p:
 
 @cache
 def _library() -> ctypes.CDLL:
-    """Return the compiled loop; its file is deleted once it is loaded."""
+    """Return the compiled loop. Its file is deleted after loading."""
     found = compiler()
     if found is None:
-        raise StvkError(f"No C compiler ({', '.join(COMPILERS)}) is on the path; the control needs one. On Debian: apt install gcc")
+        raise StvkError(f"No C compiler ({', '.join(COMPILERS)}) is on the PATH; the C loop needs one. On Debian: apt install gcc")
     with TemporaryDirectory() as folder:
         built = Path(folder) / "control.so"
         # linked without -ffast-math: GCC would add code that makes the whole process flush denormal numbers to zero

@@ -1,4 +1,4 @@
-"""What calls and systems cost: times, setup, first use, memory, and the bytes that a call must move."""
+"""Costs of calls and systems: times, setup, first use, memory, and the bytes that a call must read and write."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .meshes import Specimen
 from .results import OURS, Benchmark, Memory, Seconds
 
 COPIED = 2**29  # [B]; more than a last-level cache
-ASKED: dict[str, Callable[[System, Any], Any]] = {
+MEMORY_CALLS: dict[str, Callable[[System, Any], Any]] = {
     "F": lambda body, u: body.internal_force(u),
     "F and K": lambda body, u: body.tangent(u),
     "F and K v": lambda body, u: body.product(u, u),
@@ -43,11 +43,11 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def best_and_median(calls: Mapping[Key, Callable[[], Any]], seconds: float) -> dict[Key, Seconds]:
-    """Return the shortest and median time of each call in caches that are warm from itself.
+    """Return the shortest and median time of each call, with caches warm from the same call.
 
-    The calls take turns, so that whatever else the machine does meets all of them alike. A turn is one call that is not counted,
-    because the one before it has filled the caches (a CSR product took twice as long after something else), and five that are. A
-    call has turns until its `seconds` are spent.
+    The calls alternate, so that other load of the machine affects all of them in the same way. Each turn makes one call without
+    timing and five with timing. The untimed call fills the caches: a CSR product took twice as long after another call. A call
+    gets turns until its `seconds` are spent.
     """
     taken: dict[Key, list[float]] = {key: [] for key in calls}
     while waiting := [key for key, times in taken.items() if not times or sum(times) < seconds]:
@@ -72,7 +72,7 @@ def _summary(times: list[float]) -> Seconds:
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Give numba this number of threads for a while."""
+    """Set the number of numba's threads within a `with` block."""
     before = numba.get_num_threads()
     numba.set_num_threads(count)
     try:
@@ -82,13 +82,16 @@ def threads(count: int) -> Iterator[None]:
 
 
 def most_threads() -> int:
-    """Return the largest number of threads that numba can have here."""
+    """Return the largest number of threads that numba can use on this machine."""
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     return most
 
 
 def time_setup(results: Benchmark, specimen: Specimen) -> None:
-    """Time from arrays to the first W and F, and to the first K, less that of one such call: the best of three, on one thread."""
+    """Time the setup from arrays to the first W and F, and to the first K: the best of three, on one thread.
+
+    The time of one such call is subtracted.
+    """
     with threads(1):
         for quantity, call in CALLS.items():
             ours = results.best(specimen.name, OURS, quantity)
@@ -104,7 +107,7 @@ def _first(specimen: Specimen, call: Callable[[System, Any], Any]) -> None:
 
 
 def first_use() -> float:
-    """Time [s] of the first W, F, K and K v of tetrahedra in double precision, all compiled anew by a new process."""
+    """Return the time [s] of the first W, F, K and K v of tetrahedra in double precision, all compiled by a new process."""
     with TemporaryDirectory() as folder:
         settings = os.environ | {"NUMBA_CACHE_DIR": folder}
         done = subprocess.run([sys.executable, "-c", FIRST_USE], env=settings, capture_output=True, text=True, check=False)
@@ -114,9 +117,9 @@ def first_use() -> float:
 
 
 def weigh(results: Benchmark, specimen: Specimen) -> None:
-    """Keep the bytes of systems that were asked for one thing each, on one thread."""
+    """Record the memory of systems on one thread, each after one of the calls in `MEMORY_CALLS`."""
     for dtype in ("float64", "float32"):
-        for quantity, ask in ASKED.items():
+        for quantity, ask in MEMORY_CALLS.items():
             body = System(specimen.mesh, specimen.term, dtype=dtype)
             with threads(1):
                 body.internal_force(specimen.u)
@@ -125,11 +128,14 @@ def weigh(results: Benchmark, specimen: Specimen) -> None:
 
 
 def least_bytes(body: System, K: csr_matrix) -> dict[str, int]:
-    """Return the bytes that each quantity must read and write once, from the arrays of a system that has made all of them.
+    """Return the bytes that each quantity must read and write once.
 
-    - W, F: the simplices (vertices, coefficients, coordinates), u and F;
-    - K: the simplices with their edges' ids and u, the edges' blocks written and read again, their positions in K, the values of K;
-    - K v: the blocks and vertices of the edges, v and the result. To prepare: as K, up to writing the blocks;
+    The sizes are those of the arrays of a system that has computed all quantities.
+
+    - W, F: the simplices (vertices, coefficients, coordinates), u and F.
+    - K: the simplices with the ids of their edges, u, the blocks of the edges written and read again, their positions in K, and
+      the values of K.
+    - K v: the blocks and vertices of the edges, v and the result. The preparation counts as K, up to writing the blocks.
     - one CSR product: values, columns and rows of K, v and the result.
     """
     parts, vector, value = body.memory(), body.ndofs * K.data.itemsize, K.data.itemsize
@@ -148,6 +154,6 @@ def least_bytes(body: System, K: csr_matrix) -> dict[str, int]:
 
 
 def copy_bandwidth(size: int = COPIED) -> float:
-    """Return bytes read and written per second by one thread that copies an array of `size` bytes, the best of five."""
+    """Return the bytes per second that one thread reads and writes when it copies an array of `size` bytes, best of five."""
     source, target = np.ones(size // 8), np.zeros(size // 8)
     return 2 * source.nbytes / min(_clocked(partial(np.copyto, target, source), 5))

@@ -1,4 +1,4 @@
-"""The meshes that W, F and K are timed on, structured or of a real part, and the state that they are timed at."""
+"""Meshes for the timing of W, F and K, structured or of a real part, and the displacements of the timed calls."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ from skfem_stvk.terms import StVK
 YOUNG, POISSON = 1e5, 0.3  # [Pa, -]; lambda = 1.5 mu
 EDGE_OF_PART = {5_000: 5.8e-3, 40_000: 2.15e-3, 250_000: 1.1e-3}  # [m] edges that give about as many tetrahedra
 
-# The part [m]: the base lies along x, the other arm stands along z, both are WIDTH wide along y.
+# The part [m]: the base is along x, the upright arm is along z, and both are WIDTH wide along y.
 LENGTH, HEIGHT, WIDTH, THICKNESS, FILLET = 0.1, 0.08, 0.04, 0.012, 0.01
 BOLT = (0.07, 0.0055)  # x and radius of the hole in the base
-BUSHING = (0.055, 0.008, 0.012)  # z, inner and outer radius of the ring in the standing arm
+BUSHING = (0.055, 0.008, 0.012)  # z, inner and outer radius of the ring in the upright arm
 
 
 @dataclass
 class Specimen:
-    """A mesh of about `size` tetrahedra, half of them turned round; `kind` is 'box' or 'part'."""
+    """Mesh of about `size` tetrahedra, half of them with negative orientation; `kind` is 'box' or 'part'."""
 
     kind: str
     size: int
 
     @property
     def name(self) -> str:
-        """
+        """Name with the size in short form.
+
         >>> Specimen("box", 40_000).name, Specimen("part", 2_000_000).name, Specimen("box", 300).name
         ('box 40 k', 'part 2 M', 'box 300')
         """
@@ -48,12 +49,12 @@ class Specimen:
 
     @cached_property
     def mesh(self) -> ElementMesh:
-        """Mesh of the specimen, made at first use; a part raises StvkError if Gmsh or its size is missing."""
+        """Mesh of the specimen, created on first use. A part raises StvkError if Gmsh is missing or the size is unknown."""
         return box(self.size) if self.kind == "box" else part(self.size)
 
     @cached_property
     def u(self) -> Array:
-        """Smooth deformation (ndofs,) with strains of about 0.6 [m]."""
+        """Smooth displacements (ndofs,) [m] with strains of about 0.6."""
         p = self.mesh.p
         size = np.ptp(p, axis=1).max()
         waves = np.sin(2 * np.pi * p[[1, 2, 0]] / size)
@@ -61,17 +62,17 @@ class Specimen:
 
     @cached_property
     def v(self) -> Array:
-        """Random vector (ndofs,) that K is multiplied with."""
+        """Random vector (ndofs,) for the product K v."""
         return np.random.default_rng(1).standard_normal(self.mesh.p.size)
 
     @property
     def term(self) -> StVK:
-        """Material, the same everywhere."""
+        """Material term, the same in all elements."""
         return StVK(young=YOUNG, poisson=POISSON)
 
 
 def box(size: int) -> ElementMesh:
-    """Return a grid of boxes of six tetrahedra each, in scikit-fem's own order, with about `size` tetrahedra.
+    """Return a grid with six tetrahedra per cell, in scikit-fem's order, with about `size` tetrahedra.
 
     >>> [box(size).nt for size in (5_000, 40_000)]
     [4860, 38988]
@@ -79,21 +80,21 @@ def box(size: int) -> ElementMesh:
     n = max(round((size / 6) ** (1 / 3)), 1)
     sides = n, n, max(round(size / (6 * n * n)), 1)
     mesh = skfem.MeshTet.init_tensor(*(np.linspace(0, side / n, side + 1) for side in sides))
-    return ElementMesh(mesh.p, _half_turned_round(mesh.t.astype(np.int32)))
+    return ElementMesh(mesh.p, _with_half_reversed(mesh.t.astype(np.int32)))
 
 
 def part(size: int) -> ElementMesh:
-    """Return an angle bracket that Gmsh meshes, with about `size` tetrahedra."""
+    """Return an angle bracket with about `size` tetrahedra, meshed by Gmsh."""
     if size not in EDGE_OF_PART:
-        raise StvkError(f"A part of {size} tetrahedra was asked for; there are {', '.join(map(str, EDGE_OF_PART))}.")
+        raise StvkError(f"size = {size}; expected one of the sizes of parts: {', '.join(map(str, EDGE_OF_PART))}.")
     return bracket(EDGE_OF_PART[size])
 
 
 def bracket(size: float) -> ElementMesh:
-    """Return an angle bracket with a fillet, a bolt hole and a bushing, in tetrahedra of edges of about `size` [m].
+    """Return an angle bracket with a fillet, a bolt hole and a bushing, in tetrahedra with edges of about `size` [m].
 
-    Subdomains 'bracket' and 'bushing' share their vertices; boundaries are 'bolt' and 'bore'. Gmsh makes positive elements only:
-    half of them, picked at random but always the same, are turned round.
+    Subdomains 'bracket' and 'bushing' share their vertices; boundaries are 'bolt' and 'bore'. Gmsh creates elements with positive
+    orientation. The orientation of half of them is reversed, in a random order with a fixed seed.
     """
     with gmsh_session() as gmsh, TemporaryDirectory() as folder:
         draw(gmsh)
@@ -104,11 +105,11 @@ def bracket(size: float) -> ElementMesh:
         file = Path(folder) / "bracket.msh"
         gmsh.write(str(file))
         mesh = read_mesh(file)
-    return ElementMesh(mesh.p, _half_turned_round(mesh.t.copy()), mesh.subdomains, mesh.boundaries)
+    return ElementMesh(mesh.p, _with_half_reversed(mesh.t.copy()), mesh.subdomains, mesh.boundaries)
 
 
-def _half_turned_round(t: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the same array `t` (4, nt), with two vertices of every second tetrahedron exchanged."""
+def _with_half_reversed(t: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Exchange two vertices of half of the tetrahedra, chosen at random, in the array `t` (4, nt), and return it."""
     half = np.random.default_rng(0).permutation(t.shape[1])[: t.shape[1] // 2]
     t[:2, half] = t[1::-1, half]
     return t
@@ -116,14 +117,14 @@ def _half_turned_round(t: NDArray[np.int32]) -> NDArray[np.int32]:
 
 @contextmanager
 def gmsh_session() -> Iterator[Any]:
-    """Yield Gmsh, silent, on one thread and writing MSH 2.2; errors name the line that installs a missing part."""
+    """Yield Gmsh without output, on one thread and writing MSH 2.2. Errors give the command that installs a missing package."""
     try:
         import gmsh
     except ImportError as error:
-        raise StvkError("This mesh is made by Gmsh, which is not installed: pip install gmsh") from error
+        raise StvkError("Gmsh creates this mesh, and Gmsh is not installed: pip install gmsh") from error
     except OSError as error:
         missing = "apt install libglu1-mesa libxft2 libxcursor1 libxinerama1"
-        raise StvkError(f"Gmsh lacks a library: {error}. On Debian: {missing}") from error
+        raise StvkError(f"A library of Gmsh is missing: {error}. On Debian: {missing}") from error
     gmsh.initialize(interruptible=False)
     try:
         for option, value in {"General.Terminal": 0, "General.NumThreads": 1, "Mesh.MshFileVersion": 2.2, "Mesh.Binary": 1}.items():
@@ -154,7 +155,7 @@ def draw(gmsh: Any) -> None:
 
 
 def profile(occ: Any) -> int:
-    """Draw the face of the angle in the plane y = 0, with its fillet in the inner corner; return its tag."""
+    """Draw the profile of the angle in the plane y = 0, with the fillet in its inner corner, and return its tag."""
     a, b = THICKNESS, THICKNESS + FILLET
     outline = [(0, 0), (LENGTH, 0), (LENGTH, a), (b, a), (a, b), (a, HEIGHT), (0, HEIGHT)]
     points = [occ.addPoint(x, 0, z) for x, z in outline]

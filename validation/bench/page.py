@@ -1,4 +1,4 @@
-"""A run in a terminal, as the page of the docs, and as files."""
+"""Output of a run: in a terminal, as the page of the docs, and as files."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ PICTURES = {
     "size": "Time of a call per tetrahedron, against the size of the mesh",
 }
 METHOD = """\
-The command runs in a checkout of the project. Boxes are grids of six tetrahedra per cell, in scikit-fem's order; parts are a
-bracket that Gmsh meshes (`pip install gmsh`). Half of all tetrahedra are turned round. Poisson's ratio is 0.3, strains are about
-0.6. Calls that are compared take turns, of five each after one that is not counted, because the call before it has filled the
-caches: after other work a CSR product took twice as long here. The best and the median are shown. All is on one thread unless it
-says otherwise. K is filled into the CSR matrix that the solver takes (`tangent(u, out=K)`); the CSR product is scipy's, with the
-same K. The C loop is a plain element loop of this project (`validation/bench/control.c`), compiled with `-O3 -march=native
--ffast-math` when there is a compiler. scikit-fem's forms are written as well as they can be, with one quadrature point and all
-constant parts hoisted out. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
-products. The peers get what their codes offer for the same law, element and one thread (`skfem_stvk/peers`).
+The command runs in a checkout of the project. Boxes are grids with six tetrahedra per cell, in scikit-fem's order. Parts are a
+bracket meshed by Gmsh (`pip install gmsh`). Half of all tetrahedra have negative orientation. Poisson's ratio is 0.3, strains are
+about 0.6. Compared calls alternate. Each turn makes one untimed call, which fills the caches, and five timed calls: after other
+work, a CSR product took twice as long here. The tables show the best time and the median. All calls run on one thread unless a
+table says otherwise. K is written into the CSR matrix that the solver takes (`tangent(u, out=K)`). The CSR product is scipy's, with
+the same K. The C loop is a plain element loop of this project (`validation/bench/control.c`). It is compiled with `-O3
+-march=native -ffast-math` if there is a compiler. scikit-fem's forms are optimised: they use one quadrature point, and all constant
+parts are computed in advance. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
+products. The peers are timed with the functions that their codes offer for the same law and element (`skfem_stvk/peers`).
 
-Bytes for the memory limit, each read or written once: for F vertices, coefficients and coordinates of the tetrahedra, u and F;
-for K the tetrahedra with the ids of their edges, the blocks of the edges written and read again, their positions in K, and the
-values of K; for K v the blocks and vertices of the edges, and both vectors. The same arrays count as memory, with what threads
-need.
+The memory limit counts these bytes, each read or written once. F: vertices, coefficients and coordinates of the tetrahedra, u and
+F. K: the tetrahedra with the ids of their edges, the blocks of the edges written and read again, their positions in K, and the
+values of K. K v: the blocks and vertices of the edges, and both vectors. The tables of memory count the same arrays and the scratch
+arrays of the threads.
 
-Left out: time in a solver, I/O, more than two threads, second-order elements, other laws, scikit-fem's and the peers' memory, and
-scikit-fem in single precision, which it does not offer."""
+The benchmark does not measure time in a solver, I/O, more than two threads, second-order elements, other laws, or the memory of
+scikit-fem and the peers. scikit-fem has no single precision."""
 
 
 def rendered(results: Benchmark) -> RenderableType:
-    """Return the run for a rich console: head, tables, missing results, and the targets at the end, where they are seen."""
+    """Return the run for a rich console: head, tables, missing results, and the targets at the end."""
     shown = tables(results)
     order = [*shown[1:], *shown[:1]] if shown and shown[0].title == "Targets" else shown
     parts: list[RenderableType] = [Text(head(results))]
@@ -53,7 +53,7 @@ def rendered(results: Benchmark) -> RenderableType:
 
 
 def head(results: Benchmark) -> str:
-    """Return machine, bandwidth and versions in lines."""
+    """Return the lines that describe the machine, its bandwidth and the versions of packages."""
     machine, versions = results.header["machine"], results.header["versions"]
     bandwidth = "" if results.bandwidth is None else f", a copy reads and writes {results.bandwidth / 1e9:.1f} GB/s on one thread"
     named = ", ".join(f"{name} {version}" for name, version in versions.items() if version != "not installed")
@@ -61,7 +61,7 @@ def head(results: Benchmark) -> str:
 
 
 def grid_of(table: FigureTable, title: str = "") -> RichTable:
-    """Return the table for a rich console, in the house style."""
+    """Return the table for a rich console, in the style of this package's tables."""
     shown = grid(title, *map(escape, table.columns))
     for column in shown.columns[table.words :]:
         column.justify, column.no_wrap = "right", True

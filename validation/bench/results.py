@@ -1,4 +1,4 @@
-"""What a run measures, quick for a look or full for the page of the docs, and what it has measured so far."""
+"""Plans of runs, quick or full (for the page of the docs), and the results measured so far."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .meshes import Specimen
 
 CSR, CONTROL, TEXTBOOK = "CSR product", "C loop", "textbook form"
 QUANTITIES = ("W", "F", "W+F", "K", "W+F+K", "K v", "K v: prepare")
-#: Models of the same material that are timed beside one another.
+#: Models of the same material that one run compares.
 MODELS = (
     "StVK",
     "linear",
@@ -37,12 +37,12 @@ class Plan:
 
     Attributes
     ----------
-    name : of the run.
-    boxes, parts : sizes of the structured meshes, and of those that Gmsh makes of a part.
-    judged : sizes that the targets are for.
-    referenced : sizes at which scikit-fem's assembly and the textbook form are timed.
-    peers : names of the meshes that each peer is timed on; those that are not named are left to the full run.
-    seconds : least time that is spent on each call, after warming up.
+    name : name of the run.
+    boxes, parts : sizes of the structured meshes, and of the meshes of the part by Gmsh.
+    judged : sizes for which the targets are judged.
+    referenced : sizes for which scikit-fem's assembly and the textbook form are timed.
+    peers : for each timed peer, the names of its meshes. A quick run reports other peers as left to the full run.
+    seconds : minimum time spent on each call, after warming up.
     first_use : whether compiling into an empty cache is timed.
     """
 
@@ -71,13 +71,13 @@ FULL = Plan(
     parts=(5_000, 40_000, 250_000),
     judged=(40_000, 250_000),
     referenced=(5_000, 40_000, 250_000),
-    peers=dict.fromkeys(PEERS, MESHES) | {"MuJoCo": MESHES[:4]},  # which takes 10 minutes and more to set up 250 k tetrahedra
+    peers=dict.fromkeys(PEERS, MESHES) | {"MuJoCo": MESHES[:4]},  # MuJoCo needs more than 10 minutes to set up 250 k tetrahedra
     first_use=True,
 )
 
 
 class Seconds(NamedTuple):
-    """Shortest and median time of a call [s], and the number of calls."""
+    """Shortest and median time of a call [s], and the number of timed calls."""
 
     best: float
     median: float
@@ -90,7 +90,7 @@ class Timing:
 
     mesh: str
     nt: int
-    player: str
+    implementation: str
     quantity: str
     threads: int
     dtype: str
@@ -101,7 +101,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Memory:
-    """Memory of a system by part after `quantity` was computed [bytes]."""
+    """Memory of the parts of a system [bytes] after the computation of `quantity`."""
 
     mesh: str
     nt: int
@@ -110,16 +110,16 @@ class Memory:
     parts: dict[str, int]
 
     @property
-    def besides(self) -> int:
-        """All but the pattern of K, which is the matrix's own."""
+    def without_pattern(self) -> int:
+        """Memory without the pattern of K, which belongs to the matrix [bytes]."""
         return sum(self.parts.values()) - self.parts["pattern of K"]
 
 
 @dataclass(frozen=True)
 class ErrorOf:
-    """Error of F or of `K v` against 50 digits, relative to the largest entry, at a strain."""
+    """Error of F or `K v` at a strain: the largest deviation from 50 digits, relative to the largest entry."""
 
-    player: str
+    implementation: str
     dtype: str
     quantity: str
     strain: float
@@ -128,15 +128,15 @@ class ErrorOf:
 
 @dataclass
 class Benchmark:
-    """A run and its results, which may be less than what was planned.
+    """Plan of a run and its results. An interrupted run has only a part of the planned results.
 
     Attributes
     ----------
-    bandwidth : of a copy, bytes read and written per second.
-    least_bytes : by mesh and quantity, what a call must read and write [bytes per tetrahedron], in double precision.
+    bandwidth : bytes read and written per second by a copy.
+    least_bytes : for each mesh and quantity, the data that a call must read and write in double precision [bytes per tetrahedron].
     first_use : time of W, F, K and K v with an empty cache of compiled kernels [s].
-    not_measured : what could not be measured here, and why.
-    failures : what went wrong, and how.
+    not_measured : names of quantities and codes that could not be measured on this machine, with the reason.
+    failures : names of failed steps, with the error.
     """
 
     plan: Plan
@@ -153,24 +153,28 @@ class Benchmark:
     interrupted: bool = False
     seconds: float = 0.0
 
-    def add(self, specimen: Specimen, player: str, quantity: str, taken: Seconds, threads: int = 1, dtype: str = "float64") -> None:
-        """Keep the time of a call."""
+    def add(
+        self, specimen: Specimen, implementation: str, quantity: str, taken: Seconds, threads: int = 1, dtype: str = "float64"
+    ) -> None:
+        """Add the time of a call."""
         per_tet = 1e9 / specimen.mesh.nt
         times = per_tet * taken.best, per_tet * taken.median
-        self.timings.append(Timing(specimen.name, specimen.mesh.nt, player, quantity, threads, dtype, *times, taken.repetitions))
+        self.timings.append(
+            Timing(specimen.name, specimen.mesh.nt, implementation, quantity, threads, dtype, *times, taken.repetitions)
+        )
 
-    def timing(self, mesh: str, player: str, quantity: str, threads: int = 1, dtype: str = "float64") -> Timing | None:
+    def timing(self, mesh: str, implementation: str, quantity: str, threads: int = 1, dtype: str = "float64") -> Timing | None:
         """Return the time of a call; None if it was not measured."""
-        wanted = mesh, player, quantity, threads, dtype
-        return next((t for t in self.timings if (t.mesh, t.player, t.quantity, t.threads, t.dtype) == wanted), None)
+        wanted = mesh, implementation, quantity, threads, dtype
+        return next((t for t in self.timings if (t.mesh, t.implementation, t.quantity, t.threads, t.dtype) == wanted), None)
 
-    def best(self, mesh: str, player: str, *quantities: str, threads: int = 1, dtype: str = "float64") -> float | None:
+    def best(self, mesh: str, implementation: str, *quantities: str, threads: int = 1, dtype: str = "float64") -> float | None:
         """Return the sum of the shortest times of calls [ns per tetrahedron]; None if one was not measured."""
-        found = [self.timing(mesh, player, quantity, threads, dtype) for quantity in quantities]
+        found = [self.timing(mesh, implementation, quantity, threads, dtype) for quantity in quantities]
         return None if None in found else sum(t.best for t in found if t is not None)
 
     def optional(self, what: str, make: Callable[[], T]) -> T | None:
-        """Return the result of `make`; None if it raises StvkError, whose text is kept under `not_measured`."""
+        """Return the result of `make`. If it raises StvkError, store the message in `not_measured` and return None."""
         try:
             return make()
         except StvkError as error:
@@ -178,12 +182,12 @@ class Benchmark:
             return None
 
     def attempt(self, what: str, step: Callable[[], object]) -> None:
-        """Run a step and keep the error if it fails, so that the next steps run all the same."""
+        """Run a step. If it fails, store the error in `failures`, so that the next steps still run."""
         try:
             step()
         except Exception as error:
             self.failures[what] = f"{type(error).__name__}: {error}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plan and results in types that JSON has."""
+        """Return plan and results in types of JSON."""
         return asdict(self)

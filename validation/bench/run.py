@@ -1,4 +1,4 @@
-"""A run of the benchmark, from first to last."""
+"""Execution of a benchmark plan."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ STEPS: dict[str, Callable[[Benchmark, Specimen], None]] = {
 
 
 def bench(plan: Plan = FULL, quiet: bool = False) -> Benchmark:
-    """Measure what the plan says.
+    """Run all measurements of the plan and return the results.
 
-    What is not to be had here is listed as not measured, what goes wrong as a failure; Ctrl-C leaves the steps that were finished.
+    Codes that are not available on this machine are listed as not measured, and errors as failures. Ctrl-C ends the run and keeps
+    the results of finished steps.
     """
     results = Benchmark(plan, circumstances((*PACKAGES[:5], *(package.distribution for package in PEERS.values()))))
     specimens = [Specimen(kind, size) for kind, sizes in (("box", plan.boxes), ("part", plan.parts)) for size in sizes]

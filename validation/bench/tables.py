@@ -1,4 +1,4 @@
-"""The tables of a run, for the terminal and the page."""
+"""Tables of a run, for the terminal and the page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STYLES = {"met": "green", "missed": "yellow", "not": "dim"}
 
 @dataclass(frozen=True)
 class FigureTable:
-    """Title, columns and rows; the first `words` columns hold words, the others numbers. `note` says what they mean."""
+    """Title, columns and rows of a table. The first `words` columns contain text, the others numbers; `note` explains them."""
 
     title: str
     note: str
@@ -26,13 +26,13 @@ class FigureTable:
 
 
 def tables(results: Benchmark) -> list[FigureTable]:
-    """Return the tables that have rows, the targets first."""
+    """Return the tables that have rows, targets first."""
     every = (targets, ours, precisions, models, others, growth, setup, memory, memory_by_mesh, errors, missing)
     return [table for make in every if (table := make(results)).rows]
 
 
 def number(value: float | None) -> str:
-    """Return the number with three digits; None is empty.
+    """Return the number as text with three digits; None gives an empty text.
 
     >>> number(0.1234), number(12.34), number(1234.5), number(None)
     ('0.123', '12.3', '1234', '')
@@ -50,7 +50,7 @@ def targets(results: Benchmark) -> FigureTable:
     meshes = judged(results)
     rows = [_row_of(verdict, meshes) for verdict in verdicts(results)]
     columns = ("target", "limit", "moonshot", *meshes, "all", "verdict", "moonshot met")
-    note = "One thread, double precision. The worst of the meshes decides; two threads are asked for on the largest."
+    note = "One thread, double precision. The worst mesh decides. Targets for two threads apply to the largest meshes only."
     return FigureTable("Targets", note, columns, rows if results.meshes else [])
 
 
@@ -84,16 +84,16 @@ def ours(results: Benchmark) -> FigureTable:
                 rows.append((mesh, quantity, number(timing.best), number(timing.median), *ratios, quotient(timing.best, limit)))
     columns = ("mesh", "of", "ns per tet", "median", "CSR products", "of the C loop", "x scikit-fem", "x memory limit")
     note = (
-        "One thread, double precision. W+F stands against scikit-fem's W and F, and against the C loop's F. K v is applied to a "
-        "vector; preparing it at new displacements stands in a row of its own. The memory limit is the time to read and write "
-        "what must be, once, at the speed of a copy between arrays too large for any cache: smaller meshes stay in a large cache "
-        "and can beat it."
+        "One thread, double precision. W+F is compared with scikit-fem's W and F, and with the C loop's F. The row K v is the "
+        "product with a vector; its preparation for new displacements has its own row. The memory limit is the time to read and "
+        "write the necessary data once, at the speed of a copy between arrays larger than any cache. Smaller meshes fit into a "
+        "large cache and can be faster."
     )
     return FigureTable("This package", note, columns, rows, words=2)
 
 
 def _limit(results: Benchmark, mesh: str, quantity: str) -> float | None:
-    """Time at the speed of a copy [ns per tetrahedron]."""
+    """Return the time of the necessary reads and writes at the speed of a copy [ns per tetrahedron]; None if not measured."""
     least = results.least_bytes.get(mesh, {}).get(quantity)
     return None if least is None or results.bandwidth is None else 1e9 * least / results.bandwidth
 
@@ -101,15 +101,15 @@ def _limit(results: Benchmark, mesh: str, quantity: str) -> float | None:
 def precisions(results: Benchmark) -> FigureTable:
     rows: list[Row] = []
     for mesh in results.meshes:
-        for player, quantity in [(OURS, quantity) for quantity in QUANTITIES] + [(CSR, "K v")]:
+        for implementation, quantity in [(OURS, quantity) for quantity in QUANTITIES] + [(CSR, "K v")]:
             one, two, single, both = (
-                results.best(mesh, player, quantity, threads=threads, dtype=dtype)
+                results.best(mesh, implementation, quantity, threads=threads, dtype=dtype)
                 for dtype in ("float64", "float32")
                 for threads in (1, 2)
             )
             if one is not None:
                 times = number(one), number(two), quotient(one, two), number(single), number(both), quotient(single, both)
-                rows.append((mesh, quantity if player == OURS else player, *times, quotient(one, single)))
+                rows.append((mesh, quantity if implementation == OURS else implementation, *times, quotient(one, single)))
     columns = ("mesh", "of", "float64", "2 threads", "gain", "float32", "2 threads", "gain", "float64/float32")
     return FigureTable("Threads and precision", "Best times, ns per tetrahedron.", columns, rows, words=2)
 
@@ -124,17 +124,17 @@ def models(results: Benchmark) -> FigureTable:
                 of_usual = quotient(force, usual[0]), quotient(tangent, usual[1])
                 rows.append((mesh, name, number(force), of_usual[0], number(tangent), of_usual[1]))
     columns = ("mesh", "model", "W+F", "of StVK", "K", "of StVK's")
-    note = "One thread, double precision, ns per tetrahedron; in turns, at a fifth of the deformation of the other tables."
+    note = "One thread, double precision, ns per tetrahedron; alternating calls, a fifth of the deformation of the other tables."
     return FigureTable("Models", note, columns, rows, words=2)
 
 
 def others(results: Benchmark) -> FigureTable:
     rows: list[Row] = []
     for timing in results.timings:
-        if timing.player not in (OURS, *MODELS) and timing.dtype == "float64":
+        if timing.implementation not in (OURS, *MODELS) and timing.dtype == "float64":
             ratio = quotient(timing.best, results.best(timing.mesh, OURS, timing.quantity))
-            rows.append((timing.mesh, timing.player, timing.quantity, number(timing.best), number(timing.median), ratio))
-    columns = ("mesh", "player", "of", "ns per tet", "median", "x ours")
+            rows.append((timing.mesh, timing.implementation, timing.quantity, number(timing.best), number(timing.median), ratio))
+    columns = ("mesh", "implementation", "of", "ns per tet", "median", "x ours")
     return FigureTable("Others, in the same run", "One thread, double precision.", columns, rows, words=3)
 
 
@@ -156,28 +156,26 @@ def setup(results: Benchmark) -> FigureTable:
             in_k = quotient(timing.best, results.best(timing.mesh, OURS, "K"))
             rows.append((timing.mesh, timing.quantity, number(timing.best), number(timing.median), in_k))
     columns = ("mesh", "of", "ns per tet", "median", "in assemblies of K")
-    note = "From arrays of points and tetrahedra to the first result, less the time of one such call; the kernels are compiled."
+    note = "From arrays of points and tetrahedra to the first result, minus the time of one such call. Kernels are compiled before."
     return FigureTable("Setup", note, columns, rows, words=2)
 
 
 def memory(results: Benchmark) -> FigureTable:
-    """Return memory by part, on the largest mesh that is judged."""
+    """Return the memory by part, on the largest mesh with targets."""
     mesh = (judged(results) or [""])[-1]
-    held = [m for m in results.memory if m.mesh == mesh]
-    names = dict.fromkeys(name for m in held for name in m.parts)
-    rows: list[Row] = [(name, *(number(m.parts.get(name, 0) / m.nt) for m in held)) for name in names]
+    entries = [m for m in results.memory if m.mesh == mesh]
+    names = dict.fromkeys(name for m in entries for name in m.parts)
+    rows: list[Row] = [(name, *(number(m.parts.get(name, 0) / m.nt) for m in entries)) for name in names]
     if rows:
-        rows.append(("all but the pattern of K", *(number(m.besides / m.nt) for m in held)))
-    columns = (mesh, *(m.quantity + (", float32" if m.dtype == "float32" else "") for m in held))
-    note = (
-        "Bytes per tetrahedron that a system holds on one thread. The values of K are the user's, who gets the pattern with them."
-    )
+        rows.append(("all but the pattern of K", *(number(m.without_pattern / m.nt) for m in entries)))
+    columns = (mesh, *(m.quantity + (", float32" if m.dtype == "float32" else "") for m in entries))
+    note = "Bytes per tetrahedron of a system on one thread. The matrix that a user gets contains the pattern and the values of K."
     return FigureTable("Memory by part", note, columns, rows)
 
 
 def memory_by_mesh(results: Benchmark) -> FigureTable:
     kinds = list(dict.fromkeys((m.quantity, m.dtype) for m in results.memory))
-    found = {(m.mesh, m.quantity, m.dtype): m.besides / m.nt for m in results.memory}
+    found = {(m.mesh, m.quantity, m.dtype): m.without_pattern / m.nt for m in results.memory}
     rows: list[Row] = [
         (mesh, *(number(found.get((mesh, *kind))) for kind in kinds))
         for mesh in results.meshes
@@ -189,13 +187,13 @@ def memory_by_mesh(results: Benchmark) -> FigureTable:
 
 def errors(results: Benchmark) -> FigureTable:
     strains = sorted({e.strain for e in results.errors}, reverse=True)
-    found = {(e.player, e.dtype, e.quantity, e.strain): e.error for e in results.errors}
+    found = {(e.implementation, e.dtype, e.quantity, e.strain): e.error for e in results.errors}
     rows: list[Row] = [
         (*key, *("" if (error := found.get((*key, strain))) is None else f"{error:.0e}" for strain in strains))
         for key in dict.fromkeys(key[:3] for key in found)
     ]
-    columns = ("player", "in", "of", *(f"strain {strain:.0e}" for strain in strains))
-    note = "Largest error of an entry of F, and of K times a vector, against 50 digits, of the largest entry; 64 tetrahedra."
+    columns = ("implementation", "in", "of", *(f"strain {strain:.0e}" for strain in strains))
+    note = "Largest error of an entry of F, and of K times a vector, against 50 digits, relative to the largest; 64 tetrahedra."
     return FigureTable("Errors", note, columns, rows, words=3)
 
 

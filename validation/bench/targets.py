@@ -1,4 +1,4 @@
-"""The targets and whether they are met, and how time and memory grow with the mesh."""
+"""Targets, their verdicts, and the growth of time and memory with the mesh."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ Measure = Callable[[Benchmark, str], float | None]
 
 @dataclass(frozen=True)
 class Target:
-    """Target for a number: at most (`at_least`: at least) `limit`, or even `moonshot`.
+    """Target for a number: at most `limit`, or at least `limit` if `at_least`. The number `moonshot` is a stricter limit.
 
-    `measure` gives it for a mesh, by name; None where it was not measured. `where` says on which meshes: 'judged' for the sizes
-    that the plan judges, 'largest' for the largest of them, or 'run' for once in the whole run, where the mesh's name is empty.
+    `measure` returns the number for the name of a mesh; None if it was not measured. `where` selects the meshes: 'judged' for the
+    plan's judged sizes, 'largest' for the largest judged size. 'run' stands for one number of the whole run; the mesh's name is
+    then empty.
     """
 
     what: str
@@ -33,14 +34,14 @@ class Target:
         return value >= limit if self.at_least else value <= limit
 
     def missed_by(self, value: float) -> float:
-        """Return the distance from the limit as a fraction of it; 0 if it is met."""
+        """Return the distance from the limit as a fraction of the limit; 0 if the limit is met."""
         off = 1 - value / self.limit if self.at_least else value / self.limit - 1
         return max(off, 0.0)
 
 
 @dataclass(frozen=True)
 class TargetVerdict:
-    """Target and its measured values by mesh; the worst value decides."""
+    """Target with its measured values by mesh. The worst value decides."""
 
     target: Target
     values: dict[str, float]
@@ -57,13 +58,14 @@ class TargetVerdict:
 
     @property
     def moonshot(self) -> bool | None:
-        """Whether the worst value meets the moonshot; None if nothing was measured or there is none."""
+        """Whether the worst value meets the moonshot; None if nothing was measured or the target has no moonshot."""
         if self.worst is None or self.target.moonshot is None:
             return None
         return self.target.meets(self.worst, self.target.moonshot)
 
     def in_words(self) -> str:
-        """
+        """Return the verdict as text.
+
         >>> target = Target("time", 2.0, lambda results, mesh: None)
         >>> [TargetVerdict(target, values).in_words() for values in ({}, {"a": 2.0}, {"a": 1.0, "b": 2.5})]
         ['not measured', 'met', 'missed by 25 %']
@@ -74,7 +76,7 @@ class TargetVerdict:
 
 
 def verdicts(results: Benchmark) -> list[TargetVerdict]:
-    """Return each target with the values that were measured so far."""
+    """Return each target with the values measured so far."""
     found = []
     for target in TARGETS:
         measured = {mesh: target.measure(results, mesh) for mesh in _meshes(results, target)}
@@ -83,7 +85,7 @@ def verdicts(results: Benchmark) -> list[TargetVerdict]:
 
 
 def judged(results: Benchmark) -> list[str]:
-    """Return the names of the measured meshes that the targets are for."""
+    """Return the names of the measured meshes for which targets are judged."""
     sizes = results.plan.judged
     names = [Specimen(kind, size).name for size in sizes for kind in ("box", "part")]
     return [name for name in names if name in results.meshes]
@@ -97,7 +99,10 @@ def _meshes(results: Benchmark, target: Target) -> list[str]:
 
 
 def over(above: tuple[str, ...], below: tuple[str, ...], threads: int = 1) -> Measure:
-    """Return a measure: the ratio of two times, each a player's sum over quantities; `threads` holds for the one below."""
+    """Return a measure for the ratio of two times, each a sum over quantities of one implementation.
+
+    `threads` is the number of threads of the denominator.
+    """
 
     def ratio(results: Benchmark, mesh: str) -> float | None:
         first, second = results.best(mesh, *above), results.best(mesh, *below, threads=threads)
@@ -107,13 +112,13 @@ def over(above: tuple[str, ...], below: tuple[str, ...], threads: int = 1) -> Me
 
 
 def bytes_per_tet(results: Benchmark, mesh: str, quantity: str) -> float | None:
-    """Return the memory of a system in double precision besides the pattern of K, per tetrahedron."""
+    """Return the memory of a system in double precision without the pattern of K [bytes per tetrahedron]."""
     wanted = mesh, quantity, "float64"
-    return next((m.besides / m.nt for m in results.memory if (m.mesh, m.quantity, m.dtype) == wanted), None)
+    return next((m.without_pattern / m.nt for m in results.memory if (m.mesh, m.quantity, m.dtype) == wanted), None)
 
 
 def slope(sizes: Sequence[float], amounts: Sequence[float]) -> float | None:
-    """Return the exponent `s` of `amount ~ size^s`, fitted to logarithms; None if there are fewer than two sizes.
+    """Return the exponent `s` of `amount ~ size^s`, fitted to the logarithms; None for fewer than two sizes.
 
     >>> round(slope([10, 100, 1000], [3, 300, 30000]), 12)
     2.0
@@ -122,16 +127,16 @@ def slope(sizes: Sequence[float], amounts: Sequence[float]) -> float | None:
 
 
 def of_time(results: Benchmark, quantity: str) -> float | None:
-    """Return the exponent of the growth of a call's time over the boxes: one thread, double precision."""
+    """Return the growth exponent of the time of a call over the boxes, on one thread in double precision."""
     found = [results.timing(mesh, OURS, quantity) for mesh in results.meshes if mesh.startswith("box")]
     times = [timing for timing in found if timing is not None]
     return slope([t.nt for t in times], [t.best * t.nt for t in times])
 
 
 def of_memory(results: Benchmark, quantity: str) -> float | None:
-    """Return the exponent of the growth, over the boxes, of a system's memory besides the pattern of K."""
-    held = [m for m in results.memory if m.mesh.startswith("box") and (m.quantity, m.dtype) == (quantity, "float64")]
-    return slope([m.nt for m in held], [m.besides for m in held])
+    """Return the growth exponent of the memory of a system without the pattern of K, over the boxes."""
+    entries = [m for m in results.memory if m.mesh.startswith("box") and (m.quantity, m.dtype) == (quantity, "float64")]
+    return slope([m.nt for m in entries], [m.without_pattern for m in entries])
 
 
 PRODUCT, WF, K = (CSR, "K v"), (OURS, "W+F"), (OURS, "K")

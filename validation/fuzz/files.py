@@ -83,7 +83,7 @@ def read_damaged_mesh(folder: Path, name: str, damage: list[Damage]) -> bool:
     """Read the file, and compute the elastic energy of the mesh if it was read."""
     whole = written(name)
     path = folder / f"body{whole.suffix}"
-    for suffix, content in whole.beside.items():
+    for suffix, content in whole.companions.items():
         path.with_suffix(suffix).write_bytes(content)
     path.write_bytes(damaged(whole.content, damage))
     with quietly():

@@ -1,10 +1,10 @@
-"""Hostile inputs: files, arguments, candidates, surroundings and kills that must end in a right result or an error in words."""
+"""Hostile inputs: files, arguments, candidates, environments and kills. Each must end in a correct result or a readable error."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-#: Families of cases, and the modules that have them as `cases()`.
+#: Families of cases, and the modules whose function `cases()` yields them.
 FAMILIES = {
     "meshes": "validation.hostile.meshes",
     "physics": "validation.hostile.physics",
@@ -20,7 +20,7 @@ NAMES = tuple(FAMILIES)
 
 
 def main(quick: bool = False, only: Sequence[str] = (), case: Sequence[str] = ()) -> int:
-    """hostile inputs in child processes: no raw traceback, no silent acceptance, no hang, no crash, no loss"""
+    """run hostile inputs in child processes: no raw traceback, no silent acceptance, no hang, no crash, no loss"""
     from .study import run
 
     return run(only or NAMES, case, quick)

@@ -1,4 +1,4 @@
-"""Every public function with hostile values for each of its arguments: an error that names the argument, or a right result."""
+"""Calls of every public function with hostile values of each argument: an error names the argument, or the result is correct."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .case import Case, Verdict, Wrong
 from .comparison import comparable, same
 from .values import DISGUISED, EVERY, NOTHING, Hostile
 
-#: Modules that have `calls()`.
+#: Modules with a function `calls()`.
 TABLES = ("table_of_bodies", "table_of_systems", "table_of_solves", "table_of_motions", "table_of_results")
-#: What messages call arguments of these names, wherever they are.
+#: Expressions for the words by which messages name these arguments, in all functions.
 CALLED = {
     "path": r"\bpath\b|does not end in|is a folder|The folder",
     "fields": "fields?",
@@ -30,30 +30,33 @@ CALLED = {
 
 
 def cases() -> Iterator[Case]:
-    """All calls with all hostile values."""
+    """Yield all calls with all hostile values."""
     for table in TABLES:
         yield from cases_of_calls(calls_of(table))
 
 
 def calls_of(table: str) -> list[Call]:
-    """The calls of a table."""
+    """Return the calls of a table."""
     found: list[Call] = import_module(f".{table}", __package__).calls()
     return found
 
 
 def cases_of_calls(calls: Iterable[Call], costly: bool = True) -> Iterator[Case]:
-    """Each hostile value for each argument of each call; without those that succeed where that is costly, if so asked for."""
+    """Yield a case for each hostile value of each argument of each call.
+
+    If `costly` is false, leave out the successful cases of costly calls.
+    """
     for call in calls:
         for argument, good in call.make()[1].items():
             legal = call.legal.get(argument, ())
             for value in EVERY:
-                spared = not costly and call.costly and (value in DISGUISED or value.name in legal)
-                if value.make(good) is not NOTHING and not spared:
+                skipped = not costly and call.costly and (value in DISGUISED or value.name in legal)
+                if value.make(good) is not NOTHING and not skipped:
                     yield case_of(call, argument, value)
 
 
 def case_of(call: Call, argument: str, value: Hostile) -> Case:
-    """A call with a hostile value for one of its arguments."""
+    """Return the case of a call with a hostile value for one argument."""
 
     def attempt(folder: Path) -> Any:
         function, good = call.make()
@@ -71,7 +74,7 @@ def case_of(call: Call, argument: str, value: Hostile) -> Case:
 
 
 def _refused(names: re.Pattern[str], error: BaseException) -> bool:
-    """Whether an error in words names the argument, or Python itself refuses the call."""
+    """Return whether an error of this package names the argument, or Python itself refuses the call."""
     known = isinstance(error, StvkError) and not isinstance(error, AnalysisError)
     return (known and names.search(str(error)) is not None) or (isinstance(error, TypeError) and _raised_at_the_call(error))
 
@@ -84,13 +87,13 @@ def _raised_at_the_call(error: BaseException) -> bool:
 
 
 def _judge(call: Call, argument: str, value: Hostile, result: Any) -> None:
-    """What is taken is legal, or gives what a plain value of the same meaning gives."""
+    """Accept a result if the value is legal, or if a plain value of the same meaning gives the same result; else raise `Wrong`."""
     if value.name in call.legal.get(argument, ()):
         return
     function, good = call.make()
     plain = value.plain(good[argument])
     if plain is NOTHING:
-        raise Wrong(Verdict.SILENT, f"taken: {result!r:.200}")
+        raise Wrong(Verdict.SILENT, f"accepted: {result!r:.200}")
     expected = comparable(function(**good | {argument: plain}))
     if not same(result, expected):
         raise Wrong(Verdict.SILENT, f"{result!r:.200} instead of {expected!r:.200}")

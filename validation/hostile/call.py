@@ -1,4 +1,4 @@
-"""A public function, how it is called well, and what of the hostile values is legal."""
+"""Public functions with good arguments and the hostile values that are legal."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-#: A function, and good values for its arguments by name.
+#: A function, and good values of its arguments by name.
 Made = tuple[Callable[..., Any], dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class Call:
-    """A function to call.
+    """Function to call.
 
     Attributes
     ----------
-    name : of the function.
-    make : gives it, with good values for its arguments: new ones, where the function changes them.
-    legal : names of hostile values that an argument takes, by argument.
-    called : expressions for what messages call an argument where that is not its name.
-    costly : whether a call that succeeds takes more than some milliseconds.
+    name : name of the function.
+    make : returns the function and good values of its arguments. The values are new objects if the function changes them.
+    legal : for each argument, the names of hostile values that are legal.
+    called : for each argument, an expression for the words by which messages name it, if they do not use its name.
+    costly : whether a successful call takes more than some milliseconds.
     """
 
     name: str

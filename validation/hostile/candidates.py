@@ -1,4 +1,4 @@
-"""Candidates that abuse the referee: each has to come out as failed or as could not run, and the report has to be whole."""
+"""Candidates that misbehave: the referee must report each as failed or could not run, and the report must be complete."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ YOUNG, POISSON = 2.0, 0.3
 
 
 class Own(BaseException):
-    """An exception that is none of Python's `Exception`s."""
+    """Exception outside Python's class `Exception`."""
 
 
-class Speechless(Exception):
-    """An exception whose message raises."""
+class RaisingMessage(Exception):
+    """Exception whose message raises another exception."""
 
     def __str__(self) -> str:
         raise Own
 
 
 class Candidate:
-    """Right in all but what is given by name: functions of the body and of `u`."""
+    """Correct candidate, except for the methods in `wrong`; each of them is a function of the body and `u`."""
 
     def __init__(self, body: System, **wrong: Callable[[System, Any], Any]) -> None:
         self.body, self.wrong = body, wrong
@@ -44,7 +44,7 @@ class Candidate:
 
 
 def raising(error: BaseException) -> Callable[[System, Any], Any]:
-    """A method that raises this."""
+    """Return a method that raises `error`."""
 
     def call(body: System, u: Any) -> Any:
         raise error
@@ -53,7 +53,7 @@ def raising(error: BaseException) -> Callable[[System, Any], Any]:
 
 
 def changed(**arrays: Callable[[Any], Any]) -> Callable[[System, Any], csr_matrix]:
-    """K with arrays of its CSR form replaced behind the constructor's back."""
+    """Return a `tangent` that replaces arrays of K's CSR form without the checks of the constructor."""
 
     def tangent(body: System, u: Any) -> csr_matrix:
         K = body.tangent(u).copy()
@@ -64,68 +64,68 @@ def changed(**arrays: Callable[[Any], Any]) -> Callable[[System, Any], csr_matri
     return tangent
 
 
-def entry(place: int, value: int) -> Callable[[Any], Any]:
-    """An array with one entry changed."""
+def entry(index: int, value: int) -> Callable[[Any], Any]:
+    """Return a function that changes one entry of an array."""
 
     def change(array: Any) -> Any:
-        array[place] = value
+        array[index] = value
         return array
 
     return change
 
 
 def coo_outside(body: System, u: Any) -> coo_matrix:
-    """K in coordinates, with a row far outside."""
+    """Return K in COO format, with a row far out of range."""
     K = body.tangent(u).tocoo()
     K.row = entry(0, 10**8)(K.row.copy())
     return K
 
 
 def bsr_outside(body: System, u: Any) -> bsr_matrix:
-    """K in blocks, with a block column far outside."""
+    """Return K in BSR format, with a block column far out of range."""
     K = body.tangent(u).tobsr((3, 3))
     K.indices = entry(0, 10**8)(K.indices.copy())
     return K
 
 
 def dia_short(body: System, u: Any) -> dia_matrix:
-    """K in diagonals, one of which has no offset."""
+    """Return K in DIA format, with one offset missing."""
     K = body.tangent(u).todia()
     K.offsets = K.offsets[:-1]
     return K
 
 
-class Lying(csr_matrix):
-    """A matrix that says that it is whole, whatever its indices are."""
+class Unchecked(csr_matrix):
+    """Matrix whose own check accepts any indices."""
 
     def check_format(self, full_check: bool = True) -> None:
-        """Say nothing."""
+        """Accept the matrix without a check."""
 
 
-def lying(body: System, u: Any) -> Lying:
-    """K with a column far outside, in a class that says that it is whole."""
-    K = Lying(body.tangent(u))
+def unchecked(body: System, u: Any) -> Unchecked:
+    """Return K with a column far out of range, in a class whose own check accepts it."""
+    K = Unchecked(body.tangent(u))
     K.indices = entry(0, 10**8)(K.indices.copy())
     return K
 
 
 def operator(product: Callable[[Any], Any]) -> Callable[[System, Any], LinearOperator]:
-    """K as an operator with this product."""
+    """Return a `tangent` that gives K as an operator with this product."""
     return lambda body, u: LinearOperator((body.ndofs,) * 2, matvec=product, dtype=float)
 
 
 def quits(v: Any) -> Any:
-    """Leave the program."""
+    """Raise SystemExit."""
     raise SystemExit(3)
 
 
 def own(v: Any) -> Any:
-    """Raise what is no `Exception`."""
+    """Raise an exception outside `Exception`."""
     raise Own("from within")
 
 
 class Product:
-    """Anything with a shape and a product."""
+    """Object with a shape and a product."""
 
     dtype = np.dtype(float)
 
@@ -137,46 +137,46 @@ class Product:
 
 
 class Array:
-    """What quits when it is turned into an array."""
+    """Object that raises SystemExit when NumPy converts it to an array."""
 
     def __array__(self, *arguments: Any, **named: Any) -> Any:
         raise SystemExit(4)
 
 
 class Shapeless:
-    """A matrix whose shape raises."""
+    """Matrix whose shape raises an exception."""
 
     @property
     def shape(self) -> Any:
-        """Raise what is no `Exception`."""
+        """Raise an exception outside `Exception`."""
         raise Own
 
 
 class Properties:
-    """Methods that raise when they are looked up."""
+    """Candidate whose methods raise an exception on access."""
 
     @property
     def energy(self) -> Any:
-        """Leave the program."""
+        """Raise SystemExit."""
         raise SystemExit(5)
 
     @property
     def internal_force(self) -> Any:
-        """Raise what is no `Exception`."""
+        """Raise an exception outside `Exception`."""
         raise Own
 
     def __getattr__(self, name: str) -> Any:
         raise RuntimeError(name)
 
 
-def moody(body: System) -> Candidate:
-    """A candidate whose every third force is off by a millionth."""
+def wrong_every_third_time(body: System) -> Candidate:
+    """Return a candidate with a relative error of 1e-6 in every third force."""
     calls = iter(range(10**9))
     return Candidate(body, internal_force=lambda body, u: body.internal_force(u) * (1 + 1e-6 * (next(calls) % 3 == 2)))
 
 
-def forgetful(body: System) -> Candidate:
-    """A candidate that hands out one buffer of K, and fills it with something else at the next force."""
+def clears_tangent(body: System) -> Candidate:
+    """Return a candidate that always returns the same K and sets its values to zero in the next call of the force."""
     K = body.tangent(np.zeros(body.ndofs))
 
     def force(body: System, u: Any) -> Any:
@@ -186,8 +186,8 @@ def forgetful(body: System) -> Candidate:
     return Candidate(body, tangent=lambda body, u: body.tangent(u, out=K), internal_force=force)
 
 
-def vandal(body: System) -> Candidate:
-    """A candidate that overwrites `u` after use."""
+def overwrites_u(body: System) -> Candidate:
+    """Return a candidate that overwrites `u` with NaN after use."""
 
     def force(body: System, u: Any) -> Any:
         F = body.internal_force(u)
@@ -198,7 +198,7 @@ def vandal(body: System) -> Candidate:
 
 
 def reusing(body: System) -> Candidate:
-    """A candidate that fills one buffer of F and one of K at each call."""
+    """Return a candidate that writes each result into the same array of F or K."""
     K, F = body.tangent(np.zeros(body.ndofs)), np.zeros(body.ndofs)
 
     def force(body: System, u: Any) -> Any:
@@ -208,16 +208,16 @@ def reusing(body: System) -> Candidate:
     return Candidate(body, tangent=lambda body, u: body.tangent(u, out=K), internal_force=force)
 
 
-#: Right candidates with bad manners: these have to pass.
+#: Correct candidates that reuse or overwrite arrays. They must pass.
 RIGHT: dict[str, Callable[[System], Any]] = {
-    "overwrites u": vandal,
+    "overwrites u": overwrites_u,
     "one buffer for all calls": reusing,
-    "one buffer, spoilt in between": forgetful,
+    "one buffer, spoilt in between": clears_tangent,
 }
 
 
 def wrong_of(name: str, **methods: Callable[[System, Any], Any]) -> tuple[str, Callable[[System], Any]]:
-    """A named candidate that is wrong in these methods."""
+    """Return a name and a candidate with these wrong methods."""
     return name, lambda body: Candidate(body, **methods)
 
 
@@ -233,7 +233,7 @@ WRONG: dict[str, Callable[[System], Any]] = dict(
                 SystemExit(3),
                 Own("own"),
                 GeneratorExit(),
-                Speechless(),
+                RaisingMessage(),
                 MemoryError(),
                 RecursionError(),
                 StopIteration(),
@@ -260,7 +260,7 @@ WRONG: dict[str, Callable[[System], Any]] = dict(
         wrong_of("coordinates outside", tangent=coo_outside),
         wrong_of("blocks outside", tangent=bsr_outside),
         wrong_of("diagonals without offset", tangent=dia_short),
-        wrong_of("a matrix that lies", tangent=lying),
+        wrong_of("a matrix that lies", tangent=unchecked),
         wrong_of("K of a huge shape", tangent=lambda body, u: csr_matrix((10**6, 10**6))),
         wrong_of("K dense and not finite", tangent=lambda body, u: np.full((body.ndofs,) * 2, np.inf)),
         wrong_of("K masked", tangent=lambda body, u: np.ma.masked_all((body.ndofs,) * 2)),
@@ -278,13 +278,13 @@ WRONG: dict[str, Callable[[System], Any]] = dict(
         wrong_of("F masked in one place", internal_force=lambda body, u: np.ma.masked_array(body.internal_force(u), u == u[0])),
         wrong_of("F as a column", internal_force=lambda body, u: body.internal_force(u)[:, None]),
         ("methods that raise when looked up", lambda body: Properties()),
-        ("every third force is off", moody),
+        ("every third force is off", wrong_every_third_time),
     ]
 )
 
 
 def cases() -> Iterator[Case]:
-    """All candidates."""
+    """Yield a case for each candidate."""
     for name, make in WRONG.items():
         yield Case(name, partial(attempt, make=make), partial(judge, right=False), quick=name in QUICK)
     for name, make in RIGHT.items():
@@ -295,12 +295,12 @@ QUICK = ("columns far outside", "an operator that quits", "F of a huge shape", "
 
 
 def body() -> System:
-    """A few tetrahedra."""
+    """Return a body of a few tetrahedra."""
     return System(skfem.MeshTet().refined(1), StVK(young=YOUNG, poisson=POISSON))
 
 
 def attempt(folder: Path, make: Callable[[System], Any]) -> Report:
-    """The report on a candidate, written too."""
+    """Return the report on a candidate, and save it."""
     right = body()
     report = verify(right.mesh, young=YOUNG, poisson=POISSON, candidate=make(right), quiet=True)
     report.save(folder / "report")
@@ -308,11 +308,11 @@ def attempt(folder: Path, make: Callable[[System], Any]) -> Report:
 
 
 def judge(report: Report, right: bool) -> None:
-    """Whether the report is whole, says so of the candidate, and nothing else of us."""
+    """Raise `Wrong` unless the candidate passed as expected, the report is complete and no other subject failed."""
     outcomes = {r.outcome for r in report.results if r.subject == "candidate"}
     if report.passed is not right:
         raise Wrong(Verdict.SILENT, "passed" if report.passed else f"not passed: {sorted(o.value for o in outcomes)}")
     if report.interrupted or any(
         r.outcome in (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN) for r in report.results if r.subject != "candidate"
     ):
-        raise Wrong(Verdict.LOSS, "the report is cut short, or blames others")
+        raise Wrong(Verdict.LOSS, "the report is incomplete, or contains failures of other subjects")

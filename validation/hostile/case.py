@@ -1,4 +1,4 @@
-"""One hostile input, and what may come of it."""
+"""Cases with one hostile input each, and their verdicts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skfem_stvk.errors import AnalysisError, StvkError
 
 
 class Verdict(Enum):
-    """How a case ended: with an error in words, a right result, or what must never be."""
+    """End of a case: a readable error, a correct result, or a fault."""
 
     REFUSED = "refused"
     RIGHT = "right"
@@ -26,12 +26,12 @@ class Verdict(Enum):
 
     @property
     def wrong(self) -> bool:
-        """Whether it must never be."""
+        """Whether the verdict is a fault."""
         return self not in (Verdict.REFUSED, Verdict.RIGHT, Verdict.NOT_RUN)
 
 
 class Wrong(Exception):
-    """What a case raises, or its judge, when it sees a fault itself: `raise Wrong(Verdict.LOSS, "state 7 is gone")`."""
+    """Fault that a case or its judge has found: `raise Wrong(Verdict.LOSS, "state 7 is missing")`."""
 
     def __init__(self, verdict: Verdict, why: str) -> None:
         super().__init__(why)
@@ -39,41 +39,41 @@ class Wrong(Exception):
 
 
 class NotRun(Exception):
-    """Raised by a case that cannot run here, with the reason, such as a package that is not installed."""
+    """Reason why a case cannot run on this machine, for example a package that is not installed."""
 
 
 def accepted(result: Any) -> NoReturn:
-    """The judge of a case that has to be refused: whatever comes back is a silent acceptance."""
+    """Raise `Wrong` for any result: the judge of a case that must be refused."""
     raise Wrong(Verdict.SILENT, f"accepted: {result!r:.200}")
 
 
-def in_words(error: BaseException) -> bool:
-    """Whether an error is one of this package, but for failed analyses, and says more than a word or two."""
+def is_readable(error: BaseException) -> bool:
+    """Return whether an error is a readable error of this package: a StvkError, no AnalysisError, more than three words."""
     return isinstance(error, StvkError) and not isinstance(error, AnalysisError) and len(str(error).split()) > 3
 
 
 @dataclass(frozen=True)
 class Case:
-    """A hostile input by its name, which says how to make it again: seeds are part of it.
+    """Hostile input. The name contains all parameters, such as the seed, so that the input can be repeated.
 
     Attributes
     ----------
-    name : unique in its family, such as "msh: cut at 40 %".
-    attempt : called in a child process with the path of an empty folder, which is the working folder too. What it raises is judged
-        by `refused`, what it returns by `judge`. `Wrong` and `NotRun` are verdicts of its own.
-    judge : called with what `attempt` returned; raises `Wrong` if that is not right. By default nothing is: the input has to be
-        refused.
-    refused : whether an exception is a refusal in words; any other is a raw traceback. One that stems from a `MemoryError` is
-        neither.
-    seconds : limit of time.
-    gigabytes : limit of address space above what the child process has before the case.
-    quick : whether it belongs to the quick version, which the tests run.
+    name : name, unique in its family, for example "msh: cut at 40 %".
+    attempt : function that a child process calls with the path of an empty folder, its working folder. `refused` judges its
+        exceptions, `judge` its result. It may raise `Wrong` or `NotRun` to give a verdict itself.
+    judge : function of the result of `attempt`; raises `Wrong` if the result is not correct. The default refuses every result,
+        because most inputs must raise an error.
+    refused : function that returns whether an exception is a readable refusal. Other exceptions count as raw tracebacks. Errors
+        caused by a `MemoryError` have the verdict `Verdict.MEMORY`.
+    seconds : time limit [s].
+    gigabytes : limit of the address space that the case may use in addition to the child process before it [GiB].
+    quick : whether the case belongs to the quick version, which the tests run.
     """
 
     name: str
     attempt: Callable[[Path], Any]
     judge: Callable[[Any], None] = accepted
-    refused: Callable[[BaseException], bool] = in_words
+    refused: Callable[[BaseException], bool] = is_readable
     seconds: float = 20.0
     gigabytes: float = 1.0
     quick: bool = False

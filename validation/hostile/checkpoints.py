@@ -1,4 +1,4 @@
-"""Checkpoints and responses that are cut, changed or lie: read back is what was written, to the last bit, or it is refused."""
+"""Damaged and changed checkpoints and responses: the run restores its data bit for bit, or refuses the file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from skfem_stvk.dynamics import SimulationError
 from skfem_stvk.results.store import write_archive
 from skfem_stvk.statics import SolveError
 
-from .case import Case, Verdict, Wrong, in_words
+from .case import Case, Verdict, Wrong, is_readable
 from .runs_on_disk import KINDS, beam, check_same, strip
 
 Header = dict[str, Any]
 
-#: Kinds of runs whose checkpoints are changed, with the file that is changed.
+#: For each kind of run, the file that the cases change.
 FILES = {
     "verlet": "motion.npz",
     "energy-momentum": "motion.npz",
@@ -47,64 +47,64 @@ WRONG_VALUES: dict[str, Any] = {
     "True": True,
     "10**400": 10**400,
 }
-#: Of these, those that are tried without a new digest too.
+#: Wrong values that are also tried without a new digest.
 EDITS = ("removed", "-1", "1e300", "a text", "True")
-#: Times at which motions end halfway.
+#: Times at which the interrupted motions end.
 HALFWAY: dict[str, dict[str, Any]] = {"verlet": {"until": 0.3}, "energy-momentum": {"until": 1.0}}
-#: Trials with random bytes, and how many of them.
+#: Number of trials with random bytes, and number of bytes in each.
 FLIPS, BYTES = 60, 3
 
 
 def cases() -> Iterator[Case]:
-    """All changes of all checkpoints."""
+    """Yield all changes of all checkpoints."""
     for name in FILES:
         same = partial(check_same, name, folder=None)
         for percent in range(0, 100, 5):
             yield changed(name, f"cut at {percent} %", partial(cut, percent / 100), same, quick=percent == 50)
         for seed in range(FLIPS):
-            yield changed(name, f"{BYTES} random bytes, seed {seed}", partial(flipped, seed), same)
+            yield changed(name, f"{BYTES} random bytes, seed {seed}", partial(flip_bytes, seed), same)
         for what, make in NOT_OURS.items():
             yield changed(name, f"it is {what}", make, same)
-        for place in leaves(kept(name)[0]):
+        for keys in leaves(contents_of(name)[0]):
             for what, value in WRONG_VALUES.items():
-                said, change = f"{' '.join(map(str, place))} is {what}", partial(with_value, place, value)
-                yield changed(name, f"signed again, {said}", partial(rewritten, change, True), plausible)
+                text, change = f"{' '.join(map(str, keys))} is {what}", partial(with_value, keys, value)
+                yield changed(name, f"signed again, {text}", partial(rewrite, change, True), plausible)
                 if what in EDITS:
-                    yield changed(name, f"edited, {said}", partial(rewritten, change, False), same)
-        for array in kept(name)[1]:
+                    yield changed(name, f"edited, {text}", partial(rewrite, change, False), same)
+        for array in contents_of(name)[1]:
             for what, alter in CHANGES.items():
-                said, change = f"array {array} is {what}", partial(with_array, array, alter)
-                yield changed(name, f"signed again, {said}", partial(rewritten, change, True), plausible)
-                yield changed(name, f"edited, {said}", partial(rewritten, change, False), same)
+                text, change = f"array {array} is {what}", partial(with_array, array, alter)
+                yield changed(name, f"signed again, {text}", partial(rewrite, change, True), plausible)
+                yield changed(name, f"edited, {text}", partial(rewrite, change, False), same)
     yield from others()
 
 
 def resumed(name: str, folder: Path) -> Any:
-    """The run, resumed."""
+    """Resume the run and return its result."""
     return KINDS[name].run(folder, resume=True)
 
 
 def refused(error: BaseException) -> bool:
-    """Errors in words; those of solves and motions only if nothing unforeseen is behind them."""
+    """Return whether an error is readable. Errors of solves and motions must have no other exception as their cause."""
     known = isinstance(error, SolveError | SimulationError) and error.__cause__ is None
-    return in_words(error) or (known and len(str(error).split()) > 5)
+    return is_readable(error) or (known and len(str(error).split()) > 5)
 
 
 def changed(
     name: str, what: str, change: Callable[[Path], object], judge: Callable[[Any], None], quick: bool = False, seconds: float = 20
 ) -> Case:
-    """A checkpoint whose file is changed."""
+    """Return the case of a run that is resumed from a changed file."""
 
     def attempt(folder: Path) -> Any:
         shutil.copytree(interrupted(name), folder, dirs_exist_ok=True)
-        change(folder / "kept" / FILES[name])
+        change(folder / "saved" / FILES[name])
         return resumed(name, folder)
 
     return Case(f"{name}: {what}", attempt, judge, refused, seconds, quick=quick)
 
 
-def rewritten(change: Callable[[Header, dict[str, Array]], None], signed: bool, path: Path) -> None:
-    """A file with other contents; `signed`: as if it had been written so, with a digest that fits."""
+def rewrite(change: Callable[[Header, dict[str, Array]], None], signed: bool, path: Path) -> None:
+    """Change the contents of a file. If `signed`, write a digest that fits the new contents; otherwise retain the old digest."""
     header, arrays = read(path)
     change(header, arrays)
     if signed:
@@ -118,67 +118,67 @@ def rewritten(change: Callable[[Header, dict[str, Array]], None], signed: bool, 
 
 
 def plausible(result: Any) -> None:
-    """The judge of lies that are signed anew, which may be the truth of another run: numbers, at least."""
+    """Raise `Wrong` if the result is not finite: the judge of changed files with a new digest, which may fit another run."""
     if not np.isfinite(result.u).all() or not np.isfinite(result.t):
         raise Wrong(Verdict.SILENT, "a success with numbers that are not finite")
 
 
 @lru_cache
 def interrupted(name: str) -> Path:
-    """A folder with what a run leaves that ends halfway, made once a process."""
-    folder = Path(_holder().name) / name
+    """Return a folder with the files of a run that ended halfway. Each process creates it once."""
+    folder = Path(_temporary_folder().name) / name
     folder.mkdir()
     KINDS[name].run(folder, **HALFWAY.get(name, {}))
-    for later in (folder / "kept").glob("state_*.npz"):
+    for later in (folder / "saved").glob("state_*.npz"):
         if later.name > FILES[name]:
             later.unlink()
     return folder
 
 
 @lru_cache
-def _holder() -> TemporaryDirectory[str]:
+def _temporary_folder() -> TemporaryDirectory[str]:
     return TemporaryDirectory(prefix="hostile-checkpoints-")
 
 
 @lru_cache
-def kept(name: str) -> tuple[Header, list[str]]:
-    """The header of the file that is changed, and the names of its arrays."""
-    header, arrays = read(interrupted(name) / "kept" / FILES[name])
+def contents_of(name: str) -> tuple[Header, list[str]]:
+    """Return the header of the file that the cases change, and the names of its arrays."""
+    header, arrays = read(interrupted(name) / "saved" / FILES[name])
     return header, list(arrays)
 
 
 def read(path: Path) -> tuple[Header, dict[str, Array]]:
-    """Header and arrays of a file, whatever they are."""
+    """Return header and arrays of a file without any check."""
     with np.load(path, allow_pickle=False) as file:
         arrays = {key.removeprefix("array "): file[key] for key in file.files if key.startswith("array ")}
         return json.loads(str(file["header"])), arrays
 
 
-def leaves(node: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Places of all that stands in a header; of long lists the first two entries."""
-    if place:
-        yield place
+def leaves(node: Any, keys: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the key paths of all entries of a header; for a list, only the first two entries."""
+    if keys:
+        yield keys
     if isinstance(node, dict):
         for key, value in node.items():
-            yield from leaves(value, (*place, key))
+            yield from leaves(value, (*keys, key))
     elif isinstance(node, list):
         for number, value in enumerate(node[:2]):
-            yield from leaves(value, (*place, number))
+            yield from leaves(value, (*keys, number))
 
 
-def with_value(place: tuple[Any, ...], value: Any, header: Header, arrays: dict[str, Array]) -> None:
-    """Another value at this place of the header."""
+def with_value(keys: tuple[Any, ...], value: Any, header: Header, arrays: dict[str, Array]) -> None:
+    """Set the entry of the header with this key path to another value, or delete it if the value is `...`."""
     node: Any = header
-    for key in place[:-1]:
+    for key in keys[:-1]:
         node = node[key]
     if value is ...:
-        del node[place[-1]]
+        del node[keys[-1]]
     else:
-        node[place[-1]] = value
+        node[keys[-1]] = value
 
 
 def with_array(name: str, change: Callable[[Array], Array | None], header: Header, arrays: dict[str, Array]) -> None:
-    """Another array of this name, or none."""
+    """Replace the array of this name by `change(array)`, or delete it if that is None."""
     array = change(arrays.pop(name))
     if array is not None:
         arrays[name] = array
@@ -215,15 +215,15 @@ CHANGES: dict[str, Callable[[Array], Array | None]] = {
 
 
 def cut(part: float, path: Path) -> None:
-    """The first part of the file."""
+    """Truncate the file to its first part."""
     path.write_bytes(path.read_bytes()[: int(part * path.stat().st_size)])
 
 
-def flipped(seed: int, path: Path) -> None:
-    """Some bytes are others."""
+def flip_bytes(seed: int, path: Path) -> None:
+    """Change some random bytes of the file."""
     rng, content = np.random.default_rng(seed), bytearray(path.read_bytes())
-    for place in rng.integers(0, len(content), BYTES):
-        content[place] ^= int(rng.integers(1, 256))
+    for index in rng.integers(0, len(content), BYTES):
+        content[index] ^= int(rng.integers(1, 256))
     path.write_bytes(content)
 
 
@@ -247,7 +247,7 @@ def _fifo(path: Path) -> None:
 
 
 class _Shell:
-    """What a pickle would run."""
+    """Object whose unpickling runs a shell command."""
 
     def __reduce__(self) -> Any:
         return os.system, ("touch owned",)
@@ -258,7 +258,7 @@ def _pickled(path: Path) -> None:
 
 
 def _huge(path: Path) -> None:
-    """An array that declares 1e12 numbers, in a member of a few bytes."""
+    """Add an array to the archive that declares 1e12 numbers in a member of a few bytes."""
     member = io.BytesIO()
     np.lib.format.write_array_header_2_0(member, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)})
     with zipfile.ZipFile(path, "a") as archive:
@@ -266,7 +266,7 @@ def _huge(path: Path) -> None:
 
 
 def _bomb(path: Path) -> None:
-    """A gigabyte of zeros, compressed."""
+    """Write a compressed gigabyte of zeros."""
     header = io.BytesIO()
     np.lib.format.write_array_header_2_0(header, {"descr": "<f8", "fortran_order": False, "shape": (2**27,)})
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("header.npy", "w") as member:
@@ -299,27 +299,27 @@ def _npy() -> bytes:
 
 
 def others() -> Iterator[Case]:
-    """Checkpoints and series of other problems: neither resumed nor replaced, unless that is asked for."""
+    """Yield cases with the files of another problem: a run must neither resume nor replace them, unless `overwrite` is given."""
     makes = {"verlet": partial(strip, young=2.5), "load steps": partial(beam, young=9e3)}
     moved = {"verlet": partial(strip, moved=1e-5), "load steps": partial(beam, moved=1e-5)}
     for what, systems in {"another modulus": makes, "another mesh": moved}.items():
         for name, system in systems.items():
-            for how in ("resume", "anew", "overwrite"):
+            for how in ("resume", "start", "overwrite"):
                 yield Case(f"{name}: {what}, {how}", partial(_other, name, system, how), lambda result: None, refused)
 
 
 def _other(name: str, system: Callable[[], Any], how: str, folder: Path) -> Any:
     shutil.copytree(interrupted(name), folder, dirs_exist_ok=True)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    options: dict[str, Any] = {"resume": {"resume": True}, "anew": {}, "overwrite": {"overwrite": True}}[how]
+    options: dict[str, Any] = {"resume": {"resume": True}, "start": {}, "overwrite": {"overwrite": True}}[how]
     try:
         result = KINDS[name].run(folder, system(), **options)
     except BaseException:
         if how == "overwrite":
-            raise Wrong(Verdict.TRACEBACK, "not replaced, although that was asked for") from None
+            raise Wrong(Verdict.TRACEBACK, "the files were not replaced, although overwrite = True") from None
         if {path: path.read_bytes() for path in before if path.is_file()} != before:
             raise Wrong(Verdict.LOSS, "the files of another problem were changed") from None
         raise
     if how != "overwrite":
-        raise Wrong(Verdict.SILENT, f"{how}: the files of another problem were taken")
+        raise Wrong(Verdict.SILENT, f"{how}: the files of another problem were accepted")
     return result

@@ -1,4 +1,4 @@
-"""The command `skfem-stvk` with wrong arguments, hostile file names and surroundings, and interrupted: never a traceback."""
+"""The command `skfem-stvk` with wrong arguments, hostile file names and environments, and interruptions: never a traceback."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .checkpoints import NOT_OURS
 
 COMMAND = (sys.executable, "-m", "skfem_stvk.cli")
 VERIFY = ("verify", "body.msh", "--young", "1e5", "--poisson", "0.3")
-#: One kernel, and what it has to give.
+#: Program with one kernel, and the energy that it must print.
 PROGRAM = """
 import skfem
 from skfem_stvk import StVK, System
@@ -34,15 +34,15 @@ mesh = skfem.MeshTet().refined(1)
 print("W =", System(mesh, StVK(young=1e5, poisson=0.3)).energy(0.01 * mesh.p.ravel("F")))
 """
 ENERGY = 4.5 * 1e5 / 1.2 * 0.01005**2
-#: What the worker sets for itself, and commands do without.
+#: Environment variables of the worker that commands do not inherit.
 UNSET = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MPLBACKEND")
-#: Control characters that have no business in what is printed where no terminal is.
+#: Control characters that must not appear in output that does not go to a terminal.
 CONTROL = {chr(code) for code in (*range(32), 127, *range(128, 160))} - {"\n", "\r"}
 REFUSED, WORKS, EITHER = "refused", "works", "either"
 
 
 class Finished(NamedTuple):
-    """A process that ended."""
+    """Exit code and output of a process."""
 
     code: int
     out: str
@@ -50,11 +50,11 @@ class Finished(NamedTuple):
 
 
 class Refused(StvkError):
-    """What a command printed before it ended with the exit code for bad input."""
+    """Message of a command that ended with the exit code for bad input."""
 
 
 def cases() -> Iterator[Case]:
-    """All commands."""
+    """Yield all commands."""
     for name, arguments in ARGUMENTS.items():
         yield command(f"arguments: {name}", arguments, REFUSED, quick=name == "no command")
     for name in NAMES:
@@ -66,7 +66,7 @@ def cases() -> Iterator[Case]:
     for what in ANSWERS:
         yield Case(f"--python answers with {what}", partial(answered, NOT_OURS[what]), seconds=120, gigabytes=4)
     for name, options in STREAMS.items():
-        yield command(f"verify with {name}", VERIFY, EITHER, options=options, seen=False)
+        yield command(f"verify with {name}", VERIFY, EITHER, options=options, readable=False)
     for flag in ("-OO", "-Werror", "-I", "-bb", "-Xdev", "-Xutf8=0"):
         yield command(f"python {flag}", VERIFY, WORKS, start=(sys.executable, flag, "-m", "skfem_stvk.cli"))
     for name, change in OUTPUTS.items():
@@ -84,29 +84,32 @@ def command(
     environment: Mapping[str, str | None] | None = None,
     start: Sequence[str] = COMMAND,
     options: Mapping[str, Any] | None = None,
-    seen: bool = True,
+    readable: bool = True,
     quick: bool = False,
 ) -> Case:
-    """A command that is refused in words, works, or does either of them; `seen`: what it prints can be read."""
+    """Return the case of a command that must be refused, must work, or may do either.
+
+    `readable` says whether the case can read the output of the command.
+    """
 
     def attempt(folder: Path) -> Finished:
         body(folder)
         made = {name: make() for name, make in (options or {}).items()}
-        return told(ran([*start, *arguments], environment or {}, **made), expected)
+        return checked(ran([*start, *arguments], environment or {}, **made), expected)
 
-    judge = partial(right, worked=WORKED.get(tuple(start), "PASSED")) if seen else lambda finished: None
+    judge = partial(right, worked=WORKED.get(tuple(start), "PASSED")) if readable else lambda finished: None
     return Case(name, attempt, judge, seconds=120, gigabytes=4, quick=quick)
 
 
 def body(folder: Path) -> Path:
-    """A small mesh file."""
+    """Write a small mesh file and return its path."""
     path = folder / "body.msh"
     skfem.MeshTet().save(path)
     return path
 
 
 def ran(arguments: Sequence[str | bytes], environment: Mapping[str, str | None], **options: Any) -> Finished:
-    """A process, run to its end; what is None in the environment is not there."""
+    """Run a process to its end. Variables that are None are removed from the environment."""
     given: dict[str, str | None] = dict(os.environ) | dict.fromkeys(UNSET) | dict(environment)
     streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL} | options
     process = subprocess.run(arguments, env={key: value for key, value in given.items() if value is not None}, **streams)
@@ -114,33 +117,36 @@ def ran(arguments: Sequence[str | bytes], environment: Mapping[str, str | None],
     return Finished(process.returncode, out, err)
 
 
-def told(finished: Finished, expected: str = EITHER) -> Finished:
-    """What it ended with, if it said so in words; raises `Refused` where it was refused."""
-    said = finished.out + finished.err
-    if "Traceback (most recent call last)" in said or "Exception ignored" in said:
-        raise Wrong(Verdict.TRACEBACK, said[-3000:])
+def checked(finished: Finished, expected: str = EITHER) -> Finished:
+    """Return the finished process if its end is legal.
+
+    Raise `Refused` for a readable refusal, and `Wrong` for a traceback, a signal, control characters or an unexpected exit code.
+    """
+    output = finished.out + finished.err
+    if "Traceback (most recent call last)" in output or "Exception ignored" in output:
+        raise Wrong(Verdict.TRACEBACK, output[-3000:])
     if finished.code < 0:
-        raise Wrong(Verdict.CRASH, f"ended by {signal.Signals(-finished.code).name}: {said[-3000:]}")
-    control = sorted(CONTROL & set(said))
+        raise Wrong(Verdict.CRASH, f"ended by {signal.Signals(-finished.code).name}: {output[-3000:]}")
+    control = sorted(CONTROL & set(output))
     if control:
         raise Wrong(Verdict.SILENT, f"control characters on the terminal: {control!r}")
     if finished.code == 2 and expected != WORKS:
         if len(finished.err.split()) < 4:
-            raise Wrong(Verdict.TRACEBACK, f"exit code 2 without words: {said!r}")
+            raise Wrong(Verdict.TRACEBACK, f"exit code 2 without a message: {output!r}")
         raise Refused(finished.err)
     if expected == REFUSED or finished.code not in (0, 1):
-        raise Wrong(Verdict.SILENT, f"exit code {finished.code}: {said[-3000:]}")
+        raise Wrong(Verdict.SILENT, f"exit code {finished.code}: {output[-3000:]}")
     return finished
 
 
 def right(finished: Finished, worked: str) -> None:
-    """The judge: it did what was asked for, if anybody can see that."""
+    """Raise `Wrong` unless the command printed the expected energy, or passed and printed `worked`. Empty output is accepted."""
     if worked == ENERGY_LINE:
         value = float(finished.out.split("W =")[1]) if "W =" in finished.out else np.nan
         if not abs(value / ENERGY - 1) < 1e-12:
-            raise Wrong(Verdict.SILENT, f"W = {value} instead of {ENERGY}: {finished}")
+            raise Wrong(Verdict.SILENT, f"W = {value}; expected {ENERGY}: {finished}")
     elif finished.code != 0 or (finished.out and worked not in finished.out):
-        raise Wrong(Verdict.SILENT, f"it did not pass: {finished}")
+        raise Wrong(Verdict.SILENT, f"the command did not pass: {finished}")
 
 
 ENERGY_LINE = "W ="
@@ -218,7 +224,7 @@ ANSWERS = ("empty", "text", "a pickle", "an .npz file of pickles", "an .npz file
 
 
 def answered(make: Callable[[Path], object], folder: Path) -> Finished:
-    """A peer whose program answers its first question with this file."""
+    """Run `verify` against a peer whose program answers the first request with this file."""
     body(folder)
     answer, program = folder / "answer.npz", folder / "program"
     answer.touch()
@@ -226,7 +232,7 @@ def answered(make: Callable[[Path], object], folder: Path) -> Finished:
     (folder / "length").write_bytes(answer.stat().st_size.to_bytes(8, "big"))
     program.write_text("#!/bin/sh\ncat length answer.npz; cat > /dev/null\n")
     program.chmod(0o755)
-    return told(ran([*COMMAND, *VERIFY, "--against", "felupe", "--python", "./program"], {}), REFUSED)
+    return checked(ran([*COMMAND, *VERIFY, "--against", "felupe", "--python", "./program"], {}), REFUSED)
 
 
 NAMES = (
@@ -248,12 +254,12 @@ NAMES = (
 
 
 def named(name: str, folder: Path) -> Finished:
-    """The mesh under another name."""
+    """Verify the mesh under another file name."""
     os.rename(body(folder), os.fsencode(folder / name))
-    finished = told(ran([*COMMAND, "verify", os.fsencode(f"./{name}"), "--young=1e5", "--poisson=0.3", "--out", "report"], {}))
+    finished = checked(ran([*COMMAND, "verify", os.fsencode(f"./{name}"), "--young=1e5", "--poisson=0.3", "--out", "report"], {}))
     report = json.loads((folder / "report" / "report.json").read_text())
     if not report["passed"]:
-        raise Wrong(Verdict.SILENT, "it did not pass")
+        raise Wrong(Verdict.SILENT, "the report did not pass")
     return finished
 
 
@@ -306,14 +312,14 @@ def _broken_pipe() -> int:
     return writing
 
 
-def _in_no_folder() -> Callable[[], None]:
-    def away() -> None:
+def _in_deleted_folder() -> Callable[[], None]:
+    def leave() -> None:
         os.mkdir("gone")
         shutil.copy("body.msh", "gone")
         os.chdir("gone")
         shutil.rmtree(os.getcwd())
 
-    return away
+    return leave
 
 
 STREAMS: dict[str, dict[str, Callable[[], Any]]] = {
@@ -326,7 +332,7 @@ STREAMS: dict[str, dict[str, Callable[[], Any]]] = {
     "a pipe that nobody reads": {"stdout": _broken_pipe},
     "16 open files at most": {"preexec_fn": lambda: _limited(resource.RLIMIT_NOFILE, 16)},
     "no new processes": {"preexec_fn": lambda: _limited(resource.RLIMIT_NPROC, 0)},
-    "a working folder that is gone": {"preexec_fn": _in_no_folder},
+    "a working folder that is gone": {"preexec_fn": _in_deleted_folder},
 }
 
 
@@ -335,12 +341,12 @@ def _nothing(folder: Path) -> dict[str, Any]:
 
 
 def _full(size: int, folder: Path) -> dict[str, Any]:
-    """No file may become larger: as on a disk that is full."""
+    """Limit the size of files, as on a full disk."""
     return {"preexec_fn": _limited(resource.RLIMIT_FSIZE, size)}
 
 
-def _there(name: str, folder: Path) -> dict[str, Any]:
-    """A folder stands where a report should be."""
+def _folder_named(name: str, folder: Path) -> dict[str, Any]:
+    """Create a folder with the name of a file of the report."""
     (folder / "report" / name).mkdir(parents=True)
     return {}
 
@@ -353,28 +359,28 @@ def _link(folder: Path) -> dict[str, Any]:
 OUTPUTS: dict[str, Callable[[Path], dict[str, Any]]] = {
     "new": _nothing,
     **{f"on a disk that is full after {size} bytes": partial(_full, size) for size in (0, 100, 5_000, 60_000)},
-    "with a folder named report.json": partial(_there, "report.json"),
-    "with a folder named report.html": partial(_there, "report.html"),
+    "with a folder named report.json": partial(_folder_named, "report.json"),
+    "with a folder named report.html": partial(_folder_named, "report.html"),
     "a link to nowhere": _link,
 }
 
 
 def written(change: Callable[[Path], dict[str, Any]], folder: Path) -> Finished:
-    """`verify --out`: whole reports, or none and words."""
+    """Run `verify --out`: it must write complete reports, or none and a readable message."""
     body(folder)
     finished = ran([*COMMAND, *VERIFY, "--out", "report"], {"NUMBA_CACHE_DIR": None}, **change(folder))
-    refuse_cut_reports(folder, finished.err)
-    return told(finished)
+    refuse_truncated_reports(folder, finished.err)
+    return checked(finished)
 
 
-def refuse_cut_reports(folder: Path, said: str) -> None:
-    """Reports are whole, or not there."""
+def refuse_truncated_reports(folder: Path, output: str) -> None:
+    """Raise `Wrong` if a file of the report is truncated; a missing file is legal."""
     for path in (folder / "report" / "report.json", folder / "report" / "report.html"):
         if path.is_file():
             text = path.read_text()
             whole = text.rstrip().endswith("</html>") if path.suffix == ".html" else text.rstrip().endswith("}")
             if not whole:
-                raise Wrong(Verdict.LOSS, f"{path.name} is cut off, {len(text)} characters of it are there: {said}")
+                raise Wrong(Verdict.LOSS, f"{path.name} is truncated to {len(text)} characters: {output}")
 
 
 def _each(change: Callable[[Path], object], ending: str) -> Callable[[Path], None]:
@@ -408,15 +414,15 @@ DAMAGES: dict[str, Callable[[Path], None]] = {
 
 
 def damaged(damage: str, folder: Path) -> Finished:
-    """A kernel of a copy of the package, whose compiled code on disk is damaged."""
+    """Run a kernel in a copy of the package whose compiled code on disk is damaged."""
     package = Path(skfem_stvk.__file__).parent
     shutil.copytree(package, folder / "skfem_stvk")
     DAMAGES[damage](folder / "skfem_stvk" / "kernels" / "__pycache__")
-    return told(ran([sys.executable, "-c", PROGRAM], {"PYTHONPATH": str(folder)}), WORKS)
+    return checked(ran([sys.executable, "-c", PROGRAM], {"PYTHONPATH": str(folder)}), WORKS)
 
 
 def interrupted(seed: int, folder: Path) -> Finished:
-    """Ctrl-C at a random time after the command has begun: while it imports, or later."""
+    """Press Ctrl-C at a random time after the start of the command, during imports or later."""
     body(folder)
     begin = "import sys; from skfem_stvk.cli.__main__ import main; print('begun', flush=True); sys.exit(main())"
     with subprocess.Popen(
@@ -424,7 +430,7 @@ def interrupted(seed: int, folder: Path) -> Finished:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # a shell ignores it in the background
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # shells ignore SIGINT in background processes
     ) as process:
         assert process.stdout is not None
         process.stdout.readline()
@@ -434,5 +440,5 @@ def interrupted(seed: int, folder: Path) -> Finished:
     finished = Finished(process.returncode, out, err)
     if "Traceback" in out + err or (finished.code != 0 and "interrupted" not in out + err):
         raise Wrong(Verdict.TRACEBACK, f"exit code {finished.code}: {out + err}")
-    refuse_cut_reports(folder, err)
+    refuse_truncated_reports(folder, err)
     return finished

@@ -1,4 +1,4 @@
-"""Results as plain numbers, arrays and names, and whether two of them are the same."""
+"""Conversion of results to plain numbers, arrays and names, and their comparison."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skfem_stvk import StvkError, System
 
 
 def comparable(result: Any, depth: int = 4) -> Any:
-    """A result as plain numbers, arrays, names, lists and dicts."""
+    """Return a result as plain numbers, arrays, names, lists and dicts."""
     if result is None or isinstance(result, str | bool | np.bool_ | Path | type):
         return result
     if isinstance(result, Number):
@@ -35,7 +35,7 @@ def comparable(result: Any, depth: int = 4) -> Any:
 
 
 def _inside(result: Any, depth: int) -> dict[str, Any]:
-    """What an object says of itself."""
+    """Return the attributes of an object in plain form; for a system its F, K, W and supports."""
     if depth == 0:
         return {}
     if isinstance(result, System):
@@ -52,7 +52,7 @@ def _inside(result: Any, depth: int) -> dict[str, Any]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two results are the same but for single precision."""
+    """Return whether two results agree to single precision."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
     if isinstance(one, list) and isinstance(other, list):

@@ -1,4 +1,4 @@
-"""Random legal bodies at extreme scales: lengths and stiffnesses of 1e-150 to 1e150, nu at its limits, slivers, loose parts."""
+"""Random legal bodies at extreme scales: lengths and stiffnesses from 1e-150 to 1e150, nu at its limits, slivers, loose parts."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import skfem
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.arguments import Array
 
-from .spokes import Spokes
+from .extended_stvk import ExtendedStVK
 
-#: Poisson's ratios: common ones, and the ends of what is legal.
+#: Poisson's ratios: common values, and values near the legal limits.
 POISSON = (
     0.3,
     0.0,
@@ -29,24 +29,24 @@ POISSON = (
     0.5 - 1e-15,
     np.nextafter(0.5, 0),
 )
-#: Widths of the distributions of decimal exponents: moderate, large, as large as numbers go.
+#: Half widths of the distributions of decimal exponents: moderate, large, and near the range of double precision.
 WIDTHS = (3, 12, 150)
 
 
 @dataclass(frozen=True)
 class Body:
-    """A body, and what it was made of.
+    """Body with its scales.
 
     Attributes
     ----------
-    unit : of length [m]: the size of the body.
-    pressure : a stress that strains it by about 1 [Pa].
-    notes : what is special about it.
+    unit : size of the body [m], the unit of length.
+    pressure : stress that causes a strain of about 1 [Pa].
+    notes : description of the body's special properties.
     """
 
     mesh: ElementMesh
     term: StVK
-    exact: Spokes
+    exact: ExtendedStVK
     unit: float
     pressure: float
     section: float
@@ -55,19 +55,19 @@ class Body:
 
     @property
     def force(self) -> float:
-        """A force that strains it by about 1 [N]; infinite or zero if there is no such number."""
+        """Force that causes a strain of about 1 [N]; infinite or zero if it is out of the range of double precision."""
         with np.errstate(over="ignore", under="ignore"):
             return float(np.longdouble(self.pressure) * np.longdouble(self.section) * np.longdouble(self.unit) ** (self.mesh.k - 1))
 
     @property
     def time(self) -> float:
-        """The time that a wave takes through it [s]."""
+        """Time of a wave through the body [s]."""
         with np.errstate(over="ignore", under="ignore"):
             return float(np.longdouble(self.unit) * np.sqrt(np.longdouble(self.density) / np.longdouble(self.pressure)))
 
 
 def body(rng: np.random.Generator) -> Body:
-    """A random body."""
+    """Return a random body."""
     notes: list[str] = []
     p, t = MESHES[str(rng.choice(list(MESHES)))]
     p = p + 0.1 * rng.uniform(-1, 1, p.shape) / p.shape[1] ** (1 / p.shape[0])
@@ -83,7 +83,7 @@ def body(rng: np.random.Generator) -> Body:
     options: dict[str, Any] = {1: {"area": section}, 2: {"thickness": section}}.get(mesh.k, {})
     section = section if options else 1.0
     term = StVK(young=young, poisson=poisson, density=density, plane="stress" if condensed else None, **options)
-    exact = Spokes(mesh, young, poisson, section, density, condensed)
+    exact = ExtendedStVK(mesh, young, poisson, section, density, condensed)
     notes.append(
         f"{mesh.k} in {mesh.d}, size {unit:.1e}, E {young:.1e}, nu {poisson:.17g}, section {section:.1e}, density {density:.1e}"
     )
@@ -108,7 +108,7 @@ MESHES = _meshes()
 
 
 def _sliver(p: Array, t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """An element nearly flat: its first vertex moved close to the middle of the others."""
+    """Make one element nearly flat: move its first vertex close to the centre of the others."""
     element, p = t[:, rng.integers(t.shape[1])], p.copy()
     middle = p[:, element[1:]].mean(axis=1)
     p[:, element[0]] = middle + 10.0 ** rng.uniform(-4, -1) * (p[:, element[0]] - middle)
@@ -116,15 +116,15 @@ def _sliver(p: Array, t: Array, rng: np.random.Generator) -> tuple[Array, Array]
 
 
 def _doubled(p: Array, t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A second body beside the first, that nothing joins."""
+    """Add a second body next to the first, without a connection."""
     return np.hstack([p, p + 1.5]), np.hstack([t, t + p.shape[1]])
 
 
 def _hanging(p: Array, t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A vertex that is in no element."""
+    """Add a vertex that belongs to no element."""
     return np.hstack([p, p.mean(axis=1)[:, None] + 0.01]), t
 
 
 def _far_away(p: Array, t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A body far from the origin."""
+    """Move the body far from the origin."""
     return p + 10.0 ** rng.uniform(1, 6), t

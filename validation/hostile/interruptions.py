@@ -1,4 +1,7 @@
-"""Runs that are killed, interrupted, out of disk, or two at once: resumed, they are the undisturbed run to the last bit."""
+"""Runs that are killed, interrupted, out of disk space, or simultaneous: after resuming, results equal those of an undisturbed run.
+
+The comparison is bit for bit.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +22,18 @@ import numpy as np
 
 from skfem_stvk.errors import AnalysisError, StvkError
 
-from .case import Case, Verdict, Wrong, in_words
+from .case import Case, Verdict, Wrong, is_readable
 from .runs_on_disk import KINDS, RUNS, check_same, whole
 
-#: Trials of each sort, for each kind of run.
+#: Number of trials of each type, for each kind of run.
 KILLS, CTRL_C, FULL, FAILING, TWO = 25, 25, 15, 15, 4
 #: Exit codes of forked runs.
-FINISHED, IN_WORDS, INTERRUPTED, RAW = 0, 40, 41, 42
+FINISHED, READABLE, INTERRUPTED, RAW = 0, 40, 41, 42
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS)
 
 
 def cases() -> Iterator[Case]:
-    """All of them."""
+    """Yield all interruptions of all runs."""
     for name in RUNS:
         done, quick = partial(_done, name), name in ("verlet", "load steps")
         for seed in range(KILLS):
@@ -50,36 +53,36 @@ def cases() -> Iterator[Case]:
 
 
 def _done(name: str, folder: Path | None) -> None:
-    """The judge: resumed, the run and its files are those of one that nothing interrupts."""
+    """Resume the run, and raise `Wrong` unless result and files equal those of an uninterrupted run."""
     if folder is None:
         return
     check_same(name, KINDS[name].run(folder, resume=True), folder)
 
 
 class Forked:
-    """A run in a child process of its own, which says how it ended."""
+    """Run in a forked child process, which reports its end."""
 
     def __init__(self, run: Callable[[], object]) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
-        self._said, saying = os.pipe()
+        self._reading, writing = os.pipe()
         self.process = os.fork()
         if not self.process:
             try:
                 code, why = _outcome(run)
-                os.write(saying, why.encode(errors="replace")[-5000:])
+                os.write(writing, why.encode(errors="replace")[-5000:])
                 os._exit(code)
             finally:
                 os._exit(RAW)
-        os.close(saying)
+        os.close(writing)
 
     def ended(self) -> tuple[int, str]:
-        """The exit code, or minus the signal that ended it, and why; refuses errors that are not in words."""
-        with os.fdopen(self._said, errors="replace") as said:
-            why = said.read()
+        """Return the exit code, or minus the number of the signal, and the message. Raise `Wrong` for an unreadable error."""
+        with os.fdopen(self._reading, errors="replace") as reading:
+            why = reading.read()
         code = os.waitstatus_to_exitcode(os.waitpid(self.process, 0)[1])
         if code == RAW:
-            raise Wrong(Verdict.TRACEBACK, f"the run ended with an error that is not in words: {why}")
+            raise Wrong(Verdict.TRACEBACK, f"the run ended with a raw error: {why}")
         return code, why
 
 
@@ -92,23 +95,23 @@ def _outcome(run: Callable[[], object]) -> tuple[int, str]:
     except KeyboardInterrupt as error:
         return INTERRUPTED, str(error)
     except StvkError as error:
-        words = in_words(error) or len(str(error).split()) > 5
-        return (IN_WORDS, str(error)) if words else (RAW, traceback.format_exc())
+        words = is_readable(error) or len(str(error).split()) > 5
+        return (READABLE, str(error)) if words else (RAW, traceback.format_exc())
     except BaseException:
         return RAW, traceback.format_exc()
 
 
 def killed(name: str, seed: int, folder: Path) -> Path:
-    """A run that is killed at a random time, resumed, killed again."""
-    return _struck(name, seed, folder, signal.SIGKILL)
+    """Kill a run at a random time, resume it and kill it again."""
+    return _ended_twice(name, seed, folder, signal.SIGKILL)
 
 
 def ctrl_c(name: str, seed: int, folder: Path) -> Path:
-    """A run that Ctrl-C ends at a random time, resumed, and once more."""
-    return _struck(name, seed, folder, signal.SIGINT)
+    """Interrupt a run by Ctrl-C at a random time, resume it and interrupt it again."""
+    return _ended_twice(name, seed, folder, signal.SIGINT)
 
 
-def _struck(name: str, seed: int, folder: Path, by: signal.Signals) -> Path:
+def _ended_twice(name: str, seed: int, folder: Path, by: signal.Signals) -> Path:
     rng, resume = np.random.default_rng(seed), False
     for _ in range(2):
         moment = float(rng.uniform(0, whole(name).seconds))
@@ -121,7 +124,7 @@ def _struck(name: str, seed: int, folder: Path, by: signal.Signals) -> Path:
 
 
 def limited(name: str, seed: int, folder: Path) -> Path:
-    """A run whose files cannot become larger than a random size, as on a full disk."""
+    """Run with a random limit of the file size, as on a full disk."""
     largest = max(len(content) for content in whole(name).files.values() if content is not None)
     size = int(np.random.default_rng([2, seed]).uniform(0, 1.5 * largest))
 
@@ -134,7 +137,7 @@ def limited(name: str, seed: int, folder: Path) -> Path:
 
 
 def failing(name: str, seed: int, folder: Path) -> Path:
-    """A run in which the disk fails at a random call."""
+    """Run with a disk that fails from a random call on."""
     rng = np.random.default_rng([3, seed])
     call, number, error = str(rng.choice(["fsync", "replace", "open"])), int(rng.integers(1, 30)), int(rng.choice(ERRORS))
 
@@ -156,15 +159,15 @@ def failing(name: str, seed: int, folder: Path) -> Path:
 
 
 def two(name: str, other: bool, seed: int, folder: Path) -> Path | None:
-    """Two runs at a time in one folder: one of them is refused, and does not touch the other's files."""
+    """Start two simultaneous runs in one folder: one of them must be refused and must not change the files of the other."""
     kind = KINDS[name]
     system = kind.system(young=3.3) if other else kind.system()
     first = Forked(partial(kind.run, folder, often=True))
     time.sleep(float(np.random.default_rng([4, seed]).uniform(0, whole(name).seconds)))
     second = Forked(partial(kind.run, folder, system, often=True))
-    codes, said = zip(first.ended(), second.ended(), strict=True)
+    codes, messages = zip(first.ended(), second.ended(), strict=True)
     if FINISHED not in codes:
-        raise Wrong(Verdict.LOSS, f"neither of the two runs reached its end: {said}")
+        raise Wrong(Verdict.LOSS, f"neither of the two runs reached its end: {messages}")
     if not other or codes[1] != FINISHED:
         return folder
     if codes[0] == FINISHED:

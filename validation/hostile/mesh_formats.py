@@ -1,4 +1,4 @@
-"""A good file of every mesh format, and where in it counts, ids, coordinates and rows stand."""
+"""Good files of all mesh formats, and the positions of counts, ids, coordinates and rows in them."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ import skfem
 from skfem_stvk import ElementMesh
 from skfem_stvk.mesh import read_mesh
 
-#: A number with an exponent or a point, as coordinates are written.
+#: Expression of a coordinate: a number with a decimal point and perhaps an exponent.
 REAL = r"-?\d+\.\d*(?:[eE][-+]?\d+)?"
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format.
+    """Mesh format.
 
     Attributes
     ----------
-    suffix : of its files.
-    options : of `meshio.write`.
-    flat : whether it holds triangles only.
-    second : whether the elements are of second order.
-    counts : expressions whose group is a number of entries, of files of text.
-    ids : expressions whose group is the id of a node or an element, where it is defined.
-    references : expressions whose group is the id of a node that an element names.
-    element : expression of a whole row of an element.
-    counted : whether its header says how many elements there are.
+    suffix : suffix of the files.
+    options : options of `meshio.write`.
+    flat : whether the format contains triangles only.
+    second : whether the elements have second order.
+    counts : expressions for text files; the group is a number of entries.
+    ids : expressions whose group is the id of a node or an element at its definition.
+    references : expressions whose group is the id of a node in an element.
+    element : expression of the whole row of an element.
+    counted : whether the header contains the number of elements.
     """
 
     suffix: str
@@ -205,28 +205,28 @@ FORMATS: dict[str, Format] = {
 
 
 class Written(NamedTuple):
-    """A whole file with those beside it by their endings, and the mesh that it holds."""
+    """Complete file, its companion files by suffix, and the mesh in the file."""
 
     suffix: str
     content: bytes
-    beside: dict[str, bytes]
+    companions: dict[str, bytes]
     mesh: ElementMesh
 
 
 @lru_cache
 def written(name: str) -> Written:
-    """A whole file of a format, and what is read of it."""
+    """Return a complete file of a format, and the mesh that `read_mesh` returns for it."""
     form = FORMATS[name]
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"body{form.suffix}"
         with redirect_stderr(StringIO()):
             meshio.write(path, _body(form), **form.options)
-        beside = {file.suffix: file.read_bytes() for file in Path(folder).iterdir() if file != path}
-        return Written(form.suffix, path.read_bytes(), beside, read_mesh(path))
+        companions = {file.suffix: file.read_bytes() for file in Path(folder).iterdir() if file != path}
+        return Written(form.suffix, path.read_bytes(), companions, read_mesh(path))
 
 
 def _body(form: Format) -> meshio.Mesh:
-    """Tetrahedra or triangles of two materials, as the format holds them."""
+    """Return tetrahedra or triangles of two materials, with the data that the format supports."""
     mesh = skfem.MeshTri().refined(2) if form.flat else skfem.MeshTet().refined(1)
     if form.second:
         mesh = skfem.MeshTet2.from_mesh(mesh)

@@ -1,4 +1,4 @@
-"""Mesh files that are cut, changed, or not files at all: what is read is the mesh that was written, or the file is refused."""
+"""Mesh files that are truncated, changed, or not files: `read_mesh` returns the mesh that was written, or refuses the file."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from .mesh_formats import FORMATS, REAL, written
 
 Change = Callable[[bytes], bytes]
 
-#: What stands in place of a number of entries, of an id where it is defined, of a reference to a node, and of a coordinate.
+#: Replacements of a number of entries, of an id at its definition, of a reference to a node, and of a coordinate.
 COUNTS = ("+1", "-1", "0", "-7", "1000000000", "1000000000000000", "99999999999999999999", "4294967304", "x", "")
 IDS = ("0", "-3", "1", "4294967299", "1000000000", "9223372036854775807", "18446744073709551619", "nan", "3.5", "x")
 REFERENCES = ("-5", "-2", "900", "4294967297", "4294967300", "9223372036854775808", "1e9", "nan", "2.5", "x")
 COORDINATES = ("nan", "inf", "-inf", "1e999", "x", "1..0", "")
-#: Bytes that are changed at random, in so many files of each format; the seed is part of the name.
+#: Number of files of each format in which one random byte is changed; the seed is part of the case's name.
 FLIPS = 20
 
 
 def cases() -> Iterator[Case]:
-    """All mesh files."""
+    """Yield all mesh files."""
     yield from cuts()
     yield from numbers()
     yield from rows()
@@ -39,7 +39,7 @@ def cases() -> Iterator[Case]:
 
 
 def cuts() -> Iterator[Case]:
-    """Files cut off at every twentieth of their length, and by just a few bytes."""
+    """Yield files truncated at every twentieth of their length, and by a few bytes."""
     for name in FORMATS:
         for percent in range(5, 100, 5):
             yield mutated(f"{name}: cut at {percent} %", name, partial(cut, part=percent / 100), quick=percent == 85)
@@ -48,7 +48,7 @@ def cuts() -> Iterator[Case]:
 
 
 def numbers() -> Iterator[Case]:
-    """Numbers of entries, ids and coordinates that are replaced."""
+    """Yield files in which a number of entries, an id, a reference or a coordinate is replaced."""
     for name, form in FORMATS.items():
         kinds: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
             "count": (form.counts, COUNTS),
@@ -59,15 +59,15 @@ def numbers() -> Iterator[Case]:
             kinds["coordinate"] = (
                 ((rf"[\s\"]({REAL})[\s<,\"]+-?[\dy]",), COORDINATES) if "binary" not in name and "base64" not in name else ((), ())
             )
-        for kind, (places, values) in kinds.items():
-            for number, place in enumerate(places):
+        for kind, (patterns, values) in kinds.items():
+            for number, pattern in enumerate(patterns):
                 for value in values:
-                    change = partial(replaced, place=place, value=value)
+                    change = partial(replaced, pattern=pattern, value=value)
                     yield mutated(f"{name}: {kind} {number} is {value or 'nothing'}", name, change, quick=value == "-1")
 
 
 def rows() -> Iterator[Case]:
-    """Rows of elements that are twice there, or missing where they are counted."""
+    """Yield files with a duplicate row of an element, with a missing row that the header counts, or with a duplicate section."""
     for name, form in FORMATS.items():
         if form.element:
             yield mutated(f"{name}: an element twice", name, partial(repeated, row=form.element, times=2))
@@ -79,7 +79,7 @@ def rows() -> Iterator[Case]:
 
 
 def flips() -> Iterator[Case]:
-    """Single bytes changed at random: what is read may be another mesh, but it is one, or an error in words."""
+    """Yield files with one random byte changed. The result may be another valid mesh, or a readable error."""
     for name in FORMATS:
         for seed in range(FLIPS):
             case = mutated(f"{name}: byte changed at random, seed {seed}", name, partial(flipped, seed=seed))
@@ -87,20 +87,20 @@ def flips() -> Iterator[Case]:
 
 
 def cut(content: bytes, part: float) -> bytes:
-    """The first part of a file."""
+    """Return the first part of a file."""
     return content[: int(part * len(content))]
 
 
 def shorter(content: bytes, few: int) -> bytes:
-    """A file without its last bytes."""
+    """Return a file without its last bytes."""
     return content[:-few]
 
 
-def replaced(content: bytes, place: str, value: str) -> bytes:
-    """A number replaced, or changed by one."""
-    found = re.search(place.encode(), content)
+def replaced(content: bytes, pattern: str, value: str) -> bytes:
+    """Return a file in which the number matched by `pattern` is replaced, or changed by one."""
+    found = re.search(pattern.encode(), content)
     if found is None:
-        raise LookupError(f"The file holds nothing like {place!r}.")
+        raise LookupError(f"The file contains no match of {pattern!r}.")
     new = value
     if value in ("+1", "-1") and found[1].isalnum():
         new = str(int(found[1]) + int(value))
@@ -108,59 +108,61 @@ def replaced(content: bytes, place: str, value: str) -> bytes:
 
 
 def repeated(content: bytes, row: str, times: int) -> bytes:
-    """A row as often as that."""
+    """Return a file in which the row matched by `row` is repeated `times` times; 0 removes it."""
     found = re.search(row.encode(), content)
     if found is None:
-        raise LookupError(f"The file holds nothing like {row!r}.")
+        raise LookupError(f"The file contains no match of {row!r}.")
     return content[: found.start()] + times * found[0] + content[found.end() :]
 
 
 def second(content: bytes, section: bytes) -> bytes:
-    """A file of Gmsh's with a section twice."""
+    """Return a Gmsh file with a duplicate section."""
     end = section.replace(b"$", b"$End")
     body = content[content.index(section) : content.index(end)] + end + b"\n"
     return content + body
 
 
 def flipped(content: bytes, seed: int) -> bytes:
-    """A byte changed, in text to another character of the same file."""
+    """Return a file with one byte changed. In a text file, the new character is one of the same file."""
     draw = random.Random(seed)
-    place = draw.randrange(len(content))
+    index = draw.randrange(len(content))
     new = draw.choice(content) if content.isascii() else draw.randrange(256)
-    return content[:place] + bytes([new]) + content[place + 1 :]
+    return content[:index] + bytes([new]) + content[index + 1 :]
 
 
 def mutated(name: str, file: str, change: Change, quick: bool = False) -> Case:
-    """A changed file of a format: refused, or read as the mesh that it held before the change."""
+    """Return the case of a changed file: `read_mesh` must refuse it, or return the mesh before the change."""
 
     def attempt(folder: Path) -> ElementMesh:
         whole = written(file)
         path = folder / f"body{whole.suffix}"
-        for suffix, content in whole.beside.items():
+        for suffix, content in whole.companions.items():
             path.with_suffix(suffix).write_bytes(content)
         path.write_bytes(change(whole.content))
         mesh = read_mesh(path)
         if not np.array_equal(mesh.t, whole.mesh.t):
-            System(mesh, StVK(young=1.0, poisson=0.3))  # which refuses, in words, elements that are there twice or have no volume
+            System(mesh, StVK(young=1.0, poisson=0.3))  # refuses duplicate elements and elements without volume
         return mesh
 
     return Case(name, attempt, partial(same_mesh, file=file), quick=quick)
 
 
 def same_mesh(mesh: ElementMesh, file: str) -> None:
-    """The judge: vertices, elements and names are those that were written."""
+    """Raise `Wrong` unless vertices, elements and names equal those that were written."""
     whole = written(file).mesh
     if not (mesh.nt == whole.nt and np.array_equal(mesh.t, whole.t) and np.array_equal(mesh.p, whole.p)):
         raise Wrong(
-            Verdict.SILENT, f"read {mesh.nt} elements on {mesh.nv} vertices; {whole.nt} on {whole.nv} were written, or others"
+            Verdict.SILENT,
+            f"read {mesh.nt} elements on {mesh.nv} vertices; expected {whole.nt} on {whole.nv}, with the same ids and coordinates",
         )
     if {name: list(ids) for name, ids in mesh.subdomains.items()} != {name: list(ids) for name, ids in whole.subdomains.items()}:
         raise Wrong(
-            Verdict.SILENT, f"read the subdomains {list(mesh.subdomains)}; {list(whole.subdomains)} were written, or others"
+            Verdict.SILENT,
+            f"read the subdomains {list(mesh.subdomains)}; expected {list(whole.subdomains)} with the same elements",
         )
 
 
 def a_mesh(mesh: Any) -> None:
-    """The judge of files that may hold another mesh: it is one."""
+    """Raise `Wrong` unless the result is a mesh with finite coordinates: the judge of files that may contain another mesh."""
     if not isinstance(mesh, ElementMesh) or not np.isfinite(mesh.p).all():
         raise Wrong(Verdict.SILENT, f"read {mesh!r:.200}")

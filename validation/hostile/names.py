@@ -1,4 +1,4 @@
-"""Names of regions, places and probes that mean something to HTML, CSV, terminals, formulas or paths stay names everywhere."""
+"""Names of regions, boundaries and probes with a meaning in HTML, CSV, terminals, formulas or paths: outputs show them as text."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from skfem_stvk.mesh import read_mesh
 from skfem_stvk.referee.rendering import rendered
 from skfem_stvk.results.series import read_list
 
-from .case import Case, Verdict, Wrong, in_words
+from .case import Case, Verdict, Wrong, is_readable
 
-#: Names by what they are.
+#: Names by their description.
 NAMES = {
     "plain": "plain",
     "script": "<script>alert(1)</script>",
@@ -63,15 +63,15 @@ NAMES = {
     "long": "x" * 20_000,
     "long words": "word " * 2_000,
 }
-#: What may end up in a file's name.
+#: Names that a file may have.
 FILES = {name: text for name, text in NAMES.items() if not set("/\0") & set(text) and len(text) < 200 and text != "\ud800"}
-#: Characters that terminals act on.
+#: Control characters of terminals.
 CONTROL = {chr(code) for code in (*range(32), 127, *range(128, 160))} - {"\n"}
 
 
 def cases() -> Iterator[Case]:
-    """All names in all places."""
-    places: dict[str, Callable[[str, Path], None]] = {
+    """Yield all names in all roles."""
+    roles: dict[str, Callable[[str, Path], None]] = {
         "a region in the report": in_report,
         "a region in a VTU file": in_vtu,
         "a probe in a ledger": in_ledger,
@@ -80,35 +80,36 @@ def cases() -> Iterator[Case]:
         "an unknown place": in_message,
         "a region in a mesh file": in_mesh_file,
     }
-    for place, attempt in places.items():
+    for role, attempt in roles.items():
         for name, text in NAMES.items():
-            yield Case(f"{name} as {place}", partial(attempt, text), settled, said, quick=name == "script" and attempt is in_vtu)
+            quick = name == "script" and attempt is in_vtu
+            yield Case(f"{name} as {role}", partial(attempt, text), accept, is_printable, quick=quick)
     for name, text in FILES.items():
-        yield Case(f"{name} as a series of files", partial(in_path, text), settled, said)
+        yield Case(f"{name} as a series of files", partial(in_path, text), accept, is_printable)
 
 
-def settled(result: None) -> None:
-    """The judge: what is wrong has been raised already."""
+def accept(result: None) -> None:
+    """Accept every result, because `attempt` itself raises `Wrong` for faults."""
 
 
-def said(error: BaseException) -> bool:
-    """An error in words, without characters that terminals act on, of bearable length."""
-    return in_words(error) and not CONTROL & set(str(error)) and len(str(error)) < 5_000
+def is_printable(error: BaseException) -> bool:
+    """Return whether an error is readable, has no control characters and has fewer than 5000 characters."""
+    return is_readable(error) and not CONTROL & set(str(error)) and len(str(error)) < 5_000
 
 
 def body(name: str) -> ElementMesh:
-    """Four tetrahedra in two regions, one of this name."""
+    """Return a few tetrahedra in two regions, one with this name."""
     mesh = skfem.MeshTet().refined(0)
     return ElementMesh(mesh.p, mesh.t, {name: np.array([0, 1]), "rest": np.arange(2, mesh.nelements)}, {}, {name: np.array([0, 1])})
 
 
 def terms(name: str) -> list[StVK]:
-    """A material for each region."""
+    """Return a material for each region."""
     return [StVK(young=2.0, poisson=0.3, density=1.0, region=name), StVK(young=3.0, poisson=0.2, density=1.0, region="rest")]
 
 
 class Tags(HTMLParser):
-    """The tags and attributes of a page."""
+    """Parser that collects the tags and attributes of a page."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -121,7 +122,11 @@ class Tags(HTMLParser):
 
 
 def in_report(name: str, folder: Path) -> None:
-    """The report of `verify`: its page has the tags of a plain name, its JSON the name, the terminal no control characters."""
+    """Write the report of `verify` with the name.
+
+    The page must have the same tags as with a plain name, the JSON file must contain the name, and the terminal must get no control
+    characters.
+    """
     report = verify(body(name), terms(name), quiet=True)
     report.save(folder / "report")
     page = (folder / "report" / "report.html").read_text(encoding="utf-8")
@@ -133,45 +138,45 @@ def in_report(name: str, folder: Path) -> None:
     stream = io.StringIO()
     Console(file=stream, width=124, force_terminal=False).print(rendered(report))
     for text in (str(report), stream.getvalue()):
-        shown_safely(text)
+        refuse_control_characters(text)
 
 
 @lru_cache
 def plain_tags(folder: Path) -> list[Any]:
-    """The tags of the page with a plain name."""
+    """Return the tags of the page with a plain name."""
     verify(body("plain"), terms("plain"), quiet=True).save(folder / "plain")
     return Tags((folder / "plain" / "report.html").read_text(encoding="utf-8")).found
 
 
-def shown_safely(text: str) -> None:
-    """Refuses text that a terminal would act on."""
+def refuse_control_characters(text: str) -> None:
+    """Raise `Wrong` if the text contains control characters of terminals."""
     control = sorted(CONTROL & set(text))
     if control:
         raise Wrong(Verdict.SILENT, f"control characters on the terminal: {control!r}")
 
 
 def in_vtu(name: str, folder: Path) -> None:
-    """The name in a VTU file: XML, from which the region is read again."""
+    """Write a VTU file with the name. The file must be valid XML, and `read_mesh` must return the region."""
     mesh = body(name)
     system = System(mesh, [*terms(name), NodalLoad([7], (0.0, 0.0, 1e-3))], fixed=[(np.array([0, 1, 2, 3]), "xyz")])
     path = solve_static(system, steps=1, quiet=True).save(folder / "body.vtu")
     ET.parse(path)
     again = read_mesh(path)
     if name not in again.subdomains and name.encode("unicode_escape").decode() not in again.subdomains:
-        raise Wrong(Verdict.LOSS, f"the region is not read again, but {[one[:50] for one in again.subdomains]}")
+        raise Wrong(Verdict.LOSS, f"regions read = {[one[:50] for one in again.subdomains]}; expected the written name")
     if mesh.nt != again.nt:
-        raise Wrong(Verdict.LOSS, "elements are gone")
+        raise Wrong(Verdict.LOSS, f"elements read = {again.nt}; expected {mesh.nt}")
 
 
 def run(name: str, **options: Any) -> Any:
-    """A short motion with a probe of this name."""
+    """Run a short motion with a probe of this name."""
     system = System(body("plain"), terms("plain"))
     v0 = 0.01 * np.cos(np.arange(system.ndofs))
     return simulate(system, VelocityVerlet(dt=1e-3), until=5e-3, v0=v0, probes={name: [1]}, quiet=True, **options)
 
 
 def in_ledger(name: str, folder: Path) -> None:
-    """The name in a ledger: a table with as many cells in each line, and the name at its head."""
+    """Save a ledger with the name. All lines of the table must have equally many cells, and its head must contain the name."""
     done = run(name)
     path = done.ledger.save(folder / "ledger.csv")
     with path.open(encoding="utf-8", newline="") as file:
@@ -179,18 +184,18 @@ def in_ledger(name: str, folder: Path) -> None:
     if len(lines) != 1 + done.ledger.steps or {len(line) for line in lines} != {len(done.ledger)}:
         raise Wrong(Verdict.SILENT, f"a table of {len(lines)} lines, of {sorted({len(line) for line in lines})} cells")
     if f"{name} x" not in lines[0] and f"{name} x".encode("unicode_escape").decode() not in lines[0]:
-        raise Wrong(Verdict.LOSS, f"the name is not at its head: {lines[0]!r:.300}")
-    shown_safely(repr(done.ledger))
+        raise Wrong(Verdict.LOSS, f"the head of the table does not contain the name: {lines[0]!r:.300}")
+    refuse_control_characters(repr(done.ledger))
 
 
 def in_picture(name: str, folder: Path) -> None:
-    """The name as the label of a ledger's picture."""
+    """Draw a ledger with the name as a label."""
     run(name).ledger.plot(folder / "ledger.png")
     picture(folder / "ledger.png")
 
 
 def in_field(name: str, folder: Path) -> None:
-    """The name as the label of a body's picture."""
+    """Draw a body with the name as the label."""
     state = run("plain").state
     from skfem_stvk.results import plot
 
@@ -199,7 +204,7 @@ def in_field(name: str, folder: Path) -> None:
 
 
 def picture(path: Path) -> None:
-    """Refuses what is no picture, or one that a name has made larger than any screen."""
+    """Raise an error unless the file is a picture with at most 8000 pixels in each direction."""
     import matplotlib.image
 
     height, width = matplotlib.image.imread(path).shape[:2]
@@ -208,17 +213,17 @@ def picture(path: Path) -> None:
 
 
 def in_message(name: str, folder: Path) -> None:
-    """The name as a place that the mesh does not have: the message stays one that can be printed."""
+    """Use the name for an unknown boundary. The message must be printable."""
     System(body("plain"), terms("plain"), fixed={name: "xyz"})
     if name != "plain":
         raise Wrong(Verdict.SILENT, "accepted")
 
 
 def in_mesh_file(name: str, folder: Path) -> None:
-    """The name as a group of a Gmsh file: what is read has it, or the file is refused."""
+    """Read a Gmsh file with the name of a group. The mesh must have the name, or the file is refused."""
     (folder / "body.msh").write_text(MSH.format(name=name), encoding="utf-8", errors="surrogatepass", newline="")
     mesh = read_mesh(folder / "body.msh")
-    if next(iter(mesh.subdomains)) not in (name, name.strip(), name.replace('"', "")):  # quotes end a name there
+    if next(iter(mesh.subdomains)) not in (name, name.strip(), name.replace('"', "")):  # quotes end a name in Gmsh files
         raise Wrong(Verdict.SILENT, f"read as {list(mesh.subdomains)!r:.200}")
 
 
@@ -244,7 +249,7 @@ $EndElements
 
 
 def in_path(name: str, folder: Path) -> None:
-    """The name as that of a series: it lists its files, which are there, and nothing else is."""
+    """Save a series of files under the name. The series must list its files, all files must exist, and no other file is written."""
     inner = folder / "inner"
     inner.mkdir()
     run("plain", save=inner / f"{name}.pvd", every=1)

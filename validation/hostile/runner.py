@@ -1,4 +1,4 @@
-"""Cases in child processes with limits of memory and time; a child that dies is replaced."""
+"""Execution of cases in child processes with limits of memory and time. A child that dies is replaced."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from typing import Any, NamedTuple
 from .case import Case, Verdict
 from .worker import cases_of
 
-#: Child processes at a time.
+#: Number of simultaneous child processes.
 WORKERS = 2
-#: How long a child may take to import the package, beside others [s].
+#: Largest time that a child may need to import the package [s].
 START = 120.0
-#: One thread each: the machine is shared, and a limit of memory counts the stacks of threads.
+#: Environment of the children. They use one thread, because they share the machine and the memory limit counts thread stacks.
 ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg"}
 
 
 class Outcome(NamedTuple):
-    """How a case ended."""
+    """Verdict on a case."""
 
     family: str
     case: str
@@ -40,7 +40,7 @@ class Outcome(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A case, its family, and the module that has it."""
+    """Case with its family and its module."""
 
     family: str
     module: str
@@ -48,7 +48,7 @@ class Job(NamedTuple):
 
 
 def jobs(families: dict[str, str], quick: bool = False) -> list[Job]:
-    """All cases of these families, given by the module of each; `quick`: those of the quick version."""
+    """Return all cases of these families, given with their modules; if `quick`, only the cases of the quick version."""
     return [
         Job(family, module, case)
         for family, module in families.items()
@@ -58,7 +58,7 @@ def jobs(families: dict[str, str], quick: bool = False) -> list[Job]:
 
 
 def outcomes(todo: Sequence[Job]) -> Iterator[Outcome]:
-    """What comes of these cases, each as soon as it is known."""
+    """Yield the outcome of each case as soon as the case ends."""
     free: SimpleQueue[Child] = SimpleQueue()
     with TemporaryDirectory(prefix="hostile-") as folder:
         children = [Child(Path(folder) / str(number)) for number in range(min(WORKERS, len(todo)))]
@@ -87,7 +87,7 @@ def outcomes(todo: Sequence[Job]) -> Iterator[Outcome]:
 
 
 class Child:
-    """A child process that runs one case after the other, in a folder of its own; begun anew whenever it died."""
+    """Child process that runs cases one after the other in its own folder. It is restarted after its death."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -96,7 +96,7 @@ class Child:
         folder.mkdir()
 
     def run(self, job: Job) -> Outcome:
-        """The verdict on a case, whatever it does to the child."""
+        """Run a case and return its outcome, even if the child dies."""
         work = self._folder / "work"
         work.mkdir()
         process = self._alive()
@@ -107,7 +107,7 @@ class Child:
         return Outcome(job.family, job.case.name, verdict, why, seconds)
 
     def end(self) -> None:
-        """Kill the process, and all that it has started."""
+        """Kill the process and all processes that it has started."""
         if self._process is not None:
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
@@ -126,16 +126,16 @@ class Child:
         except (TimeoutError, EOFError, BrokenPipeError) as error:
             hung = isinstance(error, TimeoutError)
             if hung:
-                self._tell_where()
+                self._print_stack()
             printed = self._printed()
             self.end()
             if hung:
-                return Verdict.HANG, f"no end within {job.case.seconds:g} s; it was at: {printed[-2000:]}"
-            return Verdict.CRASH, f"the process ended by {_ending(process.returncode)}; it printed: {printed[-2000:]}"
+                return Verdict.HANG, f"the case did not end within {job.case.seconds:g} s; its stack: {printed[-2000:]}"
+            return Verdict.CRASH, f"the process ended by {_ending(process.returncode)}; its output: {printed[-2000:]}"
         return Verdict[answer["verdict"]], answer["why"]
 
     def _answer(self, seconds: float) -> dict[str, Any]:
-        """The next line from the child; raises TimeoutError after so many seconds, EOFError if it died."""
+        """Return the next answer of the child. Raise TimeoutError after `seconds`, and EOFError if the child died."""
         text, end = b"", perf_counter() + seconds
         while not text.endswith(b"\n"):
             if not select.select([self._answers], [], [], max(0.0, end - perf_counter()))[0]:
@@ -160,15 +160,15 @@ class Child:
                     stderr=subprocess.STDOUT,
                     text=True,
                     pass_fds=[theirs],
-                    start_new_session=True,  # so that all that a case has started can be ended
+                    start_new_session=True,  # so that `end` can kill all processes of a case
                     env=os.environ | ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
                 )
             os.close(theirs)
-            self._answer(START)  # it is ready
+            self._answer(START)  # the first answer says that the child is ready
         return self._process
 
-    def _tell_where(self) -> None:
-        """Let the process, and those that it has started, print where they are, by `faulthandler`; it ends them."""
+    def _print_stack(self) -> None:
+        """End the process and its children by SIGABRT, for which `faulthandler` prints the stack."""
         assert self._process is not None
         with suppress(ProcessLookupError, subprocess.TimeoutExpired):
             os.killpg(self._process.pid, signal.SIGABRT)

@@ -1,4 +1,4 @@
-"""Runs that write a checkpoint and a series, small enough to be made a hundred times: what hostile things are done to."""
+"""Small runs that write a checkpoint and a series, the objects of hostile changes and interruptions."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ from skfem_stvk.results.series import read_list
 
 from .case import Verdict, Wrong
 
-#: Seconds between checkpoints of a motion, and the share of its time: the usual ones, and one each step.
+#: Seconds between checkpoints of a motion, and their largest share of the run time: the defaults, and values for every step.
 SELDOM, OFTEN = (checkpoint.EVERY, checkpoint.SHARE), (0.0, np.inf)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A run of one kind.
+    """Kind of a run.
 
     Attributes
     ----------
-    system : what it is of.
-    make : `(system, **files and options)`: makes the run.
-    bits : all numbers of its result, which are to be the same to the last bit.
+    system : function that returns the system of the run.
+    make : function `(system, **files and options)` that runs it.
+    bits : function that returns all numbers of the result, which must be bitwise reproducible.
     """
 
     system: Callable[..., System]
@@ -52,15 +52,15 @@ class Kind:
     bits: Callable[[Any], list[NDArray[Any]]]
 
     def run(self, folder: Path, system: System | None = None, often: bool = False, **options: Any) -> Any:
-        """The run, with all that it writes in a folder; `often`: a checkpoint each step."""
+        """Run and return the result. All files are written into `folder`; `often` writes a checkpoint in each step."""
         checkpoint.EVERY, checkpoint.SHARE = OFTEN if often else SELDOM
-        files = {"checkpoint": folder / "kept", "save": folder / "run.pvd"}
+        files = {"checkpoint": folder / "saved", "save": folder / "run.pvd"}
         return self.make(self.system() if system is None else system, **files, **{"quiet": True, **options})
 
 
 @dataclass(frozen=True)
 class Whole:
-    """What a run that nothing interrupts leaves: its numbers, its files, and how long it took [s]."""
+    """Numbers, files and time [s] of an uninterrupted run."""
 
     bits: list[NDArray[Any]]
     files: dict[str, bytes | None]
@@ -69,7 +69,7 @@ class Whole:
 
 
 def strip(young: float = 3.0, moved: float = 0.0) -> System:
-    """A strip in the plane, clamped at its left end."""
+    """Return a strip in the plane, clamped at its left end."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 0.3, 4))
     p = mesh.p + moved * (mesh.p[0] > 0.5)
     load = NodalLoad(lambda x: x[0] >= 1, lambda t: (0.0, -2e-4 * (1 + np.sin(9 * t))))
@@ -78,7 +78,7 @@ def strip(young: float = 3.0, moved: float = 0.0) -> System:
 
 
 def beam(young: float = 1e4, moved: float = 0.0) -> System:
-    """A cantilever in the plane that its load bends far."""
+    """Return a cantilever in the plane with a large deflection under its load."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 5, 21), np.linspace(0, 0.5, 3))
     p = mesh.p + moved * (mesh.p[0] > 2)
     terms: list[Any] = [StVK(young=young, poisson=0.3), NodalLoad(lambda x: x[0] >= 5, (0.0, -1.0))]
@@ -86,7 +86,7 @@ def beam(young: float = 1e4, moved: float = 0.0) -> System:
 
 
 def bar(young: float = 1e5, moved: float = 0.0) -> System:
-    """A bar that leans, and snaps through."""
+    """Return an inclined bar that snaps through."""
     mesh = np.array([[-1.0 - moved, 0.0], [0.0, 0.1]]), np.array([[0], [1]])
     terms: list[Any] = [StVK(young=young, poisson=0.3, area=1e-2), NodalLoad([1], (0.0, -0.4))]
     return System(mesh, terms, fixed=[([0], "xy"), ([1], "x")])
@@ -112,7 +112,7 @@ def _bits_of_path(result: Any) -> list[NDArray[Any]]:
 
 
 def _response(system: System, checkpoint: Path, save: Path, quiet: bool, resume: bool = False) -> Any:
-    """Compute the response of a body and save it, or load it (`resume`); return all its numbers as `u`."""
+    """Compute the response of a body and save it, or load it if `resume`. Return all its numbers as `u`."""
     path, axes = checkpoint / "table.npz", [[-0.2, -0.1, 0.0, 0.1], [-0.1, 0.0, 0.2]]
     if not resume:
         checkpoint.mkdir(exist_ok=True)
@@ -137,16 +137,16 @@ RUNS = {
         _bits_of_path,
     ),
 }
-#: Everything that is read back from a file: runs from their checkpoints, and a response.
+#: All kinds that read files: runs that read their checkpoints, and a response.
 KINDS = RUNS | {"response": Kind(beam, _response, lambda result: [result.u])}
 
 
 @lru_cache
 def whole(name: str) -> Whole:
-    """The run of this kind, made once a process."""
+    """Return the data of the uninterrupted run of this kind. Each process runs it once."""
     kind = KINDS[name]
     with TemporaryDirectory() as folder:
-        kind.run(Path(folder))  # kernels are compiled, or read from disk
+        kind.run(Path(folder))  # compiles the kernels, or loads them from disk
         begin = perf_counter()
         bits = kind.bits(kind.run(Path(folder), often=True))
         seconds = perf_counter() - begin
@@ -154,24 +154,27 @@ def whole(name: str) -> Whole:
 
 
 def files_of(folder: Path) -> tuple[dict[str, bytes | None], list[float]]:
-    """Files by name, with what they hold where that is to be the same from run to run; and the times of the series."""
+    """Return the files by name and the times of the series.
+
+    Reproducible files (.vtu and .csv) have their contents, other files have None.
+    """
     found = {str(path.relative_to(folder)): path for path in sorted(folder.rglob("*")) if path.is_file()}
-    held = {name: path.read_bytes() if path.suffix in (".vtu", ".csv") else None for name, path in found.items()}
-    return held, [t for t, _ in read_list(folder / "run.pvd")] if "run.pvd" in found else []
+    contents = {name: path.read_bytes() if path.suffix in (".vtu", ".csv") else None for name, path in found.items()}
+    return contents, [t for t, _ in read_list(folder / "run.pvd")] if "run.pvd" in found else []
 
 
 def check_same(name: str, result: Any, folder: Path | None) -> None:
-    """Refuse a result, and files, that are not those of a run that nothing has interrupted, to the last bit."""
+    """Raise `Wrong` unless the result and the files are bitwise equal to those of an uninterrupted run."""
     expected, bits = whole(name), KINDS[name].bits(result)
     if len(bits) != len(expected.bits) or not all(map(np.array_equal, bits, expected.bits)):
-        raise Wrong(Verdict.SILENT, "the result is not that of a run without interruption, to the last bit")
+        raise Wrong(Verdict.SILENT, "the result differs from the result of an uninterrupted run; expected equal bits")
     if folder is None:
         return
     files, times = files_of(folder)
     if times != expected.times:
-        raise Wrong(Verdict.LOSS, f"the series has {len(times)} states, {len(expected.times)} were expected: {times}")
+        raise Wrong(Verdict.LOSS, f"number of states in the series = {len(times)}; expected {len(expected.times)}: {times}")
     if files.keys() != expected.files.keys():
-        raise Wrong(Verdict.LOSS, f"files are missing or left over: {sorted(files.keys() ^ expected.files.keys())}")
+        raise Wrong(Verdict.LOSS, f"missing or additional files: {sorted(files.keys() ^ expected.files.keys())}")
     changed = [name for name in files if files[name] != expected.files[name]]
     if changed:
-        raise Wrong(Verdict.LOSS, f"files differ: {changed}")
+        raise Wrong(Verdict.LOSS, f"files with other contents: {changed}")

@@ -1,4 +1,4 @@
-"""Scenes, summaries and tables of any content: refused in words and at once."""
+"""Scenes, summaries and tables with arbitrary contents: the command must refuse them quickly with a readable message."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from skfem_stvk.scene import templates
 
 from .case import Case
 from .checkpoints import NOT_OURS
-from .commands import COMMAND, REFUSED, Finished, ran, told
+from .commands import COMMAND, REFUSED, Finished, checked, ran
 
 SOLVE = ("solve", "scene.toml", "--out", "out", "--quiet")
 SWEEP = ("sweep", "scene.toml", "--out", "out", "--set", "analysis.steps=5,6")
-#: Files that a command reads, and the command.
+#: Files that commands read, and the arguments of the command.
 READ = {"scene.toml": SOLVE, "out/summary.json": SOLVE, "out/table.csv": SWEEP}
 CONTENTS = ("empty", "text", "a pickle", "a bomb of zeros", "a folder", "a fifo", "/dev/zero", "a link to itself")
-#: Text after a good scene.
+#: Text that is appended to a good scene.
 TOO_MUCH = {
     "900 lists in lists": f"x = {900 * '['}{900 * ']'}\n",
     "900 tables in tables": f"x = {900 * '{a = '}1{900 * '}'}\n",
@@ -29,7 +29,7 @@ THOUSAND = ",".join(map(str, range(1, 1001)))
 
 
 def cases() -> Iterator[Case]:
-    """All files and texts, and a sweep of 1e9 runs."""
+    """Yield all files and texts, and a sweep of 1e9 runs."""
     for file, arguments in READ.items():
         for what in CONTENTS:
             yield _case(f"{file} is {what}", partial(_replace, file, NOT_OURS[what]), arguments, quick=what == "a fifo")
@@ -40,12 +40,12 @@ def cases() -> Iterator[Case]:
 
 
 def _case(name: str, change: Callable[[Path], object], arguments: tuple[str, ...], quick: bool = False) -> Case:
-    """A command on a scene in a folder that is changed first."""
+    """Return the case of a command in a folder with a good scene, changed by `change`."""
 
     def attempt(folder: Path) -> Finished:
         (folder / "scene.toml").write_text(templates.example("static"))
         change(folder)
-        return told(ran([*COMMAND, *arguments], {}), REFUSED)
+        return checked(ran([*COMMAND, *arguments], {}), REFUSED)
 
     return Case(name, attempt, seconds=60, gigabytes=4, quick=quick)
 

@@ -1,4 +1,4 @@
-"""Small bodies, good arguments and legal values that the tables of calls share."""
+"""Small bodies, good arguments and legal values for the tables of calls."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from skfem_stvk.results import Fields, State
 
 from .call import Call
 
-#: Legal where an argument may be left out.
+#: Legal for optional arguments.
 OPTIONAL = frozenset({"None"})
-#: Legal for positive numbers, for numbers that may be zero, and for all.
+#: Legal for positive numbers, for non-negative numbers, and for all numbers.
 POSITIVE = frozenset({"0.5"})
 NOT_NEGATIVE = POSITIVE | {"0"}
 NUMBER = NOT_NEGATIVE | {"-1"}
 #: Legal for vectors that may be parts of complex modes.
 COMPLEX = frozenset({"1j", "0-d complex", "complex", "complex without imaginary part"})
-#: Legal for texts that are shown as they are.
+#: Legal for texts that are shown without a change.
 TEXT = frozenset({"text", "number as text", "empty text", "long text", "NUL", "control characters", "lone surrogate"})
 NOTHING_LISTED = frozenset({"empty list", "empty dict"})
-#: What messages call a place.
+#: Expression for the words by which messages name a location.
 PLACE = r"where|no vertex|subdomain|the vertices|the place|There is|the predicate| on |names|boundary|region|Subdomain"
 
 
@@ -40,18 +40,18 @@ def call(
     /,
     **good: Any,
 ) -> Call:
-    """A call with good values that are not used up."""
+    """Return a call with good values that the function does not change."""
     return Call(title, lambda: (function, dict(good)), legal or {}, called or {})
 
 
 def costly(*given: Any, **good: Any) -> Call:
-    """The same as `call`, for what takes time."""
+    """Return the same as `call`, marked as costly."""
     return replace(call(*given, **good), costly=True)
 
 
 @cache
 def mesh() -> ElementMesh:
-    """Four triangles in the plane, with names."""
+    """Return four triangles in the plane, with named regions, boundaries and vertices."""
     p = np.array([[0.0, 1.0, 2.0, 0.0, 1.0, 2.0], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]])
     t = np.array([[0, 1, 1, 2], [1, 4, 2, 5], [3, 3, 4, 4]])
     return ElementMesh(
@@ -65,7 +65,7 @@ def mesh() -> ElementMesh:
 
 @cache
 def tetrahedra() -> ElementMesh:
-    """Two tetrahedra."""
+    """Return two tetrahedra."""
     p = np.array([[0.0, 1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0, 1.0]])
     return ElementMesh(
         p, np.array([[0, 1], [1, 2], [2, 3], [3, 4]]), boundaries={"base": np.array([[0], [1], [2]], dtype=np.int32)}
@@ -74,31 +74,31 @@ def tetrahedra() -> ElementMesh:
 
 @cache
 def square() -> ElementMesh:
-    """One quadrilateral."""
+    """Return one quadrilateral."""
     corners = np.array([[0.0, 1.0, 1.25, 0.0], [0.0, 0.0, 1.0, 1.0]])
     return ElementMesh(corners, np.arange(4, dtype=np.int32)[:, None], element=ELEMENTS["quadrilaterals"])
 
 
 @cache
 def system() -> System:
-    """A body that is held on its left and loaded on its right."""
+    """Return a body that is constrained on its left and loaded on its right."""
     terms: list[Any] = [StVK(young=2.0, poisson=0.25, density=1.0), Gravity(g=(0.0, -0.25)), Traction("right", (0.25, 0.0))]
     return System(mesh(), terms, fixed={"left": "xy"})
 
 
 def displacements() -> Any:
-    """(ndofs,) displacements that any precision holds."""
+    """Return displacements (ndofs,) that are exact in any precision."""
     return np.round(64 * 0.05 * np.cos(np.arange(12.0))) / 64
 
 
 @cache
 def state() -> State:
-    """A state of the body, in motion."""
+    """Return a state of the body with velocities."""
     return Fields(mesh(), list(system().elastic_terms)).at(displacements(), displacements())
 
 
 def drawn(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function, which hands back what it would draw: drawing takes a second."""
+    """Return a function that also returns the pictures, without drawing them, because drawing takes a second."""
 
     def without_drawing(**given: Any) -> Any:
         pictures: list[Any] = []

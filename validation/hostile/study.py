@@ -1,4 +1,4 @@
-"""Families of hostile inputs, run and counted."""
+"""Execution of families of hostile inputs, with a table of their verdicts."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from . import FAMILIES
 from .case import Verdict
 from .runner import Job, Outcome, jobs, outcomes
 
-#: What is said of a case that went wrong, and of one that was asked for by its name [characters].
+#: Length of the message about a wrong case, and about a case that the user named [characters].
 SHORT, LONG = 300, 20_000
 
 
 def run(families: Sequence[str], names: Sequence[str], quick: bool) -> int:
-    """Run these families, or just the cases of these names, and print how they ended; the exit code is 1 if any is wrong."""
+    """Run these families, or only the cases with these names, and print the verdicts. Return the exit code, 1 if any is wrong."""
     console, begin = Console(width=WIDTH, highlight=False), perf_counter()
     todo = jobs({family: FAMILIES[family] for family in families}, quick and not names)
     if names:
@@ -47,10 +47,10 @@ def run(families: Sequence[str], names: Sequence[str], quick: bool) -> int:
 
 
 def table(done: Sequence[Outcome]) -> Table:
-    """Counts by family."""
+    """Return the table of the counts by family."""
     shown = [verdict for verdict in Verdict if verdict is not Verdict.NOT_RUN or any(o.verdict is verdict for o in done)]
     heads = ("cases", *(verdict.value for verdict in shown), "slowest [s]")
-    counts = grid("How hostile inputs ended", "family", *heads, right=heads)
+    counts = grid("Verdicts on hostile inputs", "family", *heads, right=heads)
     counts.columns[0].no_wrap = True
     for family in dict.fromkeys(outcome.family for outcome in done):
         _row(counts, family, [outcome for outcome in done if outcome.family == family], shown)
@@ -66,7 +66,7 @@ def _row(counts: Table, name: str, done: Sequence[Outcome], shown: Sequence[Verd
 
 
 def _named(name: str, todo: Sequence[Job]) -> list[Job]:
-    """The case of this name, "FAMILY/CASE"."""
+    """Return the case with this name, "FAMILY/CASE"."""
     found = [job for job in todo if f"{job.family}/{job.case.name}" == name]
     if not found:
         raise SystemExit(f"There is no case {name!r}; {name_known(name, [f'{job.family}/{job.case.name}' for job in todo])[-300:]}")

@@ -1,4 +1,4 @@
-"""Calls that make bodies: materials, terms, meshes, systems."""
+"""Calls that create bodies: materials, terms, meshes, systems."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE,
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 VOIGT = np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0])
 NETWORK = EdgeNetwork.of(tetrahedra(), StVK(young=1.0, poisson=0.25))
-#: Coordinates that a mesh may have: a `System` refuses them by their vertices; and a third coordinate is a membrane's.
+#: Coordinates that a mesh may have. A `System` refuses them and names their vertices. A third coordinate makes a membrane.
 NOT_FINITE = frozenset({"NaN in it", "inf in it"})
-#: Three constants with a value for each element, if there is just one element.
+#: Three constants with one value for each element, if the mesh has one element.
 ONE_ELEMENT = frozenset({"one axis more"})
-#: Components with values of their own: the same for all vertices, or for each of two.
+#: Shapes of components: the same values for all vertices, or values for each of two vertices.
 COMPONENTS = frozenset({"one axis more", "ragged list"})
 
 
 def on_body(term: Any) -> System:
-    """The system of this term or load, and of a material."""
+    """Return the system of a material and this term or load."""
     return System(mesh(), [StVK(young=2.0, poisson=0.25, density=1.0), term], fixed={"left": "xy"})
 
 
@@ -73,7 +73,7 @@ def _load(kind: type, **good: Any) -> Call:
 
 
 def calls() -> list[Call]:
-    """All of them."""
+    """Return the calls of this table."""
     names = dict.fromkeys(("subdomains", "boundaries", "node_sets", "lines"), OPTIONAL | {"empty dict", "dict"})
     one, three = frozenset({"0.5"}), ("young", "poisson", "shear")
     material = {"density": OPTIONAL | POSITIVE, "frame": OPTIONAL}

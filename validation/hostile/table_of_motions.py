@@ -30,24 +30,24 @@ from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call,
 IMPLICIT = (BackwardEuler, LinearBackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 MORE: dict[type, dict[str, Any]] = {Newmark: {"beta": 0.5, "gamma": 0.5}, GeneralizedAlpha: {"rho": 0.5}}
 NAMES = ["time", "a"]
-#: Legal in ledgers: a motion that blows up has them.
+#: Legal in ledgers, because a diverging motion writes them.
 NOT_FINITE = frozenset({"NaN in it", "inf in it"})
 
 
 @cache
 def vibrations() -> Modes:
-    """The modes of the body."""
+    """Return the modes of the body."""
     return modes(system(), 3)
 
 
 @cache
 def motion() -> Run:
-    """A motion of two steps."""
+    """Return a motion of two steps."""
     return simulate(system(), EnergyMomentum(0.25), until=0.5, quiet=True)
 
 
 def calls() -> list[Call]:
-    """All of them."""
+    """Return the calls of this table."""
     u = displacements()
     options = {"dt": POSITIVE, "rtol": POSITIVE, "rho": NOT_NEGATIVE, "beta": POSITIVE, "gamma": POSITIVE}
     damping = [EdgeDamping(0.5)]
@@ -156,7 +156,7 @@ def calls() -> list[Call]:
 
 
 def _run_with(kind: type) -> Any:
-    """What an integrator does in two steps."""
+    """Return a function that runs two steps of an integrator and returns status and displacements."""
 
     def run(**given: Any) -> Any:
         found = simulate(system(), kind(**given), until=0.25, quiet=True, raise_on_failure=False)

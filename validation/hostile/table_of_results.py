@@ -1,4 +1,4 @@
-"""Calls of results: fields, files, pictures, reactions; and of the referee and its company."""
+"""Calls for results (fields, files, pictures, reactions), test vectors, peers, and the referee of results and laws."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ FIELD = {"field": "field|numbers"}
 
 
 def _without_times(**given: Any) -> Any:
-    """What the comparison of networks found, but for what differs from call to call."""
+    """Return the reproducible results of the comparison of networks, that is, all but the times."""
     found = compare_networks(**given)
     return found.shares, [(row.name, row.force, row.energy, row.at_rest) for row in found.rows]
 
 
 def calls() -> list[Call]:
-    """All of them."""
+    """Return the calls of this table."""
     u, fields = displacements(), Fields(mesh(), list(system().elastic_terms))
     forces = np.arange(12.0)
     reaction = Reaction.of(mesh(), u, forces, [0, 3])
@@ -213,7 +213,7 @@ def calls() -> list[Call]:
 
 @cache
 def result() -> StaticResult:
-    """A static result."""
+    """Return a static result."""
     return solve_static(system(), steps=1, quiet=True)
 
 
@@ -223,7 +223,7 @@ def _exported(**given: Any) -> Any:
 
 
 def _judged(folder: Any, vectors: Any) -> Any:
-    """A report on results that lie in the folder `results`."""
+    """Write results into the folder `results` and return the verdict of the report on them."""
     Path("results").mkdir(exist_ok=True)
     right = published_vectors("tetrahedron").arrays
     write_text(Path("results") / "results.txt", {name: right[name] for name in ("digest", "W")})
@@ -232,7 +232,7 @@ def _judged(folder: Any, vectors: Any) -> Any:
 
 
 def _judged_law(**given: Any) -> Any:
-    """A report on a stress at one deformation gradient."""
+    """Return the verdict of the report on a stress at one deformation gradient."""
 
     def stress(F: Any) -> Any:
         E = (F.T @ F - np.eye(3)) / 2
@@ -243,7 +243,7 @@ def _judged_law(**given: Any) -> Any:
 
 
 def _read_again(path: Any = "again.pvd", mesh: Any = BODY, time: Any = None) -> Any:
-    """What is read of files with a state at 0.5."""
+    """Write files with a state at the time 0.5, and return the state that `read_state` returns."""
     with Series("again.pvd", []) as series:
         series.add(state(), 0.5)
     write_vtu("again.vtu", state(), [])

@@ -1,4 +1,4 @@
-"""Calls of solvers: linear ones, static solves, motions, the referee."""
+"""Calls of linear solvers, static solves, motions and the referee."""
 
 from __future__ import annotations
 
@@ -33,45 +33,45 @@ FLAG = frozenset({"True"})
 
 
 class Springs:
-    """A chain of springs without a matrix."""
+    """Matrix-free operator of a chain of springs."""
 
     def matvec(self, v: Any) -> Any:
-        """The forces of the springs."""
+        """Return the forces of the springs."""
         return matrix() @ v
 
     def diagonal_blocks(self) -> Any:
-        """Those of the vertices."""
+        """Return the diagonal blocks of the vertices."""
         return matrix().diagonal()[:, None, None]
 
 
 @cache
 def matrix() -> csr_matrix:
-    """A chain of springs."""
+    """Return the stiffness of a chain of springs."""
     return csr_matrix(2.5 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
 
 
 @cache
 def unknowns() -> Unknowns:
-    """The unknowns of the chain."""
+    """Return the unknowns of the chain."""
     K = matrix()
     return Unknowns(np.arange(4), np.zeros(4, dtype=int), K.indptr, K.indices, near_null_space=lambda: np.ones((4, 1)))
 
 
 def analysis(solver: Any) -> Analysis:
-    """The analysis of the chain."""
+    """Return the analysis of the chain."""
     found: Analysis = solver.analyse(unknowns())
     return found
 
 
 @cache
 def factors(solver: Any) -> Factors:
-    """The factors of the chain."""
+    """Return the factors of the chain."""
     return analysis(solver).factorise(Springs() if solver.matrix_free else matrix(), Kind.POSITIVE_DEFINITE)
 
 
 @cache
 def truss() -> System:
-    """Two bars that a force pulls at."""
+    """Return two bars under a force."""
     p, t = np.array([[-1.0, 0.0, 1.0], [0.0, 0.5, 0.0]]), np.array([[0, 1], [1, 2]])
     return System(
         (p, t), [StVK(young=1e3, poisson=0.25, area=0.125, density=1.0), NodalLoad([1], (0.0, -1.0))], fixed=[([0, 2], "xy")]
@@ -80,12 +80,12 @@ def truss() -> System:
 
 @cache
 def checked() -> Report:
-    """A verification of two tetrahedra."""
+    """Return the report of a verification on two tetrahedra."""
     return verify(tetrahedra(), young=2.0, poisson=0.25, quiet=True)
 
 
 def calls() -> list[Call]:
-    """All of them."""
+    """Return the calls of this table."""
     stop = {"load": NUMBER | OPTIONAL, "turns": OPTIONAL, "states": OPTIONAL, "displacement": OPTIONAL}
     return [
         *(call(f"{kind.__name__}", kind, {"assembled": FLAG}, assembled=False) for kind in (BlockJacobiCg, SsorCg)),
@@ -279,7 +279,7 @@ def _response(**given: Any) -> Any:
 
 
 def _path(stop: Stop) -> Any:
-    """Load factor and displacements at the end of a path."""
+    """Return load factor and displacements at the end of a path."""
     result = solve_static(truss(), steps=4, method="arc-length", stop=stop, quiet=True, raise_on_failure=False)
     return result.t, result.u
 
@@ -300,7 +300,7 @@ def _verified(**given: Any) -> Any:
 
 
 def _solve(solver: Any) -> Call:
-    not_finite = frozenset({"NaN in it", "inf in it"})  # which the outcome says
+    not_finite = frozenset({"NaN in it", "inf in it"})  # the outcome of the solve reports it
     legal = {"b": not_finite, "rtol": POSITIVE, "x0": OPTIONAL | not_finite, "out": OPTIONAL | not_finite}
     return Call(
         f"{solver.name}: solve",

@@ -1,4 +1,4 @@
-"""Calls of what a system does: energies, forces, tangents, masses, free degrees of freedom."""
+"""Calls of the methods of systems: energies, forces, tangents, masses, free degrees of freedom."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skfem_stvk.terms.load import Moment
 from .call import Call
 from .small_bodies import COMPLEX, NUMBER, OPTIONAL, call, costly, displacements, mesh, system
 
-#: Functions of displacements alone, and of displacements and the load factor.
+#: Methods with the argument `u`, and methods with the arguments `u` and `t`.
 OF_U = (
     "energy",
     "foundation_force",
@@ -43,19 +43,19 @@ OF_Q_AND_T = (
     "jacobian",
     "potential",
 )
-#: Legal for what is True or False.
+#: Legal for flags.
 YES = frozenset({"True"})
 OF_U_AND_V = ("product", "energy_along", "step_limit")
 
 
 def calls() -> list[Call]:
-    """All of them."""
+    """Return the calls of this table."""
     body, u = system(), displacements()
     time = {"t": NUMBER}
     K = body.tangent(u)
     reduced, q = ReducedSystem(body, 3, 2, quiet=True), np.array([0.25, -0.5, 0.125])
-    held = body.free_dofs([0, 1])
-    restricted = held.matrix(K)
+    free_dofs = body.free_dofs([0, 1])
+    restricted = free_dofs.matrix(K)
     mass = body.mass()
     return [
         *(call(f"System.{name}", getattr(body, name), u=u) for name in OF_U),
@@ -108,12 +108,12 @@ def calls() -> list[Call]:
         Call("System.tangent into a matrix", lambda: (body.tangent, {"u": u, "out": K.copy()}), {"out": OPTIONAL}),
         Call(
             "System.tangent of free degrees of freedom",
-            lambda: (body.tangent, {"u": u, "free": held}),
+            lambda: (body.tangent, {"u": u, "free": free_dofs}),
             {"free": OPTIONAL},
         ),
         Call(
             "System.jacobian of free degrees of freedom",
-            lambda: (body.jacobian, {"u": u, "t": 0.5, "free": held}),
+            lambda: (body.jacobian, {"u": u, "t": 0.5, "free": free_dofs}),
             time | {"free": OPTIONAL},
         ),
         Call(
@@ -124,10 +124,10 @@ def calls() -> list[Call]:
         Call("System.linearize into a matrix", lambda: (body.linearize, {"u": u, "out": K.copy()}), {"out": OPTIONAL}),
         call("System.linear_operator of tensions", lambda kept: body.linear_operator(u, kept=kept).matvec(u), kept=TENSILE),
         call("TangentOperator.prepare", lambda **given: body.linear_operator(u).prepare(**given), u=u),
-        call("FreeDofs.matrix", held.matrix, {"out": OPTIONAL}, K=K, out=restricted),
+        call("FreeDofs.matrix", free_dofs.matrix, {"out": OPTIONAL}, K=K, out=restricted),
         call(
             "FreeDofs.vector",
-            held.vector,
+            free_dofs.vector,
             dict.fromkeys(("free", "fixed"), NUMBER | COMPLEX),
             free=np.arange(10.0),
             fixed=[0.5, 0.25],
@@ -181,7 +181,7 @@ def _added(K: Any, factor: Any) -> Any:
 
 
 def _writing(name: str, legal: Any = None, **good: Any) -> Call:
-    """A method that writes to an array, and gives that back."""
+    """Return the call of a method that writes into an array; its result includes the array."""
 
     def written(out: Any, **given: Any) -> Any:
         found = getattr(system(), name)(**given, out=out)

@@ -1,4 +1,4 @@
-"""Tiny mesh files that would take all memory or never end, and paths that are no regular files."""
+"""Tiny mesh files that could exhaust the memory or cause endless reading, and paths of special files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ VTU = """<VTKFile type="UnstructuredGrid" version="0.1"><UnstructuredGrid><Piece
 <DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
 <DataArray type="Int64" Name="types" format="ascii">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>"""
 
-#: Files of text by name: the file that is read, its content, and the contents of those beside it.
+#: Text files by name of the case: the file that is read, its content, and the contents of its companion files.
 FILES: dict[str, tuple[str, str, dict[str, str]]] = {
     "a node tag of 1e9, version 2.2": ("body.msh", MSH.format(last=1_000_000_000), {}),
     "a node tag of 1e9, version 4.1": ("body.msh", MSH4.format(last=1_000_000_000), {}),
@@ -104,9 +104,10 @@ FILES: dict[str, tuple[str, str, dict[str, str]]] = {
 
 
 def cases() -> Iterator[Case]:
-    """Tiny files, and what is no regular file."""
-    for name, (file, content, beside) in FILES.items():
-        yield Case(f"tiny: {name}", partial(read, file=file, content=content, beside=beside), seconds=10, gigabytes=0.5, quick=True)
+    """Yield tiny files and special files."""
+    for name, (file, content, companions) in FILES.items():
+        attempt = partial(read, file=file, content=content, companions=companions)
+        yield Case(f"tiny: {name}", attempt, seconds=10, gigabytes=0.5, quick=True)
     for suffix in dict.fromkeys(form.suffix for form in FORMATS.values()):
         for what, make in {"a fifo": os.mkfifo, "/dev/zero": _device, "a folder": os.mkdir}.items():
             yield Case(
@@ -121,25 +122,25 @@ def cases() -> Iterator[Case]:
         "an .ele": "1 4 0\n0 0 1 2 3\n",
     }.items():
         yield Case(
-            f"{file} that names a fifo", partial(read_beside_fifo, content=content, suffix=_suffix(file)), seconds=10, quick=True
+            f"{file} that names a fifo", partial(read_with_fifo, content=content, suffix=_suffix(file)), seconds=10, quick=True
         )
 
 
-def read(folder: Path, file: str, content: str, beside: dict[str, str]) -> ElementMesh:
-    """Read a file with others beside it."""
-    for name, text in (beside | {file: content}).items():
+def read(folder: Path, file: str, content: str, companions: dict[str, str]) -> ElementMesh:
+    """Read a file with its companion files."""
+    for name, text in (companions | {file: content}).items():
         (folder / name).write_text(text)
     return read_mesh(folder / file)
 
 
 def read_special(folder: Path, make: Callable[[Path], None], suffix: str) -> ElementMesh:
-    """Read what is no regular file."""
+    """Read a special file."""
     make(folder / f"body{suffix}")
     return read_mesh(folder / f"body{suffix}")
 
 
-def read_beside_fifo(folder: Path, content: str, suffix: str) -> ElementMesh:
-    """Read a file that needs another one, which is a pipe that nobody writes to."""
+def read_with_fifo(folder: Path, content: str, suffix: str) -> ElementMesh:
+    """Read a file that names another file, which is a pipe without a writer."""
     os.mkfifo(folder / ("body.node" if suffix == ".ele" else "pipe"))
     (folder / f"body{suffix}").write_text(content)
     return read_mesh(folder / f"body{suffix}")

@@ -1,4 +1,4 @@
-"""Values that arguments are given: wrong ones, a good one made wrong, and a good one in disguise."""
+"""Hostile values of arguments: wrong values, good values with a fault, and good values in unusual types."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 
 class Nothing:
-    """Mark of what there is not."""
+    """Type of the marker for a missing value."""
 
 
 NOTHING = Nothing()
@@ -21,13 +21,14 @@ NOTHING = Nothing()
 
 @dataclass(frozen=True)
 class Hostile:
-    """A value that an argument is given in the place of a good one.
+    """Value that replaces a good value of an argument.
 
     Attributes
     ----------
-    name : of the value, in tables and messages.
-    make : gives it, from a good value of the argument; NOTHING where there is no such thing.
-    plain : gives a plain value that means the same, with which the result must be the same; NOTHING if there is none.
+    name : name of the value in tables and messages.
+    make : function that returns the value for a good value of the argument, or NOTHING if it does not apply.
+    plain : function that returns a plain value with the same meaning, or NOTHING if there is none. The plain value must give the
+        same result.
     """
 
     name: str
@@ -36,15 +37,15 @@ class Hostile:
 
 
 class Subclass(np.ndarray):
-    """An array of a class of its own."""
+    """Subclass of NumPy's array."""
 
 
 class Text(str):
-    """Text of a class of its own."""
+    """Subclass of `str`."""
 
 
 class Awkward:
-    """An object that cannot be shown, compared or converted."""
+    """Object that raises an error when it is shown, compared or converted."""
 
     def __repr__(self) -> str:
         raise RuntimeError("repr")
@@ -75,7 +76,7 @@ def _ragged_objects() -> Any:
 
 
 def _is_array(good: Any) -> bool:
-    """Whether it is an array of numbers, or a list of them."""
+    """Return whether `good` is an array or a list of numbers."""
     if not isinstance(good, np.ndarray | list | tuple):
         return False
     try:
@@ -85,7 +86,7 @@ def _is_array(good: Any) -> bool:
 
 
 def _of_array(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A change of arrays of numbers, as a new array."""
+    """Return a function that applies `change` to a copy of an array of numbers."""
     return lambda good: change(np.array(good)) if _is_array(good) else NOTHING
 
 
@@ -94,12 +95,12 @@ def _of_floats(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def _of_number(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A change of plain numbers."""
+    """Return a function that applies `change` to a plain number."""
     return lambda good: change(good) if type(good) in (int, float) else NOTHING
 
 
 def _with(entry: Any) -> Callable[[Any], Any]:
-    """A change of the first entry to this one."""
+    """Return a function that sets the first entry of an array to `entry`."""
 
     def change(array: Any) -> Any:
         array.flat[0] = entry
@@ -114,11 +115,11 @@ def _masked(array: Any) -> Any:
     return np.ma.MaskedArray(array, mask)
 
 
-def _apart(array: Any) -> Any:
-    """The same numbers with gaps between them."""
-    room = np.empty((*array.shape, 2), dtype=array.dtype)
-    room[..., 0] = array
-    return room[..., 0]
+def _with_gaps(array: Any) -> Any:
+    """Return the same numbers in an array that is not contiguous."""
+    doubled = np.empty((*array.shape, 2), dtype=array.dtype)
+    doubled[..., 0] = array
+    return doubled[..., 0]
 
 
 def _read_only(array: Any) -> Any:
@@ -136,7 +137,7 @@ def _self(good: Any) -> Any:
     return good
 
 
-#: Wrong whatever the argument is, unless a table says that one of them is legal for it, and why.
+#: Values that are wrong for every argument, unless a table lists them as legal for it.
 WRONG = (
     _fixed("None", lambda: None),
     _fixed("nan", lambda: float("nan")),
@@ -181,7 +182,7 @@ WRONG = (
     _fixed("lone surrogate", lambda: "\udcff"),
 )
 
-#: A good array made wrong.
+#: Good arrays with a fault.
 SPOILT = (
     Hostile("NaN in it", _with(np.nan)),
     Hostile("inf in it", _with(np.inf)),
@@ -205,7 +206,7 @@ def _zero_d(good: Any) -> Any:
     return box
 
 
-#: A good value in disguise: refused in words, or the same result.
+#: Good values in unusual types: the function must refuse them with a readable message, or return the same result.
 DISGUISED = (
     Hostile("fraction", _of_number(Fraction), _self),
     Hostile("decimal", _of_number(Decimal), _self),
@@ -216,7 +217,7 @@ DISGUISED = (
     Hostile("uint8", _of_number(lambda good: np.uint8(good) if good == int(good) and 0 <= good < 256 else NOTHING), _self),
     Hostile("0-d array", _of_number(np.array), _self),
     Hostile("read-only array", _of_array(_read_only), _self),
-    Hostile("array with gaps", _of_array(_apart), _self),
+    Hostile("array with gaps", _of_array(_with_gaps), _self),
     Hostile("reversed twice", _of_array(lambda array: array[::-1].copy()[::-1]), _self),
     Hostile("Fortran order", _of_array(np.asfortranarray), _self),
     Hostile("subclass of array", _of_array(lambda array: array.view(Subclass)), _self),

@@ -1,6 +1,6 @@
-"""A child process that runs cases: `python -m validation.hostile.worker DESCRIPTOR`, driven by `runner.py`.
+"""Child process that runs cases for `runner.py`: `python -m validation.hostile.worker DESCRIPTOR`.
 
-It reads a line of JSON for each case from standard input, and writes one with the verdict to the descriptor.
+The process reads a line of JSON for each case from standard input, and writes a line with the verdict to the descriptor.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from scipy.sparse import identity
 
 from .case import Case, NotRun, Verdict, Wrong
 
-#: What a verdict says at most [characters].
+#: Largest length of the message of a verdict [characters].
 LONGEST = 20_000
 
 
 def serve(descriptor: int) -> None:
-    """Run what standard input names, until it ends."""
-    faulthandler.enable()  # so that a case that never ends can say where it is
+    """Run the cases that standard input names, until it ends."""
+    faulthandler.enable()  # prints the stack of a case that does not end
     _load_libraries()
     with os.fdopen(descriptor, "w", encoding="utf-8") as answers:
-        print("{}", file=answers, flush=True)  # ready: imports have no part in the limits of a case
+        print("{}", file=answers, flush=True)  # ready: the limits of a case do not include imports
         for line in sys.stdin:
-            asked = json.loads(line)
-            os.chdir(asked["folder"])  # first: the folder of the case before is gone
-            case = cases_of(asked["module"])[asked["case"]]
-            verdict, why = outcome(case, Path(asked["folder"]))
+            request = json.loads(line)
+            os.chdir(request["folder"])  # first, because the folder of the previous case is deleted
+            case = cases_of(request["module"])[request["case"]]
+            verdict, why = outcome(case, Path(request["folder"]))
             print(json.dumps({"verdict": verdict.name, "why": why[:LONGEST]}), file=answers, flush=True)
 
 
 def _load_libraries() -> None:
-    """What is loaded at its first use, and takes much address space, is no part of the limits of a case."""
+    """Load libraries that need much address space at their first use, so that the limits of a case do not include them."""
     with suppress(ImportError):
         import pypardiso
 
@@ -51,17 +51,17 @@ def _load_libraries() -> None:
 
 @lru_cache
 def cases_of(module: str) -> dict[str, Case]:
-    """The cases of a family by name."""
+    """Return the cases of a family by name."""
     named: dict[str, Case] = {}
     for case in import_module(module).cases():
         if case.name in named:
-            raise ValueError(f"{module} has two cases of the name {case.name!r}.")
+            raise ValueError(f"{module} has two cases with the name {case.name!r}; expected unique names.")
         named[case.name] = case
     return named
 
 
 def outcome(case: Case, folder: Path) -> tuple[Verdict, str]:
-    """The verdict on a case, and what speaks for it, with limited memory."""
+    """Run a case with limited memory and return the verdict and its reason."""
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (_address_space() + int(case.gigabytes * 2**30), most))
     try:
@@ -94,7 +94,7 @@ def _judged(case: Case, folder: Path) -> tuple[Verdict, str]:
 
 
 def _out_of_memory(error: BaseException | None) -> bool:
-    """Whether it is a `MemoryError`, or stems from one."""
+    """Return whether the error is a `MemoryError`, or was caused by one."""
     while error is not None:
         if isinstance(error, MemoryError):
             return True
@@ -107,7 +107,7 @@ def _last_lines() -> str:
 
 
 def _address_space() -> int:
-    """Bytes that this process has mapped."""
+    """Return the bytes of address space that this process has mapped."""
     return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 
 

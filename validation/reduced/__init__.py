@@ -1,4 +1,4 @@
-"""Fewer unknowns and fewer dimensions: reduced models against full ones, membranes and cables against closed forms."""
+"""Studies of reduced models against full models, and of membranes and cables against closed forms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ NAMES = ("statics", "motion", "energy", "costs", "cable", "net", "sphere", "disc
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """reduced models against full ones, in error, energy, time and memory; membranes and cables against closed forms"""
+    """compare reduced models with full models in error, energy, time and memory, and membranes and cables with closed forms"""
     from .studies import run
 
     return run(only or NAMES, quick, out)

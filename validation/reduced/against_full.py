@@ -1,4 +1,4 @@
-"""A bar that bends and twists, on bases of several kinds and sizes, beside the bar with all its displacements."""
+"""Comparison of a bent and twisted bar on bases of several kinds and sizes with the full bar."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from ..statics.study import Study
 
 LENGTH, HEIGHT, WIDTH = 5.0, 1.0, 0.5
 MATERIAL = Isotropic(young=1e6, poisson=0.3, density=1e3)
-#: Loads on the end [Pa]: one that bends it and one that twists it, in static solves; the motion begins under a part of them.
+#: Loads on the end in static solves [Pa], one for bending and one for twist. The motion starts under the fraction `PART` of both.
 BEND, TWIST, PART = 2500.0, 80e3, 0.5
-#: Parts of both loads at which the path is solved for snapshots; what is compared is at (1, 1), which is not among them.
+#: Factors of both loads for the snapshots. The compared state has the factors (1, 1), which are not among them.
 SEEN = ((1.0, 0.0), (0.0, 1.0), (0.6, -0.6))
 SIZES, QUICK_SIZES = (5, 10, 20, 30, 45), (5, 20)
 CELLS, QUICK_CELLS = 4, 2
@@ -43,7 +43,7 @@ PERIODS, QUICK_PERIODS = 30, 5
 
 
 class Kind(NamedTuple):
-    """A way to make a basis: how many modes for a size, and what else."""
+    """Kind of a basis: the number of modes as a function of the size, and the use of derivatives and snapshots."""
 
     name: str
     modes: Any
@@ -60,7 +60,7 @@ KINDS = (
 
 
 def bar(n: int) -> ElementMesh:
-    """`n` cells across, in each of which both diagonals are unequal."""
+    """Return the bar with `n` cells over its height, each of six tetrahedra."""
     x = [np.linspace(0, LENGTH, 5 * n + 1), np.linspace(0, HEIGHT, n + 1), np.linspace(0, WIDTH, max(n // 2, 1) + 1)]
     return ElementMesh.of(skfem.MeshTet.init_tensor(*x))
 
@@ -76,7 +76,7 @@ def clamp(x: Array) -> Array:
 
 
 def body(n: int, bend: float = 1.0, twist: float = 1.0) -> System:
-    """The bar, clamped at one end, with parts of both loads at the other."""
+    """Return the bar, clamped at one end, with factors of both loads at the other end."""
     if not (bend or twist):
         return System(bar(n), StVK(MATERIAL), fixed={clamp: "xyz"})
 
@@ -89,7 +89,7 @@ def body(n: int, bend: float = 1.0, twist: float = 1.0) -> System:
 
 @cache
 def solved(n: int, bend: float = 1.0, twist: float = 1.0) -> tuple[Array, ...]:
-    """The states of the full bar on the path to these loads."""
+    """Return the states of the full bar on the path to these loads."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         return tuple(step.u for step in solve_static(body(n, bend, twist), steps=4, quiet=True).history)
@@ -101,19 +101,19 @@ def _snapshots(n: int) -> Array:
 
 @cache
 def on_basis(n: int, kind: Kind, size: int, loads: float = 1.0) -> ReducedSystem:
-    """The bar on a basis of a kind and a size, with this part of both loads."""
+    """Return the bar on a basis of this kind and size, with this factor of both loads."""
     seen = _snapshots(n) if kind.snapshots else None
     size = size if seen is None or kind.modes(size) else min(size, seen.shape[1])
     return ReducedSystem(body(n, loads, loads), size, kind.modes(size), kind.derivatives, snapshots=seen, quiet=True)
 
 
 def off(found: Array, truth: Array) -> float:
-    """`|found - truth| / |truth|`."""
+    """Return the relative error `|found - truth| / |truth|`."""
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
 
 
 def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """The error of the static state against size, by the kind of the basis."""
+    """Yield the study of the error of the static state against size, by the kind of the basis."""
     n, sizes = (QUICK_CELLS, QUICK_SIZES) if quick else (CELLS, SIZES)
     truth = solved(n)[-1]
     errors: dict[str, list[float]] = {}
@@ -128,7 +128,9 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
             states[f"{kind.name}, {size}"] = result.u
     last = {name: several[-1] for name, several in errors.items()}
     better = last["modes and derivatives"] < min(last["modes"] / 3, 0.2)
-    wrong = () if better else (f"modes and derivatives: {last['modes and derivatives']:.1%}, modes alone: {last['modes']:.1%}",)
+    wrong = (
+        () if better else (f"error with modes and derivatives: {last['modes and derivatives']:.1%}, modes: {last['modes']:.1%}",)
+    )
     drawn: tuple[Path, ...] = ()
     if folder is not None:
         from .pictures import states_and_errors
@@ -138,13 +140,13 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
     mesh, moved = bar(n), np.abs(truth).max() / LENGTH
     yield Study(
         "The bar at rest: error of the displacements against size",
-        "modal derivatives bring the error of modes below a third, and below 20 %",
+        "modal derivatives reduce the error of modes to less than a third, and to less than 20 %",
         ("basis", *(f"r = {size}" for size in sizes)),
         tuple((name, *(_percent(e) for e in several)) for name, several in errors.items()),
         wrong,
         (
-            f"{mesh.nt} tetrahedra, {3 * mesh.nv} unknowns, bent and twisted at once; the end moves by {moved:.2f} of the length",
-            f"snapshots: the {_snapshots(n).shape[1]} states on the paths to {len(SEEN)} other loads, and r is no larger than that",
+            f"{mesh.nt} tetrahedra, {3 * mesh.nv} unknowns, bending and twist; displacement of the end: {moved:.2f} of the length",
+            f"snapshots: the {_snapshots(n).shape[1]} states on the paths to {len(SEEN)} other loads, so that r <= this number",
         ),
         drawn,
     )
@@ -155,7 +157,7 @@ def _percent(error: float) -> str:
 
 
 def in_motion(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """The error of the motion after the loads are let go, over its whole time."""
+    """Yield the study of the error of the whole motion after the removal of the loads."""
     n, sizes = (QUICK_CELLS, QUICK_SIZES) if quick else (CELLS - 1, SIZES[1:-1])
     until = UNTIL / 4 if quick else UNTIL
     full = body(n, 0.0, 0.0)
@@ -174,17 +176,17 @@ def in_motion(quick: bool, folder: Path | None) -> Iterable[Study]:
         last[kind.name] = found[-1]
     better = last["modes and derivatives"] < 0.5 * last["modes"]
     yield Study(
-        "The bar let go: error of the path of its end against size",
-        "modal derivatives bring the error of modes below a half",
+        "The released bar: error of the path of its end against size",
+        "modal derivatives reduce the error of modes to less than a half",
         ("basis", *(f"r = {size}" for size in sizes)),
         tuple(rows),
         () if better else (f"modes and derivatives: {last['modes and derivatives']:.1%}, modes alone: {last['modes']:.1%}",),
-        (f"Newmark's method, dt = {DT:g} s, over {until:g} s; the largest distance over the largest displacement",),
+        (f"Newmark's method, dt = {DT:g} s, over {until:g} s; largest distance divided by the largest displacement",),
     )
 
 
-def kept_energy(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """Energy of the bar let go, over many periods: what the integrators lose or gain on a basis."""
+def conserved_energy(quick: bool, folder: Path | None) -> Iterable[Study]:
+    """Yield the study of the energy of the released bar over many periods, by the integrator."""
     n, size = (QUICK_CELLS, 10) if quick else (CELLS - 1, 20)
     reduced = on_basis(n, KINDS[1], size, 0.0)
     u0 = solved(n, PART, PART)[-1]
@@ -201,10 +203,10 @@ def kept_energy(quick: bool, folder: Path | None) -> Iterable[Study]:
         drift = float(np.abs(total / total[0] - 1).max())
         rows.append((name, f"{drift:.0e}", f"{total[-1] / total[0] - 1:+.1e}", str(run.ledger.steps - 1), f"{run.iterations}"))
         if name == "EnergyMomentum" and not drift < 1e-10:
-            wrong.append(f"{name} is off by {drift:.0e} of the energy")
+            wrong.append(f"{name}: relative error of the energy = {drift:.0e}")
     yield Study(
-        "The bar let go: energy over many periods",
-        "the mean of the force at the two points of Gauss keeps it to 1e-10",
+        "The released bar: energy over many periods",
+        "the mean of the force at the two Gauss points (EnergyMomentum) conserves the energy to 1e-10",
         ("integrator", "largest error", "at the end", "steps", "iterations"),
         tuple(rows),
         tuple(wrong),

@@ -1,4 +1,4 @@
-"""Cables, a net of them and an inflated sphere, against closed forms and equations of equilibrium of their own."""
+"""Studies of cables, a net of cables and an inflated sphere against closed forms and independent equations of equilibrium."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from skfem_stvk.arguments import Array
 
 from ..statics.study import Study
 
-#: The cable: length and weight per length, and where it ends [m].
+#: The cable: length [m], weight per length [N/m], span [m] and height difference of its ends [m].
 REST, WEIGHT, SPAN, DROP = 1.3, 2.0, 1.0, 0.2
 G = 9.81
 #: Stiffness `E A` of the cable over its weight.
 RATIOS, QUICK_RATIOS = (1e1, 1e2, 1e3, 1e4, 1e5, 1e7), (1e2, 1e4)
 SEGMENTS = 60
-#: Beyond it the cable finds its place by a damped motion first.
+#: Ratio above which a damped motion provides the initial state of the static solve.
 STIFF = 1e6
-#: Cells along a net up to which its own equations are solved, too.
+#: Largest number of cells along a net for which its own equations are also solved.
 OWN = 8
 YOUNG, POISSON, THICKNESS, STRETCH = 2e5, 0.3, 2e-3, 1.5
 
 
 def stretch_of(tension: Array, stiffness: float) -> Array:
-    """The stretch at which a St. Venant-Kirchhoff cable pulls so: `T = E A (s^3 - s)/2`, for tensions from zero."""
+    """Return the stretch `s` of a St. Venant-Kirchhoff cable with the tension `T = E A (s^3 - s)/2 >= 0`."""
     s = np.maximum(1.0, np.cbrt(2 * tension / stiffness))
     for _ in range(60):
         s = s - ((s**3 - s) / 2 - tension / stiffness) / ((3 * s**2 - 1) / 2)
@@ -37,7 +37,7 @@ def stretch_of(tension: Array, stiffness: float) -> Array:
 
 
 def hanging_cable(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """A cable under its own weight: the chain's own equations, the elastic and the inextensible catenary."""
+    """Yield the study of a cable under its own weight: the chain's own equations, the elastic and the inextensible catenary."""
     rows, wrong, off = [], [], []
     for ratio in QUICK_RATIOS if quick else RATIOS:
         stiffness = ratio * WEIGHT * REST
@@ -56,25 +56,28 @@ def hanging_cable(quick: bool, folder: Path | None) -> Iterable[Study]:
             (f"{ratio:g}", f"{sag:.6f}", f"{elastic:.6f}", f"{rigid:.6f}", f"{(elastic - rigid) * ratio:.4f}", f"{error:.1e}")
         )
         if error > 1e-8 or abs(sag - elastic) > 1e-3:
-            wrong.append(f"E A/(w L) = {ratio:g}: {error:.1e} off its own equations, {sag - elastic:.1e} off the elastic catenary")
+            wrong.append(
+                f"E A/(w L) = {ratio:g}: error against its own equations = {error:.1e}, against the elastic catenary = "
+                f"{sag - elastic:.1e}"
+            )
     if not quick and abs(off[-2] / off[-1] - 1) > 1e-3:
-        wrong.append(f"the way to the catenary is not as 1/(E A): {off[-2]:.4g} and {off[-1]:.4g}")
+        wrong.append(f"the distance from the catenary is not proportional to 1/(E A): factors {off[-2]:.4g} and {off[-1]:.4g}")
     yield Study(
         "A hanging cable: lowest point [m]",
-        "positions are those of the chain's own equations to 1e-8 m, and come to the catenary as 1/(E A)",
+        "positions agree with the chain's own equations to 1e-8 m, and converge to the catenary as 1/(E A)",
         ("E A/(w L)", "computed", "elastic catenary", "catenary", "difference x E A/(w L)", "off own equations"),
         tuple(rows),
         tuple(wrong),
         (
             f"{SEGMENTS} unequal segments, {REST} m of cable between points {SPAN} m apart, one {DROP} m lower; the elastic "
-            "catenary is that of StVK, T = E A (s^3 - s)/2",
-            f"beyond {STIFF:g} it swings into its place first: simulate(body, BackwardEuler(dt=0.02), until=4.0)",
+            "catenary has the law of StVK, T = E A (s^3 - s)/2",
+            f"above {STIFF:g}, a motion provides the initial state: simulate(body, BackwardEuler(dt=0.02), until=4.0)",
         ),
     )
 
 
 def chain(stiffness: float) -> System:
-    """A cable of unequal segments that begins on a parabola of its own length."""
+    """Return a cable of unequal segments whose initial shape is a parabola of the same length."""
     s = np.linspace(0, 1, SEGMENTS + 1) ** 1.2
 
     def shape(sag: float) -> NDArray[np.float64]:
@@ -87,7 +90,7 @@ def chain(stiffness: float) -> System:
 
 
 def own_chain(p: Array, stiffness: float) -> Array:
-    """(2, n) nodes of a chain with the same segments: tensions from its two equations of equilibrium, by shooting."""
+    """Return the nodes (2, n) of a chain with the same segments: tensions from its two equations of equilibrium, by shooting."""
     rest = np.hypot(*np.diff(p))
     weights = np.zeros(len(rest) + 1)
     weights[:-1] += WEIGHT * rest / 2
@@ -104,8 +107,10 @@ def own_chain(p: Array, stiffness: float) -> Array:
 
 
 def lowest_point(stiffness: float) -> float:
-    """How far below its higher end a continuous cable hangs [m]: the elastic catenary of StVK, of infinite stiffness the
-    catenary."""
+    """Return the depth of a continuous cable below its higher end [m].
+
+    The cable is the elastic catenary of StVK; for infinite stiffness it is the catenary.
+    """
 
     def stretch(tension: float) -> float:
         return 1.0 if np.isinf(stiffness) else float(stretch_of(np.array(tension), stiffness))
@@ -125,7 +130,7 @@ def lowest_point(stiffness: float) -> float:
 
 
 def cable_net(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """A flat net of cables without tension at first, under loads at its nodes: its own equations of equilibrium."""
+    """Yield the study of a flat net of cables without initial tension under loads at its nodes, by its own equations."""
     rows, wrong = [], []
     for cells in ((4, 3),) if quick else ((4, 3), (8, 6), (16, 12)):
         points, cables, rim, loads = net(cells)
@@ -146,22 +151,22 @@ def cable_net(quick: bool, folder: Path | None) -> Iterable[Study]:
         sag = -float(result.u.reshape(-1, 3)[:, 2].min())
         rows.append((f"{cells[0]} x {cells[1]}", f"{cables.shape[1]}", f"{sag:.6f}", f"{balance:.1e}", f"{apart:.1e}"))
         if balance > 1e-7 or apart > 1e-7:
-            wrong.append(f"{cells}: forces are {balance:.1e} out of balance, nodes {apart:.1e} m off")
+            wrong.append(f"{cells}: residual of the forces = {balance:.1e}, error of the nodes = {apart:.1e} m")
     yield Study(
         "A flat net of cables under loads at its nodes",
-        "forces balance by the net's own equations to 1e-7, and its nodes are where those, solved on their own, have them",
+        "forces satisfy the net's own equations to 1e-7, and nodes agree to 1e-7 m with an independent solution of these equations",
         ("cells", "cables", "lowest point [m]", "out of balance", "nodes off [m]"),
         tuple(rows),
         tuple(wrong),
         (
-            "no tension at first, so that K is singular at rest; cables of areas from 1 to 3 mm2, loads of all directions",
-            f"own equations are solved on their own, by Powell's method, up to {OWN} cells (nan: not)",
+            "no initial tension, so that K is singular at rest; cables with areas from 1 to 3 mm2, loads in all directions",
+            f"the independent solution, by Powell's method, is computed up to {OWN} cells (nan: not computed)",
         ),
     )
 
 
 def net(cells: tuple[int, int]) -> tuple[Array, NDArray[np.int64], NDArray[np.int64], Array]:
-    """Points (3, n), cables (2, m), nodes of the rim, and loads (3, n) [N]."""
+    """Return points (3, n), cables (2, m), nodes of the rim, and loads (3, n) [N] of a net."""
     rng = np.random.default_rng(3)
     nx, ny = cells
     x, y = np.meshgrid(np.linspace(0, 2, nx + 1), np.linspace(0, 1.5, ny + 1), indexing="ij")
@@ -177,7 +182,7 @@ def net(cells: tuple[int, int]) -> tuple[Array, NDArray[np.int64], NDArray[np.in
 
 
 def unbalanced(x: Array, rest: Array, cables: Array, stiffness: Array, loads: Array) -> Array:
-    """(3, n) force [N] left at each node: the load and what cables pull with `E A (s^3 - s)/2` along themselves."""
+    """Return the residual force at each node (3, n) [N]: the load and the tensions `E A (s^3 - s)/2` of the cables."""
     along, length = x[:, cables[1]] - x[:, cables[0]], np.linalg.norm(rest[:, cables[1]] - rest[:, cables[0]], axis=0)
     now = np.linalg.norm(along, axis=0)
     s = now / length
@@ -189,7 +194,7 @@ def unbalanced(x: Array, rest: Array, cables: Array, stiffness: Array, loads: Ar
 
 
 def own_net(rest: Array, cables: Array, stiffness: Array, loads: Array, inside: NDArray[np.int64]) -> Array:
-    """(3, n) nodes of a net by its own equations of equilibrium, from where it would sag."""
+    """Return the nodes (3, n) of a net that satisfy its own equations of equilibrium, starting from a sagging net."""
 
     def left(free: Array) -> Array:
         return unbalanced(_with(rest, inside, free), rest, cables, stiffness, loads)[:, inside].ravel()
@@ -205,7 +210,7 @@ def _with(points: Array, inside: NDArray[np.int64], free: Array) -> Array:
 
 
 def inflated_sphere(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """An eighth of a sphere under pressure, by its closed form."""
+    """Yield the study of an eighth of a sphere under pressure, compared with the closed form."""
     rows, wrong = [], []
     for degree in (1, 2):
         errors, sizes = [], (4, 8) if quick else (4, 8, 16, 32)
@@ -224,22 +229,22 @@ def inflated_sphere(quick: bool, folder: Path | None) -> Iterable[Study]:
         if order < (1.5 if quick else 1.9) + 0.9 * (degree - 1):
             wrong.append(f"degree {degree}: order {order:.2f}")
     yield Study(
-        f"An inflated sphere: error of the stretch {STRETCH}, over what it is longer",
-        "it falls with about the second order of linear triangles and the third of quadratic ones",
+        f"An inflated sphere: error of the stretch s = {STRETCH}, divided by s - 1",
+        "the error has about order 2 for linear triangles and order 3 for quadratic triangles",
         ("degree", *(f"{n} edges" for n in sizes), "order"),
         tuple(rows),
         tuple(wrong),
-        ("triangles on an eighth of a sphere, with the pressure that follows the surface; root of the mean square over the nodes",),
+        ("triangles on an eighth of a sphere, follower pressure; root of the mean square over the nodes",),
     )
 
 
 def pressure_at(stretch: float) -> float:
-    """`p = 2 N/(s r) = h E (s^2 - 1)/((1 - nu) s r)` [Pa] in the unit sphere at the stretch s, from `N = h S`."""
+    """Return `p = 2 N/(s r) = h E (s^2 - 1)/((1 - nu) s r)` [Pa] in the unit sphere at the stretch s, from `N = h S`."""
     return THICKNESS * YOUNG * (stretch**2 - 1) / ((1 - POISSON) * stretch)
 
 
 def eighth(n: int, degree: int) -> ElementMesh:
-    """An eighth of the unit sphere with `n` edges to a side; all nodes on the sphere."""
+    """Return an eighth of the unit sphere with `n` edges along each side and all nodes on the sphere."""
     grid = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
     number = {ij: k for k, ij in enumerate(grid)}
     p = np.array([(i, j, n - i - j) for i, j in grid], dtype=float).T

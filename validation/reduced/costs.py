@@ -1,4 +1,4 @@
-"""What a reduced model costs: making it, one evaluation, one step; beside a step of the full model. One run."""
+"""Costs of reduced models, measured in one run: construction, one evaluation, and one step next to a step of the full model."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from ..bench.costs import best_and_median
 from ..statics.study import Study
 from .against_full import MATERIAL, clamp
 
-#: Sizes by the cells of a mesh, along the bar and across; to make a basis takes the longer the larger it is, to the fourth power.
+#: Sizes by the cells of a mesh along the bar and across. The time to construct a basis grows with the fourth power of its size.
 MESHES: dict[tuple[int, int, int], tuple[int, ...]] = {(20, 4, 2): (5, 20, 30, 60), (40, 8, 6): (5, 20, 30), (50, 14, 12): (30,)}
 QUICK: dict[tuple[int, int, int], tuple[int, ...]] = {(20, 4, 2): (5, 20)}
 DT, STEPS, QUICK_STEPS = 0.01, 200, 20
-#: Tetrahedra times steps of the full model, and how often a step is measured; the least counts.
+#: Tetrahedra times steps of the full model, and the number of measurements of a step; the shortest is used.
 OF_FULL, TIMES = 50_000, 3
 SECONDS = 0.2
 
 
 def body(cells: tuple[int, int, int]) -> System:
-    """A bar under a twentieth of its weight, which bends it by as much as it is high."""
+    """Return a bar under a twentieth of its weight, with a deflection of about its height."""
     x = [np.linspace(0, length, n + 1) for length, n in zip((5.0, 1.0, 0.75), cells, strict=True)]
     return System(skfem.MeshTet.init_tensor(*x), [StVK(MATERIAL), Gravity((0.0, -0.5, 0.0))], fixed={clamp: "xyz"})
 
 
 def costs(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """Time and memory to make a basis and its coefficients, of an evaluation, and of a step beside the full model."""
+    """Yield the study of time and memory: basis and coefficients, one evaluation, and one step, reduced and full."""
     meshes, steps = (QUICK, QUICK_STEPS) if quick else (MESHES, STEPS)
     rows = []
     for cells, sizes in meshes.items():
@@ -47,8 +47,8 @@ def costs(quick: bool, folder: Path | None) -> Iterable[Study]:
         for size in sizes:
             reduced, seconds, memory = _made(full, size)
             q = 0.1 * np.cos(np.arange(size)) / (1 + np.arange(size))
-            places = iter(np.linspace(1.0, 1.1, 1_000_003))  # another state each time: the last one is remembered
-            taken = best_and_median({"WFK": partial(_another, reduced, q, places)}, SECONDS)["WFK"]
+            factors = iter(np.linspace(1.0, 1.1, 1_000_003))  # a new state in each call, because the model caches the last state
+            taken = best_and_median({"WFK": partial(_respond, reduced, q, factors)}, SECONDS)["WFK"]
             fast = (_step(reduced, one, steps) for one in (LinearBackwardEuler(DT), Newmark(DT)))
             rows.append(
                 (
@@ -61,24 +61,24 @@ def costs(quick: bool, folder: Path | None) -> Iterable[Study]:
                 )
             )
     yield Study(
-        "What reduced models cost",
+        "Costs of reduced models",
         "",
         ("tetrahedra", "model", "made in [s]", "[MB]", "W + F + K [us]", "eq. 9 [ms]", "Newmark [ms]"),
         tuple(rows),
         (),
         (
-            "made: modes, their derivatives, PCA and coefficients, all threads; [MB] at most, beside what the body has. Steps with",
-            f"their rows in the ledger, from rest under g = 0.5 m/s^2, dt = {DT:g} s; full: their own default solvers",
+            "made: modes, their derivatives, PCA and coefficients, all threads; [MB]: peak memory in addition to the full body",
+            f"steps include rows of the ledger, from rest under g = 0.5 m/s^2, dt = {DT:g} s; full: the default solvers",
         ),
     )
 
 
-def _another(reduced: ReducedSystem, q: Array, factors: Iterator[float]) -> None:
+def _respond(reduced: ReducedSystem, q: Array, factors: Iterator[float]) -> None:
     reduced.response(next(factors) * q)
 
 
 def _made(full: System, size: int) -> tuple[ReducedSystem, float, int]:
-    """The body on a basis of this size, and seconds and bytes that making it took."""
+    """Return the body on a basis of this size, and the seconds and the peak memory [bytes] of its construction."""
     modes = 20 if size > 10 else 5
     tracemalloc.start()
     try:
@@ -90,7 +90,7 @@ def _made(full: System, size: int) -> tuple[ReducedSystem, float, int]:
 
 
 def _step(system: System | ReducedSystem, integrator: Any, steps: int) -> float:
-    """Seconds of one step: the difference of a long and a short run, so that what comes once is left out."""
+    """Return the seconds of one step: the difference of a long and a short run, without the time of initialisation."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         taken = [[_run(system, integrator, n) for n in (steps, 3 * steps)] for _ in range(TIMES)]

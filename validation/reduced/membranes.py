@@ -1,4 +1,4 @@
-"""Membranes: a flat disc under a dead load, and a sheet in shear that wrinkles, against closed forms."""
+"""Studies of membranes against closed forms: a flat disc under a dead load, and a wrinkling sheet in shear."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ..statics.study import Study
 YOUNG, POISSON, THICKNESS = 1e6, 0.3, 1e-3
 #: Hencky's number at a Poisson's ratio of 0.3.
 HENCKY = 0.6534
-#: Loads `q a/(E h)`: at the last one slopes and strains are not small any more.
+#: Loads `q a/(E h)`. Slopes and strains are not small at the last one.
 LOADS, FINE = (1e-7, 1e-3, 1e-1, 10.0), 1e-6
 SHEARS, CELLS = (0.05, 0.2, 0.4), 6
 
 
 def clamped_disc(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """A flat disc clamped at its rim, without tension at first, under a dead load across: Hencky's solution."""
+    """Yield the studies of a flat disc clamped at its rim, without initial tension, under a transverse dead load (Hencky)."""
     rows, wrong = [], []
     for degree in (1, 2):
         sizes = ((2, 3, 4) if quick else (2, 3, 4, 5)) if degree == 1 else (1, 2, 3)
@@ -36,28 +36,28 @@ def clamped_disc(quick: bool, folder: Path | None) -> Iterable[Study]:
         if errors[-1] > 5e-3 or (degree == 1 and order < 1.5):
             wrong.append(f"degree {degree}: error {errors[-1]:.1e}, order {order:.2f}")
     yield Study(
-        f"A flat disc under a dead load across, q a/(E h) = {FINE:g}: error of its deflection",
-        "the middle comes to Hencky's 0.6534 a (q a/(E h))^(1/3) as the mesh gets finer",
+        f"A flat disc under a transverse dead load, q a/(E h) = {FINE:g}: error of its deflection",
+        "the deflection of the centre converges to Hencky's 0.6534 a (q a/(E h))^(1/3) under refinement",
         ("degree", "coarsest", "finer", "finer", "finest", "order"),
         tuple(rows),
         tuple(wrong),
-        ("scikit-fem's circle, of which each mesh halves the edges; Hencky's number is known to 4 digits, 1e-4 of it",),
+        ("scikit-fem's circle; each mesh halves the edges. Hencky's number has 4 digits, a relative error of 1e-4",),
     )
     ratios = [deflection(4, 1, load) for load in LOADS]
     limit = ratios[0]
     apart = [abs(ratio / limit - 1) for ratio in ratios]
     yield Study(
-        "The same under larger loads: deflection over Hencky's",
-        "Hencky's solution is for small slopes and strains: under a dead load it holds to 1e-3 up to q a/(E h) = 0.1",
+        "The same disc under larger loads: deflection divided by Hencky's",
+        "Hencky's solution assumes small slopes and strains; under a dead load it is correct to 1e-3 up to q a/(E h) = 0.1",
         tuple(f"q a/(E h) = {load:g}" for load in LOADS),
         (tuple(f"{ratio:.4f}" for ratio in ratios),),
-        () if apart[2] < 1e-3 < apart[-1] else (f"ratios {ratios}",),
-        ("linear triangles of one mesh, whose own error is in all of them",),
+        () if apart[2] < 1e-3 < apart[-1] else (f"ratios = {ratios}",),
+        ("linear triangles of one mesh, with the same error of the mesh in all values",),
     )
 
 
 def deflection(n: int, degree: int, load: float) -> float:
-    """The deflection in the middle of the unit disc over Hencky's."""
+    """Return the deflection of the centre of the unit disc divided by Hencky's."""
     circle = skfem.MeshTri.init_circle(n)
     flat = ElementMesh(np.concatenate([circle.p, np.zeros((1, circle.p.shape[1]))]), circle.t).with_degree(degree)
     edges = len(circle.boundary_facets())
@@ -75,7 +75,7 @@ def deflection(n: int, degree: int, load: float) -> float:
 
 
 def sheared_sheet(quick: bool, folder: Path | None) -> Iterable[Study]:
-    """A sheet in space whose rim is sheared: it wrinkles, and pulls along the wrinkles alone."""
+    """Yield the study of a sheet in space with a sheared rim. The sheet wrinkles and has tension only along the wrinkles."""
     rows, wrong = [], []
     for shear in SHEARS[:2] if quick else SHEARS:
         E1, slope = tension_field(shear)
@@ -92,34 +92,35 @@ def sheared_sheet(quick: bool, folder: Path | None) -> Iterable[Study]:
             figures = (f"{wanted:.6g}", f"{off:.1e}", f"{pull / closed - 1:.1e}", f"{both / closed:.3f}", f"{clamp / closed:.3f}")
             rows.append((f"{shear:g}", f"{degree}", *figures, f"{least:.3f}"))
             if off > 1e-8 or abs(pull / closed - 1) > 1e-8 or least > -0.1:
-                wrong.append(f"shear {shear:g}, degree {degree}: stress {off:.1e} off, force {pull / closed - 1:.1e}")
+                wrong.append(
+                    f"shear {shear:g}, degree {degree}: error of the stress {off:.1e}, of the force {pull / closed - 1:.1e}"
+                )
     yield Study(
-        "A sheet in shear that wrinkles: stress along the wrinkles [Pa], and force that shears it",
-        "stress and force are those of a tension field, S = E E1, to 1e-8; without wrinkling it would bear compression",
+        "A wrinkling sheet in shear: stress along the wrinkles [Pa], and shear force",
+        "stress and force agree with a tension field, S = E E1, to 1e-8; without wrinkling the sheet has compression",
         ("shear", "degree", "E E1", "off", "force off", "without: force", "clamped: force", "without: least stress"),
         tuple(rows),
         tuple(wrong),
         (
-            "unequal triangles in space, the whole rim sheared as one, nodes within pushed off; forces over that of the "
-            "closed form",
-            "clamped: edges of StVK that pull, without those that push",
+            "unequal triangles in space, the whole rim sheared, inner nodes perturbed; forces divided by the closed form",
+            "clamped: forces of the edges of StVK in tension, without the edges in compression",
         ),
     )
 
 
 def tension_field(shear: float) -> tuple[float, float]:
-    """`E1` of the strain of a simple shear, and its derivative by the shear."""
+    """Return the largest principal strain `E1` of a simple shear, and its derivative with respect to the shear."""
     half, root = shear**2 / 4, np.sqrt(shear**4 / 16 + shear**2 / 4)
     return float(half + root), float(shear / 2 + (shear**3 / 4 + shear / 2) / (2 * root))
 
 
 def shear_force(body: System, force: Array) -> float:
-    """What does the work of forces (ndofs,) as the sheet of height 1 is sheared further [N]."""
+    """Return the shear force [N] that does the work of the forces (ndofs,) when the shear of the sheet of height 1 increases."""
     return float(body.mesh.p[1] @ force.reshape(-1, 3)[:, 0])
 
 
 def sheared(shear: float, degree: int, wrinkling: bool) -> tuple[System, Array]:
-    """The body, and its displacements in equilibrium."""
+    """Return the sheet and its displacements in equilibrium."""
     rng = np.random.default_rng(5)
     x, y = np.meshgrid(np.linspace(0, 2, 2 * CELLS + 1), np.linspace(0, 1, CELLS + 1))
     p = np.stack([x.ravel(), y.ravel()])
@@ -135,7 +136,7 @@ def sheared(shear: float, degree: int, wrinkling: bool) -> tuple[System, Array]:
     u0 = np.zeros((mesh.nv, 3))
     u0[:, 0] = shear * y
     body = System(mesh, law, prescribed={tuple(rim.tolist()): {"x": shear * y[rim], "y": 0.0, "z": 0.0}})
-    if not wrinkling:  # flat, as it cannot stay in truth: it is under compression
+    if not wrinkling:  # the flat state under compression, which is unstable
         return body, u0.ravel()
     inside = np.setdiff1d(np.arange(mesh.nv), rim)
     u0[inside] += 0.01 / CELLS * rng.uniform(-1, 1, (len(inside), 3))
@@ -144,7 +145,7 @@ def sheared(shear: float, degree: int, wrinkling: bool) -> tuple[System, Array]:
 
 
 def clamped(body: System, u: Array) -> Array:
-    """(ndofs,) forces on nodes [N] of the tensions of edges that pull."""
+    """Return the nodal forces (ndofs,) [N] of the edges in tension."""
     term: Any = body.bound_terms[0]
     form, x = term.form, u.reshape(-1, 3)
     pull = np.maximum(form.tensions(x), 0)[:, None] * (form.P + form.differences(x))
@@ -155,5 +156,5 @@ def clamped(body: System, u: Array) -> Array:
 
 
 def _principal(body: System, u: Array) -> Array:
-    """(nt, 3) principal second Piola-Kirchhoff stresses [Pa], ascending."""
+    """Return the principal second Piola-Kirchhoff stresses (nt, 3) [Pa], ascending."""
     return np.asarray(np.linalg.eigvalsh(Fields.of(body).at(u)["pk2_stress"]))

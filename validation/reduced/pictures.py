@@ -1,4 +1,4 @@
-"""Pictures of reduced bodies beside full ones."""
+"""Pictures of reduced bodies next to full bodies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COLOURS = "#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
 def states_and_errors(
     mesh: ElementMesh, states: Mapping[str, Array], errors: tuple[Sequence[int], Mapping[str, Sequence[float]]], path: Path
 ) -> Path:
-    """Deformed outlines side by side, and errors against size."""
+    """Draw the deformed bodies side by side, and the errors against size; return the path of the picture."""
     figure = new_figure((11, 3.4), interactive=False)
     lowest, highest = (
         np.stack([edge(mesh.p + u.reshape(-1, mesh.d).T, axis=1) for u in states.values()]) for edge in (np.min, np.max)

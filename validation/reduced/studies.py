@@ -1,4 +1,4 @@
-"""All studies of reduced models, membranes and cables, one after the other."""
+"""Execution of the studies of reduced models, membranes and cables."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from rich.console import Console
 from skfem_stvk.terminal import WIDTH
 
 from ..statics.study import Study
-from .against_full import at_rest, in_motion, kept_energy
+from .against_full import at_rest, conserved_energy, in_motion
 from .cables import cable_net, hanging_cable, inflated_sphere
 from .costs import costs
 from .membranes import clamped_disc, sheared_sheet
 
-#: By its name: what makes one or several studies of whether it is quick, and of a folder for pictures, None for none.
+#: Functions by name. Each yields studies; its arguments are `quick` and the folder for pictures, or None without pictures.
 STUDIES: dict[str, Callable[[bool, Path | None], Iterable[Study]]] = {
     "statics": at_rest,
     "motion": in_motion,
-    "energy": kept_energy,
+    "energy": conserved_energy,
     "costs": costs,
     "cable": hanging_cable,
     "net": cable_net,
@@ -31,7 +31,7 @@ STUDIES: dict[str, Callable[[bool, Path | None], Iterable[Study]]] = {
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the studies of these names and print them; pictures go to the folder `out`. The exit code is 0 if all claims hold."""
+    """Run the studies with these names, print them and save pictures in the folder `out`. Return 0 if all claims hold."""
     folder = None if out is None else Path(out)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""One report on all claims: is the mathematics coded right, are its solutions resolved, and do they meet published values?"""
+"""Report on all claims: code verification, solution verification, and validation against published values."""
 
 from .job import Claim, Kind
 from .report import report

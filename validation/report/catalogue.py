@@ -1,4 +1,4 @@
-"""What the report runs: every part of every group, its kind, what it is held against, and where that is from."""
+"""Catalogue of the report: the parts of all groups with their kinds, references and sources."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Kind(Enum):
-    """The three questions that the report keeps apart (ASME V&V 10)."""
+    """Kinds of claims, after ASME V&V 10."""
 
     CODE = "code verification"
     SOLUTION = "solution verification"
@@ -15,16 +15,16 @@ class Kind(Enum):
 
 
 class Part(NamedTuple):
-    """A part of a group.
+    """Part of a group.
 
     Attributes
     ----------
-    kind, reference, reference_kind, source : of its claims.
-    words : what it claims, where its study does not say it in a table.
-    speed : whether it measures time, or memory over many steps, and runs only with `--speed`.
-    numbers : the function of `numbers` that computes it; empty for a study.
+    kind, reference, reference_kind, source : kind of the claims, their reference, its kind and its source.
+    words : claim of a study that prints no claim itself.
+    speed : whether the part measures time, or memory over many steps, and runs only with `--speed`.
+    numbers : name of the function in `numbers` that computes the claims; empty for a study.
     takes_quick : whether the study has a quick version.
-    whole_only : whether quick reports leave it out.
+    whole_only : whether quick reports leave the part out.
     """
 
     kind: Kind
@@ -45,8 +45,8 @@ PARTS: dict[str, dict[str, Part]] = {
     "referee": {
         "embedded": Part(CODE, "scikit-fem's assembly", OTHER_CODE, "skfem_stvk/reference", numbers="agreement"),
         "self-test": Part(CODE, "planted faults", "mutation", "docs/planted-faults.md", numbers="planted_faults"),
-        "laws": Part(CODE, "ten laws of textbooks, and mistakes in them", "mutation", "docs/verify-law.md", numbers="laws"),
-        "judged": Part(CODE, "solvers and integrators, right and wrong", "mutation", "docs/verify-solver.md", numbers="judged"),
+        "laws": Part(CODE, "ten textbook laws, and planted mistakes", "mutation", "docs/verify-law.md", numbers="laws"),
+        "judged": Part(CODE, "correct and wrong solvers and integrators", "mutation", "docs/verify-solver.md", numbers="judged"),
         "vectors": Part(CODE, "W, F and K in 50 digits", ANALYTIC, "docs/test-vectors.md", numbers="vectors"),
         "C": Part(CODE, "a program in C", OTHER_CODE, "docs/vectors.c", numbers="round_trip"),
         "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/peers.md", numbers="mujoco"),
@@ -57,7 +57,7 @@ PARTS: dict[str, dict[str, Part]] = {
     "orders": {
         "mesh": Part(SOLUTION, "2 and 1", ITSELF, "Richardson, Roache 1994", numbers="orders_in_space"),
         "time": Part(SOLUTION, "declared orders", ITSELF, "Richardson, Roache 1994", numbers="orders_in_time"),
-        "flag": Part(PUBLISHED, "CSM1 and CSM2", VALUE, "Turek and Hron 2006, FeatFlow's page", numbers="flag"),
+        "flag": Part(PUBLISHED, "CSM1 and CSM2", VALUE, "Turek and Hron 2006, FeatFlow's web page", numbers="flag"),
     },
     "part": {
         "all": Part(
@@ -65,7 +65,7 @@ PARTS: dict[str, dict[str, Part]] = {
             "scikit-fem's assembly",
             OTHER_CODE,
             "validation/part.py",
-            "F and K of a Gmsh part agree to 1e-13",
+            "F and K of a part meshed by Gmsh agree to 1e-13",
             takes_quick=False,
             whole_only=True,
         )
@@ -76,7 +76,7 @@ PARTS: dict[str, dict[str, Part]] = {
             "15 - 27 %, 27 - 38 %, 70 % fewer",
             VALUE,
             "Kikuuwe et al. 2009; the overview",
-            "operations counted on whole meshes are the sums over their entities",
+            "numbers of operations on whole meshes equal the sums over their entities",
             takes_quick=True,
         )
     },
@@ -106,7 +106,7 @@ PARTS: dict[str, dict[str, Part]] = {
         "limit": Part(CODE, "2/omega_max", ANALYTIC, "linear stability"),
         "large-steps": Part(SOLUTION, "small steps", ITSELF, "validation/dynamics/large_steps.py"),
         "fast-swings": Part(SOLUTION, "small steps", ITSELF, "validation/dynamics/fast_swings.py"),
-        "blow-ups": Part(CODE, "runs that blow up end and say so", "mutation", "validation/dynamics/blow_ups.py"),
+        "blow-ups": Part(CODE, "runs that diverge end with an error", "mutation", "validation/dynamics/blow_ups.py"),
         "tangents": Part(CODE, "the exact tangent", ANALYTIC, "validation/dynamics/tangents.py"),
         "work-precision": Part(SOLUTION, "velocity Verlet, extrapolated", ITSELF, "validation/dynamics", speed=True),
         "speed": Part(CODE, "one force", ITSELF, "validation/dynamics/real_time.py", speed=True),
@@ -124,8 +124,8 @@ PARTS: dict[str, dict[str, Part]] = {
     "models": {
         "bent": Part(CODE, "StVK on fine meshes; neo-Hookean by scikit-fem", OTHER_CODE, "validation/models"),
         "twisted": Part(CODE, "StVK on fine meshes; neo-Hookean by scikit-fem", OTHER_CODE, "validation/models"),
-        "released": Part(CODE, "energy and spin are kept", ANALYTIC, "conservation laws"),
-        "thrown": Part(CODE, "energy and spin are kept", ANALYTIC, "conservation laws"),
+        "released": Part(CODE, "conserved energy and angular momentum", ANALYTIC, "conservation laws"),
+        "thrown": Part(CODE, "conserved energy and angular momentum", ANALYTIC, "conservation laws"),
         "recoveries": Part(CODE, "the state of rest", ANALYTIC, "validation/models/recoveries.py"),
         "random-starts": Part(CODE, "eigenvalues of K", ANALYTIC, "validation/models/recoveries.py"),
         "costs": Part(CODE, "StVK", ITSELF, "validation/models/costs.py", speed=True),
@@ -133,7 +133,7 @@ PARTS: dict[str, dict[str, Part]] = {
     "reduced": {
         "statics": Part(SOLUTION, "the full body", ITSELF, "validation/reduced"),
         "motion": Part(SOLUTION, "the full body", ITSELF, "validation/reduced"),
-        "energy": Part(CODE, "energy is kept", ANALYTIC, "conservation laws"),
+        "energy": Part(CODE, "conserved energy", ANALYTIC, "conservation laws"),
         "cable": Part(PUBLISHED, "the catenary", ANALYTIC, "closed form and the chain's own equations"),
         "net": Part(CODE, "the net's own equations", ANALYTIC, "validation/reduced/cables.py"),
         "sphere": Part(PUBLISHED, "p = 2 h S/(s r)", ANALYTIC, "closed form"),
@@ -148,26 +148,34 @@ PARTS: dict[str, dict[str, Part]] = {
     | {"memory": Part(CODE, "no growth", ITSELF, "validation/hard/motion", speed=True, whole_only=True)},
     "hostile": {
         name: Part(
-            CODE, "a right result, or an error in words", "mutation", "docs/hostile.md", f"hostile inputs of the family {name}"
+            CODE,
+            "a correct result, or a readable error",
+            "mutation",
+            "docs/hostile.md",
+            f"hostile inputs of the family {name} give a correct result or a readable error",
         )
         for name in ("meshes", "physics", "checkpoints", "interruptions", "names", "scenes", "commands", "candidates", "arguments")
     },
     "fuzz": {
         "all": Part(
             CODE,
-            "a right result, or an error in words",
+            "a correct result, or a readable error",
             "mutation",
             "docs/fuzzing.md",
-            "random bodies, programs, solves, motions and files",
+            "random bodies, programs, solves, motions and files give a correct result or a readable error",
             takes_quick=False,
             whole_only=True,
         )
     },
-    "aspect": {"all": Part(CODE, "50 digits", ANALYTIC, "docs/precision.md", "flat elements", takes_quick=False, whole_only=True)},
+    "aspect": {
+        "all": Part(CODE, "50 digits", ANALYTIC, "docs/precision.md", "errors on flat elements", takes_quick=False, whole_only=True)
+    },
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
     "response": {"all": Part(SOLUTION, "static solves", ITSELF, "validation/response.py", "errors fall with h^4", whole_only=True)},
     "threads": {
-        "all": Part(CODE, "one thread", ITSELF, "docs/speed.md", "calls of four threads, to the last bit", whole_only=True)
+        "all": Part(
+            CODE, "one thread", ITSELF, "docs/speed.md", "simultaneous calls of four threads give the same bits", whole_only=True
+        )
     },
     "resumed": {
         "all": Part(
@@ -175,13 +183,15 @@ PARTS: dict[str, dict[str, Part]] = {
             "uninterrupted runs",
             ITSELF,
             "docs/dynamics.md",
-            "runs that go on from a checkpoint, to the last bit",
+            "runs resumed from a checkpoint give the same bits",
             takes_quick=False,
             whole_only=True,
         )
     },
     "bench": {
-        "all": Part(CODE, "other codes", OTHER_CODE, "docs/benchmark.md", "the benchmark measures all that it plans", speed=True)
+        "all": Part(
+            CODE, "other codes", OTHER_CODE, "docs/benchmark.md", "the benchmark measures everything in its plan", speed=True
+        )
     },
     "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
     "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},

@@ -1,4 +1,4 @@
-"""A claim with all that a reader asks of it, and the jobs of the report: each a process of its own.
+"""Claims of the report, and its jobs, each in a separate process.
 
 `python -m validation.report.job GROUP PART FILE [--quick]` runs one job and writes its claims as JSON.
 """
@@ -25,18 +25,18 @@ from .catalogue import PARTS, Kind, Part
 
 @dataclass
 class Claim:
-    """What is claimed, and what was measured.
+    """Claim with its reference and its outcome.
 
     Attributes
     ----------
     kind : code verification, solution verification, or validation against published values.
-    group, part, name, words : where it stands, and what it says.
-    reference, reference_kind, source : what it is held against, of which kind that is, and where it is from.
-    outcome : "holds", "does not hold", "measured" (where nothing is claimed) or "missing".
-    value, expected, error, tolerance, reason : of a number: computed, reference, error, what is allowed and why.
-    previous : the value of the run that this one is compared with.
-    failures, columns, rows, notes : of a study: what contradicts the claim, and its table.
-    seconds : of the job.
+    group, part, name, words : group and part of the catalogue, name, and text of the claim.
+    reference, reference_kind, source : reference, its kind, and its source.
+    outcome : "holds", "does not hold", "measured" (a study without a claim) or "missing".
+    value, expected, error, tolerance, reason : for a number: computed value, reference value, error, allowed error and its reason.
+    previous : value in the earlier run of a comparison.
+    failures, columns, rows, notes : for a study: contradictions to the claim, and the table.
+    seconds : time of the job [s].
     """
 
     kind: str
@@ -62,12 +62,12 @@ class Claim:
 
     @property
     def key(self) -> str:
-        """By which the same claim of another run is found."""
+        """Key of the claim, equal in all runs."""
         return f"{self.group}/{self.part}/{self.name}"
 
 
 def of_number(number: numbers.Number, kind: Kind, group: str, part: str) -> Claim:
-    """The claim of a number: it holds if it is within its tolerance, and what is not a number does not."""
+    """Return the claim of a number. It holds if the error is within the tolerance; NaN and infinity do not hold."""
     error = abs(number.value - number.expected)
     if number.relative and number.expected:
         error /= abs(number.expected)
@@ -81,7 +81,7 @@ def of_number(number: numbers.Number, kind: Kind, group: str, part: str) -> Clai
 
 
 def of_study(found: study.Study, part: Part, group: str, name: str) -> Claim:
-    """The claim of a study, with its table."""
+    """Return the claim of a study, with its table."""
     outcome = "measured" if not found.claim and found.passed else "holds" if found.passed else "does not hold"
     title = found.name or name
     claim = Claim(part.kind.value, group, name, title, found.claim, part.reference, part.reference_kind, part.source, outcome)
@@ -91,7 +91,7 @@ def of_study(found: study.Study, part: Part, group: str, name: str) -> Claim:
 
 
 def claims_of(group: str, name: str, quick: bool) -> Iterator[Claim]:
-    """The claims of one part of a group; whatever it prints is kept with the last one, if it is no study."""
+    """Yield the claims of one part of a group. If the part has no studies, its claim gets the last printed lines as notes."""
     part = PARTS[group][name]
     if part.numbers:
         compute: Callable[[bool], Iterator[numbers.Number]] = getattr(numbers, part.numbers)

@@ -1,4 +1,4 @@
-"""All claims of all parts in one report: HTML, JSON and a table, compared with an earlier run."""
+"""Report on all claims of all parts in HTML, JSON and a table, with a comparison with an earlier run."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from skfem_stvk.terminal import WIDTH, grid
 from .catalogue import PARTS, Kind
 from .job import Claim
 
-#: Seconds that a job may take.
+#: Time limits of a job [s], for quick and whole reports.
 MOST = {True: 400.0, False: 1800.0}
 MARKS = {"holds": "green", "does not hold": "bold red", "missing": "yellow", "measured": "dim"}
 PROCESSES = 2
-#: Group and part.
 
+#: Group and part.
 Job = tuple[str, str]
 
 
@@ -43,9 +43,9 @@ def report(
     compare: str | None = None,
     resume: bool = False,
 ) -> int:
-    """Run the claims of these groups, all by default. Write the report after each part, so that a run that is ended can be resumed.
+    """Run the claims of these groups, by default of all groups, and return 0 if all claims hold and none is missing.
 
-    Return 0 if all claims hold and none is missing.
+    The report is written after each part, so that an interrupted run can be resumed.
     """
     before = {} if compare is None else _read(compare)
     jobs = _jobs(groups, quick, speed)
@@ -62,8 +62,8 @@ def report(
     for job, claims in _run_all([job for job in jobs if job not in found], quick):
         found[job] = claims
         outcomes = Counter(claim.outcome for claim in claims)
-        said = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
-        console.print(f"{', '.join(job)}: {said} ({max((claim.seconds for claim in claims), default=0.0):.0f} s)")
+        counts = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+        console.print(f"{', '.join(job)}: {counts} ({max((claim.seconds for claim in claims), default=0.0):.0f} s)")
         if out is not None:
             _write(data(), Path(out))
     last = data()
@@ -74,7 +74,7 @@ def report(
 
 
 def _run_all(jobs: Sequence[Job], quick: bool) -> Iterator[tuple[Job, list[Claim]]]:
-    """Yield each job with its claims when it ends."""
+    """Yield each job with its claims as soon as the job ends."""
     with ThreadPoolExecutor(PROCESSES) as pool:
         running = {pool.submit(_run, *job, quick): job for job in jobs}
         try:
@@ -85,7 +85,7 @@ def _run_all(jobs: Sequence[Job], quick: bool) -> Iterator[tuple[Job, list[Claim
 
 
 def _write(data: dict[str, Any], folder: Path) -> None:
-    """Write the report; a reader finds the one before or this one, never a part."""
+    """Write the report. Files are replaced as a whole, so that a reader never finds an incomplete file."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in (("validation.json", json.dumps(data, indent=1)), ("validation.html", page(data))):
         with replacing(folder / name) as part:
@@ -93,9 +93,9 @@ def _write(data: dict[str, Any], folder: Path) -> None:
 
 
 def _earlier(out: str | None, quick: bool) -> tuple[dict[Job, list[Claim]], float]:
-    """Return the claims by job that the report in this folder has, without missing ones, and the seconds that they took."""
+    """Return the claims by job in the report of this folder, without jobs that have missing claims, and their time [s]."""
     if out is None:
-        raise StvkError("--resume needs the folder of the report that is resumed. Add --out FOLDER.")
+        raise StvkError("--out is missing; expected the folder of the report for --resume. Add --out FOLDER.")
     file = Path(out) / "validation.json"
     if not file.exists():
         return {}, 0.0
@@ -104,10 +104,10 @@ def _earlier(out: str | None, quick: bool) -> tuple[dict[Job, list[Claim]], floa
         given, seconds = (data["provenance"]["commit"], data["quick"]), float(data["seconds"])
         claims = [Claim(**claim) for claim in data["claims"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StvkError(f"{file} is no report of this command ({type(error).__name__}: {error}). Leave --resume out.") from error
+        raise StvkError(f"{file} is not a report of this command ({type(error).__name__}: {error}). Omit --resume.") from error
     if given != (_commit(), quick):
-        raise StvkError(f"{file} has commit, quick = {given}; expected {(_commit(), quick)}, those of this run: "
-                        "claims of two versions are not mixed. Leave --resume out to begin again.")  # fmt: skip
+        raise StvkError(f"{file} has commit, quick = {given}; expected {(_commit(), quick)}, the values of this run, because a "
+                        "report must not mix two versions. Omit --resume to start again.")  # fmt: skip
     found: dict[Job, list[Claim]] = {}
     for claim in claims:
         found.setdefault((claim.group, claim.part), []).append(claim)
@@ -115,10 +115,10 @@ def _earlier(out: str | None, quick: bool) -> tuple[dict[Job, list[Claim]], floa
 
 
 def _jobs(groups: Sequence[str], quick: bool, speed: bool) -> list[Job]:
-    """Groups and parts that are run: what measures time only if it is asked for."""
+    """Return the groups and parts to run. Parts that measure time are included only if `speed`."""
     unknown = [group for group in groups if group not in PARTS]
     if unknown:
-        raise StvkError(f"There is no group {', '.join(unknown)}; there are {', '.join(PARTS)}.")
+        raise StvkError(f"groups = {', '.join(unknown)}; expected some of {', '.join(PARTS)}.")
     return [
         (group, name)
         for group in groups or PARTS
@@ -128,34 +128,34 @@ def _jobs(groups: Sequence[str], quick: bool, speed: bool) -> list[Job]:
 
 
 def _run(group: str, name: str, quick: bool) -> list[Claim]:
-    """The claims of one part, run in a process of its own; one that is missing if that crashed, or took too long."""
+    """Run one part in a separate process and return its claims. If the process failed or took too long, the claim is missing."""
     part, start = PARTS[group][name], time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "claims.json"
         command = [sys.executable, "-m", "validation.report.job", group, name, str(file)] + ["--quick"] * quick
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=MOST[quick], cwd=Path(__file__).parents[2])
-            why = done.stderr.strip().splitlines()[-1:] or [f"it ended with exit code {done.returncode}"]
+            why = done.stderr.strip().splitlines()[-1:] or [f"the job ended with exit code {done.returncode}"]
         except subprocess.TimeoutExpired:
-            why = [f"it took longer than {MOST[quick]:.0f} s"]
+            why = [f"the job took longer than {MOST[quick]:.0f} s"]
         if file.exists():
             found = [Claim(**claim) for claim in json.loads(file.read_text(encoding="utf-8"))]
             if found:
                 return found
-            why = ["it made no claim"]
+            why = ["the job made no claim"]
     missing = Claim(part.kind.value, group, name, part.words or name, part.words, part.reference, part.reference_kind, part.source)
     missing.outcome, missing.failures, missing.seconds = "missing", why, time.perf_counter() - start
     return [missing]
 
 
 def _read(name: str) -> dict[str, float | None]:
-    """Values of an earlier report, by the claim's key."""
+    """Return the values of an earlier report by the keys of the claims."""
     try:
         data = json.loads(Path(name).read_text(encoding="utf-8"))
         return {f"{c['group']}/{c['part']}/{c['name']}": c["value"] for c in data["claims"]}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StvkError(f"--compare {name} is no report of this command ({type(error).__name__}: {error}); expected a "
-                        "validation.json that an earlier run wrote.") from error  # fmt: skip
+        raise StvkError(f"--compare {name} is not a report of this command ({type(error).__name__}: {error}); expected the "
+                        "validation.json of an earlier run.") from error  # fmt: skip
 
 
 def _data(claims: Sequence[Claim], unfinished: Sequence[str], quick: bool, speed: bool, seconds: float) -> dict[str, Any]:
@@ -168,7 +168,7 @@ def _data(claims: Sequence[Claim], unfinished: Sequence[str], quick: bool, speed
         "quick": quick,
         "unfinished": list(unfinished),
         "not run without --speed": skipped,
-        "provenance": circumstances(PACKAGES) | {"commit": _commit(), "seeds": "stand in the sources; the referee's is 0"},
+        "provenance": circumstances(PACKAGES) | {"commit": _commit(), "seeds": "fixed in the sources; 0 for the referee"},
         "claims": [asdict(claim) for claim in claims],
     }
 
@@ -184,7 +184,7 @@ def _commit() -> str:
 
 
 def page(data: dict[str, Any]) -> str:
-    """The report as one HTML file that needs no other."""
+    """Return the report as one self-contained HTML file."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -206,7 +206,7 @@ def _print(console: Console, claims: Sequence[Claim], data: dict[str, Any]) -> N
         console.print(table)
     for claim in claims:
         if claim.outcome in ("does not hold", "missing"):
-            why = "; ".join(claim.failures or claim.notes[-1:])  # of a study, or of a command that says it in its last line
+            why = "; ".join(claim.failures or claim.notes[-1:])  # the last note of a command is its last line
             if not claim.failures and claim.error is not None and claim.tolerance is not None:
                 why = f"{claim.error:.3g} > {claim.tolerance:.3g}: {claim.reason}"
             console.print(
@@ -216,7 +216,7 @@ def _print(console: Console, claims: Sequence[Claim], data: dict[str, Any]) -> N
         c for c in claims if c.previous is not None and c.value is not None and abs(c.value - c.previous) > 1e-6 * abs(c.previous)
     ]
     if data["compared with"] is not None:
-        console.print(f"{len(moved)} values moved since {data['compared with']}: {', '.join(c.name for c in moved[:10])}")
+        console.print(f"{len(moved)} values changed since {data['compared with']}: {', '.join(c.name for c in moved[:10])}")
     counts = ", ".join(f"{count} {outcome}" for outcome, count in data["counts"].items())
     verdict = "[bold green]ALL HOLD[/]" if data["holds"] else "[bold red]NOT ALL HOLD[/]"
     console.print(f"{verdict}: {counts} in {data['seconds']:.0f} s")

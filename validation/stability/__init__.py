@@ -1,4 +1,4 @@
-"""Limit points, buckling and the end of ellipticity: solves where structures and the law give way, against closed forms."""
+"""Studies of limit points, buckling and loss of ellipticity against closed forms and independent solutions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ NAMES = ("snap-through", "arch", "dome", "column", "corotated", "post-buckling",
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """limit points, bifurcations and loss of ellipticity against closed forms and independent solves; `--out` draws the paths"""
+    """compare limit points, bifurcations and loss of ellipticity with closed forms and independent solves; `--out` draws paths"""
     from .studies import run
 
     return run(only or NAMES, quick, out)

@@ -1,9 +1,9 @@
-"""Euler's column, clamped at its foot and free at its head: the load at which it buckles, and how.
+"""Study of Euler's column, clamped at its foot and free at its head: buckling load and buckling mode.
 
     P_E = pi^2 E I/(4 L^2)        v(x) = 1 - cos(pi x/(2 L))
 
-A body of height h differs from it by what its compression and its shear do, of order (h/L)^2; nu = 0, and no imperfection: the
-straight path is an exact solution, from which the other one branches off.
+A body of height h differs from Euler's column by compression and shear, by the order (h/L)^2. With nu = 0 and without imperfection,
+the straight path is an exact solution, and the buckled path branches off it.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from .limit_points import Convergence, first, through
 
 YOUNG, LENGTH = 1.2e7, 1.0
 SLENDER = (10, 20, 40)
-#: Elements through the height; as many along it as make them square.
+#: Elements through the height; the number of elements along the column makes them square.
 FINE = (2, 4, 8, 16)
-#: Extrapolated over meshes; and over slenderness, too, where nothing but the extrapolations' own errors is left.
+#: Limits after extrapolation over meshes, and after extrapolation over slenderness, which leaves only errors of extrapolation.
 LIMIT, THIN_LIMIT = 1e-2, 3e-4
-MEANT = 20  # the slenderness from which on they are Euler's, to 1 %
+MEANT = 20  # smallest slenderness at which loads agree with Euler's load to 1 %
 MODE_LIMIT = 1e-3
-#: Where the path ends, in Euler's loads: coarse meshes are too stiff.
+#: Load at the end of the path, in Euler's loads; above 1, because coarse meshes are too stiff.
 LAST = 1.8
 
 
 class Column(NamedTuple):
-    """A column of length 1 and height `1/slenderness` [m], of a unit of depth; `fine` elements through the height."""
+    """Column of length 1 m, height `1/slenderness` [m] and unit depth, with `fine` elements through the height."""
 
     slenderness: int
     fine: int
@@ -45,25 +45,28 @@ class Column(NamedTuple):
 
     @property
     def euler_load(self) -> float:
-        """`P_E` [N]"""
+        """Euler's load `P_E` [N]."""
         return float(np.pi**2 * YOUNG * self.height**3 / 12 / (4 * LENGTH**2))
 
     def mesh(self) -> ElementMesh:
-        """Strip of triangles, its middle on the x-axis."""
+        """Return a strip of triangles whose middle line is on the x-axis."""
         return strip(self.slenderness * self.fine, self.fine, lambda a, b: (LENGTH * a, self.height * (b - 0.5)))
 
     def system(self, mesh: ElementMesh) -> System:
-        """Clamped at x = 0, pressed by Euler's load at x = L; `mesh` may be its own, with an imperfection."""
+        """Return the column, clamped at x = 0, with Euler's load at x = L.
+
+        `mesh` is `self.mesh()`, possibly with an imperfection.
+        """
         head = self.mesh().p[0] == LENGTH
         press = Traction(head, (-self.euler_load / self.height, 0))
         return System(mesh, [StVK(young=YOUNG, poisson=0.0), press], fixed=[(self.mesh().p[0] == 0, "xy")])
 
     def middle(self) -> NDArray[np.int64]:
-        """Vertices on the middle line, from foot to head."""
+        """Return the vertices on the middle line, from foot to head."""
         return np.arange(self.fine // 2, (self.slenderness * self.fine + 1) * (self.fine + 1), self.fine + 1)
 
     def buckled(self) -> CriticalPoint:
-        """The first bifurcation of the straight path."""
+        """Return the first bifurcation of the straight path."""
         return first(through(self.system(self.mesh()), Stop(load=LAST), steps=4), "bifurcation")
 
 
@@ -80,16 +83,18 @@ def column(quick: bool = False) -> Study:
     ]
     rows.append(("extrapolated to h/L = 0", *[""] * len(fine), f"{thin:.5f}", ""))
     failures = [
-        f"L/h = {s}: extrapolated to {one.limit:.5f}" for s, one in found.items() if s >= MEANT and not abs(one.limit - 1) <= LIMIT
+        f"L/h = {s}: extrapolated load = {one.limit:.5f} of Euler's load"
+        for s, one in found.items()
+        if s >= MEANT and not abs(one.limit - 1) <= LIMIT
     ]
     failures += [
-        f"L/h = {s}: the mode is off by {mode:.1e}" for s, mode in zip(slender, modes, strict=True) if not mode <= MODE_LIMIT
+        f"L/h = {s}: error of the mode = {mode:.1e}" for s, mode in zip(slender, modes, strict=True) if not mode <= MODE_LIMIT
     ]
     if not abs(thin - 1) <= THIN_LIMIT:
-        failures.append(f"thin columns tend to {thin:.5f} of Euler's load")
+        failures.append(f"limit of thin columns = {thin:.5f} of Euler's load")
     return Study(
         "Euler's column",
-        f"extrapolated within {LIMIT:.0%} of Euler's load from L/h = {MEANT} on, within {THIN_LIMIT:.2%} for thin ones; the mode "
+        f"extrapolated load within {LIMIT:.0%} of Euler's load for L/h >= {MEANT}, within {THIN_LIMIT:.2%} for thin columns; mode "
         f"within {MODE_LIMIT:g}",
         ("load / Euler's", *(f"{n} through h" for n in fine), "extrapolated", "mode off by"),
         tuple(rows),
@@ -99,7 +104,7 @@ def column(quick: bool = False) -> Study:
 
 
 def mode_error(body: Column, point: CriticalPoint) -> float:
-    """Largest distance of the mode's deflection from Euler's, both 1 at the head."""
+    """Return the largest difference between the mode's deflection and Euler's; both are 1 at the head."""
     deflection = point.mode.reshape(-1, 2)[body.middle(), 1]
     x = np.linspace(0, 1, len(deflection))
     return float(np.abs(deflection / deflection[-1] - (1 - np.cos(np.pi * x / 2))).max())

@@ -1,7 +1,8 @@
-"""Euler's column of a corotated law: frames of elements buckle with StVK, frames of nodes earlier, on any mesh.
+"""Study of Euler's column with corotated laws.
 
-With nu = 0 the straight path is an exact solution of each law, `u = (-e x, 0)`, so that no solve along it is needed. The tangent of
-frames of nodes is not symmetric; the critical load is where its eigenvalue of the least size vanishes.
+With rotations of elements, the column buckles at the load of StVK on any mesh; with rotations of nodes, at a smaller load. With
+nu = 0 the straight path is an exact solution of each law, `u = (-e x, 0)`, so that no solve along the path is needed. The tangent
+with rotations of nodes is not symmetric. At the critical load, its eigenvalue with the smallest modulus vanishes.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ LAWS: dict[str, Callable[..., Any]] = {
     "Corotated": Corotated,
     'Corotated(rotation="vertex")': partial(Corotated, rotation="vertex"),
 }
-#: StVK on quadratic triangles against Euler's load; Corotated against StVK on the same mesh.
+#: Limits for StVK on quadratic triangles against Euler's load, and for Corotated against StVK on the same mesh.
 EULER_LIMIT, LIMIT = 1e-2, 5e-3
-#: Where the critical load is looked for, in Euler's loads.
+#: Interval of the search for the critical load, in Euler's loads.
 AROUND = 0.5, 4.0
 
 
@@ -45,7 +46,7 @@ def meshes() -> dict[str, Any]:
 
 
 def critical_load(mesh: Any, law: Any) -> float:
-    """Return the load at which the straight column buckles, in Euler's loads."""
+    """Return the load at which the straight column buckles, divided by Euler's load."""
     system = System(mesh, law, fixed={lambda x: x[0] == 0: "xyz"[: mesh.p.shape[0]]})
     x, d = system.mesh.p[0], system.mesh.d
     shortening = np.pad(-x[:, None], ((0, 0), (0, d - 1))).ravel()
@@ -63,7 +64,7 @@ def critical_load(mesh: Any, law: Any) -> float:
 
 
 def corotated(quick: bool = False) -> Study:
-    """a corotated column buckles with StVK's, within 0.5 %; frames of nodes buckle earlier"""
+    """a corotated column buckles at the load of StVK, within 0.5 %; with rotations of nodes at a smaller load"""
     loads = {name: [critical_load(mesh, law(young=YOUNG, poisson=0.0)) for law in LAWS.values()] for name, mesh in meshes().items()}
     failures = [f"{name}: {own:.5f}, StVK {stvk:.5f}" for name, (stvk, own, _) in loads.items() if not abs(own / stvk - 1) <= LIMIT]
     stvk = loads["quadratic triangles, 2 through h"][0]
@@ -75,5 +76,5 @@ def corotated(quick: bool = False) -> Study:
         ("load / Euler's", *LAWS, "vertex / StVK"),
         tuple((name, *(f"{load:.5f}" for load in row), f"{row[-1] / row[0]:.3f}") for name, row in loads.items()),
         tuple(failures),
-        (f"L/h = {SLENDERNESS}, nu = 0; no claim is made for frames of nodes",),
+        (f"L/h = {SLENDERNESS}, nu = 0; there is no claim for rotations of nodes",),
     )

@@ -1,10 +1,12 @@
-"""Where strong ellipticity is lost: the smallest eigenvalue of the acoustic tensor vanishes at the closed stretches.
+"""Study of the loss of strong ellipticity: the smallest eigenvalue of the acoustic tensor vanishes at stretches in closed form.
 
-Q(n) = (lam + mu) f f' + mu F F' + (n . S n) I,   f = F n
+    Q(n) = (lam + mu) f f' + mu F F' + (n . S n) I,   f = F n
 
-hydrostatic              F = s I           s^2 = (1 + nu)/(2 - nu)
-plane strain, equal      F = diag(s, s)    s^2 = 1/(2 (1 - nu))
-uniaxial strain          F = diag(s, 1)    see `uniaxial`
+The critical stretches are:
+
+    hydrostatic              F = s I           s^2 = (1 + nu)/(2 - nu)
+    plane strain, equal      F = diag(s, s)    s^2 = 1/(2 (1 - nu))
+    uniaxial strain          F = diag(s, 1)    see `uniaxial`
 """
 
 from __future__ import annotations
@@ -25,27 +27,27 @@ from ..statics.study import Study
 from .not_found import NotFoundError
 
 YOUNG, POISSON = 1.0e5, (0.0, 0.3, 0.45)
-#: Of the stretch: eigenvalues vanish with a slope of about E, and are good to 1e-13 of it.
+#: Limit of the error of the stretch. Eigenvalues vanish with a slope of about E and have errors of 1e-13 E.
 LIMIT = 1e-9
-#: Of stretches in which it is looked for.
+#: Interval of stretches for the search.
 RANGE = 0.5, 0.999
 
 
 def hydrostatic(nu: float) -> float:
-    """`s` at which waves across every direction stop: `mu s^2 + (3 lam + 2 mu)(s^2 - 1)/2 = 0`."""
+    """Return the stretch `s` at which the speed of transverse waves vanishes: `mu s^2 + (3 lam + 2 mu)(s^2 - 1)/2 = 0`."""
     return float(np.sqrt((1 + nu) / (2 - nu)))
 
 
 def equal(nu: float) -> float:
-    """`s` at which waves in the plane stop: `mu s^2 + (lam + mu)(s^2 - 1) = 0`."""
+    """Return the stretch `s` at which the speed of waves in the plane vanishes: `mu s^2 + (lam + mu)(s^2 - 1) = 0`."""
     return float(np.sqrt(1 / (2 * (1 - nu))))
 
 
 def uniaxial(nu: float) -> float:
-    """`s` at which waves in the plane of the strain's axis stop.
+    """Return the stretch `s` at which the speed of waves in a plane of the strain's axis vanishes.
 
-    With `x = n_1^2`, `e = (s^2 - 1)/2`, `det Q(x)` is quadratic: `a = 4 mu (lam + 2 mu) e^2`, `b = e B`, `c`. It touches zero where
-    `B^2 = 16 mu (lam + 2 mu) c`, for `mu = 1`, `lam = l = 2 nu/(1 - 2 nu)` and `y = s^2` the smaller root of
+    With `x = n_1^2`, `e = (s^2 - 1)/2`, `det Q(x)` is quadratic: `a = 4 mu (lam + 2 mu) e^2`, `b = e B`, `c`. The double root of
+    `det Q` has `B^2 = 16 mu (lam + 2 mu) c`. For `mu = 1`, `lam = l = 2 nu/(1 - 2 nu)`, this gives `y = s^2` as the smaller root of
 
         ((1 + l)(2 + l) y + 4 - l - l^2)^2 = 4 (2 + l)((2 + l) y - l)(l y + 4 + l)
 
@@ -59,7 +61,7 @@ def uniaxial(nu: float) -> float:
 
 
 class Case(NamedTuple):
-    """Homogeneous states by the dimension of simplices and their stretches, and where ellipticity is lost, by nu."""
+    """Homogeneous state: dimension of the simplices, principal stretches as functions of s, and the critical s by nu."""
 
     name: str
     k: int
@@ -76,11 +78,11 @@ CASES = (
 
 
 def ellipticity(quick: bool = False) -> Study:
-    """the smallest acoustic eigenvalue vanishes where strong ellipticity is lost in closed form"""
+    """the smallest acoustic eigenvalue vanishes at the stretches at which closed forms predict loss of strong ellipticity"""
     found = [(case.name, nu, case.critical(nu), lost(case, nu, n=2 if quick else 4)) for case in CASES for nu in POISSON]
     return Study(
         "Loss of strong ellipticity",
-        f"the smallest acoustic eigenvalue of all elements vanishes at the closed stretches to {LIMIT:g}",
+        f"the smallest acoustic eigenvalue of all elements vanishes at the stretches of the closed forms, to {LIMIT:g}",
         ("state", "nu", "closed form", "first element", "last element", "off"),
         tuple(
             (name, f"{nu:g}", f"{s:.10f}", *(f"{one:.10f}" for one in ends), f"{_off(s, ends):.1e}") for name, nu, s, ends in found
@@ -88,7 +90,7 @@ def ellipticity(quick: bool = False) -> Study:
         tuple(
             f"{name}, nu = {nu:g}: lost at {ends}, expected {s:.10f}" for name, nu, s, ends in found if not _off(s, ends) <= LIMIT
         ),
-        ("unstructured meshes, inner vertices moved at random, half of the simplices turned round, every state rotated",),
+        ("unstructured meshes, random inner vertices, half of the simplices with negative orientation, every state rotated",),
     )
 
 
@@ -97,12 +99,12 @@ def _off(s: float, ends: tuple[float, float]) -> float:
 
 
 def lost(case: Case, nu: float, n: int) -> tuple[float, float]:
-    """The stretches at which the first and the last element of a mesh lose it."""
+    """Return the stretches at which the first and the last element of a mesh lose strong ellipticity."""
     mesh = moved_box(case.k, n)
-    fields, turn = Fields(mesh, StVK(young=YOUNG, poisson=nu)), rotation(case.k)
+    fields, R = Fields(mesh, StVK(young=YOUNG, poisson=nu)), rotation(case.k)
 
     def eigenvalues(s: float) -> Array:
-        F = turn @ np.diag(case.stretches(s))
+        F = R @ np.diag(case.stretches(s))
         values = fields.at(((F - np.eye(case.k)) @ mesh.p).T.ravel())["smallest_acoustic_eigenvalue"]
         return np.asarray(values) / YOUNG
 
@@ -116,6 +118,6 @@ def _root(function: Callable[[float], float]) -> float:
 
 
 def rotation(k: int) -> Array:
-    """Some rotation of a plane, or of space about (1, 2, 3)."""
-    turned: Array = Rotation.from_rotvec(np.array([0.3, 0.6, 0.9]) if k == 3 else np.array([0.0, 0.0, 0.7])).as_matrix()
-    return turned[:k, :k]
+    """Return a rotation in the plane, or in space about (1, 2, 3)."""
+    R: Array = Rotation.from_rotvec(np.array([0.3, 0.6, 0.9]) if k == 3 else np.array([0.0, 0.0, 0.7])).as_matrix()
+    return R[:k, :k]

@@ -1,4 +1,4 @@
-"""Limit loads by displacement control on scikit-fem's elements, which share nothing with edges or with the arc length."""
+"""Limit loads by displacement control on scikit-fem's elements, independent of the edge form and of the arc-length method."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from skfem_stvk.arguments import Array
 
 from .not_found import NotFoundError
 
-#: Of a basis and its function of a number: the gradient as (3, 3, nt, nq).
+#: Function of a basis and a discrete field that returns the gradient (3, 3, nt, nq).
 Gradient = Callable[[Any, Any], Array]
 
 I3 = np.eye(3)
-#: Newton's method ends where the residual is below this part of the internal force, reactions included.
+#: Relative tolerance and largest number of iterations of Newton's method. The scale is the internal force with reactions.
 RTOL, MOST = 1e-9, 30
 
 
 def cartesian(basis: skfem.Basis, v: Any) -> Array:
-    """Gradient of a displacement in the plane or in space."""
+    """Return the gradient of a displacement in the plane or in space, padded to (3, 3, nt, nq)."""
     grad = np.asarray(v.grad)
     across = 3 - len(grad)
     return np.pad(grad, ((0, across), (0, across), (0, 0), (0, 0)))
 
 
 def axisymmetric(basis: skfem.Basis, v: Any) -> Array:
-    """Gradient in the coordinates (r, z, theta) of a displacement in the half plane r > 0."""
+    """Return the gradient in the coordinates (r, z, theta) of a displacement in the half plane r > 0."""
     gradient = cartesian(basis, v)
     gradient[2, 2] = np.asarray(v)[0] / np.asarray(basis.global_coordinates())[0]
     return gradient
 
 
 class Point(NamedTuple):
-    """An equilibrium: the controlled displacement `w` [m], the load factor, all displacements, and how these two grow with `w`."""
+    """Equilibrium: controlled displacement `w` [m], load factor `t`, displacements `u`, and derivatives of `t` and `u` by `w`."""
 
     w: float
     t: float
@@ -53,15 +53,15 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class Body:
-    """An elastic body under a dead load that grows with one factor.
+    """Elastic body under a dead load with one load factor.
 
     Parameters
     ----------
-    basis : of vector elements.
+    basis : basis of vector elements.
     lam, mu : Lame constants [Pa].
     load : (N,) nodal forces at the load factor 1 [N].
-    free : degrees of freedom that move.
-    control : the one whose displacement is prescribed.
+    free : unconstrained degrees of freedom.
+    control : degree of freedom with prescribed displacement.
     gradient : `cartesian` or `axisymmetric`.
     """
 
@@ -74,7 +74,10 @@ class Body:
     gradient: Gradient = cartesian
 
     def force_and_tangent(self, u: Array) -> tuple[Array, csr_matrix]:
-        """Internal force (N,) [N] and tangent (N, N) [N/m]: integrals of `P : grad v` and `grad du : dP/dF : grad v`."""
+        """Return the internal force (N,) [N] and the tangent (N, N) [N/m].
+
+        They are the integrals of `P : grad v` and `grad du : dP/dF : grad v`.
+        """
         F = (self._gradients @ u).reshape(-1, 3, 3) + I3
         S = self._stress((F.swapaxes(1, 2) @ F - I3) / 2)
         dF = np.eye(9).reshape(9, 1, 3, 3)
@@ -86,12 +89,12 @@ class Body:
         return force, csr_matrix(self._gradients.T @ bsr_matrix((moduli, blocks[:-1], blocks)) @ self._gradients)
 
     def _stress(self, E: Array) -> Array:
-        """Second Piola-Kirchhoff stress [Pa]."""
+        """Return the second Piola-Kirchhoff stress [Pa]."""
         return self.lam * np.trace(E, axis1=-2, axis2=-1)[..., None, None] * I3 + 2 * self.mu * E
 
     @cached_property
     def _weights(self) -> Array:
-        """(n,) volumes of the quadrature points."""
+        """Volumes of the quadrature points (n,)."""
         weights = np.asarray(self.basis.dx)
         if self.gradient is axisymmetric:
             weights = weights * 2 * np.pi * np.asarray(self.basis.global_coordinates())[0]
@@ -99,7 +102,7 @@ class Body:
 
     @cached_property
     def _gradients(self) -> csr_matrix:
-        """(9 n, N) from displacements to gradients at the quadrature points."""
+        """Matrix (9 n, N) from displacements to gradients at the quadrature points."""
         points = np.arange(self.basis.dx.size).reshape(self.basis.dx.shape)
         rows, columns, values = [], [], []
         for i, (v,) in enumerate(self.basis.basis):
@@ -113,7 +116,7 @@ class Body:
 
 
 def path(body: Body, displacements: Array) -> Iterator[Point]:
-    """Equilibria at these displacements of the controlled degree of freedom, from rest."""
+    """Yield the equilibria at these displacements of the controlled degree of freedom, starting from rest."""
     point = Point(0.0, 0.0, body.basis.zeros(), 0.0, body.basis.zeros())
     for w in displacements:
         point = equilibrium(body, point, float(w))
@@ -121,12 +124,12 @@ def path(body: Body, displacements: Array) -> Iterator[Point]:
 
 
 def limit_point(body: Body, displacements: Array) -> Point:
-    """The first state on the path at which the load factor has no slope.
+    """Return the first state on the path at which the derivative of the load factor vanishes.
 
     Raises
     ------
     NotFoundError
-        if there is none between these displacements.
+        if there is no limit point between these displacements.
     """
     for before, after in pairwise(path(body, displacements)):
         if before.slope * after.slope <= 0:
@@ -142,7 +145,7 @@ def _between(body: Body, before: Point, after: Point) -> Point:
 
 
 def equilibrium(body: Body, start: Point, w: float) -> Point:
-    """The state in which the controlled displacement is `w`, by Newton's method for displacements and load factor together."""
+    """Return the equilibrium with the controlled displacement `w`, by Newton's method for displacements and load factor."""
     u, t = start.u + (w - start.w) * start.rate, start.t + (w - start.w) * start.slope
     free, load = body.free, body.load[body.free]
     column = csr_matrix(load[:, None])
@@ -160,4 +163,4 @@ def equilibrium(body: Body, start: Point, w: float) -> Point:
         step = bordered.solve(-residual)
         u[free] += step[:-1]
         t += step[-1]
-    raise NotFoundError(f"Displacement control found no equilibrium at {w:g}.")
+    raise NotFoundError(f"Displacement control found no equilibrium at w = {w:g}.")

@@ -1,4 +1,4 @@
-"""Paths by their length, their first limit points, and what these tend to on finer meshes."""
+"""Arc-length paths, their first critical points, and the convergence of these under refinement."""
 
 from __future__ import annotations
 
@@ -16,19 +16,22 @@ from .not_found import NotFoundError
 
 
 def through(system: System, stop: Stop, steps: int, **options: Any) -> StaticResult:
-    """A path by its length, whatever the state in which it ends and the elements that soften on the way."""
+    """Return a path by the arc-length method.
+
+    The path may end without success, and warnings about softening elements are ignored.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         return solve_static(system, steps, method="arc-length", stop=stop, quiet=True, raise_on_failure=False, **options)
 
 
 def first(result: StaticResult, kind: str) -> CriticalPoint:
-    """The first "limit point" or "bifurcation" of a path.
+    """Return the first "limit point" or "bifurcation" of a path.
 
     Raises
     ------
     NotFoundError
-        if there is none, or it was not resolved.
+        if there is no such point, or it was not resolved.
     """
     point = next((point for point in result.critical_points if point.kind == kind), None)
     if point is None:
@@ -38,34 +41,34 @@ def first(result: StaticResult, kind: str) -> CriticalPoint:
     return point
 
 
-def wrong(result: StaticResult, turns: int = 2) -> Iterator[str]:
-    """What a path that snaps through, over one limit point down to another and up again, must not be; or over one only."""
+def wrong(result: StaticResult, count: int = 2) -> Iterator[str]:
+    """Yield the faults of a snap-through path: other critical points than `count` limit points, and inverted elements."""
     kinds = [point.kind for point in result.critical_points]
-    if kinds != ["limit point"] * turns:
-        yield f"{', '.join(kinds) or 'nothing'} found; expected {turns} limit point(s)"
+    if kinds != ["limit point"] * count:
+        yield f"{', '.join(kinds) or 'nothing'} found; expected {count} limit point(s)"
     if not min(step.smallest_volume_ratio for step in result.history) > 0:
-        yield "elements turned inside out"
+        yield "elements inverted on the path"
 
 
 class Convergence(NamedTuple):
-    """Values on meshes that are halved each time, and the truth."""
+    """Values on meshes that are halved each time, and the exact value."""
 
     values: Sequence[float]
     truth: float
 
     @property
     def limit(self) -> float:
-        """The limit load by Richardson's extrapolation, repeated."""
+        """Limit load by repeated Richardson extrapolation."""
         return extrapolated(self.values)
 
     @property
     def order(self) -> float:
-        """The order of the distance from the truth, on the last three meshes."""
+        """Order of the errors on the last three meshes."""
         errors = np.abs(np.asarray(self.values) - self.truth)[-3:]
         return fitted_order(0.5 ** np.arange(len(errors)), errors)
 
     def rows(self, names: Sequence[str]) -> list[tuple[str, ...]]:
-        """A name, a value and its distance from the truth each; the limit and the order."""
+        """Return rows of name, value and relative error for each mesh, the extrapolated limit, and the order."""
         values = [(name, f"{value:.6f}", f"{value / self.truth - 1:+.3%}") for name, value in zip(names, self.values, strict=True)]
         return [
             *values,
@@ -74,8 +77,8 @@ class Convergence(NamedTuple):
         ]
 
     def failures(self, limit: float, order: tuple[float, float]) -> Iterator[str]:
-        """If the limit is further off than `limit`, or the order than `order[1]` from `order[0]`."""
+        """Yield messages if the error of the limit exceeds `limit`, or the order differs from `order[0]` by over `order[1]`."""
         if not abs(self.limit / self.truth - 1) <= limit:
-            yield f"extrapolated to {self.limit:.6f}, expected {self.truth:.6f}"
+            yield f"extrapolated limit = {self.limit:.6f}; expected {self.truth:.6f}"
         if not abs(self.order - order[0]) <= order[1]:
-            yield f"order {self.order:.2f}"
+            yield f"order {self.order:.2f}; expected {order[0]:g} +- {order[1]:g}"

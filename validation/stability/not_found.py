@@ -1,7 +1,7 @@
-"""What a study raises when what it is about is not there."""
+"""Error of a study whose subject was not found."""
 
 from __future__ import annotations
 
 
 class NotFoundError(RuntimeError):
-    """A limit point, a bifurcation or an equilibrium was not found."""
+    """Missing limit point, bifurcation or equilibrium."""

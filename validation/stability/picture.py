@@ -1,4 +1,4 @@
-"""The paths of the studies in one figure: what was computed, on what it should lie on."""
+"""Figure with the paths of the studies: computed states and reference curves."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ..statics.study import Study
 
 #: Okabe and Ito's colours.
 FOUND, CRITICAL = "#0072B2", "#D55E00"
-#: Lines of the truth: style, colour, width.
+#: Lines of the reference curves: style, colour, width.
 TRUTH = (("-", "#AAAAAA", 3.5), ("--", "#333333", 1.2))
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A line through points `(x, y)`, or the points themselves, and what they are."""
+    """Line or set of points `(x, y)`, with a name for the legend."""
 
     x: ArrayLike
     y: ArrayLike
@@ -30,7 +30,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """A path: the truth as lines, the states that were found as marks, critical points as crosses."""
+    """Diagram of a path: reference curves as lines, computed states as markers, critical points as crosses."""
 
     title: str
     axes: tuple[str, str]
@@ -40,14 +40,14 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Drawn(Study):
-    """A study with a panel for the picture, made when it is drawn."""
+class DrawnStudy(Study):
+    """Study with a function that creates its panel of the picture."""
 
     panel: Callable[[], Panel] | None = None
 
 
 def draw(panels: Sequence[Panel], path: Path) -> Path:
-    """All panels, two in a row."""
+    """Draw all panels, two in a row, and return the path of the picture."""
     rows = -(-len(panels) // 2)
     figure = Figure(figsize=(9, 3.6 * rows), layout="constrained")
     for axes, panel in zip(figure.subplots(rows, 2, squeeze=False).flat, panels, strict=False):

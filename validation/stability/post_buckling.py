@@ -1,11 +1,11 @@
-"""Euler's column after it has buckled: the elastica under a dead load along its axis, in elliptic integrals.
+"""Study of the buckled column: the elastica under a dead load along the initial axis, in elliptic integrals.
 
-With alpha the angle of its head's tangent, k = sin(alpha/2), K and E the complete elliptic integrals of modulus k:
+With alpha the angle of the tangent at the head, k = sin(alpha/2), K and E the complete elliptic integrals of modulus k:
 
     P/P_E = (2 K/pi)^2        head at  x/L = 2 E/K - 1,  y/L = 2 k/K
 
-A small part of the buckling mode, added to the mesh, leads from the straight path to this one. A body of height h differs by
-(h/L)^2.
+The mesh contains a small part of the buckling mode as an imperfection, so that the path leads to the buckled states. A body of
+height h differs from the elastica by the order (h/L)^2.
 """
 
 from __future__ import annotations
@@ -24,20 +24,21 @@ from ..statics.meshes import Array
 from ..statics.orders import extrapolated
 from .column import LENGTH, Column
 from .limit_points import Convergence, through
-from .picture import Curve, Drawn, Panel
+from .picture import Curve, DrawnStudy, Panel
 
 SLENDER, FINE = (20, 40), (2, 4, 8)
-#: Angles of the head [degrees] at which columns and elastica are compared, by the shortening.
+#: Angles of the head [degrees] for the comparison. Columns and elastica are compared at equal shortening.
 ANGLES = (40, 80, 120)
-#: Deflection of the head that the mesh begins with [m]: on the branch it changes loads by as much, relatively.
+#: Initial deflection of the head in the mesh [m]. The relative change of the loads on the branch has the same size.
 IMPERFECTION = 1e-4
-#: The more slender one, extrapolated over meshes: (h/L)^2 times a few is left. And both, extrapolated to a thin one.
+#: Limits for the more slender column after extrapolation over meshes, whose error is a few times (h/L)^2, and for the extrapolation
+#: of both columns to a thin one.
 LIMIT, THIN_LIMIT = 1e-2, 1e-3
-LANDED = 1e-9  # how well the shortening is met, by length
+LANDED = 1e-9  # tolerance of the shortening, relative to the length
 
 
 class Head(NamedTuple):
-    """A point of the elastica: load in Euler's, shortening and deflection of the head by length."""
+    """State of the head: load divided by Euler's load, shortening and deflection divided by the length."""
 
     load: float
     shortening: float
@@ -45,7 +46,7 @@ class Head(NamedTuple):
 
 
 def elastica(angle: float) -> Head:
-    """With the head's tangent at this angle [degrees].
+    """Return the state of the elastica with this angle of the tangent at the head [degrees].
 
     >>> elastica(60)
     Head(load=1.1517196204691387, shortening=0.258980393923673, deflection=0.5932076461648851)
@@ -55,8 +56,8 @@ def elastica(angle: float) -> Head:
     return Head(float((2 * K / np.pi) ** 2), float(2 - 2 * E / K), float(2 * k / K))
 
 
-def post_buckling(quick: bool = False) -> Drawn:
-    """buckled columns follow the elastica up to an angle of 120 degrees, extrapolated within 1 % from L/h = 40 on"""
+def post_buckling(quick: bool = False) -> DrawnStudy:
+    """buckled columns follow the elastica up to an angle of 120 degrees, within 1 % after extrapolation for L/h >= 40"""
     bodies = [[Column(slenderness, n) for n in (FINE[:2] if quick else FINE)] for slenderness in SLENDER]
     paths = [[branch(body) for body in several] for several in bodies]
     rows, failures = [], []
@@ -77,16 +78,16 @@ def post_buckling(quick: bool = False) -> Drawn:
                 )
             rows.append(_row(f"{angle}°, thin", what, [""] * len(bodies[0]), thin, truth))
             failures += [f"{angle} degrees: {problem}" for problem in _failures(what, found[-1], thin)]
-    return Drawn(
+    return DrawnStudy(
         "Post-buckled column",
-        f"extrapolated within {LIMIT:.0%} of the elastica at L/h = {SLENDER[-1]}, within {THIN_LIMIT:.1%} for thin ones; finer "
-        "meshes are closer",
+        f"extrapolated values within {LIMIT:.0%} of the elastica at L/h = {SLENDER[-1]}, within {THIN_LIMIT:.1%} for thin columns; "
+        "errors of the load decrease under refinement",
         ("head's angle", "of head", *(f"{body.fine} through h" for body in bodies[0]), "extrapolated", "elastica", "off"),
         tuple(rows),
         tuple(failures),
         (
-            "load in Euler's, deflection by length, at the elastica's shortening; imperfection: 1e-4 of the length in the mode's "
-            "shape",
+            "load divided by Euler's load, deflection divided by the length, at the elastica's shortening; imperfection: the mode "
+            "times 1e-4 of the length",
         ),
         panel=partial(_panel, bodies[-1][-1], paths[-1][-1]),
     )
@@ -97,18 +98,18 @@ def _row(name: str, what: str, values: Sequence[str], limit: float, truth: float
 
 
 def _failures(what: str, found: Convergence, thin: float) -> Iterator[str]:
-    """What contradicts the claims on the more slender column and on thin ones."""
+    """Yield messages about contradictions to the claims on the more slender column and on thin columns."""
     if not abs(found.limit / found.truth - 1) <= LIMIT:
-        yield f"{what} {found.limit:.5f}, elastica {found.truth:.5f}"
+        yield f"{what} = {found.limit:.5f}; expected {found.truth:.5f}, the elastica"
     if not abs(thin / found.truth - 1) <= THIN_LIMIT:
-        yield f"{what} of thin columns {thin:.5f}, elastica {found.truth:.5f}"
+        yield f"{what} of thin columns = {thin:.5f}; expected {found.truth:.5f}, the elastica"
     errors = np.abs(np.asarray(found.values) - found.truth)
     if what == "load" and not (errors[1:] < errors[:-1]).all():
-        yield "the load does not come closer on finer meshes"
+        yield "the error of the load does not decrease under refinement"
 
 
 def branch(body: Column) -> list[StaticResult]:
-    """The paths to each of the shortenings, one after the other, and before them to a slightly bent column."""
+    """Return the paths of a column with an imperfection to the shortenings, each starting at the end of the previous path."""
     mesh, critical = body.mesh(), body.buckled()
     bent = ElementMesh(mesh.p + IMPERFECTION * critical.mode.reshape(-1, 2).T, mesh.t)
     system, end = body.system(bent), [int(body.middle()[-1])]
@@ -121,7 +122,7 @@ def branch(body: Column) -> list[StaticResult]:
 
 
 def head(body: Column, u: Array, t: float) -> Head:
-    """The middle of the head."""
+    """Return the state of the middle of the head."""
     x, y = u.reshape(-1, 2)[body.middle()[-1]] / LENGTH
     return Head(t, float(-x), float(y))
 

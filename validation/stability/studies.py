@@ -1,4 +1,4 @@
-"""All studies of stability, one after the other."""
+"""Execution of the studies of stability."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .dome import dome
 from .ellipticity import ellipticity
 from .law import law
 from .not_found import NotFoundError
-from .picture import Drawn, draw
+from .picture import DrawnStudy, draw
 from .post_buckling import post_buckling
 from .snap_through import snap_through
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
-    """Run the studies of these names and print them; `out` gets a picture of their paths. The exit code is 0 if all claims hold."""
+    """Run the studies with these names, print them and save a picture of their paths in `out`. Return 0 if all claims hold."""
     studies: dict[str, Callable[[bool], Study]] = {
         "snap-through": snap_through,
         "arch": arch,
@@ -41,7 +41,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
         study = _found(studies[name], quick)
         console.print(study.rendered(), f"{perf_counter() - start:.1f} s\n")
         failed += [] if study.passed else [study.name]
-        panels += [study.panel] if isinstance(study, Drawn) and study.panel is not None else []
+        panels += [study.panel] if isinstance(study, DrawnStudy) and study.panel is not None else []
     if out is not None and panels:
         console.print(f"picture: {draw([panel() for panel in panels], Path(out) / 'stability.png')}")
     console.print(f"DOES NOT HOLD: {', '.join(failed)}" if failed else f"all {len(names)} claims hold")
@@ -49,7 +49,7 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
 
 
 def _found(study: Callable[[bool], Study], quick: bool) -> Study:
-    """The study; one that does not hold if what it is about was not found."""
+    """Return the study. If its subject was not found, return a study that does not hold."""
     try:
         return study(quick)
     except NotFoundError as error:

@@ -1,4 +1,4 @@
-"""The command `python -m validation bench`: its exit codes, its files, and folders that cannot be."""
+"""`python -m validation bench`: exit codes, output files and folders that cannot be written."""
 
 import sys
 
@@ -11,7 +11,10 @@ from validation.__main__ import main
 
 @pytest.fixture
 def command(monkeypatch):
-    """The command, given options, with a run that measured nothing and came out as told; and the plans that it was asked for."""
+    """Yield a function that calls the command with options and a stand-in for the run, and the list of plans that the run got.
+
+    The stand-in measures nothing and returns a benchmark with the given outcome.
+    """
     plans = []
 
     def called(*options, **outcome):
@@ -45,7 +48,7 @@ def test_the_benchmark_writes_its_page(command, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", ["", "file/docs"])
-def test_a_folder_for_the_benchmark_that_cannot_be_is_an_error_before_the_work(name, command, monkeypatch, tmp_path, capsys):
+def test_an_output_folder_that_cannot_be_created_is_an_error_before_the_run(name, command, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
     called, plans = command

@@ -1,4 +1,4 @@
-"""Runs on tiny meshes: what is measured, what is missing, what is kept. No time is asserted."""
+"""Runs on tiny meshes: measured, missing and retained results. No test asserts a time."""
 
 import json
 import re
@@ -50,7 +50,7 @@ def test_everything_is_measured_on_every_mesh(results):
 
 
 def test_the_reference_and_the_textbook_form_are_timed_where_the_plan_says(results):
-    assert {t.mesh for t in results.timings if t.player in (REFERENCE, TEXTBOOK)} == {"box 400"}
+    assert {t.mesh for t in results.timings if t.implementation in (REFERENCE, TEXTBOOK)} == {"box 400"}
     assert results.best("box 400", REFERENCE, "W", "F", "K") and results.best("box 400", TEXTBOOK, "F", dtype="float32")
 
 
@@ -61,21 +61,21 @@ def test_the_c_loop_is_timed(results):
 
 def test_setup_and_memory_are_measured(results):
     assert results.timing("box 400", OURS, "setup of K").repetitions == 3
-    held = {(m.quantity, m.dtype): m for m in results.memory if m.mesh == "box 400"}
-    assert len(held) == 6
-    assert held["F", "float64"].besides < held["F and K", "float64"].besides
-    assert held["F", "float32"].besides < held["F", "float64"].besides
-    assert held["F", "float64"].parts["pattern of K"] == 0 < held["F and K", "float64"].parts["pattern of K"]
+    stored = {(m.quantity, m.dtype): m for m in results.memory if m.mesh == "box 400"}
+    assert len(stored) == 6
+    assert stored["F", "float64"].without_pattern < stored["F and K", "float64"].without_pattern
+    assert stored["F", "float32"].without_pattern < stored["F", "float64"].without_pattern
+    assert stored["F", "float64"].parts["pattern of K"] == 0 < stored["F and K", "float64"].parts["pattern of K"]
 
 
-def test_errors_are_those_of_the_precision_and_the_textbook_form_loses_digits(results):
-    errors = {(e.player, e.dtype, e.quantity, e.strain): e.error for e in results.errors}
+def test_errors_match_the_precision_and_the_textbook_form_loses_digits(results):
+    errors = {(e.implementation, e.dtype, e.quantity, e.strain): e.error for e in results.errors}
     assert errors[OURS, "float64", "F", 1e-6] < 1e-14 < errors[REFERENCE, "float64", "F", 1e-6]
     assert errors[OURS, "float32", "F", 1e-6] < 1e-5 < errors[TEXTBOOK, "float32", "F", 1e-6]
     assert errors[OURS, "float64", "K", 1e-3] < 1e-14 and errors[OURS, "float32", "K", 1e-3] < 1e-5
 
 
-def test_half_of_the_elements_are_turned_round():
+def test_half_of_the_elements_have_negative_orientation():
     x = Specimen("box", 400).mesh
     edges = np.moveaxis(x.p[:, x.t[1:]] - x.p[:, x.t[:1]], 2, 0)
     assert abs((np.linalg.det(edges) < 0).mean() - 0.5) < 0.1
@@ -95,14 +95,14 @@ def test_the_least_bytes_are_those_of_the_arrays():
     assert 16 + 56 < least["F"] / case.mesh.nt < least["K"] / case.mesh.nt
 
 
-def test_calls_take_turns_of_five_after_one_that_is_not_counted():
+def test_each_turn_of_a_call_has_five_timed_calls_after_one_untimed_call():
     order = []
     taken = best_and_median({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, seconds=0.0)
     assert "".join(order) == "a" * 6 + "b" * 6
     assert all(seconds.repetitions == 5 and seconds.best <= seconds.median for seconds in taken.values())
 
 
-def test_the_number_of_threads_is_put_back():
+def test_the_number_of_threads_is_restored():
     import numba
 
     before = numba.get_num_threads()
@@ -111,7 +111,7 @@ def test_the_number_of_threads_is_put_back():
     assert numba.get_num_threads() == before
 
 
-def test_peers_that_are_missing_are_listed_with_the_line_that_installs_them(monkeypatch):
+def test_missing_peers_are_listed_with_their_install_command(monkeypatch):
     for name, package in PEERS.items():
         monkeypatch.setitem(PEERS, name, Package(package.module, "no-such-distribution", package.install))
     found = bench(replace(PLAN, boxes=(50,), peers={"FElupe": ("box 50",)}), quiet=True)
@@ -125,11 +125,11 @@ def test_peers_that_the_plan_leaves_out_are_left_to_the_full_run(monkeypatch):
     assert bench(replace(PLAN, boxes=()), quiet=True).not_measured["NGSolve"] == "left to the full run"
 
 
-def test_a_peer_that_is_here_is_timed():
+def test_an_installed_peer_is_timed():
     pytest.importorskip("felupe")
     found = bench(replace(PLAN, boxes=(50,), peers={"FElupe": ("box 50",)}), quiet=True)
     assert found.best("box 50", "FElupe", "W", "F", "K")
-    assert ("FElupe", "K") in {(e.player, e.quantity) for e in found.errors}
+    assert ("FElupe", "K") in {(e.implementation, e.quantity) for e in found.errors}
 
 
 def test_a_peer_that_breaks_is_a_failure_and_the_rest_is_measured(monkeypatch):
@@ -155,12 +155,12 @@ def test_without_gmsh_parts_are_not_measured(monkeypatch):
     assert "pip install gmsh" in bench(replace(PLAN, boxes=(), parts=(5_000,)), quiet=True).not_measured["part 5 k"]
 
 
-def test_a_part_of_a_size_that_is_not_there_is_an_error():
-    with pytest.raises(StvkError, match="there are 5000, 40000, 250000"):
+def test_a_part_of_an_unknown_size_is_an_error():
+    with pytest.raises(StvkError, match="size = 7; expected one of the sizes of parts: 5000, 40000, 250000"):
         Specimen("part", 7).mesh  # noqa: B018
 
 
-def test_ctrl_c_keeps_what_was_finished(monkeypatch, tmp_path):
+def test_ctrl_c_retains_the_results_of_finished_steps(monkeypatch, tmp_path):
     def interrupted(results, case):
         raise KeyboardInterrupt
 
@@ -178,7 +178,7 @@ def test_a_step_that_fails_leaves_the_others(monkeypatch):
     assert found.failures == {"box 50: setup": "ZeroDivisionError: division by zero"} and found.memory
 
 
-def test_a_first_use_that_fails_is_said(monkeypatch):
+def test_a_failing_first_use_is_reported(monkeypatch):
     monkeypatch.setattr(costs, "FIRST_USE", "raise SystemExit('no such thing')")
     found = bench(replace(PLAN, boxes=(), first_use=True), quiet=True)
     assert "no such thing" in found.failures["first use"] and found.first_use is None
@@ -194,7 +194,7 @@ def test_the_tables_name_all_that_was_measured(results):
     assert max(map(len, text.splitlines())) <= 132
 
 
-def test_a_run_that_measured_nothing_has_tables_all_the_same():
+def test_a_run_without_measurements_still_has_tables():
     assert "quick run" in as_text(rendered(bench(replace(PLAN, boxes=()), quiet=True)))
 
 

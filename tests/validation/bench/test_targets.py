@@ -1,4 +1,4 @@
-"""Verdicts on made-up numbers."""
+"""Verdicts on invented numbers."""
 
 import numpy as np
 import pytest
@@ -21,11 +21,11 @@ def at_least(value, limit=25.0, moonshot=50.0):
 
 
 def made_up(**times):
-    """Times of players on all meshes, `mesh` times longer on the larger one."""
+    """Return a benchmark in which the given calls have the given times on all meshes [ns per tetrahedron]."""
     results = Benchmark(PLAN, {}, meshes={name: {"nt": nt, "nv": nt} for name, nt in MESHES.items()})
     for mesh, nt in MESHES.items():
-        for player, quantity, ns in times["calls"]:
-            results.timings.append(Timing(mesh, nt, player, quantity, 1, "float64", ns, ns, 5))
+        for implementation, quantity, ns in times["calls"]:
+            results.timings.append(Timing(mesh, nt, implementation, quantity, 1, "float64", ns, ns, 5))
     return results
 
 
@@ -51,7 +51,7 @@ def test_the_worst_mesh_decides():
     assert TargetVerdict(at_most(0).target, both).worst == 3.0 and TargetVerdict(at_least(0).target, both).worst == 1.0
 
 
-def test_what_was_not_measured_is_neither_met_nor_missed():
+def test_an_unmeasured_target_is_neither_met_nor_missed():
     nothing = TargetVerdict(at_most(0).target, {})
     assert (nothing.met, nothing.moonshot, nothing.in_words()) == (None, None, "not measured")
     assert all(verdict.met is None for verdict in verdicts(made_up(calls=[])))
@@ -68,7 +68,7 @@ def test_ratios_are_of_sums_of_times():
     assert over((OURS, "W+F"), (OURS, "W+F"), threads=2)(results, "box 40") is None
 
 
-def test_the_targets_compare_what_they_say():
+def test_the_targets_compare_the_named_times():
     calls = [(OURS, "W+F", 12.0), (OURS, "K", 70.0), (CSR, "K v", 10.0), (CONTROL, "F", 10.0), (CONTROL, "K", 140.0)]
     found = {verdict.target.what: verdict for verdict in verdicts(made_up(calls=calls))}
     assert found["W + F, in CSR products"].met
@@ -107,7 +107,7 @@ def test_one_size_has_no_slope():
 
 
 def test_growth_is_fitted_over_the_boxes():
-    """Times a tetrahedron that stay the same are an exponent of one; the part, far off, is left out."""
+    """A constant time per tetrahedron gives the exponent one; the part, with a different time, is left out."""
     results = made_up(calls=[(OURS, "K", 7.0)])
     results.timings = [
         t if t.mesh != "part 40" else Timing("part 40", 38, OURS, "K", 1, "float64", 900.0, 900.0, 5) for t in results.timings

@@ -1,12 +1,12 @@
-"""W and F of St. Venant-Kirchhoff simplices in extended precision, from the textbook and by itself: what results are judged by.
+"""W and F of St. Venant-Kirchhoff simplices in extended precision by the textbook formulas, independent of the package.
 
-With spokes `P` (d, k) from the first vertex to the others, their displacements `U`, and `p = P + U`:
+`P` (d, k) has the base vectors from the first vertex to the others as columns, `U` has their displacements, and `p = P + U`:
 
     E = 1/2 (P'U + U'P + U'U)        S = lam tr(G E) G + 2 mu G E G,  G = (P'P)^-1        V = sqrt(det P'P) / k!
-    W = sum of V/2 S : E             f_i = V sum_j S_ij p_j on vertex i, minus their sum on the first one
+    W = sum of V/2 S : E             f_i = V sum_j S_ij p_j on vertex i, minus their sum on the first vertex
 
-in covariant components, so that it holds for k < d too. Numbers of 80 bits neither overflow at scales of 1e150 nor lose what is
-judged.
+The components are covariant, so that the formulas also hold for k < d. Numbers of 80 bits do not overflow at scales of 1e150, and
+their round-off is small compared with the tolerances of the judges.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from skfem_stvk import ElementMesh
 from skfem_stvk.arguments import Array
 
 
-class Spokes:
+class ExtendedStVK:
     """Simplices with one isotropic material.
 
     Parameters
     ----------
-    young, poisson, section, density : section is the area of segments, the thickness of triangles, 1 of tetrahedra.
-    condensed : no stress across triangles in the plane; triangles in space have none anyway.
+    young, poisson, section, density : constants of the material. `section` is the area of segments, the thickness of triangles, and
+        1 for tetrahedra.
+    condensed : whether triangles in the plane have plane stress. Triangles in space always have plane stress.
     """
 
     def __init__(
@@ -46,20 +47,20 @@ class Spokes:
         np.add.at(self.mass, mesh.t.T.ravel(), shares)
 
     def energy(self, u: ArrayLike) -> np.longdouble:
-        """W(u)."""
+        """Return the strain energy `W(u)` [J]."""
         _, E, S = self._state(u)
         return np.longdouble((self.V * (S * E).sum(axis=(1, 2))).sum() / 2)
 
     def force(self, u: ArrayLike) -> Array:
-        """F(u) (nv, d)."""
-        return self._summed(self._pulls(u))
+        """Return the internal force `F(u)` (nv, d) [N]."""
+        return self._summed(self._element_forces(u))
 
     def magnitude(self, u: ArrayLike) -> Array:
-        """What F(u) is summed up of, without signs (nv, d)."""
-        return self._summed(np.abs(self._pulls(u)))
+        """Return the sum of the absolute values of the terms of `F(u)` (nv, d) [N]."""
+        return self._summed(np.abs(self._element_forces(u)))
 
     def volume_ratios(self, u: ArrayLike) -> Array:
-        """(nt,) determinants of the deformation gradient, for k = d."""
+        """Return the determinants of the deformation gradient (nt,), for k = d."""
         p, _, _ = self._state(u)
         return inverse(p)[1] / inverse(self.P)[1]
 
@@ -72,25 +73,28 @@ class Spokes:
         trace = np.trace(mixed, axis1=1, axis2=2)[:, None, None]
         return self.P + U, E, self.lam * trace * self.G + 2 * self.mu * mixed @ self.G
 
-    def _pulls(self, u: ArrayLike) -> Array:
-        """(nt, k + 1, d) forces of each element on its vertices."""
+    def _element_forces(self, u: ArrayLike) -> Array:
+        """Return the forces of each element on its vertices (nt, k + 1, d)."""
         p, _, S = self._state(u)
         f = self.V[:, None, None] * (S @ p)
         return np.concatenate([-f.sum(axis=1, keepdims=True), f], axis=1)
 
-    def _summed(self, pulls: Array) -> Array:
+    def _summed(self, forces: Array) -> Array:
         total = np.zeros((self.mesh.nv, self.mesh.d), dtype=np.longdouble)
-        np.add.at(total, self.mesh.t.T.ravel(), pulls.reshape(-1, self.mesh.d))
+        np.add.at(total, self.mesh.t.T.ravel(), forces.reshape(-1, self.mesh.d))
         return total
 
 
 def long(values: ArrayLike) -> Array:
-    """Numbers of 80 bits."""
+    """Return the values as numbers of 80 bits."""
     return np.asarray(values, dtype=np.longdouble)
 
 
 def inverse(A: Array) -> tuple[Array, Array]:
-    """Adjugates (n, k, k) and determinants (n,) of matrices of at most three rows, for which NumPy has none in this precision."""
+    """Return adjugates (n, k, k) and determinants (n,) of matrices with at most three rows.
+
+    NumPy's `linalg` does not support this precision.
+    """
     k = A.shape[1]
     if k == 1:
         return np.ones_like(A), A[:, 0, 0]
