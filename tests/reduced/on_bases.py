@@ -1,4 +1,7 @@
-"""A body on the lowest of its modes by products with the full one, in place of precomputed coefficients: slow, and plain to see."""
+"""Reduced body on its lowest vibration modes, projected from the full body at each call.
+
+The class needs no precomputed coefficients. The class is slow and serves as a reference.
+"""
 
 import numpy as np
 import skfem
@@ -11,21 +14,24 @@ LOADS = (Traction(lambda x: x[0] > 1.99, (0.0, -40.0, 25.0)), Gravity((0.0, -3.0
 
 
 def bar(*more, prescribed=None, loads=LOADS):
-    """A small bar, thick and thin edges, clamped at one end."""
+    """Return a small bar with thick and thin elements, clamped at one end."""
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 2, 5) ** 1.1 / 2**0.1, np.array([0.0, 0.3, 0.5]), np.array([0.0, 0.25]))
     material = StVK(young=2e3, poisson=0.3, density=3.0)
     return System(mesh, [material, *loads, *more], fixed={lambda x: x[0] == 0: "xyz"}, prescribed=prescribed)
 
 
 def column(load):
-    """A strip of boxes, the same above and below its axis: it buckles."""
+    """Return a strip of boxes that is symmetric about its axis and buckles."""
     mesh = skfem.MeshQuad.init_tensor(np.linspace(0, 2, 11), np.array([-0.1, 0.0, 0.1]))
     terms = [StVK(young=2e3, poisson=0.3, density=3.0), Traction(lambda x: x[0] > 1.99, (-load, 0.0))]
     return System(mesh, terms, fixed={lambda x: x[0] == 0: "xy"})
 
 
 class OnModes(Coordinates):
-    """`u = V q + Phi s` with `size` modes (all by default), and one unit displacement for each prescribed degree of freedom."""
+    """Coordinates of `u = V q + Phi s` with `size` modes, by default all.
+
+    `Phi` has one unit displacement for each prescribed degree of freedom.
+    """
 
     quartic = True
     in_coordinates = property(lambda self: self)

@@ -1,4 +1,4 @@
-"""The quartic of a reduced body is the energy of the body, its force and tangent projected, to rounding."""
+"""W, F and K of the quartic of a reduced body equal the projected W, F and K of the body, up to rounding."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from skfem_stvk.reduced.quartic import coefficients, quartic_of
 
 
 def errors(body, size=4, amount=0.3):
-    """Errors of W, F and K in the span of random fields of unlike sizes, at a state that is not small."""
+    """Return the errors of W, F and K in the span of random fields of different sizes, at a state of finite displacements."""
     rng = np.random.default_rng(0)
     fields = rng.standard_normal((body.ndofs, size)) * np.exp(rng.uniform(-1, 1, size))
     z = amount * rng.standard_normal(size)
@@ -29,28 +29,28 @@ def errors(body, size=4, amount=0.3):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_it_is_the_energy_of_simplices_of_all_kinds_and_materials(name):
+def test_the_quartic_is_the_energy_of_simplices_of_all_kinds_and_materials(name):
     assert max(errors(System(*BODIES[name]))) < 1e-13
 
 
 @pytest.mark.parametrize("rule", [None, "exact"])
 @pytest.mark.parametrize("name", CURVED)
-def test_it_is_the_energy_of_elements_with_several_points(name, rule):
+def test_the_quartic_is_the_energy_of_elements_with_several_points(name, rule):
     for material in (StVK(young=2.0, poisson=0.3), StVK(Anisotropic(some_voigt(np.random.default_rng(0))))):
         assert max(errors(System(CURVED[name], material, quadrature=rule))) < 1e-13
 
 
 @pytest.mark.parametrize("name", STRAIGHT)
-def test_it_is_the_energy_of_straight_elements_with_several_points(name):
+def test_the_quartic_is_the_energy_of_straight_elements_with_several_points(name):
     assert max(errors(System(STRAIGHT[name], StVK(young=2.0, poisson=0.3)))) < 1e-13
 
 
 @pytest.mark.parametrize("name", ["hexahedra", "quadrilaterals"])
-def test_hourglass_modes_are_resisted_as_much(name):
+def test_the_quartic_includes_the_hourglass_resistance(name):
     assert max(errors(System(CURVED[name], StVK(young=2.0, poisson=0.3), quadrature="one-point"))) < 1e-13
 
 
-def test_terms_that_are_quadratic_and_networks_of_edges_are_in_it():
+def test_the_quartic_includes_quadratic_terms_and_edge_networks():
     mesh, law = box(2), StVK(young=2.0, poisson=0.3)
     for terms in (
         [law, LinearElastic(young=3.0, poisson=0.2)],
@@ -61,14 +61,14 @@ def test_terms_that_are_quadratic_and_networks_of_edges_are_in_it():
         assert max(errors(System(mesh, terms))) < 1e-12
 
 
-def test_elements_that_were_taken_out_are_not_in_it():
+def test_the_quartic_excludes_removed_elements():
     body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
     body = body.without([3, 7, 30])
     assert max(errors(body)) < 1e-13
 
 
 @pytest.mark.parametrize("name", ["tetrahedra, anisotropic", "membrane, isotropic", "cable, area"])
-def test_it_is_the_same_on_the_readable_kernels(name, monkeypatch):
+def test_the_readable_kernels_give_the_same_quartic(name, monkeypatch):
     for module in (abilities, of_quartic):
         monkeypatch.setattr(module, "reduced_kernels", readable_reduced)
     assert max(errors(System(*BODIES[name]))) < 1e-13
@@ -93,7 +93,7 @@ def test_compiled_kernels_agree_with_the_readable_ones(n):
 
 
 def test_a_change_of_any_coefficient_changes_the_energy():
-    """None is left out: at a state without zeros each has a part in W, in the gradient and in the second derivatives."""
+    """Each coefficient contributes to W, to the gradient and to the second derivatives at a state without zeros."""
     n = 4
     x, work, zero = np.arange(1.0, n + 1), (np.empty(10), np.empty((n, 10)), np.empty(10)), np.zeros(coefficients(n))
     for i, indices in enumerate(readable_reduced.ordered(n, 4)):
@@ -103,8 +103,8 @@ def test_a_change_of_any_coefficient_changes_the_energy():
         assert np.flatnonzero(G).tolist() == sorted(set(indices))
 
 
-def test_memory_while_it_is_made_does_not_grow_with_the_mesh(monkeypatch):
-    """Rows of strains are made in blocks, each time in the same array."""
+def test_scratch_memory_of_the_quartic_does_not_grow_with_the_mesh(monkeypatch):
+    """The rows of strains are computed in blocks, and all blocks use the same array."""
     monkeypatch.setattr(of_quartic, "BLOCK", 8 * 15 * 60)
     sizes = []
     for n in (2, 4):

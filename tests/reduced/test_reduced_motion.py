@@ -1,4 +1,4 @@
-"""`simulate` on the coordinates of a basis: with all modes it is the full motion, and no step asks the mesh."""
+"""`simulate` on the coordinates of a basis equals the full motion if the basis has all modes. No step evaluates the full body."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -60,7 +60,7 @@ def names(given):
 @pytest.mark.parametrize("integrator", TIGHT, ids=names(TIGHT))
 @pytest.mark.parametrize("name", BODIES)
 def test_with_all_modes_the_reduced_motion_is_the_full_one(name, integrator):
-    """Displacements, velocities, and every column of the ledger: energies, works, momenta, probes and reactions."""
+    """Displacements, velocities and all ledger columns agree: energies, works, momenta, probes and reactions."""
     body = BODIES[name]()
     watched = {"probes": {"tip": [17]}, "reactions": {"wall": lambda x: x[0] == 0}, "damping": Rayleigh(0.3, 1e-3)}
     full, reduced = (simulate(one, integrator, until=0.2, quiet=True, **watched) for one in (body, OnModes(body)))
@@ -74,7 +74,7 @@ def test_with_all_modes_the_reduced_motion_is_the_full_one(name, integrator):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_so_it_is_with_precomputed_coefficients(name):
+def test_with_precomputed_coefficients_the_reduced_motion_is_the_full_one(name):
     body = BODIES[name]()
     free = body.ndofs - len(body.supports.held)
     reduced = ReducedSystem(body, free, free, derivatives=False, quiet=True)
@@ -84,7 +84,10 @@ def test_so_it_is_with_precomputed_coefficients(name):
 
 
 def test_reactions_and_loads_are_the_rate_of_the_momentum():
-    """Of a motion on few coordinates, whose momentum the ledger has: what is left at free nodes is carried to the wall."""
+    """Reactions and loads equal the rate of the momentum in the ledger of a motion with few coordinates.
+
+    The reactions include the residual at free nodes, which is transferred to the wall.
+    """
     body = bar(loads=GENTLE)
     watched = {"reactions": {"wall": lambda x: x[0] == 0}, "until": 0.2, "quiet": True}
     ledger = simulate(ReducedSystem(body, 8, 6, quiet=True), Newmark(dt=0.0025), **watched).ledger
@@ -94,17 +97,20 @@ def test_reactions_and_loads_are_the_rate_of_the_momentum():
         assert largest(rate - ledger[f"reaction wall {axis}"][2:-2] - applied) < 0.01 * largest(rate)
 
 
-def test_energy_and_momentum_keeps_the_energy_on_a_basis():
-    """To round-off, over many turns of a motion that is far from linear; Newmark's method does not."""
+def test_energy_momentum_conserves_the_energy_on_a_basis():
+    """`EnergyMomentum` conserves the energy to round-off over many periods of a strongly nonlinear motion.
+
+    Newmark's method does not.
+    """
     reduced = OnModes(bar(loads=GENTLE), 6)
     v0 = reduced.columns @ np.array([1.0, 0.7, 0.5, 0.4, 0.2, 0.1])
-    kept, lost = (simulate(reduced, one, until=8.0, v0=v0, quiet=True).ledger for one in (EnergyMomentum(0.05), Newmark(0.05)))
-    scale = kept["kinetic_energy"].max()
-    assert kept["strain_energy"].max() > 0.3 * scale
-    assert largest(kept["closure_error"]) < 1e-11 * scale < 1e-3 * scale < largest(lost["closure_error"])
+    conserved, lost = (simulate(reduced, one, until=8.0, v0=v0, quiet=True).ledger for one in (EnergyMomentum(0.05), Newmark(0.05)))
+    scale = conserved["kinetic_energy"].max()
+    assert conserved["strain_energy"].max() > 0.3 * scale
+    assert largest(conserved["closure_error"]) < 1e-11 * scale < 1e-3 * scale < largest(lost["closure_error"])
 
 
-def test_one_point_in_place_of_two_loses_the_energy(monkeypatch):
+def test_one_quadrature_point_instead_of_two_does_not_conserve_the_energy(monkeypatch):
     from skfem_stvk.dynamics import step_matrix
 
     monkeypatch.setattr(step_matrix, "GAUSS", (0.5, 0.5))
@@ -114,7 +120,7 @@ def test_one_point_in_place_of_two_loses_the_energy(monkeypatch):
 
 
 @pytest.mark.parametrize("integrator", ALL, ids=names(ALL))
-def test_orders_are_those_that_integrators_declare(integrator):
+def test_orders_of_convergence_equal_the_declared_orders(integrator):
     reduced = OnModes(bar(loads=GENTLE, prescribed={tip: {"y": lambda t: 0.1 * np.sin(5 * t) ** 2}}), 3)
     v0 = reduced.columns[:, :3] @ np.array([0.5, 0.3, 0.2])
 
@@ -129,34 +135,36 @@ def test_orders_are_those_that_integrators_declare(integrator):
     assert abs(slopes[-1] - integrator.order) < 0.15
 
 
-def test_promises_on_a_basis_are_of_those_that_take_one():
+def test_declared_conservation_on_a_basis_needs_an_integrator_that_accepts_a_basis():
     promises = {name: one.conserves_reduced for name, one in INTEGRATORS.items()}
-    assert {name for name, kept in promises.items() if kept is None} == {"ForwardEuler", "VelocityVerlet"}
-    assert {name for name, kept in promises.items() if kept} == {"EnergyMomentum"} and promises["EnergyMomentum"] == {ENERGY}
+    assert {name for name, conserved in promises.items() if conserved is None} == {"ForwardEuler", "VelocityVerlet"}
+    assert {name for name, conserved in promises.items() if conserved} == {"EnergyMomentum"} and promises["EnergyMomentum"] == {
+        ENERGY
+    }
 
 
 @pytest.mark.parametrize("integrator", ALL, ids=names(ALL))
-def test_steps_do_not_ask_the_body(integrator, monkeypatch):
+def test_steps_do_not_evaluate_the_full_body(integrator, monkeypatch):
     reduced = OnModes(bar(loads=GENTLE), 9)
-    inner, asked = OnModes(bar(loads=GENTLE), 9), []
-    reduced.response = inner.response  # stands for precomputed coefficients
+    inner, calls = OnModes(bar(loads=GENTLE), 9), []
+    reduced.response = inner.response  # replaces precomputed coefficients
     for name in ("energy", "internal_force", "energy_and_force", "inside_out", "tangent", "external_force", "foundation_force"):
         method = getattr(reduced.body, name)
         monkeypatch.setattr(
-            reduced.body, name, lambda *given, name=name, method=method, **more: (asked.append(name), method(*given, **more))[1]
+            reduced.body, name, lambda *given, name=name, method=method, **more: (calls.append(name), method(*given, **more))[1]
         )
     counts = []
     for until in (0.1, 0.4):
-        asked.clear()
+        calls.clear()
         inner.count = 0
         run = simulate(reduced, integrator, until=until, damping=Rayleigh(0.1, 1e-3), probes={"tip": [17]}, quiet=True)
-        counts.append(len(asked))
+        counts.append(len(calls))
     assert counts[0] == counts[1] < 30 and run.motion.states.n == 9
     evaluations = 2 if isinstance(integrator, EnergyMomentum) else 1
     assert inner.count <= evaluations * (run.iterations + run.ledger.steps) + run.ledger.steps
 
 
-def test_a_motion_goes_on_from_its_checkpoint_bit_for_bit(tmp_path):
+def test_a_resumed_motion_equals_the_whole_one_bitwise(tmp_path):
     body = BODIES["prescribed"]()
     reduced, integrator = OnModes(body, 9), EnergyMomentum(dt=0.02)
     whole = simulate(reduced, integrator, until=0.4, probes={"tip": [17]}, quiet=True)
@@ -169,7 +177,7 @@ def test_a_motion_goes_on_from_its_checkpoint_bit_for_bit(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
-def test_states_and_elements_inside_out_are_looked_at_where_states_are_saved(tmp_path):
+def test_saved_states_have_fields_and_numbers_of_inverted_elements(tmp_path):
     body = BODIES["dead loads"]()
     reduced = OnModes(body, 9)
     run = simulate(reduced, Newmark(dt=0.02), until=0.4, save=tmp_path / "run.pvd", every=5, quiet=True)
@@ -179,7 +187,7 @@ def test_states_and_elements_inside_out_are_looked_at_where_states_are_saved(tmp
 
 
 @pytest.mark.parametrize(
-    ("integrator", "options", "said"),
+    ("integrator", "options", "message"),
     [
         (
             VelocityVerlet(dt=1e-4),
@@ -194,8 +202,8 @@ def test_states_and_elements_inside_out_are_looked_at_where_states_are_saved(tmp
     ],
     ids=["explicit", "tangent", "solver", "mass", "damping", "removal"],
 )
-def test_what_a_reduced_motion_does_not_take_is_refused(integrator, options, said):
-    with pytest.raises(StvkError, match=said):
+def test_unsupported_options_of_a_reduced_motion_are_refused(integrator, options, message):
+    with pytest.raises(StvkError, match=message):
         simulate(OnModes(bar(loads=GENTLE), 3), integrator, until=0.2, quiet=True, **options)
 
 

@@ -1,4 +1,7 @@
-"""`solve_static` on the coordinates of a basis: with all modes it is the full solve, and no part of a solve asks the mesh."""
+"""`solve_static` on the coordinates of a basis equals the full solve if the basis has all modes.
+
+No iteration evaluates the full body.
+"""
 
 from dataclasses import replace
 
@@ -43,7 +46,7 @@ def test_with_all_modes_the_reduced_solve_is_the_full_one(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_so_it_is_with_precomputed_coefficients(name):
+def test_with_precomputed_coefficients_the_reduced_solve_is_the_full_one(name):
     body = BODIES[name]()
     free = body.ndofs - len(body.supports.held)
     full = solve_static(body, steps=3, quiet=True)
@@ -53,8 +56,11 @@ def test_so_it_is_with_precomputed_coefficients(name):
 
 
 @pytest.mark.parametrize("size", [4, 12])
-def test_reactions_balance_the_loads_however_small_the_basis(size):
-    """What the basis leaves at free nodes is carried to the supports; without that a fifth of the load is missing."""
+def test_reactions_balance_the_loads_on_small_bases(size):
+    """Reactions balance the loads on a basis of 4 modes.
+
+    The residual at free nodes is transferred to the supports. Without the transfer a fifth of the load is missing.
+    """
     body = BODIES["dead loads"]()
     full = solve_static(body, steps=2, quiet=True).reaction()
     result = solve_static(ReducedSystem(body, size, 6, quiet=True), steps=2, quiet=True)
@@ -66,8 +72,8 @@ def test_reactions_balance_the_loads_however_small_the_basis(size):
 
 
 @pytest.mark.parametrize("t", [0.0, 0.3, 1.0])
-def test_what_is_prescribed_is_written_to_states_and_nothing_else(t):
-    """On the mesh and on a basis alike: the body is where its supports are, and free entries stay what they were."""
+def test_prescribe_changes_only_the_prescribed_entries(t):
+    """`prescribe` sets the prescribed displacements, on the mesh and on a basis, and leaves all free entries unchanged."""
     body = BODIES["prescribed"]()
     whole = OnModes(body)
     held = body.supports.held
@@ -94,8 +100,8 @@ def test_the_error_falls_as_modes_are_added():
     assert errors[0] > 3 * errors[1] and errors[-1] < 0.2 * errors[1] and errors[-1] < 2e-3
 
 
-def test_a_bar_that_buckles_says_so_and_shows_the_mode():
-    """A full-rank basis sees the same bifurcation, with the same mode on the mesh."""
+def test_a_bifurcation_and_its_mode_are_those_of_the_full_body():
+    """A basis with all modes has the same bifurcation point as the full body, with the same mode on the mesh."""
     body, stop = column(60.0), Stop(load=1.0)
     found = [solve_static(one, steps=4, method="arc-length", stop=stop, quiet=True) for one in (body, OnModes(body))]
     full, reduced = (one.critical_points[0] for one in found)
@@ -105,7 +111,7 @@ def test_a_bar_that_buckles_says_so_and_shows_the_mode():
 
 
 @pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")
-def test_a_body_that_gives_way_stops_where_the_full_one_does():
+def test_a_reduced_solve_without_equilibrium_ends_at_the_load_of_the_full_one():
     body = bar(loads=(Traction(tip, (-400.0, 0.0, 0.0)),))
     found = [solve_static(one, steps=8, quiet=True, raise_on_failure=False) for one in (body, OnModes(body))]
     assert [one.status.value for one in found] == ["stopped before the end"] * 2
@@ -113,33 +119,33 @@ def test_a_body_that_gives_way_stops_where_the_full_one_does():
     assert "inside out" in found[1].message and not len(body.inside_out(found[1].u))
 
 
-def test_iterations_do_not_ask_the_body(monkeypatch):
-    """What is asked of the mesh is asked a few times for each state that is found, however many iterations that takes."""
+def test_iterations_do_not_evaluate_the_full_body(monkeypatch):
+    """The number of evaluations of the full body is proportional to the number of states found, not to the number of iterations."""
     reduced = OnModes(bar(loads=GENTLE), 9)
-    asked, names = [], ("energy", "internal_force", "energy_and_force", "inside_out", "step_limit", "smallest_volume_ratio")
+    calls, names = [], ("energy", "internal_force", "energy_and_force", "inside_out", "step_limit", "smallest_volume_ratio")
     body, coefficients = reduced.body, {}
     for name in (*names, "tangent", "external_force"):
         method = getattr(body, name)
         monkeypatch.setattr(
-            body, name, lambda *given, name=name, method=method, **more: (asked.append(name), method(*given, **more))[1]
+            body, name, lambda *given, name=name, method=method, **more: (calls.append(name), method(*given, **more))[1]
         )
     inner = OnModes(bar(loads=GENTLE), 9)
-    reduced.response = inner.response  # stands for precomputed coefficients
+    reduced.response = inner.response  # replaces precomputed coefficients
     reduced.external_force = lambda z, t: coefficients.setdefault("loads", inner.external_force(z, 1.0)) * t
     result = solve_static(reduced, steps=2, quiet=True)
     assert result.history.iterations > 7
-    assert "tangent" not in asked and asked.count("step_limit") == 0
-    assert len(asked) < 10 * (len(result.history) + 1)
+    assert "tangent" not in calls and calls.count("step_limit") == 0
+    assert len(calls) < 10 * (len(result.history) + 1)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [({"solver": "superlu"}, "leave it out"), ({"checkpoint": "kept"}, "are not resumed")],
     ids=["solver", "checkpoint"],
 )
-def test_what_a_reduced_system_does_not_take_is_refused(options, said, tmp_path):
+def test_unsupported_options_of_a_reduced_solve_are_refused(options, message, tmp_path):
     options = {name: tmp_path / value if name == "checkpoint" else value for name, value in options.items()}
-    with pytest.raises(StvkError, match=said):
+    with pytest.raises(StvkError, match=message):
         solve_static(OnModes(bar(loads=GENTLE), 3), quiet=True, **options)
 
 

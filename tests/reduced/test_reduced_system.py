@@ -1,4 +1,4 @@
-"""A reduced body is the body in the span of its fields: W, F, K, supports, loads; and what is no such thing is refused."""
+"""W, F, K, supports and loads of a reduced body are the projected quantities of the body. Invalid reductions are refused."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def right(x):
 
 
 def upright(n=2):
-    """A cube with plane ends."""
+    """Return a cube with two plane ends normal to x."""
     mesh = box(n)
     p = mesh.p.copy()
     p[0, p[0] < 0.2] = 0
@@ -53,7 +53,7 @@ def reduced_of(body, size=6, modes=3, **options):
 
 
 def some_q(reduced, amount=0.3):
-    """Unknowns at which displacements are not small."""
+    """Return generalized coordinates with finite displacements."""
     q = np.cos(1.0 + np.arange(reduced.size))
     return q * amount / np.abs(reduced.basis @ q).max()
 
@@ -61,7 +61,7 @@ def some_q(reduced, amount=0.3):
 BODIES = {
     "held": lambda: cube(),
     "pulled": lambda: cube(prescribed=[(right, {"x": 0.2, "y": 0.1})]),
-    "turned": lambda: cube(
+    "rotated": lambda: cube(
         prescribed=[(right, lambda x, t: np.stack([0 * x[0], x[1] * (np.cos(t) - 1) - x[2] * np.sin(t), x[1] * np.sin(t)]))]
     ),
     "quadratic": lambda: System(curved(upright(1)), LAW, fixed=[(left, "xyz")]),
@@ -90,7 +90,7 @@ def test_energy_force_and_tangent_are_those_of_the_body_projected(name):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_the_basis_is_orthonormal_by_mass_and_zero_where_the_body_is_held(name):
+def test_the_basis_is_orthonormal_by_mass_and_zero_at_constrained_degrees_of_freedom(name):
     body = BODIES[name]()
     reduced = reduced_of(body)
     density = 1.0 if name == "without density" else 1.5
@@ -103,7 +103,7 @@ def test_the_basis_is_orthonormal_by_mass_and_zero_where_the_body_is_held(name):
 LOADS = {
     "dead": [Gravity((0.1, -0.2, 0.3)), Traction(right, (0.1, 0.2, -0.1))],
     "a function of time": [Traction(right, lambda t: (0.1 * t, 0.2 * np.sin(t), 0.0))],
-    "a function of place and time": [BodyForce(lambda x, t: (x[0] * t, x[1], 0 * x[2] + t))],
+    "a function of x and t": [BodyForce(lambda x, t: (x[0] * t, x[1], 0 * x[2] + t))],
     "following": [Pressure(right, 0.2), Gravity((0, 0, -0.1))],
 }
 
@@ -132,8 +132,8 @@ def test_the_energy_along_a_line_is_a_quartic():
         assert abs(np.polynomial.polynomial.polyval(s, c) / reduced.energy(q + s * v, 0.5) - 1) < 1e-13
 
 
-def test_another_prescribed_displacement_counts_at_the_same_time():
-    """The value may come from outside, as that of a handle does."""
+def test_a_changed_prescribed_displacement_takes_effect_at_the_same_time():
+    """A prescribed displacement that changes between two calls at the same time takes effect, such as that of a handle."""
     given = [0.1]
     reduced = reduced_of(cube(prescribed=[(right, {"x": lambda t: t * given[0]})]))
     q = some_q(reduced)
@@ -148,9 +148,9 @@ def test_another_prescribed_displacement_counts_at_the_same_time():
 def test_amounts_can_be_overwritten():
     reduced = reduced_of(BODIES["pulled"]())
     s = reduced.amounts(0.5)
-    kept = s.copy()
+    expected = s.copy()
     s[:] = np.nan
-    np.testing.assert_array_equal(reduced.amounts(0.5), kept)
+    np.testing.assert_array_equal(reduced.amounts(0.5), expected)
 
 
 def test_a_body_that_can_move_without_strain_is_refused():
@@ -176,8 +176,8 @@ def test_more_unknowns_than_fields_are_refused_with_their_number():
         ({}, 30),
     ],
 )
-def test_numbers_that_are_not_given_follow_from_those_that_are(given, size):
-    """Snapshots that are the same twice count once."""
+def test_default_sizes_follow_from_the_other_arguments(given, size):
+    """The default sizes follow from the arguments given. Duplicate snapshots count once."""
     body, rng = cube(), np.random.default_rng(2)
     if "snapshots" in given:
         states = rng.standard_normal((body.ndofs, given["snapshots"]))
@@ -212,7 +212,7 @@ def test_snapshots_are_in_the_span():
 
 @pytest.mark.parametrize("count", [3, 40])
 def test_modes_of_the_basis_are_those_of_the_body(count):
-    """A square bar has each bending mode twice."""
+    """The modes equal those of `modes`, including the double bending modes of a square bar."""
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 3, 7), np.linspace(0, 1, 3), np.linspace(0, 1, 3))
     body = System(mesh, LAW, fixed=[(left, "xyz")])
     values, vectors = vibration_modes(masses_of(body), AtRest(body), count)
@@ -228,8 +228,8 @@ def test_masses_of_a_torn_body_without_density_are_those_of_density_1():
     np.testing.assert_allclose(masses_of(light.without([3, 7, 30])), wanted, rtol=1e-13)
 
 
-def test_modal_derivatives_are_how_modes_change_with_the_amplitude_of_others():
-    """`K(u) phi` at small amplitudes, by differences of the tangent: two ways to the second derivative of F."""
+def test_modal_derivatives_are_the_second_derivatives_of_the_force():
+    """Second derivatives of F along two fields equal half the difference of `K(phi_j) phi_i` and `K(-phi_j) phi_i`."""
     body = cube()
     fields = np.random.default_rng(0).standard_normal((body.ndofs, 3))
     along = second_derivatives(body, fields)
@@ -239,7 +239,7 @@ def test_modal_derivatives_are_how_modes_change_with_the_amplitude_of_others():
 
 
 @pytest.mark.parametrize("solver", [SuperLU(), Pardiso()])
-def test_many_right_sides_at_once_have_the_solutions_that_they_have_one_by_one(solver):
+def test_many_right_hand_sides_at_once_have_the_solutions_of_single_ones(solver):
     if solver.name == "pardiso":
         pytest.importorskip("pypardiso")
     rest = AtRest(cube())

@@ -1,4 +1,7 @@
-"""`verify` holds a reduced body against its body, and notices what is planted in it; files hold it, and know whose it is."""
+"""`verify` compares a reduced body with its full body and finds planted faults.
+
+Files restore a reduced body only for the body that it was made of.
+"""
 
 from types import SimpleNamespace
 
@@ -13,7 +16,7 @@ def failures(reduced):
     return {(result.check, result.quantity) for result in verify(reduced, quiet=True).failures()}
 
 
-@pytest.mark.parametrize("name", ["held", "turned", "quadratic", "with a penalty"])
+@pytest.mark.parametrize("name", ["held", "rotated", "quadratic", "with a penalty"])
 def test_reduced_bodies_pass(name):
     report = verify(reduced_of(BODIES[name]()), quiet=True)
     assert report.passed, str(report)
@@ -21,7 +24,7 @@ def test_reduced_bodies_pass(name):
 
 
 def altered(change):
-    """A reduced body whose quartic is changed."""
+    """Return a reduced body with changed coefficients of the quartic."""
     reduced = reduced_of(cube())
     inner = reduced.in_coordinates
     change(inner.coefficients, reduced)
@@ -29,15 +32,15 @@ def altered(change):
     return reduced
 
 
-def test_a_coefficient_that_is_off_is_noticed():
+def test_a_wrong_coefficient_is_noticed():
     def change(T, reduced):
         T[np.argmax(np.abs(T))] *= 1 + 1e-6
 
     assert {("agreement", "W"), ("agreement", "F"), ("agreement", "K")} <= failures(altered(change))
 
 
-def test_a_cubic_part_that_is_lost_is_noticed():
-    """Among the coefficients those with one factor `x_0`."""
+def test_a_missing_cubic_part_is_noticed():
+    """The check finds a missing cubic part: the coefficients with exactly one factor `x_0` are zero."""
     from kernels.readable_reduced import ordered
 
     def change(T, reduced):
@@ -46,8 +49,8 @@ def test_a_cubic_part_that_is_lost_is_noticed():
     assert ("agreement", "F") in failures(altered(change))
 
 
-class Wrong:
-    """A reduced body with another response."""
+class AlteredResponse:
+    """Reduced body with an altered response."""
 
     def __init__(self, reduced, response):
         self.__dict__.update(body=reduced.body, columns=reduced.columns, size=reduced.size, masses=reduced.masses, quartic=True)
@@ -68,25 +71,25 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_wrong_responses_are_noticed(name):
     response, noticed = FAULTS[name]
-    assert noticed in failures(Wrong(reduced_of(cube()), response))
+    assert noticed in failures(AlteredResponse(reduced_of(cube()), response))
 
 
 def test_a_basis_that_is_not_orthonormal_is_noticed():
     reduced = reduced_of(cube())
-    stretched = Wrong(reduced, lambda *response: response)
+    stretched = AlteredResponse(reduced, lambda *response: response)
     stretched.columns = 1.001 * reduced.columns
     assert ("orthonormality", "V' M V") in failures(stretched)
 
 
-def test_verify_refuses_what_a_reduced_body_has():
+def test_verify_refuses_options_that_a_reduced_body_defines():
     with pytest.raises(StvkError, match="young beside a reduced body"):
         verify(reduced_of(cube()), young=1.0)
 
 
 def test_a_file_makes_the_same_body_again(tmp_path):
-    body = BODIES["turned"]()
+    body = BODIES["rotated"]()
     reduced = reduced_of(body)
-    again = ReducedSystem.load(reduced.save(tmp_path / "body.npz"), BODIES["turned"]())
+    again = ReducedSystem.load(reduced.save(tmp_path / "body.npz"), BODIES["rotated"]())
     q = np.cos(np.arange(6.0))
     for one, other in zip(reduced.linearize(q, 0.3), again.linearize(q, 0.3), strict=True):
         assert np.array_equal(one, other)
@@ -113,7 +116,7 @@ def test_a_file_of_another_body_is_refused(name, tmp_path):
         ReducedSystem.load(file, OTHERS[name]())
 
 
-def test_files_that_are_damaged_or_none_are_refused(tmp_path):
+def test_damaged_files_and_files_of_other_formats_are_refused(tmp_path):
     file = reduced_of(cube()).save(tmp_path / "body.npz")
     content = file.read_bytes()
     file.write_bytes(content[: len(content) // 2])

@@ -1,4 +1,7 @@
-"""Precomputed response: exact at the points of its grid, between them as wrong as it says, and the same however it was computed."""
+"""A precomputed response is exact at grid points and has the reported error between them.
+
+The response does not depend on the number of processes.
+"""
 
 import os
 import signal
@@ -45,7 +48,10 @@ def solid(mesh=BODY, **supports):
 
 
 def solved(body, displacement, **options):
-    """The state in which all loads and displacements have grown together from rest: another path to the same."""
+    """Return reaction and state for a displacement of the handle, with loads and displacements grown together from rest.
+
+    The path differs from that of the precomputed response; the end is the same.
+    """
     nodes = np.unique(body.mesh.boundaries[GRIP])
     components = {letter: float(value) for letter, value in zip("xyz", displacement, strict=False)}
     prescribed = [*(body.made_of["prescribed"] or {}).items(), (nodes, components)]
@@ -58,24 +64,24 @@ def answers():
     return PrecomputedResponse(solid(), GRIP, AXES, tolerance=1e-12, rtol=1e-11, checks=6, quiet=True)
 
 
-def test_answers_at_the_points_of_the_grid_are_the_solves_there(answers):
-    for place in [(0, 0, 0), (2, 4, 2), (1, 2, 1), (2, 0, 1), (0, 3, 2)]:
-        at = [axis[i] for axis, i in zip(AXES, place, strict=True)]
+def test_answers_at_grid_points_are_those_of_solves(answers):
+    for point in [(0, 0, 0), (2, 4, 2), (1, 2, 1), (2, 0, 1), (0, 3, 2)]:
+        at = [axis[i] for axis, i in zip(AXES, point, strict=True)]
         force, u = answers(at)
         expected, states = solved(solid(), at)
         assert np.abs(force - expected).max() < 1e-8 * np.abs(answers.forces).max() and np.abs(states).max() > 0.04
         assert np.abs(u - states).max() < 1e-8
-        assert np.array_equal(force, answers.forces[place])
+        assert np.array_equal(force, answers.forces[point])
 
 
-def test_the_handle_and_the_supports_are_exactly_where_they_are_held(answers):
+def test_handle_and_supports_have_exactly_the_prescribed_displacements(answers):
     at = (0.0123, -0.234, 0.111)
     _, u = answers(at)
     moved = u.reshape(-1, 3)
     assert (moved[answers.nodes] == at).all() and not moved[np.unique(BODY.boundaries["left"])].any()
 
 
-def test_the_error_says_what_solves_between_the_points_give(answers):
+def test_the_reported_error_is_the_difference_from_solves_between_the_points(answers):
     errors = answers.error
     assert len(errors.points) == 6 and 1e-5 < errors.largest_force < 0.05 and 1e-5 < errors.largest_u < 0.05
     k = int(np.argmax(errors.force))
@@ -126,7 +132,10 @@ def test_answers_are_continuous_across_the_sides_of_cells(answers):
 
 
 def test_the_force_is_the_gradient_of_the_potential_energy():
-    """Whose minimum over all other nodes it is: the sign, the components and the loads are right."""
+    """The force is the gradient of the potential energy, minimized over all other nodes.
+
+    Sign, components and loads of the force are therefore right.
+    """
     body, at, h = solid(BEAM), np.array([0.1, -0.3]), 1e-3
     found = PrecomputedResponse(body, GRIP, ([0.0, at[0]], [at[1], 0.0]), rtol=1e-11, checks=0, quiet=True)
 
@@ -140,7 +149,7 @@ def test_the_force_is_the_gradient_of_the_potential_energy():
 
 
 def test_loads_and_displacements_of_the_body_act_in_full():
-    """Follower loads, functions of t and displacements that are prescribed elsewhere are what they are at t = 1."""
+    """Follower loads, functions of t, and displacements prescribed elsewhere have their values at t = 1."""
     terms = [StVK(young=1e4, poisson=0.3), Pressure("top", 200.0), Pressure("bottom", lambda x, t: 100.0 * t + 0 * x[0])]
     body = System(BEAM, terms, fixed={"left": "x"}, prescribed={"left": {"y": 0.05}})
     found = PrecomputedResponse(body, GRIP, ([0.0, 0.1], [-0.2, -0.1, 0.0]), tolerance=1e-12, rtol=1e-11, checks=1, quiet=True)
@@ -161,7 +170,7 @@ def test_loads_grow_from_rest_and_act_in_full_on_the_way_from_a_neighbour():
     np.testing.assert_array_equal(driven.external_force(u, 0.25), full)
 
 
-def test_elements_that_were_taken_out_are_not_in_the_answers():
+def test_removed_elements_are_not_in_the_answers():
     body = solid(BEAM)
     whole = PrecomputedResponse(body, GRIP, ([0.0], [-0.1, 0.0]), checks=0, quiet=True).forces
     body = body.without([10, 11])
@@ -169,7 +178,7 @@ def test_elements_that_were_taken_out_are_not_in_the_answers():
     assert abs(less[0, 0, 1] / whole[0, 0, 1] - 1) > 0.01
 
 
-def test_cables_beside_a_solid_are_pulled_with_it():
+def test_cables_attached_to_a_solid_are_pulled_with_it():
     cable = np.array([[0, BODY.nv - 1], [BODY.nv - 1, 3]]).T
     terms = [StVK(young=1e4, poisson=0.3), StVK(young=1e5, area=1e-2, simplices=cable)]
     body = System(BODY, terms, fixed={"left": "xyz"})
@@ -179,20 +188,20 @@ def test_cables_beside_a_solid_are_pulled_with_it():
     assert found((0.1, 0, 0))[0][0] > 1.05 * alone((0.1, 0, 0))[0][0] > 1
 
 
-def test_fewer_vectors_are_as_wrong_as_they_say(answers):
+def test_fewer_vectors_have_the_reported_compression_error(answers):
     rough = PrecomputedResponse(solid(), GRIP, AXES, tolerance=1e-3, checks=0, quiet=True)
     assert 1 < rough.rank < answers.rank and 0 < rough.compression <= 1e-3
     states = np.array([answers([axis[i] for axis, i in zip(AXES, k, strict=True)])[1] for k in np.ndindex(3, 5, 3)])
     rougher = np.array([rough([axis[i] for axis, i in zip(AXES, k, strict=True)])[1] for k in np.ndindex(3, 5, 3)])
     worst = np.linalg.norm(states - rougher, axis=1).max() / np.linalg.norm(states, axis=1).max()
-    assert worst <= 1.01 * rough.compression  # what is held is exact beside
+    assert worst <= 1.01 * rough.compression  # constrained degrees of freedom have no error
     basis, amounts, left_out = _compressed(states, 1e-3)
     assert np.linalg.norm(states - amounts @ basis.T, axis=1).max() / np.linalg.norm(states, axis=1).max() == pytest.approx(
         left_out
     )
 
 
-# outside of the grid, and holes in it
+# displacements outside of the grid, and holes in the grid
 
 
 def test_outside_of_an_axis_is_refused_by_its_name_and_range(answers):
@@ -209,7 +218,10 @@ def test_outside_of_an_axis_is_refused_by_its_name_and_range(answers):
 
 @pytest.fixture(scope="module")
 def holed():
-    """Compressed so far that a St. Venant-Kirchhoff body gives way."""
+    """Return a response with holes.
+
+    The grid goes so far into compression that the St. Venant-Kirchhoff body has no stable equilibrium.
+    """
     body = System(BEAM, StVK(young=1e4, poisson=0.3), fixed={"left": "xy"})
     with pytest.warns(StvkWarning, match=r"No stable equilibrium at 6 of 15 displacements \(\(-2, 0\), .*: Stopped before"):
         return PrecomputedResponse(body, GRIP, ([-2.8, -2.0, -0.1, 0.0, 0.1], [-0.1, 0.0, 0.1]), checks=None, quiet=True)
@@ -220,17 +232,17 @@ def test_points_without_equilibrium_are_holes_whose_cells_are_refused(holed):
     with pytest.raises(StateError, match=r"in a cell with \(-2.*where there is no answer: "):
         holed((-1.9, 0.05))
     assert np.isfinite(holed.forces).all() and "holes" in repr(holed)
-    assert len(holed.error.points) == 4 and holed.error.points[:, 0].min() >= -0.1  # cells without holes alone
+    assert len(holed.error.points) == 4 and holed.error.points[:, 0].min() >= -0.1  # only cells without holes
 
 
-def test_beside_holes_answers_are_linear_between_the_points(holed):
+def test_next_to_holes_answers_are_linear_between_the_points(holed):
     force, _ = holed((-0.075, 0.0))
     assert force == pytest.approx(0.75 * holed.forces[2, 1] + 0.25 * holed.forces[3, 1], rel=1e-12)
-    assert holed((-0.1, 0.05))[0].shape == (2,)  # on the side of a cell with a hole, the other cell answers
+    assert holed((-0.1, 0.05))[0].shape == (2,)  # on the boundary of a cell with a hole, the neighbouring cell is used
 
 
-def test_points_that_are_reached_by_a_jump_alone_are_holes():
-    """Two flat bars that a soft one pulls through: where they snap, answers would jump."""
+def test_points_behind_a_snap_are_holes():
+    """Two flat bars, pulled by a soft bar, snap through. Points behind the snap are holes, because the answer would jump."""
     mesh = ElementMesh(
         p=np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, 0.3, 0.0, -3.0]]),
         t=np.array([[0, 1, 1], [1, 2, 3]]),
@@ -288,8 +300,8 @@ def test_each_point_starts_from_its_solved_neighbour_nearer_to_rest():
     assert sorted(map(grid.steps, range(9))) == [0, 1, 1, 1, 1, 2, 2, 2, 2]
 
 
-def test_a_hole_is_walked_around_and_the_order_does_not_matter():
-    """With a toy solver: what lies behind a hole is started from its other neighbour."""
+def test_solves_go_around_a_hole_and_their_order_does_not_matter():
+    """A toy solver shows that a point behind a hole starts from its other neighbour."""
     axes = (np.arange(-1.0, 3), np.arange(0.0, 3))
     grid, starts = handle_solves.DisplacementGrid(axes), {}
 
@@ -306,8 +318,8 @@ def test_a_hole_is_walked_around_and_the_order_does_not_matter():
     assert starts[grid.number((2, 1))] == [0.0, 1.0] and starts[grid.number((1, 0))] == [0, 0]
     assert grid.number((3, 0)) not in found and "no neighbour" in solves.states[grid.number((3, 0))].message
     assert starts[grid.number((2, 2))] == [1.0, 1.0] and len(solves.states) == 12
-    kept = {k: solves.states[k] for k in found[::2]}
-    again = handle_solves.HandleSolves(grid, Toy(), 0, kept)
+    done_before = {k: solves.states[k] for k in found[::2]}
+    again = handle_solves.HandleSolves(grid, Toy(), 0, done_before)
     assert sorted(number for number, _, _ in again.run(1, 1)) == sorted(found[1::2])
     assert {k: s.message for k, s in again.states.items()} == {k: s.message for k, s in solves.states.items()}
 
@@ -351,7 +363,7 @@ SLOW = pytest.mark.slow
     "how, jobs",
     [(signal.SIGKILL, 1), pytest.param(signal.SIGINT, 1, marks=SLOW), pytest.param(signal.SIGINT, 2, marks=SLOW)],
 )
-def test_a_response_that_was_killed_goes_on_to_the_same_table(tmp_path, how, jobs):
+def test_a_response_that_was_killed_resumes_to_the_same_table(tmp_path, how, jobs):
     script, points = tmp_path / "response.py", tmp_path / "points"
     script.write_text(SCRIPT.format(jobs=jobs, checkpoint=str(points), n=61))
     process = subprocess.Popen(
@@ -383,7 +395,7 @@ def test_a_response_that_was_killed_goes_on_to_the_same_table(tmp_path, how, job
     assert_same(resumed, PrecomputedResponse(solid(BEAM), GRIP, axes, checks=2, quiet=True))
 
 
-def test_a_checkpoint_of_another_problem_is_refused_and_so_is_a_damaged_one(tmp_path):
+def test_checkpoints_of_another_problem_and_damaged_ones_are_refused(tmp_path):
     axes = ([0.0], [-0.1, 0.0, 0.1])
     PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, checkpoint=tmp_path / "points", quiet=True)
     for other in [
@@ -407,7 +419,7 @@ def test_bodies_with_lambdas_do_not_go_to_processes():
         PrecomputedResponse(body, GRIP, ([0.0], [-0.1, 0.0]), jobs=2, quiet=True)
 
 
-def test_what_is_saved_is_loaded_with_its_own_body_alone(answers, tmp_path):
+def test_a_saved_response_is_loaded_with_its_own_body_only(answers, tmp_path):
     file = answers.save(tmp_path / "grip.npz")
     loaded = PrecomputedResponse.load(file, solid())
     assert_same(loaded, answers)
@@ -472,7 +484,7 @@ def test_a_file_with_nodes_that_are_not_in_the_mesh_is_refused(holed, tmp_path, 
         PrecomputedResponse.load(file, holed.body)
 
 
-def test_holes_are_saved_too(holed, tmp_path):
+def test_holes_are_saved(holed, tmp_path):
     loaded = PrecomputedResponse.load(holed.save(tmp_path / "holed.npz"), holed.body)
     assert loaded.holes == holed.holes and loaded.error.unsolved == holed.error.unsolved
     with pytest.raises(StateError, match="no answer"):
@@ -492,7 +504,7 @@ def test_holes_are_saved_too(holed, tmp_path):
         (3, "2 axes"),
     ],
 )
-def test_grids_that_are_none_are_refused(axes, message):
+def test_invalid_grids_are_refused(axes, message):
     with pytest.raises(StvkError, match=message):
         PrecomputedResponse(solid(BEAM), GRIP, axes, quiet=True)
 
@@ -506,30 +518,30 @@ def test_handles_that_cannot_be_displaced_are_refused():
         PrecomputedResponse(System(BEAM, StVK(young=1e4, poisson=0.3)), [0], ([0.0], [0.0, 0.1]), quiet=True)
 
 
-# faults that the checks are for
+# faults that the checks find
 
 
 def test_the_check_of_answers_finds_swapped_axes_and_a_wrong_sign(answers, monkeypatch):
-    """The same grid with its components exchanged, or with the force of the body on the hand, is far from what solves give."""
+    """With exchanged components, or with the force of the body on the hand, the answers are far from those of solves."""
     at = (0.2, -0.3, 0.25)
     true = solved(solid(), at)[0]
     assert np.abs(answers(at)[0] - true).max() < 1e-8 * np.abs(true).max()
 
-    def turned(self, x, t):
+    def exchanged(self, x, t):
         return np.repeat(t * self.end[::-1, None], x.shape[1], 1)
 
-    monkeypatch.setattr(handle_solves.HandlePath, "displacements", turned)
+    monkeypatch.setattr(handle_solves.HandlePath, "displacements", exchanged)
     swapped = PrecomputedResponse(solid(), GRIP, AXES, checks=0, quiet=True)
     assert np.abs(swapped(at)[0] - true).max() > 0.1 * np.abs(true).max()
     monkeypatch.undo()
     residual = handle_solves.DrivenSystem.residual
     monkeypatch.setattr(handle_solves.DrivenSystem, "residual", lambda self, u, t=1.0: -residual(self, u, t))
-    turned = PrecomputedResponse(solid(), GRIP, AXES, checks=0, quiet=True)
-    assert np.abs(turned(at)[0] - true).max() > 0.1 * np.abs(true).max()
+    opposite = PrecomputedResponse(solid(), GRIP, AXES, checks=0, quiet=True)
+    assert np.abs(opposite(at)[0] - true).max() > 0.1 * np.abs(true).max()
 
 
-def test_errors_between_points_see_a_table_that_is_wrong(monkeypatch):
-    """States on another branch, here of a point that was solved for elsewhere, are seen by midpoints beside it."""
+def test_errors_between_points_show_a_wrong_table(monkeypatch):
+    """The errors at midpoints grow if the state of one grid point is scaled, as if it were on another branch."""
     call = handle_solves.HandleSolver.__call__
 
     def elsewhere(self, task):

@@ -1,4 +1,7 @@
-"""Sampled elements stand for all: weights are not negative, and the error that is told is that of states that were not fitted."""
+"""Weighted sampled elements replace all elements.
+
+Their weights are nonnegative, and the reported error is that of states that were not fitted.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +18,7 @@ def bar(*terms):
 LAW = NeoHookean(young=2.0, poisson=0.3, density=1.0)
 
 
-def test_few_elements_with_weights_stand_for_all():
+def test_few_weighted_elements_replace_all():
     body = bar(LAW)
     full, reduced = ReducedSystem(body, 4, 3, quiet=True), ReducedSystem(body, 4, 3, sampled=60, quiet=True)
     (found,) = reduced.sampling.values()
@@ -38,12 +41,12 @@ def test_force_and_tangent_of_sampled_elements_are_derivatives_of_their_energy()
     assert np.abs(difference - K @ v).max() < 1e-6 * np.abs(K @ v).max()
 
 
-def test_all_elements_as_candidates_and_more_of_them_make_the_error_smaller():
+def test_more_sampled_elements_make_the_error_smaller():
     errors = [ReducedSystem(bar(LAW), 4, 3, sampled=n, quiet=True).sampling["NeoHookean 0"].unseen for n in (10, 80)]
     assert errors[1] < 0.3 * errors[0]
 
 
-def test_what_is_a_quartic_is_not_sampled():
+def test_a_quartic_energy_is_not_sampled():
     reduced = ReducedSystem(bar(StVK(young=2.0, poisson=0.3, density=1.0)), 4, 3, sampled=40, quiet=True)
     assert reduced.quartic and not reduced.sampling
 

@@ -1,4 +1,4 @@
-"""What many reports share: forces in 50 digits of the same body in the same state, and no more time for timing than it needs."""
+"""Shortcuts of referee tests: forces in 50 digits are computed once per body and state, and timings take the least time."""
 
 import pytest
 
@@ -15,11 +15,11 @@ def frugal(monkeypatch):
 
     def make(self, p, t, tensor, how=None, control=None):
         arrays = [array if array is None or isinstance(array, tuple) else array.tobytes() for array in (tensor, control)]
-        self.what = p.shape, p.tobytes(), t.tobytes(), how, *arrays
+        self.key = p.shape, p.tobytes(), t.tobytes(), how, *arrays
         made(self, p, t, tensor, how, control)
 
     def energy_and_force(self, u):
-        key = self.what, u.tobytes()
+        key = self.key, u.tobytes()
         if key not in KNOWN:
             KNOWN[key] = computed(self, u)
         energy, force = KNOWN[key]

@@ -1,4 +1,4 @@
-"""Candidates of all kinds: partial, dense, operators, broken, of another law."""
+"""The referee judges candidates of all kinds: partial, dense, operators, broken, of another law."""
 
 import re
 
@@ -19,7 +19,7 @@ BODY = System(MESH, TERM)
 
 
 class Candidate:
-    """Any of W, F, K."""
+    """Candidate with some of W, F, K."""
 
     def __init__(self, **methods):
         for name, method in methods.items():
@@ -27,7 +27,7 @@ class Candidate:
 
 
 class Array:
-    """Values of another package, which NumPy reads by `__array__`."""
+    """Array of another package, which NumPy reads by `__array__`."""
 
     def __init__(self, values):
         self.values = values
@@ -40,7 +40,7 @@ def outcomes(report, check, quantity):
     return {r.outcome for r in report.results if r.subject == "candidate" and (r.check, r.quantity) == (check, quantity)}
 
 
-def test_a_candidate_with_F_alone_is_checked_for_what_it_has():
+def test_a_candidate_with_only_F_gets_the_checks_of_F():
     report = verify(MESH, TERM, candidate=Candidate(internal_force=BODY.internal_force), quiet=True)
     assert report.passed
     assert outcomes(report, "agreement", "F") == {CheckOutcome.PASSED}
@@ -104,13 +104,13 @@ def test_a_broken_candidate_is_never_a_pass_nor_an_exception(methods, outcome, w
 
 
 def test_a_candidate_that_changes_u_does_not_harm_the_others():
-    class Vandal:
+    class StateChanging:
         def internal_force(self, u):
             force = BODY.internal_force(u)
             u[:] = np.nan
             return force
 
-    assert verify(MESH, TERM, candidate=Vandal(), quiet=True).passed
+    assert verify(MESH, TERM, candidate=StateChanging(), quiet=True).passed
 
 
 def test_a_candidate_without_any_method_is_an_error():
@@ -204,7 +204,7 @@ def test_a_large_operator_is_checked_for_zero_modes_on_a_piece():
     assert result.outcome is CheckOutcome.PASSED and "all others held" in result.scale
 
 
-def test_a_candidate_that_uses_its_buffer_again_is_not_misjudged():
+def test_a_candidate_that_reuses_its_buffer_is_judged_correctly():
     class Reusing(NeoHookean):
         def internal_force(self, u):
             self.buffer = getattr(self, "buffer", np.empty(u.size))
@@ -233,28 +233,28 @@ def test_another_law_is_judged_on_its_own_scale(factor):
 
 
 @pytest.mark.parametrize("is_stvk", [True, False])
-def test_nothing_at_all_does_not_pass(is_stvk):
+def test_zero_W_and_F_do_not_pass(is_stvk):
     nothing = Candidate(energy=lambda u: 0.0, internal_force=lambda u: 0 * u)
     report = verify(MESH, TERM, candidate=nothing, candidate_is_stvk=is_stvk, quiet=True)
     assert not report.passed
     assert {"derivatives"} <= {r.check for r in report.results if r.subject == "candidate" and r.outcome is not CheckOutcome.PASSED}
 
 
-def test_a_derivative_that_round_off_hides_is_no_pass():
+def test_a_derivative_hidden_by_round_off_does_not_pass():
     hidden = Candidate(energy=lambda u: 1e14 + BODY.energy(u), internal_force=lambda u: 2 * BODY.internal_force(u))
     report = verify(MESH, TERM, candidate=hidden, candidate_is_stvk=False, quiet=True)
     assert not report.passed
     assert any("round-off hides the derivative" in r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN)
 
 
-def test_a_candidate_that_fills_the_same_matrix_again_is_not_misjudged():
+def test_a_candidate_that_refills_its_matrix_is_judged_correctly():
     K = BODY.tangent(np.zeros(BODY.ndofs))
     reusing = Candidate(tangent=lambda u: BODY.tangent(u, out=K), internal_force=BODY.internal_force)
     assert verify(MESH, TERM, candidate=reusing, quiet=True).passed
 
 
 def test_a_candidate_that_exits_or_has_a_raising_property_does_not_stop_the_referee():
-    class Quits:
+    class Exiting:
         def energy(self, u):
             raise SystemExit(3)
 
@@ -262,17 +262,17 @@ def test_a_candidate_that_exits_or_has_a_raising_property_does_not_stop_the_refe
         def internal_force(self):
             raise RuntimeError("not built")
 
-    report = verify(MESH, TERM, candidate=Quits(), quiet=True)
+    report = verify(MESH, TERM, candidate=Exiting(), quiet=True)
     reasons = " ".join(r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN)
     assert "raised SystemExit: 3" in reasons and "raised RuntimeError: not built" in reasons
 
 
-def test_the_worst_place_is_where_the_error_is_largest():
+def test_the_worst_location_has_the_largest_error():
     error = np.zeros(MESH.p.size)
     error[17], error[3] = 1.0, 0.5
-    place = worst_places(MESH, error, 0.7)
-    assert (place["dof"], place["node"], place["component"], place["nodes_off"]) == (17, 5, "z", 1)
-    assert all(5 in MESH.t[:, element] for element in place["elements"]) and place["elements_off"] == 0
+    location = worst_places(MESH, error, 0.7)
+    assert (location["dof"], location["node"], location["component"], location["nodes_off"]) == (17, 5, "z", 1)
+    assert all(5 in MESH.t[:, element] for element in location["elements"]) and location["elements_off"] == 0
 
 
 @pytest.mark.parametrize(
@@ -283,7 +283,7 @@ def test_the_worst_place_is_where_the_error_is_largest():
         (lambda mesh: exec("raise SystemExit(3)"), "raised SystemExit"),
     ],
 )
-def test_what_makes_no_candidate_is_refused_and_passes_nothing(make, words):
-    """A function of the mesh that gives nothing is not taken for no candidate at all."""
+def test_functions_that_return_no_candidate_are_refused(make, words):
+    """A function of the mesh that returns no candidate is refused, and not mistaken for the absence of a candidate."""
     with pytest.raises(StvkError, match=words):
         verify(box(1), young=2.0, poisson=0.3, candidate=make, quiet=True)

@@ -1,4 +1,8 @@
-"""All elements are judged: ours pass, straight, curved, flat and far from the origin; faults in their tables are caught."""
+"""The referee judges all elements.
+
+The package passes on straight and curved elements, flat elements, and elements far from the origin. Faults in tables of elements
+are caught.
+"""
 
 from fractions import Fraction
 
@@ -22,7 +26,7 @@ QUIET = {"quiet": True}
 
 
 def curved(mesh, amount=0.05, which=slice(None)):
-    """The quadratic mesh with its middles moved: those of `which` of them."""
+    """Return the quadratic mesh with displaced nodes on edges; `which` selects the edge nodes."""
     quadratic = mesh.with_degree(2)
     p, ids = quadratic.p.copy(), np.arange(mesh.nv, quadratic.nv)[which]
     p[:, ids] += amount / mesh.nt ** (1 / mesh.k) * np.random.default_rng(5).standard_normal((mesh.d, len(ids)))
@@ -58,7 +62,7 @@ CURVED = BODIES["curved tetrahedra"]
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_every_element_passes(name):
+def test_all_elements_pass(name):
     report = verify(BODIES[name], TERM, **QUIET)
     assert report.passed, str(report)
     tested = {r.check for r in report.results if r.outcome is CheckOutcome.PASSED}
@@ -73,7 +77,7 @@ def test_the_exact_rule_passes_the_patch_test_on_curved_elements(name):
     assert patch.outcome is CheckOutcome.PASSED and "order" in report.header["mesh"]["rule"]
 
 
-def test_four_points_on_curved_tetrahedra_have_no_patch_test_and_it_says_so():
+def test_curved_tetrahedra_with_four_points_get_no_patch_test_and_a_reason():
     (patch,) = [r for r in verify(CURVED, TERM, **QUIET).results if r.check == "patch test"]
     assert patch.outcome is CheckOutcome.NOT_APPLICABLE and "quadrature='exact' does" in patch.reason
 
@@ -114,7 +118,7 @@ def test_degree_2_of_a_linear_mesh_and_meshes_of_scikit_fem_are_the_same_body():
     assert one.header["mesh"]["nodes"] == two.header["mesh"]["nodes"]
 
 
-def test_the_head_says_which_element_which_rule_and_how_many_are_curved():
+def test_the_head_has_element_rule_and_number_of_curved_elements():
     report = verify(BODIES["straight and curved tetrahedra"], TERM, **QUIET)
     facts, text = report.header["mesh"], " ".join(str(report).split())
     assert 0 < facts["curved elements"] < 48 and facts["rule"] == "4 points of order 2"
@@ -146,7 +150,7 @@ def test_a_fault_in_the_tables_is_caught_on_other_elements_too(name, body):
     assert {r.quantity for r in failures if r.check == "agreement"} == {"W", "F", "K"}
 
 
-def test_quadrilaterals_without_control_have_modes_for_nothing():
+def test_quadrilaterals_without_hourglass_control_have_zero_energy_modes():
     candidate, mesh = FAULTS["no hourglass control"], boxes("quadrilaterals", 2)
     failures = verify_candidate(candidate.make(mesh, [TERM]), mesh, [TERM], given={"quadrature": "one-point"}).failures()
     assert {"agreement", "no further zero mode"} <= {r.check for r in failures}

@@ -21,7 +21,7 @@ def test_fifty_digits_agree_with_the_edge_form(name):
 
 
 def test_fifty_digits_are_exact_where_doubles_are_not():
-    """A uniaxial stretch by 1e-12 of a unit tetrahedron: the stress is (lam + 2 mu) (1e-12 + ...), to all digits of a double."""
+    """A uniaxial stretch by 1e-12 has the stress (lam + 2 mu) (1e-12 + ...) to all digits of a double, on a unit tetrahedron."""
     p, t = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]), np.arange(4)[:, None]
     u = np.zeros(12)
     u[3] = 1e-12

@@ -1,4 +1,4 @@
-"""What reports say of planted faults: which check failed, in which state, and where."""
+"""Reports on planted faults name the failed check, the state and the location."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def checked(candidate, mesh=MESH, **options):
 
 
 @pytest.mark.parametrize("name", ["twice lambda", "no geometric term", "linear strain", "one wrong sign"])
-def test_the_report_names_check_quantity_state_and_place(name):
+def test_the_report_names_check_quantity_state_and_location(name):
     report = checked(FAULTS[name].make(MESH, [TERM]))
     text = str(report)
     assert "NOT PASSED" in text and "failed agreement, K of candidate against scikit-fem" in text.replace("\n", " ")
@@ -27,10 +27,10 @@ def test_the_report_names_check_quantity_state_and_place(name):
 
 def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
     report = checked(FAULTS["one wrong sign"].make(MESH, [TERM]))
-    places = [r.worst for r in report.failures("candidate") if r.check == "agreement" and r.quantity in "FK"]
-    assert places
-    for place in places:
-        assert place["elements_off"] == 1 and place["suspects"] == [MESH.nt // 2] and place["nodes_off"] == 4
+    locations = [r.worst for r in report.failures("candidate") if r.check == "agreement" and r.quantity in "FK"]
+    assert locations
+    for location in locations:
+        assert location["elements_off"] == 1 and location["suspects"] == [MESH.nt // 2] and location["nodes_off"] == 4
     assert f"all nodes of 1 element: {MESH.nt // 2}" in " ".join(str(report).split())
 
 
@@ -43,7 +43,7 @@ def test_a_single_wrong_sign_is_caught_on_the_embedded_mesh():
 
 
 def test_twice_lambda_cannot_be_seen_at_nu_zero():
-    """The fault that a test at nu = 0 missed for years: why the checks insist on nu != 0."""
+    """At nu = 0 a doubled lambda passes, which is why the checks require nu != 0."""
     term = StVK(young=2.0, poisson=0.0)
     assert verify(MESH, term, candidate=FAULTS["twice lambda"].make(MESH, [term]), quiet=True).passed
 
@@ -69,7 +69,7 @@ def test_a_right_candidate_passes():
     }
 
 
-def test_W_alone_off_by_a_rounding_of_a_float32_is_caught():
+def test_an_error_of_single_precision_in_W_only_is_caught():
     class Rounded(System):
         def energy(self, u):
             return float(np.float32(super().energy(u)))
@@ -90,18 +90,18 @@ def test_twice_lambda_is_off_in_every_closed_form():
     states = {"uniaxial strain", "uniaxial stress", "equibiaxial", "hydrostatic", "simple shear"}
     assert {r.state for r in failed if r.check == "closed forms" and r.quantity == "P"} == states
     (pressure,) = [r.measured for r in failed if r.state == "hydrostatic" and r.quantity == "P"]
-    assert pressure == pytest.approx(3 * 0.3 / (1 + 0.3), rel=1e-9)  # lam/K: what one more lambda adds to the bulk modulus
+    assert pressure == pytest.approx(3 * 0.3 / (1 + 0.3), rel=1e-9)  # lam/K: relative change of the bulk modulus
 
 
-def test_an_energy_of_a_place_fails_under_translation():
+def test_an_energy_that_depends_on_the_location_fails_under_translation():
     failed = checked(FAULTS["energy of a place"].make(MESH, [TERM])).failures("candidate")
     assert {r.state for r in failed if r.check == "invariance"} == {"translation", "rotation", "reflection"}
 
 
-def test_a_handed_energy_fails_under_reflection_alone():
-    """The signed volume turns its sign in a mirror, and nowhere else."""
+def test_an_energy_of_the_signed_volume_fails_only_under_reflection():
+    """An energy with the signed volume fails under reflection only, because only a reflection changes the sign."""
 
-    class Handed:
+    class SignedVolumeEnergy:
         def energy(self, u):
             x = (MESH.p.T + u.reshape(-1, 3))[ORIENTED.T]
             return System(MESH, TERM).energy(u) + 0.1 * np.linalg.det(x[:, 1:] - x[:, :1]).sum()
@@ -110,7 +110,7 @@ def test_a_handed_energy_fails_under_reflection_alone():
     ORIENTED = MESH.t.copy()
     negative = np.linalg.det(rest[:, 1:] - rest[:, :1]) < 0
     ORIENTED[:2, negative] = ORIENTED[1::-1, negative]
-    failed = checked(Handed()).failures("candidate")
+    failed = checked(SignedVolumeEnergy()).failures("candidate")
     assert {r.state for r in failed if r.check == "invariance"} == {"reflection"}
 
 
@@ -122,10 +122,10 @@ def test_the_worst_entry_of_K_is_named():
             return K.tocsr()
 
     worst = [r.worst for r in checked(OneEntry()).failures("candidate") if r.check == "agreement"]
-    assert worst and all(place["entry"] == [30, 33] and place["dof"] == 30 and place["node"] == 10 for place in worst)
+    assert worst and all(location["entry"] == [30, 33] and location["dof"] == 30 and location["node"] == 10 for location in worst)
 
 
-def test_a_table_row_says_how_many_of_its_checks_failed():
+def test_a_table_row_has_the_number_of_failed_checks():
     text = str(checked(FAULTS["no geometric term"].make(MESH, [TERM])))
     rows = [line for line in text.splitlines() if line.split()[:2] == ["agreement", "candidate"] and " K " in line]
     assert rows and all(line.rstrip().endswith("2/8 failed") for line in rows)

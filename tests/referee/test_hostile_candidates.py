@@ -1,4 +1,4 @@
-"""Candidates that abuse the referee: what they return is looked at, what they raise is caught, and the report is whole."""
+"""Candidates that abuse the referee: results are checked, exceptions are caught, and the report is complete."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from validation.hostile.candidates import RIGHT, WRONG, Candidate, attempt, judg
 
 BODY = candidates.body()
 U = 0.1 * np.random.default_rng(5).standard_normal(BODY.ndofs)
-#: What is wrong in more than its type or shape, and shows as soon as it is compared.
+#: Candidates with wrong values, not just a wrong type or shape: the comparison finds them.
 NUMBERS = {
     "energy returns nan",
     "diagonals without offset",
@@ -23,17 +23,17 @@ NUMBERS = {
 }
 
 
-def tried(player):
-    """What W, F, K and a product with K come to, or the foul."""
+def tried(candidate):
+    """Return W, F, K and a product with K of the candidate, or the contract violation."""
     try:
-        return [player.W(U), player.F(U), player.K(U) @ U]
+        return [candidate.W(U), candidate.F(U), candidate.K(U) @ U]
     except Foul as foul:
         return foul
 
 
 @pytest.mark.filterwarnings("ignore:Constructing a DIA matrix")
 @pytest.mark.parametrize("name", WRONG)
-def test_whatever_a_candidate_does_is_a_value_or_a_foul_in_words(name):
+def test_every_candidate_gives_a_value_or_a_described_violation(name):
     found = tried(Player("candidate", WRONG[name](BODY), BODY.ndofs))
     if name in NUMBERS:
         assert isinstance(found, list) and (name == "every third force is off" or not all(map(same, found, tried_right())))
@@ -50,18 +50,21 @@ def same(one, other):
 
 
 @pytest.mark.parametrize("name", ["columns far outside", "an operator that quits", "methods that raise when looked up", "moods"])
-def test_the_report_on_a_hostile_candidate_is_whole_and_not_passed(name, tmp_path):
+def test_the_report_on_a_hostile_candidate_is_complete_and_not_passed(name, tmp_path):
     judge(attempt(tmp_path, WRONG.get(name, candidates.wrong_every_third_time)), right=False)
     assert (tmp_path / "report" / "report.html").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("name", RIGHT)
-def test_a_right_candidate_with_bad_manners_passes(name, tmp_path):
+def test_an_unusual_but_right_candidate_passes(name, tmp_path):
     judge(attempt(tmp_path, RIGHT[name]), right=True)
 
 
-def test_a_candidate_that_interrupts_leaves_a_report_that_says_so():
-    """Ctrl-C and a candidate's own `KeyboardInterrupt` cannot be told apart: both keep what was found, and neither passes."""
+def test_a_candidate_that_interrupts_leaves_an_interrupted_report():
+    """A candidate's own `KeyboardInterrupt` has the effect of Ctrl-C, from which it cannot be distinguished.
+
+    The report keeps its results and does not pass.
+    """
     report = verify(
         BODY.mesh,
         young=candidates.YOUNG,
@@ -73,11 +76,16 @@ def test_a_candidate_that_interrupts_leaves_a_report_that_says_so():
 
 
 def test_the_referee_keeps_no_array_of_a_candidate():
-    """Neither F nor K change when the candidate goes on using what it returned."""
+    """F and K of the referee do not change if the candidate overwrites the arrays that it returned."""
     K = BODY.tangent(U)
     F = BODY.internal_force(U)
-    player = Player("candidate", Candidate(BODY, tangent=lambda body, u: K, internal_force=lambda body, u: F), BODY.ndofs)
-    kept = player.K(U), player.F(U)
-    before = kept[0].data.copy(), kept[1].copy()
+    candidate = Player("candidate", Candidate(BODY, tangent=lambda body, u: K, internal_force=lambda body, u: F), BODY.ndofs)
+    returned = candidate.K(U), candidate.F(U)
+    before = returned[0].data.copy(), returned[1].copy()
     K.data[:] = F[:] = 0
-    assert np.array_equal(kept[0].data, before[0]) and np.array_equal(kept[1], before[1]) and before[0].any() and before[1].any()
+    assert (
+        np.array_equal(returned[0].data, before[0])
+        and np.array_equal(returned[1], before[1])
+        and before[0].any()
+        and before[1].any()
+    )

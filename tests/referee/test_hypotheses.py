@@ -1,4 +1,4 @@
-"""The report says what is wrong with a candidate, in the right words, and says so where it does not know."""
+"""The report names the fault of a candidate, and states that the cause is unknown if no hypothesis fits."""
 
 import json
 
@@ -22,8 +22,8 @@ def named(candidate, mesh=MESH, terms=(TERM,), options=None):
     return name_the_fault(_case(mesh, list(terms), options or {}, candidate, 0), list(terms))
 
 
-class Only:
-    """Some of the three methods of a model."""
+class PartialModel:
+    """Candidate with some of the three methods of a model."""
 
     def __init__(self, model, *methods):
         for method in methods:
@@ -45,14 +45,14 @@ def test_a_planted_fault_is_named_by_its_class_or_by_none(name):
 
 @pytest.mark.parametrize("methods", [["energy"], ["internal_force"], ["tangent"]], ids=lambda methods: methods[0])
 @pytest.mark.parametrize("name", ["twice lambda", "half mu", "linear strain", "materials exchanged"])
-def test_any_one_of_the_three_is_enough(name, methods):
+def test_one_of_the_three_methods_is_enough(name, methods):
     fault = FAULTS[name]
     body = bodies()[fault.body]
-    assert fault.named in named(Only(fault.make(body.mesh, body.terms), *methods), body.mesh, body.terms).names
+    assert fault.named in named(PartialModel(fault.make(body.mesh, body.terms), *methods), body.mesh, body.terms).names
 
 
-class Racing:
-    """A candidate whose calls lose a share of the elements now and then, as where threads write to one array."""
+class RacyModel:
+    """Candidate whose calls lose some elements at random, as in a data race of threads that write to one array."""
 
     def __init__(self, chance=0.3):
         body, rng = System(MESH, [TERM]), np.random.default_rng(3)
@@ -61,18 +61,18 @@ class Racing:
             setattr(self, name, lambda u, name=name: getattr(lost if rng.random() < chance else body, name)(u))
 
 
-def test_a_data_race_is_named_before_all_else():
-    report = verify(MESH, TERM, candidate=Racing(), quiet=True)
+def test_a_data_race_is_named_first():
+    report = verify(MESH, TERM, candidate=RacyModel(), quiet=True)
     assert not report.passed and report.named.names == ["not repeatable"], str(report.named)
     words = report.named.explanations[0].words
     assert all(f"{quantity} in " in words for quantity in "WFK") and "Mend that first" in words
 
 
-def test_a_seldom_race_is_named_too():
-    assert named(Racing(0.1)).names == ["not repeatable"]
+def test_a_rare_race_is_named():
+    assert named(RacyModel(0.1)).names == ["not repeatable"]
 
 
-def test_an_operator_will_do():
+def test_an_operator_is_enough():
     model = FAULTS["twice lambda"].make(MESH, [TERM])
 
     class Operator:
@@ -83,7 +83,7 @@ def test_an_operator_will_do():
     assert "volume of the deformed body" not in named(Operator()).names
 
 
-def test_the_factors_are_in_the_words():
+def test_explanations_contain_the_factors():
     report = verify(MESH, TERM, candidate=FAULTS["twice lambda"].make(MESH, [TERM]), quiet=True)
     text = " ".join(str(report).split())
     assert "lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in text
@@ -91,14 +91,14 @@ def test_the_factors_are_in_the_words():
     json.dumps(report.to_dict())
 
 
-def test_what_is_equal_on_this_body_is_printed_together():
-    """At nu = 1/3 the lambda of plane stress is half of lambda."""
+def test_hypotheses_that_are_equal_on_the_body_are_printed_together():
+    """Hypotheses that are equal on the body are printed together: at nu = 1/3 the lambda of plane stress is half of lambda."""
     term = StVK(young=2.0, poisson=1 / 3)
     naming = named(FAULTS["half lambda"].make(MESH, [term]), terms=[term])
     assert naming.names == ["lambda halved", "lambda of plane stress"] and "one thing on this body" in naming.lines()[0]
 
 
-def test_the_element_that_is_left_out_is_told():
+def test_a_missing_element_is_named():
     naming = named(FAULTS["one tet skipped"].make(MESH, [TERM]))
     assert f"element {MESH.nt // 2} counts 0.000 x: it is left out" in naming.explanations[0].words
 
@@ -117,8 +117,11 @@ def of_lame(lam, mu):
     return System(MESH, StVK(young=mu * (3 * lam + 2 * mu) / (lam + mu), poisson=lam / (2 * (lam + mu))))
 
 
-def test_one_value_of_an_array_is_told_from_the_others():
-    """The same body of two terms is named likewise."""
+def test_a_fault_in_one_of_two_materials_is_named_with_its_region():
+    """A fault in one of two materials of an array is named with its region.
+
+    The fault is named likewise if all values are wrong.
+    """
     stiff = np.arange(MESH.nt) % 3 == 0
     E, nu = np.where(stiff, 2.0, 1.0), np.where(stiff, 0.3, 0.4)
     term, lam, mu = StVK(young=E, poisson=nu), E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
@@ -133,7 +136,7 @@ def test_one_value_of_an_array_is_told_from_the_others():
     assert named(of_lame(2 * lam, 3 * mu), terms=[term]).names == ["lambda and mu by region"]
 
 
-def test_usual_causes_are_named_where_every_element_has_constants_of_its_own():
+def test_usual_causes_are_named_if_every_element_has_different_constants():
     rng = np.random.default_rng(4)
     E, nu = rng.uniform(1, 3, MESH.nt), rng.uniform(0.1, 0.45, MESH.nt)
     term, lam, mu = StVK(young=E, poisson=nu), E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
@@ -144,7 +147,7 @@ def test_usual_causes_are_named_where_every_element_has_constants_of_its_own():
     assert not named(of_lame(lam * rng.uniform(1, 2, MESH.nt), mu), terms=[term]).names
 
 
-def test_what_no_hypothesis_explains_is_said_with_the_least_that_fails():
+def test_an_unexplained_fault_is_reported_with_the_smallest_failing_case():
     other = verify_candidate(System(MESH, NeoHookean(young=2.0, poisson=0.3)), MESH, [TERM]).named
     assert not other.names and "No hypothesis explains it" in other.lines()[0] and "move node 0 alone" in other.smallest
 
@@ -152,7 +155,7 @@ def test_what_no_hypothesis_explains_is_said_with_the_least_that_fails():
 @pytest.mark.parametrize(
     ("states", "words"), [("all", "no values that are numbers"), ("rest", "W has entries that are not finite in: rest.")]
 )
-def test_nothing_is_concluded_from_what_is_no_number(states, words):
+def test_no_hypothesis_is_concluded_from_nan(states, words):
     class Broken(System):
         def energy(self, u):
             return np.nan if states == "all" or not u.any() else super().energy(u)
@@ -161,45 +164,45 @@ def test_nothing_is_concluded_from_what_is_no_number(states, words):
     assert not naming.names and words in naming.smallest
 
 
-def test_a_candidate_that_can_be_made_anew_fails_on_one_element():
+def test_a_candidate_given_as_function_of_the_mesh_fails_on_one_element():
     report = verify_candidate(lambda mesh: System(mesh, NeoHookean(young=2.0, poisson=0.3)), MESH, [TERM])
     assert "The smallest mesh that fails is one element: 0, nodes" in report.named.smallest
 
 
-def test_a_fault_between_two_elements_has_a_smallest_mesh_of_some():
-    class Pairs(System):
-        """A force between elements that share a node."""
+def test_a_fault_between_two_elements_has_a_smallest_mesh_of_several():
+    class PairForces(System):
+        """System with additional forces between elements that share a node."""
 
         def internal_force(self, u):
             shared = np.bincount(self.mesh.t.ravel(), minlength=self.mesh.nv) > 1
             return super().internal_force(u) + 1e-3 * np.repeat(shared, 3) * u
 
-    report = verify_candidate(lambda mesh: Pairs(mesh, TERM), MESH, [TERM])
+    report = verify_candidate(lambda mesh: PairForces(mesh, TERM), MESH, [TERM])
     assert "The smallest mesh found that fails has" in report.named.smallest
 
 
-def test_right_candidates_and_other_laws_cost_nothing(monkeypatch):
-    def looked(*arguments):
+def test_right_candidates_and_other_laws_test_no_hypotheses(monkeypatch):
+    def tried(*arguments):
         raise AssertionError("hypotheses were tried")
 
-    monkeypatch.setattr("skfem_stvk.referee.verification.name_the_fault", looked)
+    monkeypatch.setattr("skfem_stvk.referee.verification.name_the_fault", tried)
     assert verify_candidate(System(MESH, TERM), MESH, [TERM]).named is None
     assert verify_candidate(System(MESH, NeoHookean(young=2.0, poisson=0.3)), MESH).named is None
 
 
-def test_hypotheses_that_stop_lose_nothing(monkeypatch):
+def test_an_error_in_a_hypothesis_loses_no_results(monkeypatch):
     monkeypatch.setattr("skfem_stvk.referee.verification.name_the_fault", lambda *arguments: 1 / 0)
     report = verify_candidate(FAULTS["half mu"].make(MESH, [TERM]), MESH, [TERM])
     assert report.failures() and "ZeroDivisionError" in report.named.smallest
 
 
 @pytest.mark.parametrize("name", ["twice lambda", "deformed volume", "components first"])
-def test_it_is_named_on_another_mesh_too(name):
+def test_faults_are_named_on_another_mesh(name):
     mesh = box(3)
     assert FAULTS[name].named in named(FAULTS[name].make(mesh, [TERM]), mesh).names
 
 
-def test_the_assertion_says_it():
+def test_the_assertion_contains_the_name():
     with pytest.raises(Inconsistent, match=r"lambda doubled: your lambda is 2\.000 x"):
         assert_consistent(FAULTS["twice lambda"].make(MESH, [TERM]), MESH, TERM)
 
@@ -208,25 +211,25 @@ LAMBDA_TWICE = FAULTS["twice lambda"].make(MESH, [TERM])
 RIGHT = System(MESH, TERM)
 
 
-class Of:
-    """W, F and K as functions of u."""
+class FunctionModel:
+    """Candidate with W, F and K as given functions of u."""
 
     def __init__(self, **methods):
         self.__dict__.update(methods)
 
 
-def test_a_tangent_alone_is_named_without_a_dense_matrix(monkeypatch):
+def test_a_fault_of_only_a_tangent_is_named_without_a_dense_matrix(monkeypatch):
     def dense(*arguments, **options):
         raise AssertionError("a matrix of the size of the mesh was made dense")
 
     monkeypatch.setattr(csr_matrix, "toarray", dense)
     monkeypatch.setattr(csr_matrix, "todense", dense)
-    assert named(Only(LAMBDA_TWICE, "tangent")).names == ["lambda doubled"]
-    assert named(Only(FAULTS["one tet skipped"].make(MESH, [TERM]), "tangent")).names == ["one element x 0"]
+    assert named(PartialModel(LAMBDA_TWICE, "tangent")).names == ["lambda doubled"]
+    assert named(PartialModel(FAULTS["one tet skipped"].make(MESH, [TERM]), "tangent")).names == ["one element x 0"]
 
 
-def test_lambda_is_not_judged_where_it_is_zero():
-    """At nu = 0 forces do not say what lambda is multiplied by."""
+def test_no_factor_of_lambda_is_reported_where_it_is_zero():
+    """At nu = 0 no factor of lambda is reported, because forces do not depend on it."""
     term = StVK(young=2.0, poisson=0.0)
     naming = named(System(MESH, StVK(young=4.0, poisson=0.0)), terms=[term])
     assert naming.names == ["W, F, K x 2"] and "lambda" not in naming.explanations[0].words
@@ -237,12 +240,12 @@ def test_a_candidate_that_raises_in_some_states_is_named_by_the_others(farthest)
     raised = []
 
     def force(u):
-        if np.linalg.norm(u) > farthest:  # all of the six homogeneous states, or a few
+        if np.linalg.norm(u) > farthest:  # for all six homogeneous states, or for a few
             raised.append(u)
             raise ValueError("too far")
         return LAMBDA_TWICE.internal_force(u)
 
-    assert named(Of(internal_force=force)).names == ["lambda doubled"] and len(raised) == (9 if farthest == 4.5 else 4)
+    assert named(FunctionModel(internal_force=force)).names == ["lambda doubled"] and len(raised) == (9 if farthest == 4.5 else 4)
 
 
 @pytest.mark.parametrize("factor", [1e-9, 1e-3, 1e6])
@@ -251,17 +254,17 @@ def test_units_are_named_with_their_digits(factor):
     assert one.name == f"W, F, K x {factor:g}" and "units" in one.words and " 0.000 x" not in one.words
 
 
-def test_one_of_the_three_that_is_wrong_by_itself_is_told_apart():
-    candidate = Of(energy=RIGHT.energy, internal_force=LAMBDA_TWICE.internal_force, tangent=RIGHT.tangent)
+def test_a_fault_of_one_of_the_three_methods_is_named_separately():
+    candidate = FunctionModel(energy=RIGHT.energy, internal_force=LAMBDA_TWICE.internal_force, tangent=RIGHT.tangent)
     (one,) = named(candidate).explanations
     assert one.name == "W: right; F: lambda doubled; K: right" and "of F, your lambda is 2.000 x" in one.words
     candidate.tangent = FAULTS["no geometric term"].make(MESH, [TERM]).tangent
     assert named(candidate).names == ["W: right; F: lambda doubled; K: no initial stress in K"]
 
 
-def test_a_part_that_is_explained_is_said_and_the_rest_too():
+def test_a_partial_explanation_and_the_rest_are_reported():
     shear, skew = FAULTS["engineering shear doubled"].make(MESH, [TERM]), FAULTS["skew K"].make(MESH, [TERM])
-    candidate = Of(energy=shear.energy, internal_force=shear.internal_force)
+    candidate = FunctionModel(energy=shear.energy, internal_force=shear.internal_force)
     candidate.tangent = lambda u: shear.tangent(u) + 1e6 * (skew.tangent(u) - RIGHT.tangent(u))
     naming = named(candidate)
     assert naming.names == ["W: shear stresses doubled; F: shear stresses doubled"]
@@ -276,24 +279,26 @@ def test_a_part_that_is_explained_is_said_and_the_rest_too():
     assert naming.names == [] and naming.smallest.startswith("W and F are right. It is enough to move node")
 
 
-def test_what_is_added_to_W_or_F_explains_nothing_if_the_others_are_wrong():
-    candidate = Of(energy=lambda u: LAMBDA_TWICE.energy(u), internal_force=FAULTS["lone force"].make(MESH, [TERM]).internal_force)
+def test_an_added_term_explains_W_or_F_only_if_the_others_are_right():
+    candidate = FunctionModel(
+        energy=lambda u: LAMBDA_TWICE.energy(u), internal_force=FAULTS["lone force"].make(MESH, [TERM]).internal_force
+    )
     assert named(candidate).names == ["W: lambda doubled; F: a constant force"]
-    candidate = Of(energy=lambda u: RIGHT.energy(u) + 0.3, internal_force=RIGHT.internal_force, tangent=RIGHT.tangent)
+    candidate = FunctionModel(energy=lambda u: RIGHT.energy(u) + 0.3, internal_force=RIGHT.internal_force, tangent=RIGHT.tangent)
     (one,) = named(candidate).explanations
     assert one.name == "a constant energy" and "0.3 J" in one.words
 
 
-def test_elements_without_initial_stress_are_told_of_an_operator_too():
+def test_elements_without_initial_stress_are_named_for_an_operator():
     K = FAULTS["geometric term in part"].make(MESH, [TERM]).tangent
     for tangent in (K, lambda u: aslinearoperator(K(u))):
-        (one,) = named(Of(tangent=tangent)).explanations
+        (one,) = named(FunctionModel(tangent=tangent)).explanations
         assert one.words == "K has no initial stress in 16 elements (0, 3, 6, 9, 12, ...)"
 
 
 @pytest.mark.parametrize(("degrees", "name"), [(True, "degrees taken for radians"), (False, "radians taken for degrees")])
 def test_angles_of_fibres_are_named(degrees, name):
-    """Angles from 0 to 360 degrees are named, with other materials than those of the planted fault."""
+    """Wrong units of fibre angles are named for angles from 0 to 360 degrees, with other materials than in the planted fault."""
 
     def fibres(angles):
         c, s, zero, one = np.cos(angles), np.sin(angles), np.zeros(MESH.nt), np.ones(MESH.nt)
@@ -308,7 +313,7 @@ def test_angles_of_fibres_are_named(degrees, name):
 
 
 @pytest.mark.parametrize("law", ["positive root", "corotated"])
-def test_another_strain_is_named_on_inverted_elements_too(law):
+def test_another_strain_is_named_on_inverted_elements(law):
     mesh, model = box(2), FAULTS["Biot strain"].make(box(2), [TERM])
     candidate = model if law == "positive root" else System(mesh, Corotated(young=2.0, poisson=0.3))
     case = _case(mesh, [TERM], {}, candidate, 0)
@@ -332,27 +337,27 @@ REVERSED = np.arange(MESH.p.size).reshape(-1, 3)[:, ::-1].ravel()
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_is_taken_for_displacements_is_named(name, force):
-    assert named(Of(internal_force=force)).names == [name]
+def test_wrong_displacements_are_named(name, force):
+    assert named(FunctionModel(internal_force=force)).names == [name]
 
 
-def test_plane_strain_in_the_place_of_plane_stress_is_named_and_the_reverse():
+def test_plane_strain_instead_of_plane_stress_is_named_and_the_reverse():
     mesh = ElementMesh.of(skfem.MeshTri.init_symmetric())
     plane = {kind: StVK(young=2.0, poisson=0.3, plane=kind) for kind in ("strain", "stress")}
     assert named(System(mesh, plane["strain"]), mesh, [plane["stress"]]).names == ["lambda of plane strain"]
     assert named(System(mesh, plane["stress"]), mesh, [plane["strain"]]).names == ["lambda of plane stress"]
 
 
-def test_no_more_is_fitted_than_an_energy_can_tell():
-    """Five regions have ten constants, as many as there are values of W."""
+def test_not_more_constants_are_fitted_than_energies_determine():
+    """Constants by region are not fitted to the energy if there are as many as values of W: five regions have ten constants."""
     regions = np.array_split(np.arange(MESH.nt), 5)
     terms = [StVK(young=1.0 + i, poisson=0.2 + 0.05 * i, region=region) for i, region in enumerate(regions)]
-    assert not named(Of(energy=lambda u: float(np.sum(np.cos(u)) + 7)), MESH, terms).names
+    assert not named(FunctionModel(energy=lambda u: float(np.sum(np.cos(u)) + 7)), MESH, terms).names
 
 
 def test_a_candidate_without_an_energy_is_named_by_its_force_and_tangent():
     def energy(u):
         raise ValueError("there is none")
 
-    naming = named(Of(energy=energy, internal_force=LAMBDA_TWICE.internal_force, tangent=LAMBDA_TWICE.tangent))
+    naming = named(FunctionModel(energy=energy, internal_force=LAMBDA_TWICE.internal_force, tangent=LAMBDA_TWICE.tangent))
     assert naming.names == ["lambda doubled"]

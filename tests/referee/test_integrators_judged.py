@@ -1,4 +1,4 @@
-"""`verify_integrator`: right integrators pass with what they claim, and planted faults are caught by the check they are for."""
+"""`verify_integrator` passes right integrators with their claims, and each planted fault fails the check meant for it."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ BOTH = ("linear momentum", "angular momentum")
 
 
 def own(kind, **options):
-    """A step of one of this package's integrators, each from a start of its own."""
+    """Return a step of one of this package's integrators; each step has a new stepper."""
 
     def step(system, u, v, dt):
         motion, state = Motion(system, "lumped", None), MotionState.at(0.0, u, v)
@@ -41,8 +41,8 @@ def explicit_euler(system, u, v, dt):
     return u + dt * v, v - dt * system.mass().solve(system.internal_force(u))
 
 
-class Stale:
-    """Velocity Verlet that keeps the force of its last step, whichever state it is asked about."""
+class StaleForce:
+    """Velocity Verlet that reuses the force of its last step in any state."""
 
     force = None
 
@@ -55,7 +55,7 @@ class Stale:
 
 
 def pushed(system, u, v, dt):
-    """Velocity Verlet with a force on one end that nothing answers."""
+    """Take a step of velocity Verlet with an external force on one end, so that momentum is not conserved."""
     u, v = verlet(system, u, v, dt)
     v[0] += 1e-3 * dt * np.abs(v).max() / dt
     return u, v
@@ -69,7 +69,7 @@ def checks(report):
     return {(r.check, r.quantity) if r.check == "drift" else r.check for r in report.results if r.outcome is CheckOutcome.FAILED}
 
 
-@pytest.mark.parametrize("name", [name for name in INTEGRATORS if name != "GeneralizedAlpha"])  # keeps accelerations
+@pytest.mark.parametrize("name", [name for name in INTEGRATORS if name != "GeneralizedAlpha"])  # stores accelerations
 def test_own_integrators_pass_with_what_they_declare(name):
     kind = INTEGRATORS[name]
     options = {} if kind(1.0).explicit else {"rtol": 1e-12}
@@ -79,7 +79,7 @@ def test_own_integrators_pass_with_what_they_declare(name):
 
 
 @pytest.mark.parametrize(("step", "order"), [(verlet, 2), (symplectic_euler, 1)])
-def test_integrators_as_users_write_them_pass(step, order):
+def test_integrators_written_by_users_pass(step, order):
     report = judged(step, order=order, conserves=BOTH, stable=2.0)
     assert report.passed, str(report)
     assert judged(step).passed and not judged(step, order=order + 1).passed and not judged(step, stable=2.5).passed
@@ -105,7 +105,7 @@ def late(*state):
         (late, {"order": 2}, {"order"}),
         (damped, {"order": 2}, {"order", ("drift", "energy")}),
         (too_strong, {"order": 2}, {"order"}),
-        (Stale(), {}, {"memory"}),
+        (StaleForce(), {}, {"memory"}),
         (pushed, {}, {("drift", "linear momentum")}),
         (lambda system, u, v, dt: (np.nan * u, v), {}, {"memory", "order"}),
     ],
@@ -127,12 +127,15 @@ def without_second_order(system, u, v, dt):
 
 
 def by_consistent_mass(system, u, v, dt):
-    """Velocity Verlet; the consistent mass of a bar is a third of the lumped one where its ends move against each other."""
+    """Take a step of velocity Verlet with a threefold force.
+
+    The consistent mass of a bar is a third of the lumped one if its ends move against each other.
+    """
     return verlet(system, u, v, dt, force=3.0)
 
 
 def newmark(beta):
-    """A step whose equation is solved by Newton's method, with gamma = 1/2."""
+    """Return a step of Newmark's method with gamma = 1/2; Newton's method solves its equation."""
 
     def step(system, u, v, dt):
         M = system.mass()
@@ -173,7 +176,7 @@ def test_a_wrong_beta_of_newmark_is_caught_by_its_limit_and_named():
         (lambda system, u, v, dt: verlet(system, u, v, dt / 4), {}, ["dt x 0.250"]),
         (damped, {"order": 2}, []),
         (pushed, {}, []),
-        (Stale(), {}, []),
+        (StaleForce(), {}, []),
     ],
     ids=["late", "half", "second order", "explicit Euler", "force", "mass", "sign", "dt", "damped", "pushed", "stale"],
 )
@@ -182,7 +185,7 @@ def test_planted_faults_are_named(step, claims, names):
     assert report.named.names == names and (names or report.named.smallest), str(report)
 
 
-def test_what_is_no_step_could_not_run():
+def test_an_invalid_step_could_not_run():
     report = judged(lambda system, u, v, dt: u)
     assert report.named is None and not report.passed and all(r.outcome is CheckOutcome.COULD_NOT_RUN for r in report.results)
 

@@ -1,4 +1,4 @@
-"""The referee of laws: right laws of textbooks pass, and mistakes are caught and named."""
+"""The referee of laws passes right textbook laws, and catches and names mistakes."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def lines(report):
 
 
 def name(report):
-    """The one name of what explains all failures."""
+    """Return the only name in the explanation of all failures."""
     (name,) = report.named.names
     return name
 
@@ -35,7 +35,7 @@ def test_laws_of_textbooks_pass(of):
     assert "stress read as S (guessed)" in lines(report) and "elasticity read as C (guessed)" in lines(report)
 
 
-def test_ctrl_c_keeps_what_was_found_of_a_law():
+def test_ctrl_c_keeps_the_results_of_a_law():
     calls = iter(range(10**6))
 
     def energy(F):
@@ -49,13 +49,13 @@ def test_ctrl_c_keeps_what_was_found_of_a_law():
     assert "interrupted" in reasons and "a law in 3 dimensions: W of F" in str(report)
 
 
-#: A polynomial, one of invariants and one of fibres; the slow tests have all ten.
+#: A polynomial law, a law of invariants and a law with fibres; the slow tests have all ten laws.
 FEW = slow_but(["St. Venant-Kirchhoff", *[name for name in LAWS if "Hookean" in name][:1], "Holzapfel-Gasser-Ogden"], LAWS)
 
 
 @pytest.mark.parametrize("of", FEW)
-def test_a_stress_without_its_two_is_caught_and_named(of):
-    """`S = dW/dC` for `2 dW/dC`."""
+def test_a_stress_without_its_factor_two_is_caught_and_named(of):
+    """The stress `S = dW/dC` instead of `2 dW/dC` is caught and named."""
     law = LAWS[of]
     report = verify_law(energy=law.W, stress=lambda F: law.S(F) / 2)
     assert ("derivatives", "P") in failed(report) and name(report) == "stress x 0.500"
@@ -63,8 +63,8 @@ def test_a_stress_without_its_two_is_caught_and_named(of):
 
 
 @pytest.mark.parametrize("of", FEW)
-def test_a_tangent_by_c_for_one_by_e_is_caught_and_named(of):
-    """`dS/dC` for `dS/dE = 2 dS/dC`, or `d2W/dC2` for 4 times that."""
+def test_an_elasticity_by_C_instead_of_E_is_caught_and_named(of):
+    """The elasticity `dS/dC` instead of `dS/dE = 2 dS/dC` is caught and named, and so is `d2W/dC2` instead of `4 d2W/dC2`."""
     law = LAWS[of]
     for factor in (2, 4):
         report = verify_law(stress=law.S, elasticity=lambda F, factor=factor: law.C(F) / factor, measure="S", at=states())
@@ -88,7 +88,7 @@ MEASURES = {
 
 @pytest.mark.parametrize("measure", MEASURES)
 @pytest.mark.parametrize("with_energy", [True, False])
-def test_stress_measures_are_told_from_each_other(measure, with_energy):
+def test_stress_measures_are_distinguished(measure, with_energy):
     given = {"stress": lambda F: MEASURES[measure](F, HOLZAPFEL.P(F))} | ({"energy": HOLZAPFEL.W} if with_energy else {})
     report = verify_law(**given, at=states())
     assert report.passed, str(report)
@@ -97,7 +97,7 @@ def test_stress_measures_are_told_from_each_other(measure, with_energy):
 
 @pytest.mark.parametrize("order", ["23-13-12", "12-13-23", "12-23-13"])
 @pytest.mark.parametrize("engineering", [True, False])
-def test_voigt_orders_are_told_from_each_other(order, engineering):
+def test_voigt_orders_are_distinguished(order, engineering):
     report = verify_law(
         stress=HOLZAPFEL.S, elasticity=lambda F: voigt(HOLZAPFEL.C(F), order, engineering), measure="S", at=states()
     )
@@ -113,14 +113,14 @@ def test_all_orders_are_listed_where_an_isotropic_matrix_leaves_them_open():
     assert line.count("; or ") == 2 and line.count("no engineering") == 0
 
 
-def test_what_is_told_wrongly_is_said():
+def test_wrongly_declared_conventions_are_reported():
     report = verify_law(stress=HOLZAPFEL.S, elasticity=lambda F: voigt(HOLZAPFEL.C(F), "12-23-13"), voigt="23-13-12", at=states())
     assert ("derivatives", "A") in failed(report)
     assert name(report) == "elasticity is C, in the order 12-23-13, engineering shear"
 
 
 def wrong_energy(F):
-    """W without the 1/2 of lambda: twice lambda."""
+    """Return W without the factor 1/2 of lambda, that is, with twice lambda."""
     E = (F.T @ F - ONE) / 2
     return LAM * np.trace(E) ** 2 + MU * np.sum(E * E)
 
@@ -136,7 +136,10 @@ def linear(F):
 
 
 def plastic_like(F):
-    """A stress that has no energy: E mixed with its square, with a coefficient that breaks the major symmetry."""
+    """Return a stress that has no energy.
+
+    A multiple of tr(E), added to one component only, breaks the major symmetry.
+    """
     E = (F.T @ F - ONE) / 2
     return LAM * np.trace(E @ E) * ONE + 2 * MU * E + 3 * np.trace(E) * np.diag([1.0, 0, 0])
 
@@ -171,7 +174,7 @@ def test_mistakes_in_st_venant_kirchhoff_are_caught_and_named(given, check, name
     assert names == (None if report.named is None else report.named.names), str(report)
 
 
-def test_what_has_no_name_is_told_by_the_state_nearest_to_rest():
+def test_an_unnamed_fault_is_reported_in_the_state_nearest_to_rest():
     report = verify_law(stress=lambda F: KIRCHHOFF.S(F) + (F.T @ F - ONE) @ (F.T @ F - ONE), claims=CLAIMS)
     assert report.named.names == [] and "'small strain'" in report.named.smallest, str(report)
 
@@ -197,12 +200,12 @@ def test_a_tangent_without_symmetry_is_caught():
     assert {("major symmetry", "A"), ("minor symmetries", "C"), ("objectivity", "A")} - failed(report) <= {("objectivity", "A")}
 
 
-def test_fibres_are_no_isotropic_law():
+def test_a_law_with_fibres_is_not_isotropic():
     isotropic = verify_law(energy=HOLZAPFEL.W, claims=CLAIMS)
     assert ("isotropy", "W") in failed(isotropic)
 
 
-def test_anisotropic_claims_are_held():
+def test_anisotropic_claims_are_checked():
     fibres = TransverselyIsotropic(
         young_axial=20.0, young_transverse=9.0, poisson_axial=0.2, poisson_transverse=0.3, shear_axial=4.0
     )
@@ -217,8 +220,8 @@ def test_anisotropic_claims_are_held():
         return np.einsum("ijkl,kl->ij", tensor, (F.T @ F - ONE) / 2)
 
     assert verify_law(stress=stress, claims=StVK(fibres), at=states()).passed
-    turned = TransverselyIsotropic(20.0, 9.0, 0.2, 0.3, 4.0, frame=np.roll(ONE, 1, axis=0))
-    assert not verify_law(stress=stress, claims=StVK(turned), at=states()).passed
+    rotated = TransverselyIsotropic(20.0, 9.0, 0.2, 0.3, 4.0, frame=np.roll(ONE, 1, axis=0))
+    assert not verify_law(stress=stress, claims=StVK(rotated), at=states()).passed
 
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])
@@ -240,8 +243,11 @@ def test_laws_in_the_plane(plane):
     assert ("moduli at rest", "P") in failed(report) and name(report).endswith("mu x 1.000")
 
 
-def test_loss_of_strong_ellipticity_is_where_a_fine_net_of_closed_forms_has_it():
-    """`a . Q(N) a = (N . S N) |a|^2 + lambda (b . N)^2 + mu (|b|^2 + (b . N)^2)` with `b = F' a`, in the plane of the axis."""
+def test_loss_of_strong_ellipticity_is_that_of_a_fine_grid_of_closed_forms():
+    """The reported loss of strong ellipticity is that of a fine grid of closed forms in a plane that contains the axis.
+
+    The closed form is `a . Q(N) a = (N . S N) |a|^2 + lambda (b . N)^2 + mu (|b|^2 + (b . N)^2)` with `b = F' a`.
+    """
     report = verify_law(stress=KIRCHHOFF.S, elasticity=KIRCHHOFF.C, at=states())
     (line,) = [line for line in report.header["lines"] if "uniaxial compression" in line]
     N, a = (np.array([np.cos(angles), np.sin(angles)]) for angles in np.meshgrid(*2 * [np.linspace(0, np.pi, 721)]))
@@ -266,7 +272,7 @@ def mutating(F):
     return KIRCHHOFF.W(F / 2)
 
 
-def test_candidates_are_not_trusted():
+def test_laws_that_mutate_raise_or_return_nan_are_handled():
     assert verify_law(energy=mutating, at=states()).passed
     assert not verify_law(energy=lambda F: float("nan"), at=states()).passed
     assert not verify_law(energy=lambda F: 0.0, at=states()).passed
@@ -301,19 +307,19 @@ def test_claims_are_one_material():
         verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0))
     with pytest.raises(MaterialError, match="outside"):
         verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0, poisson=0.7))
-    verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0, poisson=0.7, plane="stress"))  # there it is possible
+    verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0, poisson=0.7, plane="stress"))  # plane stress admits this value
 
 
-def test_nothing_is_concluded_from_what_is_no_number():
-    said = str(verify_law(energy=lambda F: float("nan"), claims=StVK(young=1.0, poisson=0.3)))
+def test_no_hypothesis_is_concluded_from_nan():
+    text = str(verify_law(energy=lambda F: float("nan"), claims=StVK(young=1.0, poisson=0.3)))
     assert (
-        "fails in the state 'rest', where it is not a number" in said
-        and "strong ellipticity in uniaxial compression is not known" in said
+        "fails in the state 'rest', where it is not a number" in text
+        and "strong ellipticity in uniaxial compression is not known" in text
     )
-    assert "not isotropic" not in said and "is lost" not in said
+    assert "not isotropic" not in text and "is lost" not in text
 
 
-def test_it_is_quiet_if_asked():
+def test_quiet_prints_nothing():
     assert verify_law(energy=KIRCHHOFF.W, quiet=True).passed
     with pytest.raises(StvkError, match="quiet = 1"):
         verify_law(energy=KIRCHHOFF.W, quiet=1)

@@ -17,24 +17,24 @@ QUIET = {"quiet": True}
 
 
 def of_simplices(report):
-    """All results but those of edges and their pairs, whose limits are higher by an aspect ratio."""
+    """Return all results except those of edges and their pairs, whose limits are higher by an aspect ratio."""
     return [r for r in report.results if r.subject != EDGES]
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6])
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_unit_and_place_do_not_matter(size, offset):
+def test_unit_and_location_do_not_matter(size, offset):
     mesh = box(3)
     report = verify((size * (mesh.p + offset), mesh.t), TERM, **QUIET)
     assert report.passed, str(report)
 
 
-#: States that move the body by less than its elements' edges.
+#: States with displacements smaller than the edges of elements.
 STRAINED = ("rest", "small random strain", "affine", *CLOSED_FORMS)
 
 
 @pytest.mark.parametrize("squeeze", [1e-1, 1e-2, 2e-4])
-def test_flat_elements_pass_at_the_digits_that_they_cost(squeeze):
+def test_flat_elements_pass_with_limits_for_their_round_off(squeeze):
     mesh = box(3)
     report = verify((mesh.p * np.array([[1.0], [squeeze], [1.0]]), mesh.t), TERM, **QUIET)
     assert report.passed, str(report)
@@ -44,7 +44,7 @@ def test_flat_elements_pass_at_the_digits_that_they_cost(squeeze):
 
 
 def test_a_loss_with_the_square_of_the_aspect_ratio_does_not_pass():
-    """As the Gram form's was: what is off by eps x aspect^2 across flat elements."""
+    """An error of eps x aspect^2 on flat elements does not pass. The Gram form has such an error."""
     mesh = box(3)
     flat = ElementMesh(mesh.p * np.array([[1.0], [1e-3], [1.0]]), mesh.t)
     body, loss = System(flat, TERM), np.finfo(float).eps * aspect_ratios(flat).max() ** 2
@@ -58,7 +58,7 @@ def test_a_loss_with_the_square_of_the_aspect_ratio_does_not_pass():
 
 
 def sliver(h):
-    """Two tetrahedra, one of them flat: four vertices about a square, h out of its plane."""
+    """Return two tetrahedra, one of them flat: four vertices around a square, h out of its plane."""
     p = np.array([[1, 0, h], [-1, 0, h], [0, 1, -h], [0, -1, -h], [0, 0, 2.0]]).T
     return p, np.array([[0, 1, 2, 3], [0, 1, 2, 4]]).T
 
@@ -78,7 +78,7 @@ def test_a_delaunay_mesh_of_random_points_passes():
     assert verify((points.T, t), TERM, **QUIET).passed
 
 
-def test_slivers_whose_offset_would_flatten_them_are_measured_where_they_can_be():
+def test_slivers_that_an_offset_would_flatten_are_measured_without_it():
     p, t = sliver(3e-4)
     report = verify((3e-6 * p, t), TERM, **QUIET)
     assert {r["offset_m"] for r in report.precision} == {0.0, 1e3}
@@ -99,8 +99,11 @@ def test_limits_of_ordinary_meshes_are_1e_12():
     assert by_place == {1e-12} and all(limit < 2e-11 for _, _, limit in limits)
 
 
-def test_limits_follow_the_aspect_ratio_and_never_leave_1e_6():
-    """Differences of two states that are far from rest but near each other have most: the digits of both, over their distance."""
+def test_limits_follow_the_aspect_ratio_up_to_1e_6():
+    """Limits grow with the aspect ratio up to 1e-6.
+
+    Differences of two neighbouring states far from rest have the largest limits: the round-off of both states over their distance.
+    """
     flat, flattest = (of_simplices(verify(sliver(h), TERM, **QUIET)) for h in (1e-5, 1e-9))
     assert max(r.limit for r in flat if r.limit is not None and r.check != "derivatives") < 2e-9
     assert max(r.limit for r in flat if r.check == "derivatives") < 1e-8
@@ -108,7 +111,7 @@ def test_limits_follow_the_aspect_ratio_and_never_leave_1e_6():
 
 
 def test_the_limits_of_edges_grow_with_the_square_of_the_aspect_ratio_and_are_needed():
-    """What edges lose on flat elements is more than what simplices may lose, and less than their own limit."""
+    """Errors of edges on flat elements exceed the limit of simplices, and are below the limit of edges."""
     mesh = box(3)
     flat = ElementMesh(mesh.p * np.array([[1.0], [1e-3], [1.0]]), mesh.t)
     results = [r for r in verify(flat, TERM, **QUIET).results if r.check == "agreement" and r.state in STRAINED]
@@ -119,17 +122,20 @@ def test_the_limits_of_edges_grow_with_the_square_of_the_aspect_ratio_and_are_ne
 
 
 @pytest.mark.parametrize("poisson", [slow(-0.999), slow(0.3), 0.499])
-def test_an_energy_that_is_off_by_more_than_flat_elements_cost_does_not_pass_the_closed_forms(poisson):
-    """Also where lambda and mu cancel in W: at nu = -0.999 parts of opposite signs may leave 3e-11 of it."""
+def test_an_energy_with_an_error_above_the_limit_of_flat_elements_fails_the_closed_forms(poisson):
+    """An energy with a relative error of 1e-9 fails all closed forms on flat elements, also where lambda and mu cancel in W.
+
+    At nu = -0.999 parts of opposite signs may leave 3e-11 of their size.
+    """
     mesh = box(3)
     flat = (mesh.p * np.array([[1.0], [1e-2], [1.0]]), mesh.t)
     body = System(flat, StVK(young=2.0, poisson=poisson))
 
-    class Off:
+    class WrongEnergy:
         def energy(self, u):
             return body.energy(u) * (1 + 1e-9)
 
-    report = verify(flat, body.terms[0], candidate=Off(), **QUIET)
+    report = verify(flat, body.terms[0], candidate=WrongEnergy(), **QUIET)
     failed = {r.state for r in report.failures() if r.check == "closed forms" and r.quantity == "W"}
     assert failed == set(CLOSED_FORMS)
 

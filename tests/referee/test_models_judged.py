@@ -1,4 +1,4 @@
-"""Models that do not claim to be StVK before the referee: derivatives, invariance, balance, symmetry, rigid modes."""
+"""The referee judges models that do not claim to be StVK by derivatives, invariance, balance, symmetry and rigid modes."""
 
 import pytest
 from bodies import box
@@ -17,7 +17,7 @@ MODELS = {
 
 
 def judged(model):
-    """The results of a candidate that claims no more than that it is an elastic body."""
+    """Return the results of a candidate that claims only to be an elastic body."""
     report = verify(MESH, TERM, candidate=System(MESH, model), candidate_is_stvk=False, quiet=True)
     return [r for r in report.results if r.subject == "candidate"]
 

@@ -1,4 +1,4 @@
-"""What the report holds, how it is saved, and what happens to it when something goes wrong."""
+"""Contents of reports, saved reports, and reports after errors."""
 
 import errno
 import json
@@ -23,7 +23,7 @@ TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
 
 
-def test_an_interrupted_speed_is_no_pass(monkeypatch):
+def test_an_interrupted_speed_check_does_not_pass(monkeypatch):
     from skfem_stvk.referee import verification
 
     def interrupted(case):
@@ -34,7 +34,7 @@ def test_an_interrupted_speed_is_no_pass(monkeypatch):
     assert report.interrupted and not report.passed and "interrupted" in str(report)
 
 
-def test_a_hypothesis_explains_what_it_leaves_at_most_the_limit_of():
+def test_a_hypothesis_explains_an_error_if_the_rest_is_below_the_limit():
     tried = [Explanation(str(error), "", error) for error in (0.0, 1e-8, 2e-8, np.inf, np.nan)]
     naming = Naming()
     assert naming.explain(tried, 1e-8) and naming.names == ["0.0", "1e-08"] and naming.tried == 5
@@ -45,7 +45,7 @@ def test_an_empty_report_has_not_passed():
     assert not Report(header={}).passed
 
 
-def test_errors_that_the_speed_is_shown_against_are_round_off():
+def test_errors_in_the_speed_plot_are_round_off():
     errors = verify(box(3), TERM, **QUIET).errors
     assert set(errors) == {"skfem-stvk", "scikit-fem", "|p|^2 - |P|^2"}
     assert 0 < errors["skfem-stvk"]["F"] < 1e-14 < errors["|p|^2 - |P|^2"]["F"] < 1e-11
@@ -53,7 +53,7 @@ def test_errors_that_the_speed_is_shown_against_are_round_off():
     assert 0 < errors["scikit-fem"]["W"] < 1e-11
 
 
-def test_precision_is_kept_at_every_strain_and_offset_and_lost_by_the_textbook_form():
+def test_errors_are_small_at_every_strain_and_offset_except_for_the_textbook_form():
     rows = verify(box(3), TERM, **QUIET).precision
     error = {(r["form"], r["rotation_deg"], r["offset_m"], r["strain"]): r["error"] for r in rows}
     strains = sorted({r["strain"] for r in rows})
@@ -67,7 +67,7 @@ def test_precision_is_kept_at_every_strain_and_offset_and_lost_by_the_textbook_f
     assert error["scikit-fem", 0, 0.0, 1e-8] > 1e-10
 
 
-def test_speed_has_a_row_for_each_player_and_quantity():
+def test_speed_has_a_row_for_each_candidate_and_quantity():
     rows = verify(box(3), TERM, **QUIET).speed
     assert {(r["player"], r["quantity"]) for r in rows} == {(p, q) for p in ("skfem-stvk", "scikit-fem") for q in "WFK"}
     ns = {(r["player"], r["quantity"]): r["ns_per_element"] for r in rows}
@@ -91,7 +91,7 @@ def test_the_report_is_saved_as_json_and_as_one_html_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["report.json", "report.html"])
-def test_on_a_full_disk_a_report_is_whole_or_as_it_was(name, tmp_path, monkeypatch):
+def test_on_a_full_disk_a_report_is_complete_or_unchanged(name, tmp_path, monkeypatch):
     report, write = verify(box(2), TERM, **QUIET), Path.write_text
     for old in ("report.json", "report.html"):
         (tmp_path / old).write_text("as it was")
@@ -109,7 +109,7 @@ def test_on_a_full_disk_a_report_is_whole_or_as_it_was(name, tmp_path, monkeypat
     assert sorted(file.name for file in tmp_path.iterdir()) == ["report.html", "report.json"]
 
 
-def test_a_failed_value_that_is_no_number_is_still_json(tmp_path):
+def test_a_failed_nan_value_is_valid_json(tmp_path):
     class Nothing:
         def energy(self, u):
             return float("nan")
@@ -119,7 +119,7 @@ def test_a_failed_value_that_is_no_number_is_still_json(tmp_path):
     assert "nan" in {r["measured"] for r in saved["results"]}
 
 
-def test_no_picture_no_matplotlib():
+def test_matplotlib_is_not_imported_without_a_picture():
     import subprocess
     import sys
 
@@ -130,13 +130,13 @@ def test_no_picture_no_matplotlib():
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
-def test_an_error_of_the_energy_shows_beside_its_speed(monkeypatch):
+def test_an_error_of_the_energy_is_shown_with_its_speed(monkeypatch):
     right = System.energy
     monkeypatch.setattr(System, "energy", lambda self, u: right(self, u) * (1 + 1e-10))
     assert verify(box(2), TERM, **QUIET).errors["skfem-stvk"]["W"] == pytest.approx(1e-10, rel=1e-3)
 
 
-def test_the_terminal_says_why_limits_are_what_they_are_also_of_what_passed():
+def test_the_terminal_gives_the_reasons_of_limits_for_passed_checks_too():
     p, t = (
         np.array([[1, 0, 1e-3], [-1, 0, 1e-3], [0, 1, -1e-3], [0, -1, -1e-3], [0, 0, 2.0]]).T,
         np.array([[0, 1, 2, 3], [0, 1, 2, 4]]).T,

@@ -1,4 +1,7 @@
-"""The matrix of planted faults and checks: no row is empty, no column idle, and a referee that has lost a check does not pass."""
+"""In the matrix of planted faults and checks, every fault is caught and every check catches a fault.
+
+A referee without one of its checks does not pass.
+"""
 
 import json
 import re
@@ -21,7 +24,7 @@ def found():
     return self_test(quiet=True)
 
 
-def test_every_fault_is_caught_and_every_check_has_its_use(found):
+def test_every_fault_is_caught_and_every_check_is_needed(found):
     assert found.passed and not found.missed and not found.idle
     assert len(found.caught) == len(FAULTS) >= 50
     assert set(BACKS_UP).isdisjoint(check for check in CHECKS if found.alone(check))
@@ -29,21 +32,21 @@ def test_every_fault_is_caught_and_every_check_has_its_use(found):
     assert all(FAULTS[name].description for name in FAULTS) and {fault.body for fault in FAULTS.values()} == set(bodies())
 
 
-def test_the_page_is_what_the_command_prints(found):
+def test_the_page_equals_the_output_of_the_command(found):
     printed = re.sub(r" in \d+ s$", "", str(found))
     text = PAGE.read_text(encoding="utf-8")
     assert all(line.strip() in text for line in printed.splitlines()), printed
     assert all(f"- **{name}**: {fault.description}" in " ".join(text.split()) for name, fault in FAULTS.items())
 
 
-def test_it_is_saved_as_json_and_html(found, tmp_path):
+def test_the_self_test_is_saved_as_json_and_html(found, tmp_path):
     found.save(tmp_path / "out")
     data = json.loads((tmp_path / "out" / "self-test.json").read_text())
     assert data["passed"] and data["faults"]["twice lambda"]["caught by"]["closed forms"] == "WP"
     assert "textbook cancellation" in (tmp_path / "out" / "self-test.html").read_text()
 
 
-def test_a_fault_that_nothing_catches_does_not_pass():
+def test_an_uncaught_fault_does_not_pass():
     missed = SelfTest(caught={"twice lambda": {}, "half mu": {"agreement": "W"}}, right={"isotropic": {}})
     assert not missed.passed and missed.missed == ["twice lambda"] and "not caught: twice lambda" in str(missed)
 
@@ -62,7 +65,7 @@ def test_a_check_that_catches_nothing_does_not_pass():
 
 
 @pytest.mark.parametrize("check", BACKS_UP)
-def test_a_check_that_catches_nothing_alone_without_those_it_backs_up_does_not_pass(found, check):
+def test_a_check_without_a_fault_of_its_own_must_back_up_others(found, check):
     others, _ = BACKS_UP[check]
     assert not found.alone(check) and found.alone(check, others)
     caught = {name: checks for name, checks in found.caught.items() if name not in found.alone(check, others)}
@@ -74,17 +77,17 @@ def test_a_right_model_that_fails_does_not_pass(found):
     assert found.passed and not wrong.passed and "the right model fails on curved" in as_text(wrong.rendered())
 
 
-def test_a_referee_without_a_check_is_seen(monkeypatch):
+def test_a_referee_without_a_check_does_not_pass(monkeypatch):
     monkeypatch.setattr("skfem_stvk.referee.verification.CHECKS", ())
     body = bodies()["isotropic"]
     assert failures_of(FAULTS["twice lambda"].make, body.mesh, body.terms, body.options, 0) == []
 
 
-def test_the_command_refuses_a_body_and_says_how_it_ended(monkeypatch, capsys, tmp_path):
+def test_the_command_refuses_a_body_and_returns_its_outcome(monkeypatch, capsys, tmp_path):
     assert main(["verify", "part.msh", "--self-test"]) == 2
     assert "a mesh beside --self-test" in " ".join(capsys.readouterr().err.split())
     few = dict(list(FAULTS.items())[:1])
     monkeypatch.setattr(module, "FAULTS", few)
     monkeypatch.setattr(module, "bodies", lambda: {"isotropic": bodies()["isotropic"]})
-    assert main(["verify", "--self-test", "--out", str(tmp_path)]) == 1  # most checks have nothing to catch
+    assert main(["verify", "--self-test", "--out", str(tmp_path)]) == 1  # most checks catch no fault
     assert "twice lambda" in capsys.readouterr().out and (tmp_path / "self-test.json").exists()

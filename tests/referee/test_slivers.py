@@ -1,4 +1,4 @@
-"""One sliver among ordinary elements: limits are those of each vertex, so faults of 1e-8 show everywhere, and right forms pass."""
+"""Limits are set at each vertex, so that one sliver among ordinary elements does not hide faults of 1e-8, and right forms pass."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ TERM = StVK(young=2.0, poisson=0.3)
 
 
 def with_sliver(aspect):
-    """A box, in the middle of which one element is split by a vertex just off one of its faces."""
+    """Return a box in which one element in the middle is split by a vertex close to one of its faces."""
     mesh = box(2)
     p, t = mesh.p, mesh.t
     middle = int(np.argmin(((p[:, t].mean(axis=1).T - 0.5) ** 2).sum(axis=1)))
@@ -35,7 +35,7 @@ MESH = with_sliver(1e4)
 SLIVER = int(np.argmax(aspect_ratios(MESH)))
 CENTRES = MESH.p[:, MESH.t].mean(axis=1)
 AWAY = int(np.argmax(((CENTRES.T - CENTRES[:, SLIVER]) ** 2).sum(axis=1)))
-PLACES = {"in the sliver": [SLIVER], "away from it": [AWAY], "everywhere": np.arange(MESH.nt)}
+LOCATIONS = {"in the sliver": [SLIVER], "away from it": [AWAY], "everywhere": np.arange(MESH.nt)}
 assert not set(MESH.t[:, SLIVER]) & set(MESH.t[:, AWAY])
 
 
@@ -65,26 +65,26 @@ def with_lambda(form, elements, factor):
 
 
 @pytest.mark.parametrize("form", [edges, scikit_fem])
-def test_right_forms_pass_beside_a_sliver(form):
+def test_right_forms_pass_next_to_a_sliver(form):
     assert aspect_ratios(MESH).max() > 1e4
     assert not failures(with_lambda(form, [], 1.0))
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("location", LOCATIONS)
 @pytest.mark.parametrize("form", [edges, scikit_fem])
-def test_lambda_off_by_1e_8_is_found_beside_a_sliver(form, place):
-    failed = [r for r in failures(with_lambda(form, PLACES[place], 1 + 1e-8)) if r.check == "agreement"]
+def test_an_error_of_1e_8_in_lambda_is_found_next_to_a_sliver(form, location):
+    failed = [r for r in failures(with_lambda(form, LOCATIONS[location], 1 + 1e-8)) if r.check == "agreement"]
     assert {"F", "K"} <= {r.quantity for r in failed}
-    if len(PLACES[place]) == 1:
+    if len(LOCATIONS[location]) == 1:
         named = {tuple(r.worst["suspects"]) for r in failed if r.quantity == "K"}
-        assert {tuple(PLACES[place])} <= named <= {tuple(PLACES[place]), ()}
+        assert {tuple(LOCATIONS[location])} <= named <= {tuple(LOCATIONS[location]), ()}
 
 
-@pytest.mark.parametrize("place", ["in the sliver", "away from it"])
-def test_a_billionth_of_the_K_of_one_element_is_missed_beside_a_sliver(place):
+@pytest.mark.parametrize("location", ["in the sliver", "away from it"])
+def test_a_missing_billionth_of_the_K_of_one_element_is_found_next_to_a_sliver(location):
     class Missing(System):
         def tangent(self, u):
-            vertices = MESH.t[:, PLACES[place][0]]
+            vertices = MESH.t[:, LOCATIONS[location][0]]
             dofs = (3 * vertices[:, None] + np.arange(3)).ravel()
             K = super().tangent(u).tolil()
             one = ReferenceStVK(MESH.p[:, vertices], np.arange(4)[:, None], elasticity(MESH, [TERM]))
@@ -92,7 +92,7 @@ def test_a_billionth_of_the_K_of_one_element_is_missed_beside_a_sliver(place):
             return K.tocsr()
 
     failed = [r for r in failures(Missing(MESH, TERM)) if r.check == "agreement"]
-    assert {r.quantity for r in failed} == {"K"} and {tuple(r.worst["suspects"]) for r in failed} == {tuple(PLACES[place])}
+    assert {r.quantity for r in failed} == {"K"} and {tuple(r.worst["suspects"]) for r in failed} == {tuple(LOCATIONS[location])}
 
 
 def test_away_from_the_sliver_the_limit_stays_1e_12():
@@ -100,7 +100,7 @@ def test_away_from_the_sliver_the_limit_stays_1e_12():
     assert agreement and {r.limit for r in agreement} == {1e-12}
 
 
-def test_a_fault_in_a_part_that_is_1e14_times_softer_shows():
+def test_a_fault_in_a_part_that_is_1e14_times_softer_is_found():
     mesh = box(3)
     x = mesh.p[0, mesh.t].mean(axis=0)
     young, first = np.where(x < 0.6, 2e-14, 2.0), int(np.argmin(x))
@@ -112,7 +112,7 @@ def test_a_fault_in_a_part_that_is_1e14_times_softer_shows():
 
 
 @pytest.mark.parametrize("squeeze", [1.0, 1e-3])
-def test_the_truth_is_that_of_all_elements_whichever_are_computed_in_50_digits(squeeze):
+def test_the_exact_force_does_not_depend_on_the_elements_in_50_digits(squeeze):
     mesh = MESH if squeeze == 1.0 else ElementMesh(box(4).p * np.array([[1.0], [squeeze], [1.0]]), box(4).t)
     truth, whole = truth_of(mesh), scikit_fem(mesh, TERM)
     assert truth.exact.tolist() == [SLIVER] if squeeze == 1.0 else len(truth.exact) == MOST < mesh.nt
@@ -122,8 +122,8 @@ def test_the_truth_is_that_of_all_elements_whichever_are_computed_in_50_digits(s
         assert 0 < abs(exact - rounded).max() < 1e-11 * abs(exact).max()
 
 
-def test_vertices_of_flat_elements_alone_belong_to_the_truth():
-    """The last vertices have no element but flat ones: scikit-fem's part does without them."""
+def test_the_exact_force_includes_vertices_of_flat_elements():
+    """The exact force includes vertices that belong to flat elements only; scikit-fem's part excludes these vertices."""
     mesh = box(1)
     p = np.column_stack([mesh.p, mesh.p[:, mesh.t[:3, 0]].mean(axis=1) + 1e-4])
     body = ElementMesh(p, np.column_stack([mesh.t, np.append(mesh.t[:3, 0], mesh.nv)]))
@@ -136,7 +136,7 @@ def test_vertices_of_flat_elements_alone_belong_to_the_truth():
 
 @pytest.mark.parametrize(("element", "vertices", "off"), [(147, (1, 2, 0, 3), 4e-4), (161, (2, 3, 1, 0), 1e-3)])
 def test_slivers_around_a_vertex_almost_in_the_plane_of_its_neighbours_pass(element, vertices, off):
-    """There are up to six of them, around an edge, and what they lose adds up."""
+    """Up to six slivers around an edge pass, although their errors add up."""
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)
     p = mesh.p.copy()
     a, b, c, apex = (p[:, vertex] for vertex in mesh.t[list(vertices), element])

@@ -1,4 +1,4 @@
-"""`verify_solver`: right solvers pass, and each planted fault is caught, by the check that it is for, and named."""
+"""`verify_solver` passes right solvers; each planted fault is named, and fails the check meant for it."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def newton(
     signed=False,
     seed=None,
 ):
-    """A solver of scikit-fem, as users write it, with the faults that are asked for; K by differences of P."""
+    """Return a solver as scikit-fem's users write it, with the given faults; K is computed by differences of P."""
 
     def solve(mesh, material, body_force, boundary):
         d, (lame, mu) = mesh.dim(), material.lame(Hypothesis.SOLID)
@@ -68,7 +68,7 @@ def newton(
             return inner - skfem.LinearForm(lambda v, w: np.einsum("i...,i...->...", w.b, v)).assemble(basis, b=b)
 
         def tangent(u):
-            F, h = basis.interpolate(u).grad + I, 1e-4  # central differences of a cubic: off by h^2, Newton converges
+            F, h = basis.interpolate(u).grad + I, 1e-4  # central differences of a cubic: error h^2, Newton's method converges
             A = np.zeros((d, d, *F.shape))
             for k in range(d):
                 for L in range(d):
@@ -113,8 +113,8 @@ def names(report):
 
 
 @pytest.fixture
-def few(monkeypatch):
-    """Smaller meshes, where an order of zero is told from one."""
+def small_meshes(monkeypatch):
+    """Use smaller meshes, on which an order of zero still differs from an order of one."""
     monkeypatch.setattr(solvers, "LADDER", {2: (5, 7, 10), 3: (2, 3, 4)})
     monkeypatch.setattr(solvers, "SMALL", {2: 3, 3: 2})
 
@@ -128,7 +128,7 @@ def test_right_solvers_pass(solve, dimension):
 
 
 def elsewhere(mesh, material, body_force, boundary):
-    """Newton's method from random starts, on the finest mesh, until it converges to another solution than the one from rest."""
+    """Solve from random starts on the finest mesh until the solution differs from the one from rest."""
     near, where = newton()(mesh, material, body_force, boundary), (mesh, material, body_force, boundary)
     finest = mesh.p.shape[1] > 100 and np.ptp(body_force(mesh.p), axis=1).any()
     for seed in range(40) if finest else ():
@@ -148,10 +148,10 @@ FAULTS = {
     "linear strain": ({"law": "linear"}, {"rigid motion", "patch test", "equilibrium", "order"}, "linear strain"),
     "lambda doubled": ({"lam": 2.0}, {"patch test", "equilibrium", "order"}, "lambda x 2.000, mu x 1.000"),
     "components in blocks": ({"blocked": True}, {"boundary values", "rigid motion", "order"}, "components in blocks"),
-    "S in the place of P": ({"law": "S for P"}, {"equilibrium", "order"}, "S for P"),
+    "S instead of P": ({"law": "S for P"}, {"equilibrium", "order"}, "S for P"),
     "stopped after an iteration": ({"iterations": 1}, {"equilibrium"}, None),
     "load at displaced points": ({"at": "displaced"}, {"order"}, None),
-    "a free face held": ({"free": False}, {"patch test"}, None),
+    "a free face constrained": ({"free": False}, {"patch test"}, None),
     "orientation counts": ({"signed": True, "iterations": 8}, {"patch test", "equilibrium"}, None),
     "shear in xy too stiff": ({"law": "stiff in xy"}, {"equilibrium", "order"}, None),
     "stress not symmetric": ({"law": "unsymmetric"}, {"equilibrium", "reciprocity", "symmetry"}, None),
@@ -159,21 +159,24 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_planted_faults_are_caught_and_named(fault, few):
+def test_planted_faults_are_caught_and_named(fault, small_meshes):
     how, caught, name = FAULTS[fault]
     report = judged(newton(**how))
     assert not report.passed and caught <= checks(report), (checks(report), report.named)
     assert names(report) == ([name] if name else []), report.named
 
 
-def test_another_equilibrium_is_named(few):
+def test_another_equilibrium_is_named(small_meshes):
     report = judged(elsewhere)
     assert checks(report) == {"order"} and names(report) == ["another equilibrium"], str(report)
     assert report.named.explanations[0].residual < 0.2 and "in balance with the load" in report.named.explanations[0].words
 
 
-def test_each_check_is_needed_or_seen_to_catch():
-    """Load at displaced points is for the order alone, a held free face for the patch test; the others catch what they are for."""
+def test_each_check_catches_a_fault():
+    """Each check catches at least one fault.
+
+    Only the order catches loads at displaced points, and only the patch test catches a free face that is constrained.
+    """
     assert set().union(*(caught for _, caught, _ in FAULTS.values())) == {
         "boundary values", "rigid motion", "patch test", "equilibrium", "symmetry", "reciprocity", "order",
     }  # fmt: skip
@@ -192,18 +195,18 @@ def raises(*_):
         (lambda mesh, *_: np.array(["a"] * mesh.p.size), "real numbers"),
     ],
 )
-def test_solvers_that_return_no_solution_could_not_run(solve, words, few):
+def test_solvers_that_return_no_solution_could_not_run(solve, words, small_meshes):
     report = judged(solve)
     assert not report.passed and all(r.outcome is CheckOutcome.COULD_NOT_RUN and words in r.reason for r in report.results)
 
 
-def test_not_a_number_fails(few):
+def test_not_a_number_fails(small_meshes):
     report = judged(lambda mesh, *_: np.full(mesh.p.size, np.nan))
     assert not report.passed and not any(r.outcome is CheckOutcome.PASSED for r in report.results)
     assert "not a number" in report.named.smallest
 
 
-def test_a_solver_may_spoil_what_it_is_given(few):
+def test_a_solver_may_change_its_arguments(small_meshes):
     def spoils(mesh, material, body_force, boundary):
         u = own(mesh, material, body_force, boundary)
         boundary.values[:] = boundary.nodes[:] = mesh.p[:] = mesh.t[:] = 0
@@ -227,7 +230,7 @@ def test_arguments_are_refused_by_name(how, words):
         verify_solver(**{"solve": own, "young": 1e5, "poisson": 0.3, "quiet": True} | how)
 
 
-def test_the_report_is_saved(few, tmp_path):
+def test_the_report_is_saved(small_meshes, tmp_path):
     report = judged(newton(load=2.0))
     report.save(tmp_path)
     assert "load x 2.000" in str(report) and "load x 2.000" in (tmp_path / "report.html").read_text()

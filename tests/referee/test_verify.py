@@ -26,7 +26,7 @@ TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
 
 
-#: Those of unlike kinds; `python -m pytest -m slow` has all.
+#: Half of the bodies, of different kinds; `python -m pytest -m slow` tests all.
 FEW = [name for i, name in enumerate(BODIES) if i % 2 == 0]
 
 
@@ -54,7 +54,7 @@ def test_all_named_states_agree_to_1e_13():
     assert len(agreement) == 48 and max(r.measured for r in agreement) < 1e-13
 
 
-def test_the_sum_over_edges_and_pairs_is_a_player_where_there_is_an_edge_form():
+def test_the_sum_over_edges_and_pairs_is_judged_where_an_edge_form_exists():
     results = {r.quantity: r for r in verify(box(3), TERM, **QUIET).results if r.subject == EDGES and r.check == "agreement"}
     assert set(results) == {"W", "F", "K"} and max(r.measured for r in results.values()) < 1e-13
     (result,) = [r for r in verify(CURVED["quadratic tetrahedra"], TERM, **QUIET).results if r.subject == EDGES]
@@ -62,7 +62,7 @@ def test_the_sum_over_edges_and_pairs_is_a_player_where_there_is_an_edge_form():
 
 
 def test_a_wrong_coefficient_of_one_pair_of_edges_is_found(monkeypatch):
-    """The formula of the paper itself is what is checked."""
+    """A wrong coefficient of one pair of edges is found, so the check covers the formula of the paper itself."""
     right = EdgeNetwork.of
 
     def wrong(mesh, terms):
@@ -86,7 +86,7 @@ def test_which_closed_forms_apply_depends_on_the_dimension(name):
     assert passed == {state for state, (_, dimensions) in CLOSED_FORMS.items() if mesh.k in dimensions}
 
 
-def test_membranes_have_more_zero_modes_and_it_says_so():
+def test_further_zero_modes_of_membranes_are_reported():
     report = verify(MESHES["membrane"], TERM, **QUIET)
     result, of_edges = [r for r in report.results if r.check == "no further zero mode"]
     assert of_edges.subject == "edges and TSEPs"
@@ -94,8 +94,8 @@ def test_membranes_have_more_zero_modes_and_it_says_so():
     assert "resist no bending" in str(report)
 
 
-def test_a_hinge_of_two_bodies_is_not_blamed_for_its_mechanism():
-    """Two tetrahedra that share one edge: K has a seventh zero mode, and the referee knows why."""
+def test_a_hinge_of_two_bodies_passes():
+    """Two tetrahedra that share one edge pass: K has a seventh zero mode, and the report gives the reason."""
     p = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.2], [0.3, -1, 0.2], [0.2, -0.3, -1]]).T
     report = verify((p, np.array([[0, 1, 2, 3], [0, 1, 4, 5]]).T), young=1.0, poisson=0.3, **QUIET)
     result, _ = [r for r in report.results if r.check == "no further zero mode"]
@@ -103,7 +103,7 @@ def test_a_hinge_of_two_bodies_is_not_blamed_for_its_mechanism():
 
 
 def test_a_mechanism_within_a_connected_body_is_found():
-    """Candidates whose stiffness at one degree of freedom is missing, or negative."""
+    """Candidates with zero or negative stiffness at one degree of freedom fail."""
 
     class Loose:
         def __init__(self, dof, left):
@@ -121,7 +121,7 @@ def test_a_mechanism_within_a_connected_body_is_found():
         assert result.measured >= 1 and result.worst["dof"] == dof
 
 
-def test_a_region_that_does_not_cover_the_mesh_is_not_blamed():
+def test_a_region_that_does_not_cover_the_mesh_passes():
     mesh = box(3)
     with pytest.warns(StvkWarning, match="in no term"):
         report = verify(mesh, StVK(young=1.0, poisson=0.3, region=np.arange(81)), **QUIET)
@@ -153,8 +153,8 @@ def test_disconnected_parts_are_verified_with_a_warning():
     assert report.passed
 
 
-def test_states_are_what_they_say():
-    """In the direction in which the body is longest, wherever that is."""
+def test_named_states_have_their_deformations():
+    """Named states have the deformation of their name: stretches are along the longest direction of the body."""
     from skfem_stvk.referee.case import named_states
 
     cable = ElementMesh(
@@ -168,21 +168,21 @@ def test_states_are_what_they_say():
         for name, factor in (("100 % stretch", 2.0), ("35 % compression", 0.65)):
             (slope,) = np.linalg.lstsq((X @ along)[:, None], (X + moved[name]) @ along, rcond=None)[0]
             assert slope == pytest.approx(factor, abs=0.05)
-        turned = X + moved["rigid translation" if mesh.d == 1 else "rigid rotation"]
-        distances = [np.linalg.norm(x[:, None] - x[None], axis=2) for x in (X, turned)]
+        rotated = X + moved["rigid translation" if mesh.d == 1 else "rigid rotation"]
+        distances = [np.linalg.norm(x[:, None] - x[None], axis=2) for x in (X, rotated)]
         assert np.allclose(*distances, atol=1e-12 * np.ptp(X))
-        assert np.abs(turned.mean(axis=0)).max() > 0.01 * np.ptp(X)
+        assert np.abs(rotated.mean(axis=0)).max() > 0.01 * np.ptp(X)
         if mesh.d > 1:
-            assert np.abs(turned - turned.mean(axis=0) - X).max() > 0.1 * np.ptp(X)
+            assert np.abs(rotated - rotated.mean(axis=0) - X).max() > 0.1 * np.ptp(X)
             strained = X + moved["rotated strained"]
-            assert np.abs(strained - turned).max() < 0.3 * np.ptp(X) < np.ptp(X)  # turned and shifted in the same way
-            assert not np.allclose(strained, turned, atol=0.01 * np.ptp(X))
+            assert np.abs(strained - rotated).max() < 0.3 * np.ptp(X) < np.ptp(X)  # rotated and shifted in the same way
+            assert not np.allclose(strained, rotated, atol=0.01 * np.ptp(X))
         if np.linalg.matrix_rank(X, tol=1e-9) == mesh.d:
             mirrored = np.linalg.lstsq(X, X + moved["reflected random"], rcond=None)[0]
             assert np.linalg.det(mirrored) < 0
 
 
-def test_on_a_line_nothing_turns():
+def test_states_on_a_line_have_no_rotation():
     report = verify(MESHES["segments"], TERM, **QUIET)
     rotations = [r for r in report.results if r.state in ("rotation", "rotated by 170 deg")]
     assert rotations and {r.outcome for r in rotations} == {CheckOutcome.NOT_APPLICABLE}

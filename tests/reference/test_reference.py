@@ -1,4 +1,4 @@
-"""The reference stands on its own: against the overview of forms that scikit-fem's users write, and against closed forms."""
+"""The reference equals an independent form of the kind that scikit-fem's users write, and closed forms."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from skfem.helpers import ddot, eye, grad, identity, mul, trace, transpose
 from skfem_stvk.reference import ReferenceStVK, anisotropic_tensor, isotropic_tensor, simplex_axes
 
 
-def test_it_is_the_textbook_form_at_default_quadrature():
+def test_the_reference_is_the_textbook_form_at_default_quadrature():
     mesh, lam, mu = MESHES["tetrahedra"], 1.5, 1.0
     young, poisson = mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))
     reference = ReferenceStVK(mesh.p, mesh.t, isotropic_tensor(young, poisson, 3, condensed=False))
@@ -51,7 +51,7 @@ def test_a_rotated_tensor_has_the_rotated_strain_energy():
 
 @pytest.mark.parametrize("k", [1, 2])
 def test_condensation_finds_the_smallest_energy(k):
-    """Of all strains across the simplex, the one that leaves no stress has the least energy."""
+    """The condensed energy, at zero stress across the simplex, is the smallest over all strains across the simplex."""
     rng = np.random.default_rng(0)
     C = some_voigt(rng)
     axes = random_frames(1, rng)[:, :, :k]
@@ -75,6 +75,6 @@ def test_axes_are_orthonormal_and_span_the_simplices():
     for mesh in MESHES.values():
         axes = simplex_axes(mesh.p, mesh.t)
         assert np.allclose(np.swapaxes(axes, 1, 2) @ axes, np.eye(mesh.k))
-        spokes = (mesh.p[:, mesh.t[1]] - mesh.p[:, mesh.t[0]]).T
-        inside = np.einsum("nij,nkj,nk->ni", axes, axes, spokes)
-        assert np.allclose(inside, spokes)
+        vectors = (mesh.p[:, mesh.t[1]] - mesh.p[:, mesh.t[0]]).T
+        inside = np.einsum("nij,nkj,nk->ni", axes, axes, vectors)
+        assert np.allclose(inside, vectors)

@@ -12,7 +12,7 @@ MU = YOUNG / (2 * (1 + POISSON))
 
 
 def affine(mesh, F):
-    """Displacements of x = F X."""
+    """Return the displacements of x = F X."""
     return ((np.asarray(F)[: mesh.d, : mesh.d] - np.eye(mesh.d)) @ mesh.p).ravel("F")
 
 
@@ -21,8 +21,8 @@ def homogeneous(name, F, **term):
     return Fields(mesh, StVK(young=YOUNG, poisson=POISSON, **term)).at(affine(mesh, F))
 
 
-def turned(axis, angle):
-    """The rotation about an axis (3,)."""
+def rotation(axis, angle):
+    """Return the rotation matrix about an axis (3,)."""
     a = np.asarray(axis) / np.linalg.norm(axis)
     K = np.cross(np.eye(3), -a)
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K

@@ -1,4 +1,4 @@
-"""What films show. How they look was looked at."""
+"""Contents of animations. The appearance was checked by eye."""
 
 import os
 import stat
@@ -18,7 +18,7 @@ COUNT = 5
 
 
 def motion(name="triangles", count=COUNT, step=0.05, **term):
-    """A body that swings about its rest."""
+    """Return the states of a body that vibrates about its rest."""
     mesh = MESHES[name]
     fields, u = Fields(mesh, StVK(young=2e6, poisson=0.3, **term)), state(mesh, 0.1)
     return [(step * i, fields.at(np.sin(2 * np.pi * (i + 0.5) / count) * u)) for i in range(count)]
@@ -32,7 +32,7 @@ def saved(path, states, fields=("von_mises",)):
 
 
 def frames(path):
-    """(n, height, width, 3) pixels."""
+    """Return the pixels (n, height, width, 3) and the header of a file."""
     film = Image.open(path)
     pictures = []
     for number in range(film.n_frames):
@@ -57,7 +57,7 @@ def test_a_series_on_disk_gives_the_film_of_its_states(tmp_path, name):
     series = saved(tmp_path / "body.pvd", states)
     one, _ = frames(animate(states, tmp_path / "states.gif"))
     other, _ = frames(animate(series, tmp_path / "files.gif"))
-    assert np.abs(one - other).max() <= 40 and (one != other).mean() < 1e-3  # the last digit of a coordinate
+    assert np.abs(one - other).max() <= 40 and (one != other).mean() < 1e-3  # differences in the last digit of a coordinate
 
 
 def test_colours_and_axes_are_those_of_all_frames():
@@ -74,16 +74,16 @@ def test_colours_and_axes_are_those_of_all_frames():
     np.testing.assert_allclose(largest, norms, rtol=1e-12)
 
 
-def test_nothing_but_the_body_and_the_time_moves(tmp_path):
+def test_only_the_body_and_the_time_change_between_frames(tmp_path):
     pictures, _ = frames(animate(motion(), tmp_path / "body.gif"))
     changed = (pictures != pictures[0]).any(axis=(0, 3))
     columns = np.flatnonzero(changed.any(axis=0))
     bar = pictures.shape[2] * 7 // 8
-    assert columns.max() < bar, "the colour bar stands still"
+    assert columns.max() < bar, "the colour bar does not move"
     assert (pictures[0][:, bar:] < 128).any(), "and it is there"
 
 
-def test_a_body_is_drawn_on_the_axes_that_its_motion_takes(tmp_path):
+def test_a_body_is_drawn_in_the_dimension_of_its_space(tmp_path):
     for name, d in {"segments": 1, "cable in the plane": 2, "triangles": 2, "cable": 3, "membrane": 3, "tetrahedra": 3}.items():
         film = plotting._of_files(saved(tmp_path / "body.pvd", motion(name, 2)), "displacement", 1.0, None)
         _, shots = film.developed()
@@ -93,7 +93,7 @@ def test_a_body_is_drawn_on_the_axes_that_its_motion_takes(tmp_path):
 @pytest.mark.parametrize(
     ("step", "words"), [(0.05, "t = 0.200"), (1.0, "t = 4.0"), (1e-4, "t = 0.00040"), (1 / 3, "t = 1.33"), (50.0, "t = 200")]
 )
-def test_the_time_has_the_digits_that_tell_frames_apart(step, words):
+def test_the_time_has_enough_digits_to_distinguish_frames(step, words):
     times = _in_words([step * i for i in range(COUNT)])
     assert times[-1] == words and len(set(times)) == COUNT
     assert _in_words([0.5]) == ["t = 0.500"]
@@ -131,7 +131,7 @@ def test_fields_of_files_have_their_names_and_units(tmp_path):
     assert picture.label == "stress [psi]" and picture.values.max() > 1e3, "numbers stay as they are"
 
 
-def test_where_a_file_has_no_value_there_is_none_in_the_film(tmp_path):
+def test_missing_values_of_files_are_masked_in_the_film(tmp_path):
     right = np.flatnonzero(MESHES["triangles"].p[0, MESHES["triangles"].t].mean(axis=0) > 0.6)
     series = saved(tmp_path / "body.pvd", motion(region=right))
     _, shots = plotting._of_files(series, "von_mises", 1.0, None).developed()
@@ -139,7 +139,7 @@ def test_where_a_file_has_no_value_there_is_none_in_the_film(tmp_path):
     assert 0 < np.ma.getmaskarray(picture.values).mean() < 1
 
 
-def test_what_cannot_be_filmed_is_refused(tmp_path):
+def test_invalid_films_are_refused(tmp_path):
     series = saved(tmp_path / "body.pvd", motion())
     (tmp_path / "empty.pvd").write_text("<VTKFile><Collection/></VTKFile>")
     (tmp_path / "lost.pvd").write_text('<VTKFile><Collection><DataSet timestep="0" file="no.vtu"/></Collection></VTKFile>')
@@ -163,7 +163,10 @@ def test_what_cannot_be_filmed_is_refused(tmp_path):
 
 
 def test_frames_of_another_mesh_are_refused(tmp_path):
-    """Also where it has as many nodes and elements, and where another mesh has the same nodes."""
+    """States and files of different meshes are refused.
+
+    One other mesh has the same numbers of nodes and elements, and one has the same nodes.
+    """
     mesh = MESHES["triangles"]
     moved = ElementMesh(mesh.p * [[1.0], [1.5]], mesh.t)
     others = [motion("tetrahedra")[0][1], Fields(moved, StVK(young=1.0, poisson=0.3)).at(0 * mesh.p.ravel())]
@@ -179,7 +182,7 @@ def test_frames_of_another_mesh_are_refused(tmp_path):
     assert not list(tmp_path.glob("*.gif"))
 
 
-def test_files_with_as_many_other_elements_are_drawn_as_they_are(tmp_path):
+def test_files_with_as_many_other_elements_are_drawn_with_their_elements(tmp_path):
     mesh, law = MESHES["triangles"], StVK(young=1.0, poisson=0.3)
     halves = [ElementMesh(mesh.p, mesh.t[:, begin : begin + mesh.nt // 2]) for begin in (0, mesh.nt // 2)]
     series = saved(tmp_path / "body.pvd", [(0.1 * k, Fields(half, law).at(0 * mesh.p.ravel())) for k, half in enumerate(halves)])
@@ -204,7 +207,7 @@ def test_a_frame_without_the_field_is_refused(tmp_path):
         animate(series, tmp_path / "body.gif", "von_mises")
 
 
-def test_without_ffmpeg_an_mp4_is_refused_with_what_to_install(tmp_path):
+def test_without_ffmpeg_an_mp4_is_refused_with_a_remedy(tmp_path):
     with (
         matplotlib.rc_context({"animation.ffmpeg_path": str(tmp_path / "ffmpeg")}),
         pytest.raises(StvkError, match="apt install ffmpeg"),
@@ -219,7 +222,7 @@ echo "$@" > {log}
 """
 
 
-def test_an_mp4_is_what_ffmpeg_makes_of_all_frames(tmp_path):
+def test_an_mp4_is_the_output_of_ffmpeg_for_all_frames(tmp_path):
     log, recorder = tmp_path / "log", tmp_path / "ffmpeg"
     recorder.write_text(RECORDER.format(log=log))
     recorder.chmod(recorder.stat().st_mode | stat.S_IXUSR)
@@ -231,7 +234,7 @@ def test_an_mp4_is_what_ffmpeg_makes_of_all_frames(tmp_path):
     assert f"{width}x{height}" in words and "-f mp4" in words and " 12" in words
 
 
-def test_a_film_that_fails_leaves_the_one_that_was_there(tmp_path, monkeypatch):
+def test_a_film_that_fails_leaves_an_existing_file_unchanged(tmp_path, monkeypatch):
     from skfem_stvk.results import matplotlib_plot
 
     path = animate(motion(), tmp_path / "body.gif")
@@ -247,7 +250,7 @@ def test_a_film_that_fails_leaves_the_one_that_was_there(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["series", "file"])
-def test_a_pipe_that_stands_for_a_series_or_one_of_its_files_is_refused(tmp_path, kind):
+def test_a_pipe_instead_of_a_series_or_one_of_its_files_is_refused(tmp_path, kind):
     os.mkfifo(tmp_path / "pipe.vtu")
     listed = '<VTKFile><Collection><DataSet timestep="0" file="pipe.vtu"/></Collection></VTKFile>'
     if kind == "series":

@@ -1,4 +1,4 @@
-"""Elements of all kinds in files and pictures: VTK's cells and order of nodes, and curved faces that are drawn curved."""
+"""Elements of all kinds in files and pictures: VTK's cells and order of nodes, and curved faces drawn as curves."""
 
 import meshio
 import numpy as np
@@ -39,14 +39,14 @@ def test_files_read_back_are_the_same_mesh_with_the_same_values(name, tmp_path):
 
 @pytest.mark.parametrize("name", [name for name in EVERY_MESH if EVERY_MESH[name].k == EVERY_MESH[name].d > 1])
 def test_vtk_itself_finds_the_volumes(name, tmp_path):
-    """Nodes in another order than VTK's would fold its cells."""
+    """VTK computes the right volumes from the files. Another order of nodes would fold its cells."""
     vtk = pytest.importorskip("pyvista")
     mesh = EVERY_MESH[name]
     grid = vtk.read(write_vtu(tmp_path / "body.vtu", at(mesh), ["volume_ratio"]))
     assert set(grid.celltypes) == {TYPES[mesh.element.name][0]}
     flat = sizes_of(mesh.p, mesh.t, mesh.element)
     found = np.abs(grid.compute_cell_sizes()["Volume" if mesh.d == 3 else "Area"])
-    curved = mesh.element.degree == 2  # which VTK cuts into linear cells
+    curved = mesh.element.degree == 2  # VTK cuts curved elements into linear cells
     assert found == pytest.approx(flat, rel=0.25 if curved else 0.02) and found.sum() == pytest.approx(flat.sum(), rel=0.02)
 
 
@@ -76,7 +76,7 @@ def test_the_pieces_of_surfaces_add_up_to_their_area(name):
 
 
 def test_outlines_of_curved_bodies_are_curved():
-    """A disc of quadratic triangles has its circumference, one of straight edges has less."""
+    """The outline of a disc of quadratic triangles has the length of the circle; with straight edges it is shorter."""
     angles = np.arange(6) * np.pi / 3
     p = np.concatenate([[[0, 0]], np.stack([np.cos(angles), np.sin(angles)], axis=1)]).T
     t = np.array([[0] * 6, np.arange(1, 7), np.roll(np.arange(1, 7), -1)])
@@ -90,7 +90,7 @@ def test_outlines_of_curved_bodies_are_curved():
     assert found[0] == pytest.approx(6, rel=1e-12) and found[1] == pytest.approx(2 * np.pi, rel=4e-3)
 
 
-def test_of_a_box_the_twelve_edges_are_drawn():
+def test_the_outline_of_a_box_has_twelve_edges():
     mesh = ElementMesh.of(skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3))
     picture = Sight(mesh).picture(np.zeros((mesh.nv, 3)), np.zeros(mesh.t.shape), "", 1.0)
     assert np.linalg.norm(np.diff(picture.rest[picture.lines], axis=0), axis=2).sum() == pytest.approx(12)

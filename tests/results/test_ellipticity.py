@@ -1,11 +1,12 @@
-"""Strong ellipticity: where it is lost in closed form, the second derivative of the energy density, and the full tensor in all
-directions.
+"""Strong ellipticity is lost at the states that closed forms give.
+
+The acoustic form is the second derivative of the energy density and equals the full tensor in all directions.
 """
 
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, state
-from homogeneous import POISSON, YOUNG, affine, homogeneous, turned
+from homogeneous import POISSON, YOUNG, affine, homogeneous, rotation
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
@@ -27,42 +28,45 @@ ONE = {name: ElementMesh(mesh.p[:, mesh.t[:, 0]], np.arange(len(mesh.t))[:, None
 
 
 def of_one(name, F, terms):
-    """The field on the one element of a mesh that is deformed by F."""
+    """Return the field on a mesh of one element that is deformed by F."""
     return float(Fields(ONE[name], terms).at(affine(ONE[name], F))[NAME][0])
 
 
 def lost_at(name, shape, term):
-    """The largest stretch `s < 1` at which the state `shape(s)` loses strong ellipticity."""
+    """Return the largest stretch `s < 1` at which the state `shape(s)` loses strong ellipticity."""
     return brentq(lambda s: of_one(name, shape(s), term), 0.05, 1.0, xtol=1e-13)
 
 
 @pytest.mark.parametrize("nu", POISSONS)
-def test_hydrostatic_compression_loses_it_at_the_closed_value(nu):
+def test_hydrostatic_compression_loses_ellipticity_at_the_closed_value(nu):
     found = lost_at("tetrahedra", lambda s: s * np.eye(3), StVK(young=YOUNG, poisson=nu))
     assert found == pytest.approx(np.sqrt((1 + nu) / (2 - nu)), rel=1e-11)
 
 
 @pytest.mark.parametrize("nu", POISSONS)
-def test_equibiaxial_plane_strain_loses_it_at_the_closed_value(nu):
+def test_equibiaxial_plane_strain_loses_ellipticity_at_the_closed_value(nu):
     found = lost_at("triangles", lambda s: s * np.eye(3), StVK(young=YOUNG, poisson=nu))
     assert found == pytest.approx(np.sqrt(1 / (2 * (1 - nu))), rel=1e-11)
 
 
 @pytest.mark.parametrize("nu", POISSONS)
-def test_equibiaxial_plane_stress_loses_it_where_its_condensed_moduli_do(nu):
-    """`s^2 = (lam* + mu)/(lam* + 2 mu)` as in plane strain, with `lam* = E nu/(1 - nu^2)`: `(1 + nu)/2`."""
+def test_equibiaxial_plane_stress_loses_ellipticity_as_plane_strain_with_condensed_moduli(nu):
+    """Strong ellipticity is lost at `s^2 = (lam* + mu)/(lam* + 2 mu) = (1 + nu)/2`.
+
+    The formula is that of plane strain, with `lam* = E nu/(1 - nu^2)` instead of `lam`.
+    """
     found = lost_at("triangles", lambda s: s * np.eye(3), StVK(young=YOUNG, poisson=nu, plane="stress"))
     assert found == pytest.approx(np.sqrt((1 + nu) / 2), rel=1e-11)
 
 
 def uniaxial_strain(nu):
-    """With `N = (c, n)`, `y = s^2`, `x = c^2`: `det Q` is a quadratic in `x`, and lost is it where that touches zero for an `x` in
-    (0, 1).
+    """Return the largest stretch at which uniaxial strain loses strong ellipticity, in closed form.
 
-        Q_11 = T + mu y + (lam + mu) y x    Q_22 = T + mu + (lam + mu)(1 - x)
-        Q_12^2 = (lam + mu)^2 y x (1 - x)    T = (y - 1)(lam/2 + mu x)
+    With `N = (c, n)`, `y = s^2`, `x = c^2`, `det Q` is a quadratic in `x`. Ellipticity is lost where its minimum over `x` in (0, 1)
+    is zero, or where `Q_33 = T + mu` is zero at x = 1.
 
-    or where `Q_33 = T + mu` is zero at x = 1.
+        Q_11 = T + mu y + (lam + mu) y x        Q_22 = T + mu + (lam + mu)(1 - x)
+        Q_12^2 = (lam + mu)^2 y x (1 - x)       T = (y - 1)(lam/2 + mu x)
     """
     mu, lam = 1.0, 2 * nu / (1 - 2 * nu)
 
@@ -85,8 +89,8 @@ def uniaxial_strain(nu):
 
 @pytest.mark.parametrize("nu", POISSONS)
 @pytest.mark.parametrize("name", ONE)
-def test_uniaxial_strain_loses_it_where_the_determinant_touches_zero(name, nu):
-    F = {"tetrahedra": turned([1, 2, -1], 0.7) @ turned([0, 1, 1], 1.1), "triangles": turned([0, 0, 1], 0.4)}[name]
+def test_uniaxial_strain_loses_ellipticity_where_the_determinant_touches_zero(name, nu):
+    F = {"tetrahedra": rotation([1, 2, -1], 0.7) @ rotation([0, 1, 1], 1.1), "triangles": rotation([0, 0, 1], 0.4)}[name]
     found = lost_at(name, lambda s: F @ np.diag([s, 1, 1]) @ F.T, StVK(young=YOUNG, poisson=nu))
     assert found == pytest.approx(uniaxial_strain(nu), rel=1e-9)
 
@@ -97,12 +101,12 @@ def test_the_published_values_of_uniaxial_strain():
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
-def test_it_is_lost_before_the_limit_point(nu):
+def test_ellipticity_is_lost_before_the_limit_point(nu):
     assert uniaxial_strain(nu) > 3**-0.5
 
 
-def test_a_bar_on_a_line_loses_it_at_its_limit_point():
-    """Of one dimension there is no more to it: `P = E/2 s (s^2 - 1)`, `dP/ds = E/2 (3 s^2 - 1)`."""
+def test_a_bar_on_a_line_loses_ellipticity_at_its_limit_point():
+    """A bar in one dimension loses ellipticity at its limit point: `P = E/2 s (s^2 - 1)`, `dP/ds = E/2 (3 s^2 - 1)`."""
     for s in (0.4, 3**-0.5, 0.8, 1.0, 1.6):
         assert np.allclose(homogeneous("segments", np.diag([s, 1, 1]))[NAME], YOUNG / 2 * (3 * s**2 - 1), rtol=1e-12, atol=1e-14)
 
@@ -113,12 +117,12 @@ def test_at_rest_an_isotropic_solid_has_its_shear_modulus(name):
 
 
 def density(fields, F):
-    """(nt,) energy density of elements that are all deformed by F."""
+    """Return the energy density (nt,) of elements that are all deformed by F."""
     return np.asarray(fields.at(affine(fields.mesh, F))["strain_energy_density"])
 
 
 def motion(name, rng):
-    """F, far from rest, and unit vectors a and N in the space of the mesh."""
+    """Return a deformation gradient F far from rest, and unit vectors a and N in the space of the mesh."""
     k = MESHES[name].k
     F = np.eye(3)
     F[:k, :k] += 0.4 * rng.standard_normal((k, k))
@@ -129,7 +133,10 @@ def motion(name, rng):
 
 @pytest.mark.parametrize("name", [*FILLING, "triangles, two sheets"])
 def test_the_form_is_the_second_derivative_of_the_energy_density_along_a_dyad(name):
-    """By the five-point stencil, which is exact for a quartic; and the smallest is below all."""
+    """The acoustic form is the second derivative of the energy density along `a N'`, and the field is below all its values.
+
+    The five-point stencil is exact for a quartic.
+    """
     mesh, terms = BODIES[name] if name in BODIES else (MESHES["triangles"], TWO_SHEETS)
     fields, rng = Fields(mesh, terms), np.random.default_rng(7)
     weights = {-2: -1 / 12, -1: 16 / 12, 0: -30 / 12, 1: 16 / 12, 2: -1 / 12}
@@ -171,8 +178,12 @@ def test_the_curvature_of_a_penalty_is_the_derivative_of_its_slope(kind):
     assert np.allclose(ENERGIES[kind].curvature(e), (slope(e + h) - slope(e - h)) / (2 * h), rtol=1e-7, atol=1e-7)
 
 
-def test_a_volume_penalty_does_not_put_off_the_loss_in_hydrostatic_compression():
-    """That is of motions across `N`, which change no volume; and the pressure of the penalty is no stiffness of dyads."""
+def test_a_volume_penalty_does_not_delay_the_loss_in_hydrostatic_compression():
+    """A volume penalty does not change the loss in hydrostatic compression.
+
+    Ellipticity is lost by motions normal to `N`, which do not change the volume. The pressure of the penalty adds no stiffness for
+    dyads.
+    """
     nu, s = 0.3, 0.9
     terms = [StVK(young=YOUNG, poisson=nu), VolumePenalty(0.3 * YOUNG)]
     across = YOUNG / (1 - 2 * nu) * (s**2 - 1) / 2 + MU * s**2
@@ -180,7 +191,7 @@ def test_a_volume_penalty_does_not_put_off_the_loss_in_hydrostatic_compression()
     assert lost_at("tetrahedra", lambda s: s * np.eye(3), terms) == pytest.approx(np.sqrt((1 + nu) / (2 - nu)), rel=1e-11)
 
 
-def test_a_volume_penalty_puts_it_off_in_uniaxial_strain():
+def test_a_volume_penalty_delays_the_loss_in_uniaxial_strain():
     terms = [StVK(young=YOUNG, poisson=0.3), VolumePenalty(0.3 * YOUNG)]
     s = uniaxial_strain(0.3)
     assert of_one("tetrahedra", np.diag([s, 1, 1]), terms[0]) == pytest.approx(0, abs=1e-9)
@@ -193,11 +204,11 @@ def test_a_volume_penalty_puts_it_off_in_uniaxial_strain():
     st.integers(0, 10**6),
 )
 @settings(max_examples=20)
-def test_turning_the_deformed_body_changes_nothing(axis, angle, seed):
+def test_a_rotation_of_the_deformed_body_changes_nothing(axis, angle, seed):
     mesh, terms = BODIES["tetrahedra, heterogeneous orthotropic with element frames"]
-    fields, Q = Fields(mesh, [*terms, VolumePenalty(1.0)]), turned(axis, angle)
+    fields, Q = Fields(mesh, [*terms, VolumePenalty(1.0)]), rotation(axis, angle)
     u = state(mesh, 0.15, seed)
-    assume(System(mesh, terms).smallest_volume_ratio(u) > 0)  # where the penalty has an energy
+    assume(System(mesh, terms).smallest_volume_ratio(u) > 0)  # the penalty has an energy in such states only
     moved = (Q @ (mesh.p + u.reshape(-1, 3).T) - mesh.p).ravel("F")
     here, there = fields.at(u)[NAME], fields.at(moved)[NAME]
     assert np.ptp(here) > 0.1 and np.abs(there - here).max() < 1e-7
@@ -205,7 +216,7 @@ def test_turning_the_deformed_body_changes_nothing(axis, angle, seed):
 
 @given(st.integers(0, 10**6), st.lists(st.floats(0.3, 1.5), min_size=3, max_size=3))
 @settings(max_examples=30)
-def test_turning_an_isotropic_body_at_rest_changes_nothing(seed, stretches):
+def test_a_rotation_of_an_isotropic_body_at_rest_changes_nothing(seed, stretches):
     Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((2, 3, 3)))[0]
     term = StVK(young=YOUNG, poisson=POISSON)
     found = of_one("tetrahedra", Q @ np.diag(stretches) @ R.T, term)
@@ -213,7 +224,7 @@ def test_turning_an_isotropic_body_at_rest_changes_nothing(seed, stretches):
 
 
 def smallest_over_all_pairs(form, rng):
-    """Over unit `a` and `N`, by scipy from many starts: nothing of what is tested."""
+    """Return the minimum over unit `a` and `N` by scipy from many starts, independently of the tested code."""
     k = form.shape[0]
 
     def value(x):
@@ -227,16 +238,16 @@ def smallest_over_all_pairs(form, rng):
     "name", ["tetrahedra, anisotropic", slow("tetrahedra, fibres"), "triangles, anisotropic", slow("triangles, plane stress")]
 )
 def test_the_smallest_is_that_over_all_pairs_of_vectors(name):
-    """The full tensor `dP/dF`, from the reference's stiffness in space, against scipy's minima."""
+    """The field equals scipy's minima for the full tensor `dP/dF`, from the reference's stiffness in space."""
     mesh, (term,) = BODIES[name]
     rng, k = np.random.default_rng(3), mesh.k
     now = Fields(mesh, term).at(state(mesh, 0.12 if k == 3 else 0.05))
     F, _, C, _ = ellipticity._response(now.responses[0])
     S = np.asarray(now["pk2"])[:, :k, :k]
-    place = voigt_places(k)
+    index = voigt_places(k)
     found = now[NAME]
     for e in range(0, mesh.nt, mesh.nt // 6):
-        full = C[e][place[:, :, None, None], place]  # M J N L
+        full = C[e][index[:, :, None, None], index]  # M J N L
         A = np.einsum("ik,JL->ikJL", np.eye(k), S[e]) + np.einsum("iM,kN,MJNL->ikJL", F[e], F[e], full)
         assert found[e] == pytest.approx(smallest_over_all_pairs(A, rng), rel=1e-6, abs=1e-8 * np.abs(A).max())
 
@@ -257,22 +268,22 @@ def test_no_direction_of_a_dense_set_has_less(monkeypatch):
 
 
 @pytest.mark.parametrize("name", FILLING)
-def test_only_those_that_may_have_lost_it_are_looked_at_and_none_is_missed(name, monkeypatch):
+def test_only_elements_that_may_have_lost_ellipticity_are_checked_and_none_is_missed(name, monkeypatch):
     mesh, terms = BODIES[name]
-    looked_at = []
+    checked = []
     smallest = ellipticity.smallest
-    monkeypatch.setattr(ellipticity, "smallest", lambda form: looked_at.append(len(form)) or smallest(form))
+    monkeypatch.setattr(ellipticity, "smallest", lambda form: checked.append(len(form)) or smallest(form))
     for amount in (0.01, 0.1, 0.2):
         now = Fields(mesh, terms).at(state(mesh, amount))
         lowest = now.raw(NAME)[0]
-        looked_at.clear()
+        checked.clear()
         ids, values = without_ellipticity(now.responses)
         assert np.array_equal(ids, np.flatnonzero(lowest <= 0)) and np.allclose(values, lowest[ids], rtol=1e-9)
         if amount == 0.01 and "isotropic" in name:
-            assert sum(looked_at) < mesh.nt
+            assert sum(checked) < mesh.nt
 
 
-def test_elements_come_in_chunks_of_any_size(monkeypatch):
+def test_the_size_of_chunks_does_not_matter(monkeypatch):
     mesh, terms = BODIES["tetrahedra, an array of constants"]
     found = []
     for chunk in (1, 7, 10**6):

@@ -1,4 +1,7 @@
-"""Strain and stress of elements with several points: scikit-fem's at its points, homogeneous states, extrapolation to nodes."""
+"""Strain and stress of elements with several points equal scikit-fem's at its points.
+
+Tests include homogeneous states and the extrapolation to nodes.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +24,10 @@ def material(mesh, **more):
 
 @pytest.mark.parametrize("name", SOLID)
 def test_strain_and_stress_at_the_points_are_scikit_fems(name):
-    """In the plane in plane strain, whose stress across is not in scikit-fem's tensor."""
+    """Strain and stress at the points equal scikit-fem's.
+
+    Plane problems are in plane strain; scikit-fem's tensor has no stress across.
+    """
     mesh, known = CURVED[name], scikit_fem_of(CURVED[name])
     points, weights = rule_of(mesh.element)
     basis = skfem.Basis(known.mesh, known.elem, quadrature=(points.T, weights))
@@ -53,9 +59,9 @@ def test_the_energy_of_straight_elements_is_density_times_volume(name):
 @pytest.mark.parametrize("law", ["isotropic", "anisotropic"])
 @pytest.mark.parametrize("name", CURVED)
 def test_all_fields_of_a_homogeneous_state_are_the_same_everywhere(name, law):
-    """By element, at points and at nodes, on curved elements too: the patch test of results.
+    """All fields of a homogeneous state are constant by element, at points and at nodes, also on curved elements: the patch test.
 
-    Membranes and cables are stretched alike in all directions; tensors on them have axes that differ from point to point.
+    Membranes and cables are stretched equally in all directions. Their tensors have axes that vary from point to point.
     """
     mesh, rng = CURVED[name], np.random.default_rng(2)
     fills = mesh.k == mesh.d
@@ -72,8 +78,8 @@ def test_all_fields_of_a_homogeneous_state_are_the_same_everywhere(name, law):
 
 
 @pytest.mark.parametrize("name", [name for name in STRAIGHT if STRAIGHT[name].element.degree == 2])
-def test_what_is_linear_in_the_body_is_extrapolated_to_nodes_exactly(name):
-    """A quadratic displacement has a linear gradient: small enough, a linear strain and stress."""
+def test_linear_fields_are_extrapolated_to_nodes_exactly(name):
+    """Linear strains and stresses are extrapolated exactly; they belong to a small quadratic displacement."""
     mesh, small = STRAIGHT[name], 1e-9
     rng = np.random.default_rng(3)
     A, B = rng.standard_normal((mesh.d, mesh.d)), rng.standard_normal((mesh.d, mesh.d, mesh.d))
@@ -89,7 +95,7 @@ def test_what_is_linear_in_the_body_is_extrapolated_to_nodes_exactly(name):
 
 
 @pytest.mark.parametrize("name", ["quadrilaterals", "hexahedra"])
-def test_what_is_linear_along_each_axis_of_a_box_is_extrapolated_exactly(name):
+def test_fields_of_boxes_that_are_linear_along_each_axis_are_extrapolated_exactly(name):
     mesh = STRAIGHT[name]
     fields = Fields(mesh, StVK(young=2.0, poisson=0.3))
     points = rule_of(mesh.element).points
@@ -110,8 +116,10 @@ def test_what_is_linear_along_each_axis_of_a_box_is_extrapolated_exactly(name):
     ids=lambda given: given.__name__ if isinstance(given, type) else str(given),
 )
 def test_extrapolated_stresses_of_a_smooth_state_converge_at_all_nodes(make, options, order):
-    """Large strains, cells unlike. Gradients of quadratic elements are linear, which gives order 2; those of boxes are constant
-    along their own axis, which gives order 1 where no neighbour makes up for it.
+    """Extrapolated stresses converge at large strains in cells of different sizes.
+
+    Gradients of quadratic elements are linear, which gives order 2. Gradients of boxes are constant along their own axis, which
+    gives order 1 at nodes without neighbours to compensate.
     """
     d, errors = make().dim(), []
 

@@ -1,9 +1,9 @@
-"""Strains and stretches: consistent with each other, precise at small strain, right in closed forms."""
+"""Strains and stretches are consistent with each other, accurate at small strain, and equal to closed forms."""
 
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, state
-from homogeneous import affine, homogeneous, turned
+from homogeneous import affine, homogeneous, rotation
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -39,7 +39,7 @@ def test_the_deformation_gradient_maps_rest_edges_to_current_edges(name):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "segments"])
-def test_the_volume_ratio_has_the_sign_that_orientation_had_at_rest(name):
+def test_the_volume_ratio_is_positive_for_the_orientation_at_rest(name):
     mesh = MESHES[name]
     signed = np.linalg.det((mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]).T)
     assert (signed < 0).any() or mesh.k == 1
@@ -53,7 +53,7 @@ def test_the_volume_ratio_has_the_sign_that_orientation_had_at_rest(name):
 @pytest.mark.parametrize("name", MESHES)
 def test_strain_does_not_cancel_at_small_displacements_far_from_the_origin(name):
     mesh = MESHES[name]
-    far = ElementMesh(mesh.p + 1024.0, mesh.t)  # exact steps, so that only the strain could lose digits
+    far = ElementMesh(mesh.p + 1024.0, mesh.t)  # coordinates are exact, so that only the strain could lose digits
     far = ElementMesh(np.round(far.p * 2**30) / 2**30, mesh.t)
     near = ElementMesh(far.p - 1024.0, mesh.t)
     u = 1e-11 * state(mesh)
@@ -73,11 +73,11 @@ def test_strain_does_not_cancel_at_small_displacements_far_from_the_origin(name)
 @pytest.mark.parametrize("name", MESHES)
 def test_a_rigid_motion_leaves_no_strain_and_the_rotation_as_deformation_gradient(name):
     mesh = MESHES[name]
-    Q = {1: np.eye(3), 2: turned([0, 0, 1], 2.5), 3: turned([1, -2, 0.5], 2.5)}[mesh.d]
+    Q = {1: np.eye(3), 2: rotation([0, 0, 1], 2.5), 3: rotation([1, -2, 0.5], 2.5)}[mesh.d]
     now = homogeneous(name, Q)
     assert np.abs(now["green_strain"]).max() < 1e-14
     assert np.allclose(now["volume_ratio"], 1, rtol=1e-13)
-    if mesh.k > 1 or mesh.d < 3:  # a segment in space does not tell how far it turns about itself
+    if mesh.k > 1 or mesh.d < 3:  # a segment in space does not determine the rotation about its axis
         assert np.allclose(now["deformation_gradient"], Q, rtol=0, atol=1e-13)
 
 
@@ -87,32 +87,32 @@ def test_plane_strain_has_no_stretch_across():
     assert np.allclose(now["principal_stretches"], [1.3, 1.0, 0.8], rtol=1e-14)
 
 
-def test_segments_without_a_poissons_ratio_keep_their_section():
+def test_segments_without_a_poissons_ratio_have_a_constant_section():
     now = Fields(MESHES["cable"], StVK(young=2.0)).at(affine(MESHES["cable"], 1.2 * np.eye(3)))
     assert np.allclose(now["principal_stretches"], [1.2, 1, 1], rtol=1e-14)
 
 
 @given(st.floats(0, np.pi), st.floats(0, 2 * np.pi))
-def test_the_normals_of_a_segment_follow_it_any_way_round(angle, about):
+def test_the_normals_of_a_segment_follow_its_smallest_rotation(angle, about):
     rest = rest_frames(np.array([[[1.0], [0], [0]], [[0.6], [0], [-0.8]]]))
     for frame in rest:
         new = np.cos(angle) * frame[:, 0] + np.sin(angle) * (np.cos(about) * frame[:, 1] + np.sin(about) * frame[:, 2])
         normals = current_normals(frame[None], 1.7 * new[None, :, None], 3)[0]
-        turn = np.column_stack([new, normals]) @ frame.T
-        assert np.allclose(turn @ turn.T, np.eye(3), rtol=0, atol=1e-9) and np.linalg.det(turn) > 0
-        assert np.allclose(turn @ frame[:, 0], new, rtol=0, atol=1e-12)
-        if angle < 3:  # the smallest rotation: no part of it is about the segment
-            assert np.trace(turn) == pytest.approx(1 + 2 * np.cos(angle), abs=1e-9)
+        R = np.column_stack([new, normals]) @ frame.T
+        assert np.allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-9) and np.linalg.det(R) > 0
+        assert np.allclose(R @ frame[:, 0], new, rtol=0, atol=1e-12)
+        if angle < 3:  # the smallest rotation has no part about the axis of the segment
+            assert np.trace(R) == pytest.approx(1 + 2 * np.cos(angle), abs=1e-9)
 
 
-def test_a_segment_that_is_turned_by_half_or_shrunk_to_a_point_has_normals():
+def test_a_segment_that_is_reversed_or_shrunk_to_a_point_has_normals():
     frames = rest_frames(np.array([[[1.0], [0], [0]]]))
     for tangent in (-1.0, 0.0):
         normals = current_normals(frames, tangent * frames[..., :1], 3)[0]
         assert np.allclose(normals.T @ normals, np.eye(2)) and np.allclose(normals[0], 0)
 
 
-def test_a_membrane_shrunk_to_a_line_is_no_nan():
+def test_a_membrane_shrunk_to_a_line_has_no_nan():
     mesh = MESHES["membrane"]
     now = Fields(mesh, BODIES["membrane, isotropic"][1]).at(affine(mesh, np.diag([1, 0, 0])))
     for name in ("deformation_gradient", "volume_ratio", "pk1", "principal_stretches"):
@@ -142,12 +142,12 @@ def test_displacements_that_do_not_fit_are_refused():
         fields.at(np.where(np.arange(50) == 7, np.nan, 0.0))
 
 
-def test_terms_without_stress_alone_are_refused():
+def test_bodies_with_only_terms_without_stress_are_refused():
     with pytest.raises(StvkError, match="None of the terms carries stress"):
         Fields(MESHES["triangles"], [object()])
 
 
-def test_only_what_is_asked_for_is_worked_out():
+def test_only_requested_fields_are_computed():
     now = at("tetrahedra, isotropic")
     now["volume_ratio"]
     (response,) = now.responses

@@ -1,4 +1,4 @@
-"""How good a spring network is for a mesh, material and state."""
+"""Comparison of spring networks with a body of the same mesh and material, in a given state."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,10 @@ def test_shares_are_those_of_the_energy_and_the_pairs_complete_it():
 
 
 def test_on_equilateral_triangles_at_one_third_quartic_springs_are_exact_at_any_strain():
-    """Hookean ones to first order; at another ratio, on other triangles and in plane strain neither."""
+    """Quartic springs on equilateral triangles are exact in plane stress with nu = 1/3.
+
+    Hookean springs are exact to first order. Both are inexact at another ratio, on other triangles or in plane strain.
+    """
     mesh = lattice()
     for size in (0.01, 0.5):
         found = compare_networks(mesh, StVK(young=2.0, poisson=1 / 3, plane="stress"), size * state(mesh, 1.0))
@@ -56,7 +59,7 @@ def test_the_table_of_segments_has_no_pairs():
     assert found.shares == {"edges": 1.0} and found["quartic springs"].force < 1e-13
 
 
-def test_it_draws_itself(tmp_path):
+def test_the_comparison_can_be_plotted(tmp_path):
     mesh = box(2)
     found = compare_networks(mesh, StVK(young=3.0, poisson=0.3), 0.3 * state(mesh))
     assert len(found.plot(tmp_path / "networks.png").get_axes()) == 2 and (tmp_path / "networks.png").stat().st_size > 1e4
@@ -73,7 +76,7 @@ def test_it_draws_itself(tmp_path):
         (box(1).with_degree(2), StVK(young=1.0, poisson=0.3), np.zeros(81), MeshError, "quadratic tetrahedra in 3D. Take degree=1"),
     ],
 )
-def test_what_cannot_be_compared_is_refused(mesh, law, u, error, message):
+def test_invalid_comparisons_are_refused(mesh, law, u, error, message):
     with pytest.raises(error, match=message):
         compare_networks(mesh, law, u)
 

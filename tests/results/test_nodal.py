@@ -21,7 +21,7 @@ def test_nodal_values_are_means_weighted_by_rest_volume(name):
         assert np.allclose(smooth[node], mean, rtol=1e-12, atol=1e-15)
 
 
-def test_what_is_constant_stays_as_it_is():
+def test_constant_values_are_unchanged():
     average = NodalAverage(MESHES["tetrahedra"].t, np.arange(1.0, 163), MESHES["tetrahedra"].nv)
     values, missing = average(np.full((162, 3), 7.25), np.zeros(162, dtype=bool))
     assert np.allclose(values, 7.25, rtol=1e-14) and not missing.any()
@@ -39,7 +39,7 @@ def test_elements_without_a_value_do_not_count():
     assert np.allclose(smooth[inside], alone.at_nodes("von_mises")[inside], rtol=1e-13)
 
 
-def test_over_one_region_nothing_of_the_others_is_seen():
+def test_averages_over_one_region_exclude_other_regions():
     mesh = MESHES["tetrahedra"]
     left = mesh.p[0, mesh.t].mean(axis=0) < 0.5
     named = ElementMesh(mesh.p, mesh.t, {"soft": np.flatnonzero(left)})

@@ -1,4 +1,4 @@
-"""A folder or a series has one writer, whose right ends with its process."""
+"""A folder or a series has one writer, and its lock ends with its process."""
 
 import errno
 import json
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
 
 
 class Holder:
-    """A process that writes `path` until it is told to end, and that may have a child."""
+    """Process that holds the lock of `path` until its end, and that may have a child process."""
 
     def __init__(self, path, forks=False):
         there, self._end = os.pipe()
@@ -37,7 +37,7 @@ class Holder:
         os.close(heard)
 
     def end(self, by=None):
-        """Let it end, or kill it."""
+        """Let the process end, or kill it."""
         if by is not None:
             os.kill(self.pid, by)
             os.waitpid(self.pid, 0)
@@ -61,17 +61,20 @@ def path(request, tmp_path):
     return tmp_path / request.param
 
 
-def test_a_second_writer_is_refused_and_told_who_the_first_one_is(path):
+def test_a_second_writer_is_refused_with_the_name_of_the_first(path):
     holder = Holder(path)
     with pytest.raises(StvkError) as caught:
         OneWriter(path).__enter__()
-    said = str(caught.value)
-    assert f"{path} is being written by process {holder.pid} on {socket.gethostname()!r} since 20" in said and "Wait until" in said
+    message = str(caught.value)
+    assert (
+        f"{path} is being written by process {holder.pid} on {socket.gethostname()!r} since 20" in message
+        and "Wait until" in message
+    )
     holder.end()
     assert is_free(path) and [file.name for file in path.parent.rglob("*")] == (["folder"] if path.is_dir() else [])
 
 
-def test_so_is_one_in_the_same_process_and_in_another_thread(path):
+def test_a_second_writer_in_the_same_process_or_in_another_thread_is_refused(path):
     refused = []
 
     def other():
@@ -87,7 +90,7 @@ def test_so_is_one_in_the_same_process_and_in_another_thread(path):
     assert len(set(refused)) == 2 and is_free(path)
 
 
-def test_the_way_by_which_a_place_is_reached_makes_no_difference(tmp_path, monkeypatch):
+def test_different_paths_to_one_file_have_one_lock(tmp_path, monkeypatch):
     (tmp_path / "folder").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "folder")
     monkeypatch.chdir(tmp_path)
@@ -100,22 +103,22 @@ def test_the_way_by_which_a_place_is_reached_makes_no_difference(tmp_path, monke
 
 
 @pytest.mark.parametrize("forked", [False, True])
-def test_the_right_ends_with_a_process_that_is_killed_even_if_a_child_lives_on(path, forked):
+def test_the_lock_ends_with_a_killed_process_even_if_a_child_is_alive(path, forked):
     holder = Holder(path, forks=forked)
     assert not is_free(path)
     holder.end(by=signal.SIGKILL)
     if forked:
-        os.kill(holder.child, 0)  # it is there
+        os.kill(holder.child, 0)  # the child is alive
     assert is_free(path)
 
 
-def test_a_child_that_ends_does_not_end_the_right_of_its_parent(path):
+def test_a_child_that_ends_does_not_end_the_lock_of_its_parent(path):
     with OneWriter(path) as writer:
         child = os.fork()
         if not child:
             code = 1
             try:
-                code = int(writer.held)  # its copy is not the right to write
+                code = int(writer.held)  # the copy in the child is not a lock
                 writer.__exit__(None, None, None)
             finally:
                 os._exit(code)
@@ -127,7 +130,7 @@ def test_a_child_that_ends_does_not_end_the_right_of_its_parent(path):
 
 
 @pytest.mark.parametrize("code", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
-def test_where_a_disk_has_no_locks_it_goes_on_and_says_so(path, code, monkeypatch):
+def test_a_disk_without_locks_gives_a_warning(path, code, monkeypatch):
     def refuse(*_):
         raise OSError(code, os.strerror(code))
 
@@ -136,11 +139,11 @@ def test_where_a_disk_has_no_locks_it_goes_on_and_says_so(path, code, monkeypatc
         assert writer.held
 
 
-def test_what_the_holder_says_of_itself_is_not_believed_blindly(path):
+def test_damaged_files_of_the_lock_holder_do_no_harm(path):
     with OneWriter(path):
-        said = path / ".writer" if path.is_dir() else path.with_name(f".{path.name}.writer")
-        assert json.loads(said.read_text())["process"] == os.getpid()
+        note = path / ".writer" if path.is_dir() else path.with_name(f".{path.name}.writer")
+        assert json.loads(note.read_text())["process"] == os.getpid()
         for text in ("", "[]", "{}", '{"process": "x", "host": 1, "since": []}', "\x00"):
-            said.write_text(text)
+            note.write_text(text)
             with pytest.raises(StvkError, match="is being written by another process"):
                 OneWriter(path).__enter__()

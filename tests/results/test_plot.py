@@ -1,4 +1,4 @@
-"""What pictures show. How they look was looked at."""
+"""Contents of plots. The appearance was checked by eye."""
 
 import re
 
@@ -30,31 +30,31 @@ def test_every_kind_of_mesh_has_a_picture(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_every_kind_of_mesh_has_a_scene_that_can_be_turned_and_exported(name, tmp_path):
+def test_every_kind_of_mesh_has_a_scene_that_can_be_rotated_and_exported(name, tmp_path):
     pytest.importorskip("pyvista")
     scene = plot(at(MESHES[name]), path=tmp_path / "body.png", backend="pyvista")
     scene.export_gltf(tmp_path / "body.gltf")
     assert (tmp_path / "body.gltf").stat().st_size > 1000 and (tmp_path / "body.png").stat().st_size > 1000
 
 
-def test_a_face_towards_the_light_throws_back_no_more_than_it_gets():
+def test_a_face_towards_the_light_has_at_most_full_brightness():
     from skfem_stvk.results.matplotlib_plot import LIGHT, _brightness
 
     across = np.linalg.svd(LIGHT[None])[2][1:]
-    turned = np.random.default_rng(0).uniform(0, 2 * np.pi, 500)
-    spoke = np.stack([np.cos(turned), np.sin(turned)], axis=1) @ across
-    triangles = np.stack([0 * spoke, spoke, np.cross(LIGHT, spoke)], axis=1)
+    angle = np.random.default_rng(0).uniform(0, 2 * np.pi, 500)
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
+    triangles = np.stack([0 * normal, normal, np.cross(LIGHT, normal)], axis=1)
     assert _brightness(triangles).max() <= 1 and _brightness(triangles).min() > 1 - 1e-12
 
 
-def test_axes_in_a_plane_have_the_unit_of_length_that_was_given(tmp_path):
+def test_axes_in_a_plane_have_the_given_unit_of_length(tmp_path):
     now = at(MESHES["triangles"])
     labels = [plot(now, path=tmp_path / "body.png", **given).axes[0].get_xlabel() for given in ({}, {"length_unit": "mm"})]
     assert labels == ["x [m]", "x [mm]"]
 
 
 @pytest.mark.parametrize("suffix", [".pdf", ".svg"])
-def test_pictures_are_written_as_vectors_too(suffix, tmp_path):
+def test_pictures_can_be_vector_graphics(suffix, tmp_path):
     path = tmp_path / f"body{suffix}"
     plot(at(MESHES["tetrahedra"]), "displacement", path=path, backend="matplotlib")
     assert path.stat().st_size > 1000
@@ -68,12 +68,12 @@ def test_the_colour_bar_has_the_name_and_the_unit():
         ("volume_ratio", "volume ratio"),
     ):
         assert re.fullmatch(words, picture_of(now, field, 1.0, None).label)
-    own = picture_of(now, "von_mises", 1.0, "stress [psi]")  # whose numbers stay what they are
+    own = picture_of(now, "von_mises", 1.0, "stress [psi]")  # values with a label of the user are not converted
     assert own.label == "stress [psi]" and own.values.max() == pytest.approx(now.at_nodes("von_mises")[own.cells].max())
 
 
 @pytest.mark.parametrize(("size", "unit"), [(3e-7, "nm"), (2e-3, "mm"), (1.0, "m"), (999.0, "m"), (5e3, "km")])
-def test_colours_are_in_units_of_which_there_are_1_to_1000(size, unit):
+def test_units_of_colours_have_values_from_1_to_1000(size, unit):
     mesh = MESHES["triangles"]
     u = np.zeros((mesh.nv, 2))
     u[3] = 0, size
@@ -83,7 +83,7 @@ def test_colours_are_in_units_of_which_there_are_1_to_1000(size, unit):
     assert picture.values.max() == pytest.approx(size * factor) and 1 <= picture.values.max() < 1000
 
 
-def test_the_body_is_drawn_where_it_is_times_the_scale():
+def test_displacements_are_drawn_times_the_scale():
     mesh = MESHES["triangles"]
     now = at(mesh)
     picture = picture_of(now, "volume_ratio", 3.0, None)
@@ -93,7 +93,7 @@ def test_the_body_is_drawn_where_it_is_times_the_scale():
     assert not plot(now, backend="matplotlib").texts
 
 
-def test_colours_do_not_run_from_one_material_into_another():
+def test_colours_jump_between_materials():
     mesh = MESHES["tetrahedra"]
     left = mesh.p[0, mesh.t].mean(axis=0) < 0.5
     terms = [StVK(young=1.0, poisson=0.3, region=left), StVK(young=1000.0, poisson=0.3, region=~left)]
@@ -104,7 +104,7 @@ def test_colours_do_not_run_from_one_material_into_another():
     assert np.allclose(both[:, mine], alone[:, mine]) and np.ma.getmaskarray(alone)[:, ~mine].all()
 
 
-def test_where_there_is_no_value_the_body_is_grey(tmp_path):
+def test_the_body_is_grey_where_values_are_missing(tmp_path):
     mesh = MESHES["triangles"]
     path = tmp_path / "body.png"
     right = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) > 0.6)
@@ -114,18 +114,18 @@ def test_where_there_is_no_value_the_body_is_grey(tmp_path):
     assert grey.mean() > 0.05
 
 
-def test_numbers_of_ones_own_can_be_drawn():
+def test_user_supplied_values_can_be_drawn():
     mesh = MESHES["tetrahedra"]
     now = at(mesh)
-    picture = picture_of(now, mesh.p[0], 1.0, "x [m]")  # one a vertex: as they are
+    picture = picture_of(now, mesh.p[0], 1.0, "x [m]")  # one value per vertex: unchanged
     assert np.allclose(picture.values, mesh.p[0][picture.cells])
-    picture = picture_of(now, np.full(mesh.nt, 2.5), 1.0, None)  # one an element: averaged
+    picture = picture_of(now, np.full(mesh.nt, 2.5), 1.0, None)  # one value per element: averaged
     assert np.allclose(picture.values, 2.5) and picture.limits[0] < 2.5 < picture.limits[1]
     picture = picture_of(now, np.where(np.arange(mesh.nt) < 80, np.nan, 1.0), 1.0, None)
     assert np.ma.is_masked(picture.values) and np.isfinite(picture.values.data).all()
 
 
-def test_what_cannot_be_drawn_is_refused(tmp_path):
+def test_invalid_plots_are_refused(tmp_path):
     now = at(MESHES["tetrahedra"])
     for arguments, message in (
         ({"field": "sigma"}, "no field 'sigma'"),
@@ -148,7 +148,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
             plot(now, **{"backend": "matplotlib", **arguments})
 
 
-def test_a_scene_without_pyvista_is_refused_with_the_line_that_installs_it(monkeypatch):
+def test_a_scene_without_pyvista_is_refused_with_the_command_to_install_it(monkeypatch):
     monkeypatch.setattr(plotting, "find_spec", lambda name: None)
     with pytest.raises(StvkError, match=r"PyVista is not installed: pip install 'skfem-stvk\[plot\]'"):
         plot(at(MESHES["triangles"]), backend="pyvista")
@@ -174,7 +174,7 @@ def test_the_outline_of_a_cube_is_its_twelve_edges():
     assert (on_sides >= 2).all()
 
 
-def test_the_outline_of_a_sheet_is_its_boundary_and_of_segments_themselves():
+def test_the_outline_of_a_sheet_is_its_boundary_and_that_of_segments_are_the_segments():
     mesh = skfem.MeshTri.init_tensor(*[np.linspace(0, 1, 4)] * 2)
     points = np.column_stack([mesh.p.T, np.zeros(mesh.p.shape[1])])
     lines = outline(points, mesh.t)

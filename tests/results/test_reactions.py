@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from bodies import MESHES, state
-from homogeneous import turned
+from homogeneous import rotation
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,7 +24,7 @@ def test_internal_forces_are_in_balance_about_any_point(name):
     for about in (None, np.full(mesh.d, 3.0)):
         assert np.abs(everything.moment(about)).max() < 1e-12 * size
     part = Reaction.of(mesh, u, force, np.arange(mesh.nv // 2))
-    assert np.abs(part.resultant).max() > 0.01 * size  # of a part they are not
+    assert np.abs(part.resultant).max() > 0.01 * size  # the forces of a part are not in balance
     assert mesh.d == 1 or np.abs(part.moment()).max() > 1e-4 * size
 
 
@@ -49,9 +49,9 @@ def test_the_moment_in_the_plane_is_the_one_about_the_third_axis():
 
 
 @given(st.floats(-3, 3), st.lists(st.floats(-5, 5), min_size=3, max_size=3))
-def test_moments_turn_with_the_body_and_move_with_the_point(angle, shift):
+def test_moments_rotate_with_the_body_and_change_with_the_point(angle, shift):
     mesh, u, force = setting("tetrahedra")
-    Q, ids = turned([1, 2, -1], angle), [2, 3, 5, 8]
+    Q, ids = rotation([1, 2, -1], angle), [2, 3, 5, 8]
     moved = (Q @ (mesh.p + u.reshape(-1, 3).T) - mesh.p).ravel("F")
     here = Reaction.of(mesh, u, force, ids)
     there = Reaction.of(mesh, moved, force.reshape(-1, 3) @ Q.T, ids)
@@ -61,7 +61,7 @@ def test_moments_turn_with_the_body_and_move_with_the_point(angle, shift):
     assert np.allclose(here.moment(away), here.moment() - np.cross(shift, here.resultant), rtol=0, atol=1e-11 * size)
 
 
-def test_far_from_the_origin_the_moment_about_the_centroid_keeps_its_digits():
+def test_the_moment_about_the_centroid_is_accurate_far_from_the_origin():
     mesh, u, force = setting("tetrahedra")
     far = type(mesh)(np.round((mesh.p + 2.0**20) * 2**20) / 2**20, mesh.t)
     near = type(mesh)(far.p - 2.0**20, mesh.t)
@@ -69,7 +69,7 @@ def test_far_from_the_origin_the_moment_about_the_centroid_keeps_its_digits():
     assert np.abs(here - there).max() < 1e-13 * np.abs(here).max()
 
 
-def test_what_does_not_fit_is_refused():
+def test_arrays_of_wrong_shape_are_refused():
     mesh, u, force = setting("triangles")
     with pytest.raises(RegionError, match="Reaction at vertices: no vertex there"):
         Reaction.of(mesh, u, force, [])

@@ -25,7 +25,7 @@ def at(factor):
 
 
 def listed(path):
-    """(t, largest displacement) of each step, read back."""
+    """Return (t, largest displacement) of each step, read from the files."""
     steps = []
     for item in ET.parse(path).iter("DataSet"):
         file = meshio.read(path.parent / item.attrib["file"])
@@ -57,7 +57,7 @@ def test_after_each_step_the_series_is_complete(tmp_path):
         assert listed(path) == expected((0.1, 0.3, 1.0)[: number + 1])
 
 
-def test_a_new_run_replaces_a_longer_one_and_leaves_other_files_alone(tmp_path):
+def test_a_new_run_replaces_a_longer_one_and_does_not_touch_other_files(tmp_path):
     path = tmp_path / "flag.pvd"
     run(path, (0.1, 0.2, 0.3, 0.4))
     (tmp_path / "flag_9999.vtu").write_text("somebody else's")
@@ -69,7 +69,7 @@ def test_a_new_run_replaces_a_longer_one_and_leaves_other_files_alone(tmp_path):
     assert names(tmp_path) == ["flag.pvd", "flag_0000.vtu", "flag_0001.vtu", "flag_9999.vtu"]
 
 
-def test_a_resumed_run_keeps_the_steps_before_its_first(tmp_path):
+def test_a_resumed_run_retains_the_steps_before_its_first(tmp_path):
     path = tmp_path / "flag.pvd"
     run(path, (0.1, 0.2, 0.3, 0.4))
     run(path, (0.3, 0.35), resume=True)
@@ -77,7 +77,7 @@ def test_a_resumed_run_keeps_the_steps_before_its_first(tmp_path):
     run(path, (0.15,), resume=True)
     assert listed(path) == expected((0.1, 0.15))
     assert names(tmp_path) == ["flag.pvd", "flag_0000.vtu", "flag_0001.vtu"]
-    run(tmp_path / "other.pvd", (0.1,), resume=True)  # nothing there yet
+    run(tmp_path / "other.pvd", (0.1,), resume=True)  # no series exists yet
     assert listed(tmp_path / "other.pvd") == expected((0.1,))
 
 
@@ -118,7 +118,7 @@ def test_a_damaged_list_is_replaced_but_not_resumed(tmp_path):
     assert listed(path) == expected((0.1,))
 
 
-def test_bad_places_and_times_are_refused(tmp_path):
+def test_bad_paths_fields_and_times_are_refused(tmp_path):
     with pytest.raises(StvkError, match=r"does not end in .pvd"):
         Series(tmp_path / "flag.vtu")
     with pytest.raises(StvkError, match="no field 'sigma'"):
@@ -155,11 +155,11 @@ def test_a_killed_run_leaves_a_series_that_opens(tmp_path, delay):
     steps = listed(path)
     assert len(steps) >= round(done / 0.001)
     assert steps == expected([t for t, _ in steps]) and np.allclose(np.diff([t for t, _ in steps]), 0.001)
-    run(path, (0.5,))  # what was being written is no obstacle
+    run(path, (0.5,))  # partial files do not prevent a new run
     assert listed(path) == expected((0.5,))
 
 
-def test_a_series_can_be_cut_back(tmp_path):
+def test_a_series_can_be_truncated(tmp_path):
     path = tmp_path / "flag.pvd"
     series = run(path, (0.1, 0.2, 0.3, 0.4))
     series.cut(0.3)
@@ -176,21 +176,21 @@ def test_a_series_can_be_cut_back(tmp_path):
 
 
 @pytest.mark.parametrize("number", [1, 3, 5, 2, 6, 99])
-def test_a_series_that_is_saved_at_once_is_there_altogether_or_not_at_all(tmp_path, monkeypatch, number):
-    """A full disk at any of its files leaves the older one, and no parts."""
+def test_a_series_saved_at_once_is_written_completely_or_not_at_all(tmp_path, monkeypatch, number):
+    """A full disk at any file of a series leaves the older series unchanged, and no partial files."""
     path = tmp_path / "flag.pvd"
     run(path, (0.1, 0.2, 0.3))
-    before, calls, kept = {file: file.read_bytes() for file in tmp_path.iterdir()}, [], os.fsync
+    before, calls, fsync = {file: file.read_bytes() for file in tmp_path.iterdir()}, [], os.fsync
 
     def full(descriptor):
         calls.append(descriptor)
         if len(calls) == number:
             raise OSError(28, "No space left on device")
-        kept(descriptor)
+        fsync(descriptor)
 
     monkeypatch.setattr(os, "fsync", full)
     states = [(t, at(t)) for t in (0.5, 1.0)]
-    if number in (1, 3, 5):  # the files and the list; others are folders, which some disks cannot force
+    if number in (1, 3, 5):  # the files and the list; other numbers are folders, and some disks cannot sync these
         with pytest.raises(
             WriteError, match=r"flag\.pvd could not be written: No space left on device\. What was there before.*Make room"
         ):
@@ -201,7 +201,7 @@ def test_a_series_that_is_saved_at_once_is_there_altogether_or_not_at_all(tmp_pa
         assert listed(path) == expected((0.5, 1.0)) and names(tmp_path) == ["flag.pvd", "flag_0000.vtu", "flag_0001.vtu"]
 
 
-def test_what_is_removed_of_a_series_is_left_out_and_said_when_it_goes_on(tmp_path):
+def test_removed_files_of_a_series_are_skipped_with_a_warning_on_resume(tmp_path):
     path = tmp_path / "flag.pvd"
     run(path, (0.1, 0.2, 0.3))
     (tmp_path / "flag_0001.vtu").unlink()
@@ -221,7 +221,7 @@ def test_a_second_writer_of_a_series_is_refused(tmp_path):
     assert listed(path) == expected((0.1, 0.2))
 
 
-def test_analyses_write_the_fields_that_are_named(tmp_path):
+def test_analyses_write_the_named_fields(tmp_path):
     held = {lambda x: x[0] < x[0].mean() - 0.3 * np.ptp(x[0]): "xy"}
     body = System(MESH, [StVK(young=2.0, poisson=0.3, density=1.0), Gravity(g=(0.0, -1e-3))], fixed=held)
     solve_static(body, save=tmp_path / "path.pvd", fields=["volume_ratio"], quiet=True)

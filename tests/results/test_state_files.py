@@ -1,4 +1,4 @@
-"""States come back out of the files of a run as they were, and not on another mesh."""
+"""States are read back from the files of a run bitwise identical, and refused on another mesh."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def moving(mesh, seed=0):
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_displacements_and_velocities_come_back_bit_for_bit(name, tmp_path):
+def test_displacements_and_velocities_are_read_back_bitwise(name, tmp_path):
     mesh = EVERY[name]
     now, u, v = moving(mesh)
     again = read_state(write_vtu(tmp_path / "body.vtu", now, []), mesh)
@@ -37,20 +37,20 @@ def test_displacements_and_velocities_come_back_bit_for_bit(name, tmp_path):
     assert np.array_equal(read_state(still, mesh)[0], u) and read_state(still, mesh)[1] is None
 
 
-def test_of_a_series_the_last_state_is_taken_or_that_of_a_time(tmp_path):
+def test_a_series_gives_its_last_state_or_that_of_a_given_time(tmp_path):
     states = {t: moving(MESH, seed) for seed, t in enumerate((0.0, 0.1, 0.30000000000000004))}
     with Series(tmp_path / "run.pvd", []) as series:
         for t, (now, *_) in states.items():
             series.add(now, t)
     path = tmp_path / "run.pvd"
-    for asked, t in ((None, 0.30000000000000004), (0.3, 0.30000000000000004), (0.1, 0.1), (0, 0.0)):
-        assert np.array_equal(read_state(path, MESH, asked)[0], states[t][1])
-        assert np.array_equal(read_state(str(path), MESH, time=asked)[1], states[t][2])
+    for requested, t in ((None, 0.30000000000000004), (0.3, 0.30000000000000004), (0.1, 0.1), (0, 0.0)):
+        assert np.array_equal(read_state(path, MESH, requested)[0], states[t][1])
+        assert np.array_equal(read_state(str(path), MESH, time=requested)[1], states[t][2])
     with pytest.raises(StvkError, match=r"no state at time = 0\.2: of its 3 states from 0 to 0\.3 the nearest is at 0\.1"):
         read_state(path, MESH, 0.2)
 
 
-def test_a_run_goes_on_from_the_files_of_another_as_from_its_arrays(tmp_path):
+def test_a_run_that_starts_from_files_equals_one_from_arrays(tmp_path):
     system = System(MESH, LAW, fixed={"left": "xy"})
     v0 = np.tile([0.0, 0.05], MESH.nv)
     v0[system.supports.held] = 0
@@ -64,7 +64,7 @@ def test_a_run_goes_on_from_the_files_of_another_as_from_its_arrays(tmp_path):
     assert np.array_equal(one.u, other.u)
 
 
-def test_an_equilibrium_comes_back_as_saved(tmp_path):
+def test_an_equilibrium_is_read_back_as_saved(tmp_path):
     result = solve_static(System(MESH, LAW, fixed={"left": "xy"}, prescribed={"right": {"x": 0.1}}), quiet=True)
     result.save(tmp_path / "pulled.vtu")
     assert np.array_equal(read_state(tmp_path / "pulled.vtu", MESH)[0], result.u)
@@ -86,7 +86,7 @@ def test_another_mesh_is_refused(mesh, message, tmp_path):
         read_state(path, mesh)
 
 
-def test_a_body_that_had_lost_elements_is_told(tmp_path):
+def test_removed_elements_are_reported(tmp_path):
     fields, (_, u, _) = Fields(MESH, LAW), moving(MESH)
     fields.leave_out([0, 5])
     path = write_vtu(tmp_path / "torn.vtu", fields.at(u))
@@ -96,7 +96,7 @@ def test_a_body_that_had_lost_elements_is_told(tmp_path):
         assert np.array_equal(read_state(path, MESH)[0], u)
 
 
-def test_what_is_no_file_of_states_is_refused(tmp_path):
+def test_other_files_are_refused(tmp_path):
     now = moving(MESH)[0]
     (tmp_path / "cut.vtu").write_text("<VTKFile>")
     (tmp_path / "cut.pvd").write_text("<VTKFile")
@@ -148,7 +148,7 @@ def test_a_checkpoint_of_a_path_holds_each_of_its_states(tmp_path):
         assert np.array_equal(read_state(tmp_path / "kept", MESH, step.t)[0], step.u)
 
 
-def test_checkpoints_of_another_mesh_and_folders_that_are_none_are_refused(tmp_path):
+def test_checkpoints_of_another_mesh_and_other_folders_are_refused(tmp_path):
     kicked(0.1, checkpoint=tmp_path / "kept")
     for mesh, message in (
         (box((2.0, 1.0), (4, 3)), r"is of another mesh: it has 15 vertices and 16 elements, this one 20 and 24"),

@@ -1,4 +1,4 @@
-"""Stores: files that promise more than they hold, and headers that say what cannot be."""
+"""Stores refuse files whose arrays are shorter than declared, and files with invalid headers."""
 
 import io
 import tracemalloc
@@ -18,7 +18,7 @@ class Plain(Record):
 
 
 @pytest.mark.parametrize("version", [(1, 0), (2, 0)])
-def test_an_array_that_declares_more_than_there_is_takes_no_memory(tmp_path, version):
+def test_an_array_that_declares_too_many_entries_takes_no_memory(tmp_path, version):
     path, known = tmp_path / "a.npz", ("test", 1)
     write_archive(path, {"format": "test", "version": 1}, {"x": np.ones(3)})
     assert read_archive(path, Plain, known, "")[1]["x"].tolist() == [1, 1, 1]
@@ -34,7 +34,10 @@ def test_an_array_that_declares_more_than_there_is_takes_no_memory(tmp_path, ver
 
 
 def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
-    """Python's tokenizer, which NumPy asks then, has an error of its own; the checksum is compared at the end of an array."""
+    """A damaged array header is refused in words, although NumPy then raises an error of Python's tokenizer.
+
+    The checksum does not help, because it is compared at the end of an array.
+    """
     path, known = tmp_path / "a.npz", ("test", 1)
     write_archive(path, {"format": "test", "version": 1}, {"x": np.ones(100_000)})
     before, _, after = path.read_bytes().rpartition(b"{'descr'")
@@ -44,14 +47,14 @@ def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
 
 
 def test_a_compressed_archive_is_refused(tmp_path):
-    """A compressed archive may unpack to more than memory holds."""
+    """A compressed archive is refused, because it may expand beyond the memory."""
     path = tmp_path / "a.npz"
     np.savez_compressed(path, header=np.array("{}"), digest=np.array(""), **{"array x": np.zeros(10_000)})
     with pytest.raises(NotOurs, match=r"header.npy is compressed; expected arrays as np.savez writes them"):
         read_archive(path, Plain, ("test", 1), "")
 
 
-def test_a_small_file_takes_little_memory_whatever_is_allowed(tmp_path):
+def test_a_small_file_takes_little_memory_at_any_limit(tmp_path):
     path = tmp_path / "small.txt"
     path.write_bytes(b"12")
     tracemalloc.start()

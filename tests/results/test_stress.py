@@ -1,9 +1,9 @@
-"""Stresses against closed forms, against the internal force, and under rotations."""
+"""Stresses equal closed forms, have the internal force as virtual work, and rotate with the body."""
 
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, state
-from homogeneous import LAM, MU, POISSON, YOUNG, affine, homogeneous, turned
+from homogeneous import LAM, MU, POISSON, YOUNG, affine, homogeneous, rotation
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,7 +13,7 @@ from skfem_stvk.referee.bodies import is_condensed, voigt_matrix
 from skfem_stvk.reference import anisotropic_tensor, engineering_matrix
 from skfem_stvk.results import Fields
 
-SOLIDS = ("tetrahedra", "triangles")  # of full strain across: uniaxial strain and shear in them are the same state
+SOLIDS = ("tetrahedra", "triangles")  # space and plane strain: uniaxial strain and shear are the same states in both
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -72,9 +72,9 @@ def test_equibiaxial_plane_stress(name, s):
     now = homogeneous(name, s * np.eye(3), **({"plane": "stress"} if name == "triangles" else {}))
     thin = np.sqrt(1 - 2 * POISSON / (1 - POISSON) * (s**2 - 1))
     S = YOUNG / (2 * (1 - POISSON)) * (s**2 - 1)
-    spokes = np.zeros((2, mesh.nt, 3))
-    spokes[:, :, : mesh.d] = (mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]).transpose(1, 2, 0)
-    normal = np.cross(*spokes)
+    vectors = np.zeros((2, mesh.nt, 3))
+    vectors[:, :, : mesh.d] = (mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]).transpose(1, 2, 0)
+    normal = np.cross(*vectors)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     within = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     assert np.allclose(now["pk2"], S * within, rtol=0, atol=1e-13)
@@ -85,12 +85,12 @@ def test_equibiaxial_plane_stress(name, s):
 
 
 def small(mesh):
-    """Random displacements that leave membranes some thickness."""
+    """Return random displacements that leave membranes a positive thickness."""
     return state(mesh, 0.1 if mesh.d == mesh.k == 3 else 0.03)
 
 
 def forces(mesh, stress, gradients, volume):
-    """Nodal forces `sum of V stress . grad N_a` (ndofs,)."""
+    """Return nodal forces `sum of V stress . grad N_a` (ndofs,)."""
     local = volume[:, None, None] * np.einsum("nij,naj->nai", np.asarray(stress)[:, : mesh.d, : mesh.d], gradients)
     total = np.zeros((mesh.nv, mesh.d))
     np.add.at(total, mesh.t.T, local)
@@ -119,7 +119,7 @@ def test_the_internal_force_is_the_virtual_work_of_each_stress(name):
 
 
 def stiffness_in_space(term, n):
-    """(n, 3, 3, 3, 3) elasticity tensor in global axes, from the constants as they were given."""
+    """Return the elasticity tensor in global axes from the given constants, (n, 3, 3, 3, 3)."""
     material = term.material
     frame = getattr(material, "frame", None)
     if isinstance(material, Isotropic):
@@ -132,7 +132,7 @@ def stiffness_in_space(term, n):
 
 
 @pytest.mark.parametrize("name", [name for name in BODIES if "regions" not in name])
-def test_stress_is_the_full_stiffness_times_the_full_strain_and_one_of_them_vanishes_across(name):
+def test_stress_is_stiffness_times_strain_and_one_of_the_two_vanishes_across(name):
     mesh, (term,) = BODIES[name]
     now = Fields(mesh, term).at(small(mesh))
     E, S = np.asarray(now["green_strain"]), np.asarray(now["pk2"])
@@ -140,7 +140,7 @@ def test_stress_is_the_full_stiffness_times_the_full_strain_and_one_of_them_vani
     assert np.abs(np.einsum("nijkl,nkl->nij", stiffness_in_space(term, mesh.nt), E) - S).max() < limit
     normals = now.responses[0].place.frames[..., mesh.k :]
     assert np.abs((S if is_condensed(mesh, term) else E) @ normals).max(initial=0) < limit
-    if is_condensed(mesh, term):  # nor is there true stress across, seen from the current normals
+    if is_condensed(mesh, term):  # the Cauchy stress across, by the current normals, is zero, too
         F = np.asarray(now["deformation_gradient"])
         current = np.linalg.inv(F).swapaxes(1, 2) @ normals
         assert np.abs(now["cauchy"] @ current).max() < 1e-11 * np.abs(now["cauchy"]).max()
@@ -148,9 +148,9 @@ def test_stress_is_the_full_stiffness_times_the_full_strain_and_one_of_them_vani
 
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda a: np.linalg.norm(a) > 0.1), st.floats(-3, 3))
 @pytest.mark.parametrize("name", ["tetrahedra, fibres", "membrane, anisotropic", "cable, isotropic"])
-def test_cauchy_stress_turns_with_the_body_and_pk2_stress_does_not(name, axis, angle):
+def test_cauchy_stress_rotates_with_the_body_and_pk2_stress_does_not(name, axis, angle):
     mesh, terms = BODIES[name]
-    fields, u, Q = Fields(mesh, terms), small(mesh), turned(axis, angle)
+    fields, u, Q = Fields(mesh, terms), small(mesh), rotation(axis, angle)
     moved = (Q @ (mesh.p + u.reshape(-1, 3).T) - mesh.p).ravel("F")
     here, there = fields.at(u), fields.at(moved)
     size = np.abs(here["cauchy"]).max()
@@ -176,7 +176,7 @@ def test_terms_on_one_element_add_up_by_their_sections():
     assert (both.fields.volume * both["strain_energy_density"]).sum() == pytest.approx(system.energy(u), rel=1e-13)
 
 
-def test_elements_in_no_term_are_masked_and_the_others_as_before():
+def test_elements_in_no_term_are_masked_and_the_others_unchanged():
     mesh = MESHES["triangles"]
     ids = np.arange(5, mesh.nt)
     u = small(mesh)
@@ -197,7 +197,7 @@ def test_solids_without_a_term_have_strain_but_no_stress():
         assert np.ma.getmaskarray(now[name]).reshape(mesh.nt, -1)[:, 0].sum() == mesh.nt - 9
 
 
-def test_tension_stays_tension_in_an_element_that_is_inside_out():
+def test_tension_stays_tension_in_an_inverted_element():
     mirrored = homogeneous("tetrahedra", np.diag([-1.3, 1, 1]))
     straight = homogeneous("tetrahedra", np.diag([1.3, 1, 1]))
     assert (mirrored["volume_ratio"] < 0).all()
@@ -218,7 +218,7 @@ def test_an_element_that_has_shrunk_to_nothing_is_named_and_masked():
 
 
 @pytest.mark.parametrize("name", ["triangles", "membrane", "cable"])
-def test_where_zero_stress_across_leaves_no_thickness_nothing_is_invented(name):
+def test_results_without_thickness_are_masked(name):
     mesh = MESHES[name]
     u = affine(mesh, 3 * np.eye(3))
     term = StVK(young=2.0, poisson=0.3, plane="stress" if name == "triangles" else None)
@@ -234,7 +234,7 @@ def test_where_zero_stress_across_leaves_no_thickness_nothing_is_invented(name):
 
 
 @pytest.mark.parametrize("size", [1e80, 1e160, 1e300])
-def test_what_overflows_is_refused(size):
+def test_overflow_is_refused(size):
     mesh = MESHES["tetrahedra"]
     with pytest.raises(StateError, match=r"overflow at displacements of up to .*: did the step before diverge"):
         Fields(mesh, StVK(young=1e200, poisson=0.3)).at(size * state(mesh))["pk2"]

@@ -1,4 +1,4 @@
-"""The stress of a volume penalty: a pressure that does the work of the term's internal force."""
+"""The stress of a volume penalty is a pressure, whose virtual work is that of the internal force."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ KINDS = tuple(ENERGIES)
 
 
 def forces(mesh, stress, p, volume):
-    """Nodal forces `sum of V stress . grad N_a` (ndofs,), with gradients at coordinates `p`."""
+    """Return nodal forces `sum of V stress . grad N_a` (ndofs,), with gradients at coordinates `p`."""
     g = np.einsum("ndk,nak->nad", (now := Geometry(p, mesh.t)).axes, now.gradients)
     local = volume[:, None, None] * np.einsum("nij,naj->nai", np.asarray(stress)[:, : mesh.d, : mesh.d], g)
     total = np.zeros((mesh.nv, mesh.d))
@@ -47,7 +47,10 @@ def test_the_internal_force_is_the_virtual_work_of_each_stress(name, kind):
     ("name", "plane"), [("tetrahedra", None), ("triangles", "strain"), ("triangles", "stress"), ("segments", None)]
 )
 def test_cauchys_stress_is_a_pressure(name, plane, J, kind):
-    """`psi' I` in solids and in plane strain; nothing across in plane stress and of segments, per current area of both."""
+    """The Cauchy stress is `psi' I` in solids and in plane strain.
+
+    In plane stress and in segments the stress across is zero. The stress is per current area, with the thickness by StVK.
+    """
     mesh, k = MESHES[name], 7.0
     gradient = np.linalg.qr(np.random.default_rng(1).standard_normal((mesh.d, mesh.d)))[0] * np.geomspace(1, 1.5, mesh.d)
     gradient[0] *= J / np.linalg.det(gradient)
@@ -68,7 +71,7 @@ def test_cauchys_stress_is_a_pressure(name, plane, J, kind):
     assert np.array_equal(both["green_strain"], without["green_strain"])
 
 
-def test_by_default_its_stiffness_is_that_of_the_system_and_its_region_counts():
+def test_the_default_stiffness_and_the_region_are_those_of_the_system():
     mesh = MESHES["tetrahedra"]
     half = np.random.default_rng(0).permutation(mesh.nt)[: mesh.nt // 2]
     terms = [StVK(young=np.linspace(1, 9, mesh.nt), poisson=0.3), VolumePenalty(kind="compression", region=half)]
@@ -81,7 +84,7 @@ def test_by_default_its_stiffness_is_that_of_the_system_and_its_region_counts():
     assert len(np.unique(now.fields.material_of)) == 2 and len(np.unique(now.fields.material_of[half])) == 1
 
 
-def test_elements_of_a_penalty_alone_have_its_stress():
+def test_elements_with_only_a_penalty_have_its_stress():
     for name in ("tetrahedra", "triangles", "segments"):
         mesh = MESHES[name]
         u = -0.2 * mesh.p.ravel("F")
@@ -93,8 +96,11 @@ def test_elements_of_a_penalty_alone_have_its_stress():
         )
 
 
-def test_inside_out_the_stress_follows_the_convention_and_the_barrier_has_none():
-    """Cauchy's is per absolute area: what pushes the element back to size is tension."""
+def test_the_stress_of_inverted_elements_follows_the_convention():
+    """The Cauchy stress of inverted elements is per absolute area, so that a stress that restores the volume is tension.
+
+    The barrier has no stress there.
+    """
     mesh = MESHES["tetrahedra"]
     u = (-2.2 * mesh.p.T * [1, 0, 0]).ravel()
     for kind in ("quadratic", "compression"):

@@ -16,7 +16,7 @@ def at(mesh, **term):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_all_fields_come_back_as_they_were(name, tmp_path):
+def test_all_fields_are_read_back_unchanged(name, tmp_path):
     mesh = MESHES[name]
     now = at(mesh)
     path = write_vtu(tmp_path / "body.vtu", now, names())
@@ -37,7 +37,7 @@ def test_all_fields_come_back_as_they_were(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_velocities_are_there_if_the_body_moves(name, tmp_path):
+def test_velocities_are_written_if_the_body_moves(name, tmp_path):
     mesh = MESHES[name]
     v = np.random.default_rng(3).normal(size=mesh.p.size)
     fields = Fields(mesh, StVK(young=2.0, poisson=0.3))
@@ -69,7 +69,7 @@ def test_the_file_is_a_mesh_file_with_its_subdomains(tmp_path):
         assert (region[mesh.subdomains[name]] == number).all()
 
 
-def test_what_is_missing_is_said_and_never_nan(tmp_path):
+def test_missing_values_are_marked_and_not_nan(tmp_path):
     mesh = MESHES["triangles"]
     now = at(mesh, region=np.arange(9, mesh.nt))
     file = meshio.read(write_vtu(tmp_path / "body.vtu", now, ["cauchy", "volume_ratio"]))
@@ -87,7 +87,7 @@ def test_unknown_fields_are_refused_before_anything_is_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_places_that_cannot_be_written_are_refused(tmp_path):
+def test_paths_that_cannot_be_written_are_refused(tmp_path):
     for path, message in (
         (tmp_path / "body.vtk", "does not end in .vtu, which is what is written here. Name it body.vtu"),
         ("", "path = ''; expected the path of a file that ends in .vtu"),
@@ -105,14 +105,17 @@ def test_places_that_cannot_be_written_are_refused(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no folder that not even root may write to")
-def test_a_folder_that_takes_no_files_is_refused():
+def test_a_folder_that_cannot_hold_files_is_refused():
     with pytest.raises(StvkError, match=r"/proc/self/body.vtu cannot be written: .* Choose another folder"):
         output_path("/proc/self/body.vtu", ".vtu")
 
 
 @pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files without names are Linux's")
-def test_a_kill_while_a_folder_is_tried_leaves_nothing(tmp_path, monkeypatch):
-    """Here the file can never be unlinked; a kill between the two was seen to leave it."""
+def test_a_kill_during_the_trial_of_a_folder_leaves_no_file(tmp_path, monkeypatch):
+    """A kill between creation and removal of the trial file leaves no file.
+
+    The test lets all removals fail; such a kill was observed to leave the file.
+    """
 
     def killed(*_, **__):
         raise KeyboardInterrupt
@@ -131,7 +134,7 @@ def test_a_folder_without_permission_is_refused(tmp_path):
         output_path(tmp_path / "body.vtu", ".vtu")
 
 
-def test_whoever_asks_for_a_place_leaves_what_is_being_written_there(tmp_path):
+def test_the_check_of_a_path_does_not_remove_partial_files(tmp_path):
     path, folder = tmp_path / "body.vtu", tmp_path / "steps"
     with replacing(path) as part:
         part.write_text("new")
@@ -143,7 +146,7 @@ def test_whoever_asks_for_a_place_leaves_what_is_being_written_there(tmp_path):
     assert sorted(file.name for file in tmp_path.rglob("*")) == ["a", "body.vtu", "steps"]
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+def test_a_file_is_replaced_completely_or_not_at_all(tmp_path):
     path = tmp_path / "body.vtu"
     path.write_text("old")
     with pytest.raises(RuntimeError, match="halfway"), replacing(path) as part:
@@ -156,14 +159,14 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     assert path.read_text() == "new" and list(tmp_path.iterdir()) == [path]
 
 
-def test_overlapping_subdomains_are_all_there(tmp_path):
+def test_overlapping_subdomains_are_all_written(tmp_path):
     mesh = MESHES["triangles"]
     named = ElementMesh(mesh.p, mesh.t, {"all": np.arange(mesh.nt), "first": np.arange(4)})
     again = read_mesh(write_vtu(tmp_path / "body.vtu", at(named), []))
     assert len(again.subdomains["all"]) == mesh.nt and len(again.subdomains["first"]) == 4
 
 
-def test_names_of_subdomains_come_back_whatever_letters_they_have(tmp_path):
+def test_names_of_subdomains_with_any_letters_are_read_back(tmp_path):
     plain = ['left "half"', "a<b>&c;", "glühend 橡胶", "it's"]
     ids = [np.array([number]) for number in range(6)]
     mesh = ElementMesh(

@@ -1,4 +1,4 @@
-"""Meshes that are written are read back the same."""
+"""Written meshes are read back unchanged."""
 
 import warnings
 from dataclasses import replace
@@ -12,13 +12,13 @@ from skfem_stvk.mesh import box, cylinder
 
 
 def crooked(mesh):
-    """The same with nodes elsewhere: no coordinate is one that few digits hold."""
+    """Return the mesh with displaced nodes, so that no coordinate has a short decimal representation."""
     rng = np.random.default_rng(3)
     return replace(mesh, p=mesh.p / 3 + 0.02 * rng.random(mesh.p.shape))
 
 
 def named(mesh):
-    """With subdomains that overlap, boundaries that overlap and stand in another order, and node sets."""
+    """Return the mesh with overlapping subdomains, overlapping boundaries in another order, and node sets."""
     last = np.flatnonzero(mesh.p[0] == mesh.p[0].max())
     backwards = {name: np.asarray(facets)[:, ::-1] for name, facets in mesh.boundaries.items()}
     return replace(
@@ -63,7 +63,7 @@ def assert_same(again, mesh):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_a_mesh_that_is_written_is_read_back_bit_for_bit(name, tmp_path):
+def test_a_written_mesh_is_read_back_bitwise(name, tmp_path):
     mesh = crooked(BODIES[name]())
     again = read_mesh(write_mesh(tmp_path / "mesh.vtu", mesh))
     assert_same(again, mesh)
@@ -74,18 +74,18 @@ def test_a_mesh_that_is_written_is_read_back_bit_for_bit(name, tmp_path):
 
 @pytest.mark.parametrize("height", [0.0, 7.5, "not flat"])
 @pytest.mark.parametrize("name", ["segments", "quadrilaterals", "quadratic triangles"])
-def test_flat_ones_in_space_stay_there(name, height, tmp_path):
+def test_meshes_in_space_stay_in_space(name, height, tmp_path):
     mesh = BODIES[name]()
     mesh = in_space(mesh, mesh.p[0] ** 2 if height == "not flat" else height)
     assert_same(read_mesh(write_mesh(tmp_path / "mesh.vtu", mesh)), mesh)
 
 
-def test_a_straight_cable_in_a_plane_stays_there(tmp_path):
+def test_a_straight_cable_in_a_plane_stays_in_the_plane(tmp_path):
     mesh = ElementMesh(p=[[0.0, 1.0, 3.0], [2.0, 2.0, 2.0]], t=[[0, 1], [1, 2]])
     assert_same(read_mesh(write_mesh(tmp_path / "mesh.vtu", mesh)), mesh)
 
 
-def test_boundaries_of_scikit_fem_come_along(tmp_path):
+def test_boundaries_of_scikit_fem_are_written(tmp_path):
     mesh = ElementMesh.of(skfem.MeshHex().refined(1).with_defaults())
     again = read_mesh(write_mesh(tmp_path / "mesh.vtu", mesh))
     assert_same(again, mesh)
@@ -98,7 +98,7 @@ def test_a_net_of_segments_marks_each_joint_once(tmp_path):
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-def test_lines_come_along(degree, tmp_path):
+def test_lines_are_written(degree, tmp_path):
     straight = box((2, 1, 1), (2, 1, 1))
     mesh = replace(straight, lines={"rope": straight.t[[2, 0], 4:1:-2], "other": straight.t[1:3, :1]})
     mesh = crooked(mesh.with_degree(degree))
@@ -108,7 +108,7 @@ def test_lines_come_along(degree, tmp_path):
         assert np.array_equal(again.lines[name], ends if degree == 1 else ends[:, np.argsort(ends[2])]), name
 
 
-def test_nodes_on_lines_and_boundaries_alone_are_read_back_by_their_names(tmp_path):
+def test_node_sets_on_lines_and_boundaries_are_read_back_by_name(tmp_path):
     cube = box((2, 1, 1), (2, 1, 1))
     points = np.concatenate([cube.p, [[0, 3.0], [0, 1], [2, 2]]], axis=1)
     mesh = replace(cube, p=points, lines={"rope": [[0], [12]]}, boundaries={"sail": [[11], [13], [9]]})
@@ -119,7 +119,7 @@ def test_nodes_on_lines_and_boundaries_alone_are_read_back_by_their_names(tmp_pa
         write_mesh(tmp_path / "mesh.vtu", replace(mesh, boundaries={}))
 
 
-def test_node_sets_are_no_subdomains_and_need_no_others(tmp_path):
+def test_node_sets_are_not_subdomains(tmp_path):
     mesh = replace(box((1, 1), 2), boundaries={}, node_sets={"corner": [8, 0]})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -128,7 +128,7 @@ def test_node_sets_are_no_subdomains_and_need_no_others(tmp_path):
     assert not again.subdomains
 
 
-def test_what_cannot_be_written_is_refused(tmp_path):
+def test_invalid_meshes_are_refused(tmp_path):
     mesh = box((1, 1), 2)
     with pytest.raises(StvkError, match=r"does not end in \.vtu"):
         write_mesh(tmp_path / "mesh.msh", mesh)
@@ -139,7 +139,7 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_as_many_pieces_as_there_are_have_their_node_sets(tmp_path):
+def test_node_sets_of_files_with_several_pieces_are_shifted(tmp_path):
     path = write_mesh(tmp_path / "mesh.vtu", replace(box((1, 1), 1), boundaries={}, node_sets={"corner": [1]}))
     text = path.read_text()
     piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]

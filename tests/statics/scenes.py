@@ -1,4 +1,4 @@
-"""Scenes that the tests of statics share: small, unstructured, of both orientations, nu != 0."""
+"""Small test cases of statics: unstructured meshes of both orientations, with nu != 0."""
 
 import numpy as np
 import skfem
@@ -10,7 +10,7 @@ LOAD = np.array([30.0, -20.0, -60.0])
 
 
 def beam(n=2, length=5.0, seed=7):
-    """A cantilever along x whose inner vertices are moved about."""
+    """Return a cantilever along x with displaced inner vertices."""
     mesh = skfem.MeshTet.init_tensor(
         np.linspace(0, length, int(length * n) + 1), np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1)
     )
@@ -23,13 +23,13 @@ def beam(n=2, length=5.0, seed=7):
 
 
 def bent(load=LOAD, n=2, **options):
-    """A cantilever that a traction bends far, and its own weight."""
+    """Return a cantilever with large bending by a traction and by its own weight."""
     terms = [StVK(young=1e4, poisson=0.3, density=1.0), Gravity(g=(0, 0, -5.0)), Traction("tip", load)]
     return System(beam(n), terms, fixed={"wall": "xyz"}, **options)
 
 
 def block(squeeze, n=6, nu=0.3):
-    """The unit cube between two plates that hold it, pressed together."""
+    """Return the unit cube between two plates that are bonded to it and pressed together."""
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
     return System(
         mesh,
@@ -40,7 +40,10 @@ def block(squeeze, n=6, nu=0.3):
 
 
 def column(load, imperfection=0.0, n=40):
-    """A slender strut in plane strain, held at its foot and pressed on its head; its mesh is symmetric about its axis."""
+    """Return a slender strut in plane strain, clamped at its foot and compressed at its head.
+
+    The mesh is symmetric about the axis.
+    """
     quads = skfem.MeshQuad.init_tensor(np.linspace(0, 20, n + 1), np.linspace(-0.5, 0.5, 3))
     a, b, c, d = quads.t
     middle = quads.p[:, quads.t].mean(axis=1)

@@ -1,4 +1,4 @@
-"""The path by its length: every state on it, limit points forwards and back, and where it ends."""
+"""Continuation by arc length: all states on the path, limit points forwards and back, and the end of the path."""
 
 from types import SimpleNamespace
 
@@ -26,7 +26,7 @@ OPTIONS = {"method": "arc-length", "quiet": True}
 
 
 def bar(load=DOWN):
-    """A bar that leans, and slides down at its head: it snaps through."""
+    """Return an inclined bar whose head slides downwards, so that the bar snaps through."""
     p, t = np.array([[-SPAN, 0.0], [0, RISE]]), np.array([[0], [1]])
     return System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -load))], fixed=[([0], "xy"), ([1], "x")])
 
@@ -56,7 +56,7 @@ def test_limit_points_are_found_to_many_digits():
         np.testing.assert_allclose(point.mode, [0, 0, 0, 1], atol=1e-12)
 
 
-def test_the_path_leads_back_to_where_it_began():
+def test_the_path_returns_to_its_start():
     there = solve_static(bar(), steps=20, stop=Stop(turns=2), **OPTIONS)
     back = solve_static(bar(), steps=20, u0=there.u, t0=there.t, stop=Stop(displacement=([1], "y", -0.01)), **OPTIONS)
     w = -back.history.u[:, 3]
@@ -78,7 +78,7 @@ def test_a_displacement_is_reached_exactly_and_an_unstable_end_does_not_raise():
     assert result.status is Status.UNSTABLE and not result.success and "limit point at t = 0.47" in result.message
 
 
-def test_what_comes_first_ends_the_path():
+def test_the_first_stop_that_is_reached_ends_the_path():
     stop = Stop(load=1.0, displacement=([1], "y", -0.15), turns=2, states=500)
     assert solve_static(bar(), steps=20, stop=stop, **OPTIONS).u[3] == -0.15
     first = solve_static(bar(), steps=20, stop=Stop(load=1.0, turns=1), **OPTIONS)
@@ -86,7 +86,7 @@ def test_what_comes_first_ends_the_path():
     assert len(solve_static(bar(), steps=20, stop=Stop(states=3), **OPTIONS).history) == 3
 
 
-def test_a_path_that_never_gets_there_says_so(monkeypatch):
+def test_a_path_that_does_not_reach_its_stop_is_reported(monkeypatch):
     from skfem_stvk.statics import stop
 
     monkeypatch.setattr(stop, "MOST_STATES", 10)
@@ -102,8 +102,8 @@ def test_the_states_are_those_of_load_steps_where_there_is_no_limit_point():
 
 
 @pytest.mark.filterwarnings("ignore:From t")
-def test_prescribed_displacements_can_turn_back_too():
-    """The crushed block: its branch ends at a limit point of the displacement, where load steps stop."""
+def test_prescribed_displacements_have_limit_points():
+    """The path of a compressed block ends at a limit point of the prescribed displacement, where load steps stop."""
     result = solve_static(block(0.4), steps=20, stop=Stop(turns=1), **OPTIONS)
     (limit,) = result.critical_points
     stopped = solve_static(block(0.4), steps=20, quiet=True, raise_on_failure=False)
@@ -133,7 +133,7 @@ def test_a_bifurcation_is_found_and_its_mode_leads_to_the_other_path(solver):
 
 
 def arch(n=40):
-    """A shallow arch in plane strain, clamped at both ends."""
+    """Return the mesh of a shallow arch in plane strain."""
     quads = skfem.MeshQuad.init_tensor(np.linspace(-1, 1, n + 1), np.linspace(-0.01, 0.01, 3))
     mesh = quads.to_meshtri()
     x, y = mesh.p
@@ -143,7 +143,10 @@ def arch(n=40):
 
 
 def test_under_follower_pressure_between_clamps_an_arch_snaps_and_eigenvalues_are_counted():
-    """Where the rim of the surface is held K is symmetric."""
+    """An arch under follower pressure snaps through, and its negative eigenvalues are counted.
+
+    K is symmetric because the rim of the loaded surface is clamped.
+    """
     mesh = arch()
     terms = [StVK(young=1e4, poisson=0.3), Pressure("top", 2.0)]
     system = System(mesh, terms, fixed={lambda x: np.abs(x[0]) == 1: "xy"})
@@ -162,7 +165,7 @@ def test_under_follower_pressure_between_clamps_an_arch_snaps_and_eigenvalues_ar
     assert values[-1] < 1e-7 * values[0] and values[-2] > 100 * values[-1]
 
 
-def test_a_negatively_turned_unstructured_beam_follows_its_load():
+def test_an_unstructured_beam_of_negative_orientation_follows_its_load():
     system = System(beam(), [StVK(young=1e4, poisson=0.3), NodalLoad([5], (0, 0, -30.0))], fixed={"wall": "xyz"})
     result = solve_static(system, steps=5, **OPTIONS)
     assert (
@@ -180,7 +183,7 @@ def test_a_negatively_turned_unstructured_beam_follows_its_load():
         ({"load": np.nan}, "load = nan"),
     ],
 )
-def test_a_stop_that_makes_no_sense_is_refused(stop, what):
+def test_an_invalid_stop_is_refused(stop, what):
     with pytest.raises(StvkError, match=what):
         Stop(**stop)
 
@@ -196,7 +199,7 @@ def test_a_stop_that_makes_no_sense_is_refused(stop, what):
         (([7], "y", 0.1), "7"),
     ],
 )
-def test_a_place_that_makes_no_sense_is_refused_before_any_work(displacement, what):
+def test_an_invalid_location_is_refused_before_the_solve(displacement, what):
     with pytest.raises(StvkError, match=what):
         solve_static(bar(), stop=Stop(displacement=displacement), **OPTIONS)
 
@@ -214,7 +217,7 @@ def test_parameters_that_do_not_go_together_are_refused():
         solve_static(bar(), u0=np.full(4, np.nan), **OPTIONS)
 
 
-def test_a_start_without_stiffness_says_what_it_is():
+def test_a_start_without_stiffness_is_refused_as_a_mechanism():
     p, t = np.array([[0, 1, 2.0], [0, 0, 0]]), np.array([[0, 1], [1, 2]])
     flat = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -1.0))], fixed=[([0, 2], "xy")])
     with pytest.raises(SolveError, match=r"mechanism"):
@@ -223,14 +226,14 @@ def test_a_start_without_stiffness_says_what_it_is():
 
 @pytest.mark.parametrize("load", [0.40, 0.46, 0.473, 0.4739])
 @pytest.mark.parametrize("steps", [1, 2, 3, 4, 6, 10, 20])
-def test_a_load_short_of_a_limit_point_is_not_stepped_over(load, steps):
-    """It turns back at 0.47399752; the first state at this load is before that, however long the steps."""
+def test_a_load_just_below_a_limit_point_is_not_skipped(load, steps):
+    """A load just below the limit point at 0.47399752 is reached before the limit point, at any length of the steps."""
     result = solve_static(bar(), steps=steps, stop=Stop(load=load), **OPTIONS)
     assert result.t == load and result.success and not result.critical_points
     assert 0 < -result.u[3] < RISE * (1 - 1 / np.sqrt(3))
 
 
-def test_a_place_is_reached_by_the_mean_of_its_displacements():
+def test_the_displacement_of_a_location_is_the_mean_of_its_vertices():
     system = bent()
     tip = np.unique(system.mesh.boundaries["tip"])
     result = solve_static(system, steps=4, stop=Stop(displacement=("tip", "z", -0.4)), **OPTIONS)
@@ -238,13 +241,16 @@ def test_a_place_is_reached_by_the_mean_of_its_displacements():
 
 
 @pytest.mark.filterwarnings("ignore:From t")
-def test_elements_do_not_turn_inside_out_on_the_path():
+def test_elements_do_not_invert_on_the_path():
     result = solve_static(block(0.4), steps=2, stop=Stop(states=12), **OPTIONS, raise_on_failure=False)
     assert len(result.history) >= 3 and min(step.smallest_volume_ratio for step in result.history) > 0
 
 
-def test_what_is_not_linear_in_the_load_factor_is_followed_too():
-    """Prescribed displacements and loads that curve: each state is that of load steps at the same load factor."""
+def test_loads_nonlinear_in_the_load_factor_are_followed():
+    """Each state is that of load steps at the same load factor.
+
+    Prescribed displacements and loads are nonlinear in the load factor.
+    """
     mesh = beam()
 
     def move(x, t):
@@ -261,7 +267,7 @@ def test_what_is_not_linear_in_the_load_factor_is_followed_too():
 
 
 def test_the_rate_of_a_path_is_the_derivative_of_its_states():
-    """`dr/dt` by its definition, with supports that move and loads that curve."""
+    """The direction of the path is `du/dt`, with moving supports and loads nonlinear in the load factor."""
     from skfem_stvk.statics.continuation import heading
 
     def move(x, t):
@@ -277,13 +283,13 @@ def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     assert np.linalg.norm(found.direction) == pytest.approx(1)
 
 
-def test_where_nothing_moves_as_the_load_grows_that_is_said():
+def test_a_body_without_response_to_the_load_is_reported():
     system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("wall", (0, 0, -10.0))], fixed={"wall": "xyz"})
     with pytest.raises(SolveError, match="nothing moves as the load grows"):
         solve_static(system, **OPTIONS)
 
 
-def test_a_path_that_begins_on_a_level_goes_on_until_it_comes_back_to_it():
+def test_a_path_that_begins_on_a_level_continues_until_it_returns_to_the_level():
     result = solve_static(bar(), steps=20, stop=Stop(load=0.0), **OPTIONS)
     assert result.t == 0 and -result.u[3] == pytest.approx(RISE, rel=1e-9)
 
@@ -291,8 +297,11 @@ def test_a_path_that_begins_on_a_level_goes_on_until_it_comes_back_to_it():
 @pytest.mark.parametrize("steps", [1, 10])
 @pytest.mark.parametrize("stop", [Stop(load=1.0), Stop(displacement=([1], "y", -0.01))])
 @pytest.mark.parametrize("sag", [1e-3, 1e-7])
-def test_a_cable_that_is_nearly_a_mechanism_is_not_pulled_past_what_is_asked_for(sag, stop, steps):
-    """The tangent at rest leads 5e8 m away at t = 1, where the load would be 1e31; the level was not seen in such a step."""
+def test_a_cable_that_is_nearly_a_mechanism_stops_at_the_requested_level(sag, stop, steps):
+    """A cable that is nearly a mechanism stops at the requested level.
+
+    The tangent at rest leads 5e8 m away at t = 1, where the load would be 1e31. The level was once missed in such a step.
+    """
     cable = ElementMesh([[0.0, 1, 2], [0, -sag, 0]], [[0, 1], [1, 2]])
     system = System(cable, [StVK(young=1e5, poisson=0.3, area=1.0), NodalLoad([1], (0, -1.0))], fixed={(0, 2): "xy"})
     result = solve_static(system, steps, stop=stop, **OPTIONS)
@@ -301,8 +310,11 @@ def test_a_cable_that_is_nearly_a_mechanism_is_not_pulled_past_what_is_asked_for
     assert result.t == 1 if stop.load else w == pytest.approx(0.01)
 
 
-def test_a_step_that_ends_on_a_level_but_for_rounding_ends_the_path():
-    """A bar that is hardly strained: the first step leads to t = 1, or to 1 - 1e-16, from where no step crosses it."""
+def test_a_step_that_ends_on_a_level_up_to_rounding_ends_the_path():
+    """A step that ends at t = 1 up to rounding ends the path.
+
+    The first step of a hardly strained bar leads to t = 1 or to 1 - 1e-16. No further step crosses the level from there.
+    """
     rng = np.random.default_rng(0)
     for _ in range(60):
         p, force = np.array([[0.0, rng.uniform(0.1, 3)]]), 10.0 ** rng.uniform(-4, -1)
@@ -312,7 +324,7 @@ def test_a_step_that_ends_on_a_level_but_for_rounding_ends_the_path():
 
 
 @pytest.mark.parametrize(("load", "w"), [(0.3, 0.02), (0.4, 0.02), (0.4, 0.03)])
-def test_of_two_levels_in_one_step_the_first_one_ends_the_path(load, w):
+def test_the_first_of_two_levels_in_one_step_ends_the_path(load, w):
     result = solve_static(bar(), steps=2, stop=Stop(load=load, displacement=([1], "y", -w)), **OPTIONS)
     if load < force_of(w) / DOWN:
         assert result.t == load and -result.u[3] < w
@@ -320,29 +332,29 @@ def test_of_two_levels_in_one_step_the_first_one_ends_the_path(load, w):
         assert result.t < load and -result.u[3] == pytest.approx(w, abs=1e-15)
 
 
-def test_more_states_than_anybody_expects_can_be_asked_for(monkeypatch):
+def test_more_states_than_the_default_limit_can_be_requested(monkeypatch):
     from skfem_stvk.statics import stop
 
     monkeypatch.setattr(stop, "MOST_STATES", 5)
     assert len(solve_static(bar(), steps=20, stop=Stop(states=8), **OPTIONS).history) == 8
 
 
-def test_a_state_that_is_there_at_the_start_counts():
+def test_the_state_at_the_start_is_counted():
     there = solve_static(bar(), steps=20, stop=Stop(load=0.3), **OPTIONS)
     result = solve_static(bar(), steps=20, u0=there.u, t0=0.3, stop=Stop(states=3), **OPTIONS)
     assert len(result.history) == 3 and result.history[0].t == 0.3
 
 
-def test_a_place_that_is_fixed_never_gets_anywhere():
+def test_a_stop_at_a_fixed_location_is_refused():
     with pytest.raises(StvkError, match=r"x is fixed at 1 vertex \(1\), so it never gets there"):
         solve_static(bar(), stop=Stop(displacement=([1], "x", 0.1)), **OPTIONS)
 
 
-def test_a_load_that_ends_at_1_is_not_asked_beyond():
-    asked = []
+def test_loads_are_not_evaluated_beyond_1():
+    evaluated = []
 
     def load(t):
-        asked.append(t)
+        evaluated.append(t)
         return (0, -0.1 * t)
 
     p, t = np.array([[-SPAN, 0.0], [0, RISE]]), np.array([[0], [1]])
@@ -352,11 +364,11 @@ def test_a_load_that_ends_at_1_is_not_asked_beyond():
     for u, factor in ((0 * result.u, 0.0), (result.u, 1.0)):
         problem.factorise(u, factor)
         np.testing.assert_allclose(problem.rate(u, factor)[0], [-0.1], rtol=1e-6)
-    assert result.success and min(asked) >= 0 and max(asked) <= 1
+    assert result.success and min(evaluated) >= 0 and max(evaluated) <= 1
 
 
 @pytest.mark.parametrize("steps", [3, 10, 20, 100])
-def test_load_steps_say_where_the_body_snapped(steps):
+def test_load_steps_report_where_the_body_snapped(steps):
     result = solve_static(bar(), steps=steps, quiet=True)
     (snapped,) = (step for step in result.history if step.jumped)
     before = result.history[list(result.history).index(snapped) - 1]
@@ -376,7 +388,10 @@ def test_a_body_that_bends_far_has_not_snapped():
 
 
 def steep_arch():
-    """Clamped, so steep that its path winds round limit points and bifurcations, on a mesh that is not symmetric."""
+    """Return a clamped arch on a mesh without symmetry.
+
+    The arch is so steep that its path passes several limit points and bifurcations.
+    """
     h, rise = 0.01, 0.08
     strip = skfem.MeshQuad.init_tensor(np.linspace(-0.5, 0.5, 41), np.linspace(-h / 2, h / 2, 3)).to_meshtri()
     x, y = strip.p
@@ -398,7 +413,7 @@ def test_the_path_of_a_steep_arch_does_not_depend_on_the_steps():
     np.testing.assert_allclose([path.t for path in paths], paths[0].t, rtol=1e-6)
 
 
-def test_states_that_have_passed_another_stop_are_not_resumed(tmp_path):
+def test_states_beyond_another_stop_are_not_resumed(tmp_path):
     call = {"steps": 20, "checkpoint": tmp_path / "path", **OPTIONS}
     solve_static(bar(), stop=Stop(displacement=([1], "y", -0.03)), **call)
     passed = r"have passed what Stop\(load={}\) asks for, between {} .* and state \d+ .*begin anew from {}"
@@ -420,7 +435,7 @@ def test_switches_are_true_or_false(name):
         (0, 1, [True], False),
         (0, 2, [True, True], False),
         (1, 1, [], False),
-        (0, 2, [True, True, True, True], False),  # two of them go back
+        (0, 2, [True, True, True, True], False),  # two of them cancel
         (0, 0, [True], True),
         (0, 2, [True], True),
         (1, 0, [], True),
@@ -430,17 +445,20 @@ def test_switches_are_true_or_false(name):
     ],
 )
 def test_a_step_stays_on_the_path_if_its_critical_points_explain_the_change(before, after, resolved, hopped):
-    walk, u = object.__new__(ArcLength), np.zeros(2)
-    walk._point = Point(u, 0.0, before, None)
+    path, u = object.__new__(ArcLength), np.zeros(2)
+    path._point = Point(u, 0.0, before, None)
     points = tuple(CriticalPoint("bifurcation", 0.5, u, u, one) for one in resolved)
-    assert walk._hopped(Point(u, 1.0, after, None), points) is hopped
+    assert path._hopped(Point(u, 1.0, after, None), points) is hopped
 
 
-def test_steps_that_succeed_are_never_too_short_to_go_on():
-    """A path that turned sharply at each of twenty states ended for its short steps, and said that nothing was reached."""
-    walk = object.__new__(ArcLength)
-    walk.problem, walk.u, walk._from = SimpleNamespace(states=Space(2)), np.zeros(2), np.zeros(2)
-    walk._first, walk._first_load, walk._size = 1.0, 0.1, 1.0
+def test_successful_steps_are_never_too_short_to_continue():
+    """Repeated sharp bends of the path do not shorten the steps below the smallest size.
+
+    A path with sharp bends at twenty states once ended for its short steps, with the message that nothing was reached.
+    """
+    path = object.__new__(ArcLength)
+    path.problem, path.u, path._from = SimpleNamespace(states=Space(2)), np.zeros(2), np.zeros(2)
+    path._first, path._first_load, path._size = 1.0, 0.1, 1.0
     for _ in range(20):
-        walk._adapt(iterations=4, cosine=0.6)
-    assert walk._size == SMALLEST
+        path._adapt(iterations=4, cosine=0.6)
+    assert path._size == SMALLEST

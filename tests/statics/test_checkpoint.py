@@ -1,4 +1,4 @@
-"""A path on disk, and the walk that goes on from there."""
+"""Checkpoints of paths, and paths that are resumed from them."""
 
 import os
 import signal
@@ -32,7 +32,7 @@ OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
 
 
 def same(one, other):
-    """Two results that agree to the last bit, whatever they took."""
+    """Assert that two results agree bitwise, except for times and effort."""
     assert len(one.history) == len(other.history) and one.message == other.message and one.status is other.status
     for a, b in zip(one.history, other.history, strict=True):
         assert (a.t, a.status, a.end, a.negative, a.lowest) == (b.t, b.status, b.end, b.negative, b.lowest)
@@ -42,18 +42,18 @@ def same(one, other):
     assert [repr(point) for point in one.critical_points] == [repr(point) for point in other.critical_points]
 
 
-class Killed(Exception):
+class Interruption(Exception):
     pass
 
 
 def stopped_after(monkeypatch, states, **call):
-    """A run that something ends when it has kept so many states."""
-    kept = checkpoint.PathCheckpoint.add
+    """Run a solve that is interrupted after the given number of saved states."""
+    original_add = checkpoint.PathCheckpoint.add
 
     def add(self, step, saved):
-        kept(self, step, saved)
+        original_add(self, step, saved)
         if self._count == states:
-            raise Killed
+            raise Interruption
 
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint.PathCheckpoint, "add", add)
@@ -73,7 +73,7 @@ SCENES = {
 @pytest.mark.filterwarnings("ignore:From t")
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_resumed_path_is_the_same_to_the_last_bit(tmp_path, monkeypatch, scene):
-    """After each of the first states, and once more from its end."""
+    """A path resumed after each of the first states, or from its end, is bitwise identical."""
     make, options = SCENES[scene]
     options = OPTIONS | options
     whole = solve_static(make(), **options)
@@ -85,7 +85,7 @@ def test_a_resumed_path_is_the_same_to_the_last_bit(tmp_path, monkeypatch, scene
     same(whole, solve_static(make(), resume=True, **call))
 
 
-def test_a_path_goes_on_to_another_stop(tmp_path):
+def test_a_path_is_resumed_to_another_stop(tmp_path):
     call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True, "rtol": 1e-12}
     first = solve_static(bar(), stop=Stop(turns=1), **call)
     further = solve_static(bar(), stop=Stop(turns=2), resume=True, **call)
@@ -93,12 +93,12 @@ def test_a_path_goes_on_to_another_stop(tmp_path):
     np.testing.assert_array_equal(further.history[len(first.history) - 1].u, first.u)
 
 
-def test_resume_without_states_begins(tmp_path):
+def test_resume_without_states_starts_a_path(tmp_path):
     result = solve_static(bent(), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
     assert result.success and len(list((tmp_path / "path").iterdir())) == len(result.history)
 
 
-def test_the_series_of_files_goes_on_too(tmp_path, monkeypatch):
+def test_the_series_of_files_is_resumed(tmp_path, monkeypatch):
     call = {"steps": 6, "checkpoint": tmp_path / "path", "save": tmp_path / "bent.pvd", **OPTIONS}
     stopped_after(monkeypatch, 2, system=bent(), **call)
     result = solve_static(bent(), resume=True, **call)
@@ -120,28 +120,30 @@ def test_a_fresh_run_replaces_the_states_of_its_own_problem_and_no_others(tmp_pa
     call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "save": tmp_path / "bar.pvd", "quiet": True}
     longer = solve_static(bar(), stop=Stop(turns=2), **call)
     shorter = solve_static(bar(), stop=Stop(turns=1), **call)
-    kept = {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
-    assert len(shorter.history) < len(longer.history) and len(kept) == 2 * len(shorter.history) + 1
+    saved_before = {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
+    assert len(shorter.history) < len(longer.history) and len(saved_before) == 2 * len(shorter.history) + 1
     for one in ("checkpoint", "save"):
         other = {name: value for name, value in call.items() if name != one} | {"steps": 10}
         with pytest.raises(StvkError, match=r"of another problem: steps was 20 and is 10.*overwrite=True"):
             solve_static(bar(), **other)
-    assert kept == {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
+    assert saved_before == {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
     fewer = solve_static(bar(), overwrite=True, **call | {"steps": 10})
     assert len(list((tmp_path / "path").iterdir())) == len(fewer.history) == len(list(tmp_path.glob("bar_*.vtu")))
     same(fewer, solve_static(bar(), resume=True, **call | {"steps": 10}))
 
 
-def test_files_that_are_none_of_ours_are_not_replaced_unasked(tmp_path):
+def test_other_files_are_replaced_only_on_request(tmp_path):
     (tmp_path / "path").mkdir()
     np.savez(tmp_path / "path" / "state_00000.npz", u=np.ones(3))
     (tmp_path / "bent.pvd").write_text("<VTKFile><Collection/></VTKFile>")
-    kept = (tmp_path / "path" / "state_00000.npz").read_bytes()
+    saved_before = (tmp_path / "path" / "state_00000.npz").read_bytes()
     with pytest.raises(StvkError, match=r"state_00000.npz cannot be read as a path of skfem-stvk.*overwrite=True"):
         solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
     with pytest.raises(StvkError, match=r"bent.pvd is there already, and does not say of which problem it is.*overwrite=True"):
         solve_static(bent(), steps=3, save=tmp_path / "bent.pvd", quiet=True)
-    assert (tmp_path / "path" / "state_00000.npz").read_bytes() == kept and "<Collection/>" in (tmp_path / "bent.pvd").read_text()
+    assert (tmp_path / "path" / "state_00000.npz").read_bytes() == saved_before and "<Collection/>" in (
+        tmp_path / "bent.pvd"
+    ).read_text()
     both = {"checkpoint": tmp_path / "path", "save": tmp_path / "bent.pvd"}
     result = solve_static(bent(), steps=3, overwrite=True, quiet=True, **both)
     assert len(list((tmp_path / "path").iterdir())) == len(result.history)
@@ -180,7 +182,7 @@ def test_another_mesh_of_the_same_size_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("changed", [{"steps": 4}, {"rtol": 1e-6}, {"solver": "pardiso"}, {"method": "arc-length"}])
-def test_another_way_to_walk_is_refused(tmp_path, changed):
+def test_other_options_of_the_path_are_refused(tmp_path, changed):
     call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True, "solver": "superlu"}
     solve_static(bent(), **call)
     name = next(iter(changed))
@@ -197,7 +199,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
         solve_static(bent(), resume=True, **call)
 
 
-def test_a_folder_that_cannot_be_made_is_said_before_any_work(tmp_path):
+def test_a_folder_that_cannot_be_created_is_refused_before_the_solve(tmp_path):
     with pytest.raises(StvkError, match="cannot be written"):
         solve_static(bent(), checkpoint=tmp_path / "missing" / "path", quiet=True)
     (tmp_path / "file").write_text("")
@@ -212,17 +214,17 @@ def test_resume_needs_a_folder():
         solve_static(bent(), checkpoint=3)
 
 
-def test_a_full_disk_keeps_the_states_that_are_there(tmp_path, monkeypatch):
+def test_a_full_disk_keeps_the_saved_states(tmp_path, monkeypatch):
     def full(*arguments, **options):
         raise OSError(28, "No space left on device")
 
     call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
-    kept = checkpoint.PathCheckpoint.add
+    original_add = checkpoint.PathCheckpoint.add
 
     def add(self, step, saved):
         if self._count == 2:
             monkeypatch.setattr(np, "savez", full)
-        kept(self, step, saved)
+        original_add(self, step, saved)
 
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint.PathCheckpoint, "add", add)
@@ -234,10 +236,10 @@ def test_a_full_disk_keeps_the_states_that_are_there(tmp_path, monkeypatch):
 
 
 def test_ctrl_c_keeps_the_states(tmp_path, monkeypatch):
-    kept = checkpoint.PathCheckpoint.add
+    original_add = checkpoint.PathCheckpoint.add
 
     def add(self, step, saved):
-        kept(self, step, saved)
+        original_add(self, step, saved)
         if self._count == 2:
             raise KeyboardInterrupt
 
@@ -269,11 +271,11 @@ def test_a_killed_run_keeps_its_states(tmp_path):
         time.sleep(0.002)
     run.send_signal(signal.SIGKILL)
     run.wait()
-    kept = len(list(folder.glob("state_*.npz")))
-    assert kept >= 3
+    saved_before = len(list(folder.glob("state_*.npz")))
+    assert saved_before >= 3
     options = {"steps": 60, "solver": "superlu", "quiet": True}
     resumed = solve_static(bent(n=3), checkpoint=folder, resume=True, **options)
-    assert resumed.success and len(resumed.history) >= kept
+    assert resumed.success and len(resumed.history) >= saved_before
     same(solve_static(bent(n=3), **options), resumed)
 
 
@@ -292,7 +294,7 @@ def pushed(vertex, force, move):
         ({"force": (0, -3.0, 0)}, "loads"),
     ],
 )
-def test_a_load_in_another_place_or_of_another_sign_is_refused(tmp_path, changed, what):
+def test_a_load_at_another_location_or_of_another_sign_is_refused(tmp_path, changed, what):
     given = {"vertex": 50, "force": (0, 0, -3.0), "move": 0.1}
     solve_static(pushed(**given), steps=2, checkpoint=tmp_path / "path", quiet=True)
     with pytest.raises(StvkError, match=f"another problem: .*{what}"):
@@ -307,7 +309,7 @@ def test_another_start_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("stop", [{"states": 5}, {"turns": 1}])
-def test_a_stop_that_has_been_passed_ends_the_path_at_once(tmp_path, monkeypatch, stop):
+def test_a_stop_that_was_passed_ends_the_path_at_once(tmp_path, monkeypatch, stop):
     from skfem_stvk.statics import stop as stops
 
     monkeypatch.setattr(stops, "MOST_STATES", 40)
@@ -317,10 +319,10 @@ def test_a_stop_that_has_been_passed_ends_the_path_at_once(tmp_path, monkeypatch
     assert len(again.history) == len(first.history)
 
 
-def test_the_way_back_is_resumed_backwards_and_states_are_counted_on(tmp_path, monkeypatch):
+def test_a_path_with_falling_load_is_resumed_with_its_direction_and_count(tmp_path, monkeypatch):
     call = {"steps": 20, "method": "arc-length", "stop": Stop(states=9), **OPTIONS}
     whole = solve_static(bar(), **call)
-    assert whole.history.t[-1] < whole.history.t[-2], "it has turned"
+    assert whole.history.t[-1] < whole.history.t[-2], "the load factor falls"
     stopped_after(monkeypatch, 8, system=bar(), checkpoint=tmp_path / "path", **call)
     same(whole, solve_static(bar(), checkpoint=tmp_path / "path", resume=True, **call))
 
@@ -329,10 +331,10 @@ def test_a_state_that_is_missing_is_named_and_nothing_is_overwritten(tmp_path):
     call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True}
     solve_static(bar(), stop=Stop(turns=1), **call)
     (tmp_path / "path" / "state_00002.npz").unlink()
-    kept = {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
+    saved_before = {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
     with pytest.raises(StvkError, match=r"no state_00002.npz"):
         solve_static(bar(), stop=Stop(turns=2), resume=True, **call)
-    assert kept == {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
+    assert saved_before == {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
 
 
 def test_an_empty_file_is_named(tmp_path):
@@ -343,7 +345,7 @@ def test_an_empty_file_is_named(tmp_path):
         solve_static(bent(), resume=True, **call)
 
 
-def test_a_series_that_is_asked_for_later_has_all_states_and_no_older_ones(tmp_path):
+def test_a_series_requested_on_resume_has_all_states_and_no_older_ones(tmp_path):
     call = {"steps": 6, "checkpoint": tmp_path / "path", "overwrite": True, "quiet": True}
     solve_static(bent(load=(0, 0, -1.0)), steps=40, save=tmp_path / "bent.pvd", quiet=True)
     for _ in range(2):
@@ -355,33 +357,42 @@ def test_a_series_that_is_asked_for_later_has_all_states_and_no_older_ones(tmp_p
             file.unlink()
 
 
-def walk_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
+def continuation_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
     problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
     course = Course(1 / steps, 1e-8, Monitors(system, False), stability, lambda *_: None)
     begin = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, course
     return ArcLength(*begin, Goal(Stop(load=1.0), system)) if method == "arc-length" else LoadSteps(*begin)
 
 
-def stands(walk):
-    """All that what a walk does next depends on."""
-    numbers = {"t": walk.t, "size": walk._size, "first": walk._first, "reached": walk.reached, "allowed": walk._allowed}
-    point = walk._point
-    numbers |= {"largest": walk.problem.largest, "point t": point.t, "negative": point.negative, "lowest": point.lowest}
-    arrays = {"u": walk.u, "point u": point.u}
-    if isinstance(walk, ArcLength):
-        numbers |= {"turns": walk._turns, "states": walk._states}
-        if walk._heading is not None:
-            numbers |= {"rate": walk._heading.rate, "ahead": walk._heading.negative}
-            arrays["direction"] = walk._heading.direction
+def state_of(continuation):
+    """Return all numbers and arrays that determine the next states of a continuation."""
+    numbers = {
+        "t": continuation.t,
+        "size": continuation._size,
+        "first": continuation._first,
+        "reached": continuation.reached,
+        "allowed": continuation._allowed,
+    }
+    point = continuation._point
+    numbers |= {"largest": continuation.problem.largest, "point t": point.t, "negative": point.negative, "lowest": point.lowest}
+    arrays = {"u": continuation.u, "point u": point.u}
+    if isinstance(continuation, ArcLength):
+        numbers |= {"turns": continuation._turns, "states": continuation._states}
+        if continuation._heading is not None:
+            numbers |= {"rate": continuation._heading.rate, "ahead": continuation._heading.negative}
+            arrays["direction"] = continuation._heading.direction
     else:
-        numbers |= {"full first": walk._full_first, "before": None if walk._before is None else walk._before[0]}
-        if walk._before is not None:
-            arrays["u before"] = walk._before[1]
+        numbers |= {
+            "full first": continuation._full_first,
+            "before": None if continuation._before is None else continuation._before[0],
+        }
+        if continuation._before is not None:
+            arrays["u before"] = continuation._before[1]
     return numbers, arrays
 
 
 def mirrored():
-    """A body that starts reflected at its wall, each element inside out."""
+    """Return a body, and a start in which the body is reflected at its wall, with all elements inverted."""
     system = bent(load=(1e-3, 0, 0))
     u0 = np.zeros((system.mesh.nv, 3))
     u0[:, 0] = -2 * system.mesh.p[0]
@@ -389,12 +400,12 @@ def mirrored():
 
 
 def released():
-    """Loads that go back to nothing, so that the largest force on the path is not that of the last state."""
+    """Return a body with loads that return to zero, so that the largest force on the path is not that of the last state."""
     terms = [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -200 * t * (1 - t)))]
     return System(bent().mesh, terms, fixed={"wall": "xyz"}), {}
 
 
-WALKS = {
+CONTINUATIONS = {
     "bending": lambda: (bent(), {}),
     "crushing": lambda: (block(0.4, n=3), {}),
     "snap-through": lambda: (bar(), {}),
@@ -409,22 +420,23 @@ WALKS = {
 @pytest.mark.filterwarnings("ignore:From t")
 @pytest.mark.parametrize(
     ("scene", "method"),
-    [(scene, "load-steps") for scene in WALKS] + [(scene, "arc-length") for scene in WALKS if scene != "eigenvalues"],  # of CG
+    [(scene, "load-steps") for scene in CONTINUATIONS]
+    + [(scene, "arc-length") for scene in CONTINUATIONS if scene != "eigenvalues"],  # this case uses CG
 )
-def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path, scene, method):
-    system, options = WALKS[scene]()
-    walk, found = walk_of(system, method, 5, **options), 0
+def test_after_each_state_a_restored_continuation_has_the_same_state(tmp_path, scene, method):
+    system, options = CONTINUATIONS[scene]()
+    continuation, found = continuation_of(system, method, 5, **options), 0
     problem = Fingerprint("path of equilibria", system, {"method": method, "steps": 5, "rtol": 1e-8}, (0.5, 1.0), {})
     keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, Outlets(None, None, False, False)).__enter__()
-    for outcome in walk.states(resumed=False):
+    for outcome in continuation.states(resumed=False):
         if not isinstance(outcome, Step):
             continue
-        keep.add(outcome, walk.saved())
-        other = walk_of(WALKS[scene]()[0], method, 5, **options)
+        keep.add(outcome, continuation.saved())
+        other = continuation_of(CONTINUATIONS[scene]()[0], method, 5, **options)
         keep.__exit__(None, None, None)
         keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, Outlets(None, None, True, False)).__enter__()
         other.resume(keep.steps, keep.saved)
-        (numbers, arrays), (others, other_arrays) = stands(walk), stands(other)
+        (numbers, arrays), (others, other_arrays) = state_of(continuation), state_of(other)
         assert others == numbers and other_arrays.keys() == arrays.keys()
         for name, array in arrays.items():
             np.testing.assert_array_equal(other_arrays[name], array, err_msg=name)
@@ -434,7 +446,7 @@ def test_after_each_state_another_walk_can_stand_where_this_one_stands(tmp_path,
     assert found >= 2
 
 
-def test_a_load_that_grows_in_another_way_is_refused(tmp_path):
+def test_a_load_with_another_growth_is_refused(tmp_path):
     def system(power):
         terms = [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -20 * t**power))]
         return System(bent().mesh, terms, fixed={"wall": "xyz"})
@@ -451,7 +463,7 @@ def test_another_load_factor_at_the_start_is_refused(tmp_path):
         solve_static(bent(), t0=0.2, resume=True, **call)
 
 
-def test_files_of_a_path_that_turns_back_are_in_its_order(tmp_path):
+def test_files_of_a_path_with_falling_load_are_in_its_order(tmp_path):
     import xml.etree.ElementTree as ET
 
     solve_static(bar(), steps=20, method="arc-length", stop=Stop(turns=1), save=tmp_path / "bar.pvd", quiet=True)
@@ -474,5 +486,5 @@ def test_a_path_of_a_body_without_an_energy_is_resumed(tmp_path, law):
 
 
 @pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
-def test_a_path_goes_on_bit_for_bit_with_each_solver(solver):
+def test_a_path_is_resumed_bitwise_with_each_solver(solver):
     assert resumed.path(solver) == 0

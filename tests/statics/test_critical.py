@@ -1,4 +1,4 @@
-"""Bifurcations: how many, where, and in which modes."""
+"""Bifurcations: their number, loads and modes."""
 
 import itertools
 
@@ -22,7 +22,10 @@ def lowest(system, u, t, count=3):
 
 
 def strut(load, sides=(1.0, 1.0)):
-    """A strut in space, of a mesh with two planes of symmetry; with equal sides it buckles both ways at the same load."""
+    """Return a strut in space on a mesh with two planes of symmetry.
+
+    With equal sides it buckles in two directions at the same load.
+    """
     mesh = skfem.MeshHex.init_tensor(np.linspace(0, 10, 11), *[np.linspace(-side / 2, side / 2, 3) for side in sides])
     middle = mesh.p[:, mesh.t].mean(axis=1)
     p, t, centres = [mesh.p, middle], [], {}
@@ -47,7 +50,7 @@ def strut(load, sides=(1.0, 1.0)):
 
 
 @pytest.mark.parametrize("method", ["load-steps", "arc-length"])
-def test_both_ways_of_a_strut_with_equal_sides_are_found(method):
+def test_both_modes_of_a_strut_with_equal_sides_are_found(method):
     system = strut(60.0)
     result = solve_static(system, steps=3, method=method, solver="superlu", **OPTIONS)
     assert [step.negative for step in result.history][-1] == 2
@@ -74,7 +77,7 @@ def test_two_bifurcations_in_one_step_are_both_found():
         assert np.abs(point.mode.reshape(-1, 3)).max(axis=0).argmax() == across
 
 
-def test_on_the_way_back_the_same_point_is_found():
+def test_the_same_point_is_found_with_falling_load():
     up = solve_static(column(1.3 * CRITICAL), steps=4, method="arc-length", **OPTIONS)
     down = solve_static(column(1.3 * CRITICAL), steps=4, method="arc-length", u0=up.u, t0=1.0, stop=Stop(load=0.2), **OPTIONS)
     assert down.success and down.history[0].negative == 1 and down.history[-1].negative == 0
@@ -100,13 +103,16 @@ def test_the_lowest_eigenvalue_of_each_state_is_that_of_its_tangent():
     assert abs(cosine) > 0.99 and "near t" in str(near)
 
 
-def test_without_being_asked_an_iterative_solver_looks_for_no_eigenvalue():
+def test_an_iterative_solver_computes_eigenvalues_only_on_request():
     result = solve_static(column(0.5 * CRITICAL), steps=2, solver="amg-cg", quiet=True)
     assert {step.lowest for step in result.history} == {None} and not result.critical_points
 
 
-def test_a_path_that_jumps_has_an_unresolved_point_at_most():
-    """Two bars that are pushed through by a load that lets go again: between two states there is no path."""
+def test_a_path_that_jumps_has_at_most_unresolved_points():
+    """All critical points of a path that jumps have finite states and load factors.
+
+    A load that drops suddenly pushes two bars through, so that no path connects two of the states.
+    """
     p, t = np.array([[-1, 0, 1.0], [0, 0.1, 0]]), np.array([[0, 1], [1, 2]])
     terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], lambda t: (0, -0.72 * t if t <= 0.5 else -0.5))]
     result = solve_static(System((p, t), terms, fixed=[([0, 2], "xy")]), steps=2, **OPTIONS)
@@ -122,8 +128,11 @@ def test_what_makes_a_state_unstable(negative, value, unstable):
 
 @pytest.mark.parametrize("options", [{"method": "arc-length"}, {}, {"solver": "amg-cg", "stability": True}])
 @pytest.mark.parametrize("rtol", [slow(1e-4), 1e-3])
-def test_states_that_take_no_iteration_are_judged_by_their_own_tangents(rtol, options):
-    """A straight column is as good as linear: each state is where the one before points to."""
+def test_states_without_iterations_are_judged_by_their_own_tangents(rtol, options):
+    """States without iterations are judged by their own tangents.
+
+    The path of a straight column is nearly linear, so that the predicted states are solutions.
+    """
     system = column(1.3 * CRITICAL)
     result = solve_static(system, steps=20, rtol=rtol, **({"solver": "superlu"} | options), **OPTIONS)
     assert 0 in [len(step.iterations) for step in result.history]
@@ -133,7 +142,7 @@ def test_states_that_take_no_iteration_are_judged_by_their_own_tangents(rtol, op
 
 
 @pytest.mark.parametrize("method", ["load-steps", "arc-length"])
-def test_displacements_that_are_no_state_of_the_path_lead_to_no_critical_point(method):
+def test_a_start_off_the_path_gives_no_critical_point(method):
     system = column(1e-3)
     u0 = np.zeros((system.mesh.nv, 2))
     u0[:, 0] = -0.05 * system.mesh.p[0]
@@ -145,8 +154,11 @@ def test_displacements_that_are_no_state_of_the_path_lead_to_no_critical_point(m
 @pytest.mark.filterwarnings("ignore:From t")
 @pytest.mark.parametrize(("rise", "kinds"), [(1.5, ["limit point", "bifurcation"]), (2.0, ["bifurcation", "limit point"])])
 @pytest.mark.parametrize("steps", [1, 2, 3, 40])
-def test_a_limit_point_and_a_bifurcation_are_told_apart_and_in_order_though_one_step_has_both(rise, kinds, steps):
-    """Two steep bars, pushed down: they give way sideways, too."""
+def test_limit_points_and_bifurcations_in_one_step_are_distinguished(rise, kinds, steps):
+    """Limit points and bifurcations in one step are distinguished and ordered.
+
+    Two steep bars buckle sideways as well as downwards.
+    """
     p, t = np.array([[-1, 0, 1.0], [0, rise, 0]]), np.array([[0, 1], [1, 2]])
     terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -300.0))]
     stop = Stop(displacement=([1], "y", -rise))
@@ -160,7 +172,7 @@ def test_a_limit_point_and_a_bifurcation_are_told_apart_and_in_order_though_one_
         assert abs(lowest(result.system, point.u, point.t)).min() < 1e-5
 
 
-def test_the_message_names_three_points_and_says_that_there_are_more():
+def test_the_message_names_three_points_and_the_number_of_further_ones():
     from types import SimpleNamespace
 
     from skfem_stvk.statics.message import _critical
@@ -172,7 +184,7 @@ def test_the_message_names_three_points_and_says_that_there_are_more():
 
 @pytest.mark.parametrize("steps", [1, 5, 40])
 def test_a_cable_that_is_pulled_taut_has_no_bifurcation(steps):
-    """The tangent on the way there is indefinite, that of the state is not."""
+    """A cable has no bifurcation: tangents during the iterations are indefinite, that of the state is not."""
     p, t = np.array([[0, 1, 2.0], [0, 0, 0]]), np.array([[0, 1], [1, 2]])
     cable = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -1.0))], fixed=[([0, 2], "xy")])
     result = solve_static(cable, steps=steps, quiet=True)
@@ -180,7 +192,7 @@ def test_a_cable_that_is_pulled_taut_has_no_bifurcation(steps):
 
 
 @pytest.mark.parametrize("steps", [1, 5, 20])
-def test_a_cube_that_is_all_but_flattened_ends_in_words(steps):
+def test_a_nearly_flattened_cube_ends_with_a_message(steps):
     cube = System(
         skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3),
         [StVK(young=1e5, poisson=0.3), VolumePenalty()],
@@ -192,7 +204,7 @@ def test_a_cube_that_is_all_but_flattened_ends_in_words(steps):
     assert result.status is not Status.INTERRUPTED
 
 
-def test_nobody_is_told_to_prescribe_displacements_who_does():
+def test_prescribed_displacements_are_not_recommended_if_used():
     mesh = column(1.0).mesh
     pressed = {lambda x: x[0] == 20: {"x": -0.2}}
     result = solve_static(
@@ -202,21 +214,21 @@ def test_nobody_is_told_to_prescribe_displacements_who_does():
     assert "prescribe displacements" not in result.message and "critical_points[0].mode as an imperfection" in result.message
 
 
-def test_where_the_tangent_is_singular_to_the_last_digit_a_state_beside_is_taken(monkeypatch):
-    chord, asked = object.__new__(critical._Chord), []
+def test_a_nearby_state_replaces_one_with_an_exactly_singular_tangent(monkeypatch):
+    chord, calls = object.__new__(critical._Chord), []
 
     def corrected(self, f):
-        asked.append(f)
+        calls.append(f)
         return None if f == 0.5 else (np.zeros(2), f)
 
     monkeypatch.setattr(critical._Chord, "_corrected", corrected)
-    assert 0 < abs(chord.at(0.5)[1] - 0.5) < 1e-7 and asked[0] == 0.5
+    assert 0 < abs(chord.at(0.5)[1] - 0.5) < 1e-7 and calls[0] == 0.5
     monkeypatch.setattr(critical._Chord, "_corrected", lambda self, f: None)
     with pytest.raises(critical._Lost):
         chord.at(0.5)
 
 
-def test_a_point_without_a_mode_is_not_called_resolved(monkeypatch):
+def test_a_point_without_a_mode_is_not_resolved(monkeypatch):
     monkeypatch.setattr(critical._Chord, "mode", lambda self, f, without: None)
     (point,) = solve_static(column(1.3 * CRITICAL), steps=4, **OPTIONS).critical_points
     assert not point.resolved and np.isfinite(point.mode).all() and "near t" in str(point)

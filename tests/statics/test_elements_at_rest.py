@@ -1,4 +1,4 @@
-"""Quadratic simplices, hexahedra and quadrilaterals at rest: scikit-fem's solution, balance of forces, all solvers."""
+"""Quadratic simplices, hexahedra and quadrilaterals in statics: scikit-fem's solution, balance of forces, all solvers."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def system_of(mesh, *loads, **more):
 @pytest.mark.parametrize("quadrature", [None, "exact"])
 @pytest.mark.parametrize("name", SOLID)
 def test_small_displacements_are_scikit_fems(name, quadrature):
-    """Linear elasticity of the same elements and the same rule, under a body force and a traction on curved facets."""
+    """Small displacements are scikit-fem's, with the same elements and rule, under a body force and a traction on curved facets."""
     mesh, small = CURVED[name], 1e-6
     section = 0.3 if mesh.k == 2 else 1.0
     b, T = 1e3 * small * np.arange(1.0, mesh.d + 1), 1e4 * small * np.array([0.3, -1.0, 0.5])[: mesh.d]
@@ -39,7 +39,7 @@ def test_small_displacements_are_scikit_fems(name, quadrature):
     u = solve_static(system, quiet=True).u
 
     known = scikit_fem_of(mesh)
-    lam, mu = Isotropic(YOUNG, POISSON).lame(Hypothesis.SOLID)  # of plane strain too
+    lam, mu = Isotropic(YOUNG, POISSON).lame(Hypothesis.SOLID)  # the same for plane strain
 
     @skfem.BilinearForm
     def stiffness(u, v, w):
@@ -78,7 +78,7 @@ def test_all_solvers_find_the_same_large_displacements(name, solver):
 
 
 @pytest.mark.parametrize("name", SOLID)
-def test_a_pressed_body_on_springs_is_at_rest_under_follower_loads(name):
+def test_a_pressed_body_on_springs_is_in_equilibrium_under_follower_loads(name):
     mesh = CURVED[name]
     low = lambda x: x[1] < 0.15  # noqa: E731
     terms = StVK(young=YOUNG, poisson=POISSON, **SECTION[mesh.k]), ElasticFoundation(low, 2e5), Pressure(tip, 5e3)
@@ -91,16 +91,16 @@ def test_a_pressed_body_on_springs_is_at_rest_under_follower_loads(name):
 
 
 @pytest.mark.parametrize("name", SOLID)
-def test_a_path_by_arc_length_stops_where_it_is_told(name):
+def test_a_path_by_arc_length_ends_at_its_stop(name):
     mesh = CURVED[name]
     system = system_of(mesh, Traction(tip, 2e4 * np.array([0.0, -1.0, 0.0])[: mesh.d]))
-    place = int(np.argmax(mesh.p[0]))
-    result = solve_static(system, steps=4, method="arc-length", stop=Stop(displacement=([place], "y", -0.01)), quiet=True)
-    assert result.u.reshape(-1, mesh.d)[place, 1] == pytest.approx(-0.01, rel=1e-6)
+    node = int(np.argmax(mesh.p[0]))
+    result = solve_static(system, steps=4, method="arc-length", stop=Stop(displacement=([node], "y", -0.01)), quiet=True)
+    assert result.u.reshape(-1, mesh.d)[node, 1] == pytest.approx(-0.01, rel=1e-6)
 
 
 def test_quadratic_cantilevers_bend_as_beams_do_where_linear_ones_lock():
-    """Deflection of a slender beam under a load on its end: P L^3 / (3 E I), with what shear adds."""
+    """Quadratic elements have the deflection of a beam under an end load, P L^3 / (3 E I) with shear; linear tetrahedra lock."""
     length, height, P = 10.0, 1.0, 1e-4
     tets = skfem.MeshTet.init_tensor(np.linspace(0, length, 9), *[np.linspace(0, height, 2)] * 2)
     hexes = skfem.MeshHex.init_tensor(np.linspace(0, length, 41), *[np.linspace(0, height, 5)] * 2)

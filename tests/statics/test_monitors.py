@@ -1,4 +1,4 @@
-"""What the monitors find: where, how bad, and only where there is something to find."""
+"""Findings of the monitors: elements, extremes, and no finding without a cause."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ FOUNDATION = ElasticFoundation(lambda x: x[0] < 0.5, stiffness=1.0)
 
 
 def in_regions(mesh, *materials):
-    """Each material on a region of its own, the ids not in order, and a term without simplices between."""
+    """Return a body with each material in a separate region, with unordered ids, and a term without simplices in between."""
     parts = np.array_split(np.random.default_rng(5).permutation(mesh.nt), len(materials))
     terms = [StVK(material, region=part) for material, part in zip(materials, parts, strict=True)]
     return System(mesh, [terms[0], FOUNDATION, *terms[1:]]), parts
@@ -37,19 +37,19 @@ def named(findings):
 
 @pytest.mark.parametrize("name", BODIES)
 @pytest.mark.parametrize("amount", [0.0, 0.01])
-def test_a_body_that_is_little_deformed_has_no_findings(name, amount):
+def test_a_slightly_deformed_body_has_no_findings(name, amount):
     mesh, terms = BODIES[name]
     assert Monitors(System(mesh, terms), ellipticity=True).at(state(mesh, amount)) == ()
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
-def test_elements_that_are_inside_out_or_compressed_are_named_in_all_regions(name):
+def test_inverted_and_compressed_elements_are_named_in_all_regions(name):
     mesh = MESHES[name]
     system, _ = in_regions(mesh, Isotropic(1.0, 0.2), Isotropic(2.0, 0.4))
     u = state(mesh, 0.4 if mesh.k == 3 else 0.8)
     found, now = named(Monitors(system, ellipticity=False).at(u)), Fields(mesh, system.elastic_terms).at(u)
     J, stretches = np.asarray(now["volume_ratio"]), np.asarray(now["principal_stretches"])[:, : mesh.k].min(axis=1)
-    if name == "triangles":  # within the plane; across, nothing is stretched
+    if name == "triangles":  # stretches within the plane; those across are 1
         stretches = np.linalg.svd(now.responses[0].gradient + np.eye(2), compute_uv=False)[:, -1]
     assert list(found) == ["inside out", "compressed"]
     for finding, wanted, extreme in (
@@ -73,7 +73,7 @@ def test_the_limit_is_one_over_the_root_of_three_and_zero():
 
 
 @pytest.mark.parametrize("name", ["membrane", "cable"])
-def test_membranes_and_cables_are_compressed_but_never_inside_out(name):
+def test_membranes_and_cables_may_be_compressed_but_not_inverted(name):
     mesh = MESHES[name]
     monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=True)
     (finding,) = monitors.at(-1.4 * mesh.p.ravel("F"))
@@ -81,7 +81,7 @@ def test_membranes_and_cables_are_compressed_but_never_inside_out(name):
     assert "wrinkle" in finding.text and "VolumePenalty" not in finding.text
 
 
-def test_lost_ellipticity_is_found_where_it_is_asked_for():
+def test_lost_ellipticity_is_found_if_requested():
     mesh = MESHES["tetrahedra"]
     system, (firm, *lost) = in_regions(mesh, Isotropic(1.0, 0.1), Isotropic(3.0, 0.45), Isotropic(1.0, 0.45))
     s = 0.85  # hydrostatic: sqrt((1 + nu)/(2 - nu)) is 0.761 and 0.967
@@ -122,7 +122,7 @@ def test_plane_strain_locks_and_plane_stress_membranes_and_cables_do_not():
 
 
 @pytest.mark.parametrize("nu", [-0.3, 0.0, 0.3, 0.49])
-def test_poissons_ratio_of_an_isotropic_material_in_any_guise_is_its_own(nu):
+def test_poissons_ratio_of_an_isotropic_material_does_not_depend_on_its_class(nu):
     G = 1 / (2 * (1 + nu))
     matrix = Orthotropic(young=(1.0, 1.0, 1.0), poisson=(nu, nu, nu), shear=(G, G, G)).stiffness()
     frame = random_frames(1, np.random.default_rng(2))[0]
@@ -135,8 +135,9 @@ def test_poissons_ratio_of_an_isotropic_material_in_any_guise_is_its_own(nu):
 
 
 def test_poissons_ratio_of_other_materials_is_that_of_the_reuss_averages():
-    """`K` from the change of volume under pressure, `G` from the mean over all directions of shear: by quadrature over random
-    rotations.
+    """Poisson's ratio of anisotropic materials is that of the Reuss averages of K and G.
+
+    `K` is from the change of volume under pressure. `G` is from the mean over all directions of shear, by random rotations.
     """
     rng = np.random.default_rng(0)
     material = Orthotropic(young=(9.0, 1.5, 0.5), poisson=(0.3, 0.25, 0.2), shear=(0.2, 0.5, 0.7))
@@ -158,7 +159,7 @@ def test_poissons_ratio_of_other_materials_is_that_of_the_reuss_averages():
 
 
 def test_rubber_with_fibres_locks():
-    """The bulk of it is nearly incompressible, whichever way the fibres go."""
+    """Rubber with fibres locks at any direction of the fibres, because its bulk is nearly incompressible."""
     mesh, fibre = MESHES["tetrahedra"], np.zeros((6, 6))
     fibre[0, 0] = 50.0
     lam, mu = 0.49 / (1.49 * 0.02), 1 / 2.98
@@ -169,7 +170,7 @@ def test_rubber_with_fibres_locks():
     assert finding.name == "locking" and len(finding.elements) == mesh.nt
 
 
-def test_texts_say_what_where_and_what_next():
+def test_texts_have_finding_location_and_remedy():
     mesh = box(1)
     system = System(mesh, StVK(young=1.0, poisson=0.47))
     (locking,) = Monitors(system, ellipticity=False).before()
@@ -184,14 +185,14 @@ def test_texts_say_what_where_and_what_next():
     assert "depends on the mesh" in found["not elliptic"].text
 
 
-def test_a_volume_penalty_is_not_recommended_to_who_has_one():
+def test_a_volume_penalty_is_not_recommended_if_used():
     mesh = box(1)
     system = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(kind="compression")])
     for finding in Monitors(system, ellipticity=True).at(-1.3 * mesh.p.ravel("F")):
         assert "add a VolumePenalty" not in finding.text and "or a VolumePenalty" not in finding.text
 
 
-def test_only_what_is_in_a_term_is_looked_at():
+def test_only_elements_in_a_term_are_monitored():
     mesh = MESHES["tetrahedra"]
     used = np.unique(mesh.t[:, :5])
     u = np.zeros((mesh.nv, 3))
@@ -202,8 +203,8 @@ def test_only_what_is_in_a_term_is_looked_at():
         assert np.array_equal(finding.elements, np.arange(5))
 
 
-def test_nothing_is_listed_where_nothing_is_found(monkeypatch):
-    """One pass each, for the smallest: no array of all elements is made."""
+def test_without_findings_no_lists_of_elements_are_computed(monkeypatch):
+    """Without findings, the monitors compute only the smallest values, and no arrays over all elements."""
     mesh = MESHES["tetrahedra"]
     system = System(mesh, StVK(young=1.0, poisson=0.3))
     (term,) = system.bound_terms
@@ -212,21 +213,21 @@ def test_nothing_is_listed_where_nothing_is_found(monkeypatch):
     assert Monitors(system, ellipticity=False).at(state(mesh, 0.02)) == ()
 
 
-def test_a_solve_says_from_where_on_the_model_is_not_to_be_trusted():
+def test_a_solve_warns_from_which_load_the_model_is_unreliable():
     with pytest.warns(StvkWarning, match=r"From t = .* 1/sqrt\(3\)"):
         result = solve_static(block(0.44, n=3, nu=0.0), quiet=True, raise_on_failure=False)
     found = [{finding.name for finding in step.findings} for step in result.history]
     assert "compressed" not in found[0] and any("compressed" in names for names in found)
 
 
-def test_a_mesh_of_one_element_has_a_place():
+def test_a_finding_in_a_mesh_of_one_element_has_its_location():
     mesh = ElementMesh(np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]), np.array([[0], [1], [2], [3]]))
     (finding,) = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False).at(-0.5 * mesh.p.ravel("F"))
     assert finding.text.startswith("1 element (0), the first at (0.25, 0.25, 0.5) at rest: compressed")
 
 
 @pytest.mark.parametrize("name", CURVED)
-def test_elements_with_several_points_are_watched_at_these_and_volumes_at_nodes_too(name):
+def test_elements_with_several_points_are_monitored_at_points_and_volumes_also_at_nodes(name):
     mesh = CURVED[name]
     system = System(mesh, StVK(young=1.0, poisson=0.47))
     locking = Monitors(system, ellipticity=True).before()
@@ -236,5 +237,5 @@ def test_elements_with_several_points_are_watched_at_these_and_volumes_at_nodes_
     assert "compressed" in found and found["compressed"].extreme == pytest.approx(0.5, rel=1e-9)
     assert len(found["compressed"].elements) == mesh.nt and "inside out" not in found
     if mesh.k == mesh.d:
-        turned = named(Monitors(system, ellipticity=False).at(-1.3 * mesh.p.ravel("F")))
-        assert ("inside out" in turned) == (mesh.d != 2) and "compressed" in turned
+        inverted = named(Monitors(system, ellipticity=False).at(-1.3 * mesh.p.ravel("F")))
+        assert ("inside out" in inverted) == (mesh.d != 2) and "compressed" in inverted

@@ -20,7 +20,7 @@ def result():
     return solve_static(bent(), steps=3, quiet=True)
 
 
-def test_one_line_a_step_is_printed(capsys):
+def test_one_line_per_step_is_printed(capsys):
     result = solve_static(bent(), steps=3)
     out, err = capsys.readouterr()
     assert len(out.splitlines()) == 1 + len(result.history) + len(result.history.attempts)
@@ -46,7 +46,7 @@ def test_energies_add_up_to_the_potential(result):
     assert result.history[-1].potential == pytest.approx(result.system.potential(result.u), rel=1e-12)
 
 
-def test_reactions_by_place(result):
+def test_reactions_by_location(result):
     np.testing.assert_allclose(result.reaction().resultant, result.reaction(lambda x: x[0] == 0).resultant)
     with pytest.raises(SupportError, match="reaction: nothing is held at 'tip'"):
         result.reaction("tip")
@@ -55,13 +55,16 @@ def test_reactions_by_place(result):
 
 
 def bedded(*loads, **supports):
-    """On springs that are stiffer along one axis than along another; the end of the bed belongs to the wall."""
+    """Return a body on springs with different stiffness along the axes; the end of the bed belongs to the wall."""
     bed = ElasticFoundation(lambda x: x[2] == 0, (40.0, 0.0, 90.0))
     return System(beam(), [MATERIAL, bed, *loads], **supports)
 
 
 def test_reactions_of_foundations_are_those_of_their_springs():
-    """Held by the springs and a wall; the sum over what the springs pull is the one over the surface at rest."""
+    """The reaction of a foundation is the force of its springs, summed over the surface at rest.
+
+    A wall supports the body, too.
+    """
     system = bedded(PULL, Gravity((1.0, 2.0, -5.0)), fixed={"wall": "xyz"})
     result = solve_static(system, quiet=True, rtol=1e-12)
     floor = lambda x: (x[2] == 0) & (x[0] > 0)  # noqa: E731
@@ -131,9 +134,9 @@ def test_ctrl_c_keeps_the_states_so_far(monkeypatch):
     assert result.status is Status.INTERRUPTED and len(result.history) >= 2 and result.t == result.history[-1].t
 
 
-def test_a_load_that_fails_on_the_way_keeps_the_states_so_far():
+def test_a_load_that_fails_during_the_solve_keeps_the_states_so_far():
     def push(t):
-        if 0.5 < t < 1:  # what it gives at 0, 1/3 and 1 is looked at before
+        if 0.5 < t < 1:  # values at 0, 1/3 and 1 are checked before the solve
             raise ZeroDivisionError("no load there")
         return (0.0, 0.0, -10 * t)
 
@@ -150,12 +153,12 @@ def test_results_and_errors_can_be_pickled(result):
     assert error.result.status is result.status
 
 
-def test_a_result_says_how_it_came_out(result):
+def test_the_text_of_a_result_has_its_outcome(result):
     text = repr(result)
     assert "Converged" in text and f"{len(result.history)} states" in text and "factor" in text
 
 
-def test_matrices_are_made_once():
+def test_matrices_are_created_once():
     from skfem_stvk.nonlinear.stopwatch import Stopwatch
     from skfem_stvk.statics.equilibrium import Equilibrium
 
@@ -167,7 +170,7 @@ def test_matrices_are_made_once():
     assert problem.tangent._K is K and problem.tangent._Kff is Kff
 
 
-def test_a_matrix_free_solve_makes_no_pattern():
+def test_a_matrix_free_solve_creates_no_pattern():
     system = bent()
     solve_static(system, steps=1, solver="block-jacobi-cg", quiet=True)
     assert "pattern" not in system.__dict__
@@ -191,7 +194,7 @@ def test_iterative_solvers_are_only_as_precise_as_newton_needs():
         (lambda: System(beam(), [MATERIAL, PULL], fixed=WALL, dtype=np.float32), StvkError, "float32.*float64"),
     ],
 )
-def test_what_cannot_be_solved_is_refused_before_the_solve(make, error, message):
+def test_unsolvable_problems_are_refused_before_the_solve(make, error, message):
     with pytest.raises(error, match=message):
         solve_static(make(), quiet=True)
 
@@ -208,18 +211,18 @@ def test_what_cannot_be_solved_is_refused_before_the_solve(make, error, message)
         ({"save": "nowhere/at/all.pvd"}, "nowhere"),
     ],
 )
-def test_parameters_that_make_no_sense_are_refused(options, message):
+def test_invalid_parameters_are_refused(options, message):
     with pytest.raises(StvkError, match=message):
         solve_static(bent(), quiet=True, **options)
 
 
-def test_nan_to_start_from_is_refused():
+def test_a_start_with_nan_is_refused():
     system = bent()
     with pytest.raises(StateError, match="not finite in 1 entry"):
         solve_static(system, u0=np.where(np.arange(system.ndofs) == 3, np.nan, 0.0), quiet=True)
 
 
-def test_the_issues_other_bad_input():
+def test_bad_supports_loads_and_materials_are_refused():
     with pytest.raises(RegionError, match=r"'wal'.*'wall'"):
         System(beam(), [MATERIAL], fixed={"wal": "xyz"})
     with pytest.raises(RegionError, match=r"'tipp'.*'tip'"):
@@ -230,5 +233,5 @@ def test_the_issues_other_bad_input():
         System(beam(), [StVK(Isotropic(1e4, 0.3)), Gravity(g=(0, 0, -9.81))])
 
 
-def test_a_solve_in_the_plane_says_so():
+def test_a_solve_in_the_plane_prints_its_hypothesis():
     assert "triangles in 2D" in repr(column(1.0))

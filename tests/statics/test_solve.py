@@ -15,7 +15,7 @@ def reference():
     return solve_static(bent(), steps=3, rtol=1e-11, solver="superlu", quiet=True)
 
 
-def test_the_free_residual_is_small_against_loads_and_reactions(reference):
+def test_the_free_residual_is_small_relative_to_loads_and_reactions(reference):
     system = reference.system
     residual = system.residual(reference.u)
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
@@ -47,13 +47,13 @@ def test_all_linear_solvers_find_the_same_state(reference, solver):
 
 
 def test_newton_converges_quadratically(reference):
-    """Near the solution each residual is of the order of the square of the one before."""
+    """Near the solution each residual is of the order of the square of the previous one."""
     residuals = np.array(reference.history[-1].iterations.residuals)
     tail = residuals[(residuals < 1e-2) & (residuals > 1e-11)]
     assert len(tail) >= 2 and (tail[1:] < 30 * tail[:-1] ** 1.7).all()
 
 
-def test_first_steps_are_of_the_size_asked_for_and_grow():
+def test_first_steps_have_the_requested_size_and_grow():
     t = solve_static(bent(), steps=10, quiet=True).history.t
     assert t[0] == pytest.approx(0.1) and t[1] - t[0] > 0.1 and t[-1] == 1
 
@@ -67,8 +67,9 @@ def test_a_traction_ramps_linearly(reference):
 
 @pytest.mark.parametrize("steps", [1, 10])
 def test_a_compressed_block_is_neither_mirrored_nor_inverted(steps):
-    """The known state of this cube; without the guard, applying all at once to the boundary ends at W = 1108.6 with 216
-    inverted.
+    """The known state of this cube is found, without inverted elements.
+
+    Without the guard against inversion, a single step of the boundary would end at W = 1108.6 with 216 inverted elements.
     """
     result = solve_static(block(0.2), steps=steps, rtol=1e-10, quiet=True)
     assert result.system.energy(result.u) == pytest.approx(1726.8, abs=0.1)
@@ -77,7 +78,7 @@ def test_a_compressed_block_is_neither_mirrored_nor_inverted(steps):
 
 
 @pytest.mark.filterwarnings("ignore:From t")
-def test_where_the_branch_without_inversion_ends_the_last_good_state_comes_back():
+def test_at_the_end_of_the_branch_without_inversion_the_last_good_state_is_returned():
     system = block(0.4)
     with pytest.raises(SolveError, match=r"stable branch ends here.*elements? \(.*compression.*try.*VolumePenalty") as failure:
         solve_static(system, steps=20, quiet=True)
@@ -91,7 +92,7 @@ def test_where_the_branch_without_inversion_ends_the_last_good_state_comes_back(
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_perfect_column_beyond_its_critical_load_is_said_to_be_unstable(solver):
+def test_a_perfect_column_beyond_its_critical_load_is_reported_as_unstable(solver):
     critical = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
     below = solve_static(column(0.8 * critical), steps=2, solver=solver, quiet=True)
     assert below.success
@@ -102,8 +103,11 @@ def test_a_perfect_column_beyond_its_critical_load_is_said_to_be_unstable(solver
     assert buckled.success and np.abs(buckled.u).max() > 5
 
 
-def test_a_mirrored_state_is_said_to_be_inside_out():
-    """The body reflected at its wall has no energy; under a small load it is an equilibrium, but not one of the body."""
+def test_a_mirrored_state_is_reported_as_inverted():
+    """The body reflected at its wall is reported as inverted.
+
+    The reflected body has no energy. Under a small load it is in equilibrium, but the state is not physical.
+    """
     system = bent(load=(1e-3, 0, 0))
     u0 = np.zeros((system.mesh.nv, 3))
     u0[:, 0] = -2 * system.mesh.p[0]
@@ -112,13 +116,13 @@ def test_a_mirrored_state_is_said_to_be_inside_out():
     assert f"{system.mesh.nt} elements (0, 1, 2, 3, 4, ...)" in result.message
 
 
-def test_what_rounding_leaves_is_an_end_of_its_own():
+def test_a_residual_at_round_off_has_its_own_status():
     result = solve_static(bent(), steps=2, rtol=1e-18, quiet=True)
     assert result.status is Status.AT_ROUND_OFF and result.success
     assert result.history[-1].iterations.residuals[-1] < 1e-11
 
 
-def test_prescribed_displacements_arrive_exactly():
+def test_prescribed_displacements_are_exact():
     mesh = beam()
 
     def move(x, t):
@@ -153,9 +157,9 @@ def test_solvers_for_symmetric_matrices_refuse_follower_pressure(solver):
         solve_static(system, solver=solver, quiet=True)
 
 
-def test_a_path_that_starts_deformed_finds_the_same_state(reference):
+def test_a_path_from_a_deformed_start_finds_the_same_state(reference):
     result = solve_static(bent(), steps=3, rtol=1e-11, u0=0.5 * reference.u, quiet=True)
-    assert result.history.t[0] == 0  # its equilibrium without load comes first
+    assert result.history.t[0] == 0  # the first state is the equilibrium without load
     np.testing.assert_allclose(result.u, reference.u, atol=1e-8)
 
 
@@ -166,7 +170,7 @@ def test_a_load_far_too_large_ends_with_the_last_good_state():
     assert "Try" in result.message
 
 
-def test_materials_far_apart_and_far_from_the_origin():
+def test_materials_of_very_different_stiffness_far_from_the_origin():
     mesh = beam()
     young = np.where(mesh.p[0, mesh.t].mean(axis=0) < 2.5, 1e10, 1e4)
     terms = [StVK(young=young, poisson=0.3), Traction("tip", (0, 0, -60.0))]
@@ -176,7 +180,7 @@ def test_materials_far_apart_and_far_from_the_origin():
     np.testing.assert_allclose(far.u, near.u, atol=1e-5)
 
 
-def test_a_nodal_load_in_one_vertex_of_the_plane():
+def test_a_nodal_load_at_one_vertex_in_the_plane():
     system = column(1e-6)
     tip = [int(np.argmax(system.mesh.p[0]))]
     system = System(system.mesh, [StVK(young=1e4, poisson=0.3), NodalLoad(tip, (0, 2.0))], fixed={lambda x: x[0] == 0: "xy"})
@@ -185,12 +189,12 @@ def test_a_nodal_load_in_one_vertex_of_the_plane():
 
 
 def test_a_flat_membrane_is_inflated_although_it_starts_without_stiffness():
-    """Flat, nothing resists across it: the tangent is singular, the clamped one too."""
+    """A flat membrane can be inflated, although its exact and clamped tangents are singular: nothing resists transverse motion."""
     flat = skfem.MeshTri.init_tensor(np.linspace(0, 1, 7), np.linspace(0, 1, 7))
     p, t = np.vstack([flat.p, 0 * flat.p[0]]), flat.t.copy()
     (a, b, c) = flat.p[:, t].transpose(1, 0, 2)
-    turned = (b - a)[0] * (c - a)[1] < (b - a)[1] * (c - a)[0]
-    t[:2, turned] = t[1::-1, turned]
+    reversed_ = (b - a)[0] * (c - a)[1] < (b - a)[1] * (c - a)[0]
+    t[:2, reversed_] = t[1::-1, reversed_]
     terms = [StVK(young=1e4, poisson=0.3, thickness=0.01), Pressure(None, -10.0)]
     result = solve_static(System((p, t), terms, fixed=[(flat.boundary_nodes(), "xyz")]), steps=4, solver="superlu", quiet=True)
     assert result.history[0].iterations.tangents[0] == "shifted" and result.history[-1].iterations.tangents[-1] == "exact"
@@ -200,7 +204,7 @@ def test_a_flat_membrane_is_inflated_although_it_starts_without_stiffness():
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-200, 1e-170])
-def test_loads_whose_squares_are_no_numbers_are_not_taken_for_none(size):
+def test_loads_whose_squares_overflow_or_underflow_are_not_ignored(size):
     system = System(
         bent().mesh, [StVK(young=1e4, poisson=0.3), Traction("tip", size * np.array([1, -0.5, 2]))], fixed={"wall": "xyz"}
     )
@@ -210,14 +214,17 @@ def test_loads_whose_squares_are_no_numbers_are_not_taken_for_none(size):
 
 
 @pytest.mark.parametrize("size", [1e-300, 1.0, 1e300])
-def test_the_norm_of_any_numbers_is_one(size):
+def test_the_norm_does_not_overflow_or_underflow(size):
     assert Space(3).norm(size * np.array([3.0, 0.0, -4.0])) == pytest.approx(5 * size)
     assert Space(3).norm(np.zeros(3)) == Space(0).norm(np.empty(0)) == 0
     assert Space(2).norm(np.array([1.0, np.inf])) == np.inf and np.isnan(Space(2).norm(np.array([1.0, np.nan])))
 
 
-def test_the_forces_of_a_far_start_are_not_what_the_path_is_held_against(tmp_path):
-    """They are 1e9 times as large as the loads, and would let go of the path; a resumed one is held to the same."""
+def test_the_forces_of_a_remote_start_are_not_in_the_scale_of_the_residual(tmp_path):
+    """The forces of a remote start are not in the scale of the residual, also after a resume.
+
+    These forces are 1e9 times as large as the loads and would make the tolerance useless.
+    """
     system = bent()
     far = (system.mesh.p.T * [400.0, 300.0, 200.0]).ravel()
     result = solve_static(system, steps=3, u0=far, checkpoint=tmp_path / "path", quiet=True)

@@ -1,6 +1,4 @@
-"""Loads that have a potential and are not dead, on paths of equilibria: their stiffness counts in every tangent, and nothing takes
-it for zero.
-"""
+"""Loads with a potential that are not dead: their stiffness is in every tangent of a path of equilibria."""
 
 import numpy as np
 import pytest
@@ -25,7 +23,7 @@ ANCHOR = (6.0, 3.0, -2.0)
 
 
 def tied(length=0.5, stiffness=300.0):
-    """A cantilever whose tip springs pull far to one side."""
+    """Return a cantilever whose tip is pulled far to one side by springs."""
     return System(
         MESH, [ELASTIC, PointSpring(TIP, ANCHOR, stiffness, length), Traction("tip", (0, 0, 30.0))], fixed={"wall": "xyz"}
     )
@@ -36,7 +34,7 @@ def pulled():
     return solve_static(tied(), steps=4, quiet=True, solver="superlu", rtol=1e-11)
 
 
-def test_springs_pull_a_body_to_where_the_residual_is_the_gradient_of_the_potential(pulled):
+def test_the_residual_with_springs_is_the_gradient_of_the_potential(pulled):
     system, v = pulled.system, np.sin(np.arange(len(pulled.u)))
     held = system.supports.held
     v[held] = 0
@@ -53,7 +51,7 @@ def test_newtons_method_converges_quadratically_with_their_stiffness(pulled):
 
 @pytest.mark.parametrize("solver", ["amg-cg", "block-jacobi-cg", "ssor-cg"])
 def test_every_solver_finds_the_same_state(pulled, solver):
-    """The two that need no matrix by themselves are given one."""
+    """All solvers find the same state; matrix-free solvers get a matrix."""
     found = solve_static(tied(), steps=4, quiet=True, solver=solver, stability=True)
     assert np.abs(found.u - pulled.u).max() < 1e-6 * np.abs(pulled.u).max()
     free = np.setdiff1d(np.arange(len(pulled.u)), pulled.system.supports.held)
@@ -72,8 +70,11 @@ def test_a_solver_that_takes_no_matrix_is_refused():
         solve_static(tied(), solver=Free(), quiet=True)
 
 
-def test_the_line_search_finds_its_way_from_far_off(pulled):
-    """The energy along a line is no quartic with springs that have a length."""
+def test_the_line_search_converges_from_a_remote_start(pulled):
+    """The line search converges from a remote start.
+
+    The energy of springs with a rest length is not a quartic along a line.
+    """
     start = np.zeros(MESH.p.size)
     start.reshape(-1, 3)[:, 1] = 1.2 * (MESH.p[0] / 5) ** 2
     start[pulled.system.supports.held] = 0
@@ -82,22 +83,23 @@ def test_the_line_search_finds_its_way_from_far_off(pulled):
 
 
 def shallow(spring):
-    """A bar that leans, pushed down at its head; a vertical spring beside it holds the head up, or none."""
+    """Return an inclined bar that is pushed down at its head, with or without a vertical spring at the head."""
     mesh = ElementMesh(np.array([[-1.0, 0.0], [0.0, 0.3]]), np.array([[0], [1]]))
     terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0.0, -6.0))]
     return System(mesh, [*terms, *spring], fixed=[([0], "xy"), ([1], "x")])
 
 
 def vertical(u, k):
-    """The load that holds the head at `u`, by hand: of the bar by its energy `E A/(8 L^3) (l^2 - L^2)^2`, and of a spring that
-    grows with the load.
+    """Return the load factor at which the head is in equilibrium at `u`.
+
+    The bar has the energy `E A/(8 L^3) (l^2 - L^2)^2`, and the stiffness of the spring grows with the load.
     """
     L2, h = 1.09, 0.3
     bar = 1e5 * 1e-2 / (2 * L2**1.5) * ((h + u) ** 2 + 1 - L2) * (h + u)
     return -bar / (6.0 + k * (h + u - 0.6))
 
 
-def test_arc_length_follows_them_through_limit_points():
+def test_arc_length_follows_springs_through_limit_points():
     k = 4.0
     system = shallow([PointSpring([1], (0.0, 0.6), k)])
     path = solve_static(system, steps=20, method="arc-length", stop=Stop(turns=2), quiet=True, rtol=1e-12)
@@ -112,8 +114,11 @@ def test_arc_length_follows_them_through_limit_points():
     )
 
 
-def test_a_body_that_a_load_makes_unstable_at_rest_is_known_to_be():
-    """Springs that push away from where the body is: at rest K is indefinite already, and no path leads through a bifurcation."""
+def test_a_body_that_a_load_makes_unstable_at_rest_is_unstable():
+    """A body with springs that push away from its position is unstable at rest, and its path has no bifurcation.
+
+    K is indefinite from the start.
+    """
     mesh = ElementMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     away = PointSpring([1], (1.0, 0.0), lambda t: -150.0)
     terms = [StVK(young=1e4, poisson=0.3, area=1e-2), away, NodalLoad([1], (1.0, 0.0))]
@@ -127,8 +132,11 @@ def equilibrium(system, solver=None):
     return Equilibrium(system, solver or SuperLU(), Stopwatch())
 
 
-def test_the_line_search_minimises_the_potential_of_springs_too():
-    """Their energy along a line is no quartic, and their force not the same all along it."""
+def test_the_line_search_minimises_the_potential_of_springs():
+    """The line search minimises the potential of springs.
+
+    Their energy along a line is not a quartic, and their force varies along it.
+    """
     problem, u = equilibrium(tied(length=2.0, stiffness=3e3)), np.zeros(MESH.p.size)
     residual = problem.residual(u, 1.0)
     v = problem.tangent.free.vector(-residual.vector / 300)
@@ -137,7 +145,7 @@ def test_the_line_search_minimises_the_potential_of_springs_too():
     assert not problem.quartic and slopes[0] < 0 and abs(slopes[1]) <= 0.1 * abs(slopes[0])
 
 
-def test_a_tangent_that_springs_can_make_indefinite_is_not_called_positive_definite():
+def test_a_tangent_with_springs_is_not_assumed_positive_definite():
     kinds = []
 
     class Spy:
@@ -152,11 +160,11 @@ def test_a_tangent_that_springs_can_make_indefinite_is_not_called_positive_defin
 
 
 @pytest.mark.parametrize(("k", "negative"), [(-150.0, 1), (-50.0, 0)])
-def test_a_path_begins_with_the_negative_eigenvalues_that_springs_make(k, negative):
+def test_a_path_begins_with_the_negative_eigenvalues_of_springs(k, negative):
     mesh = ElementMesh(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0], [1]]))
     away = PointSpring([1], (1.0, 0.0), lambda t: k)
     system = System(mesh, [StVK(young=1e4, poisson=0.3, area=1e-2), away], fixed=[([0], "xy"), ([1], "y")])
-    walk = LoadSteps(
+    path = LoadSteps(
         equilibrium(system), np.zeros(4), 0.0, Course(0.25, 1e-8, Monitors(system, False), False, lambda t, record: None)
     )
-    assert walk._point.negative == negative
+    assert path._point.negative == negative

@@ -1,4 +1,4 @@
-"""Whether a state is stable: under loads that follow the body, where CG meets its round-off, and where pivots say nothing."""
+"""Stability of states: under follower loads, where CG reaches its round-off, and where signs of pivots are unreliable."""
 
 from dataclasses import replace
 
@@ -24,10 +24,13 @@ OPTIONS = {"quiet": True, "raise_on_failure": False}
 EULER = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 
 
-def pressed_column(load, held_head):
-    """A column whose head is held across or not, under a load that turns with the head or, if `load` is a Traction, does not."""
+def pressed_column(load, supported_head):
+    """Return a column, with or without a lateral support at its head.
+
+    A Pressure rotates with the head; a Traction does not.
+    """
     mesh = skfem.MeshQuad.init_tensor(np.linspace(0, 20, 41), np.linspace(-0.5, 0.5, 3)).to_meshtri(style="x")
-    fixed = {lambda x: x[0] < 0.01: "xy"} | ({head: "y"} if held_head else {})
+    fixed = {lambda x: x[0] < 0.01: "xy"} | ({head: "y"} if supported_head else {})
     return System(mesh, [StVK(young=1e4, poisson=0.3), load], fixed=fixed)
 
 
@@ -36,7 +39,7 @@ def head(x):
 
 
 def arch():
-    """A deep arch of 215 degrees, its ends held, under pressure from outside; its bifurcation is near 370."""
+    """Return a deep arch of 215 degrees with clamped ends under external pressure; its bifurcation is near 370."""
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 81), np.linspace(-0.5, 0.5, 3))
     angle, radius = (mesh.p[0] - 0.5) * 2 * np.radians(107.5), 1 + 0.02 * mesh.p[1]
     outside = mesh.facets[:, mesh.facets_satisfying(lambda x: np.isclose(x[1], 0.5))]
@@ -46,7 +49,10 @@ def arch():
 
 
 def shallow_arch(load):
-    """A shallow arch, pressed on the middle of its upper side: the rim of that is free, so that K is not symmetric."""
+    """Return a shallow arch with pressure on the middle of its upper side.
+
+    The rim of the loaded surface is free, so that K is not symmetric.
+    """
     mesh = skfem.MeshQuad.init_tensor(np.linspace(-1, 1, 41), np.linspace(-0.01, 0.01, 3)).to_meshtri()
     top = mesh.facets[:, mesh.facets_satisfying(lambda x: (x[1] == 0.01) & (np.abs(x[0]) < 0.5))]
     p = mesh.p + [[0], [0.12]] * (1 - mesh.p[:1] ** 2)
@@ -60,7 +66,7 @@ def tangent(result):
 
 
 def slender(n=200):
-    """A cantilever of L/h = 1000, in tetrahedra, where CG with multigrid does not get through at all."""
+    """Return a cantilever of L/h = 1000 in tetrahedra, on which CG with multigrid does not converge."""
     lines = np.linspace(0, 100, n + 1), np.linspace(0, 0.1, 2), np.linspace(0, 0.1, 2)
     terms = [StVK(young=1.2e6, poisson=0.3), Traction(lambda x: x[0] == 100, (0, 0, -0.3))]
     return System(skfem.MeshTet.init_tensor(*lines), terms, fixed={lambda x: x[0] == 0: "xyz"})
@@ -72,9 +78,9 @@ def bent():
 
 
 @pytest.mark.parametrize("solver", ["superlu", "pardiso"])
-@pytest.mark.parametrize("looked", [False, True])
-def test_a_column_under_pressure_on_its_held_head_is_unstable_like_one_under_a_dead_load(solver, looked):
-    options = OPTIONS | {"steps": 4, "solver": solver, "stability": looked}
+@pytest.mark.parametrize("stability_checked", [False, True])
+def test_a_column_under_pressure_on_its_supported_head_is_unstable_as_under_a_dead_load(solver, stability_checked):
+    options = OPTIONS | {"steps": 4, "solver": solver, "stability": stability_checked}
     dead = solve_static(pressed_column(Traction(head, (-117.0, 0)), True), **options)
     follows = solve_static(pressed_column(Pressure(head, 117.0), True), **options)
     K = tangent(follows)
@@ -91,9 +97,11 @@ def test_a_pressed_arch_beyond_its_bifurcation_is_unstable():
 
 
 @pytest.mark.parametrize("times", [1.1, 6.0])
-def test_a_column_whose_load_follows_its_free_head_does_not_diverge_and_flutter_is_not_looked_at(times):
-    """Beck's column has no other equilibrium, but flutters beyond 8 times the load of Euler. K is not symmetric. Its symmetric part
-    is indefinite long before.
+def test_a_column_with_a_follower_load_does_not_diverge_and_flutter_is_not_checked(times):
+    """Beck's column is reported not to diverge, without a statement on flutter.
+
+    The column has no other equilibrium, but flutters beyond 8 times the load of Euler. K is not symmetric. The symmetric part of K
+    is indefinite at much lower loads.
     """
     result = solve_static(
         pressed_column(Pressure(head, times * EULER), False), steps=3, stability=True, solver="superlu", **OPTIONS
@@ -106,15 +114,18 @@ def test_a_column_whose_load_follows_its_free_head_does_not_diverge_and_flutter_
     assert [step.negative for step in result.history] == [0] * len(result.history)
 
 
-def test_a_column_whose_load_follows_is_judged_where_its_symmetric_part_is_indefinite():
-    """With many unknowns not all eigenvalues are worked out."""
+def test_a_column_with_a_follower_load_and_an_indefinite_symmetric_part():
+    """A column with a follower load is judged correctly although its symmetric part is indefinite.
+
+    With many unknowns, not all eigenvalues are computed.
+    """
     result = solve_static(pressed_column(Pressure(head, 50.0), False), steps=3, solver="superlu", **OPTIONS)
     K = tangent(result)
     assert len(K) > stability.DENSE and np.linalg.eigvalsh((K + K.T) / 2)[0] < 0
     assert result.success and "does not diverge" in result.message
 
 
-def test_a_state_that_diverges_under_a_load_whose_tangent_is_not_symmetric_is_unstable():
+def test_a_state_that_diverges_with_an_unsymmetric_tangent_is_unstable():
     system = shallow_arch(2.0)
     result = solve_static(system, steps=20, method="arc-length", stop=Stop(turns=1), **OPTIONS)
     K = tangent(result)
@@ -127,8 +138,9 @@ def test_a_state_that_diverges_under_a_load_whose_tangent_is_not_symmetric_is_un
 
 
 def skewed(below, n=60, seed=3):
-    """A matrix that is not symmetric, with so many negative real eigenvalues, also complex ones; its symmetric part is
-    indefinite.
+    """Return an unsymmetric matrix with `below` negative real eigenvalues.
+
+    The matrix has complex eigenvalues, too, and its symmetric part is indefinite.
     """
     rng = np.random.default_rng(seed)
     D = np.diag(np.concatenate([-np.arange(1.0, below + 1), np.arange(2.0, n - below + 2)]))
@@ -141,7 +153,7 @@ def skewed(below, n=60, seed=3):
 
 @pytest.mark.parametrize("dense", [0, 1000], ids=["the nearest", "all"])
 @pytest.mark.parametrize("below", [0, 1, 2, 3])
-def test_real_eigenvalues_that_are_negative_are_counted(monkeypatch, dense, below):
+def test_negative_real_eigenvalues_are_counted(monkeypatch, dense, below):
     monkeypatch.setattr(stability, "DENSE", dense)
     K, unknowns = skewed(below)
     assert np.linalg.eigvalsh((K + K.T).toarray() / 2)[0] < 0
@@ -150,7 +162,7 @@ def test_real_eigenvalues_that_are_negative_are_counted(monkeypatch, dense, belo
     assert found.all_of_them or below
 
 
-def test_a_negative_eigenvalue_that_is_far_from_zero_is_told_by_the_determinant(monkeypatch):
+def test_the_determinant_shows_a_negative_eigenvalue_far_from_zero(monkeypatch):
     K, unknowns = skewed(1)
     values, vectors = np.linalg.eig(K.toarray())
     first = int(np.argmin(np.where(values.imag == 0, values.real, np.inf)))
@@ -165,7 +177,7 @@ def test_a_negative_eigenvalue_that_is_far_from_zero_is_told_by_the_determinant(
 
 
 def diagonal(*values):
-    """A matrix with these eigenvalues whose diagonal does not show them."""
+    """Return a matrix with the given eigenvalues, which its diagonal does not show."""
     Q = np.linalg.qr(np.random.default_rng(1).standard_normal((len(values),) * 2))[0]
     K = csr_matrix(Q @ np.diag(values) @ Q.T)
     return (K + K.T) / 2, Unknowns(np.arange(len(values)), np.zeros(len(values), dtype=int), K.indptr, K.indices)
@@ -179,21 +191,21 @@ def test_signs_within_rounding_do_not_count(values, counts):
     assert inertia(*diagonal(*map(float, values))) == Inertia(*counts)
 
 
-def test_a_soft_part_beside_a_stiff_one_has_a_sign():
+def test_a_soft_part_next_to_a_stiff_one_has_a_sign():
     stiff, soft = diagonal(3.0, 2.0, 1.0)[0] * 1e9, diagonal(3.0, 2.0, -1.0)[0] * 1e-9
     K = block_diag([stiff, soft], format="csr")
     assert inertia(K, Unknowns(np.arange(6), np.zeros(6, dtype=int), K.indptr, K.indices)) == Inertia(1, 0)
 
 
-def test_negative_curvature_at_the_round_off_of_cg_is_no_verdict(bent):
+def test_negative_curvature_at_the_round_off_of_cg_is_not_a_verdict(bent):
     problem = Equilibrium(bent.system, AmgCg(), Stopwatch())
     force = np.random.default_rng(0).standard_normal(len(problem.tangent.free.free))
     assert problem.solve(problem.factorise(bent.u, 1.0), force, 1e-4).outcome is Outcome.NEGATIVE_CURVATURE
     assert judged(problem, bent.u, 1.0) == (True, 0, "")
 
 
-def test_what_is_not_known_is_said(bent, monkeypatch):
-    """Where the body is too large to be factorised, and LOBPCG finds nothing either."""
+def test_an_unknown_stability_is_reported(bent, monkeypatch):
+    """An unknown stability is reported: the body is too large to be factorised, and LOBPCG finds no eigenvalue."""
     for module in (stability, eigen):
         monkeypatch.setattr(module, "COUNTED", 0)
     verdict = judged(Equilibrium(bent.system, AmgCg(), Stopwatch()), bent.u, 1.0)
@@ -205,13 +217,13 @@ def test_the_lowest_eigenvalue_of_a_slender_body_is_that_of_its_matrix(bent):
     assert lowest_mode(Equilibrium(bent.system, AmgCg(), Stopwatch()), bent.u, 1.0).value == pytest.approx(lowest, rel=1e-3)
 
 
-def test_a_direct_solver_takes_over_where_cg_meets_its_round_off(bent):
+def test_a_direct_solver_takes_over_where_cg_reaches_its_round_off(bent):
     result = solve_static(bent.system, steps=4, solver="amg-cg", **OPTIONS)
     assert result.success and result.solver in ("superlu", "pardiso") and "took over" in result.message
     np.testing.assert_allclose(result.u, bent.u, atol=1e-5 * np.abs(bent.u).max())
 
 
-def test_where_k_is_indefinite_cg_stays():
+def test_cg_is_not_replaced_where_k_is_indefinite():
     result = solve_static(column(1.5 * EULER, 0.01), steps=4, solver="amg-cg", **OPTIONS)
     assert result.success and result.solver == "amg-cg"
 
@@ -219,8 +231,8 @@ def test_where_k_is_indefinite_cg_stays():
 @pytest.mark.parametrize("outcome", ["OUT_OF_ITERATIONS", "INACCURATE", "NEGATIVE_CURVATURE"])
 @pytest.mark.parametrize(("times", "stable"), [(0.5, True), (1.5, False)])
 @pytest.mark.parametrize("counted", [0, 20_000], ids=["by the lowest eigenvalue", "by factorisation"])
-def test_whatever_cg_says_short_of_solved_is_confirmed(monkeypatch, outcome, times, stable, counted):
-    """At the straight column: below the load of Euler it is stable, above it is not."""
+def test_failures_of_cg_are_confirmed_by_another_method(monkeypatch, outcome, times, stable, counted):
+    """A failure of CG is confirmed by another method: the straight column is stable below the load of Euler, and unstable above."""
     system = column(times * EULER)
     straight = solve_static(system, steps=2, method="arc-length", solver="superlu", **OPTIONS)
     solve = Equilibrium.solve
@@ -236,18 +248,18 @@ def test_whatever_cg_says_short_of_solved_is_confirmed(monkeypatch, outcome, tim
 
 
 @pytest.mark.parametrize("times", [0.5, 1.5])
-def test_perturbed_pivots_are_no_proof_of_stability(monkeypatch, times):
+def test_perturbed_pivots_do_not_prove_stability(monkeypatch, times):
     pytest.importorskip("pypardiso")
     monkeypatch.setattr(PardisoFactors, "negative_pivots", property(lambda self: None))
     system = column(times * EULER)
     straight = solve_static(system, steps=2, method="arc-length", solver=Pardiso(), **OPTIONS)
     assert straight.status is (Status.CONVERGED if times < 1 else Status.UNSTABLE)
-    looked = solve_static(system, steps=2, solver=Pardiso(), stability=True, **OPTIONS)
-    assert looked.history[0].negative is not None and looked.history[-1].status is straight.status
+    checked = solve_static(system, steps=2, solver=Pardiso(), stability=True, **OPTIONS)
+    assert checked.history[0].negative is not None and checked.history[-1].status is straight.status
 
 
-def test_a_state_whose_lowest_eigenvalue_is_rounding_has_no_verdict(monkeypatch):
-    """At a bifurcation itself; there a pivot may be negative or not."""
+def test_a_state_whose_lowest_eigenvalue_is_round_off_has_no_verdict(monkeypatch):
+    """A state whose lowest eigenvalue is round-off has no verdict: at a bifurcation, a pivot may be negative or not."""
     system = column(0.5 * EULER)
     problem, matrix = Equilibrium(system, SuperLU(), Stopwatch()), Equilibrium.matrix
     u = np.zeros(system.ndofs)

@@ -1,4 +1,7 @@
-"""What scikit-fem's `get_dofs` returned stands for its vertices at a place, and for itself as the whole of `fixed`."""
+"""A view of scikit-fem's `get_dofs` stands for its vertices where a location is expected.
+
+As the whole of `fixed`, the view stands for its degrees of freedom.
+"""
 
 import numpy as np
 import pytest
@@ -42,7 +45,7 @@ def force(*terms):
     return system.residual(np.cos(np.arange(system.ndofs)) / 50)
 
 
-def test_as_a_place_of_supports_it_is_its_vertices():
+def test_a_view_as_location_of_supports_is_its_vertices():
     by_view, by_name = System(MESH, RUBBER, fixed=[(BOT, "xyz")]), System(MESH, RUBBER, fixed={"bot": "xyz"})
     assert np.array_equal(by_view.supports.fixed, by_name.supports.fixed) and len(by_name.supports.fixed) == 3 * len(IDS)
     moved, named = ({"prescribed": [(place, {"y": 0.1})]} for place in (BOT, "bot"))
@@ -59,11 +62,11 @@ def test_as_a_place_of_supports_it_is_its_vertices():
         lambda where: ElasticFoundation(where, 4e3),
     ],
 )
-def test_as_a_place_of_loads_it_is_its_vertices(term):
+def test_a_view_as_location_of_loads_is_its_vertices(term):
     assert np.array_equal(force(term(BOT)), force(term("bot"))) and (force(term(BOT)) != force()).any()
 
 
-def test_everywhere_else_where_a_place_is_asked_for_it_is_its_vertices():
+def test_a_view_as_any_other_location_is_its_vertices():
     mesh = ElementMesh.of(MESH)
     assert np.array_equal(vertices_at(mesh, BOT), IDS) and describe(BOT) == describe(IDS)
     assert as_sets(facets_at(mesh, BOT)) == as_sets(mesh.boundaries["bot"])
@@ -81,7 +84,7 @@ def test_everywhere_else_where_a_place_is_asked_for_it_is_its_vertices():
     assert np.array_equal(run.reaction(BOT).by_node, run.reaction("bot").by_node)
 
 
-def test_vertices_that_were_asked_for_by_id_keep_their_order():
+def test_vertices_of_views_by_id_retain_their_order():
     view = BASIS.get_dofs(nodes=np.array([9, 5]))
     f = force(NodalLoad(view, np.array([[1.0, 2.0], [0, 0], [0, 0]]))) - force()
     assert -f[27] == pytest.approx(1.0) and -f[15] == pytest.approx(2.0)
@@ -98,13 +101,13 @@ def test_vertices_that_were_asked_for_by_id_keep_their_order():
         BASIS.get_dofs({"bot", "side"}),
     ],
 )
-def test_as_all_that_is_fixed_it_is_its_own_degrees_of_freedom(fixed):
+def test_a_view_as_fixed_is_its_degrees_of_freedom(fixed):
     system = System(MESH, RUBBER, fixed=fixed)
     assert np.array_equal(system.supports.fixed, fixed.flatten())
     assert np.array_equal(system.free_dofs(fixed).fixed, fixed.flatten())
 
 
-def test_several_by_name_are_those_of_all_of_them():
+def test_several_views_by_name_are_the_degrees_of_freedom_of_all():
     several = {"bot": BOT.keep("u^3"), "top": TOP}
     expected = np.union1d(several["bot"].all(), TOP.all())
     for fixed in (several, list(several.items())):
@@ -138,18 +141,18 @@ def test_degrees_of_freedom_of_another_mesh_are_refused(mesh, difference):
             System(MESH, RUBBER, fixed=fixed)
 
 
-def test_degrees_of_freedom_are_no_elements():
+def test_degrees_of_freedom_are_refused_as_elements():
     with pytest.raises(RegionError, match="degrees of freedom; expected a name in subdomains, element ids or a mask"):
         System(MESH, StVK(young=1.0, poisson=0.3, region=BOT))
 
 
 @pytest.mark.parametrize("bare", [BOT.all("u^3"), [0, 1, 2], range(3), np.array(5)])
-def test_bare_integers_are_not_taken_for_all_that_is_fixed(bare):
+def test_bare_integers_are_refused_as_fixed(bare):
     with pytest.raises(SupportError, match=r"Bare integers do not say which components.*get_dofs"):
         System(MESH, RUBBER, fixed=bare)
 
 
 @pytest.mark.parametrize("several", [(BOT, TOP), [BOT, BASIS.get_dofs("side")], {"bot": BOT}])
-def test_several_are_no_place(several):
+def test_several_views_are_refused_as_a_location(several):
     with pytest.raises(RegionError, match="expected the name of a boundary"):
         force(NodalLoad(several, (1, 2, 3)))

@@ -1,4 +1,4 @@
-"""Single precision: errors of 1e-6, also where digits cancel in other forms."""
+"""Single precision has relative errors of 1e-6, also where digits cancel in other forms."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ LIMIT = 4e-6
 
 
 def errors(mesh, terms, u):
-    """Largest error of F, K and K v in single precision over their largest entry, and of W over its value."""
+    """Return the largest errors of W, F, K and K v in single precision, relative to W and to the largest entries."""
     double, single, v = System(mesh, terms), System(mesh, terms, dtype=np.float32), state(mesh, seed=9)
     wanted = [double.internal_force(u), double.tangent(u).data, double.product(u, v)]
     found = [single.internal_force(u), single.tangent(u).data, single.product(u, v)]
@@ -27,7 +27,10 @@ def errors(mesh, terms, u):
 
 
 def stretched(mesh, strain):
-    """A smooth field of this strain with all components, without rotation: the gradient of a potential."""
+    """Return a smooth displacement field without rotation: the gradient of a potential.
+
+    The strain has all components and the given size.
+    """
     x = mesh.p - mesh.p.mean(axis=1, keepdims=True)
     gradient = np.random.default_rng(0).uniform(-1, 1, (mesh.d, mesh.d))
     return (strain * (x.T @ (gradient + gradient.T) / 2 + 0.3 * x.T**2)).ravel()
@@ -41,7 +44,7 @@ def test_every_body_is_right_to_single_precision(name):
 
 @pytest.mark.parametrize("strain", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("name", ["tetrahedra, isotropic", "tetrahedra, fibres", "membrane, anisotropic", "triangles, auxetic"])
-def test_small_strains_keep_their_digits(name, strain):
+def test_small_strains_are_accurate(name, strain):
     mesh, terms = BODIES[name]
     assert max(errors(mesh, terms, stretched(mesh, strain))) < LIMIT
 
@@ -61,19 +64,19 @@ def test_against_fifty_digits(strain):
         assert np.abs(product - Kv).max() < LIMIT * np.abs(Kv).max()
 
 
-def test_the_textbook_form_loses_the_digits_that_this_one_keeps():
-    """`E = 1/2 (F'F - I)` in single precision, at a strain of 1e-4."""
+def test_the_textbook_form_is_less_accurate():
+    """The textbook form `E = 1/2 (F'F - I)` in single precision has an error 30 times as large at a strain of 1e-4."""
     mesh = MESHES["tetrahedra"]
     u = stretched(mesh, 1e-4)
     X = mesh.p.T[mesh.t.T]
-    spokes = np.swapaxes(X[:, 1:] - X[:, :1], 1, 2)
+    vectors = np.swapaxes(X[:, 1:] - X[:, :1], 1, 2)
     U = u.reshape(-1, 3)[mesh.t.T]
-    F = np.eye(3) + np.swapaxes(U[:, 1:] - U[:, :1], 1, 2) @ np.linalg.inv(spokes)
+    F = np.eye(3) + np.swapaxes(U[:, 1:] - U[:, :1], 1, 2) @ np.linalg.inv(vectors)
     F = F.astype(np.float32)
     E = (np.swapaxes(F, 1, 2) @ F - np.eye(3, dtype=np.float32)) / 2
     mu, lam = np.float32(2 / 2.6), np.float32(0.6 / (1.3 * 0.4))
     trace = np.einsum("eii->e", E)
-    W = float((np.abs(np.linalg.det(spokes)) / 6 * (lam / 2 * trace**2 + mu * (E**2).sum(axis=(1, 2)))).sum())
+    W = float((np.abs(np.linalg.det(vectors)) / 6 * (lam / 2 * trace**2 + mu * (E**2).sum(axis=(1, 2)))).sum())
     exact = System(mesh, TERM).energy(u)
     textbook = abs(W - exact) / exact
     ours = abs(System(mesh, TERM, dtype=np.float32).energy(u) - exact) / exact
@@ -81,8 +84,8 @@ def test_the_textbook_form_loses_the_digits_that_this_one_keeps():
 
 
 @pytest.mark.parametrize("offset", [1e3, 1e6])
-def test_far_from_the_origin_nothing_is_lost(offset):
-    """Rest edges and displacements are differences in double."""
+def test_errors_do_not_grow_far_from_the_origin(offset):
+    """Errors do not grow far from the origin, because rest edges and displacements are differences in double precision."""
     mesh = box(3)
     there = ElementMesh(mesh.p + offset, mesh.t)
     for strain in (1e-1, 1e-5):
@@ -93,7 +96,7 @@ def test_far_from_the_origin_nothing_is_lost(offset):
 
 @pytest.mark.parametrize("strain", [1e-1, 1e-4])
 def test_graded_materials(strain):
-    """Young's moduli over six decades, Poisson's ratios over nearly all."""
+    """Errors are small for Young's moduli over six decades and nearly all Poisson's ratios."""
     mesh = box(4)
     young = 10 ** np.random.default_rng(0).uniform(-3, 3, mesh.nt)
     assert max(errors(mesh, StVK(young=young, poisson=np.linspace(-0.3, 0.45, mesh.nt)), stretched(mesh, strain))) < LIMIT
@@ -108,21 +111,21 @@ def test_flat_elements_cost_their_aspect_ratio(height):
     assert max(errors(flat, TERM, stretched(flat, 1e-3))) < 5 * np.finfo(np.float32).eps * aspect
 
 
-def test_elements_too_flat_for_single_precision_are_warned_of():
+def test_elements_too_flat_for_single_precision_give_a_warning():
     flat = ElementMesh(box(2).p * np.array([[0.002], [1], [1]]), box(2).t)
     with pytest.warns(StvkWarning, match=r"\d+ elements \(.*\): flatter than 1:1000, the flattest 1:11\d\d. In float32"):
         System(flat, TERM, dtype=np.float32)
-    System(flat, TERM)  # not in double
+    System(flat, TERM)  # no warning in double precision
 
 
 def test_units_do_not_matter():
-    """Steel in pascal and millimetres in metres: squares and products stay in the range of single precision."""
+    """Squares and products stay in the range of single precision for steel in pascal, and millimetres in metres."""
     mesh = box(2)
     small = ElementMesh(1e-3 * mesh.p, mesh.t)
     assert max(errors(small, StVK(young=210e9, poisson=0.3), stretched(small, 1e-3))) < LIMIT
 
 
-def test_everything_comes_in_the_type_that_was_asked_for():
+def test_all_results_have_the_requested_type():
     mesh = MESHES["tetrahedra"]
     body, u = System(mesh, TERM, dtype=np.float32), state(mesh)
     energy, force, K = body.linearize(u)
@@ -133,7 +136,7 @@ def test_everything_comes_in_the_type_that_was_asked_for():
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_displacements_may_be_single_in_either_system(dtype):
-    """They are taken as they are, not rounded."""
+    """Displacements in single precision are used exactly, without further rounding."""
     mesh = MESHES["tetrahedra"]
     body, u, v = System(mesh, TERM, dtype=dtype), state(mesh).astype(np.float32), state(mesh, seed=9).astype(np.float32)
     same, w = u.astype(np.float64), v.astype(np.float64)
@@ -150,8 +153,8 @@ def test_other_types_are_refused(dtype):
         System(MESHES["tetrahedra"], TERM, dtype=dtype)
 
 
-def test_a_material_of_nearly_no_shear_is_no_surprise():
-    """`r = lam / (2 mu)` is large, and still a number of single precision."""
+def test_a_nearly_incompressible_material_is_accurate():
+    """A nearly incompressible material has small errors: `r = lam / (2 mu)` is large and in the range of single precision."""
     mesh = MESHES["tetrahedra"]
     term = StVK(Isotropic(2.0, 0.4999))
     assert max(errors(mesh, term, stretched(mesh, 1e-2))) < LIMIT

@@ -1,4 +1,4 @@
-"""Restriction to the free degrees of freedom is slicing, only cheaper."""
+"""Restriction to the free degrees of freedom equals slicing, at a lower cost."""
 
 import hypothesis.strategies as st
 import numba
@@ -18,7 +18,10 @@ HELD = SOLID.free_dofs(np.arange(0, N, 5))
 
 
 def is_slice(restricted, K, free):
-    """To the last bit, explicit zeros, order of columns and all."""
+    """Return whether the restricted matrix is the bitwise identical slice of K.
+
+    Shape and pattern, with explicit zeros and the order of columns, are asserted.
+    """
     wanted = K[free][:, free]
     assert restricted.shape == (len(free),) * 2 and restricted.has_sorted_indices
     assert np.array_equal(restricted.indptr, wanted.indptr) and np.array_equal(restricted.indices, wanted.indices)
@@ -37,7 +40,7 @@ def test_the_restricted_matrix_is_the_slice(name):
 
 @pytest.mark.parametrize("name", BODIES)
 @pytest.mark.parametrize("kept", [ALL, TENSILE, NONE], ids=["all", "tensile", "none"])
-def test_written_straight_it_is_the_slice(name, kept):
+def test_a_matrix_written_in_restricted_form_is_the_slice(name, kept):
     mesh, terms = BODIES[name]
     body = System(mesh, terms)
     K, rng = body.jacobian(state(mesh), kept=kept), np.random.default_rng(1)
@@ -58,8 +61,8 @@ def test_written_straight_it_is_the_slice(name, kept):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("terms", [[StVK(young=2.0, poisson=0.3)], [StVK(young=2.0, poisson=0.3), VolumePenalty(3.0)]])
-def test_large_matrices_are_written_straight_by_all_threads(count, terms):
-    """Past the caches where all of it is written, through rows of which parts are picked; and added to."""
+def test_large_matrices_are_written_in_restricted_form_by_all_threads(count, terms):
+    """Large restricted matrices, which are written past the caches, equal the slice with any number of threads."""
     mesh, rng = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 14)] * 3), np.random.default_rng(2)
     body = System((mesh.p + 0.01 * rng.uniform(-1, 1, mesh.p.shape), mesh.t), terms)
     u = 0.002 * rng.standard_normal(body.ndofs)
@@ -75,7 +78,7 @@ def test_large_matrices_are_written_straight_by_all_threads(count, terms):
         numba.set_num_threads(before)
 
 
-def test_a_load_that_follows_the_body_has_its_part():
+def test_the_restricted_jacobian_includes_follower_loads():
     mesh = MESHES["tetrahedra"]
     body = System(mesh, [StVK(young=2.0, poisson=0.3), Pressure(lambda x: x[0] > -1, 1.5)])
     held = body.free_dofs(np.arange(0, body.ndofs, 7))
@@ -84,13 +87,13 @@ def test_a_load_that_follows_the_body_has_its_part():
     assert abs(body.tangent(state(mesh), free=held) - body.jacobian(state(mesh), 0.7, free=held)).max() > 0
 
 
-def test_only_elements_write_straight():
-    """Nothing else is made: the matrix of all degrees of freedom neither."""
+def test_the_restricted_tangent_of_elements_needs_no_whole_matrix():
+    """The restricted tangent of elements is written without the matrix of all degrees of freedom."""
     body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
     held = body.free_dofs([0, 5])
     body.tangent(state(body.mesh), free=held)
     assert body._whole is None
-    body.jacobian(state(body.mesh), kept=TENSILE, free=held)  # tensions of both signs are known when all elements are added
+    body.jacobian(state(body.mesh), kept=TENSILE, free=held)  # the signs of tensions are known only after all elements are added
     assert body._whole is not None
 
 
@@ -102,7 +105,7 @@ def test_any_choice_of_degrees_of_freedom_is_a_slice(fixed):
     assert is_slice(held.matrix(K), K, np.setdiff1d(np.arange(N), sorted(fixed)))
 
 
-def test_one_matrix_is_filled_again_and_again():
+def test_one_matrix_can_be_filled_repeatedly():
     K, Kff = None, None
     for amount in (0.0, 1.0, -2.0, 0.5):
         K = SOLID.tangent(amount * state(SOLID.mesh), out=K)
@@ -113,14 +116,14 @@ def test_one_matrix_is_filled_again_and_again():
         assert is_slice(Kff, K, HELD.free)
 
 
-def test_the_values_are_written_where_they_stand():
+def test_values_are_written_to_the_given_matrix():
     K = SOLID.tangent(state(SOLID.mesh))
     Kff = HELD.matrix(0 * K)
     data = Kff.data
     assert HELD.matrix(K, out=Kff).data is data and np.array_equal(data, HELD.matrix(K).data)
 
 
-def test_spoiling_a_restricted_matrix_does_not_spoil_the_next():
+def test_changes_of_a_restricted_matrix_do_not_affect_the_next():
     K = SOLID.tangent(state(SOLID.mesh))
     spoiled = HELD.matrix(K)
     spoiled.data[::2] = 0
@@ -130,7 +133,7 @@ def test_spoiling_a_restricted_matrix_does_not_spoil_the_next():
     assert is_slice(HELD.matrix(K), K, HELD.free)
 
 
-def test_scikit_fems_degrees_of_freedom_are_taken_as_they_are():
+def test_degrees_of_freedom_of_scikit_fem_are_accepted():
     mesh = skfem.MeshTet().refined(2).with_boundaries({"floor": lambda x: x[2] == 0})
     body, basis = System(mesh, StVK(young=2.0, poisson=0.3)), skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))
     view = basis.get_dofs("floor")
@@ -163,7 +166,7 @@ def test_duplicates_order_and_type_do_not_matter(fixed, same):
     assert held.fixed.tolist() == same and len(held.free) == N - len(same)
 
 
-def test_names_predicates_and_components_by_place_are_taken_too():
+def test_names_predicates_and_components_by_location_are_accepted():
     mesh = ElementMesh(SOLID.mesh.p, SOLID.mesh.t, node_sets={"left": np.flatnonzero(SOLID.mesh.p[0] < 0.2)})
     body, left = System(mesh, StVK(young=2.0, poisson=0.3)), mesh.node_sets["left"]
     every = (3 * left[:, None] + np.arange(3)).ravel()
@@ -198,7 +201,7 @@ def test_with_nothing_fixed_the_matrix_is_K():
         (lambda x: x[0] > 9, "none of the 64 vertices satisfies"),
     ],
 )
-def test_what_is_no_list_of_degrees_of_freedom_is_refused(fixed, message):
+def test_invalid_degrees_of_freedom_are_refused(fixed, message):
     with pytest.raises(StvkError, match=message):
         SOLID.free_dofs(fixed)
 
@@ -215,7 +218,7 @@ def with_an_empty_row(K):
 
 
 @pytest.mark.parametrize(
-    "spoil",
+    "damage",
     [
         with_an_empty_row,
         without_zeros,
@@ -228,10 +231,10 @@ def with_an_empty_row(K):
         lambda K: K.tocsc()[:, ::-1].tocsr(),
     ],
 )
-def test_a_matrix_of_another_pattern_is_refused(spoil):
+def test_a_matrix_of_another_pattern_is_refused(damage):
     K = SOLID.tangent(state(SOLID.mesh))
     with pytest.raises(StvkError, match=rf"does not have the pattern of this system's K .* {K.nnz} values\)"):
-        HELD.matrix(spoil(K))
+        HELD.matrix(damage(K))
 
 
 def test_out_of_another_type_or_pattern_is_refused():
@@ -261,21 +264,21 @@ def test_a_vector_of_another_length_is_refused():
         HELD.vector(np.zeros(len(HELD.free)), np.zeros(3))
 
 
-def test_single_precision_stays_single():
+def test_single_precision_is_retained():
     body = System(SOLID.mesh, StVK(young=2.0, poisson=0.3), dtype=np.float32)
     held = body.free_dofs([0, 1, 2])
     K = body.tangent(state(SOLID.mesh))
     assert held.matrix(K).dtype == np.float32 and is_slice(held.matrix(K), K, held.free)
 
 
-def test_it_says_how_many_are_free():
+def test_repr_has_the_number_of_free_degrees_of_freedom():
     assert repr(HELD) == f"FreeDofs: {len(HELD.free)} free, {len(HELD.fixed)} fixed"
 
 
 @pytest.mark.parametrize(
     "free", [3, "xyz", np.arange(4), System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3)).free_dofs([0])]
 )
-def test_only_the_free_degrees_of_freedom_of_the_system_are_taken(free):
+def test_free_degrees_of_freedom_of_other_systems_are_refused(free):
     with pytest.raises(StvkError, match=r"free = .*; expected what free_dofs\(\) of this system returned"):
         SOLID.tangent(np.zeros(N), free=free)
     with pytest.raises(StvkError, match="free = "):
@@ -283,7 +286,7 @@ def test_only_the_free_degrees_of_freedom_of_the_system_are_taken(free):
 
 
 @pytest.mark.parametrize("kind", ["lumped", "consistent"])
-def test_masses_are_added_to_what_is_written_straight(kind):
+def test_masses_are_added_to_restricted_matrices(kind):
     body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3, density=3.0))
     mass, u = body.mass(kind), state(body.mesh)
     for fixed in ([0, 4, 5], np.arange(body.ndofs // 2)):

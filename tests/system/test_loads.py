@@ -32,7 +32,10 @@ def loaded(mesh, pressure=False, dtype=np.float64):
 
 @pytest.mark.parametrize("name", MESHES)
 def test_the_residual_is_the_gradient_of_the_potential(name):
-    """Along a line the potential is a quartic, for which the stencil of four points is exact."""
+    """The residual is the gradient of the potential.
+
+    The potential is a quartic along a line, for which the stencil of four points is exact.
+    """
     mesh = MESHES[name]
     system, t = loaded(mesh), 0.7
     u, v = state(mesh), state(mesh, seed=5)
@@ -45,7 +48,7 @@ def test_the_residual_is_the_gradient_of_the_potential(name):
 
 @pytest.mark.parametrize("name", [name for name, mesh in MESHES.items()])
 def test_the_jacobian_is_the_derivative_of_the_residual(name):
-    """The residual is a cubic: the stencil is exact."""
+    """The Jacobian is the derivative of the residual, which is a cubic, so that the stencil is exact."""
     mesh = MESHES[name]
     system, t = loaded(mesh, pressure=mesh.k > 1), 0.7
     u, v = state(mesh), state(mesh, seed=5)
@@ -73,14 +76,14 @@ def test_single_precision_is_single_precision(name):
     assert abs(one - other).max() < 1e-5 * abs(one).max()
 
 
-def test_a_foundation_of_a_sheet_counts_its_thickness():
+def test_a_foundation_of_a_sheet_includes_its_thickness():
     mesh = sheet()
     thin, thick = (System(mesh, [StVK(young=1.0, poisson=0.3, thickness=h), ElasticFoundation(left, 2.0)]) for h in (0.1, 0.3))
     u = np.ones(mesh.p.size)
     assert thin.energy(u) > 0 and thick.energy(u) == pytest.approx(3 * thin.energy(u), rel=1e-10)
 
 
-def test_a_foundation_holds_a_body_that_supports_do_not():
+def test_a_foundation_constrains_a_body_without_supports():
     mesh = MESHES["tetrahedra"]
     body = StVK(young=1.0, poisson=0.3)
     with pytest.raises(SupportError, match="6 rigid modes left"):
@@ -95,7 +98,7 @@ def test_a_foundation_holds_a_body_that_supports_do_not():
 )
 @pytest.mark.parametrize("loads", [[], [BodyForce((0, 0, -1.0))]], ids=["no load", "a load"])
 @pytest.mark.parametrize("name", ["external_force", "residual", "potential", "jacobian", "energies"])
-def test_what_is_no_time_is_refused(name, loads, t):
+def test_invalid_times_are_refused(name, loads, t):
     system = System(box(), [StVK(young=2.0, poisson=0.3), *loads])
     with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):
         getattr(system, name)(np.zeros(system.ndofs), t)

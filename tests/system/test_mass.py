@@ -1,4 +1,4 @@
-"""The mass matrix has the mass, the momenta and the kinetic energy of the body, and is scikit-fem's."""
+"""The mass matrix has the mass, the momenta and the kinetic energy of the body, and equals scikit-fem's."""
 
 import pickle
 
@@ -16,7 +16,7 @@ SECTION = {1: "area", 2: "thickness"}
 
 
 def material(mesh, density=3.0, region=None):
-    """With a section and a density that differ from element to element where they may."""
+    """Return a law whose section and density vary from element to element where possible."""
     n = len(mesh.elements(region))
     section = {SECTION[mesh.k]: RNG.uniform(0.5, 2, n)} if mesh.k < 3 else {}
     return StVK(young=2.0, poisson=0.3, density=density * RNG.uniform(0.5, 2, n), region=region, **section)
@@ -26,9 +26,9 @@ BODIES_WITH_MASS = {name: System(mesh, material(mesh)) for name, mesh in MESHES.
 
 
 def volumes(mesh):
-    """Sizes by Gram determinants, nothing of the package."""
-    spokes = (mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]).transpose(2, 1, 0)
-    return np.sqrt(np.linalg.det(spokes @ spokes.transpose(0, 2, 1))) / [1, 1, 2, 6][mesh.k]
+    """Return the sizes of elements by Gram determinants, independently of the package."""
+    vectors = (mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]).transpose(2, 1, 0)
+    return np.sqrt(np.linalg.det(vectors @ vectors.transpose(0, 2, 1))) / [1, 1, 2, 6][mesh.k]
 
 
 def masses(system):
@@ -43,7 +43,7 @@ def test_the_total_is_density_times_volume(name, kind):
     system = BODIES_WITH_MASS[name]
     mass, total, d = system.mass(kind), masses(system).sum(), system.mesh.d
     assert mass.total == pytest.approx(total, rel=1e-14)
-    velocity = np.tile(np.arange(1.0, d + 1), system.mesh.nv)  # of a translation
+    velocity = np.tile(np.arange(1.0, d + 1), system.mesh.nv)  # velocities of a translation
     momentum = mass.multiply(velocity)
     assert momentum.reshape(-1, d).sum(axis=0) == pytest.approx(total * np.arange(1.0, d + 1), rel=1e-13)
     assert velocity @ momentum / 2 == pytest.approx(total * (np.arange(1.0, d + 1) ** 2).sum() / 2, rel=1e-13)
@@ -101,7 +101,10 @@ def test_the_matrix_of_another_pattern_is_refused():
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_rotation_has_the_energy_of_the_rigid_body(d):
-    """1/2 w'Iw of a brick about its centre; the lumped one has a larger moment of inertia, less so on finer meshes."""
+    """A rotating brick has the kinetic energy 1/2 w'Iw about its centre.
+
+    Lumped masses have a larger moment of inertia, with a difference that decreases on finer meshes.
+    """
     sides, rho, w = np.array([1.0, 2.0, 0.5])[:d], 3.0, np.array([0.3, -0.7, 1.1])
     w = w if d == 3 else np.array([0.0, 0.0, 1.1])
     closed = {}
@@ -109,7 +112,7 @@ def test_rotation_has_the_energy_of_the_rigid_body(d):
         unit = box(n) if d == 3 else sheet(n)
         inner = (unit.p > 0) & (unit.p < 1)
         flat = (skfem.MeshTet if d == 3 else skfem.MeshTri).init_tensor(*[np.linspace(0, 1, n + 1)] * d).p
-        p = np.where((flat > 0) & (flat < 1) & inner, unit.p, flat) * sides[:, None]  # unequal inside, a brick outside
+        p = np.where((flat > 0) & (flat < 1) & inner, unit.p, flat) * sides[:, None]  # irregular vertices within a brick
         system = System(ElementMesh(p, unit.t), StVK(young=2.0, poisson=0.3, density=rho))
         arm = np.zeros((3, p.shape[1]))
         arm[:d] = p - sides[:, None] / 2
@@ -147,9 +150,11 @@ def test_regions_have_their_own_density():
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", MESHES)
-def test_what_is_held_does_not_accelerate(name, kind):
-    """The inverse of M over the free degrees of freedom, which is another one than that of M: components may be held
-    differently.
+def test_constrained_degrees_of_freedom_do_not_accelerate(name, kind):
+    """Constrained degrees of freedom have no acceleration.
+
+    The inverse of M over the free degrees of freedom differs from that of M: components of one vertex may be constrained
+    separately.
     """
     mesh = MESHES[name]
     letters = "xyz"[: mesh.d]
@@ -167,7 +172,7 @@ def test_what_is_held_does_not_accelerate(name, kind):
         assert np.abs(free.mass(kind).solve(f)[inner] - wanted).max() > 1e-3 * np.abs(wanted).max()
 
 
-def test_a_mass_is_made_once_and_without_the_pattern():
+def test_a_mass_is_created_once_and_without_the_pattern():
     mesh = MESHES["tetrahedra"]
     system = System(mesh, material(mesh))
     assert system.mass() is system.mass("lumped") and system.mass("consistent") is not system.mass()
@@ -199,8 +204,11 @@ def test_another_kind_is_refused(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_vertices_without_mass_are_named_unless_they_are_held(kind):
-    """In elements that have a volume to keep, or a neighbour, but no material."""
+def test_vertices_without_mass_are_named_unless_constrained(kind):
+    """Vertices without mass are named unless they are constrained.
+
+    These vertices belong to elements with a volume penalty only, next to elements with a material.
+    """
     mesh = MESHES["triangles"]
     solid = np.flatnonzero((mesh.t != 0).all(axis=0))
     terms = [StVK(young=2.0, poisson=0.3, density=3.0, region=solid), VolumePenalty(1.0)]

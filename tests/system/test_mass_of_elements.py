@@ -1,4 +1,7 @@
-"""Masses of elements with several points, curved ones too: scikit-fem's matrix, Hinton, Rock and Zienkiewicz's lumping."""
+"""Masses of elements with several points, including curved ones, equal scikit-fem's matrix.
+
+Lumped masses are those of Hinton, Rock and Zienkiewicz.
+"""
 
 import numpy as np
 import pytest
@@ -24,7 +27,7 @@ SHARES = {
 
 
 def body(mesh):
-    """With a section and a density that differ from element to element."""
+    """Return a body whose section and density vary from element to element."""
     section = {SECTION[mesh.k]: RNG.uniform(0.5, 2, mesh.nt)} if mesh.k < 3 else {}
     return Body(mesh, [StVK(young=2.0, poisson=0.3, density=RNG.uniform(1, 3, mesh.nt), **section)])
 
@@ -37,7 +40,7 @@ def consistent(body, held=()):
 
 
 def scalar(mass, nv, d):
-    """(nv, nv) the matrix of one component, column by column."""
+    """Return the matrix of one component (nv, nv), column by column."""
     columns = [mass.multiply(np.repeat(row, d)).reshape(nv, d) for row in np.eye(nv)]
     assert all(np.ptp(column, axis=1).max() == 0 for column in columns)
     return np.array(columns)[:, :, 0]
@@ -45,7 +48,7 @@ def scalar(mass, nv, d):
 
 @pytest.mark.parametrize("name", [name for name, mesh in CURVED.items() if scikit_fem_of(mesh)])
 def test_the_consistent_matrix_is_scikit_fems(name):
-    """With the same rule, which is exact but for curved quadratic elements."""
+    """The consistent matrix is scikit-fem's by the same rule, which is exact except for curved quadratic elements."""
     of, basis = BODIES[name], scikit_fem_of(CURVED[name])
     points, weights = rule_of(CURVED[name].element, "mass")
     basis = skfem.Basis(basis.mesh, basis.elem, quadrature=(points.T, weights))
@@ -82,7 +85,7 @@ def test_the_total_is_density_times_volume_and_consistent_masses_have_their_cent
     assert mass.multiply(np.ones(mesh.p.size)) @ mesh.p.T.ravel() == pytest.approx(centre.sum(), rel=1e-13)
     if not mesh.element.is_simplex:
         assert lumped.vertex @ mesh.p.T == pytest.approx(centre, rel=1e-13)
-    if basis:  # the centre itself is exact, curved or not
+    if basis:  # the centre is exact, for curved elements too
         exact = (of.mass / of.sizes) @ np.einsum("dtq,tq->td", np.array(basis.global_coordinates()), basis.dx)
         assert centre == pytest.approx(exact, rel=1e-13)
 
@@ -92,7 +95,7 @@ def rule_points(mesh):
 
 
 @pytest.mark.parametrize("name", SHARES)
-def test_lumped_masses_of_straight_elements_are_those_of_the_books(name):
+def test_lumped_masses_of_straight_elements_are_those_of_textbooks(name):
     mesh = STRAIGHT[name]
     shares = lumped_shares(mesh.p, mesh.t, mesh.element)
     np.testing.assert_allclose(shares, np.array(SHARES[name])[:, None] + 0 * shares, rtol=1e-13)
@@ -108,11 +111,11 @@ def test_lumped_masses_are_positive_and_the_scaled_diagonal_of_quadratic_element
     wanted = rows if not mesh.element.is_simplex else diagonal / diagonal.sum(axis=0)
     np.testing.assert_allclose(shares, wanted, rtol=1e-13)
     if mesh.element.degree == 2 and mesh.k > 1:
-        assert rows.min() < 0.02  # no masses: of corners these are about 0 in the plane, -1/20 in space
+        assert rows.min() < 0.02  # row sums cannot be masses: those of corners are about 0 in the plane and -1/20 in space
 
 
 @pytest.mark.parametrize("name", CURVED)
-def test_solving_is_multiplying_back_with_what_is_held_at_rest(name):
+def test_solve_inverts_multiply_with_constrained_degrees_of_freedom_at_rest(name):
     mesh, of = CURVED[name], BODIES[name]
     held = np.concatenate([np.arange(mesh.d), [mesh.p.size - 1]])
     free = np.setdiff1d(np.arange(mesh.p.size), held)
@@ -128,8 +131,11 @@ def test_solving_is_multiplying_back_with_what_is_held_at_rest(name):
 
 @pytest.mark.parametrize("amount", [0.0, 0.02, 0.1, 0.25])
 @pytest.mark.parametrize("name", [name for name in CURVED if name not in ("quadratic membrane", "quadrilateral membrane")])
-def test_bounds_hold_all_eigenvalues_of_elements_and_are_not_far_from_them(name, amount):
-    """Far from straight ones too, where Jacobians differ by a factor of 20 and more among the points."""
+def test_bounds_contain_all_eigenvalues_of_elements_and_are_near_them(name, amount):
+    """Bounds contain all eigenvalues and are within 10 % of them, also for strongly curved elements.
+
+    There, Jacobians differ by a factor of 20 and more between the points.
+    """
     element, rng = ELEMENTS[CURVED[name].element.name], np.random.default_rng(3)
     d, n = CURVED[name].d, 60
     x = np.zeros((d, element.n, n))
@@ -144,14 +150,17 @@ def test_bounds_hold_all_eigenvalues_of_elements_and_are_not_far_from_them(name,
     values = np.linalg.eigvalsh(M * scale[:, :, None] * scale[:, None])
     assert low <= values.min() and values.max() <= high
     assert low > 0.9 * values.min() and high < 1.1 * values.max()
-    if amount == 0.25:  # those of straight elements would not do
+    if amount == 0.25:  # bounds of straight elements would not contain the eigenvalues
         straight = bounds_of_elements(*[np.ascontiguousarray(element.nodes.T), np.arange(element.n)[:, None]], element)
         assert sizes.min() > 0 and (values.min() < 0.98 * straight[0] or values.max() > 1.02 * straight[1])
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_energy_of_a_turning_cylinder_of_curved_elements_is_that_of_its_area(kind):
-    """1/2 I w^2 about the axis; of the exact shape, which is not quite a circle, by a rule of high order."""
+def test_the_energy_of_a_rotating_disc_of_curved_elements_is_that_of_its_shape(kind):
+    """The kinetic energy of a rotation about the axis is 1/2 I w^2 of the exact shape, by a rule of high order.
+
+    The shape is not exactly a circle.
+    """
     circle = skfem.MeshTri2.init_circle(2)
     mesh = ElementMesh.of(circle)
     of = Body(mesh, [StVK(young=1.0, poisson=0.3, density=3.0)])

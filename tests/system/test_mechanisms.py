@@ -1,4 +1,4 @@
-"""Mechanisms: what less than a facet joins is counted as K counts it, and named."""
+"""Mechanisms of elements that share less than a facet: their number is that of the zero modes of K, and they are named."""
 
 import warnings
 from types import SimpleNamespace
@@ -27,7 +27,7 @@ UNIT = skfem.MeshTet()
 
 
 def cube(*corner):
-    """The unit cube of five tetrahedra, in one of its two ways of being cut, at a corner."""
+    """Return the unit cube of five tetrahedra with its lowest corner at `corner`, in one of its two subdivisions."""
     return UNIT.p + np.array(corner, dtype=float)[:, None], UNIT.t
 
 
@@ -36,7 +36,7 @@ def simplex(*corners):
 
 
 def put_together(*bodies, element=None):
-    """Meshes (p, t) as one: vertices in the same place are one vertex."""
+    """Return meshes (p, t) as one mesh, in which coincident vertices are merged."""
     p = np.concatenate([p for p, _ in bodies], axis=1)
     first = np.cumsum([0, *[p.shape[1] for p, _ in bodies]])
     t = np.concatenate([t + n for (_, t), n in zip(bodies, first, strict=False)], axis=1)
@@ -45,7 +45,7 @@ def put_together(*bodies, element=None):
 
 
 def shuffled(mesh, seed):
-    """The same body: vertices and elements in another order, half of the elements turned round."""
+    """Return the same body with renumbered vertices and elements, and half of the elements reversed."""
     rng = np.random.default_rng(seed)
     new, p = rng.permutation(mesh.nv), np.empty_like(mesh.p)
     p[:, new] = mesh.p
@@ -53,7 +53,7 @@ def shuffled(mesh, seed):
 
 
 def at(*point):
-    """A predicate: this point."""
+    """Return a predicate that is true at this point."""
     return lambda x: (np.abs(x - np.array(point, dtype=float)[:, None]) < 1e-9).all(axis=0)
 
 
@@ -68,7 +68,7 @@ def message(mesh, fixed, *terms):
 
 
 def zero_modes(system):
-    """Zero eigenvalues of K at rest, foundations and all."""
+    """Return the number of zero eigenvalues of K at rest, including foundations."""
     K = system.tangent(np.zeros(system.ndofs)).toarray()
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
     values = np.linalg.eigvalsh(K[np.ix_(free, free)])
@@ -76,7 +76,7 @@ def zero_modes(system):
 
 
 def motions_left(mesh, held):
-    """Rigid modes and mechanisms of all parts."""
+    """Return the numbers of rigid modes and of mechanisms of all parts."""
     edges = edge_topology(mesh.t)[0]
     part = parts_of([edges], mesh.nv)
     rigid = {left.part: left.count for left in rigid_modes_left(mesh.p, part, held)}
@@ -86,7 +86,8 @@ def motions_left(mesh, held):
 
 ONE_NODE = put_together(cube(0, 0, 0), cube(1, 1, 1))
 ONE_EDGE = put_together(cube(0, 0, 0), cube(1, 1, 0))
-#: two tetrahedra on the face x = 1 of a cube: one on two corners that no edge joins, one on three that are not a face
+#: A cube and a tetrahedron that share two corners of the face x = 1, without or with a common edge, or three of its corners. The
+#: three corners are a face of the cube in one of the two cases.
 TWO_NODES = put_together(cube(0, 0, 0), simplex((1, 0, 0), (1, 1, 1), (2, 0.3, 0.5), (2, 0.9, 0.2)))
 OTHER_DIAGONAL = put_together(cube(0, 0, 0), simplex((1, 1, 0), (1, 0, 1), (2, 0.3, 0.5), (2, 0.9, 0.2)))
 THREE_NODES = [
@@ -108,13 +109,13 @@ BODIES = {
 SCALES = [(1.0, 0.0), (1.0, 1e6), (1.0, -1e8), (1e-6, 0.0), (1e6, 0.0), (1e-3, 1e3)]
 
 
-def test_one_of_the_three_nodes_are_no_face():
+def test_three_shared_nodes_are_a_face_in_one_of_the_two_cases():
     assert sorted(pieces_of_simplices(mesh.t, mesh.nv).max() + 1 for mesh in THREE_NODES) == [1, 2]
 
 
 @pytest.mark.parametrize(("scale", "offset"), SCALES)
 @pytest.mark.parametrize("name", BODIES)
-def test_mechanisms_are_counted_whatever_the_size_place_and_order(name, scale, offset):
+def test_mechanisms_are_counted_at_any_size_location_and_order(name, scale, offset):
     mesh, pieces, count = BODIES[name]
     for seed in range(3):
         unit = shuffled(mesh, seed)
@@ -126,13 +127,13 @@ def test_mechanisms_are_counted_whatever_the_size_place_and_order(name, scale, o
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_they_are_the_zero_eigenvalues_of_the_stiffness(name):
+def test_mechanisms_are_the_zero_eigenvalues_of_the_stiffness(name):
     mesh, _, count = BODIES[name]
     assert zero_modes(System(mesh, MATERIAL, fixed=WALL)) == count
 
 
 def crumbs(d, seed, share, regular):
-    """Some of the simplices of a block, so that they hang together by faces, edges and vertices, or not at all."""
+    """Return some of the simplices of a block, joined by faces, edges or vertices, or not at all."""
     rng = np.random.default_rng(seed)
     mesh = (skfem.MeshTet if d == 3 else skfem.MeshTri).init_tensor(*[np.linspace(0, 1, {2: 6, 3: 4}[d])] * d)
     t = mesh.t[:, rng.random(mesh.t.shape[1]) < share]
@@ -152,7 +153,7 @@ def crumbs(d, seed, share, regular):
     offset=st.sampled_from([0.0, 1e5]),
 )
 @pytest.mark.parametrize("d", [2, slow(3)])
-def test_crumbs_have_as_many_motions_left_as_the_stiffness_has_zero_eigenvalues(d, seed, share, regular, held, offset):
+def test_random_simplices_have_as_many_motions_as_the_stiffness_has_zero_eigenvalues(d, seed, share, regular, held, offset):
     mesh, rng = crumbs(d, seed, share, regular)
     dofs = np.flatnonzero(rng.random(mesh.p.size) < held)
     with warnings.catch_warnings():
@@ -196,14 +197,14 @@ def test_each_loose_joint_of_a_chain_is_named():
     assert "has 3 mechanisms: 5 elements (0, 1, 2, 3, 4) can turn about 1 vertex" in middle and "(10, 11, 12, 13, 14)" not in middle
 
 
-def test_rigid_modes_and_mechanisms_are_said_together():
+def test_rigid_modes_and_mechanisms_are_reported_together():
     text = message(ONE_NODE, None)
     assert text.startswith("Not held: the body of 15 vertices has 6 rigid modes left, translation along x")
     assert "merge the vertices of their common faces. Besides, the body of 15 vertices has 3 mechanisms: 5 elements" in text
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_what_is_held_elsewhere_does_not_turn(name):
+def test_parts_with_their_own_supports_are_no_mechanism(name):
     mesh, *_ = BODIES[name]
     far = mesh.p[0].max()
     System(
@@ -211,7 +212,7 @@ def test_what_is_held_elsewhere_does_not_turn(name):
     ).check_held()
 
 
-def test_supports_of_one_node_lock_a_hinge_and_leave_a_ball_joint_its_spin():
+def test_supports_of_one_node_lock_a_hinge_but_not_the_spin_of_a_ball_joint():
     corner = {at(2, 2, 0): "xyz"}
     System(ONE_EDGE, MATERIAL, fixed={**WALL, **corner}).check_held()
     assert "has 1 mechanism: 5 elements (5, 6, 7, 8, 9) can turn about 1 vertex" in message(ONE_NODE, {**WALL, at(2, 2, 2): "xyz"})
@@ -224,9 +225,9 @@ def test_symmetric_supports_lock_a_hinge():
 
 
 def test_a_foundation_locks_a_hinge():
-    turned = lambda x: x[0] == 2  # noqa: E731
-    System(ONE_EDGE, [MATERIAL, ElasticFoundation(turned, (0, 1.0, 0))], fixed=WALL).check_held()
-    assert "1 mechanism" in message(ONE_EDGE, WALL, ElasticFoundation(turned, (0, 0, 1.0)))  # along the axis of the hinge
+    outer = lambda x: x[0] == 2  # noqa: E731
+    System(ONE_EDGE, [MATERIAL, ElasticFoundation(outer, (0, 1.0, 0))], fixed=WALL).check_held()
+    assert "1 mechanism" in message(ONE_EDGE, WALL, ElasticFoundation(outer, (0, 0, 1.0)))  # along the axis of the hinge
 
 
 TRIANGLES = put_together(
@@ -237,7 +238,7 @@ TRIANGLES = put_together(
 )
 
 
-def test_triangles_in_the_plane_turn_about_a_vertex():
+def test_triangles_in_the_plane_rotate_about_a_vertex():
     first, second = (int(np.flatnonzero(at(*point)(TRIANGLES.p))[0]) for point in ((1, 1), (2, 1.2)))
     assert message(TRIANGLES, LEFT) == (
         "Not held: the body of 8 vertices has 2 mechanisms: 1 element (2) can turn about "
@@ -246,11 +247,11 @@ def test_triangles_in_the_plane_turn_about_a_vertex():
         "hold them as well, join them by edges, "
         "or mesh anew."
     )
-    System(TRIANGLES, MATERIAL, fixed={**LEFT, at(3, 1): "xy"}).check_held()  # a linkage of two bars, held at both ends
+    System(TRIANGLES, MATERIAL, fixed={**LEFT, at(3, 1): "xy"}).check_held()  # a linkage of two bars, supported at both ends
 
 
 def ring(n):
-    """Triangles on the sides of a polygon, each joined to the next at a corner."""
+    """Return triangles on the sides of a polygon, each joined to the next at a corner."""
     angle = 2 * np.pi * np.arange(n) / n
     inner, outer = (
         np.stack([np.cos(angle), np.sin(angle)], axis=1),
@@ -266,18 +267,18 @@ def test_a_ring_of_three_is_rigid_and_others_are_linkages(n):
     assert zero_modes(System(mesh, MATERIAL)) == n
 
 
-def test_a_rigid_ring_that_turns_as_one_is_named_as_one():
+def test_a_rigid_ring_that_rotates_as_a_whole_is_one_mechanism():
     more = put_together((ring(3).p, ring(3).t), simplex((1, 0), (2, -1), (3, 1)), simplex((2, -1), (3, 1), (3, -1)))
     text = message(more, {lambda x: x[0] == 3: "xy"})
     assert "has 1 mechanism: 3 elements (0, 1, 2) can turn about 1 vertex (" in text and text.count("can turn") == 1
 
 
-def test_of_pieces_that_both_move_the_smaller_is_named():
+def test_the_smaller_of_two_moving_pieces_is_named():
     text = message(TWO_NODES, None)
     assert "1 element (5) can turn" in text and text.count("can turn") == 1
 
 
-def test_pages_on_one_edge_are_named_each():
+def test_each_piece_on_one_edge_is_named():
     pages = [simplex((0, 0, 0), (0, 0, 1), (np.cos(a), np.sin(a), 0), (np.cos(a + 0.2), np.sin(a + 0.2), 1)) for a in range(4)]
     text = message(put_together(*pages), {lambda x: x[0] > 0.9: "xyz"})
     for page in (1, 2, 3):
@@ -286,7 +287,7 @@ def test_pages_on_one_edge_are_named_each():
 
 
 def fan(n):
-    """Tetrahedra that share one vertex, far apart."""
+    """Return tetrahedra that share one vertex."""
     rng = np.random.default_rng(4)
     return put_together(*[simplex((0, 0, 0), *(rng.standard_normal((3, 3)) + 1)) for _ in range(n)])
 
@@ -297,8 +298,11 @@ def test_many_joints_are_counted():
     assert "has 117 mechanisms" in text and "has 3 rigid modes left" in text
 
 
-def test_ids_are_those_of_the_mesh_where_terms_take_a_part_of_it():
-    """Elements without a term hold nothing together: the wedge between two cubes at an edge."""
+def test_messages_have_the_ids_of_the_mesh_if_terms_act_on_a_part():
+    """Messages have the ids of the mesh if terms act on a part of it.
+
+    Elements without a term do not join others: the wedge between two cubes at an edge.
+    """
     wedge = simplex((1, 1, 0), (1, 1, 1), (2, 1, 0), (1, 0, 1)), simplex((1, 1, 0), (1, 1, 1), (2, 1, 1), (1, 0, 0))
     mesh = put_together(wedge[0], cube(0, 0, 0), cube(1, 1, 0))
     System(put_together(wedge[0], wedge[1], cube(0, 0, 0), cube(1, 1, 0)), MATERIAL, fixed=WALL).check_held()
@@ -328,7 +332,7 @@ def at_any(x, values):
     return np.isin(np.round(x, 9), values)
 
 
-def test_what_another_term_ties_together_counts_as_held():
+def test_parts_joined_by_another_term_are_no_mechanism():
     edges = System(ONE_EDGE, MATERIAL).bound_terms[0].nodes_paired
     held = (3 * np.flatnonzero(ONE_EDGE.p[0] == 0)[:, None] + np.arange(3)).ravel()
     solid, term = np.ones(ONE_EDGE.nt, dtype=bool), SimpleNamespace(nodes_paired=edges)
@@ -338,7 +342,7 @@ def test_what_another_term_ties_together_counts_as_held():
     check_held(ONE_EDGE, [term, SimpleNamespace(nodes_paired=np.array([[a], [b]]))], held, solid)
 
 
-def test_cables_trusses_and_membranes_in_space_are_left_to_their_tension():
+def test_cables_trusses_and_membranes_in_space_are_not_checked():
     chain = ElementMesh([[0, 1, 2.0, 3], [0, 1, 0, 0], [0, 0, 1, 0]], [[0, 1, 2], [1, 2, 3]])
     System(chain, StVK(young=1.0, poisson=0.3), fixed={(0, 2, 3): "xyz"}).check_held()
     sails = ElementMesh([[0, 0, 1, 2.0, 2], [0, 1, 0, 0, 1], [0, 0, 0, 0, 1]], [[0, 2], [1, 3], [2, 4]])
@@ -346,7 +350,7 @@ def test_cables_trusses_and_membranes_in_space_are_left_to_their_tension():
 
 
 def facet_pieces(mesh):
-    """Pieces the long way: by the graph of simplices and facets."""
+    """Return pieces by the graph of simplices and facets, as a slow reference."""
     t2f = facet_ids(mesh)
     nodes = mesh.nt + int(t2f.max()) + 1
     links = coo_matrix((np.ones(t2f.size), (np.tile(np.arange(mesh.nt), len(t2f)), mesh.nt + t2f.ravel())), shape=(nodes, nodes))
@@ -356,8 +360,8 @@ def facet_pieces(mesh):
 @settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), nt=st.integers(1, 40), nv=st.integers(4, 30))
 @pytest.mark.parametrize("d", [2, 3])
-def test_pieces_are_what_facets_connect(d, seed, nt, nv):
-    """In any heap of simplices, also where three share a facet."""
+def test_pieces_are_connected_by_facets(d, seed, nt, nv):
+    """Pieces are connected by facets, for random simplices and also where three share a facet."""
     rng = np.random.default_rng(seed)
     t = np.stack([rng.permutation(nv)[: d + 1] for _ in range(nt)], axis=1)
     mesh = ElementMesh(rng.random((d, nv)), t)
@@ -390,8 +394,9 @@ def test_free_motions_are_the_null_space_of_the_constraints(seed, bodies, blocks
 
 
 def welded(n):
-    """Pieces of two tetrahedra, each on three corners of the one before that are not a face; how many vertices are of the first
-    face.
+    """Return a chain of pieces of two tetrahedra.
+
+    Each piece is on three corners of the previous one that are not a face. The first piece contains the vertices 0, 1 and 2.
     """
     rng = np.random.default_rng(6)
     p, t, corners = [np.zeros(3), np.array([0.0, 1, 0]), np.array([0.0, 0, 1])], [], (0, 1, 2)
@@ -404,7 +409,7 @@ def welded(n):
     return ElementMesh(np.array(p).T, np.array(t).T)
 
 
-def test_long_chains_are_held_by_their_end():
+def test_long_chains_are_constrained_by_their_end():
     mesh = welded(300)
     assert pieces_of_simplices(mesh.t, mesh.nv).max() == 299
     assert motions_left(mesh, np.arange(9)) == (0, 0)
@@ -420,8 +425,11 @@ def checkerboard(n):
     return mesh.p, mesh.t[:, cell.sum(axis=0) % 2 == 0]
 
 
-def test_in_a_heap_of_pieces_too_many_to_count_what_is_found_is_loose():
-    """The core is taken to be at rest; a spike on one node and a flap on one edge at its outside are found all the same."""
+def test_with_too_many_pieces_to_count_reported_pieces_are_mechanisms():
+    """If there are too many pieces to count, reported pieces are mechanisms nevertheless.
+
+    The core is assumed to be at rest. A spike on one node and a flap on one edge at its outside are found.
+    """
     spike = simplex((10, 10, 9), (11, 10.5, 10), (10.5, 11, 10.2), (11, 11, 11))
     flap = simplex((10, 10, 0), (10, 9, 0), (11, 9, -0.5), (11, 10, -1))
     p, t = checkerboard(10)
@@ -435,7 +443,7 @@ def test_in_a_heap_of_pieces_too_many_to_count_what_is_found_is_loose():
     assert " rigid modes left" in message(heap, None) and "has 4 mechanisms: " in message(heap, None)
 
 
-def test_what_is_taken_to_be_at_rest_hides_motions_and_makes_none(monkeypatch):
+def test_pieces_assumed_at_rest_may_hide_mechanisms_but_add_none(monkeypatch):
     some = False
     for seed in range(20):
         mesh, rng = crumbs(2, seed, 0.4, regular=False)

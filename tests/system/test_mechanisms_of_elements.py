@@ -16,7 +16,7 @@ HEX, QUAD = ELEMENTS["hexahedra"], ELEMENTS["quadrilaterals"]
 
 
 def block(*corner):
-    """A unit square or cube at a corner."""
+    """Return a unit square or cube with its lowest corner at `corner`."""
     element = QUAD if len(corner) == 2 else HEX
     return element.nodes.T + np.array(corner, dtype=float)[:, None], np.arange(element.n)[:, None]
 
@@ -26,7 +26,7 @@ def boxes(*corners):
 
 
 def by_an_edge(amount):
-    """Two quadratic tetrahedra that share an edge, whose middle is off by an amount."""
+    """Return two quadratic tetrahedra that share an edge; its middle node is displaced by `amount`."""
     mesh = put_together(
         simplex((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)), simplex((0, 0, 0), (0, 0, 1), (-1, 0, 0.3), (0, -1, 0.2))
     ).with_degree(2)
@@ -81,7 +81,7 @@ def test_rigid_modes_and_mechanisms_are_the_zero_modes_of_K(name, held):
 
 
 @pytest.mark.parametrize("name", [name for name, mesh in CURVED.items() if scikit_fem_of(mesh) and mesh.k > 1])
-def test_whole_bodies_are_one_piece_and_can_be_held_at_middles_of_edges(name):
+def test_whole_bodies_are_one_piece_and_can_be_fixed_at_edge_nodes(name):
     mesh = CURVED[name]
     assert len(np.unique(pieces(mesh.t, mesh.nv, mesh.element))) == 1
     nodes = mesh.t[-3:, 0]

@@ -1,4 +1,4 @@
-"""Only what is needed is made, and `memory()` says how much that is."""
+"""Data are created only when needed, and `memory()` returns their bytes."""
 
 import gc
 import tracemalloc
@@ -22,11 +22,11 @@ MORE = {"own edges", "blocks of edges", "rows of K", "pattern of K", "product"}
 
 
 def unstructured(n=900):
-    """Tetrahedra between random points, without slivers."""
+    """Return tetrahedra between random points, without slivers."""
     p = np.random.default_rng(0).random((3, n))
     mesh = ElementMesh(p, Delaunay(p.T).simplices.T)
-    spokes = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
-    volume = np.abs(np.linalg.det(spokes.transpose(2, 0, 1)))
+    vectors = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
+    volume = np.abs(np.linalg.det(vectors.transpose(2, 0, 1)))
     t = mesh.t[:, volume > 1e-2 * volume.mean()]
     used, t = np.unique(t, return_inverse=True)
     return ElementMesh(p[:, used], t.reshape(4, -1))
@@ -41,7 +41,7 @@ def one_thread():
 
 
 def real_bytes(*roots):
-    """Of all arrays that can be reached from these objects; of a view, those of what it views."""
+    """Return the bytes of all arrays that can be reached from these objects. A view counts with its base array."""
     seen, found, todo = set(), {}, list(roots)
     while todo:
         item = todo.pop()
@@ -58,7 +58,7 @@ def real_bytes(*roots):
 
 
 def stages(body, u):
-    """Before each step its name."""
+    """Yield the name of the next step before each step."""
     yield "made"
     body.energy_and_force(u)
     yield "force"
@@ -71,21 +71,24 @@ def stages(body, u):
 @pytest.mark.filterwarnings("ignore:.*flatter than 1")
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("mesh", [MESH, unstructured()], ids=["box", "unstructured"])
-def test_memory_says_what_there_is(mesh, dtype):
+def test_memory_is_that_of_all_arrays(mesh, dtype):
     body = System(mesh, TERM, dtype=dtype)
     for stage in stages(body, state(mesh)):
-        said, real = sum(body.memory().values()), real_bytes(body)
-        assert 0.85 * real < said <= real, (stage, said / real)
+        reported, real = sum(body.memory().values()), real_bytes(body)
+        assert 0.85 * real < reported <= real, (stage, reported / real)
 
 
-def test_memory_says_what_there_is_of_general_stiffness():
+def test_memory_of_general_stiffness_is_that_of_all_arrays():
     body = System(MESH, StVK(Anisotropic(some_voigt(RNG), frame=random_frames(1, RNG)[0])))
-    said, real = sum(body.memory().values()), real_bytes(body)
-    assert 0.85 * real < said and real < 400 * MESH.nt
+    reported, real = sum(body.memory().values()), real_bytes(body)
+    assert 0.85 * real < reported and real < 400 * MESH.nt
 
 
 def test_memory_is_what_python_allocates(monkeypatch):
-    """On the twins: what numba allocates cannot be traced."""
+    """`memory()` returns the bytes that Python allocates.
+
+    The test uses the readable kernels, because allocations of numba cannot be traced.
+    """
     on_twins(monkeypatch)
     u = state(MESH)
     System(MESH, TERM).tangent(u)  # modules are imported, caches are full
@@ -99,8 +102,8 @@ def test_memory_is_what_python_allocates(monkeypatch):
         grown = tracemalloc.get_traced_memory()[0]
     finally:
         tracemalloc.stop()
-    said = sum(body.memory().values()) - body.memory()["mesh"]
-    assert 0.85 * grown < said < 1.05 * grown
+    reported = sum(body.memory().values()) - body.memory()["mesh"]
+    assert 0.85 * grown < reported < 1.05 * grown
 
 
 @pytest.mark.parametrize("call", ["energy", "internal_force", "energy_and_force"])
@@ -139,14 +142,14 @@ def test_bytes_of_a_tetrahedron(mesh):
 
 
 def test_memory_grows_with_the_mesh_and_no_faster():
-    said = []
+    reported = []
     for n in (6, 12):
         mesh = box(n)
         body = System(mesh, TERM)
         for _ in stages(body, state(mesh)):
             pass
-        said.append(sum(body.memory().values()) / mesh.nt)
-    assert 0.85 * said[0] < said[1] < 1.05 * said[0]
+        reported.append(sum(body.memory().values()) / mesh.nt)
+    assert 0.85 * reported[0] < reported[1] < 1.05 * reported[0]
 
 
 def test_memory_does_not_grow_with_use():
@@ -171,7 +174,7 @@ def test_the_parts_of_memory_are_bytes_of_their_arrays():
     assert memory["blocks of edges"] == 0 < memory["rows of K"]
     assert memory["pattern of K"] == real_bytes(body.pattern) > K.indices.nbytes + K.indptr.nbytes
     assert memory["shares of threads"] == memory["product"] == 0
-    body.jacobian(np.zeros(body.ndofs), 1.0, kept=TENSILE)  # which takes the signs of tensions of whole edges
+    body.jacobian(np.zeros(body.ndofs), 1.0, kept=TENSILE)  # the clamped tangent uses the signs of tensions of whole edges
     assert body.memory()["blocks of edges"] == 72 * mesh.edges.shape[1]
     body.product(np.zeros(body.ndofs), np.zeros(body.ndofs))
     assert body.memory()["product"] == 72 * mesh.edges.shape[1] + 8 * body.ndofs

@@ -1,4 +1,4 @@
-"""K v without K."""
+"""Products K v without the matrix K."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_every_column_is_that_of_K():
     assert np.abs(columns - columns.T).max() < 1e-14 * np.abs(K).max()
 
 
-def test_it_is_its_own_adjoint():
+def test_the_operator_is_its_own_adjoint():
     A = SOLID.linear_operator(state(SOLID.mesh))
     v = state(SOLID.mesh, seed=9)
     assert A.H is A and np.array_equal(A.rmatvec(v), A @ v)
@@ -43,7 +43,7 @@ def test_it_is_its_own_adjoint():
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_scipy_sees_shape_and_type(dtype):
+def test_the_operator_has_shape_and_type(dtype):
     A = System(SOLID.mesh, TERM, dtype=dtype).linear_operator(np.zeros(N))
     assert isinstance(A, scipy.sparse.linalg.LinearOperator) and isinstance(A, TangentOperator)
     assert A.shape == (N, N) and A.dtype == dtype
@@ -53,7 +53,7 @@ def test_scipy_sees_shape_and_type(dtype):
     assert ((2 * A + A) @ np.arange(N)).shape == (N,)
 
 
-def test_a_held_body_is_solved_by_conjugate_gradients():
+def test_a_constrained_body_is_solved_by_conjugate_gradients():
     held = SOLID.free_dofs(np.flatnonzero(np.repeat(SOLID.mesh.p[2] < 0.2, 3)))
     u = 0.1 * state(SOLID.mesh)
     A, f = SOLID.linear_operator(u), np.cos(np.arange(len(held.free)))
@@ -71,7 +71,7 @@ def test_a_product_is_never_stale():
         assert np.array_equal(SOLID.product(amount * u, v), fresh.product(amount * u, v)), amount
 
 
-def test_a_state_that_is_changed_in_place_is_another_state():
+def test_a_state_changed_in_place_is_another_state():
     u, v = state(SOLID.mesh), state(SOLID.mesh, seed=9)
     before = SOLID.product(u, v)
     u *= 2
@@ -122,7 +122,7 @@ def test_a_bad_state_is_refused(call):
         call(np.full(N, np.nan))
 
 
-def test_what_overflows_is_an_error_and_no_nan():
+def test_overflow_is_an_error_and_not_nan():
     u = state(SOLID.mesh)
     with pytest.raises(StateError, match="K overflows at displacements of up to"):
         SOLID.linear_operator(1e160 * u)
@@ -130,7 +130,7 @@ def test_what_overflows_is_an_error_and_no_nan():
         SOLID.product(1e160 * u, u)
     with pytest.raises(StateError, match="K v overflows"):
         SOLID.product(u, 1e308 * np.sign(u))
-    assert np.isfinite(SOLID.product(u, u)).all()  # and the next one is right again
+    assert np.isfinite(SOLID.product(u, u)).all()  # later products are right
     assert np.array_equal(SOLID.product(u, u), System(SOLID.mesh, TERM).product(u, u))
 
 
@@ -145,8 +145,11 @@ def test_a_vertex_without_a_term_gets_no_force():
     assert np.abs(product - K @ v).max() < 1e-13 * np.abs(product).max()
 
 
-def test_an_operator_whose_preparation_was_cut_off_says_so_and_a_product_is_never_stale(monkeypatch):
-    """Two terms; Ctrl-C between them."""
+def test_an_operator_with_an_interrupted_preparation_refuses_products(monkeypatch):
+    """An operator with an interrupted preparation refuses products, and the products of its body are never stale.
+
+    Ctrl-C interrupts between the two terms.
+    """
     mesh = MESHES["tetrahedra"]
     half = np.arange(mesh.nt // 2)
     body = System(mesh, [StVK(young=2.0, poisson=0.3, region=half), StVK(young=1.0, poisson=0.1, region=half + len(half))])
@@ -182,14 +185,14 @@ def test_a_complex_vector_is_two_products():
     assert np.array_equal(operator @ (v + 2j * v), operator @ v + 1j * (operator @ (2 * v)))
 
 
-def test_prepare_refuses_what_is_no_state():
+def test_prepare_refuses_invalid_states():
     mesh = MESHES["tetrahedra"]
     operator = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh))
     with pytest.raises(StateError, match="u has shape"):
         operator.prepare(np.zeros((3, 3)))
 
 
-def held_body(name="tetrahedra, two regions"):
+def constrained_body(name="tetrahedra, two regions"):
     mesh, terms = BODIES[name]
     body = System(mesh, terms)
     return body, body.free_dofs(np.flatnonzero(np.random.default_rng(0).random(body.ndofs) < 0.3))
@@ -208,8 +211,8 @@ def test_diagonal_blocks_are_those_of_K(name):
 
 
 @pytest.mark.parametrize("kept", [ALL, TENSILE])
-def test_over_the_free_degrees_of_freedom_it_is_K_without_rows_and_columns(kept):
-    body, held = held_body()
+def test_the_free_operator_is_K_without_constrained_rows_and_columns(kept):
+    body, held = constrained_body()
     u, v = -3 * state(body.mesh), state(body.mesh, seed=9)[held.free]
     operator = FreeOperator(body.linear_operator(u, kept=kept), held)
     K = held.matrix(body.jacobian(u, kept=kept))
@@ -222,8 +225,8 @@ def test_over_the_free_degrees_of_freedom_it_is_K_without_rows_and_columns(kept)
     assert np.array_equal(operator @ v, again)
 
 
-def test_it_follows_the_tangent_that_it_is_made_of():
-    body, held = held_body()
+def test_a_free_operator_follows_its_tangent():
+    body, held = constrained_body()
     u, v = state(body.mesh), state(body.mesh, seed=9)[held.free]
     tangent = body.linear_operator(u)
     operator = FreeOperator(tangent, held)
@@ -233,9 +236,12 @@ def test_it_follows_the_tangent_that_it_is_made_of():
     assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - before).max()
 
 
-def test_diagonal_blocks_of_what_is_held_are_the_identity():
-    """So that they can be inverted one by one, and the inverse restricted is that of the free block."""
-    body, held = held_body()
+def test_diagonal_blocks_of_constrained_degrees_of_freedom_are_the_identity():
+    """Diagonal blocks are the identity at constrained degrees of freedom.
+
+    Each block can be inverted, and the restricted inverse is that of the free block.
+    """
+    body, held = constrained_body()
     u = state(body.mesh)
     blocks = FreeOperator(body.linear_operator(u), held).diagonal_blocks()
     K = body.tangent(u).toarray()
@@ -248,8 +254,8 @@ def test_diagonal_blocks_of_what_is_held_are_the_identity():
     assert (blocks.reshape(body.ndofs, 3)[held.fixed].sum(axis=1) == 1).all()
 
 
-def test_a_held_body_is_solved_with_its_diagonal_blocks_as_preconditioner():
-    body, held = held_body()
+def test_a_constrained_body_is_solved_with_its_diagonal_blocks_as_preconditioner():
+    body, held = constrained_body()
     u, f = 0.1 * state(body.mesh), np.cos(np.arange(len(held.free)))
     operator = FreeOperator(body.linear_operator(u), held)
     inverse = np.linalg.inv(operator.diagonal_blocks())
@@ -263,7 +269,7 @@ def test_a_held_body_is_solved_with_its_diagonal_blocks_as_preconditioner():
 
 
 def test_products_of_a_free_operator_reuse_their_vectors():
-    body, held = held_body()
+    body, held = constrained_body()
     operator, v = FreeOperator(body.linear_operator(state(body.mesh)), held), np.ones(len(held.free))
     arrays = operator._all, operator._out
     operator @ v
@@ -271,8 +277,8 @@ def test_products_of_a_free_operator_reuse_their_vectors():
     assert not operator._all.ravel()[held.fixed].any()
 
 
-def test_a_free_operator_whose_tangent_is_not_prepared_says_so():
-    body, held = held_body()
+def test_a_free_operator_with_an_unprepared_tangent_is_refused():
+    body, held = constrained_body()
     tangent = body.linear_operator(state(body.mesh))
     operator = FreeOperator(tangent, held)
     with pytest.raises(StateError, match="K overflows"):
@@ -282,7 +288,7 @@ def test_a_free_operator_whose_tangent_is_not_prepared_says_so():
             call()
 
 
-def test_a_clamped_operator_is_never_taken_for_the_tangent():
+def test_a_clamped_operator_is_not_mistaken_for_the_tangent():
     u = state(SOLID.mesh).reshape(-1, 3)
     operator = SOLID.linear_operator(u.ravel(), kept=TENSILE)
     assert not operator.is_at(u)
@@ -291,7 +297,7 @@ def test_a_clamped_operator_is_never_taken_for_the_tangent():
 
 
 class Anchors:
-    """A term that is no assembly: springs `c` from some vertices to where they are at rest."""
+    """Term that is not an assembly: springs `c` from some vertices to their rest positions."""
 
     symmetric, balanced, has_energy = True, False, True
     nodes_paired = np.empty((2, 0), dtype=np.int32)
@@ -308,7 +314,7 @@ class Anchors:
         blocks.own += np.multiply.outer(self.c, np.eye(u.shape[1]))
 
 
-def test_terms_that_are_no_assemblies_will_do():
+def test_terms_that_are_not_assemblies_have_operators():
     mesh = SOLID.mesh
     u, v, c = state(mesh), state(mesh, seed=9), np.arange(mesh.nv) % 5.0
     operator = TangentOperator(
@@ -332,7 +338,7 @@ def test_a_preparation_gives_energy_and_force_of_the_same_pass(kept):
 
 
 def test_sums_of_operators_are_those_of_their_matrices():
-    """With a term that has constant blocks."""
+    """Sums of operators equal the sums of their matrices, with a term that has constant blocks."""
     mesh = SOLID.mesh
     body = System(mesh, [TERM, ElasticFoundation(lambda x: x[0] > -9, (3.0, 2.0, 1.0))])
     u, v = state(mesh), state(mesh, seed=9)
@@ -360,8 +366,8 @@ def test_operators_of_other_terms_or_unprepared_are_not_added():
     assert operator.is_at(u.reshape(-1, 3))
 
 
-def test_a_shift_that_is_written_to_counts_from_the_next_product_on():
-    body, held = held_body()
+def test_a_changed_shift_takes_effect_in_the_next_product():
+    body, held = constrained_body()
     u, v, shift = state(body.mesh), state(body.mesh, seed=9)[held.free], np.zeros(len(held.free))
     operator = FreeOperator(body.linear_operator(u), held, shift)
     before, diagonal = operator @ v, operator.diagonal_blocks().copy()
@@ -371,7 +377,7 @@ def test_a_shift_that_is_written_to_counts_from_the_next_product_on():
     assert np.abs(added[held.free] - shift).max() < 1e-13 * np.abs(diagonal).max() and not added[held.fixed].any()
 
 
-def test_by_edges_it_is_the_same_matrix():
+def test_the_blocks_by_edges_are_the_same_matrix():
     body, held = System(SOLID.mesh, TERM), SOLID.free_dofs(np.arange(7))
     u, shift = state(SOLID.mesh), np.linspace(1, 2, SOLID.ndofs - 7)
     operator = FreeOperator(body.linear_operator(u), held, shift)
@@ -390,5 +396,5 @@ def test_by_edges_it_is_the_same_matrix():
 
 
 def test_several_terms_have_no_common_edges():
-    body, held = held_body()
+    body, held = constrained_body()
     assert len(body.terms) > 1 and FreeOperator(body.linear_operator(state(body.mesh)), held).by_edges() is None

@@ -1,4 +1,4 @@
-"""K, F and u are scikit-fem's: they go into its own functions as they are."""
+"""K, F and u have scikit-fem's format, so that its functions accept them unchanged."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_newton_with_condense_and_solve_reaches_equilibrium():
     assert u[BASIS.nodal_dofs[2]].min() < -0.01
 
 
-def test_condense_takes_K_for_eigenproblems():
+def test_condense_accepts_K_for_eigenproblems():
     M = skfem.BilinearForm(lambda u, v, w: u[0] * v[0] + u[1] * v[1] + u[2] * v[2]).assemble(BASIS)
     K, M, *_ = skfem.condense(BODY.tangent(np.zeros(BASIS.N)), M, D=BASIS.get_dofs("wall"))
     values = scipy.sparse.linalg.eigsh(K, k=3, M=M, sigma=0.0, return_eigenvectors=False)
@@ -43,5 +43,5 @@ def test_dofs_are_scikit_fems():
     x, y, z = MESH.p
     assert values.reshape(-1, 3) == pytest.approx(
         np.stack([x * y, -z, 2 * x], axis=1), abs=0.2
-    )  # the right order, not the projection
+    )  # tests the order of the values, not the accuracy of the projection
     assert np.array_equal(BASIS.nodal_dofs, np.arange(BASIS.N).reshape(-1, 3).T)

@@ -1,4 +1,4 @@
-"""Rigid modes: what supports leave is counted as K counts it, and named."""
+"""Rigid modes that supports leave free: their number is that of the zero modes of K, and they are named."""
 
 from types import SimpleNamespace
 
@@ -22,10 +22,10 @@ SQUARE = ElementMesh.of(skfem.MeshTri().refined(2))
 
 def left(mesh, supports=(), move=lambda p: p):
     held = Supports(mesh, list(supports)).held
-    return said(move(mesh.p), [edge_topology(mesh.t)[0]], held)
+    return descriptions(move(mesh.p), [edge_topology(mesh.t)[0]], held)
 
 
-def said(p, edges, held):
+def descriptions(p, edges, held):
     return [str(each) for each in rigid_modes_left(p, parts_of(edges, p.shape[1]), held)]
 
 
@@ -47,13 +47,13 @@ def test_rigid_modes_cost_nothing_at_rest(name):
 @settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), count=st.integers(0, 8), offset=st.sampled_from([0.0, 1e6]))
 @pytest.mark.parametrize("mesh", [box(1), sheet(2)], ids=["box", "sheet"])
-def test_as_many_rigid_modes_are_left_as_the_stiffness_has_zero_eigenvalues(mesh, seed, count, offset):
+def test_the_number_of_rigid_modes_is_that_of_zero_eigenvalues_of_the_stiffness(mesh, seed, count, offset):
     held = np.random.default_rng(seed).permutation(mesh.p.size)[:count]
     K = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(mesh.p.size)).toarray()
     free = np.setdiff1d(np.arange(mesh.p.size), held)
     values = np.linalg.eigvalsh(K[np.ix_(free, free)])
     zeros = (values < 1e-9 * values[-1]).sum()
-    text = "".join(said(mesh.p + offset, [edge_topology(mesh.t)[0]], held))
+    text = "".join(descriptions(mesh.p + offset, [edge_topology(mesh.t)[0]], held))
     counted = int(text.split(" has ")[1].split()[0]) if text else 0
     assert counted == zeros == text.count("translation") + text.count("rotation") + text.count("screw")
 
@@ -73,7 +73,7 @@ TRANSLATIONS, ROTATIONS = [f"translation along {a}" for a in "xyz"], [f"rotation
         ([(lambda p: (p[:2] == 0).all(axis=0), "xy")], ["translation along z", "rotation about the line along z through {O}"]),
     ],
 )
-def test_the_modes_that_are_left_are_named(supports, modes, offset):
+def test_the_remaining_rigid_modes_are_named(supports, modes, offset):
     where = [(at(CUBE, condition), letters) for condition, letters in supports]
     (text,) = left(CUBE, where, lambda p: p + offset)
     count, _, names = text.removeprefix(THE_CUBE).partition(" left, ")
@@ -84,24 +84,24 @@ def test_the_modes_that_are_left_are_named(supports, modes, offset):
 
 @pytest.mark.parametrize("offset", [0.0, 1e5, -1e8])
 @pytest.mark.parametrize("supports", [[(0, "xyz")], [(0, "x"), (1, "y"), (2, "z")]])
-def test_nothing_is_left_of_a_body_that_is_held(supports, offset):
+def test_a_constrained_body_has_no_rigid_modes(supports, offset):
     where = [(at(CUBE, lambda p, axis=axis: p[axis] == 0), letters) for axis, letters in supports]
     assert left(CUBE, where, lambda p: p + offset) == [] and left(CUBE, where[:-1], lambda p: p + offset) != []
 
 
-def test_directions_that_are_no_axes_are_given_by_components():
-    turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
-    mesh = ElementMesh(turn @ CUBE.p, CUBE.t)
+def test_directions_off_the_axes_are_given_by_components():
+    rotation = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+    mesh = ElementMesh(rotation @ CUBE.p, CUBE.t)
     line = np.flatnonzero((CUBE.p[1] == 0) & (CUBE.p[2] == 0))
     assert left(mesh, [(line, "xyz")]) == [
         f"{THE_CUBE}1 rigid mode left, rotation about the line along (0.8, 0.6, 0) through (0.4, 0.3, 0)"
     ]
 
 
-def test_what_five_components_in_general_position_leave_is_a_screw_motion():
+def test_five_components_in_general_position_leave_a_screw_motion():
     mesh = box(1)
     held = np.array([0, 4, 8, 12, 16])
-    (text,) = said(mesh.p, [edge_topology(mesh.t)[0]], held)
+    (text,) = descriptions(mesh.p, [edge_topology(mesh.t)[0]], held)
     assert "1 rigid mode left, screw motion along (" in text
     axis, pitch = text.partition("along ")[2].split("), ")
     e, pitch = np.array([float(c) for c in axis.strip("(").split(", ")]), float(pitch.removesuffix(" a turn"))
@@ -114,7 +114,7 @@ def test_what_five_components_in_general_position_leave_is_a_screw_motion():
     assert pitch == pytest.approx(2 * np.pi * (v @ w) / (w @ w), rel=1e-3)
 
 
-def test_the_plane_has_three_modes_and_turns_about_a_pin():
+def test_a_plane_body_has_three_modes_and_rotates_about_a_pin():
     assert left(SQUARE) == [
         f"the body of {SQUARE.nv} vertices has 3 rigid modes left, translation along x, translation along y, rotation in the plane"
     ]
@@ -126,7 +126,7 @@ def test_the_plane_has_three_modes_and_turns_about_a_pin():
     assert left(SQUARE, [(roller, "y"), (pin, "x")]) == []
 
 
-def test_a_straight_cable_does_not_turn_about_itself():
+def test_a_straight_cable_has_no_rotation_about_its_axis():
     mesh = ElementMesh([[0, 1, 2.0], [0, 2, 4.0], [0, 0, 0]], [[0, 1], [1, 2]])
     assert "5 rigid modes left" in left(mesh)[0]
     assert "2 rigid modes left" in left(mesh, [((0,), "xyz")])[0]
@@ -139,17 +139,17 @@ def test_a_bar_on_a_line_slides():
     assert left(mesh, [((2,), "x")]) == []
 
 
-def test_each_part_needs_supports_of_its_own():
+def test_each_part_needs_its_own_supports():
     n = CUBE.nv
     two = ElementMesh(np.concatenate([CUBE.p, CUBE.p + 3], axis=1), np.concatenate([CUBE.t, CUBE.t + n], axis=1))
     held = at(two, lambda p: p[0] == 0)
     (text,) = left(two, [(held, "xyz")])
     assert text.startswith(f"the part of {n} vertices ({n}, {n + 1}, {n + 2}, {n + 3}, {n + 4}, ...) has 6 rigid modes left")
     bridge = np.array([[0], [n]])
-    assert said(two.p, [edge_topology(two.t)[0], bridge], Supports(two, [(held, "xyz")]).held) == []
+    assert descriptions(two.p, [edge_topology(two.t)[0], bridge], Supports(two, [(held, "xyz")]).held) == []
 
 
-def test_a_body_that_is_not_held_is_refused_and_a_foundation_holds_it():
+def test_a_body_without_supports_is_refused_unless_it_has_a_foundation():
     edges, solid = edge_topology(CUBE.t)[0], np.ones(CUBE.nt, dtype=bool)
     floor = at(CUBE, lambda p: p[2] == 0)
     term, held = SimpleNamespace(nodes_paired=edges), np.array([0])
@@ -170,7 +170,7 @@ def test_many_parts_are_counted():
     assert str(error.value).count("the part of") == 5
 
 
-def test_supports_on_a_small_patch_hold_a_large_body():
+def test_supports_on_a_small_patch_constrain_a_large_body():
     mesh = ElementMesh(CUBE.p * np.array([[1e4], [1], [1]]), CUBE.t)
     patch = np.flatnonzero(np.linalg.norm(CUBE.p, axis=0) <= 0.5)
     assert left(mesh, [(patch, "xyz")]) == []

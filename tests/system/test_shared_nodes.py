@@ -1,4 +1,4 @@
-"""Membranes and cables on the nodes of tetrahedra: each term brings its own elements."""
+"""Membranes and cables on the nodes of tetrahedra: each term has its own elements."""
 
 import re
 import warnings
@@ -57,7 +57,7 @@ def displaced(ndofs=3 * POINTS.shape[1], size=0.2):
 
 
 def alone(t, law, *more):
-    """A term on a mesh of its own, and the nodes of it."""
+    """Return a body of one term on a separate mesh, and its nodes."""
     nodes, t = np.unique(t, return_inverse=True)
     return System((POINTS[:, nodes], t.reshape(-1, LAWS_ROWS[len(nodes), t.size])), [StVK(**law), *more]), nodes
 
@@ -66,7 +66,7 @@ LAWS_ROWS = {(len(np.unique(t)), t.size): t.shape[1] for t, _ in LAWS.values()}
 
 
 def sums_of_all(of):
-    """What `of` (System, nodes, displacements there) gives, added up over the terms on meshes of their own."""
+    """Return the sum of the results of `of` (System, displacements) over the terms on separate meshes."""
     u, total = displaced().reshape(-1, 3), np.zeros((POINTS.shape[1], 3))
     for t, law in LAWS.values():
         body, nodes = alone(t, law)
@@ -90,11 +90,11 @@ def test_W_F_and_K_are_the_sums_of_the_parts():
 
 
 def nodes_of(body):
-    """Nodes of the points that a part alone has, by its coordinates."""
+    """Return the indices of the nodes of a separate mesh among the points, by coordinates."""
     return [int(np.flatnonzero((x == POINTS.T).all(axis=1))[0]) for x in body.mesh.p.T]
 
 
-def test_W_F_and_K_are_the_sums_of_scikit_fems():
+def test_W_F_and_K_are_the_sums_of_those_by_scikit_fem():
     body, u, W, K = bag(), displaced(), 0.0, np.zeros((3 * POINTS.shape[1],) * 2)
     F = np.zeros(len(K))
     for t, law in LAWS.values():
@@ -126,11 +126,11 @@ def test_forces_and_torques_balance_and_rigid_motions_cost_nothing():
     assert np.abs(F.sum(axis=0)).max() < 1e-12 * np.abs(F).sum()
     assert np.abs(np.cross(x, F).sum(axis=0)).max() < 1e-12 * np.abs(np.cross(x, F)).sum()
     R = np.linalg.qr(np.random.default_rng(7).standard_normal((3, 3)))[0]
-    turned = (POINTS.T @ R.T + [3.0, -2.0, 1.0] - POINTS.T).ravel()
-    assert body.energy(turned) < 1e-12 * body.energy(u)
+    rotated = (POINTS.T @ R.T + [3.0, -2.0, 1.0] - POINTS.T).ravel()
+    assert body.energy(rotated) < 1e-12 * body.energy(u)
 
 
-def test_masses_weights_and_forces_on_the_volume_are_of_all_elements():
+def test_masses_weights_and_body_forces_include_all_elements():
     body = bag(Gravity(g=(0.3, -2.0, 0.7)), BodyForce(lambda x, t: (x[0], t, 0 * x[1])))
     total = sum(alone(t, law)[0].mass().total for t, law in LAWS.values())
     assert body.mass().total == pytest.approx(total, rel=1e-14)
@@ -148,8 +148,11 @@ def test_masses_weights_and_forces_on_the_volume_are_of_all_elements():
     assert np.abs(body.external_force(u, 0.6) - expected).max() < 1e-14 * np.abs(expected).max()
 
 
-def test_pressure_acts_on_simplices_of_its_own():
-    """A closed skin that tetrahedra do not fill: the force is that on the membrane alone, and it balances."""
+def test_pressure_acts_on_its_own_simplices():
+    """Pressure acts on its own simplices.
+
+    On a closed skin with further nodes outside, the force is that on the membrane alone, and it balances.
+    """
     p, u = 3.0, displaced(size=0.05)
     body = bag(Pressure(None, p, simplices=SKIN))
     skin, nodes = alone(*LAWS["membrane"], Pressure(None, p))
@@ -165,8 +168,8 @@ def test_pressure_acts_on_simplices_of_its_own():
 
 
 @pytest.mark.parametrize("kind", ["linear", "quadratic", "boxes"])
-def test_the_name_of_a_boundary_is_a_skin(kind):
-    """Membranes on the facets of a solid, of whatever kind: W as on a mesh of these facets alone."""
+def test_simplices_may_be_named_by_a_boundary(kind):
+    """Membranes on the named facets of any solid have the W of a mesh of these facets alone."""
     mesh = {"linear": SOLID, "quadratic": SOLID.with_degree(2)}.get(kind)
     if mesh is None:
         cube = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3)
@@ -181,7 +184,7 @@ def test_the_name_of_a_boundary_is_a_skin(kind):
     if kind == "quadratic":
         alone = other.mesh
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the nodes within
+            warnings.simplefilter("ignore")  # of nodes without elements
             whole = StVK(young=2e3, poisson=0.3, thickness=0.1).bind(alone)
         W = whole.energy_and_force(u.reshape(-1, 3))
     else:
@@ -209,7 +212,7 @@ def test_simplices_of_one_dimension_are_regions_of_one_mesh():
     assert body.energy(u) == pytest.approx(System(SOLID, StVK(young=E, poisson=nu)).energy(u), rel=1e-13)
 
 
-def test_what_is_not_named_costs_nothing():
+def test_bodies_without_additional_elements_cost_the_same():
     plain, same = System(SOLID, StVK(young=1.0, poisson=0.3)), System(SOLID.p, StVK(young=1.0, poisson=0.3, simplices=SOLID.t))
     assert plain.body.beside == same.body.beside == ()
     u = displaced(SOLID.p.size)
@@ -219,7 +222,7 @@ def test_what_is_not_named_costs_nothing():
     assert (plain.internal_force(u) == same.internal_force(u)).all()
 
 
-def test_a_hanging_bag_is_in_equilibrium_and_its_supports_carry_it(tmp_path):
+def test_a_hanging_bag_is_in_equilibrium_with_its_reactions(tmp_path):
     body = bag(Gravity(g=(0, 0, -0.02)), fixed={**CORNERS, lambda x: x[2] < 0.1: "xyz"})
     result = solve_static(body, quiet=True, save=tmp_path / "bag.pvd", checkpoint=tmp_path / "states")
     assert result.success
@@ -230,7 +233,7 @@ def test_a_hanging_bag_is_in_equilibrium_and_its_supports_carry_it(tmp_path):
     assert (u == result.u).all()
 
 
-def test_in_motion_energy_is_conserved_and_steps_know_the_cables(tmp_path):
+def test_motions_conserve_energy_and_the_critical_step_includes_cables(tmp_path):
     body = bag(Gravity(g=(0, 0, -9.81)), fixed={lambda x: x[2] < 0.1: "xyz"})
     run = simulate(body, EnergyMomentum(dt=1e-3), until=0.02, quiet=True, save=tmp_path / "run.pvd", every=10)
     kinetic = run.ledger["kinetic_energy"]
@@ -241,7 +244,7 @@ def test_in_motion_energy_is_conserved_and_steps_know_the_cables(tmp_path):
     assert (np.diff(modes(body, 4).frequencies) >= 0).all()
 
 
-def test_elements_of_the_mesh_can_be_taken_out_and_those_beside_stay():
+def test_elements_of_the_mesh_can_be_removed_and_additional_elements_stay():
     body, u = bag(), displaced()
     other = System(POINTS, [StVK(simplices=t[:, 3:] if t is SOLID.t else t, **law) for t, law in LAWS.values()])
     whole, body = body, body.without([0, 1, 2])
@@ -252,7 +255,7 @@ def test_elements_of_the_mesh_can_be_taken_out_and_those_beside_stay():
     assert not whole.removed.size and whole.energy(u) == bag().energy(u)
 
 
-def test_files_hold_all_elements_with_their_stresses(tmp_path):
+def test_files_contain_all_elements_with_their_stresses(tmp_path):
     body, u = bag(), displaced(size=0.02)
     state = Fields.of(body).at(u)
     file = meshio.read(write_vtu(tmp_path / "bag.vtu", state))
@@ -266,18 +269,18 @@ def test_files_hold_all_elements_with_their_stresses(tmp_path):
     expected = Fields.of(skin).at(u.reshape(-1, 3)[nodes].ravel())["von_mises_stress"]
     assert np.allclose(file.cell_data["von_mises_stress"][1], expected, rtol=1e-12)
     assert np.allclose(state.beside[0]["von_mises_stress"], expected, rtol=1e-12)
-    at_corner = file.point_data["von_mises_stress"][N + 2]  # of one cable alone
+    at_corner = file.point_data["von_mises_stress"][N + 2]  # a corner with one cable only
     assert at_corner == pytest.approx(float(state.beside[1]["von_mises_stress"][2]))
 
 
-def test_a_checkpoint_knows_the_elements_beside():
+def test_a_checkpoint_includes_the_additional_elements():
     fingerprint = [Fingerprint("path of equilibria", one, {}, [1.0], {}) for one in (bag(), exchanged())]
     assert "the elements beside the mesh" in fingerprint[1].differences(fingerprint[0].signature)
     assert not fingerprint[0].differences(fingerprint[0].signature)
 
 
 def exchanged():
-    """The same bag with two cables exchanged for each other's places."""
+    """Return the same bag with two cables exchanged."""
     t, law = LAWS["cables"]
     terms = [StVK(simplices=t, **law) for t, law in list(LAWS.values())[:2]]
     return System(POINTS, [*terms, StVK(simplices=t[:, [1, 0, 2, 3]], **law)])
@@ -311,19 +314,19 @@ LAW = {"young": 1.0, "poisson": 0.3}
     ],
     ids=str,
 )
-def test_what_does_not_fit_is_refused_in_words(mesh, terms, error, message):
+def test_simplices_that_do_not_fit_are_refused_in_words(mesh, terms, error, message):
     with pytest.raises(error, match=re.escape(message)):
         System(mesh, terms)
 
 
-def test_a_region_and_simplices_are_not_given_both():
+def test_a_region_together_with_simplices_is_refused():
     with pytest.raises(MaterialError, match="expected one of them"):
         StVK(region=[0], simplices=SKIN, **LAW)
     with pytest.raises(MaterialError, match="A System connects"):
         StVK(simplices=SKIN, **LAW).bind(SOLID)
 
 
-def test_degree_2_with_bare_points_says_what_to_do():
+def test_degree_2_with_bare_points_is_refused_with_a_remedy():
     with pytest.raises(MeshError, match="Raise the degree of a mesh"):
         System(POINTS, [StVK(simplices=SOLID.t, **LAW)], degree=2)
 

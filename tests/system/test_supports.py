@@ -1,4 +1,4 @@
-"""Supports: which degrees of freedom are held, where they are, and what is refused."""
+"""Supports: constrained degrees of freedom, their values, and refused arguments."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ NAMED = ElementMesh(MESH.p, MESH.t, node_sets={"wall": WALL, "tip": TIP})
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_each_component_is_held_where_it_is_said(name):
+def test_components_are_constrained_at_their_locations(name):
     mesh = MESHES[name]
     ids = np.flatnonzero(mesh.p[0] < 0.3)
     for letters in {1: ("x",), 2: ("x", "y", "yx"), 3: ("x", "y", "yx", "zx", "xyz")}[mesh.d]:
@@ -27,7 +27,7 @@ def test_each_component_is_held_where_it_is_said(name):
 
 
 @given(t=st.floats(1e-100, 1))
-def test_prescribed_displacements_are_what_is_given_and_constants_ramp(t):
+def test_prescribed_displacements_have_the_given_values_and_constants_ramp(t):
     values = np.linspace(1, 2, len(TIP))
     supports = Supports(
         NAMED,
@@ -44,31 +44,31 @@ def test_prescribed_displacements_are_what_is_given_and_constants_ramp(t):
 
 @given(t=st.floats(0, 1))
 def test_one_function_may_give_all_components(t):
-    turn = lambda x, t: np.stack([-t * x[1], t * x[0], 0 * x[2]])  # noqa: E731
-    supports = Supports(NAMED, None, {"tip": turn})
+    rotate = lambda x, t: np.stack([-t * x[1], t * x[0], 0 * x[2]])  # noqa: E731
+    supports = Supports(NAMED, None, {"tip": rotate})
     u = np.zeros((MESH.nv, 3))
     u.ravel()[supports.held] = supports.values(t)
-    assert u[TIP] == pytest.approx(turn(MESH.p[:, TIP], t).T)
+    assert u[TIP] == pytest.approx(rotate(MESH.p[:, TIP], t).T)
     assert np.array_equal(supports.prescribed, (3 * TIP[:, None] + np.arange(3)).ravel())
 
 
-def test_a_function_of_time_moves_all_vertices_alike():
+def test_a_function_of_time_moves_all_vertices_equally():
     supports = Supports(NAMED, None, {"tip": {"z": lambda t: np.sin(3 * t)}})
     assert supports.values(0.4) == pytest.approx(np.full(len(TIP), np.sin(1.2)))
 
 
-def test_pairs_take_places_that_cannot_be_keys():
+def test_pairs_accept_locations_that_cannot_be_keys():
     supports = Supports(MESH, [(WALL, "xyz"), (MESH.p[0] < 0.2, "x")], [(TIP, {"x": 0.1})])
     assert np.array_equal(supports.held, Supports(NAMED, {"wall": "xyz"}, {"tip": {"x": 0.1}}).held)
 
 
-def test_places_that_overlap_may_say_the_same():
+def test_overlapping_locations_may_agree():
     some = TIP[:3]
     supports = Supports(MESH, [(WALL, "x"), (WALL[:2], "xy")], [(TIP, {"x": 0.1}), (some, {"x": lambda t: 0.1 * t})])
     assert len(supports.prescribed) == len(TIP) and supports.values(0.5)[-1] == pytest.approx(0.05)
 
 
-def test_nothing_need_be_held():
+def test_supports_may_be_empty():
     supports = Supports(MESH)
     assert supports.held.size == supports.fixed.size == supports.values(1.0).size == 0
 
@@ -132,7 +132,7 @@ def test_nothing_need_be_held():
         ),
     ],
 )
-def test_supports_that_contradict_themselves_are_refused(fixed, prescribed, error, message):
+def test_contradictory_supports_are_refused(fixed, prescribed, error, message):
     with pytest.raises(error, match=message):
         Supports(NAMED, fixed, prescribed)
 
@@ -142,7 +142,7 @@ def test_a_component_that_the_mesh_does_not_have_is_refused():
         Supports(sheet(), {(0,): "z"})
 
 
-def test_functions_that_part_later_are_refused_then():
+def test_functions_that_differ_at_a_later_time_are_refused_at_that_time():
     same = [((1, 2), {"x": lambda t: t}), ((2,), {"x": lambda t: t if t != 0.7 else 0.0})]
     supports = Supports(MESH, None, same)
     supports.values(0.6)

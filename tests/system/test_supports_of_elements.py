@@ -1,4 +1,7 @@
-"""Supports and places on quadratic elements, hexahedra and quadrilaterals: all nodes, and scikit-fem's own degrees of freedom."""
+"""Supports and locations on quadratic elements, hexahedra and quadrilaterals include all nodes.
+
+Degrees of freedom equal scikit-fem's.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ LINE = skfem.Basis(skfem.MeshLine().refined(2), skfem.ElementVector(skfem.Elemen
 
 
 def straight(name):
-    """A scikit-fem basis with named places, on the mesh of elements whose facets lie in planes."""
+    """Return a scikit-fem basis with named boundaries, on a mesh of elements with plane facets."""
     known = {
         "quadratic tetrahedra": (skfem.MeshTet, skfem.ElementTetP2),
         "quadratic triangles": (skfem.MeshTri, skfem.ElementTriP2),
@@ -82,7 +85,7 @@ def test_degrees_of_freedom_of_linear_vectors_are_refused_on_quadratic_elements_
         Supports(ours(basis), finer)
 
 
-def test_prescribed_values_follow_the_nodes_of_a_place_middles_of_edges_included():
+def test_prescribed_values_follow_the_nodes_of_a_location_including_edge_nodes():
     basis = straight("quadratic tetrahedra")
     mesh, tip = ours(basis), basis.get_dofs("tip")
     move = lambda x, t: (t * x[1], 0 * x[1], t * x[2] ** 2)  # noqa: E731

@@ -41,7 +41,7 @@ def test_W_F_and_K_are_scikit_fems(name):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_tangent_is_the_hessian_of_the_energy(name):
-    """By the five-point stencil, which is exact for a quartic."""
+    """The tangent is the Hessian of the energy, by the five-point stencil, which is exact for a quartic."""
     mesh, terms = BODIES[name]
     body, u, v = System(mesh, terms), state(mesh), state(mesh, seed=9)
     weights = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
@@ -91,8 +91,8 @@ def test_energy_scales_with_young_and_with_the_size(name):
     )
 
 
-def test_far_from_the_origin_the_answer_is_the_same():
-    """The mesh is first put on a grid that the offset does not round."""
+def test_forces_are_the_same_far_from_the_origin():
+    """Forces are bitwise the same far from the origin, on a mesh whose coordinates the offset does not round."""
     mesh, u = MESHES["tetrahedra"], state(MESHES["tetrahedra"], 1e-9)
     p = np.round(mesh.p * 2**20) / 2**20
     here, there = System((p, mesh.t), TERM), System((p + 2.0**20, mesh.t), TERM)
@@ -120,7 +120,7 @@ def test_two_tangents_never_differ_in_pattern():
     assert np.array_equal(SOLID.pattern.indices, rest.indices) and SOLID.pattern.shape == rest.shape
 
 
-def test_the_tangent_is_symmetric_and_singular_only_by_rigid_motions():
+def test_the_tangent_is_symmetric_with_only_rigid_zero_modes():
     K = SOLID.tangent(np.zeros(SOLID.ndofs)).toarray()
     assert np.abs(K - K.T).max() < 1e-15 * np.abs(K).max()
     values = np.linalg.eigvalsh(K)
@@ -130,7 +130,7 @@ def test_the_tangent_is_symmetric_and_singular_only_by_rigid_motions():
     assert (np.sort(values)[:3] < 1e-13 * values.max()).all() and np.sort(values)[3] > 1e-8 * values.max()
 
 
-def test_out_is_filled_anew_in_place():
+def test_out_is_overwritten_in_place():
     u = state(SOLID.mesh)
     K = SOLID.tangent(0 * u)
     data = K.data
@@ -150,7 +150,7 @@ def moved_row(K):
 
 
 @pytest.mark.parametrize(
-    "spoil",
+    "damage",
     [
         lambda K: K[:, :-1],
         moved_column,
@@ -162,10 +162,10 @@ def moved_row(K):
         lambda K: type(K)((K.data[:0], K.indices[:0], 0 * K.indptr), shape=K.shape),
     ],
 )
-def test_out_of_another_pattern_or_type_is_refused(spoil):
+def test_out_of_another_pattern_or_type_is_refused(damage):
     K = SOLID.tangent(np.zeros(SOLID.ndofs))
     with pytest.raises(StvkError, match="does not have the pattern and type of this system's K"):
-        SOLID.tangent(np.zeros(SOLID.ndofs), out=spoil(K))
+        SOLID.tangent(np.zeros(SOLID.ndofs), out=damage(K))
 
 
 def shortened(K):
@@ -181,17 +181,17 @@ def other_rows(K):
     K.indptr[1:-1] -= 1
 
 
-@pytest.mark.parametrize("spoil", [shortened, locked, other_rows])
-def test_out_that_was_spoiled_after_it_was_known_is_refused(spoil):
-    """The first would write out of bounds."""
+@pytest.mark.parametrize("damage", [shortened, locked, other_rows])
+def test_out_that_was_changed_after_its_first_use_is_refused(damage):
+    """A matrix that was changed after its first use as `out` is refused; the first change would write out of bounds."""
     u = state(SOLID.mesh)
     K = SOLID.tangent(u, out=SOLID.tangent(u))
-    spoil(K)
+    damage(K)
     with pytest.raises(StvkError, match="does not have the pattern and type of this system's K"):
         SOLID.tangent(u, out=K)
 
 
-def test_spoiling_a_tangent_does_not_spoil_the_system():
+def test_changes_of_a_tangent_do_not_affect_the_system():
     u = state(SOLID.mesh)
     before = SOLID.tangent(u)
     spoiled = SOLID.tangent(u)
@@ -202,7 +202,7 @@ def test_spoiling_a_tangent_does_not_spoil_the_system():
         SOLID.pattern.indices[0] = 5
 
 
-def test_a_block_outside_of_the_pattern_is_a_loud_error():
+def test_a_block_outside_of_the_pattern_is_an_error():
     bar = System(MESHES["cable"], StVK(young=1.0))
     with pytest.raises(StvkError, match=r"1 block \(1\): not in the pattern of K, vertices \[\(0, 5\)\]"):
         bar.pattern.places(np.array([0, 0]), np.array([1, 5]))
@@ -230,7 +230,7 @@ def test_a_bad_state_is_refused(call, u, message):
         call(u)
 
 
-def test_too_large_a_matrix_is_refused_before_it_is_made(monkeypatch):
+def test_too_large_a_matrix_is_refused_before_its_creation(monkeypatch):
     from skfem_stvk.mesh import mesh as meshes
 
     body = System(MESHES["tetrahedra"], TERM)
@@ -239,17 +239,17 @@ def test_too_large_a_matrix_is_refused_before_it_is_made(monkeypatch):
         body.tangent(np.zeros(body.ndofs))
 
 
-def test_vertices_without_a_term_are_warned_of():
+def test_vertices_without_a_term_give_a_warning():
     with pytest.warns(StvkWarning, match=r"\d+ vertices .*: in no term"):
         System(MESHES["tetrahedra"], StVK(young=1.0, poisson=0.3, region=[0, 1]))
 
 
-def test_something_that_is_no_term_is_refused():
+def test_an_invalid_term_is_refused():
     with pytest.raises(StvkError, match="Got a term of type float"):
         System(MESHES["tetrahedra"], [TERM, 3.0])
 
 
-def test_something_that_is_no_type_is_refused():
+def test_an_invalid_type_is_refused():
     with pytest.raises(StvkError, match="dtype = 'banana'; expected float64 or float32"):
         System(MESHES["tetrahedra"], TERM, dtype="banana")
 
@@ -303,6 +303,6 @@ def test_whole_numbers_are_displacements_too():
 
 
 @pytest.mark.parametrize(("call", "name"), [(SOLID.energy, "W"), (SOLID.internal_force, "F"), (SOLID.tangent, "K")])
-def test_what_overflows_is_an_error_and_no_nan(call, name):
+def test_overflow_is_an_error_and_not_nan(call, name):
     with pytest.raises(StateError, match=rf"{name} overflows at displacements of up to .*e\+160"):
         call(1e160 * np.sign(state(SOLID.mesh)))

@@ -1,4 +1,7 @@
-"""Threads change nothing but the time: the same bits from run to run, the same results with any number of them, at any moment."""
+"""Results are bitwise the same from run to run.
+
+Results are the same up to rounding for any number of threads, which may change at any time.
+"""
 
 import multiprocessing
 import os
@@ -22,7 +25,7 @@ needs_two = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this 
 
 @pytest.fixture
 def threads(monkeypatch):
-    """Sets the number of threads, on meshes of any size."""
+    """Return the function that sets the number of threads, for meshes of any size."""
     before = numba.get_num_threads()
     monkeypatch.setattr(kernel_threads, "SMALLEST_PART", 1)
     yield numba.set_num_threads
@@ -117,9 +120,9 @@ def test_the_number_may_change_between_any_two_calls(name, first, then, monkeypa
     operator, matrix = body.linear_operator(u), body.tangent(-u)
     body.product(-u, v)
     in_parts(monkeypatch, then)
-    assert_close([K @ v], [operator @ v])  # prepared by as many as `first`
-    assert_close([K @ v], [body.product(u, v)])  # prepared anew
-    matrix = body.tangent(u, out=matrix)  # filled anew
+    assert_close([K @ v], [operator @ v])  # prepared by `first` threads
+    assert_close([K @ v], [body.product(u, v)])  # prepared again
+    matrix = body.tangent(u, out=matrix)  # filled again
     assert_close([K.data], [matrix.data])
     in_parts(monkeypatch, first)
     assert_close([K @ v], [operator @ v])
@@ -128,7 +131,7 @@ def test_the_number_may_change_between_any_two_calls(name, first, then, monkeypa
     assert_close([np.array([W]), F, K.data], [np.array([again[0]]), again[1], again[2].data])
 
 
-def test_work_is_shared_anew_when_the_number_changes(monkeypatch):
+def test_work_is_shared_again_when_the_number_changes(monkeypatch):
     mesh, terms = BODIES["tetrahedra, isotropic"]
     body, shares = System(mesh, terms), []
     for n in (1, 3, 2, 3, 1):
@@ -139,7 +142,7 @@ def test_work_is_shared_anew_when_the_number_changes(monkeypatch):
 
 
 @pytest.mark.parametrize("n", [2, 5])
-def test_preparing_again_with_another_number_leaves_other_operators_alone(n, monkeypatch):
+def test_preparing_again_with_another_number_does_not_affect_other_operators(n, monkeypatch):
     mesh, terms = BODIES["tetrahedra, isotropic"]
     u, v, body = state(mesh), state(mesh, seed=9), System(mesh, terms)
     operator = body.linear_operator(u)
@@ -151,8 +154,11 @@ def test_preparing_again_with_another_number_leaves_other_operators_alone(n, mon
     assert_close([before], [operator @ v])
 
 
-def test_threads_that_ask_for_the_pattern_first_get_the_same(monkeypatch):
-    """Degrees of freedom of one system are refused by a system with another pattern."""
+def test_threads_that_request_the_pattern_at_the_same_time_get_one(monkeypatch):
+    """Threads that request the pattern at the same time get one pattern.
+
+    A system with another pattern would refuse degrees of freedom of this system.
+    """
 
     class Slow(Pattern):
         def __init__(self, *arguments):
@@ -165,7 +171,7 @@ def test_threads_that_ask_for_the_pattern_first_get_the_same(monkeypatch):
         assert len({id(found) for found in pool.map(lambda _: body.pattern, range(4))}) == 1
 
 
-def test_python_threads_that_share_a_system_take_turns():
+def test_python_threads_that_share_a_system_run_one_at_a_time():
     body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
     states = [state(body.mesh, seed=seed) for seed in range(8)]
     wanted = [(body.energy(u), body.internal_force(u), body.tangent(u).data, body.product(u, u)) for u in states]

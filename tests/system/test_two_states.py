@@ -1,4 +1,4 @@
-"""What systems say of two states, and of velocities: sums over their terms."""
+"""Functions of two states and of velocities are sums over the terms of the system."""
 
 import tracemalloc
 
@@ -40,7 +40,7 @@ def test_the_work_between_two_states_is_the_difference_of_the_energies_of_all_te
 
 @pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")
 @pytest.mark.parametrize("theta", [0.5, 0.8])
-def test_a_volume_penalty_pushes_as_it_does_in_between(theta):
+def test_the_mean_force_of_a_volume_penalty_is_that_of_the_state_in_between(theta):
     penalty = VolumePenalty(3.0, "compression")
     both, alone = System(MESH, [*TERMS, penalty]), System(MESH, penalty)
     (R, force), (wanted_R, wanted) = (
@@ -51,7 +51,7 @@ def test_a_volume_penalty_pushes_as_it_does_in_between(theta):
     assert wanted_R == R and np.abs(force - wanted - push).max() < 1e-13 * np.abs(force).max()
 
 
-def test_damping_is_that_of_the_edges_alone():
+def test_damping_includes_edges_only():
     R, force = filled(add_damping_force, BODY, U0, V)
     solid = System(MESH, TERMS[:2])
     wanted = solid.linear_operator(U0, kept=NONE) @ V
@@ -60,7 +60,7 @@ def test_damping_is_that_of_the_edges_alone():
 
 
 @pytest.mark.parametrize("theta", [0.5, 1.0])
-def test_secant_damping_is_what_unlike_weights_add_to_the_edges(theta):
+def test_secant_damping_is_the_contribution_of_unequal_weights_to_the_edges(theta):
     R, force = filled(add_secant_damping, BODY, U0, U1, theta)
     solid = System(MESH, TERMS[:2])
     (_, more), (_, less) = (filled(add_mean_force, solid, U0, U1, weights=w, theta=theta) for w in ((0.0, 1.0), (1.0, 0.0)))
@@ -72,7 +72,7 @@ def test_secant_damping_is_what_unlike_weights_add_to_the_edges(theta):
     assert pytest.approx(rate, rel=1e-4) == R / h**2 and np.abs(force / h - resistance).max() < 1e-4 * np.abs(resistance).max()
 
 
-def test_energy_and_force_are_written_where_one_says():
+def test_energy_and_force_are_written_to_out():
     W, F = BODY.energy_and_force(U0)
     for dtype in (np.float64, np.float32):
         out = np.full(BODY.ndofs, 7.0, dtype=dtype)
@@ -97,7 +97,7 @@ READ_ONLY.flags.writeable = False
         np.zeros((MESH.nv, 3)),
     ],
 )
-def test_what_cannot_be_written_to_is_refused(out):
+def test_an_array_that_cannot_be_written_is_refused(out):
     with pytest.raises(StvkError, match=rf"out = .*expected an array of floats \({BODY.ndofs},\)"):
         BODY.energy_and_force(U0, out)
     with pytest.raises(StvkError, match="out = "):
@@ -105,7 +105,7 @@ def test_what_cannot_be_written_to_is_refused(out):
 
 
 @pytest.mark.parametrize("add", [add_mean_force, add_damping_force])
-def test_states_that_are_none_and_results_that_overflow_are_refused(add):
+def test_invalid_states_and_overflowing_results_are_refused(add):
     out, hole = np.zeros(BODY.ndofs), U0.copy()
     hole[7] = np.nan
     for states in ((hole, U1), (U0, hole)):
@@ -115,8 +115,11 @@ def test_states_that_are_none_and_results_that_overflow_are_refused(add):
         add(BODY, 1e200 * U0, 1e200 * U1, out)
 
 
-def test_nothing_of_the_size_of_the_mesh_is_made_anew():
-    """In the steady state, of what an explicit step asks; foundations and penalties make small ones."""
+def test_repeated_calls_allocate_no_arrays_of_the_size_of_the_mesh():
+    """Repeated calls of an explicit step allocate no arrays of the size of the mesh.
+
+    Foundations and penalties would allocate small arrays.
+    """
     body = System(box(16), StVK(young=2.0, poisson=0.3))
     u, v, out = state(body.mesh), state(body.mesh, seed=9), np.zeros(body.ndofs)
     calls = (

@@ -1,4 +1,7 @@
-"""Stress and energy density of the compiled laws at points: against the readable ones, at small strain, in flat elements."""
+"""Stress and energy density of the compiled laws at points equal those of the readable laws.
+
+The tests include small strains and flat elements.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ FIELDS = ("pk2_stress", "green_strain", "strain_energy_density")
 
 
 def laws_on(mesh):
-    """Every law with a stress of its own that fits the mesh, heterogeneous, by name and plane."""
+    """Return all laws with their own stress that fit the mesh, with heterogeneous constants, by name and plane."""
     rng = np.random.default_rng(6)
     constants = {"young": rng.uniform(1, 4, mesh.nt), "poisson": rng.uniform(0.05, 0.45, mesh.nt)}
     planes = ("strain", "stress") if mesh.k == mesh.d == 2 else (None,)
@@ -32,7 +35,10 @@ def fields_of(mesh, law, u):
 
 
 def states_for(law, mesh):
-    """Displacements by name, not small; those of laws with a stress there turn elements inside out, and others slacken sheets."""
+    """Return finite displacements by name.
+
+    Laws that have a stress in inverted elements get a state with inverted elements. Tension fields get a state with slack.
+    """
     x, noise = mesh.p.ravel("F"), state(mesh)
     found = {"wide": 0.1 * noise + 0.8 * x}
     if law == "wrinkling":
@@ -62,7 +68,10 @@ def test_compiled_and_readable_laws_agree_at_points(name, monkeypatch):
 @pytest.mark.parametrize("strain", [1e-6, 1e-12])
 @pytest.mark.parametrize("name", EVERY)
 def test_small_strains_have_the_fields_of_linear_elasticity(name, strain):
-    """The strain across elements without stress there included, and to all digits but for the part that is not linear."""
+    """At small strains all fields equal those of StVK up to the nonlinear part.
+
+    The fields include the strain across elements with zero stress across.
+    """
     mesh = EVERY[name]
     u = strain * state(mesh)
     for (law, plane), term in laws_on(mesh).items():
@@ -75,7 +84,7 @@ def test_small_strains_have_the_fields_of_linear_elasticity(name, strain):
             assert size > 0 and np.abs(found[field] - wanted[field]).max() < (1e-13 + 20 * strain) * size, (law, plane, field)
 
 
-def test_neo_hookean_sheets_that_are_pulled_far_have_no_stress_across():
+def test_neo_hookean_sheets_at_large_stretch_have_no_stress_across():
     mesh = MESHES["membrane"]
     now = fields_of(mesh, NeoHookean(young=2.0, poisson=0.4), 4 * mesh.p.ravel("F") + 0.1 * state(mesh))
     S, axes = now["pk2_stress"], Geometry(mesh.p, mesh.t).axes
@@ -87,7 +96,7 @@ def test_neo_hookean_sheets_that_are_pulled_far_have_no_stress_across():
 @pytest.mark.parametrize(("name", "share"), [("membrane", 2 * 0.3 / 0.7), ("cable", 0.3)])
 @pytest.mark.parametrize("law", [Corotated, InvertibleStVK])
 def test_the_stretch_across_stretched_sheets_and_cables_is_that_of_linear_elasticity(law, name, share):
-    """All stretches within are 1.4: that across is less than 1 by Poisson's effect on 0.4."""
+    """If all stretches within the element are 1.4, the stretch across is 1 minus Poisson's effect of the strain 0.4."""
     mesh = MESHES[name]
     strain = np.linalg.eigvalsh(fields_of(mesh, law(young=2.0, poisson=0.3), 0.4 * mesh.p.ravel("F"))["green_strain"])
     across = ((1 - share * 0.4) ** 2 - 1) / 2
@@ -96,7 +105,7 @@ def test_the_stretch_across_stretched_sheets_and_cables_is_that_of_linear_elasti
 
 @pytest.mark.parametrize("name", [name for name, mesh in EVERY.items() if mesh.k < 3])
 def test_taut_tension_fields_have_the_fields_of_stvk(name):
-    """The strain across, which follows from the stress, included."""
+    """Fields of taut elements equal those of StVK, including the strain across, which follows from the stress."""
     mesh = EVERY[name]
     term = next(law for (kind, _), law in laws_on(mesh).items() if kind == "wrinkling")
     u = states_for("wrinkling", mesh)["wide"]
@@ -109,7 +118,7 @@ def test_taut_tension_fields_have_the_fields_of_stvk(name):
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "hexahedra"])
 @pytest.mark.parametrize("law", [Corotated, InvertibleStVK])
 def test_flat_elements_have_an_energy_density_and_no_finite_stress(law, name):
-    """Only one of their stretches is zero."""
+    """Elements with a single zero stretch have a finite energy density and an infinite stress."""
     mesh = EVERY[name]
     body = System(mesh, law(young=2.0, poisson=0.3))
     flat = np.zeros((mesh.nv, mesh.d))

@@ -1,4 +1,4 @@
-"""What every elastic term owes: one suite for all of them."""
+"""Suite of requirements for all elastic terms."""
 
 from functools import partial
 from typing import Any, NamedTuple
@@ -37,19 +37,19 @@ KINDS = ("quadratic", "compression", "barrier")
 
 
 class Case(NamedTuple):
-    """A term on a mesh.
+    """Term on a mesh, and its expected properties.
 
     Attributes
     ----------
-    limit : of the error of derivatives by differences over steps of `step`: exact for polynomials of degree six, along lines.
-    inverts : whether it has an energy where elements are inside out.
+    limit : largest error of derivatives by differences over steps of `step`: exact for polynomials of degree six, along lines.
+    inverts : whether the term has an energy where elements are inverted.
     grounded : whether rigid motions change the energy.
-    toy : whether it is as narrow as can be, and stands in `toys.py`.
-    can : the protocols of what it can do beside what all terms owe.
+    toy : whether the term is one of the minimal terms in `toys.py`.
+    can : the optional protocols that the term implements.
     definite : whether its clamped tangent is positive semi-definite.
-    renumbered : the term on the same mesh with its elements in another `order` and its vertices `to` other numbers; None if it has
-        no such twin.
-    slackens: whether it bears no compression, so that the states that it is tried in are pushed together less.
+    renumbered : the term on the same mesh with its elements in another `order` and its vertices renumbered; None if there is no
+        such twin.
+    slackens : whether the term bears no compression, so that its test states are compressed less.
     """
 
     mesh: ElementMesh
@@ -65,15 +65,15 @@ class Case(NamedTuple):
     slackens: bool = False
 
 
-#: What edges can do, with or without elements around them.
+#: Optional protocols of terms on edges, with or without elements around them.
 OF_EDGES = (Quartic, HasMeanForce, HasDampingForce)
 OF_SPRINGS = OF_EDGES[1:]
-#: The limit and step where derivatives are no polynomials.
+#: Limit and step for derivatives of energies that are not polynomials.
 SMOOTH = 1e-7, 1e-3
 
 
 def reordered(law, order, **others):
-    """A law of constants by element on elements in another order."""
+    """Return a law with constants by element, for elements in another order."""
     m = law.material
     return type(law)(young=m.young[order], poisson=m.poisson[order], **others)
 
@@ -95,7 +95,7 @@ def neo_hookean():
 
 
 def wrinkling():
-    """What bears no compression: K jumps where an element begins to wrinkle, which small steps do not meet."""
+    """Return cases of laws without compression. K jumps where an element begins to wrinkle; small steps stay clear of the jump."""
     found, rng = {}, np.random.default_rng(25)
     for name, more in (("triangles", {"plane": "stress"}), ("membrane", {}), ("segments", {}), ("cable", {})):
         mesh = MESHES[name]
@@ -118,7 +118,7 @@ def cases():
         found[f"StVK, {name}, anisotropic"] = Case(
             mesh, StVK(Anisotropic(some_voigt(RNG), frame=random_frames(1, RNG)[0])), can=can
         )
-        linear = LinearElastic(law.material)  # a rotation strains it
+        linear = LinearElastic(law.material)  # linear elasticity has strain under rotations
         found[f"linear, {name}"] = Case(mesh, linear, grounded=True, can=can)
         linear = LinearElastic(Anisotropic(some_voigt(np.random.default_rng(7))))
         found[f"linear, {name}, anisotropic"] = Case(mesh, linear, grounded=True, can=can)
@@ -162,7 +162,10 @@ def cases():
 
 
 def of_stretches():
-    """Laws of principal stretches, whose energies are no polynomials: small steps. Their numbers have a generator of their own."""
+    """Return cases of laws of principal stretches.
+
+    Their energies are not polynomials, so the steps are small. Their constants have a separate random generator.
+    """
     found, rng = {}, np.random.default_rng(21)
     for name, mesh in MESHES.items():
         for kind in (Corotated, InvertibleStVK):
@@ -185,7 +188,7 @@ def of_stretches():
 
 
 def any_network(nv):
-    """Edges between any vertices, and pairs of edges that need not meet, with a positive definite L."""
+    """Return a network of edges between any vertices, and pairs of edges that need not meet, with a positive definite L."""
     edges = np.unique(np.sort(RNG.integers(0, nv, (2, 50)), axis=0), axis=1)
     edges = edges[:, edges[0] < edges[1]]
     root = random(edges.shape[1], edges.shape[1], density=0.05, random_state=3)
@@ -209,7 +212,7 @@ def with_its_blocks(case, term, dtype=np.float64):
 
 
 def states(case):
-    """(nv, d) by name: not small, pushed together, and inside out where the term knows that."""
+    """Yield states (nv, d) by name: finite, compressed, and with inverted elements where the term has an energy there."""
     mesh = case.mesh
     noise, x = state(mesh).reshape(-1, mesh.d), mesh.p.T
     yield "moderate", 0.4 * noise
@@ -223,12 +226,12 @@ def pattern_of(case, *terms):
 
 
 def dense(case, term, u, kept=ALL):
-    """K, F, and what the tangent comes with."""
+    """Return K, F, and the result of `fill` with the energy."""
     pattern, force = pattern_of(case, term), np.zeros(u.shape)
     data = np.full(pattern.nnz, np.nan)
     paired = with_its_blocks(case, term)
     linearized = paired.fill(u, paired.rows(pattern), data, False, force, kept)
-    return np.nan_to_num(pattern.matrix(data).toarray()), force, linearized  # vertices of other elements are left alone
+    return np.nan_to_num(pattern.matrix(data).toarray()), force, linearized  # entries of vertices outside the term stay NaN
 
 
 def force_of(term, u, dtype=np.float64):
@@ -238,7 +241,7 @@ def force_of(term, u, dtype=np.float64):
 
 
 def derivative(f, h):
-    """Seven-point stencil: exact for polynomials up to degree six."""
+    """Return the derivative of `f` at 0 by a seven-point stencil: exact for polynomials up to degree six."""
     weights = {1: 45, 2: -9, 3: 1}
     return sum(w * (f(n * h) - f(-n * h)) for n, w in weights.items()) / (60 * h)
 
@@ -270,7 +273,7 @@ def test_force_and_tangent_are_derivatives(name):
 
 @pytest.mark.parametrize("name", sorted(CASES.keys() - WITH_ENERGY))
 def test_a_system_names_the_term_that_has_no_energy(name):
-    """The bound term returns 0, the system refuses to return one energy and lists NaN."""
+    """The bound term returns 0 as energy. The system refuses to return its energy and lists NaN."""
     case = CASES[name]
     term, others = bound(case), StVK(young=2.0, poisson=0.3).bind(case.mesh)
     system, own = System(case.mesh, [case.term, StVK(young=2.0, poisson=0.3)]), f"{type(case.term).__name__} 0"
@@ -309,7 +312,7 @@ def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
 
 
 @pytest.mark.parametrize("name", DEFINITE)
-def test_the_clamped_tangent_is_positive_semi_definite_and_what_it_leaves_out_is_not(name):
+def test_the_clamped_tangent_is_positive_semi_definite(name):
     case = CASES[name]
     term = bound(case)
     for pushed, u in states(case):
@@ -317,7 +320,7 @@ def test_the_clamped_tangent_is_positive_semi_definite_and_what_it_leaves_out_is
         lowest, highest = np.linalg.eigvalsh(clamped)[[0, -1]]
         assert lowest >= -1e-13 * highest and highest > 1e-3
         assert np.abs(clamped - clamped.T).max() <= 1e-14 * highest
-        # if the exact one is positive semi-definite there is no need to leave anything out, and if it is not there was
+        # an indefinite exact tangent must be changed; a positive semi-definite one need not be
         indefinite = np.linalg.eigvalsh(exact)[0] < -1e-10 * highest
         assert not indefinite or np.abs(exact - clamped).max() > 1e-3 * highest
         gives_way = isinstance(case.term, StVK) and not case.term.wrinkling
@@ -328,21 +331,21 @@ def test_the_clamped_tangent_is_positive_semi_definite_and_what_it_leaves_out_is
 def test_rigid_motions_change_nothing_and_forces_balance(name):
     case = CASES[name]
     mesh, term = case.mesh, bound(case)
-    turn = np.eye(mesh.d)
+    rotation = np.eye(mesh.d)
     if mesh.d > 1:
-        turn = np.linalg.qr(np.random.default_rng(3).standard_normal((mesh.d, mesh.d)))[0]
-        turn *= np.sign(np.linalg.det(turn))  # not a mirror
-        if mesh.d == 2 and np.linalg.det(turn) < 0:
-            turn[:, 0] *= -1
-    assert np.linalg.det(turn) == pytest.approx(1)
+        rotation = np.linalg.qr(np.random.default_rng(3).standard_normal((mesh.d, mesh.d)))[0]
+        rotation *= np.sign(np.linalg.det(rotation))  # not a mirror
+        if mesh.d == 2 and np.linalg.det(rotation) < 0:
+            rotation[:, 0] *= -1
+    assert np.linalg.det(rotation) == pytest.approx(1)
     x = mesh.p.T
     for _, u in states(case):
         W, F, K = term.energy_and_force(u), force_of(term, u), dense(case, term, u)[0]
         size = np.abs(F).max()
         assert W > 1e-3 and size > 1e-3
-        moved = (x + u) @ turn.T + 3.0 - x
+        moved = (x + u) @ rotation.T + 3.0 - x
         assert term.energy_and_force(moved) == pytest.approx(W, rel=1e-11)
-        assert np.abs(force_of(term, moved) - F @ turn.T).max() < 1e-11 * size
+        assert np.abs(force_of(term, moved) - F @ rotation.T).max() < 1e-11 * size
         assert np.abs(F.sum(axis=0)).max() < 1e-12 * size
         arms = x + u
         torque = np.einsum("ni,nj->ij", arms, F)
@@ -351,7 +354,7 @@ def test_rigid_motions_change_nothing_and_forces_balance(name):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
+def test_fill_adds_to_earlier_values_on_a_larger_pattern(name):
     case = CASES[name]
     term, other = bound(case), StVK(young=1.0, poisson=0.3).bind(case.mesh)
     for _, u in states(case):
@@ -380,7 +383,7 @@ def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
 
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.renumbered])
-def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
+def test_numbering_and_orientation_do_not_matter(name):
     case = CASES[name]
     mesh, rng = case.mesh, np.random.default_rng(8)
     to, order = rng.permutation(mesh.nv), rng.permutation(mesh.nt)
@@ -397,7 +400,7 @@ def test_numbers_of_vertices_and_elements_and_orientations_do_not_matter(name):
         assert np.abs(force_of(two, v)[to] - F).max() < 1e-11 * np.abs(F).max()
 
 
-#: Beside toys; each other term has kernels of its own in single precision, which are compiled for this alone.
+#: Cases in single precision besides the toys. Every further term would have kernels compiled for this test only.
 SINGLE = [name for name in CASES if "tetrahedra" in name and not name.startswith(("Corotated", "Invertible", "linear"))]
 
 
@@ -420,7 +423,10 @@ def test_single_precision_has_errors_of_single_precision(name):
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(name):
-    """Of a state that is rounded itself, in single precision; double is the truth."""
+    """The bound on round-off is above the error in single precision, including the rounding of the state, and not far above.
+
+    The force in double precision is the reference.
+    """
     case = CASES[name]
     single, double = bound(case, np.float32), bound(case)
     for _, u in states(case):
@@ -436,8 +442,8 @@ def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(nam
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_it_says_what_it_can_do(name):
-    """Volumes, the quartic, a force between two states, damping: what the case says, and nothing else."""
+def test_the_optional_protocols_are_those_of_the_case(name):
+    """The term implements exactly the optional protocols of its case: volumes, the quartic, the mean force, damping."""
     case = CASES[name]
     term = bound(case)
     assert {ability for ability in (*OF_EDGES, HasVolume) if isinstance(term, ability)} == set(case.can)
@@ -447,8 +453,9 @@ def test_it_says_what_it_can_do(name):
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if HasMeanForce in case.can])
 def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
-    """More by `(w1 - w0) R` with weights that are not alike, for that is what is lost; and with weights that are it does not matter
-    how large they are.
+    """The work of the mean force is the energy difference plus `(w1 - w0) R`, where R is the dissipation of unequal weights.
+
+    At equal states, the mean force is the sum of the weights times the force.
     """
     case = CASES[name]
     term, v = bound(case), (1 if case.inverts else 0.15) * state(case.mesh, seed=9).reshape(-1, case.mesh.d)

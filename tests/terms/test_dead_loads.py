@@ -1,4 +1,4 @@
-"""Gravity, body forces, tractions and nodal loads have the resultant and the moment of what is given, on all kinds of simplices."""
+"""Gravity, body forces, tractions and nodal loads have the specified resultant and moment on all kinds of simplices."""
 
 from functools import partial
 
@@ -19,7 +19,7 @@ NAMES = list(MESHES)
 
 
 def body_of(mesh, density=None):
-    """With a section of its own for each element, but for tetrahedra."""
+    """Return a body with a different section in each element, except for tetrahedra."""
     section = np.random.default_rng(5).uniform(0.5, 2, mesh.nt)
     return Body(
         mesh, [StVK(young=2.0, poisson=0.3, density=density, **{1: {"area": section}, 2: {"thickness": section}}.get(mesh.k, {}))]
@@ -31,19 +31,19 @@ def uniform_body(mesh):
 
 
 def linear(d, seed=6):
-    """A field that is linear in x, and ramps as t squared."""
+    """Return a field that is linear in x and grows as t squared."""
     rng = np.random.default_rng(seed)
     A, b = rng.standard_normal((d, d)), rng.standard_normal((d, 1))
     return lambda x, t: t**2 * (A @ x + b)
 
 
 def outer(x, f):
-    """(d d, n) components of the moment's density."""
+    """Return the components of the density of the moment, (d d, n)."""
     return np.einsum("an,bn->abn", x, f).reshape(-1, x.shape[1])
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_weight_is_mass_times_g_and_acts_in_the_centre_of_mass(name):
+def test_weight_is_mass_times_g_and_acts_at_the_centre_of_mass(name):
     mesh = MESHES[name]
     density = np.random.default_rng(7).uniform(1, 3, mesh.nt)
     body, g = body_of(mesh, density), np.array([1.0, -2.0, 3.0])[: mesh.d]
@@ -112,7 +112,7 @@ def test_a_traction_may_act_on_inner_facets_of_a_named_boundary():
     inner = np.array([[a, b, c] for a, b, c in mesh.t[:3].T if not {a, b, c} <= set(mesh.surface.ravel())])[:1].T
     named = ElementMesh(mesh.p, mesh.t, boundaries={"inner": np.concatenate([inner, inner[::-1]], axis=1)})
     f = force(Traction("inner", (0, 0, 2.0)).bind(body_of(named)), mesh)
-    assert f.sum(axis=1) == pytest.approx([0, 0, 2 * sizes_of(mesh.p, inner, mesh.facet)[0]])  # the same facet twice counts once
+    assert f.sum(axis=1) == pytest.approx([0, 0, 2 * sizes_of(mesh.p, inner, mesh.facet)[0]])  # a duplicate facet counts once
 
 
 def test_the_end_of_a_segment_has_its_area():
@@ -125,7 +125,7 @@ def test_the_end_of_a_segment_has_its_area():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nodal_loads_are_what_is_given_on_each_vertex(name):
+def test_nodal_loads_are_the_given_values_on_each_vertex(name):
     mesh = MESHES[name]
     rng = np.random.default_rng(8)
     ids = rng.permutation(mesh.nv)[:4]
@@ -150,7 +150,7 @@ def test_the_force_of_a_dead_load_is_minus_the_gradient_of_its_potential(name, s
     assert load.has_potential and load.dead
 
 
-def test_loads_on_part_of_a_body_leave_the_rest_alone():
+def test_loads_on_part_of_a_body_do_not_change_other_forces():
     mesh = MESHES["tetrahedra"]
     load = Traction(lambda x: x[0] < 0.4, (1.0, 0, 0)).bind(body_of(mesh))
     out = np.full((mesh.nv, 3), 7.0)
@@ -159,8 +159,11 @@ def test_loads_on_part_of_a_body_leave_the_rest_alone():
 
 
 @pytest.mark.parametrize("density", [None, 2.0])
-def test_another_value_of_a_function_counts_at_the_same_time(density):
-    """The value may come from outside, as that of a device does. Equal values are spread over the body once."""
+def test_a_changed_value_of_a_function_takes_effect_at_the_same_time(density):
+    """A function that changes its value between two calls at the same time takes effect, such as that of a device.
+
+    Equal values are distributed over the body only once.
+    """
     mesh, given = MESHES["tetrahedra"], [1.0]
     function = lambda t: (0, 0, t * given[0])  # noqa: E731
     term = BodyForce(function) if density is None else Gravity(function)
@@ -171,7 +174,7 @@ def test_another_value_of_a_function_counts_at_the_same_time(density):
     np.testing.assert_array_equal(force(load, mesh, t=0.5).T[:, 2], -3 * one[:, 2])
 
 
-def test_single_precision_takes_the_forces():
+def test_loads_add_to_a_force_in_single_precision():
     mesh = MESHES["tetrahedra"]
     for where in (lambda x: x[0] > -9, lambda x: x[0] < 0.4):
         load = Traction(where, (1.0, -2.0, 0.5)).bind(body_of(mesh))
@@ -239,7 +242,7 @@ LOADS = [
 
 
 @pytest.mark.parametrize(("load", "error", "message"), LOADS, ids=[message[:50] for _, _, message in LOADS])
-def test_a_load_that_has_no_meaning_is_refused_with_what_to_do(load, error, message):
+def test_an_invalid_load_is_refused_with_a_remedy(load, error, message):
     mesh = MESHES["tetrahedra"]
     named = ElementMesh(mesh.p, mesh.t, boundaries={"tip": mesh.surface[:, :4]})
     with pytest.raises(error, match=message):
@@ -258,13 +261,13 @@ def test_a_load_that_has_no_meaning_is_refused_with_what_to_do(load, error, mess
         (1j, "= 1j; expected finite numbers"),
     ],
 )
-def test_a_load_that_is_no_number_is_refused_before_there_is_a_mesh(make, value, message):
+def test_a_load_that_is_not_a_finite_number_is_refused_without_a_mesh(make, value, message):
     kind = getattr(make, "func", make)
     with pytest.raises(LoadError, match=rf"^{kind.__name__}: {kind.given_by} {message}"):
         make(value)
 
 
-def test_a_function_that_fails_later_says_when():
+def test_the_error_of_a_function_that_fails_later_has_the_time():
     load = BodyForce(lambda t: (0, 0, np.nan if t == 0.5 else t)).bind(body_of(MESHES["tetrahedra"]))
     with pytest.raises(LoadError, match=r"BodyForce: what the function force returned at t = 0\.5 is not finite"):
         load.forces(0.5)

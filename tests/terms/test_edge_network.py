@@ -1,4 +1,4 @@
-"""The sum over edges and pairs of edges, literally."""
+"""An edge network is the literal sum over edges and pairs of edges."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ NETWORK = EdgeNetwork.of(MESH, StVK(young=9.0, poisson=0.4, density=2.0))
 
 
 @pytest.mark.parametrize("name", LINEAR)
-def test_it_is_the_body_that_it_is_made_of(name):
-    """W, F, K and the quartic agree with the assembly from simplices to round-off, for every material and section."""
+def test_the_network_of_a_body_has_its_energy_force_and_tangent(name):
+    """W, F, K and the quartic of a network agree with the assembly from simplices to round-off, for every material and section."""
     mesh, terms = LINEAR[name]
     system, network = System(mesh, terms), System(mesh, EdgeNetwork.of(mesh, terms))
     u, v = state(mesh), state(mesh, seed=9)
@@ -40,8 +40,11 @@ def test_it_is_the_body_that_it_is_made_of(name):
     assert np.abs(network.product(u, v) - K @ v).max() < 1e-13 * np.abs(K @ v).max()
 
 
-def test_small_strain_far_from_the_origin_keeps_its_digits():
-    """With `|p|^2 - |P|^2` in the place of `(2 P + U) . U` nothing of it would be left."""
+def test_small_strains_are_accurate_far_from_the_origin():
+    """At a strain of 1e-12 far from the origin, forces are accurate.
+
+    With `|p|^2 - |P|^2` instead of `(2 P + U) . U` no digit would be right.
+    """
     far = box(3)
     u = 1e-12 * state(far)
     here = System(far, EdgeNetwork.of(far, StVK(young=9.0, poisson=0.4))).internal_force(u)
@@ -49,8 +52,8 @@ def test_small_strain_far_from_the_origin_keeps_its_digits():
     assert np.abs(there - here).max() < 1e-11 * np.abs(here).max() and np.abs(here).max() > 0
 
 
-def test_both_sums_are_there_to_be_taken_apart():
-    """Edges, adjacent and opposite pairs add up to the whole, in W, F and K."""
+def test_the_parts_of_a_network_add_up_to_the_whole():
+    """Edges, adjacent pairs and opposite pairs add up to the whole, in W, F and K."""
     u = state(MESH)
     whole, edges = System(MESH, NETWORK), System(MESH, NETWORK.diagonal())
     one, other = System(MESH, NETWORK.without("opposite")), System(MESH, NETWORK.without("adjacent"))
@@ -66,7 +69,7 @@ def test_both_sums_are_there_to_be_taken_apart():
 
 
 def test_counts_of_pairs_are_those_of_faces_and_tetrahedra():
-    """Three adjacent pairs for each face, three opposite ones for each tetrahedron."""
+    """There are three adjacent pairs for each face, and three opposite pairs for each tetrahedron."""
     faces = {tuple(sorted(face)) for tet in MESH.t.T for face in (tet[:3], tet[1:], tet[[0, 2, 3]], tet[[0, 1, 3]])}
     assert NETWORK.adjacent.sum() == 3 * len(faces) and (~NETWORK.adjacent).sum() == 3 * MESH.nt
 
@@ -79,8 +82,8 @@ def test_without_opposite_pairs_some_state_has_less_energy_than_rest(poisson):
     assert lowest < -1e-6 and np.linalg.eigvalsh(network.L.toarray())[0] > 0
 
 
-def test_an_edited_network_is_as_good_as_any():
-    """Stiffer edges: the energy of the difference is that of springs."""
+def test_an_edited_network_has_the_energy_of_its_coefficients():
+    """Stiffer edges add the energy of springs."""
     L = NETWORK.L.copy()
     L.setdiag(L.diagonal() + 2.0)
     stiffer, springs = EdgeNetwork(NETWORK.edges, L), EdgeNetwork(NETWORK.edges, 2.0 * identity(len(NETWORK.edges.T), format="csr"))
@@ -101,7 +104,7 @@ def test_edges_may_be_given_in_any_order_and_direction():
     )
 
 
-def test_a_body_of_it_is_solved_moved_and_swings_as_one_of_simplices():
+def test_statics_modes_and_motions_of_a_network_are_those_of_its_body():
     law, load = StVK(young=9.0, poisson=0.4, density=2.0), Gravity((0, 0, -0.2))
     fixed = {(0, 1, 2, 3): "xyz"}
     one = System(MESH, [law, load], fixed)
@@ -125,7 +128,7 @@ def test_several_laws_have_one_network_with_the_mass_of_all():
     assert other.mass().vertex == pytest.approx(one.mass().vertex, rel=1e-13)
 
 
-def test_springs_without_pairs_are_told_from_bodies_that_are_not_held():
+def test_springs_without_pairs_are_refused_as_a_mechanism():
     with pytest.raises(StvkError, match=r"held|rigid"):
         solve_static(System(MESH, [NETWORK.diagonal(), NodalLoad([3], (0, 0, -0.1))]), quiet=True)
 
@@ -134,7 +137,7 @@ ONE = csr_matrix(np.eye(2))
 
 
 @pytest.mark.parametrize(
-    ("edges", "L", "said"),
+    ("edges", "L", "message"),
     [
         ([[0, 0], [1, 1]], ONE, "edge.* given more than once"),
         ([[0, 1], [1, 1]], ONE, r"1 edge \(1\) .*the same vertex twice"),
@@ -146,8 +149,8 @@ ONE = csr_matrix(np.eye(2))
         ([[0, -1], [1, 2]], ONE, r"1 edge \(1\) with a vertex below zero"),
     ],
 )
-def test_what_is_no_network_is_refused(edges, L, said):
-    with pytest.raises(StvkError, match=said):
+def test_invalid_networks_are_refused(edges, L, message):
+    with pytest.raises(StvkError, match=message):
         EdgeNetwork(np.array(edges), L)
 
 
@@ -170,8 +173,8 @@ def test_a_mesh_that_does_not_fit_is_refused():
         EdgeNetwork(np.stack([np.arange(n), np.arange(1, n + 1)]), identity(n, format="csr")).definite()
 
 
-def test_statics_says_that_without_opposite_pairs_a_body_is_unstable():
-    """Some states have less energy than rest: what is found is in equilibrium, and not stable."""
+def test_statics_reports_an_unstable_body_without_opposite_pairs():
+    """Without opposite pairs some states have less energy than the state at rest, so that the equilibrium found is unstable."""
     terms = [NETWORK.without("opposite"), Gravity((0, 0, -0.02))]
     found = solve_static(System(MESH, terms, {(0, 1, 2, 3): "xyz"}), quiet=True, raise_on_failure=False)
     whole = solve_static(System(MESH, [NETWORK, *terms[1:]], {(0, 1, 2, 3): "xyz"}), quiet=True)
@@ -179,16 +182,16 @@ def test_statics_says_that_without_opposite_pairs_a_body_is_unstable():
 
 
 @pytest.mark.parametrize("part", ["all", "edges", "adjacent"])
-def test_elements_can_be_taken_out_of_the_network_of_a_law(part):
-    """What is left is the network of the elements that are left, by itself."""
-    law, gone = StVK(young=9.0, poisson=0.4, density=2.0), np.random.default_rng(2).permutation(MESH.nt)[:30]
-    kept = np.setdiff1d(np.arange(MESH.nt), gone)
+def test_elements_can_be_removed_from_the_network_of_a_law(part):
+    """After elements are removed, the network equals the network of the remaining elements."""
+    law, removed = StVK(young=9.0, poisson=0.4, density=2.0), np.random.default_rng(2).permutation(MESH.nt)[:30]
+    retained = np.setdiff1d(np.arange(MESH.nt), removed)
     take = {"all": lambda n: n, "edges": EdgeNetwork.diagonal, "adjacent": lambda n: n.without("opposite")}[part]
     system = System(MESH, take(EdgeNetwork.of(MESH, law)))
-    rest = System(MESH, take(EdgeNetwork.of(MESH, StVK(young=9.0, poisson=0.4, density=2.0, region=kept))))
+    rest = System(MESH, take(EdgeNetwork.of(MESH, StVK(young=9.0, poisson=0.4, density=2.0, region=retained))))
     u, before = state(MESH), system.internal_force(state(MESH))
-    system = system.without(gone[:7])
-    system = system.without(gone)
+    system = system.without(removed[:7])
+    system = system.without(removed)
     F = rest.internal_force(u)
     assert np.abs(before - F).max() > 1e-2 * np.abs(F).max()
     assert np.abs(system.internal_force(u) - F).max() < 1e-12 * np.abs(F).max()
@@ -199,13 +202,13 @@ def test_elements_can_be_taken_out_of_the_network_of_a_law(part):
     assert joined == left < set(map(tuple, system.bound_terms[0].nodes_paired.T))
 
 
-def test_elements_cannot_be_taken_out_of_coefficients_that_no_law_gave():
+def test_elements_cannot_be_removed_from_a_network_without_laws():
     with pytest.raises(StvkError, match="EdgeNetwork"):
         System(MESH, EdgeNetwork(NETWORK.edges, NETWORK.L)).without([3])
 
 
 def test_a_network_of_a_law_is_made_with_one_kind_of_pairs():
-    """They are those that are left when the others are taken out."""
+    """`EdgeNetwork.of` with one kind of pairs equals the whole network without the other kind."""
     law, whole = StVK(young=9.0, poisson=0.4, density=2.0), NETWORK
     parts = {"none": whole.diagonal(), "adjacent": whole.without("opposite"), "opposite": whole.without("adjacent")}
     for pairs, part in parts.items():

@@ -1,4 +1,4 @@
-"""An elastic foundation: its energy is the integral of k u^2/2 over the surface, and everything else follows from it."""
+"""The energy of an elastic foundation is the integral of k u^2/2 over the surface; forces and stiffness are its derivatives."""
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_products_diagonals_lines_and_round_off_agree_with_the_matrix(case):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
+def test_fill_adds_to_earlier_values_on_a_larger_pattern(name):
     mesh = MESHES[name]
     term, u = bound(mesh, "part"), state(mesh).reshape(-1, mesh.d)
     others = [StVK(young=1.0, poisson=0.3).bind(mesh).nodes_paired]
@@ -98,7 +98,7 @@ def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
     assert pattern.matrix(data - 1).toarray() == pytest.approx(dense(term, mesh, u)[0], abs=1e-14)
 
 
-def test_it_says_which_degrees_of_freedom_it_ties_to_the_ground():
+def test_grounded_lists_the_degrees_of_freedom_tied_to_the_ground():
     mesh = MESHES["tetrahedra"]
     vertices = np.unique(mesh.surface[:, (mesh.p[0] < 0.4)[mesh.surface].all(axis=0)])
     assert np.array_equal(bound(mesh, "part").grounded, np.sort(np.concatenate([3 * vertices, 3 * vertices + 2])))
@@ -125,12 +125,12 @@ def test_a_number_is_the_stiffness_of_all_components():
 
 
 @pytest.mark.parametrize("stiffness", [-1.0, (1, np.nan, 1), 0, (0, 0, 0), "stiff", [[1, 2]], (1, 2, -3)])
-def test_a_stiffness_without_meaning_is_refused(stiffness):
+def test_an_invalid_stiffness_is_refused(stiffness):
     with pytest.raises(LoadError, match=r"ElasticFoundation: stiffness is .*; expected"):
         ElasticFoundation("floor", stiffness)
 
 
-def test_a_stiffness_of_other_components_and_a_place_without_facets_are_refused():
+def test_a_stiffness_of_other_components_and_a_location_without_facets_are_refused():
     mesh = MESHES["tetrahedra"]
     with pytest.raises(LoadError, match=r"stiffness has shape \(2,\); expected a number, or 3 components"):
         bound(mesh, stiffness=(1, 2))

@@ -1,4 +1,7 @@
-"""Linear elasticity: the stiffness of St. Venant-Kirchhoff at rest, once and for all; what that saves, and where it is wrong."""
+"""Linear elasticity has the constant stiffness of St. Venant-Kirchhoff at rest.
+
+Tests cover the saved factorisations, and the spurious stress of rotations.
+"""
 
 import numpy as np
 import pytest
@@ -36,7 +39,7 @@ def materials(mesh):
 
 
 @pytest.mark.parametrize("name", [slow(name) if name == "quadratic tetrahedra" else name for name in EVERY_MESH])
-def test_its_stiffness_is_that_of_the_body_at_rest_everywhere(name):
+def test_the_stiffness_is_that_of_the_body_at_rest_in_all_states(name):
     mesh = EVERY_MESH[name]
     for material in materials(mesh):
         linear, law = System(mesh, LinearElastic(material)), System(mesh, StVK(material))
@@ -50,7 +53,7 @@ def test_its_stiffness_is_that_of_the_body_at_rest_everywhere(name):
 
 
 @pytest.mark.parametrize("k", [2, slow(3)])
-def test_so_is_that_of_boxes_with_one_point(k):
+def test_the_stiffness_of_boxes_with_one_point_is_that_at_rest(k):
     mesh = boxes(k)
     linear, law = (System(mesh, kind(young=2.0, poisson=0.3), quadrature="one-point") for kind in (LinearElastic, StVK))
     K, u = law.tangent(np.zeros(mesh.p.size)), state(mesh)
@@ -65,7 +68,7 @@ def test_plane_strain_and_plane_stress(options):
     assert abs(linear.tangent(state(mesh)) - law.tangent(np.zeros(mesh.p.size))).max() < 1e-14
 
 
-def test_it_is_the_first_order_of_st_venant_kirchhoff():
+def test_linear_elasticity_is_the_first_order_of_st_venant_kirchhoff():
     mesh = box(2)
     linear, law = (System(mesh, kind(young=2.0, poisson=0.3)) for kind in (LinearElastic, StVK))
     u = state(mesh)
@@ -74,8 +77,8 @@ def test_it_is_the_first_order_of_st_venant_kirchhoff():
 
 
 @pytest.fixture
-def made(monkeypatch):
-    """How many tangents were factorised."""
+def factorised(monkeypatch):
+    """Return the list of tangents that were factorised."""
     counts, factorise = [], FreeTangent.factorise
 
     def counted(self, K, exact=True):
@@ -100,29 +103,29 @@ def loaded(*terms, gravity=(0.2, 0, -1.0)):
 
 
 @pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg", "auto"])
-def test_statics_takes_one_factorisation_and_one_iteration(solver, made):
-    """Later steps begin where they end: the path is straight."""
+def test_statics_takes_one_factorisation_and_one_iteration(solver, factorised):
+    """A static path takes one factorisation and one iteration. The path is straight, so later steps begin at their solution."""
     system = loaded()
     found = solve_static(system, steps=4, solver=solver, quiet=True)
-    assert found.success and made == [True] and sum(len(step.iterations) for step in found.history) == 1
+    assert found.success and factorised == [True] and sum(len(step.iterations) for step in found.history) == 1
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
     K = system.tangent(np.zeros(system.ndofs))[free][:, free]
     exact = spsolve(K.tocsc(), system.external_force(np.zeros(system.ndofs))[free])
     assert np.abs(found.u[free] - exact).max() < 1e-7 * np.abs(exact).max()
 
 
-def test_prescribed_displacements_take_one_factorisation_too(made):
+def test_prescribed_displacements_take_one_factorisation_too(factorised):
     mesh = box(2)
     wall, tip = (tuple(np.flatnonzero(where)) for where in (mesh.p[2] > 0.8, mesh.p[2] < 0.2))
     system = System(mesh, LINEAR, fixed={wall: "xyz"}, prescribed={tip: {"x": 0.1, "z": -0.05}})
     found = solve_static(system, steps=3, solver="superlu", quiet=True)
-    assert found.success and made == [True]
+    assert found.success and factorised == [True]
     assert found.u.reshape(-1, 3)[list(tip), 0] == pytest.approx(0.1)
 
 
-def test_mixed_regions_and_foundations_that_are_all_linear_take_one(made):
+def test_linear_regions_and_foundations_take_one_factorisation(factorised):
     system = loaded(LinearElastic(SOFT.material, region=SOFT.region), STIFF, ElasticFoundation(lambda x: x[2] < 0.2, 5.0))
-    assert system.constant_tangent and solve_static(system, steps=3, quiet=True).success and made == [True]
+    assert system.constant_tangent and solve_static(system, steps=3, quiet=True).success and factorised == [True]
 
 
 @pytest.mark.parametrize(
@@ -134,10 +137,10 @@ def test_mixed_regions_and_foundations_that_are_all_linear_take_one(made):
     ],
     ids=["StVK", "penalty", "follower"],
 )
-def test_where_something_is_not_linear_it_takes_more(terms, made):
+def test_nonlinear_terms_take_more_factorisations(terms, factorised):
     system = loaded(*terms)
     found = solve_static(system, steps=2, quiet=True)
-    assert not system.constant_tangent and found.success and len(made) > 2
+    assert not system.constant_tangent and found.success and len(factorised) > 2
 
 
 INTEGRATORS = [LinearBackwardEuler(0.02), BackwardEuler(0.02), Newmark(0.02), EnergyMomentum(0.02)]
@@ -145,17 +148,17 @@ INTEGRATORS = [LinearBackwardEuler(0.02), BackwardEuler(0.02), Newmark(0.02), En
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: type(one).__name__)
 @pytest.mark.parametrize("damping", [None, Rayleigh(0.1, 0.01)], ids=["", "damped"])
-def test_a_run_with_a_constant_step_takes_one_factorisation(integrator, damping, made):
+def test_a_run_with_a_constant_step_takes_one_factorisation(integrator, damping, factorised):
     system = loaded()
     run = simulate(system, integrator, until=0.4, damping=damping, quiet=True)
-    assert run.success and made == [True] and run.ledger.steps == 21
+    assert run.success and factorised == [True] and run.ledger.steps == 21
     if isinstance(integrator, EnergyMomentum) and damping is None:
         energy = run.ledger["total_energy"]
         assert np.ptp(energy) < 1e-10 * np.ptp(run.ledger["kinetic_energy"]) > 0
 
 
 def test_eq_9_is_a_step_of_the_linear_equation():
-    """`(M/T^2 + K) T v1 = h - F + M v0/T`, step by step, by hand."""
+    """`LinearBackwardEuler` equals an explicit loop over `(M/T^2 + K) T v1 = h - F + M v0/T`."""
     system, T = loaded(), 0.02
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
     K = system.tangent(np.zeros(system.ndofs)).toarray()[np.ix_(free, free)]
@@ -168,19 +171,19 @@ def test_eq_9_is_a_step_of_the_linear_equation():
     assert np.abs(run.u[free] - u).max() < 1e-8 * np.abs(u).max()
 
 
-def test_a_shorter_last_step_takes_another(made):
+def test_a_shorter_last_step_takes_another_factorisation(factorised):
     run = simulate(loaded(), LinearBackwardEuler(0.02), until=0.25, quiet=True)
-    assert run.success and made == [True, True]
+    assert run.success and factorised == [True, True]
 
 
-def test_its_modes_do_not_change_with_the_state():
+def test_modes_do_not_change_with_the_state():
     system = loaded()
     u = solve_static(system, quiet=True).u
     at_rest = modes(loaded(StVK(LINEAR.material)), 4).eigenvalues
     assert modes(system, 4, u=u).eigenvalues == pytest.approx(at_rest, rel=1e-6)
 
 
-def test_damping_of_it_is_that_of_the_stiffness_at_rest():
+def test_damping_is_that_of_the_stiffness_at_rest():
     mesh = box(2)
     term, v = LINEAR.bind(mesh), state(mesh).reshape(-1, 3)
     force = np.zeros_like(v)
@@ -190,8 +193,8 @@ def test_damping_of_it_is_that_of_the_stiffness_at_rest():
     assert pytest.approx(np.vdot(force, v), rel=1e-12) == 2 * R
 
 
-def turned(mesh, t):
-    """Displacements of a rotation by `t` about z, in the plane about the origin."""
+def rotated(mesh, t):
+    """Return displacements of a rotation by `t` about the z axis (in the plane: about the origin)."""
     c, s = np.cos(t) - 1, np.sin(t)
     u = np.zeros_like(mesh.p)
     u[0], u[1] = c * mesh.p[0] - s * mesh.p[1], s * mesh.p[0] + c * mesh.p[1]
@@ -201,34 +204,36 @@ def turned(mesh, t):
 @pytest.mark.parametrize("name", ["tetrahedra", "quadratic tetrahedra", "hexahedra"])
 @pytest.mark.parametrize("degrees", [1, 45, 90])
 def test_a_rotation_has_a_spurious_stress(name, degrees):
-    """`s_xx = s_yy = 2 (mu + lam) (cos t - 1)`, `s_zz = 2 lam (cos t - 1)`, in all measures; St. Venant-Kirchhoff has none."""
+    """A rotation has `s_xx = s_yy = 2 (mu + lam) (cos t - 1)`, `s_zz = 2 lam (cos t - 1)` in all measures.
+
+    St. Venant-Kirchhoff has no stress.
+    """
     mesh, t = EVERY_MESH[name], np.radians(degrees)
     law = LinearElastic(young=2.6, poisson=0.3)
     lam, mu = 1.5, 1.0
-    now = Fields(mesh, law).at(turned(mesh, t))
+    u = rotated(mesh, t)
+    now = Fields(mesh, law).at(u)
     expected = 2 * (np.cos(t) - 1) * np.diag([mu + lam, mu + lam, lam])
     for measure in ("cauchy_stress", "pk1_stress", "pk2_stress"):
         assert np.abs(now[measure] - expected).max() < 1e-12
-    assert (
-        np.abs(now["green_strain"]).max() < 1e-12 > np.abs(Fields(mesh, StVK(law.material)).at(turned(mesh, t))["pk2_stress"]).max()
-    )
+    assert np.abs(now["green_strain"]).max() < 1e-12 > np.abs(Fields(mesh, StVK(law.material)).at(u)["pk2_stress"]).max()
     energy = now["strain_energy_density"] @ now.fields.volume
-    limit = 1e-10 if name == "tetrahedra" else 1e-4  # volumes of curved elements are not those of the rule
-    assert energy == pytest.approx(System(mesh, law).energy(turned(mesh, t)), rel=limit) and energy > 0
+    limit = 1e-10 if name == "tetrahedra" else 1e-4  # the rule does not integrate volumes of curved elements exactly
+    assert energy == pytest.approx(System(mesh, law).energy(u), rel=limit) and energy > 0
 
 
-def test_in_plane_strain_too_and_in_plane_stress_with_its_own_constants():
+def test_a_rotation_has_a_spurious_stress_in_plane_strain_and_plane_stress():
     mesh, t = EVERY_MESH["triangles"], 0.7
-    strain = Fields(mesh, LinearElastic(young=2.6, poisson=0.3)).at(turned(mesh, t))["cauchy_stress"]
+    strain = Fields(mesh, LinearElastic(young=2.6, poisson=0.3)).at(rotated(mesh, t))["cauchy_stress"]
     assert np.abs(strain - 2 * (np.cos(t) - 1) * np.diag([2.5, 2.5, 1.5])).max() < 1e-12
-    stress = Fields(mesh, LinearElastic(young=2.6, poisson=0.3, plane="stress")).at(turned(mesh, t))["cauchy_stress"]
+    stress = Fields(mesh, LinearElastic(young=2.6, poisson=0.3, plane="stress")).at(rotated(mesh, t))["cauchy_stress"]
     lam = 2.6 * 0.3 / (1 - 0.09)
     assert np.abs(stress - 2 * (np.cos(t) - 1) * np.diag([1 + lam, 1 + lam, 0])).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "quadrilaterals", "membrane"])
 def test_nodal_forces_are_those_of_the_stress(name):
-    """By virtual work: the stress times the small strain of any motion is the work of the forces."""
+    """By virtual work, the stress times the small strain of any motion is the work of the forces."""
     mesh, (isotropic, anisotropic) = EVERY_MESH[name], materials(EVERY_MESH[name])
     u, v = state(mesh), state(mesh, seed=9)
     for material in (isotropic, anisotropic):
@@ -241,7 +246,7 @@ def test_nodal_forces_are_those_of_the_stress(name):
         assert both @ fields.volume == pytest.approx(System(mesh, LinearElastic(material)).internal_force(u) @ v, rel=1e-9)
 
 
-def test_where_other_laws_are_too_ellipticity_is_not_looked_at():
+def test_ellipticity_is_refused_with_linear_elasticity():
     system = loaded()
     with pytest.raises(StvkError, match=r"48 elements .* in LinearElastic: strong ellipticity is looked at for StVK alone"):
         solve_static(system, ellipticity=True, quiet=True)

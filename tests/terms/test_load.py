@@ -1,4 +1,4 @@
-"""How what a user gives becomes a function of place and time."""
+"""User-given constants and functions become functions of location and time."""
 
 from functools import partial
 
@@ -41,7 +41,7 @@ def test_components_are_constants_that_ramp_or_functions_as_they_are(given, expe
     ("given", "expected"),
     [(3, [1.5]), ([1, 2, 3], [0.5, 1, 1.5]), (lambda t: t**2, [0.25]), (lambda x, t: x[0], [0, 1, 2]), (lambda x, t: t, [0.5])],
 )
-def test_numbers_too(given, expected):
+def test_numbers_are_constants_that_ramp_or_functions(given, expected):
     assert Value(given, (), X, "It").at(0.5).tolist() == expected
 
 
@@ -88,7 +88,7 @@ def test_constants_are_copied():
         (dict, r"cannot tell the arguments|a function of"),
     ],
 )
-def test_what_has_no_meaning_is_refused_before_anything_is_computed(given, message):
+def test_invalid_values_are_refused_at_construction(given, message):
     for error in (LoadError, SupportError):
         with pytest.raises(error, match=message):
             Value(given, (2,), X, "It", error)

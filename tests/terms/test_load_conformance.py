@@ -1,4 +1,4 @@
-"""What every load owes: one suite for all of them."""
+"""Suite of requirements for all loads."""
 
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ T = Moment(0.6, 0.8)
 
 
 class Case(NamedTuple):
-    """A load on a mesh, and what it has to say of itself."""
+    """Load on a mesh, and its expected properties."""
 
     mesh: ElementMesh
     load: Any
@@ -37,7 +37,7 @@ def cases():
         everywhere = None if mesh.k < d else there
         found |= {
             f"Gravity, {name}": Case(mesh, Gravity(g)),
-            f"BodyForce of place, {name}": Case(mesh, BodyForce(lambda x, t: (1 + t) * x), steady=False),
+            f"BodyForce of x, {name}": Case(mesh, BodyForce(lambda x, t: (1 + t) * x), steady=False),
             f"NodalLoad, {name}": Case(mesh, NodalLoad([2, 1], g)),
             f"NodalLoad of time, {name}": Case(mesh, NodalLoad([2, 1], lambda t, g=g: g * np.cos(t)), steady=False),
             f"Traction, {name}": Case(mesh, Traction(there, g)),
@@ -48,7 +48,7 @@ def cases():
         if mesh.k > 1:
             found[f"Pressure, {name}"] = Case(mesh, Pressure(everywhere, 1.5), has_potential=False, dead=False)
             of_time = Pressure(everywhere, lambda x, t: t * (1 + x[0]))
-            found[f"Pressure of place, {name}"] = Case(mesh, of_time, has_potential=False, dead=False, steady=False)
+            found[f"Pressure of x, {name}"] = Case(mesh, of_time, has_potential=False, dead=False, steady=False)
     found["Vortex"] = Case(MESHES["tetrahedra"], Vortex([1, 4, 6], 2.0), has_potential=False, dead=False)
     return found
 
@@ -72,7 +72,7 @@ def force(load, u, t=T):
 
 
 def derivative(f, h):
-    """Seven-point stencil."""
+    """Return the derivative of `f` at 0 by a seven-point stencil."""
     weights = {1: 45, 2: -9, 3: 1}
     return sum(w * (f(n * h) - f(-n * h)) for n, w in weights.items()) / (60 * h)
 
@@ -90,7 +90,7 @@ def two_states(case):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_is_what_it_says_of_itself(name):
+def test_declared_properties_hold(name):
     case = CASES[name]
     load = bound(case)
     assert (load.has_potential, load.dead, load.steady) == (case.has_potential, case.dead, case.steady)
@@ -110,7 +110,7 @@ def test_the_force_is_minus_the_gradient_of_the_potential(name):
 
 
 @pytest.mark.parametrize("name", WITHOUT)
-def test_what_has_no_potential_says_so(name):
+def test_a_load_without_potential_refuses_to_return_it(name):
     case = CASES[name]
     with pytest.raises(LoadError, match="has no potential"):
         bound(case).potential(two_states(case)[0], T)
@@ -134,7 +134,7 @@ def test_dead_loads_have_no_stiffness(name):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
+def test_loads_add_to_earlier_values_on_a_larger_pattern(name):
     case = CASES[name]
     load, (u, _) = bound(case), two_states(case)
     out = np.full(u.shape, 2.0)
@@ -149,7 +149,7 @@ def test_it_adds_to_what_others_left_on_a_larger_pattern(name):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_system_with_it_knows(name):
+def test_a_system_has_the_properties_of_its_load(name):
     case = CASES[name]
     system, u = System(case.mesh, [ELASTIC, case.load]), two_states(case)[0]
     assert (system.conservative, system.dead) == (case.has_potential, case.dead)
@@ -161,7 +161,7 @@ def test_a_system_with_it_knows(name):
 
 
 @pytest.mark.parametrize("name", NOT_DEAD)
-def test_a_system_knows_the_stiffness_of_what_is_conservative(name):
+def test_load_stiffness_is_that_of_conservative_loads(name):
     case = CASES[name]
     system, u = System(case.mesh, [ELASTIC, case.load]), two_states(case)[0]
     found, size = system.load_stiffness(u.ravel(), T), abs(stiffness(case, bound(case), u)).max()

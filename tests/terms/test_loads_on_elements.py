@@ -1,4 +1,7 @@
-"""Loads on all elements, curved ones too: scikit-fem's forms, closed forms, balance, and energies whose derivatives they are."""
+"""Loads on all elements, including curved ones, equal scikit-fem's forms and closed forms.
+
+Pressures on closed surfaces balance, and forces are derivatives of energies.
+"""
 
 import numpy as np
 import pytest
@@ -30,7 +33,7 @@ def everywhere(x):
 
 
 def field(mesh):
-    """Of the shape functions' own space: what is interpolated between nodes is exact."""
+    """Return nodal values of a random field in the space of the shape functions, so that interpolation between nodes is exact."""
     values = RNG.standard_normal(mesh.p.shape)
     return values, values.T.ravel()
 
@@ -41,7 +44,7 @@ def with_our_rule(mesh):
 
 
 @pytest.mark.parametrize("name", KNOWN)
-@pytest.mark.parametrize("kind", ["constant", "of place"])
+@pytest.mark.parametrize("kind", ["constant", "of x"])
 def test_body_force_is_scikit_fems(name, kind):
     mesh = CURVED[name]
     basis, (values, flat) = with_our_rule(mesh), field(mesh)
@@ -58,7 +61,7 @@ def test_body_force_is_scikit_fems(name, kind):
 
 
 @pytest.mark.parametrize("name", CURVED)
-def test_gravity_is_mass_times_g_and_in_motion_the_mass_in_use(name):
+def test_gravity_is_mass_times_g_and_in_motion_uses_its_mass_matrix(name):
     mesh = CURVED[name]
     of, g = body(mesh), np.arange(1.0, mesh.d + 1)
     load = Gravity(g).bind(of)
@@ -78,7 +81,7 @@ def test_gravity_is_mass_times_g_and_in_motion_the_mass_in_use(name):
 
 @pytest.mark.parametrize("name", [name for name in KNOWN if CURVED[name].k > 1])
 def test_traction_is_scikit_fems(name):
-    """On curved and skew facets, of a field that is not constant: by the same rule on facets."""
+    """A traction that varies along curved and skew facets has scikit-fem's forces, if both use the same rule on facets."""
     mesh = CURVED[name]
     values, flat = field(mesh)
     points, weights = rule_of(mesh.facet, "mass")
@@ -103,7 +106,7 @@ def test_a_constant_traction_has_the_resultant_of_its_area(name):
         )
 
 
-def test_a_straight_quadratic_facet_carries_a_constant_traction_by_its_middles_alone():
+def test_a_constant_traction_on_straight_quadratic_facets_acts_at_edge_nodes_only():
     mesh = STRAIGHT["quadratic tetrahedra"]
     f = force(Traction(everywhere, (1.0, 0, 0)).bind(body(mesh)), mesh)[0]
     corners = np.unique(mesh.corners)
@@ -111,7 +114,7 @@ def test_a_straight_quadratic_facet_carries_a_constant_traction_by_its_middles_a
 
 
 def bubble(name):
-    """The surface of a solid as a closed membrane with its normals outwards."""
+    """Return the surface of a solid as a closed membrane with outward normals."""
     solid = CURVED[name]
     nodes, t = np.unique(solid.surface, return_inverse=True)
     return ElementMesh(solid.p[:, nodes], t.reshape(solid.surface.shape), element=solid.facet)
@@ -126,7 +129,10 @@ def pressure(mesh, p):
 
 
 def enclosed(mesh, u):
-    """Volume inside at displacements `u` (nv, d): of solids by their elements, of bubbles by the flux of x."""
+    """Return the enclosed volume at displacements `u` (nv, d).
+
+    For solids this is the volume of the elements, for bubbles the flux of x.
+    """
     x = mesh.p + u.T
     element, xi, weights = mesh.element, *rule_of(mesh.element, "mass")
     slopes = np.einsum("qai,dat->tqid", element.derivatives(xi), x[:, mesh.t])
@@ -139,7 +145,10 @@ def enclosed(mesh, u):
 
 @pytest.mark.parametrize("name", CLOSED)
 def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name):
-    """The volume is a cubic in u, for which the stencil of four points is exact, and the rules are exact for it."""
+    """The pressure force on a closed surface is minus p times the gradient of the enclosed volume.
+
+    The volume is a cubic in u, for which the stencil of four points and the quadrature rules are exact.
+    """
     mesh, p = CLOSED[name], 2.5
     u, v = (state(mesh, amount, seed).reshape(-1, mesh.d) for amount, seed in ((0.5, 1), (1.0, 2)))
     V = {s: enclosed(mesh, u + s * v) for s in (-2, -1, 1, 2)}
@@ -153,9 +162,12 @@ def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name):
 
 
 @pytest.mark.parametrize("name", [name for name in CURVED if CURVED[name].k > 1 and (CURVED[name].d == 3 or CURVED[name].k == 2)])
-@pytest.mark.parametrize("given", [2.5, lambda x, t: t * (1 + x[0] - 2 * x[1])], ids=["constant", "of place"])
+@pytest.mark.parametrize("given", [2.5, lambda x, t: t * (1 + x[0] - 2 * x[1])], ids=["constant", "of x"])
 def test_load_stiffness_is_minus_the_derivative_of_the_force(name, given):
-    """The force is a quadratic in u, for which central differences are exact."""
+    """The load stiffness is minus the derivative of the force.
+
+    The force is a quadratic in u, for which central differences are exact.
+    """
     mesh = CURVED[name]
     load = pressure(mesh, given)
     u = state(mesh, 0.5).reshape(-1, mesh.d)
@@ -167,15 +179,15 @@ def test_load_stiffness_is_minus_the_derivative_of_the_force(name, given):
 
 
 @pytest.mark.parametrize("name", [name for name in CURVED if "membrane" in name])
-def test_membranes_that_are_turned_by_turns_are_pushed_to_one_side(name):
-    """The node orders of the other side, middles included, push the same way as their first neighbour."""
+def test_membranes_of_mixed_orientation_are_pushed_to_one_side(name):
+    """Elements with reversed node order, including nodes on edges, are pushed in the direction of their first neighbour."""
     mesh = CURVED[name]
     other = [1, 0, 2, 3, 5, 4] if mesh.element.is_simplex else [1, 0, 3, 2]
     t = mesh.t.copy()
     t[:, 1::3] = t[other][:, 1::3]
     assert sizes_at_points(mesh.p, t, mesh.element).sum() == pytest.approx(sizes_of(mesh.p, mesh.t, mesh.element).sum(), rel=1e-12)
-    turned = ElementMesh(mesh.p, t, element=mesh.element)
-    f, again = force(pressure(mesh, 2.0), mesh), force(pressure(turned, 2.0), turned)
+    mixed = ElementMesh(mesh.p, t, element=mesh.element)
+    f, again = force(pressure(mesh, 2.0), mesh), force(pressure(mixed, 2.0), mixed)
     assert np.abs(f).max() > 0 and f == pytest.approx(again, abs=1e-14)
 
 
@@ -202,7 +214,7 @@ def test_a_foundation_has_the_energy_of_quadrature_and_its_derivatives(name):
     assert sizes.ravel() == pytest.approx(abs(K) @ np.abs(u.ravel()))
 
 
-def test_forces_are_given_to_middles_of_edges_too():
+def test_forces_may_act_at_edge_nodes():
     mesh = CURVED["quadratic tetrahedra"].with_boundaries({"low": everywhere})
     middle = mesh.t[6, :2]
     f = force(NodalLoad(np.sort(middle), (1.0, 2.0, 3.0)).bind(body(mesh)), mesh)

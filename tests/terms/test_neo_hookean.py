@@ -1,4 +1,7 @@
-"""The neo-Hookean law: scikit-fem's form of the same energy, closed forms, its clamped tangent, and what it refuses."""
+"""The neo-Hookean law equals scikit-fem's form of the same energy and closed forms.
+
+Tests also cover its clamped tangent and the refused arguments.
+"""
 
 import warnings
 
@@ -65,7 +68,7 @@ def bound(mesh, rule="usual", plane=None, dtype=np.float64):
 
 
 def crushed(mesh, amount=0.4, noise=0.1):
-    """(nv, d) pushed together, with an element or two that are nearly flat, none inside out."""
+    """Return a compressed state (nv, d), in which an element or two are nearly flat and none is inverted."""
     return (noise * state(mesh) - amount * mesh.p.T.ravel()).reshape(-1, mesh.d)
 
 
@@ -75,7 +78,7 @@ def system(mesh, rule="usual", plane=None):
 
 
 def by_scikit_fem(mesh, u, rule):
-    """W, F, K of the energy as it is written, the strain across being none in the plane."""
+    """Return W, F and K of the literal energy by scikit-fem, in the plane with zero strain across."""
     basis, (points, weights) = scikit_fem_of(mesh), rule_of(mesh.element, rule)
     basis = skfem.Basis(basis.mesh, basis.elem, quadrature=(points.T, weights))
     lam, mu = (np.broadcast_to(value * (0.3 if mesh.k == 2 else 1.0), mesh.nt)[:, None] for value in lame(mesh))
@@ -88,8 +91,8 @@ def by_scikit_fem(mesh, u, rule):
 
     def tangent(v, w, _):
         dF = grad(v)
-        turned = np.einsum("ij...,kj...,kl...->il...", back, dF, back)
-        dP = mu * (dF + turned) + lam * ((2 * J - 1) * J * ddot(back, dF) * back - (J - 1) * J * turned)
+        transposed = np.einsum("ij...,kj...,kl...->il...", back, dF, back)
+        dP = mu * (dF + transposed) + lam * ((2 * J - 1) * J * ddot(back, dF) * back - (J - 1) * J * transposed)
         return ddot(dP, grad(w))
 
     K = skfem.BilinearForm(tangent).assemble(basis)
@@ -104,7 +107,7 @@ def lame(mesh):
 
 @pytest.mark.parametrize("rule", ["usual", "exact"])
 @pytest.mark.parametrize("name", SOLID)
-def test_it_is_what_scikit_fem_assembles(name, rule):
+def test_energy_force_and_tangent_are_those_of_scikit_fem(name, rule):
     mesh = EVERY[name]
     body = system(mesh, rule)
     for u in (0.3 * crushed(mesh, 0).ravel(), crushed(mesh, noise=0.03).ravel()):
@@ -136,7 +139,7 @@ def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
 
 
 @pytest.mark.parametrize("name", slow_but(["triangles", "tetrahedra", "quadratic tetrahedra, curved"], EVERY))
-def test_the_clamped_tangent_is_positive_semi_definite_however_crushed(name):
+def test_the_clamped_tangent_is_positive_semi_definite_under_strong_compression(name):
     mesh = EVERY[name]
     for rule in ("usual", *(["one-point"] if name in BOXES else [])):
         for plane in (None, "stress") if mesh.k == mesh.d == 2 else (None,):
@@ -158,8 +161,11 @@ def clamped(body, u, kept):
     return body.pattern.matrix(data).toarray()
 
 
-def test_the_clamped_tangent_is_the_exact_one_where_nothing_gives_way():
-    """At rest, and blown up evenly, where all bounds are exact; crushed evenly it is another."""
+def test_the_clamped_tangent_is_exact_under_expansion():
+    """The clamped tangent is exact at rest and under uniform expansion, where all bounds are exact.
+
+    The clamped tangent differs from the exact one under uniform compression.
+    """
     for mesh in (MESHES["tetrahedra"], MESHES["triangles"], MESHES["membrane"]):
         body = System(mesh, NeoHookean(young=2.0, poisson=0.2))
         for amount, same in ((0.0, True), (-0.1, True), (0.3, mesh.k < mesh.d and False)):
@@ -170,8 +176,11 @@ def test_the_clamped_tangent_is_the_exact_one_where_nothing_gives_way():
 
 
 @pytest.mark.parametrize("plane", ["strain", "stress", "membrane"])
-def test_in_sheets_the_thickness_is_such_that_nothing_pulls_across(plane):
-    """W by the thickness stretch that a root finder gives for the slope of the energy in space."""
+def test_sheets_have_the_thickness_with_zero_stress_across(plane):
+    """W of sheets is the energy in space at the thickness stretch with zero stress across.
+
+    A root finder gives that stretch. In plane strain the stretch is 1.
+    """
     mesh = membrane(3) if plane == "membrane" else sheet(3)
     law = law_on(mesh, None if plane == "membrane" else plane)
     u = 0.15 * state(mesh) - 0.2 * mesh.p.T.ravel()
@@ -180,7 +189,7 @@ def test_in_sheets_the_thickness_is_such_that_nothing_pulls_across(plane):
     rest = spokes_at(mesh.p, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
     now = spokes_at(mesh.p + x, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
     for P, p, lam, mu in zip(rest, now, *lame(mesh), strict=True):
-        P, p = (a if a.shape[0] == 2 else a.T for a in (P, p))  # rows are spokes
+        P, p = (a if a.shape[0] == 2 else a.T for a in (P, p))  # rows are base vectors
         C = np.linalg.inv(P @ P.T) @ (p @ p.T)
         j, area = np.sqrt(np.linalg.det(C)), np.sqrt(np.linalg.det(P @ P.T)) / 2
 
@@ -194,7 +203,7 @@ def test_in_sheets_the_thickness_is_such_that_nothing_pulls_across(plane):
 
 @pytest.mark.parametrize("name", EVERY)
 def test_small_strains_have_the_linear_response_of_the_same_constants(name):
-    """To the last digits of what is left: the energy of 1e-9 is of 1e-18."""
+    """Small strains have the linear response to the last digits: at a strain of 1e-9 the energy is of order 1e-18."""
     mesh = EVERY[name]
     ours, linear = system(mesh), System(mesh, StVK(law_on(mesh).material, thickness=law_on(mesh).thickness))
     K, v = linear.tangent(np.zeros(mesh.p.size)), state(mesh)
@@ -207,7 +216,7 @@ def test_small_strains_have_the_linear_response_of_the_same_constants(name):
 
 @pytest.mark.parametrize("s", [0.02, 0.4, 0.8, 1.3, 5.0, 300.0])
 def test_a_block_between_walls_has_the_stress_of_the_closed_form(s):
-    """W and F of confined compression and stretch, `P = mu (s - 1/s) + lam (s - 1)`."""
+    """W and F of confined compression and stretch are those of `P = mu (s - 1/s) + lam (s - 1)`."""
     mesh = MESHES["tetrahedra"]
     u = ((s - 1) * mesh.p * [[0], [0], [1]]).T.ravel()
     body, lam, mu = System(mesh, NeoHookean(Isotropic.from_lame(1.5, 0.7))), 1.5, 0.7
@@ -217,7 +226,7 @@ def test_a_block_between_walls_has_the_stress_of_the_closed_form(s):
     assert work / volume == pytest.approx(mu * (s - 1 / s) + lam * (s - 1), rel=1e-12)
 
 
-def test_states_inside_out_are_refused_by_name_and_steps_can_be_kept_out_of_them():
+def test_states_with_inverted_elements_are_refused_and_steps_avoid_them():
     mesh = MESHES["tetrahedra"]
     region = np.arange(5, mesh.nt)
     body = System(mesh, [StVK(young=1.0, poisson=0.3), NeoHookean(young=1.0, poisson=0.3, region=region)])
@@ -234,13 +243,13 @@ def test_states_inside_out_are_refused_by_name_and_steps_can_be_kept_out_of_them
     limit = body.step_limit(0 * u.ravel(), u.ravel())
     assert 0.5 < limit < 1 and np.isfinite(body.energy(0.999 * limit * u.ravel()))
     flat = sheet(2)
-    turned = (flat.p * [[-2], [0]]).T.ravel()
+    mirrored = (flat.p * [[-2], [0]]).T.ravel()
     for plane in ("strain", "stress"):
         with pytest.raises(StateError, match="inside out or flat"):
-            System(flat, NeoHookean(young=1.0, poisson=0.3, plane=plane)).energy(turned)
+            System(flat, NeoHookean(young=1.0, poisson=0.3, plane=plane)).energy(mirrored)
 
 
-def test_other_materials_and_segments_are_refused_with_what_to_take_instead():
+def test_other_materials_and_segments_are_refused_with_a_remedy():
     wood = Orthotropic(young=(9, 1, 1), poisson=(0.3, 0.3, 0.3), shear=(1, 1, 1))
     fibres = TransverselyIsotropic(
         young_axial=14.0, young_transverse=1.0, poisson_axial=0.3, poisson_transverse=0.4, shear_axial=0.6
@@ -264,7 +273,10 @@ def test_other_materials_and_segments_are_refused_with_what_to_take_instead():
 
 @pytest.mark.parametrize("name", EVERY)
 def test_stresses_and_energy_densities_are_those_of_the_forces(name):
-    """The first Piola-Kirchhoff stress pulls the forces, and the densities add up to the energy; other laws may share elements."""
+    """The virtual work of the first Piola-Kirchhoff stress is that of the forces, and the densities add up to the energy.
+
+    A second law acts on the same elements.
+    """
     mesh = EVERY[name]
     for plane in (None, "stress") if mesh.k == mesh.d == 2 else (None,):
         body = System(mesh, [law_on(mesh, plane), StVK(young=0.5, poisson=0.2, plane=plane, **SECTION[mesh.k])])
@@ -286,13 +298,13 @@ def test_stresses_and_energy_densities_are_those_of_the_forces(name):
 
 
 def displacement_gradient_in_space(mesh, v):
-    """(nt, d, d) of linear simplices, none across them."""
+    """Return the displacement gradient of linear simplices, zero across them, (nt, d, d)."""
     corners = v.reshape(-1, mesh.d)[mesh.t.T]
-    spokes = mesh.p.T[mesh.t[1:].T] - mesh.p.T[mesh.t[:1].T]
-    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ np.swapaxes(np.linalg.pinv(spokes), 1, 2)
+    vectors = mesh.p.T[mesh.t[1:].T] - mesh.p.T[mesh.t[:1].T]
+    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ np.swapaxes(np.linalg.pinv(vectors), 1, 2)
 
 
-def test_what_is_said_of_st_venant_kirchhoff_alone_is_not_said_of_it():
+def test_messages_about_st_venant_kirchhoff_are_not_given_for_neo_hookean():
     mesh = MESHES["tetrahedra"]
     body = System(mesh, NeoHookean(young=1.0, poisson=0.3))
     u = -0.5 * mesh.p.T.ravel()
@@ -307,14 +319,17 @@ def test_what_is_said_of_st_venant_kirchhoff_alone_is_not_said_of_it():
 
 
 def block(law, n=3, amount=0.6):
-    """A block that stands on one face; the other is pushed down to a part of its height by t = 1, both cannot move sideways."""
+    """Return a block with a fixed foot.
+
+    The top is prescribed to move down by `amount` of the height until t = 1, without sliding.
+    """
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n + 1)] * 3)
     mesh = mesh.with_boundaries({"foot": lambda x: x[2] == 0, "top": lambda x: x[2] == 1})
     return System(mesh, law, fixed={"foot": "xyz", "top": "xy"}, prescribed={"top": {"z": -amount}})
 
 
-def test_a_block_is_crushed_by_sixty_percent_where_st_venant_kirchhoff_gives_way():
-    """The force grows all the way. A solve with StVK stops near half of the press, past its limit point."""
+def test_a_block_is_compressed_by_sixty_percent_and_stvk_stops_before():
+    """The force grows up to 60 % compression. A solve with StVK stops near half of the compression, past its limit point."""
     found = solve_static(block(NeoHookean(young=1.0, poisson=0.3)), steps=6, quiet=True)
     assert found.success and 0 < found.system.smallest_volume_ratio(found.u) < 0.4
     force = -found.reaction("top").resultant[2]
@@ -327,7 +342,7 @@ def test_a_block_is_crushed_by_sixty_percent_where_st_venant_kirchhoff_gives_way
     assert "elements would turn inside out" in other.message and "NeoHookean in place of StVK" in other.message
 
 
-def test_modes_at_rest_are_those_of_the_same_constants_and_under_load_others():
+def test_modes_equal_those_of_stvk_at_rest_and_differ_under_load():
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3)
     of = {law: System(mesh, law(young=2.0, poisson=0.3, density=1.0)) for law in (NeoHookean, StVK)}
     at_rest = [modes(body, 8).frequencies for body in of.values()]
@@ -335,7 +350,7 @@ def test_modes_at_rest_are_those_of_the_same_constants_and_under_load_others():
 
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(), BackwardEuler(0.02), Newmark(0.02)])
-def test_a_block_that_is_thrown_at_itself_stays_right_side_out(integrator):
+def test_a_block_compressed_by_its_velocity_has_no_inverted_elements(integrator):
     mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3)
     body = System(mesh, NeoHookean(young=1.0, poisson=0.3, density=1.0))
     run = simulate(body, integrator, until=0.6, v0=(-1.2 * (mesh.p - 0.5)).T.ravel(), quiet=True)
@@ -344,8 +359,11 @@ def test_a_block_that_is_thrown_at_itself_stays_right_side_out(integrator):
 
 @pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 @pytest.mark.parametrize(("name", "rule"), COMPILED)
-def test_the_force_between_two_states_is_the_readable_one_and_does_the_work(name, rule, dtype, monkeypatch):
-    """On all elements; the rounding of small steps, which leaves noise out, is not in the readable one."""
+def test_the_mean_force_is_the_readable_one_and_its_work_is_the_energy_difference(name, rule, dtype, monkeypatch):
+    """The mean force of the compiled kernels equals the readable one on all elements, and its work is the energy difference.
+
+    The readable version has no special treatment of small steps, which removes round-off noise in the compiled kernels.
+    """
     mesh = EVERY[name]
     limit = 1e-11 if dtype == np.float64 else 3e-4
 
@@ -365,17 +383,20 @@ def test_the_force_between_two_states_is_the_readable_one_and_does_the_work(name
         assert pytest.approx(other_R, rel=10 * limit) == R and np.abs(force - other).max() < limit * np.abs(other).max()
 
 
-def test_of_a_body_that_turns_it_is_nothing_and_of_a_tiny_step_the_force():
-    """However far it turns; and the change of the energy is known to no more than its rounding."""
+def test_the_mean_force_of_rotations_and_of_tiny_steps():
+    """The dissipation of a rigid rotation is zero at any angle, and the mean force of a tiny step is the force.
+
+    The change of the energy is accurate only to its rounding.
+    """
     mesh = MESHES["tetrahedra"]
     term, u = bound(mesh), crushed(mesh, 0.2, 0.03)
-    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    now, moved = mesh.p.T + u, (mesh.p.T + u) @ turn.T
+    rotation = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    now, moved = mesh.p.T + u, (mesh.p.T + u) @ rotation.T
     force, own = np.zeros_like(u), np.zeros_like(u)
     R = term.mean_force(u, moved - mesh.p.T, (0.5, 0.5), 0.5, force)
     term.energy_and_force(u, own)
-    assert R < 1e-25 and np.abs(force - own @ (np.eye(3) + turn).T / 2).max() < 1e-12 * np.abs(own).max() and now.any()
+    assert R < 1e-25 and np.abs(force - own @ (np.eye(3) + rotation).T / 2).max() < 1e-12 * np.abs(own).max() and now.any()
     for size in (1e-6, 1e-9, 1e-12, 1e-15):
         force[:] = 0
         term.mean_force(u, u + size * state(mesh).reshape(-1, 3), (0.5, 0.5), 0.5, force)
@@ -383,8 +404,11 @@ def test_of_a_body_that_turns_it_is_nothing_and_of_a_tiny_step_the_force():
 
 
 @pytest.mark.parametrize("name", ["block", "quadratic tetrahedra, curved", "membrane"])
-def test_a_free_body_keeps_its_energy_and_momenta(name):
-    """Thrown, turning and swinging, by a force that is a discrete gradient; with a force of one state the energy drifts."""
+def test_a_free_body_conserves_energy_and_momenta(name):
+    """A free body that translates, rotates and vibrates conserves energy and momenta, because the force is a discrete gradient.
+
+    With Newmark's method, which uses the force of single states, the energy drifts.
+    """
     flat = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 2, np.linspace(0, 2, 3))
     mesh = EVERY[name] if name in EVERY else System(flat, StVK(young=1.0, poisson=0.3)).mesh
     body = System(mesh, NeoHookean(young=50.0, poisson=0.3, density=1.0))
@@ -400,8 +424,8 @@ def test_a_free_body_keeps_its_energy_and_momenta(name):
     assert np.ptp(simulate(body, Newmark(0.02), until=0.2, v0=v, quiet=True).ledger["total_energy"]) > 1e-5 * energy[0]
 
 
-def test_elements_that_were_taken_out_may_be_anywhere():
-    """They have no energy, pull nothing, and no field asks them."""
+def test_removed_elements_may_be_inverted():
+    """Removed elements may be inverted: they have no energy and no force, and fields do not evaluate them."""
     mesh = MESHES["tetrahedra"]
     body = System(mesh, NeoHookean(young=1.0, poisson=0.3, density=1.0))
     body = body.without(np.flatnonzero((mesh.t == 0).any(axis=0)))

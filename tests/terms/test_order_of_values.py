@@ -1,4 +1,4 @@
-"""Values at vertices follow the ids as they are given; what is not given by ids is ascending."""
+"""Values at vertices follow the given order of the ids. Vertices chosen by name, mask or predicate are in ascending order."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def external(mesh, *terms, at=None):
 
 
 def facet_ids(mesh):
-    """Vertices of two boundary facets that share an edge or a vertex, or not, in no order."""
+    """Return the vertices of two boundary facets in random order; the facets may share an edge, a vertex or none."""
     there = np.unique(mesh.surface[:, :2])
     return np.random.default_rng(4).permutation(there)
 
@@ -61,7 +61,7 @@ def test_prescribed_values_follow_the_ids_as_given():
         assert np.array_equal(u[FEW, 0], VALUES[0]) and np.array_equal(u[FEW, 2], 10 * mesh.p[2, FEW])
 
 
-def test_functions_of_place_get_the_coordinates_in_the_order_of_the_ids():
+def test_functions_of_x_get_the_coordinates_in_the_order_of_the_ids():
     seen = []
     external(MESH, NodalLoad(FEW, lambda x, t: seen.append(x) or x))
     assert np.array_equal(seen[0], MESH.p[:, FEW])
@@ -69,7 +69,7 @@ def test_functions_of_place_get_the_coordinates_in_the_order_of_the_ids():
 
 @pytest.mark.parametrize("name", MESHES)
 def test_values_on_facets_follow_the_ids_as_given(name):
-    """Held against a function of place, which does not care for any order."""
+    """Values by vertex have the same forces as a function of location, which does not depend on any order."""
     mesh = MESHES[name]
     ids, d = facet_ids(mesh), mesh.d
     values = np.random.default_rng(6).standard_normal((d, mesh.nv))
@@ -91,7 +91,7 @@ def test_pressures_at_vertices_follow_the_ids_as_given(mesh):
     assert abs(one.jacobian(u) - other.jacobian(u)).max() < 1e-13 and np.abs(one.external_force(u)).max() > 0.01
 
 
-def test_values_of_ids_that_no_facet_has_are_refused():
+def test_values_of_ids_without_facets_are_refused():
     facet = MESH.surface[:, 0]
     inner = np.setdiff1d(np.arange(MESH.nv), MESH.surface)[0]
     ids = [facet[2], inner, facet[0], facet[1]]
@@ -115,7 +115,7 @@ def test_duplicates_are_refused(specification):
         Supports(MESH, None, [([5, 9, 5], {"x": [1, 2, 3]})])
 
 
-def test_rows_for_vertices_are_refused_with_the_way_out():
+def test_rows_for_vertices_are_refused_with_a_remedy():
     for error, ask in (
         (LoadError, lambda: external(MESH, NodalLoad(FEW, VALUES.T))),
         (LoadError, lambda: external(MESH, NodalLoad(FEW, VALUES.T.tolist()))),

@@ -1,4 +1,4 @@
-"""Follower pressure: minus p times the gradient of the enclosed volume, with its exact stiffness."""
+"""The force of a follower pressure is minus p times the gradient of the enclosed volume; its stiffness is exact."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def everywhere(x):
 
 
 def bubble():
-    """The surface of a box of tetrahedra, as a closed membrane with its normals outwards."""
+    """Return the surface of a box of tetrahedra as a closed membrane with outward normals."""
     solid = box()
     vertices, t = np.unique(solid.surface, return_inverse=True)
     return ElementMesh(solid.p[:, vertices], t.reshape(solid.surface.shape))
@@ -32,7 +32,7 @@ def bound(mesh, pressure, where=everywhere, thickness=0.3):
 
 
 def enclosed(mesh, u):
-    """Volume inside, from the simplices where there are some, else from cones over the triangles."""
+    """Return the enclosed volume: that of the simplices of a solid, or that of the cones over the triangles of a bubble."""
     x = mesh.p + u.T
     if mesh.k < mesh.d:
         a, b, c = x[:, mesh.t].transpose(1, 2, 0)
@@ -46,7 +46,10 @@ def enclosed(mesh, u):
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), amount=st.floats(0, 3))
 def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name, seed, amount):
-    """The volume is a cubic in u, for which the stencil of four points is exact."""
+    """The force is minus p times the gradient of the volume.
+
+    The volume is a cubic in u, for which the stencil of four points is exact.
+    """
     mesh, p = CLOSED[name], 2.5
     u = state(mesh, amount, seed).reshape(-1, mesh.d)
     v = state(mesh, 1.0, seed + 1).reshape(-1, mesh.d)
@@ -80,7 +83,10 @@ SURFACES = {
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("pressure", [2.5, lambda x, t: t * (1 + x[0] - 2 * x[1])], ids=["constant", "linear"])
 def test_load_stiffness_is_minus_the_derivative_of_the_force(name, pressure):
-    """The force is a quadratic in u, for which central differences are exact."""
+    """The load stiffness is minus the derivative of the force.
+
+    The force is a quadratic in u, for which central differences are exact.
+    """
     mesh, where = SURFACES[name]
     load = bound(mesh, pressure, where)
     u = state(mesh, 0.5).reshape(-1, mesh.d)
@@ -117,13 +123,13 @@ def test_a_linear_pressure_is_integrated_exactly_over_each_facet():
 
 
 def test_positive_pressure_pushes_inwards():
-    """A ball shrinks: the force points to the centre."""
+    """Positive pressure makes a ball shrink: the force points to the centre."""
     for mesh in CLOSED.values():
         f = force(bound(mesh, 1.0), mesh)
         assert (f * (mesh.p - mesh.p.mean(axis=1, keepdims=True))).sum() < 0
 
 
-def test_pressure_on_an_edge_counts_the_thickness_behind_it():
+def test_pressure_on_an_edge_uses_the_thickness_of_its_element():
     mesh = sheet()
     f, thick = (force(bound(mesh, 1.0, thickness=h), mesh) for h in (1.0, np.full(mesh.nt, 0.25)))
     assert thick == pytest.approx(f / 4)
@@ -137,7 +143,7 @@ def test_a_triangle_in_space_is_pushed_against_its_right_hand_normal():
     assert force(bound(mesh, 3.0, thickness=9.0), mesh).sum(axis=1) == pytest.approx([0, 0, -3.0])
 
 
-def test_the_facets_of_a_named_boundary_may_be_turned_any_way():
+def test_the_facets_of_a_named_boundary_may_have_any_orientation():
     mesh = box()
     u = state(mesh).reshape(-1, 3)
     facets = mesh.surface[:, 5:12]
@@ -157,7 +163,7 @@ def test_pressure_far_from_the_origin_is_as_exact_as_the_coordinates():
 
 
 def inner_facet(mesh):
-    """Of the first simplex, one that is not on the boundary."""
+    """Return a facet of the first simplex with such a facet that is not on the boundary."""
     outer = {tuple(sorted(facet)) for facet in mesh.surface.T.tolist()}
     return next(f for t in mesh.t.T.tolist() for f in [sorted(t)[:-1]] if tuple(f) not in outer)
 
@@ -178,13 +184,13 @@ def test_pressure_on_segments_is_refused():
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
-def test_triangles_that_are_turned_round_count_as_turned_like_the_first(seed):
-    """Half of them turned at random: the force is the same, or the opposite if the first one was turned."""
+def test_reversed_triangles_have_the_orientation_of_the_first(seed):
+    """If half of the triangles have random orientation, the force is the same, or opposite if the first triangle is reversed."""
     mesh = bubble()
-    turned = turned_round(mesh.t, np.random.default_rng(seed))
-    sign = 1 if np.array_equal(turned[:, 0], mesh.t[:, 0]) else -1
+    mixed = turned_round(mesh.t, np.random.default_rng(seed))
+    sign = 1 if np.array_equal(mixed[:, 0], mesh.t[:, 0]) else -1
     expected = sign * force(bound(mesh, 1.0), mesh)
-    assert force(bound(ElementMesh(mesh.p, turned), 1.0), mesh) == pytest.approx(expected, abs=1e-15)
+    assert force(bound(ElementMesh(mesh.p, mixed), 1.0), mesh) == pytest.approx(expected, abs=1e-15)
 
 
 def test_each_connected_piece_has_a_first_triangle_of_its_own():
@@ -208,7 +214,7 @@ def test_a_surface_without_two_sides_is_refused():
     assert np.abs(force(bound(moebius, 1.0, np.arange(9)), moebius)).max() > 0.1
 
 
-def test_where_three_triangles_meet_each_is_turned_as_it_is():
+def test_where_three_triangles_meet_each_retains_its_orientation():
     fan = ElementMesh([[0, 0, 1, -1, 0], [0, 0, 0, 0, 1], [0, 1, 0, 0, 0]], [[0, 0, 0], [1, 1, 1], [2, 3, 4]])
     alone = sum(force(bound(fan, 1.0, [e]), fan) for e in range(3))
     assert np.abs(alone).max() > 0 and force(bound(fan, 1.0), fan) == pytest.approx(alone, abs=1e-15)
@@ -229,12 +235,12 @@ def test_where_three_triangles_meet_each_is_turned_as_it_is():
         (None, 1.0, RegionError, "Pressure on .*expected the name of a boundary or of a node set"),
     ],
 )
-def test_pressure_without_meaning_is_refused(where, pressure, error, message):
+def test_invalid_pressure_is_refused(where, pressure, error, message):
     with pytest.raises(error, match=message):
         Pressure(where, pressure).bind(Body(box(), [StVK(young=1.0, poisson=0.3)]))
 
 
-def test_triangles_in_space_want_elements():
+def test_pressure_on_triangles_in_space_needs_elements():
     with pytest.raises(LoadError, match=r"triangles in space are the surface themselves; expected the name of a subdomain"):
         bound(bubble(), 1.0, lambda x: x[0] < 0.4)
     with pytest.raises(RegionError, match="no subdomain 'lid'"):

@@ -1,4 +1,4 @@
-"""Laws of principal stretches: against twins and independent forms, where elements are flat, mirrored, or hardly strained."""
+"""Laws of principal stretches equal their readable twins and independent forms, in flat, mirrored and hardly strained elements."""
 
 from functools import partial
 
@@ -30,7 +30,7 @@ LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}
 
 
 def results(mesh, law, shapes=("moderate", "pushed", "inside out")):
-    """W, F and K in all versions, not small and not right side out."""
+    """Return W, F and all versions of K, in finite states with and without inverted elements."""
     body, noise = System(mesh, law), state(mesh)
     x = mesh.p.ravel("F")
     states = {
@@ -66,14 +66,14 @@ LAM, MU = 2.3, 1.1
 
 
 def one_tet(law, mirrored):
-    """One tetrahedron of either orientation; W, nodal forces and K of affine deformations."""
+    """Return a body of one tetrahedron of either orientation."""
     p, t = TET.T, np.array([[0], [2], [1], [3]] if mirrored else [[0], [1], [2], [3]])
     material = Isotropic.from_lame(LAM, MU)
     return System(ElementMesh(p, t), LAWS[law](material))
 
 
 def independent(law, F):
-    """`w` and P by NumPy's singular values, P as the derivative of `w` by complex steps."""
+    """Return `w` and P by NumPy's singular values; P is the derivative of `w` by complex steps."""
     U, s, V = np.linalg.svd(F)
     sign = np.sign(np.linalg.det(F)) or 1.0
     U[:, 2] *= np.sign(np.linalg.det(U))
@@ -117,18 +117,21 @@ STRETCHES = {
 @pytest.mark.parametrize("name", STRETCHES)
 @pytest.mark.parametrize("law", LAWS)
 def test_energy_and_force_are_those_of_singular_values(law, name, mirrored):
-    """Also the view of finite volumes (Teran et al. 2003): each node is pulled by P times a third of the area vectors around it."""
+    """Energy and force are those of `w` and P by singular values.
+
+    As in finite volumes (Teran et al. 2003), the force at a node is P times a third of the area vectors around the node.
+    """
     body = one_tet(law, mirrored)
     F = rotation(1) @ np.diag(STRETCHES[name]) @ rotation(2)
     W, force = body.energy_and_force((TET @ F.T - TET).ravel())
     w, P = independent(law, F)
-    spokes = (TET[1:] - TET[0]).T
-    volume = abs(np.linalg.det(spokes)) / 6
+    vectors = (TET[1:] - TET[0]).T
+    volume = abs(np.linalg.det(vectors)) / 6
     assert pytest.approx(volume * w, rel=1e-12) == W
-    areas = -volume * np.linalg.inv(spokes)  # a third of the sum of the area vectors of the three facets at a node
+    areas = -volume * np.linalg.inv(vectors)  # a third of the sum of the area vectors of the three facets at a node
     wanted = -areas @ P.T
     s = np.sort(STRETCHES[name])
-    known = 3e-13 + 1e-16 * s[2] / (s[0] + s[1])  # in which direction two small stretches are is known no better
+    known = 3e-13 + 1e-16 * s[2] / (s[0] + s[1])  # the directions of two small stretches are no more accurate
     assert force.reshape(4, 3)[1:] == pytest.approx(wanted, abs=known * np.abs(wanted).max())
 
 
@@ -147,7 +150,7 @@ def test_the_tangent_is_the_derivative_of_the_force_where_stretches_are_alike_or
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_flat_element_has_one_rotation_and_finite_forces(law):
-    """Also where nothing is left of it but a line, or a point: the rotation is one of many then."""
+    """Forces are finite in flat elements, also where an element degenerates to a line or a point and the rotation is not unique."""
     body = one_tet(law, False)
     for rank in (2, 1, 0):
         F = rotation(1) @ np.diag([1.2, 0.9, 0.7] * (np.arange(3) < rank)) @ rotation(2)
@@ -164,9 +167,9 @@ def test_a_flat_element_has_one_rotation_and_finite_forces(law):
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "hexahedra"])
 @pytest.mark.parametrize("law", LAWS)
 def test_small_strains_have_the_forces_of_linear_elasticity(law, name, strain, offset):
-    """To all digits but for the part that is not linear; far from the origin as near it."""
+    """At small strains, forces equal those of linear elasticity up to the nonlinear part, far from the origin as near it."""
     mesh = (MESHES | CURVED)[name]
-    p = np.round(mesh.p * 2**20) / 2**20  # so that the offset rounds nothing
+    p = np.round(mesh.p * 2**20) / 2**20  # adding the offset is exact
     mesh = ElementMesh(p + offset, mesh.t, element=mesh.element)
     body, rest = System(mesh, LAWS[law](young=3.0, poisson=0.3)), System(mesh, StVK(young=3.0, poisson=0.3))
     u = strain * state(mesh)
@@ -177,7 +180,7 @@ def test_small_strains_have_the_forces_of_linear_elasticity(law, name, strain, o
 
 
 def test_plane_stress_of_corotated_elements_is_exact():
-    """The stretch across them that takes all stress away there makes of `lam` 2 mu lam/(lam + 2 mu), at any strain."""
+    """The minimum over the stretch across has the energy of plane stress, at any strain: `lam` becomes 2 mu lam/(lam + 2 mu)."""
     material = Isotropic.from_lame(LAM, MU)
     body = System(
         ElementMesh(np.array([[0.0, 1, 0.2], [0, 0.1, 0.9]]), np.array([[0], [1], [2]])), Corotated(material, plane="stress")
@@ -212,7 +215,7 @@ def test_thresholds_where_stress_falls_are_refused(threshold):
         InvertibleStVK(young=1.0, poisson=0.3, threshold=threshold)
 
 
-def test_above_the_threshold_it_is_st_venant_kirchhoff():
+def test_above_the_threshold_the_law_is_st_venant_kirchhoff():
     mesh = MESHES["tetrahedra"]
     u = 0.1 * state(mesh)
     bodies = [System(mesh, law(young=3.0, poisson=0.3)) for law in (StVK, InvertibleStVK)]
@@ -223,8 +226,8 @@ def test_above_the_threshold_it_is_st_venant_kirchhoff():
     assert abs(K - k).max() < 1e-12 * abs(K).max()
 
 
-def turned(mesh, amount=0.05, seed=3):
-    """Displacements of a turned and a little strained body, and the turn."""
+def rotated(mesh, amount=0.05, seed=3):
+    """Return displacements of a rotated and slightly strained body, and the rotation."""
     R, x = rotation(seed)[: mesh.d, : mesh.d], mesh.p.T
     R = np.linalg.qr(R)[0]
     R[:, 0] *= np.sign(np.linalg.det(R))
@@ -232,21 +235,21 @@ def turned(mesh, amount=0.05, seed=3):
 
 
 def by_node(K, R):
-    """`R K R'` for one rotation of all nodes."""
+    """Return `R K R'` for one rotation of all nodes."""
     d, nv = len(R), len(K) // len(R)
     return np.einsum("ij,ajbk,lk->aibl", R, K.reshape(nv, d, nv, d), R).reshape(K.shape)
 
 
 @pytest.mark.parametrize("material", ["isotropic", "orthotropic"])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", slow("quadratic tetrahedra"), slow("hexahedra")])
-def test_the_warped_tangent_of_a_turned_body_is_that_at_rest_turned(name, material):
+def test_the_warped_tangent_of_a_rotated_body_is_the_rotated_one_at_rest(name, material):
     mesh = (MESHES | CURVED)[name]
     orthotropic = Orthotropic(young=(9.0, 2.0, 1.0), poisson=(0.3, 0.2, 0.1), shear=(0.5, 0.6, 0.7))
     body = System(mesh, StVK(Isotropic(2.0, 0.3) if material == "isotropic" else orthotropic))
-    u, R = turned(mesh, 0.0)
+    u, R = rotated(mesh, 0.0)
     K0 = body.tangent(np.zeros(body.ndofs)).toarray()
     assert body.jacobian(u, kept=WARPED).toarray() == pytest.approx(by_node(K0, R), abs=1e-12 * np.abs(K0).max())
-    u, R = turned(mesh, 0.3)
+    u, R = rotated(mesh, 0.3)
     K = body.jacobian(u, kept=WARPED).toarray()
     lowest, highest = np.linalg.eigvalsh(K)[[0, -1]]
     assert np.abs(K - K.T).max() < 1e-14 * highest and lowest > -1e-13 * highest
@@ -256,19 +259,19 @@ def test_the_warped_tangent_of_a_turned_body_is_that_at_rest_turned(name, materi
 def test_the_warped_tangent_of_corotated_elements_is_near_their_own():
     mesh = MESHES["tetrahedra"]
     law, stvk = Corotated(young=2.0, poisson=0.3), StVK(young=2.0, poisson=0.3)
-    u, _ = turned(mesh, 0.3)
+    u, _ = rotated(mesh, 0.3)
     exact, warped = System(mesh, law).tangent(u), System(mesh, law).jacobian(u, kept=WARPED)
     assert abs(warped - System(mesh, stvk).jacobian(u, kept=WARPED)).max() < 1e-12 * abs(warped).max()
     assert 0.01 < np.linalg.norm((exact - warped).toarray()) / np.linalg.norm(exact.toarray()) < 0.3
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
-def test_rotations_at_nodes_know_a_turn_of_all_but_not_torques(name):
+def test_rotations_at_nodes_follow_rigid_rotations_but_torques_do_not_balance(name):
     mesh = MESHES[name]
     body = System(mesh, Corotated(young=2.0, poisson=0.3, rotation="vertex"))
-    u, _ = turned(mesh, 0.0)
+    u, _ = rotated(mesh, 0.0)
     assert np.abs(body.internal_force(u)).max() < 1e-13
-    u, _ = turned(mesh, 0.4)
+    u, _ = rotated(mesh, 0.4)
     F, x = body.internal_force(u).reshape(-1, mesh.d), mesh.p.T + u.reshape(-1, mesh.d)
     torque = np.einsum("ni,nj->ij", x, F)
     assert np.abs(torque - torque.T).max() > 1e-3 * np.abs(torque).max()
@@ -290,7 +293,7 @@ def spin(t):
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "hexahedra", "quadratic tetrahedra"])
-def test_frames_that_are_given_turn_linear_elasticity(name):
+def test_user_supplied_frames_rotate_linear_elasticity(name):
     mesh = (MESHES | CURVED)[name]
     body = System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: np.broadcast_to(spin(t), (mesh.nt, 3, 3))))
     K0 = System(mesh, StVK(young=2.0, poisson=0.3)).tangent(np.zeros(body.ndofs)).toarray()
@@ -302,8 +305,8 @@ def test_frames_that_are_given_turn_linear_elasticity(name):
         assert body.jacobian(u, t).toarray() == pytest.approx(by_node(K0, spin(t)), abs=1e-12 * np.abs(K0).max())
 
 
-def test_a_body_follows_the_frames_that_are_given():
-    """In statics three nodes go where the frames turn them, and the others follow without stress; in motion all start at rest."""
+def test_a_body_follows_user_supplied_frames():
+    """In statics, a body follows user-supplied frames without stress if three nodes are prescribed to rotate with the frames."""
     mesh = block()
     x, n = mesh.p.T, mesh.t.shape[1]
     law = Corotated(young=1e3, poisson=0.3, density=1.0, rotation=lambda t: np.broadcast_to(spin(0.5 * t), (n, 3, 3)))
@@ -314,7 +317,7 @@ def test_a_body_follows_the_frames_that_are_given():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (lambda n: np.ones((n, 3)), "expected an array of shape"),
         (lambda n: np.eye(3), "expected an array of shape"),
@@ -324,16 +327,19 @@ def test_a_body_follows_the_frames_that_are_given():
         (lambda n: "round", "expected an array of shape"),
     ],
 )
-def test_what_is_no_rotation_is_refused_with_its_elements(given, said):
+def test_invalid_rotations_are_refused_with_their_elements(given, message):
     mesh = MESHES["tetrahedra"]
-    with pytest.raises(MaterialError, match=said):
+    with pytest.raises(MaterialError, match=message):
         System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: given(mesh.nt)))
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "segments", "cable"])
 @pytest.mark.parametrize("law", LAWS)
 def test_stresses_and_densities_are_those_of_the_forces(law, name):
-    """The first Piola-Kirchhoff stress pulls the forces, and the densities add up to the energy; also of elements inside out."""
+    """The virtual work of the first Piola-Kirchhoff stress is that of the forces, and the densities add up to the energy.
+
+    The test includes inverted elements.
+    """
     mesh = MESHES[name]
     for plane in ("strain", "stress") if mesh.k == mesh.d == 2 else (None,):
         body = System(mesh, LAWS[law](young=3.0, poisson=0.3, plane=plane))
@@ -350,7 +356,7 @@ def test_stresses_and_densities_are_those_of_the_forces(law, name):
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
 @pytest.mark.parametrize("law", [partial(Corotated, rotation="vertex"), partial(InvertibleStVK, extend="stress")])
-def test_fields_of_laws_without_stress_are_masked_on_their_elements_alone(law, name):
+def test_fields_are_masked_only_on_elements_of_laws_without_stress(law, name):
     mesh = MESHES[name]
     half, others, u = np.arange(mesh.nt // 2), np.arange(mesh.nt // 2, mesh.nt), 0.2 * state(mesh)
     mixed = Fields(mesh, [law(young=3.0, poisson=0.3, region=half), StVK(young=3.0, poisson=0.3)]).at(u)
@@ -361,14 +367,17 @@ def test_fields_of_laws_without_stress_are_masked_on_their_elements_alone(law, n
     np.testing.assert_array_equal(mixed["volume_ratio"][others], whole["volume_ratio"][others])
 
 
-def test_stresses_of_frames_that_are_not_the_elements_are_not_known():
+def test_stresses_are_masked_if_frames_are_not_those_of_the_elements():
     with pytest.raises(MaterialError, match="stresses are known for rotation='element' alone"):
         Corotated(young=3.0, poisson=0.3, rotation="vertex").response(None)
 
 
 @pytest.mark.parametrize("name", STRETCHES)
-def test_extended_stresses_pull_by_the_area_vectors_and_have_no_energy(name):
-    """As with the energy above the threshold; below, principal stresses are continued one by one."""
+def test_extended_stresses_have_the_forces_of_the_area_vectors_and_no_energy(name):
+    """Above the threshold extended stresses are those of the energy; below, each principal stress is continued linearly.
+
+    The extended stresses have no energy.
+    """
     F, s = rotation(1) @ np.diag(STRETCHES[name]) @ rotation(2), np.array(STRETCHES[name])
     mesh = ElementMesh(TET.T, np.array([[0], [1], [2], [3]]))
     body = System(mesh, InvertibleStVK(Isotropic.from_lame(LAM, MU), extend="stress"))
@@ -376,8 +385,8 @@ def test_extended_stresses_pull_by_the_area_vectors_and_have_no_energy(name):
     E = (c**2 - 1) / 2
     p = c * (LAM * E.sum() + 2 * MU * E) + (LAM + 2 * MU) * (s - c)
     P = rotation(1) @ np.diag(p) @ rotation(2)
-    spokes = (TET[1:] - TET[0]).T
-    wanted = abs(np.linalg.det(spokes)) / 6 * np.linalg.inv(spokes) @ P.T
+    vectors = (TET[1:] - TET[0]).T
+    wanted = abs(np.linalg.det(vectors)) / 6 * np.linalg.inv(vectors) @ P.T
     u = (TET @ F.T - TET).ravel()
     assert body.internal_force(u).reshape(4, 3)[1:] == pytest.approx(wanted, abs=1e-11 * np.abs(wanted).max())
     assert np.isnan(body.energies(u)["InvertibleStVK 0"]) and not body.conservative

@@ -1,4 +1,4 @@
-"""Bodies of principal stretches come back to rest from starts whose elements are inverted or flat, also where stretches cancel."""
+"""Bodies of principal stretches return to rest from inverted or flat elements, including states where stretches cancel."""
 
 import warnings
 
@@ -46,7 +46,10 @@ def block(n=2):
 
 
 def uneven():
-    """A block of 48 tetrahedra with unequal edges, half of them of negative orientation; its coordinates are exact in binary."""
+    """Return a block of 48 tetrahedra with unequal edges, half of them of negative orientation.
+
+    The coordinates are exact in binary.
+    """
     mesh = skfem.MeshTet.init_tensor(np.array([0, 0.375, 1]), np.array([0, 0.4375, 1]), np.array([0, 0.5625, 1]))
     return ElementMesh.of(mesh.with_boundaries({"left": lambda x: x[0] == 0}))
 
@@ -75,14 +78,14 @@ EXACT = {
 
 
 def exact(name, mesh):
-    """A start (ndofs,) by name; the face on the left stays where it is."""
+    """Return a start (ndofs,) by name; the face on the left does not move."""
     x = mesh.p.T
     return (EXACT[name](x, mesh.t) * (x[:, :1] > 0)).ravel()
 
 
 @pytest.mark.parametrize("name", EXACT)
 @pytest.mark.parametrize("law", LAWS)
-def test_bodies_come_back_from_exact_mirrors_planes_lines_and_points_in_statics(law, name):
+def test_statics_recovers_from_exact_mirrors_planes_lines_and_points(law, name):
     mesh = uneven()
     young = np.random.default_rng(1).uniform(1e3, 3e3, mesh.nt)
     body = System(mesh, LAWS[law](young=young, poisson=0.3), fixed={"left": "xyz"})
@@ -97,20 +100,20 @@ def test_bodies_come_back_from_exact_mirrors_planes_lines_and_points_in_statics(
 )
 @pytest.mark.parametrize("name", ["mirrored", "on a line", "at a point", "one vertex mirrored"])
 @pytest.mark.parametrize("law", LAWS)
-def test_bodies_come_back_from_exact_mirrors_lines_and_points_in_motion(law, name, integrator):
+def test_motions_recover_from_exact_mirrors_lines_and_points(law, name, integrator):
     mesh = uneven()
     body = System(mesh, [LAWS[law](young=1e3, poisson=0.3, density=1.0), Gravity((0.0, 0.0, -10.0))], fixed={"left": "xyz"})
     rest, u0 = solve_static(body, quiet=True).u, exact(name, mesh)
     assert len(body.inside_out(u0)) and np.abs(u0 - rest).max() > 0.3
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StvkWarning)  # elements are inside out on the way
+        warnings.simplefilter("ignore", StvkWarning)  # elements are inverted on the way
         motion = simulate(body, integrator, until=1.2, u0=u0, damping=Rayleigh(alpha=12.0), quiet=True)
     assert motion.success and motion.ledger["inside_out"][0] > 0
     assert np.abs(motion.u - rest).max() < 0.02 * np.abs(u0 - rest).max()
 
 
 def starts(mesh):
-    """All nodes anywhere in the block, and all in its middle plane; those that are held where they are."""
+    """Yield starts: all free nodes at random points of the block, and all free nodes in its middle plane."""
     rng, x = np.random.default_rng(7), mesh.p.T
     free = (x[:, 0] > 1e-9)[:, None]
     yield "random", ((rng.uniform(0, 1, x.shape) - x) * free).ravel()
@@ -118,19 +121,19 @@ def starts(mesh):
 
 
 @pytest.mark.parametrize("law", LAWS.values())
-def test_bodies_come_back_from_random_and_flat_starts_in_motion(law):
+def test_motions_recover_from_random_and_flat_starts(law):
     mesh = block()
     for name, u in starts(mesh):
         body = System(mesh, law(young=1e3, poisson=0.3, density=1.0), fixed={"left": "xyz"})
         assert len(body.inside_out(u)) > 5, name
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StvkWarning)  # elements are inside out on the way
+            warnings.simplefilter("ignore", StvkWarning)  # elements are inverted on the way
             motion = simulate(body, VelocityVerlet(), until=3.0, u0=u, damping=Rayleigh(alpha=12.0), quiet=True)
         assert np.abs(motion.u).max() < 1e-3, name
 
 
 @pytest.mark.parametrize("law", LAWS.values())
-def test_bodies_come_back_from_random_and_flat_starts_in_statics(law):
+def test_statics_recovers_from_random_and_flat_starts(law):
     mesh = block()
     for name, u in starts(mesh):
         body = System(mesh, [law(young=1e3, poisson=0.3), NodalLoad([2], (0.0, 0.0, 0.0))], fixed={"left": "xyz"})
@@ -139,7 +142,10 @@ def test_bodies_come_back_from_random_and_flat_starts_in_statics(law):
 
 @pytest.mark.parametrize("law", LAWS.values())
 def test_no_random_start_of_linear_elements_ends_inverted_or_at_a_saddle_point(law):
-    """An indefinite tangent leads to saddle points. One of 40 starts ends in another stable equilibrium, folded."""
+    """No random start ends with inverted elements or at a saddle point, to which an indefinite tangent would lead.
+
+    At most one of the 20 starts ends in another stable equilibrium, folded.
+    """
     mesh = block()
     body, back = System(mesh, law(young=1e3, poisson=0.3), fixed={"left": "xyz"}), 0
     for seed in range(20):
@@ -152,7 +158,7 @@ def test_no_random_start_of_linear_elements_ends_inverted_or_at_a_saddle_point(l
 
 @pytest.mark.parametrize("name", ["mirrored", "on a line", "at a point"])
 def test_frames_at_nodes_have_a_tangent_where_stretches_cancel(name):
-    """No rotation is the nearest to F there, so that its derivative is left out."""
+    """Where stretches cancel, the rotation nearest to F is not unique, so its derivative is left out of the tangent."""
     mesh = uneven()
     body = System(mesh, Corotated(young=1e3, poisson=0.3, rotation="vertex"), fixed={"left": "xyz"})
     found = solve_static(body, u0=exact(name, mesh), steps=1, quiet=True)
@@ -162,8 +168,8 @@ def test_frames_at_nodes_have_a_tangent_where_stretches_cancel(name):
 @pytest.mark.parametrize("where", ["mirrored", "on a line", "at a point"])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])
 @pytest.mark.parametrize("law", LAWS)
-def test_where_stretches_cancel_the_energy_falls_as_fast_as_the_force_says(law, name, where):
-    """The energy is a cone there: it lies below the plane of the force in all directions. The tangent stays bounded."""
+def test_where_stretches_cancel_the_energy_is_below_the_plane_of_the_force(law, name, where):
+    """Where stretches cancel, the energy is a cone below the plane of the force in all directions. The tangent stays bounded."""
     mesh = MESHES[name]
     body, x = System(mesh, LAWS[law](young=2.0, poisson=0.3)), mesh.p.T
     axes = np.arange(mesh.d)
@@ -182,7 +188,7 @@ FAR = 3000.0
 
 
 def nearly_mirrored(law):
-    """A body far away, and a state in which its elements are mirrored but for 1e-12."""
+    """Return a body far from the origin and a state in which its elements are mirrored up to 1e-12."""
     mesh = uneven()
     body = System(mesh, LAWS[law](young=1e3, poisson=0.3, density=1.0), prescribed={"left": {"x": FAR, "y": 0.0, "z": 0.0}})
     u = exact("mirrored along the wall", mesh) + 1e-12 * state(mesh) * np.repeat(mesh.p[0] > 0, 3)
@@ -190,13 +196,13 @@ def nearly_mirrored(law):
 
 
 def in_a_step(motion, u):
-    """The equation of a step of Newmark's method that begins at rest in the state `u`."""
+    """Return the equation of a step of Newmark's method that begins at rest in the state `u`, and its initial unknowns."""
     stepper, start = ImplicitStepper(motion, Newmark(0.1)), MotionState.at(0.0, u, np.zeros(len(u)))
     stepper.problem.begin(start, stepper.integrator.coefficients(start, 0.1, stepper))
     return stepper.problem, np.zeros(len(u))
 
 
-#: The equations, and their state at displacements `u`.
+#: Functions that return the equation and its unknowns at displacements `u`.
 EQUATIONS = {
     "equilibrium": lambda body, u: (Equilibrium(body, SuperLU(), Stopwatch("write")), u),
     "step": lambda body, u: in_a_step(Motion(body, "lumped", None), u),
@@ -207,19 +213,22 @@ EQUATIONS = {
 
 @pytest.mark.parametrize("equation", EQUATIONS)
 @pytest.mark.parametrize("law", LAWS)
-def test_rounding_errors_without_bound_excuse_no_residual(law, equation):
-    """Where stretches nearly cancel, the tangent has no bound, and the estimate for the body exceeds all its forces."""
+def test_unbounded_round_off_estimates_do_not_accept_a_residual(law, equation):
+    """Unbounded round-off estimates do not make a residual acceptable.
+
+    Where stretches nearly cancel, the tangent is unbounded, and the estimate for the body exceeds all its forces.
+    """
     body, u = nearly_mirrored(law)
     free = body.free_dofs(body.supports.held).free
     assert EPS * np.linalg.norm(body.round_off(u)[free]) > 5 * np.linalg.norm(body.internal_force(u)[free]) > 100
     problem, here = EQUATIONS[equation](body, u)
     moment = Moment(1.0, 1.0)
-    size = problem.residual(here, moment).size  # first, since a basis takes its tangent from there
+    size = problem.residual(here, moment).size  # first, because a basis uses the tangent of this call
     assert problem.round_off(here, moment) < 1e-6 * size
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_bodies_come_back_where_stretches_nearly_cancel(law):
+def test_bodies_recover_where_stretches_nearly_cancel(law):
     body, u = nearly_mirrored(law)
     found = solve_static(body, u0=u, steps=1, quiet=True)
     assert np.abs(found.u - FAR * np.tile(FIRST, body.mesh.nv)).max() < 1e-8
@@ -227,16 +236,16 @@ def test_bodies_come_back_where_stretches_nearly_cancel(law):
 
 @pytest.mark.parametrize("law", [StVK, *LAWS.values()])
 @pytest.mark.parametrize("load", [0.0, 200.0])
-def test_states_without_forces_arrive_although_the_estimate_exceeds_all_forces(load, law):
-    """After a rotation by 2 rad, without loads and with a load that goes back to zero."""
+def test_states_without_forces_converge_although_the_estimate_exceeds_all_forces(load, law):
+    """A body converges after a rotation by 2 rad, without loads and with a load that returns to zero."""
     mesh = uneven()
 
-    def turned(x, t):
+    def rotated(x, t):
         c, s = np.cos(2 * t), np.sin(2 * t)
         return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ x - x
 
     pulled = Traction(lambda x: x[0] == 1, lambda t: (0.0, load * t * (1 - t), 0.0))
-    body = System(mesh, [law(young=1e3, poisson=0.3), pulled], prescribed={"left": turned})
+    body = System(mesh, [law(young=1e3, poisson=0.3), pulled], prescribed={"left": rotated})
     found = solve_static(body, steps=8, quiet=True)
-    assert found.success and np.abs(found.u.reshape(-1, 3) - turned(mesh.p, 1.0).T).max() < 1e-9
+    assert found.success and np.abs(found.u.reshape(-1, 3) - rotated(mesh.p, 1.0).T).max() < 1e-9
     assert EPS * np.linalg.norm(body.round_off(found.u)) > 5 * np.linalg.norm(body.internal_force(found.u))

@@ -17,7 +17,7 @@ from skfem_stvk import ElementMesh, Isotropic, MaterialError, RegionError, StVK,
         (lambda: StVK(young=1.0, area=-1.0), "area = -1. is outside"),
     ],
 )
-def test_a_bad_specification_is_refused_when_it_is_written(make, message):
+def test_a_bad_specification_is_refused_at_construction(make, message):
     with pytest.raises(MaterialError, match=message):
         make()
 
@@ -72,5 +72,5 @@ def test_a_specification_is_frozen_and_reusable():
     assert System(MESHES["tetrahedra"], term).ndofs != System(MESHES["membrane"], term).ndofs
 
 
-def test_the_shorthand_is_no_attribute_that_says_none():
+def test_the_shorthand_is_not_an_attribute():
     assert not hasattr(StVK(young=1.0, poisson=0.3), "young")

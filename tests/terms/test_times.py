@@ -1,4 +1,4 @@
-"""Functions of time that can be written down."""
+"""Functions of time as comparable objects: ramps, sines and tables."""
 
 from math import pi
 
@@ -33,13 +33,13 @@ def test_a_table_is_linear_between_its_times_and_constant_outside(t, factor):
 
 
 @pytest.mark.parametrize("function", EVERY)
-def test_each_is_what_it_prints_equal_to_itself_and_a_key(function):
+def test_repr_equality_and_hash(function):
     typed = eval(repr(function))
     assert typed == function and hash(typed) == hash(function) and typed(0.37) == function(0.37)
 
 
 @pytest.mark.parametrize("function", EVERY)
-def test_values_do_not_change_with_what_they_were_made_of(function):
+def test_values_do_not_change_with_the_arrays_of_the_constructor(function):
     given = np.array(function.value)
     kept = type(function)(given, *[getattr(function, name) for name in list(function.__dataclass_fields__)[1:]])
     given[:] = 7
@@ -47,14 +47,14 @@ def test_values_do_not_change_with_what_they_were_made_of(function):
 
 
 @pytest.mark.parametrize("function", EVERY)
-def test_loads_take_it_for_a_function_of_t(function):
+def test_loads_accept_functions_of_time(function):
     value = Value(function, (3,), X, "It")
     assert value.constant is None
     for t in (0.3, 1.0):
         assert value.at(t).ravel().tolist() == value.at(Moment(t, 1.0)).ravel().tolist() == list(function(t))
 
 
-def test_it_is_good_wherever_loads_and_prescribed_displacements_take_a_function():
+def test_functions_of_time_work_in_loads_and_prescribed_displacements():
     mesh = box()
     at = mesh.p[0] > 0.8 * mesh.p[0].max()
     for written, plain in (
@@ -89,11 +89,11 @@ def test_it_is_good_wherever_loads_and_prescribed_displacements_take_a_function(
         (lambda: Ramp(1.0, 1.0)("now"), r"t = 'now'; expected a finite load factor or time"),
     ],
 )
-def test_what_is_no_function_of_time_is_refused(make, message):
+def test_invalid_functions_of_time_are_refused(make, message):
     with pytest.raises(LoadError, match=message):
         make()
 
 
-def test_another_number_of_components_than_of_the_body_is_refused_by_the_load():
+def test_a_wrong_number_of_components_is_refused_by_the_load():
     with pytest.raises(LoadError, match=r"Gravity: what the function g returned at t = 0 has shape \(2,\); expected 3 components"):
         System(box(), [LAW, Gravity(Ramp((0, 1), 1.0))])

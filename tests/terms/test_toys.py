@@ -1,4 +1,4 @@
-"""Laws and loads of the narrow joint in whole analyses, and what is wrong with them is seen."""
+"""Minimal laws and loads work in whole analyses, and planted faults in them are found."""
 
 from functools import cache
 
@@ -50,7 +50,7 @@ def balance(system, u):
     ("name", "solver"),
     [(name, solver) for solver in ("superlu", "auto") for name in TOYS] + [(name, "block-jacobi-cg") for name in SYMMETRIC],
 )
-def test_a_static_solve_finds_where_they_balance(name, solver):
+def test_a_static_solve_finds_the_equilibrium(name, solver):
     system = loaded(name)
     found = solve_static(system, solver=solver, quiet=True)
     without = solve_static(System(MESH, [SOLID, *system.terms[-1:]], FIXED), quiet=True)
@@ -60,12 +60,12 @@ def test_a_static_solve_finds_where_they_balance(name, solver):
 
 @pytest.mark.parametrize("integrator", [VelocityVerlet(1e-3), Newmark(0.01), BackwardEuler(0.01), EnergyMomentum(0.01)], ids=repr)
 @pytest.mark.parametrize("name", TOYS)
-def test_a_motion_with_them_goes_as_with_small_steps(name, integrator):
+def test_a_motion_is_near_that_of_small_steps(name, integrator):
     system = loaded(name)
     found = simulate(system, until=0.1, integrator=integrator, quiet=True)
     u = with_small_steps(name)
     assert found.success and np.abs(found.u - u).max() < 0.15 * np.abs(u).max()
-    if not isinstance(integrator, BackwardEuler):  # which dissipates
+    if not isinstance(integrator, BackwardEuler):  # BackwardEuler dissipates energy
         assert abs(found.ledger["closure_error"][-1]) < 0.03 * np.abs(found.ledger["kinetic_energy"]).max()
 
 
@@ -91,7 +91,7 @@ def test_assembled_and_matrix_free_products_are_the_same(name):
     assert sum(system.memory().values()) > 0
 
 
-def test_a_body_of_springs_alone_has_mass_moves_and_is_found_to_balance():
+def test_a_body_of_springs_only_has_mass_moves_and_has_an_equilibrium():
     pairs = np.array(np.triu_indices(MESH.nv, 1))
     system = System(MESH, [Springs(pairs, 30.0), Gravity((0, 0, -1.0))], FIXED)
     assert solve_static(system, quiet=True).success
@@ -100,7 +100,7 @@ def test_a_body_of_springs_alone_has_mass_moves_and_is_found_to_balance():
     assert run.success and abs(run.ledger["closure_error"][-1]) < 1e-4 * np.abs(run.ledger["kinetic_energy"]).max()
 
 
-def test_a_memory_is_told_which_states_are_accepted():
+def test_terms_with_history_get_the_accepted_states():
     system = System(MESH, [SOLID, Friction([5, 6], 20.0), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
     friction = system.bound_terms[1]
     found = solve_static(system, steps=4, quiet=True)
@@ -111,7 +111,7 @@ def test_a_memory_is_told_which_states_are_accepted():
     assert len(friction.commits) == run.ledger.steps - 1 and np.array_equal(friction.commits[-1].ravel(), run.u)
 
 
-def test_other_pairs_make_another_pattern_and_all_that_was_worked_out_for_the_old_one_is_made_anew():
+def test_changed_pairs_make_a_new_pattern_and_discard_all_derived_data():
     system = System(MESH, [SOLID, Contacts([[0, 1], [7, 8]]), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
     contacts, u = system.bound_terms[1], 0.1 * np.random.default_rng(1).standard_normal(MESH.p.size)
     held, mass = system.free_dofs(system.supports.held), system.mass("consistent")
@@ -137,7 +137,7 @@ def test_other_pairs_make_another_pattern_and_all_that_was_worked_out_for_the_ol
     assert np.abs(system.product(u, u) - other.product(u, u)).max() < 1e-12 * np.abs(u).max() * abs(new).max()
 
 
-def test_a_solve_goes_on_when_the_pairs_change_on_the_way():
+def test_a_solve_continues_when_the_pairs_change():
     system = System(MESH, [SOLID, Contacts([[0], [1]]), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
     contacts = system.bound_terms[1]
     contacts.commits = 0
@@ -153,7 +153,7 @@ def test_a_solve_goes_on_when_the_pairs_change_on_the_way():
 
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.toy])
-def test_blocks_that_are_not_those_of_the_force_are_seen(name):
+def test_blocks_that_differ_from_those_of_the_force_are_found(name):
     case = CASES[name]
     for _, u in states(case):
         term = case.term.bind(case.mesh)
@@ -175,9 +175,10 @@ def test_blocks_that_are_not_those_of_the_force_are_seen(name):
 @pytest.mark.parametrize(
     "name, fault", [("wind", {"symmetric": True}), ("anchors", {"balanced": True}), ("wind", {"balanced": True})]
 )
-def test_a_false_declaration_is_seen(name, fault):
-    """A term that says that it is symmetric or balanced, and is not, is handed no arrays for the rest of its blocks, or has
-    another K.
+def test_a_false_declaration_is_found(name, fault):
+    """A false declaration of symmetry or balance is found.
+
+    The term gets no arrays for the other blocks, or has another K.
     """
     case = CASES[name]
     term = case.term.bind(case.mesh)
@@ -201,14 +202,14 @@ def test_a_false_declaration_is_seen(name, fault):
         ([[0, 1, 2]], "expected \\(2, n\\) pairs"),
     ],
 )
-def test_pairs_that_there_are_not_are_refused(pairs, match):
+def test_invalid_pairs_are_refused(pairs, match):
     term = Springs([[0], [1]]).bind(MESH)
     term.nodes_paired = np.array(pairs)
     with pytest.raises(StvkError, match=match):
         with_its_blocks(CASES["anchors"], term)
 
 
-def test_what_gives_no_blocks_is_no_term():
+def test_an_object_without_blocks_is_not_a_term():
     class Nothing:
         def bind(self, body, dtype):
             return object()

@@ -1,4 +1,4 @@
-"""The volume penalty: its energies, the rule for its stiffness, its barrier, and what it refuses."""
+"""The volume penalty: its energies, the rule for its stiffness, its barrier, and the refused arguments."""
 
 import re
 from fractions import Fraction
@@ -75,7 +75,7 @@ def test_the_energies_have_two_continuous_derivatives_and_the_second_is_never_ne
 
 
 def confined_stiffness(kind, c, s):
-    """d/ds of the nominal stress over lam + 2 mu."""
+    """Return the derivative of the nominal stress by the stretch s, divided by lam + 2 mu."""
     return (3 * s**2 - 1) / 2 + c * volume_energies(ENERGIES[kind].number, s)[2]
 
 
@@ -96,7 +96,7 @@ def test_the_rule_is_the_least_stiffness_without_a_limit_point_in_confined_compr
         ("segments", StVK(young=3.0, area=0.4)),
     ],
 )
-def test_with_the_least_stiffness_confined_compression_of_a_body_has_no_limit_point_and_with_less_it_has(name, term, kind):
+def test_the_least_stiffness_just_prevents_a_limit_point_in_confined_compression(name, term, kind):
     mesh = MESHES[name]
     axis = np.eye(mesh.d)[0]
     v = (mesh.p.T * axis).ravel()  # confined in all other directions
@@ -108,13 +108,13 @@ def test_with_the_least_stiffness_confined_compression_of_a_body_has_no_limit_po
         stiffness = [v @ (body.tangent((stretch - 1) * v) @ v) for stretch in s]
         lowest.append(min(stiffness) / max(stiffness))
     assert lowest[0] > -1e-12
-    if kind != "quadratic":  # whose limit point is at s = 0
+    if kind != "quadratic":  # the limit point of the quadratic penalty is at s = 0
         assert lowest[1] < 0
     else:
         assert confined_stiffness(kind, 0.99 * ENERGIES[kind].least, np.array([0.02]))[0] < 0
 
 
-def test_the_stiffness_follows_the_materials_of_the_elements_and_adds_up():
+def test_the_default_stiffness_follows_the_materials_of_the_elements():
     mesh = MESHES["tetrahedra"]
     rng, half = np.random.default_rng(0), np.arange(mesh.nt // 2)
     young, C = rng.uniform(1, 9, mesh.nt), some_voigt(rng)
@@ -132,7 +132,7 @@ def test_the_stiffness_follows_the_materials_of_the_elements_and_adds_up():
 @pytest.mark.parametrize(
     ("kind", "percent"), [("compression", (9.4, 22, 40)), ("barrier", (5.7, 14.5, 29)), ("quadratic", (117, 139, 168))]
 )
-def test_what_the_default_adds_to_the_stress_in_confined_compression(kind, percent):
+def test_the_contribution_of_the_default_to_the_stress_in_confined_compression(kind, percent):
     mesh = MESHES["tetrahedra"]
     stvk = StVK(young=3.0, poisson=0.3)
     for strain, wanted in zip((0.1, 0.2, 0.3), percent, strict=True):
@@ -142,8 +142,11 @@ def test_what_the_default_adds_to_the_stress_in_confined_compression(kind, perce
 
 
 @pytest.mark.parametrize("kind", ["quadratic", "compression"])
-def test_from_the_documented_stiffness_on_a_mirrored_element_has_no_equilibrium(kind):
-    """In uniaxial strain: below it the stress vanishes at some negative stretch."""
+def test_at_the_documented_stiffness_a_mirrored_element_has_no_equilibrium(kind):
+    """In uniaxial strain, a mirrored element has no equilibrium at or above the documented stiffness.
+
+    Below that stiffness, the stress vanishes at some negative stretch.
+    """
     k = {"quadratic": 1 / 8, "compression": 0.0858}[kind]
     s = np.linspace(-1.5, -1e-3, 20_001)
     slope = volume_energies(ENERGIES[kind].number, s)[1]
@@ -156,8 +159,11 @@ SMALL = {"quadratic": 1, "compression": 2, "barrier": 2}
 @pytest.mark.parametrize("offset", [0.0, 2.0**20])
 @pytest.mark.parametrize("strain", [1e-3, 1e-8])
 @pytest.mark.parametrize("kind", KINDS)
-def test_small_strains_keep_their_digits_far_from_the_origin_too(kind, strain, offset):
-    """Against fractions; `det(P + U)/det(P) - 1` has lost all of them at 1e-8 there."""
+def test_small_strains_are_accurate_far_from_the_origin(kind, strain, offset):
+    """Forces and energy at small strains far from the origin equal those of exact fractions.
+
+    There, `det(P + U)/det(P) - 1` has lost all its digits at a strain of 1e-8.
+    """
     near = box(2)
     far = near.p + offset
     mesh = ElementMesh(far, near.t)
@@ -195,14 +201,14 @@ def triple(a, b, c):
 
 
 @pytest.mark.parametrize("name", SOLID)
-def test_at_rest_only_the_quadratic_one_changes_the_stiffness(name):
+def test_at_rest_only_the_quadratic_penalty_changes_the_stiffness(name):
     mesh, rest = MESHES[name], np.zeros(MESHES[name].p.size)
     changed = [System(mesh, VolumePenalty(5.0, kind)).tangent(rest).data.any() for kind in ("compression", "barrier", "quadratic")]
     assert changed == [False, False, True]
 
 
 @pytest.mark.parametrize("name", [name for name in SOLID if MESHES[name].k > 1])
-def test_at_rest_the_quadratic_one_changes_the_stiffness_as_lambda_does(name):
+def test_at_rest_the_quadratic_penalty_changes_the_stiffness_as_lambda_does(name):
     mesh, rest = MESHES[name], np.zeros(MESHES[name].p.size)
     lam, mu = 2.0, 0.7
 
@@ -215,7 +221,7 @@ def test_at_rest_the_quadratic_one_changes_the_stiffness_as_lambda_does(name):
 
 
 @pytest.mark.parametrize("name", SOLID)
-def test_the_barrier_grows_without_bound_and_has_no_state_behind_it(name):
+def test_the_barrier_grows_without_bound_and_refuses_inverted_elements(name):
     mesh = MESHES[name]
     body = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(kind="barrier")])
     v = -(mesh.p.T * np.eye(mesh.d)[0]).ravel()
@@ -239,7 +245,7 @@ def test_the_barrier_grows_without_bound_and_has_no_state_behind_it(name):
         for call in calls:
             with pytest.raises(StateError, match=rf"{mesh.nt} elements \(0, 1, 2, 3, 4, \.\.\.\) inside out or flat .* barrier"):
                 call(u)
-    assert np.isfinite(body.energy(0.5 * v))  # and the one before does no harm
+    assert np.isfinite(body.energy(0.5 * v))  # the earlier errors have no effect
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
@@ -262,10 +268,10 @@ def test_the_barrier_names_the_elements_of_the_mesh(dtype):
         force = np.zeros((mesh.nv, 3), dtype)
         with pytest.raises(StateError):
             term.energy_and_force(u, force)
-        assert not force.any()  # nothing was added before it was known
+        assert not force.any()  # nothing is added before the error
 
 
-def test_elements_outside_of_the_region_may_be_inside_out():
+def test_elements_outside_of_the_region_may_be_inverted():
     mesh = bar(6)
     body = System(mesh, [StVK(young=1.0), VolumePenalty(1.0, "barrier", np.arange(3))])
     u = np.zeros(mesh.nv)
@@ -275,8 +281,8 @@ def test_elements_outside_of_the_region_may_be_inside_out():
 
 @pytest.mark.parametrize("size", [1e60, 1e110, 1e160, 1e300])
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_overflows_is_an_error_and_no_nan(kind, size):
-    """A part of the mesh blown up, and half of it inside out."""
+def test_overflow_is_an_error_and_not_nan(kind, size):
+    """Overflow raises an error and returns no NaN, if part of the mesh is expanded and half of it inverted."""
     mesh = MESHES["tetrahedra"]
     body, u = System(mesh, VolumePenalty(1e-30, kind)), size * state(mesh)
     for call in (body.energy, body.internal_force, body.tangent, body.linearize, body.linear_operator):
@@ -292,8 +298,11 @@ def test_what_overflows_is_an_error_and_no_nan(kind, size):
             body.energy(u)
 
 
-def test_a_tangent_whose_diagonal_alone_is_finite_is_refused():
-    """`psi'` overflows, `psi''` does not: what the pressure adds to K is in no diagonal entry."""
+def test_a_tangent_with_only_a_finite_diagonal_is_refused():
+    """A tangent with a finite diagonal and overflow elsewhere is refused.
+
+    `psi'` overflows and `psi''` does not. The contribution of the pressure to K has no diagonal entries.
+    """
     near = MESHES["tetrahedra"]
     body, u = System(ElementMesh(1e49 * near.p, near.t), VolumePenalty(1e-240, "quadratic")), 1e148 * state(near)
     (term,) = body.bound_terms
@@ -317,7 +326,7 @@ def test_the_quartic_is_refused_where_there_is_none():
         with_penalty.energy_along(u, u)
 
 
-def test_volumes_are_looked_at_once(monkeypatch):
+def test_volumes_are_computed_once(monkeypatch):
     mesh = MESHES["tetrahedra"]
     half = np.arange(mesh.nt // 2)
     others = np.arange(mesh.nt // 3, mesh.nt)
@@ -348,7 +357,7 @@ def test_energies_by_term_add_up():
 
 
 @pytest.mark.parametrize("name", ["membrane", "cable", "cable in the plane"])
-def test_what_has_no_inside_is_refused(name):
+def test_elements_that_do_not_fill_their_space_are_refused(name):
     with pytest.raises(MaterialError, match=r"have no inside and no outside\. It is for tetrahedra"):
         System(MESHES[name], [StVK(young=1.0, poisson=0.3), VolumePenalty(1.0)])
 
@@ -365,12 +374,12 @@ def test_what_has_no_inside_is_refused(name):
         ({"kind": ["barrier"]}, "kind = "),
     ],
 )
-def test_what_has_no_meaning_is_refused(options, message):
+def test_invalid_options_are_refused(options, message):
     with pytest.raises(MaterialError, match=message):
         VolumePenalty(**options)
 
 
-def test_what_does_not_fit_the_mesh_is_refused():
+def test_options_that_do_not_fit_the_mesh_are_refused():
     mesh = MESHES["tetrahedra"]
     solid, part = StVK(young=1.0, poisson=0.3), StVK(young=1.0, poisson=0.3, region=np.arange(mesh.nt - 3))
     with pytest.raises(MaterialError, match=rf"stiffness has 3 values; expected .* {mesh.nt} elements"):
@@ -387,7 +396,7 @@ def test_what_does_not_fit_the_mesh_is_refused():
     assert VolumePenalty(1.0).bind(mesh).energy_and_force(np.zeros((mesh.nv, 3))) == 0
 
 
-def test_the_referee_does_not_take_it():
+def test_the_referee_refuses_a_volume_penalty():
     with pytest.raises(MaterialError, match="an object of type VolumePenalty; expected a material, StVK"):
         verify(MESHES["tetrahedra"], material=[StVK(young=1.0, poisson=0.3), VolumePenalty()])
 
@@ -402,7 +411,7 @@ def test_its_memory_is_counted():
 
 
 @given(st.sampled_from(KINDS), st.integers(0, 2**32 - 1), st.floats(0.01, 0.5))
-def test_any_state_that_is_not_inside_out_has_force_and_tangent_as_derivatives(kind, seed, amount):
+def test_in_states_without_inverted_elements_force_and_tangent_are_derivatives(kind, seed, amount):
     mesh = MESHES["triangles"]
     body, rng = System(mesh, VolumePenalty(2.0, kind)), np.random.default_rng(seed)
     u, v = amount * rng.standard_normal((2, mesh.p.size)) / mesh.nv**0.5 - 0.3 * mesh.p.ravel("F")

@@ -39,7 +39,7 @@ def tangent(term, mesh, u, kept=ALL):
 
 
 def cofactor(F):
-    """dJ/dF by components, for any number of points."""
+    """Return dJ/dF by components, for any number of points."""
     full = np.zeros((3, 3, *F.shape[2:])) + np.eye(3)[:, :, None, None]
     full[: len(F), : len(F)] = F
     rows = [np.cross(full[(i + 1) % 3], full[(i + 2) % 3], axis=0) for i in range(3)]
@@ -47,8 +47,9 @@ def cofactor(F):
 
 
 def by_scikit_fem(mesh, kind, u, rule):
-    """W, F, K from densities of `psi(det F)` at the points of our rule, the second derivative of det F as a difference of
-    cofactors: exact, for they are quadratic.
+    """Return W, F and K from densities of `psi(det F)` at the points of our rule, by scikit-fem.
+
+    The second derivative of det F is a difference of cofactors, which is exact because cofactors are quadratic.
     """
     basis, (points, weights) = scikit_fem_of(mesh), rule_of(mesh.element, rule)
     basis = skfem.Basis(basis.mesh, basis.elem, quadrature=(points.T, weights))
@@ -113,7 +114,7 @@ def test_a_homogeneous_state_has_the_energy_of_its_volume_and_no_force_within(na
     body = Body(mesh, [StVK(young=1.0, poisson=0.3)])
     term, force = VolumePenalty(2.0, kind).bind(body), np.zeros_like(u)
     W = term.energy_and_force(u, force)
-    exact = name != "quadratic tetrahedra, curved"  # of which four points do not give the volume
+    exact = name != "quadratic tetrahedra, curved"  # the four points do not integrate its volume exactly
     psi = float(ENERGIES[kind].density(np.array(J - 1)))
     assert pytest.approx(2 * psi * body.volumes.sum(), rel=1e-12 if exact else 2e-2) == W
     facets = np.concatenate([mesh.t[list(ids)] for ids in mesh.element.facets], axis=1)
@@ -135,7 +136,7 @@ def test_without_pressure_the_tangent_is_positive_semi_definite(name, kind):
 
 
 @pytest.mark.parametrize("name", ["quadratic tetrahedra, curved", "quadratic triangles, curved", "hexahedra, curved"])
-def test_in_single_precision_the_rounding_is_what_was_said(name):
+def test_the_rounding_in_single_precision_is_within_its_bound(name):
     mesh = EVERY[name]
     u = np.float64(np.float32(state(mesh, 0.1).reshape(-1, mesh.d) - 0.1 * mesh.p.T))
     exact, found, sizes = np.zeros_like(u), np.zeros_like(u, dtype=np.float32), np.zeros_like(u)
@@ -154,7 +155,10 @@ def point_ratios(mesh, u):
 
 @pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 def test_the_barrier_names_elements_with_no_volume_at_a_point(dtype):
-    """A node alone does not matter to it: there `inside_out` sees it, and a step ends before."""
+    """The barrier refuses elements whose volume ratio is not positive at an integration point, and names them.
+
+    A ratio below zero at a node only is allowed by the barrier. `inside_out` lists the element, and a step ends before it.
+    """
     mesh = box(2).with_degree(2)
     body = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty()], dtype=dtype)
     a, b, middle = *mesh.t[:2, 3], mesh.t[4, 3]

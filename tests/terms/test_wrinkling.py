@@ -1,4 +1,4 @@
-"""Membranes and cables that bear no compression: the relaxed energy in its three states, against forms of its own."""
+"""Membranes and cables without compression: the relaxed energy in its three states equals independent forms."""
 
 import inspect
 
@@ -24,9 +24,9 @@ from skfem_stvk.results import Fields
 from skfem_stvk.terms import HasDampingForce, HasMeanForce, HasStretch, Quartic
 
 YOUNG, NU, THICKNESS, AREA = 3.0, 0.3, 0.4, 0.5 * (1.7 * 1.1)
-#: One triangle in its plane, turned round or not, and in space; shifted, with unequal edges.
+#: Corners of one triangle with unequal edges, away from the origin; for bodies in the plane of either orientation, and in space.
 CORNERS = np.array([[0.2, 1.9, 0.6], [0.1, 0.1, 1.2]])
-#: Principal Green strains E1 >= E2, and which of the three energies they have.
+#: Principal Green strains E1 >= E2, and the name of the energy that applies: one of three.
 STRAINS = {
     "taut": (0.3, 0.1, "taut"),
     "taut, narrower": (0.3, -0.05, "taut"),
@@ -45,7 +45,10 @@ STRAINS = {
 
 
 def body_of(space, nu=NU, wrinkling=True):
-    """One triangle in the plane ("in the plane", or "turned round"), or "in space"."""
+    """Return a body of one triangle, and its law.
+
+    The triangle is "in the plane", "turned round" (of opposite orientation) or "in space".
+    """
     p = CORNERS if space != "in space" else tilt() @ np.vstack([CORNERS, np.zeros(3)])
     t = np.array([[0], [2], [1]] if space == "turned round" else [[0], [1], [2]])
     plane = None if space == "in space" else "stress"
@@ -58,20 +61,20 @@ def tilt():
     return Q * np.sign(np.linalg.det(Q))
 
 
-def strained(space, E1, E2, angle=0.7, turned=True):
-    """Displacements with these principal strains, the first at an angle, and then turned as a whole."""
+def strained(space, E1, E2, angle=0.7, rotated=True):
+    """Return displacements with the given principal strains, the first at an angle, followed by a rotation of the triangle."""
     c, s = np.cos(angle), np.sin(angle)
     V = np.array([[c, -s], [s, c]])
     F = V @ np.diag(np.sqrt([1 + 2 * E1, 1 + 2 * E2])) @ V.T
     if space == "in space":
         out = (tilt() @ np.vstack([F @ CORNERS, np.zeros(3)])) - tilt() @ np.vstack([CORNERS, np.zeros(3)])
         return out.ravel("F")
-    turn = V.T if turned else np.eye(2)
-    return (turn @ F @ CORNERS - CORNERS).ravel("F")
+    rotation = V.T if rotated else np.eye(2)
+    return (rotation @ F @ CORNERS - CORNERS).ravel("F")
 
 
 def density(E, nu):
-    """The energy by area of a strain (2, 2), from what it is said to be."""
+    """Return the energy per area of a strain (2, 2) by its definition."""
     E2, E1 = np.linalg.eigvalsh(E)
     if E1 <= 0:
         return 0.0
@@ -88,7 +91,7 @@ def area():
 @pytest.mark.parametrize("space", ["in the plane", "turned round", "in space"])
 @pytest.mark.parametrize("name", STRAINS)
 def test_energy_and_stress_are_those_of_the_state(name, space):
-    """Force and stress against differences of the energy that is written out above."""
+    """Force and stress equal differences of the energy that `density` defines."""
     E1, E2, kind = STRAINS[name]
     (body, _), u = body_of(space), strained(space, E1, E2)
     W, F = body.energy_and_force(u)
@@ -105,7 +108,7 @@ def test_energy_and_stress_are_those_of_the_state(name, space):
 
 
 def energy_of(body, u):
-    """As written out, from the strain of a triangle by its corners."""
+    """Return the energy by `density`, with the strain of a triangle from its corners."""
     X, x = body.mesh.p, body.mesh.p + u.reshape(-1, body.mesh.d).T
     P, p = X[:, 1:] - X[:, :1], x[:, 1:] - x[:, :1]
     R = np.linalg.qr(P)[1]
@@ -114,7 +117,7 @@ def energy_of(body, u):
 
 
 def test_the_energy_is_the_least_of_all_wider_strains():
-    """What relaxes is wrinkles, which take up length: min over `D >= 0` of the energy of `E + D` (Pipkin)."""
+    """The relaxed energy is the minimum over `D >= 0` of the energy of `E + D` (Pipkin): wrinkles take up the length D."""
     rng = np.random.default_rng(1)
     for nu in (0.3, 0.0, -0.3, 0.49):
         body, _ = body_of("in the plane", nu)
@@ -201,18 +204,18 @@ def test_compiled_and_readable_kernels_agree(name, monkeypatch):
     assert np.abs(compiled["moderate", ALL]).max() > 0.1
 
 
-#: Faults in the law, each told by its energy or by its derivatives.
+#: Faults in the law; the energy or its derivatives show each fault.
 PLANTS = {
     "the border is E2 = 0": ("taut = tense & (m2 >= -nu * n1)", "taut = tense & (m2 >= 0 * n1)"),
     "1 - nu^2 left where it wrinkles": ("n2 = m2 if taut else -nu * n1", "n2 = m2 if taut else 0 * n1"),
     "slack is wrinkled": ("n1 = m1 if tense else zero", "n1 = m1"),
-    "no turning of the axes": ("slope = mu if taut else (S1 - S2) / (m1 - m2 if m1 > m2 else one)", "slope = mu"),
+    "no rotation of the axes": ("slope = mu if taut else (S1 - S2) / (m1 - m2 if m1 > m2 else one)", "slope = mu"),
 }
 
 
 @pytest.mark.parametrize("name", PLANTS)
-def test_faults_in_the_formulas_are_seen(name):
-    """The formulas as plain Python, with one line of them altered, against the energy that is written out above."""
+def test_faults_in_the_formulas_are_found(name):
+    """A fault in one line of the formulas, run as plain Python, changes energy or slope from those of `density`."""
     source = inspect.getsource(stvk)
     right, wrong = PLANTS[name]
     assert source.count(right) == 1
@@ -237,7 +240,7 @@ def test_faults_in_the_formulas_are_seen(name):
 
 
 def plain_of(source):
-    """`_relaxed` of a source as a Python function, and the expression of the slope."""
+    """Return the namespace of `_relaxed` from a source as plain Python, with the expression of the slope."""
     begin = source.index("def _relaxed")
     spaces: dict = {}
     exec(source[begin : source.index("@by_type(respond", begin)], spaces)
@@ -245,8 +248,8 @@ def plain_of(source):
     return spaces | {"slope": line.split("=", 1)[1].strip()}
 
 
-def test_what_is_taut_everywhere_is_the_law_without_wrinkling():
-    """Forces are those of StVK where nothing wrinkles, which clamped tensions of edges are far from."""
+def test_a_taut_membrane_has_the_law_without_wrinkling():
+    """Forces are those of StVK where no element wrinkles; clamped tensions of edges are far from these forces."""
     mesh = MESHES["membrane"]
     laws = law_on(mesh, {}, True), law_on(mesh, {}, False)
     u = 0.3 * mesh.p.ravel("F") + 0.02 * state(mesh)
@@ -274,8 +277,8 @@ def test_cables_pull_and_do_not_push():
 
 
 @pytest.mark.parametrize("name", ["membrane", "cable", "quadratic membrane"])
-def test_the_force_between_two_states_does_the_work_of_their_energies(name):
-    """Also for elements that have shrunk to a line or to a point."""
+def test_the_work_of_the_mean_force_is_the_energy_difference(name):
+    """The work of the mean force is the energy difference, also for elements that have shrunk to a line or to a point."""
     mesh = (MESHES | CURVED)[name]
     body = System(mesh, law_on(mesh, {}))
     (term,), X = body.bound_terms, mesh.p.T
@@ -290,7 +293,7 @@ def test_the_force_between_two_states_does_the_work_of_their_energies(name):
         assert np.abs(torque - torque.T).max() < 1e-12 * (1 + np.abs(force).max())
 
 
-def test_it_says_what_it_can_do():
+def test_the_optional_protocols():
     term = law_on(MESHES["membrane"], {}).bind(MESHES["membrane"])
     assert isinstance(term, HasMeanForce) and not isinstance(term, Quartic | HasDampingForce | HasStretch)
     assert term.symmetric and term.balanced and term.has_energy
@@ -303,7 +306,7 @@ def test_single_precision_is_that_of_double_rounded():
     assert one.dtype == np.float32 and np.abs(one - two).max() < 1e-5 * np.abs(two).max()
 
 
-def test_what_has_no_relaxed_energy_is_refused():
+def test_laws_without_relaxed_energy_are_refused():
     wood = Orthotropic((4.0, 2.0, 1.0), (0.25, 0.25, 0.125), (1.0, 2.0, 0.5))
     with pytest.raises(MaterialError, match=r"wrinkling=True\) is for isotropic materials; got Orthotropic"):
         StVK(wood, wrinkling=True)

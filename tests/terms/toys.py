@@ -1,11 +1,10 @@
-"""Laws and loads that the package does not know, each as narrow as the joint allows: numpy alone, no edges, no element.
+"""Minimal laws and loads that are not part of the package, written with numpy only, without edges or elements.
 
-`Springs`           nonlinear springs between any vertices: energy, symmetric, balanced; with mass, so that it moves
-`Areas`             an energy of the areas that three vertices span in space: one Hessian gives both orders of its pairs
-`Anchors`           nonlinear springs to the ground: not balanced, blocks of vertices alone
-`Wind`              a force that turns with pairs of vertices: without energy, neither symmetric nor balanced
-`Friction`          springs to where the body was when a state was accepted last: a memory
-`Vortex`            a load that turns about an axis, without potential
+- `Springs` are nonlinear springs between any vertices: with energy, symmetric, balanced. Springs have mass, so that bodies move. -
+`Areas` have an energy of the areas of vertex triples in space. One Hessian serves both orders of its pairs. - `Anchors` are
+nonlinear springs to the ground: not balanced, with diagonal blocks only. - `Wind` is a force that rotates with pairs of vertices:
+without energy, neither symmetric nor balanced. - `Friction` has springs to the last accepted state: a term with history. -
+`Contacts` are springs whose pairs change. - `Vortex` is a load that rotates about an axis, without potential.
 """
 
 from dataclasses import dataclass
@@ -17,8 +16,8 @@ from skfem_stvk.edges import ALL
 from skfem_stvk.terms import Load
 
 
-class Narrow:
-    """What toys share: a specification that binds by handing the mesh to its `Bound` class."""
+class MinimalTerm:
+    """Base class of the toys: a specification that binds by passing the mesh to its `Bound` class."""
 
     region = None
 
@@ -31,8 +30,11 @@ def outer(a, b):
 
 
 @dataclass(frozen=True, eq=False)
-class Springs(Narrow):
-    """`W = sum 1/4 k (|p|^2 - |P|^2)^2 / |P|^2` over pairs of vertices: quartic, and stiff against pull and push."""
+class Springs(MinimalTerm):
+    """Springs with the quartic energy `W = sum 1/4 k (|p|^2 - |P|^2)^2 / |P|^2` over pairs of vertices.
+
+    The springs are stiff in tension and compression.
+    """
 
     pairs: Any
     stiffness: float = 1.0
@@ -70,8 +72,8 @@ class Springs(Narrow):
 
 
 @dataclass(frozen=True, eq=False)
-class Areas(Narrow):
-    """`W = sum 1/2 k |A|^2`, `A = 1/2 (x_1 - x_0) x (x_2 - x_0)`, over triples of vertices in space."""
+class Areas(MinimalTerm):
+    """Energy `W = sum 1/2 k |A|^2`, `A = 1/2 (x_1 - x_0) x (x_2 - x_0)`, over triples of vertices in space."""
 
     triples: Any
     stiffness: float = 1.0
@@ -88,13 +90,16 @@ class Areas(Narrow):
             self._of = self._of.reshape(3, -1)
 
         def _slopes(self, u):
-            """Area vectors, and (3, n, 3, 3) their derivatives by the vertices: cross products with half the opposite edges."""
+            """Return the area vectors and their derivatives by the vertices (3, n, 3, 3).
+
+            The derivatives are the matrices of cross products with half the opposite edges.
+            """
             x = self._X[self._t] + u[self._t]
             edges = np.stack([x[1] - x[2], x[2] - x[0], x[0] - x[1]]) / 2
-            turned = np.zeros((*edges.shape, 3))
+            slopes = np.zeros((*edges.shape, 3))
             for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-                turned[..., i, j], turned[..., j, i] = edges[..., k], -edges[..., k]
-            return np.cross(x[1] - x[0], x[2] - x[0]) / 2, turned
+                slopes[..., i, j], slopes[..., j, i] = edges[..., k], -edges[..., k]
+            return np.cross(x[1] - x[0], x[2] - x[0]) / 2, slopes
 
         def energy_and_force(self, u, force=None):
             A, slopes = self._slopes(u)
@@ -110,13 +115,13 @@ class Areas(Narrow):
                 cross[:, i, j], cross[:, j, i] = A[:, k] / 2, -A[:, k] / 2
             for of, (i, j), sign in zip(self._of, ((0, 1), (1, 2), (0, 2)), (1, 1, -1), strict=True):
                 own = self._k * (np.einsum("nki,nkj->nij", S[i], S[j]) + kept.negative * sign * cross)
-                turned = self._t[i] > self._t[j]
-                np.add.at(blocks.pairs, of, np.where(turned[:, None, None], own.transpose(0, 2, 1), own))
+                swapped = self._t[i] > self._t[j]
+                np.add.at(blocks.pairs, of, np.where(swapped[:, None, None], own.transpose(0, 2, 1), own))
 
 
 @dataclass(frozen=True, eq=False)
-class Anchors(Narrow):
-    """`W = sum 1/2 k |u|^2 + 1/4 k |u|^4` of some vertices, tied to the ground."""
+class Anchors(MinimalTerm):
+    """Springs to the ground with the energy `W = sum 1/2 k |u|^2 + 1/4 k |u|^4` over some vertices."""
 
     vertices: Any
     stiffness: float = 1.0
@@ -146,8 +151,11 @@ class Anchors(Narrow):
 
 
 @dataclass(frozen=True, eq=False)
-class Wind(Narrow):
-    """`F_a = c (x_b - x_a) x e_z + h u_a`: it pushes `a` aside as `b` moves, not the other way round, and has no energy."""
+class Wind(MinimalTerm):
+    """Force `F_a = c (x_b - x_a) x e_z + h u_a`.
+
+    The force acts on `a` as `b` moves, not on `b` as `a` moves, and has no energy.
+    """
 
     pairs: Any
     strength: float = 0.1
@@ -158,24 +166,24 @@ class Wind(Narrow):
         def __init__(self, spec, mesh):
             self.nodes_paired = np.asarray(spec.pairs, dtype=np.int32)
             self.nodes = np.unique(self.nodes_paired[0])
-            self._turn = spec.strength * np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 0]])
+            self._skew = spec.strength * np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 0]])
             self._drag = 2 * spec.strength
 
         def energy_and_force(self, u, force=None):
             if force is not None:
                 a, b = self.nodes_paired
-                np.add.at(force, a, (u[b] - u[a]) @ self._turn.T + self._drag * u[a])
+                np.add.at(force, a, (u[b] - u[a]) @ self._skew.T + self._drag * u[a])
             return 0.0
 
         def add_blocks(self, u, blocks, kept=ALL):
-            blocks.pairs += self._turn
+            blocks.pairs += self._skew
             at = np.searchsorted(self.nodes, self.nodes_paired[0])
-            np.add.at(blocks.own, at, np.broadcast_to(self._drag * np.eye(3) - self._turn, (len(at), 3, 3)))
+            np.add.at(blocks.own, at, np.broadcast_to(self._drag * np.eye(3) - self._skew, (len(at), 3, 3)))
 
 
 @dataclass(frozen=True, eq=False)
-class Friction(Narrow):
-    """`F_a = k (u_a - u_a(accepted))`: the ground sticks, and lets go whenever a state is accepted."""
+class Friction(MinimalTerm):
+    """Sticking ground with the force `F_a = k (u_a - u_a(accepted))`; each accepted state releases the springs."""
 
     vertices: Any
     stiffness: float = 1.0
@@ -203,8 +211,8 @@ class Friction(Narrow):
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts(Narrow):
-    """Springs between other pairs whenever it is told so: `pattern_version` counts how often."""
+class Contacts(MinimalTerm):
+    """Springs whose pairs change with each call of `take`; `pattern_version` counts the changes."""
 
     pairs: Any
 
@@ -222,7 +230,7 @@ class Contacts(Narrow):
 
 @dataclass(frozen=True, eq=False)
 class Vortex(Load):
-    """`f_a = t c e_z x (x_a + u_a)` on some vertices: a load without potential, of vertices alone."""
+    """Load `f_a = t c e_z x (x_a + u_a)` on some vertices, without potential, with diagonal blocks only."""
 
     vertices: Any
     strength: float = 0.1
@@ -237,14 +245,14 @@ class Vortex(Load):
 
         def __init__(self, spec, mesh):
             self.nodes, self._x = np.asarray(spec.vertices), mesh.p.T
-            self._turn = spec.strength * np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
+            self._skew = spec.strength * np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
 
         def add_force(self, u, t, out):
             factor = t if isinstance(t, float) else t.factor
-            out[self.nodes] += factor * (self._x + u)[self.nodes] @ self._turn.T
+            out[self.nodes] += factor * (self._x + u)[self.nodes] @ self._skew.T
 
         def add_blocks(self, u, t, blocks):
-            blocks.own -= (t if isinstance(t, float) else t.factor) * self._turn
+            blocks.own -= (t if isinstance(t, float) else t.factor) * self._skew
 
         def memory(self):
             return {"loads": self.nodes.nbytes}

@@ -1,4 +1,4 @@
-"""Checkpoints of paths that say what cannot be, each number and array of them in turn."""
+"""Checkpoints of paths with invalid contents: each number and each array in turn."""
 
 import copy
 
@@ -12,7 +12,7 @@ from skfem_stvk.results.store import read_archive, write_archive
 from skfem_stvk.statics.checkpoint import PathCheckpoint, StateHeader
 
 WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]
-#: What a state took, what was found of it and how Newton's method got there; where loads were looked at.
+#: Entries that do not affect the path: effort, findings and iterations of a state, and the load factors of evaluated loads.
 RECORDS = (
     "step.seconds",
     "step.iterations.",
@@ -26,8 +26,8 @@ RECORDS = (
     "step.end",
     "problem.moments",
 )
-#: How the walk goes on, which Newton's method takes to an equilibrium or not.
-WALK = ("walk.",)
+#: Data of the next step, from which Newton's method may or may not find an equilibrium.
+NEXT_STEP = ("walk.",)
 
 
 def load_steps():
@@ -47,8 +47,8 @@ def path(request, tmp_path_factory):
     return call, file, header.model_dump(exclude_unset=True), arrays
 
 
-def go_on(call, file, header, arrays):
-    """Resume what is written so; what it was refused with, in words."""
+def resume_from(call, file, header, arrays):
+    """Resume from a file with the given contents; return the message of the error, or ""."""
     write_archive(file, header, arrays)
     try:
         solve_static(**call, resume=True)
@@ -57,35 +57,35 @@ def go_on(call, file, header, arrays):
     return ""
 
 
-def entries(header, way=()):
+def entries(header, prefix=()):
     for name, value in header.items():
-        yield (*way, name), value
+        yield (*prefix, name), value
         if isinstance(value, dict):
-            yield from entries(value, (*way, name))
+            yield from entries(value, (*prefix, name))
 
 
 @pytest.mark.slow
 def test_each_entry_of_the_header_that_is_wrong_is_refused(path):
     call, file, header, arrays = path
     accepted, refused = [], 0
-    for way, value in list(entries(header)):
+    for prefix, value in list(entries(header)):
         for wrong in [..., *WRONG]:
             if wrong == value and type(wrong) is type(value):
                 continue
             other = copy.deepcopy(header)
             inner = other
-            for name in way[:-1]:
+            for name in prefix[:-1]:
                 inner = inner[name]
             if wrong is ...:
-                del inner[way[-1]]
+                del inner[prefix[-1]]
             else:
-                inner[way[-1]] = wrong
-            said = go_on(call, file, other, arrays)
-            refused += str(file) in said
-            if str(file) not in said:
-                accepted.append((".".join(way), wrong, said))
-    assert [one for one in accepted if not one[0].startswith((*RECORDS, *WALK))] == [] and refused > 250
-    assert go_on(call, file, header, arrays) == ""
+                inner[prefix[-1]] = wrong
+            message = resume_from(call, file, other, arrays)
+            refused += str(file) in message
+            if str(file) not in message:
+                accepted.append((".".join(prefix), wrong, message))
+    assert [one for one in accepted if not one[0].startswith((*RECORDS, *NEXT_STEP))] == [] and refused > 250
+    assert resume_from(call, file, header, arrays) == ""
 
 
 CHANGES = {
@@ -99,19 +99,19 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_displacements_that_are_no_state_of_the_path_are_refused(path, change):
+def test_displacements_that_are_not_a_state_of_the_path_are_refused(path, change):
     call, file, header, arrays = path
     u = CHANGES[change](arrays["u"])
-    assert f"{file} is damaged" in go_on(
+    assert f"{file} is damaged" in resume_from(
         call, file, header, {name: array for name, array in (arrays | {"u": u}).items() if array is not None}
     )
-    assert go_on(call, file, header, arrays) == ""
+    assert resume_from(call, file, header, arrays) == ""
 
 
 def test_states_in_another_order_or_of_another_path_are_refused(path, tmp_path):
     call, file, *_ = path
     first = file.with_name("state_00000.npz")
-    kept = file.read_bytes()
+    content = file.read_bytes()
     file.write_bytes(first.read_bytes())
     with pytest.raises(StvkError, match=r"damaged: it is state 0 of its path, not"):
         solve_static(**call, resume=True)
@@ -119,4 +119,4 @@ def test_states_in_another_order_or_of_another_path_are_refused(path, tmp_path):
     file.write_bytes((tmp_path / "other" / file.name).read_bytes())
     with pytest.raises(StvkError, match=rf"{file.name} is of another problem: rtol was 1e-06 and is 1e-08"):
         solve_static(**call, resume=True)
-    file.write_bytes(kept)
+    file.write_bytes(content)

@@ -1,4 +1,4 @@
-"""Analyses call the methods of the system that they are given, and refuse other objects."""
+"""Analyses call the methods of the given system, so that subclasses work; other objects are refused."""
 
 from types import SimpleNamespace
 
@@ -11,7 +11,7 @@ from skfem_stvk.dynamics import Newmark
 
 
 class Counting(System):
-    """A system that counts evaluations of its force."""
+    """System that counts evaluations of its force."""
 
     calls = 0
 
@@ -26,7 +26,7 @@ def plate(kind=System):
     return kind(mesh, [StVK(young=1e4, poisson=0.3, density=1.0), pulled], fixed={lambda x: x[0] == 0: "xy"})
 
 
-def test_a_subclass_is_solved_for_moved_and_looked_at_like_a_system():
+def test_analyses_and_results_of_a_subclass_are_those_of_a_system():
     system, other = plate(), plate(Counting)
     mine, theirs = (solve_static(one, steps=3, solver="superlu", quiet=True) for one in (system, other))
     np.testing.assert_array_equal(mine.u, theirs.u)
@@ -40,7 +40,7 @@ def test_a_subclass_is_solved_for_moved_and_looked_at_like_a_system():
 
 
 @pytest.mark.parametrize("given", [None, "body", System, SimpleNamespace(ndofs=2, mesh=None)], ids=str)
-def test_other_objects_are_no_systems(given):
+def test_other_objects_are_refused(given):
     for analysis in (solve_static, modes, critical_step, lambda one: simulate(one, Newmark(1e-2), until=0.1)):
         with pytest.raises(StvkError, match=r"system = .*; expected a System"):
             analysis(given)

@@ -1,6 +1,6 @@
-"""A body pays for what it names, and for nothing else: arrays, kernels, patterns and masses, for every term and analysis.
+"""Arrays, kernels, patterns and masses of a body are those of its terms and analyses only.
 
-Which packages and which parts of this one a use imports is held by fresh processes in `tests/test_imports.py`.
+`tests/test_imports.py` checks in new processes which packages and modules each use imports.
 """
 
 import tracemalloc
@@ -41,7 +41,7 @@ from skfem_stvk.system import pattern, system
 
 ELASTIC = {"young": 1e5, "poisson": 0.3, "density": 1000.0}
 FIXED = {"left": "xyz"}
-#: Terms for a region of a mesh; loads for the facets or nodes "right". A new term is a row.
+#: Terms for a region of a mesh, and loads for the facets or nodes "right". A new term needs a row.
 ELEMENTS = {
     StVK: lambda mesh, region: StVK(**ELASTIC, region=region),
     LinearElastic: lambda mesh, region: LinearElastic(**ELASTIC, region=region),
@@ -60,7 +60,7 @@ OTHERS = {
     Pressure: Pressure("right", 100.0),
     Traction: Traction("right", (0.0, 0.0, -1.0)),
 }
-#: Kernels that run for a term, and for no other of the tables above it.
+#: Kernels that run only for one term of the tables above.
 OWN = {
     SpringNetwork: {"springs"},
     EdgeNetwork: {"elongate", "pull"},
@@ -69,21 +69,21 @@ OWN = {
 
 
 def bar(n=40, across=2):
-    """A bar with its last twentieth as the region "end"."""
+    """Return a bar whose last twentieth is the region "end"."""
     ends = np.linspace(0, 1, across + 1)
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, n / 2, n + 1), ends, ends).with_defaults()
     return ElementMesh.of(mesh.with_subdomains({"end": lambda x: x[0] > 0.95 * n / 2}))
 
 
 def used(body):
-    """The body after W, F and K, and all that acts on it, have been asked for."""
+    """Return the body after evaluations of W, F, K and its loads."""
     u = 1e-3 * np.sin(np.arange(body.ndofs))
     body.energy(u), body.residual(u), body.jacobian(u)
     return body
 
 
-def held_bytes(make):
-    """Bytes that stay with what `make` returns, as Python counts them; and that."""
+def allocated_bytes(make):
+    """Return the bytes that Python allocates for the result of `make`, and the result."""
     make()
     tracemalloc.start()
     try:
@@ -94,7 +94,7 @@ def held_bytes(make):
 
 
 def refused(*arguments, **named):
-    raise AssertionError("this was not to be made")
+    raise AssertionError("this must not be created")
 
 
 def test_every_term_has_a_row():
@@ -103,17 +103,17 @@ def test_every_term_has_a_row():
     assert specifications == set(ELEMENTS) | set(OTHERS)
 
 
-def test_a_plain_body_holds_what_it_says_and_no_more():
-    """What Python counts is what `memory` says: no array of another term, analysis or output hides."""
+def test_a_plain_body_has_the_bytes_of_its_memory():
+    """The bytes of a body are those of `memory`: no array of another term, analysis or output exists."""
     mesh = bar(200, 4)
-    held, body = held_bytes(lambda: used(System(mesh, StVK(**ELASTIC), FIXED)))
-    said = body.memory()
-    assert said["mass"] == said["product"] == 0
-    assert held - (sum(said.values()) - said["mesh"]) < 0.8 * body.ndofs * 8
+    held, body = allocated_bytes(lambda: used(System(mesh, StVK(**ELASTIC), FIXED)))
+    reported = body.memory()
+    assert reported["mass"] == reported["product"] == 0
+    assert held - (sum(reported.values()) - reported["mesh"]) < 0.8 * body.ndofs * 8
 
 
 @pytest.mark.parametrize("kind", [*ELEMENTS, *OTHERS], ids=lambda kind: kind.__name__)
-def test_without_a_term_its_kernels_do_not_run_and_its_arrays_are_not_there(kind):
+def test_without_a_term_its_kernels_do_not_run_and_its_arrays_do_not_exist(kind):
     mesh = bar(10)
     term = ELEMENTS[kind](mesh, None) if kind in ELEMENTS else OTHERS[kind]
     without = partial(System, mesh, StVK(**ELASTIC), FIXED)
@@ -129,14 +129,20 @@ def test_without_a_term_its_kernels_do_not_run_and_its_arrays_are_not_there(kind
 
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.__name__)
 def test_a_term_on_a_twentieth_of_the_elements_costs_a_twentieth(kind):
-    """Of the arrays that it has on all of them, and of the elements or edges that its kernels go over; its surface comes on top."""
-    mesh, whole, part = bar(), *(held_of(kind, region) for region in (None, "end"))
+    """A term on a twentieth of the elements has about a twentieth of the bytes of a term on all elements.
+
+    The bytes are those of its arrays for elements or edges. The surface of the region is additional.
+    """
+    mesh, whole, part = bar(), *(bytes_of_term(kind, region) for region in (None, "end"))
     share = len(mesh.elements("end")) / mesh.nt
     assert share == pytest.approx(0.05) and part < 1.3 * share * whole + 3500
 
 
-def test_elements_beside_a_mesh_cost_what_they_are_and_nothing_else_changes():
-    """A skin on a twentieth of the surface costs a twentieth of what it costs on all of it."""
+def test_additional_elements_cost_their_own_bytes_only():
+    """A skin on a twentieth of the surface costs a twentieth of the bytes of a skin on the whole surface.
+
+    The bytes of the rest of the body do not change.
+    """
     mesh = bar()
     skin = mesh.surface[:, mesh.p[0, mesh.surface].mean(axis=0) > 0.95 * mesh.p[0].max()]
 
@@ -149,11 +155,11 @@ def test_elements_beside_a_mesh_cost_what_they_are_and_nothing_else_changes():
     part, both = bytes_of(StVK(**ELASTIC, simplices=skin))
     share = skin.shape[1] / mesh.surface.shape[1]
     assert share < 0.08 and part < 1.3 * share * whole + 3500
-    assert both - plain < 3 * part + skin.nbytes + 1000  # where its blocks stand in the rows of K comes on top
+    assert both - plain < 3 * part + skin.nbytes + 1000  # the indices of its blocks in the rows of K are additional
     assert bytes_of() == bytes_of() and bytes_of()[1] == plain
 
 
-def held_of(kind, region):
+def bytes_of_term(kind, region):
     mesh = bar()
     bound = System(mesh, [StVK(**ELASTIC), ELEMENTS[kind](mesh, region)], FIXED)
     used(bound)
@@ -161,7 +167,7 @@ def held_of(kind, region):
 
 
 @pytest.mark.parametrize("kind", OTHERS, ids=lambda kind: kind.__name__)
-def test_a_load_makes_no_blocks_of_the_body(kind):
+def test_a_load_creates_no_blocks_of_the_body(kind):
     mesh = bar(10)
     plain = used(System(mesh, StVK(**ELASTIC), FIXED)).memory()
     loaded = used(System(mesh, [StVK(**ELASTIC), OTHERS[kind]], FIXED)).memory()
@@ -170,7 +176,7 @@ def test_a_load_makes_no_blocks_of_the_body(kind):
     }
 
 
-def test_two_laws_on_two_regions_are_two_bodies():
+def test_two_laws_on_two_regions_cost_as_much_as_two_bodies():
     mesh = bar(10)
     rest = np.setdiff1d(np.arange(mesh.nt), mesh.elements("end"))
     laws = StVK(**ELASTIC, region=rest), NeoHookean(young=3e5, poisson=0.45, density=1.0, region="end")
@@ -187,7 +193,7 @@ def test_two_laws_on_two_regions_are_two_bodies():
     assert alone[0].energy(u) > 0.1 * both.energy(u) and alone[1].energy(u) > 0.01 * both.energy(u)
 
 
-def test_energy_and_force_alone_make_no_pattern_and_no_blocks(monkeypatch):
+def test_energy_and_force_need_no_pattern_and_no_blocks(monkeypatch):
     body = System(bar(10), [StVK(**ELASTIC), Pressure("right", 100.0)], FIXED)
     monkeypatch.setattr(system, "Pattern", refused)
     monkeypatch.setattr(element_kernels, "linearize", refused)
@@ -196,8 +202,8 @@ def test_energy_and_force_alone_make_no_pattern_and_no_blocks(monkeypatch):
     assert body.memory()["pattern of K"] == body.memory()["rows of K"] == body.memory()["blocks of edges"] == 0
 
 
-def test_springs_alone_make_nothing_of_simplices(monkeypatch):
-    """Of given stiffness: no coefficients L of elements, no frames, and no kernel on elements."""
+def test_springs_alone_need_no_data_of_simplices(monkeypatch):
+    """Springs of given stiffness need no coefficients L of elements, no frames, and no kernel on elements."""
     mesh = bar(10)
     edges = skfem.MeshTet(mesh.p, mesh.t).edges.shape[1]
     for name in ("own_order", "OwnElements"):
@@ -211,14 +217,14 @@ def test_springs_alone_make_nothing_of_simplices(monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["load-steps", "arc-length"])
-def test_statics_makes_no_mass(method, monkeypatch):
+def test_statics_creates_no_mass(method, monkeypatch):
     body = System(bar(4), [StVK(**ELASTIC), Traction("right", (0.0, 0.0, -10.0))], FIXED)
     monkeypatch.setattr(System, "mass", refused)
     assert solve_static(body, 2, method=method, quiet=True).success and body.memory()["mass"] == 0
 
 
 @pytest.mark.parametrize("step, until", [(None, 3.0), (1e-3, 0.2)], ids=["found", "given"])
-def test_an_explicit_motion_makes_no_matrix_and_looks_at_stiffness_for_its_step_alone(step, until, monkeypatch):
+def test_an_explicit_motion_creates_no_matrix_and_uses_the_stiffness_only_for_its_step(step, until, monkeypatch):
     body = System(bar(4), [StVK(**ELASTIC), Traction("right", (0.0, 0.0, -10.0))], FIXED)
     for name in ("tangent", "jacobian"):
         monkeypatch.setattr(System, name, refused)
@@ -235,7 +241,7 @@ def test_an_explicit_motion_makes_no_matrix_and_looks_at_stiffness_for_its_step_
     assert 0 < len(looks) < run.ledger.steps / 8
 
 
-def test_an_implicit_motion_and_modes_make_one_kind_of_mass():
+def test_an_implicit_motion_and_modes_create_one_kind_of_mass():
     for analysis in (lambda body: simulate(body, EnergyMomentum(dt=1e-2), until=2e-2, quiet=True), lambda body: modes(body, 2)):
         body = System(bar(4), [StVK(**ELASTIC), Gravity((0.0, 0.0, -1.0))], FIXED)
         analysis(body)
