@@ -203,7 +203,9 @@ def jacobians(mesh, xi):
 
     The determinant is negative where an element is inverted relative to its centre.
     """
-    now, centre = (points.spokes_at(mesh.p, mesh.t, mesh.element, at) for at in (xi, rule_of(mesh.element, "one-point").points))
+    now, centre = (
+        points.base_vectors_at(mesh.p, mesh.t, mesh.element, at) for at in (xi, rule_of(mesh.element, "one-point").points)
+    )
     return points.signed(now, centre)
 
 

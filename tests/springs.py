@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_stvk.mesh.places import vertices_at
+from skfem_stvk.mesh.locations import vertices_at
 from skfem_stvk.terms import Load
 from skfem_stvk.terms.load import Moment, Value
 

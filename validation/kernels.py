@@ -14,7 +14,7 @@ from rich.table import Table
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges.stiffness import GeneralStiffness
-from skfem_stvk.edges.topology import OwnOrder
+from skfem_stvk.edges.topology import KernelOrder
 
 from .bench.control import Control, compiler
 from .bench.costs import best_and_median
@@ -86,7 +86,7 @@ def candidates(mesh: ElementMesh, body: Body, u: Any) -> Iterator[tuple[tuple[st
     ours = System(mesh, TERM)
     K = ours.tangent(x)
     yield ("", "CSR product"), lambda: K @ x
-    with patch("skfem_stvk.edges.assembly.own_order", order_of_the_mesh):
+    with patch("skfem_stvk.edges.assembly.kernel_order", order_of_the_mesh):
         unsorted = System(mesh, TERM)
     coefficients = partial(TERM.stiffness(mesh).coefficients, mesh.p, mesh.t)
     with patch.object(StVK, "stiffness", lambda *_: GeneralStiffness(coefficients)):
@@ -108,8 +108,8 @@ def candidates(mesh: ElementMesh, body: Body, u: Any) -> Iterator[tuple[tuple[st
             yield (of, name), partial(system.energy_and_force, x) if of == "F" else partial(system.tangent, x, system.tangent(x))
 
 
-def order_of_the_mesh(t: Any, edges: Any, ascending: bool) -> OwnOrder:
+def order_of_the_mesh(t: Any, edges: Any, ascending: bool) -> KernelOrder:
     """Return the mesh's own order: only the vertices of each simplex are sorted."""
     local = np.argsort(t, axis=0)
     vertices = np.arange(t.max() + 1, dtype=np.int32)
-    return OwnOrder(vertices, np.arange(t.shape[1], dtype=np.int32), np.take_along_axis(t, local, axis=0), local)
+    return KernelOrder(vertices, np.arange(t.shape[1], dtype=np.int32), np.take_along_axis(t, local, axis=0), local)

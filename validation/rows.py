@@ -79,7 +79,7 @@ class Calls:
         for way in ways.values():
             way()
         best = {name: 1e9 * taken.best / self._nt for name, taken in best_and_median(ways, seconds).items()}
-        slots = self._rows.plan.slots.eights.nbytes + self._rows.plan.slots.ninths.nbytes
+        slots = self._rows.plan.slots.first_eight.nbytes + self._rows.plan.slots.ninth.nbytes
         return f"{best['before']:.0f} ns", f"{best['now']:.0f} ns", f"{best['before'] / best['now']:.2f} x", f"{slots / 1e6:.2f} MB"
 
     def _all_blocks_first(self) -> None:

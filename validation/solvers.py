@@ -201,12 +201,12 @@ def chebyshev(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
 def chebyshev_forward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
     """Smooth with a Chebyshev polynomial instead of a forward sweep."""
     self.x[:] = chebyshev(self, b)
-    return np.asarray(b - self.A.product(self.single, self.x, self._left))
+    return np.asarray(b - self.A.product(self.single, self.x, self._residual))
 
 
 def chebyshev_backward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
     """Smooth with a Chebyshev polynomial instead of a backward sweep."""
-    self.x += chebyshev(self, b - self.A.product(self.single, self.x, self._left))
+    self.x += chebyshev(self, b - self.A.product(self.single, self.x, self._residual))
     return self.x
 
 

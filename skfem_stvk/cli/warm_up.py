@@ -15,7 +15,7 @@ import numpy as np
 from ..dynamics import EnergyMomentum, LinearBackwardEuler, VelocityVerlet, simulate
 from ..elements import ELEMENTS
 from ..errors import MaterialError, StvkError
-from ..kernels.compiled import NOT_KEPT, first_use
+from ..kernels.compiled import NOT_STORED, first_use
 from ..mesh import ElementMesh
 from ..nonlinear.processes import Crashed, in_processes
 from ..statics import solve_static
@@ -96,7 +96,7 @@ def warm_up(options: argparse.Namespace) -> int:
     """
     elements, laws = _chosen("elements", options.elements, ELEMENTS), _chosen("laws", options.laws, LAWS)
     if not first_use.on_disk:
-        raise StvkError(f"Kernels cannot be compiled ahead: {NOT_KEPT}.")
+        raise StvkError(f"Kernels cannot be compiled ahead: {NOT_STORED}.")
     pairs = list(product(elements, laws))
     began, counts, jobs = perf_counter(), [], os.cpu_count() or 1
     with CountedProgress("warm-up", len(pairs) * len(WORK), options.quiet) as progress:

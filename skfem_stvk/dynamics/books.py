@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..errors import StvkError
-from ..mesh.places import Where, vertices_at
+from ..mesh.locations import Where, vertices_at
 from ..results.reactions import held_vertices
 from ..system import System
 from ..system.coordinates import Coordinates

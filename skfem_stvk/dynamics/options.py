@@ -14,7 +14,7 @@ from ..arguments import shown
 from ..errors import StvkError
 from ..linear.choose import is_auto
 from ..mesh.displacements import by_vertex
-from ..mesh.places import Where
+from ..mesh.locations import Where
 from ..results.files import Outlets
 from ..system import System
 from ..system.coordinates import Coordinates

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..errors import AnalysisError, StvkError
-from ..mesh.places import Where
+from ..mesh.locations import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.monitors import Finding

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, flag, number, path
 from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..mesh.displacements import by_vertex
-from ..mesh.places import Where
+from ..mesh.locations import Where
 from ..results.files import Outlets
 from ..system import System
 from ..system.coordinates import Coordinates

@@ -17,20 +17,20 @@ from ..kernels import stretches as stretch_kernels
 from ..kernels.discrete_gradient import DiscreteGradient
 from ..kernels.elements import MeanStress, StressOfRates
 from ..kernels.lanes import LANES, MeanPoints
-from ..kernels.laws import IsotropicLaw, numbers_in
+from ..kernels.laws import IsotropicLaw, law_size
 from ..kernels.stvk import TensionLaw
-from ..kernels.threads import in_turn, run
+from ..kernels.threads import locked, run
 from .assembly import Assembly, offering
 from .elements import Frames
 from .form import EdgeForm
 from .stiffness import FramedStiffness, GeneralStiffness, Stiffness
 from .topology import in_lanes, out_of_lanes
 
-#: Component indices (i, j) of the strain, by element dimension, in the order 11, 22, 33, 12, 13, 23.
-PLACES = {1: (0,), 2: (0, 1, 3), 3: (0, 1, 2, 3, 4, 5)}
+#: Strain components of elements, by their dimension, as indices in the order 11, 22, 33, 12, 13, 23.
+STRAIN_COMPONENTS = {1: (0,), 2: (0, 1, 3), 3: (0, 1, 2, 3, 4, 5)}
 
 
-@in_turn
+@locked
 def add_round_off(term: Assembly, u: Array, out: Array) -> None:
     """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N].
 
@@ -42,10 +42,13 @@ def add_round_off(term: Assembly, u: Array, out: Array) -> None:
     term.run(element_kernels.round_off, out, law=law)
 
 
-def add_sizes_thrice(term: Assembly, u: Array, out: Array) -> None:
-    """Add three times the result of `add_sizes` to `out` (nv, d) [N]. Stretches and rotated frames have errors of several eps."""
+def add_magnitudes_thrice(term: Assembly, u: Array, out: Array) -> None:
+    """Add three times the result of `add_magnitudes` to `out` (nv, d) [N].
+
+    Stretches and rotated frames have errors of several eps.
+    """
     sizes = np.zeros(u.shape)
-    term.add_sizes(u, sizes)
+    term.add_magnitudes(u, sizes)
     out += 3 * sizes
 
 
@@ -57,7 +60,7 @@ def _change(term: Assembly, u0: Array, u1: Array) -> Array:
     return change
 
 
-@in_turn
+@locked
 def discrete_mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
     """Add the force of the stresses between the states `u0` and `u1` (nv, d) to `force` (nv, d) [N], as in `HasMeanForce`.
 
@@ -65,13 +68,13 @@ def discrete_mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[flo
     theta u1` balance. For `w0 = w1 = theta = 1/2`, the work over `u1 - u0` is `W(u1) - W(u0)`, up to the rounding of both energies.
     """
     rule = DiscreteGradient(float(weights[0]), float(weights[1]), float(theta), term.elements.k == term.elements.d)
-    R = float(sum(term.run(element_kernels.forces_along, force, _change(term, u0, u1), rule)))
+    R = float(sum(term.run(element_kernels.forces_between, force, _change(term, u0, u1), rule)))
     if not np.isfinite(R):
         term.energy_and_force(u1)  # raises an error with the reason
     return R
 
 
-@in_turn
+@locked
 def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
     """Add the force of the mean tensions of two states `u0`, `u1` (nv, d), along the edges in between, to `force` (nv, d) [N].
 
@@ -82,10 +85,10 @@ def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float
     is zero for a rigid motion and never negative.
     """
     rule = MeanStress(float(weights[0]), float(weights[1]), float(theta))
-    return float(sum(term.run(element_kernels.forces_along, force, _change(term, u0, u1), rule)))
+    return float(sum(term.run(element_kernels.forces_between, force, _change(term, u0, u1), rule)))
 
 
-@in_turn
+@locked
 def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
     """Add the resistance of the edges to velocities `v` at `u` (nv, d), for a relaxation time of 1 s, to `force` (nv, d).
 
@@ -97,10 +100,10 @@ def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
     """
     term.elements.gather(u)
     V = term.elements.own.gathered("direction", v, np.float64)
-    return float(sum(term.run(element_kernels.forces_along, force, V, StressOfRates())))
+    return float(sum(term.run(element_kernels.forces_between, force, V, StressOfRates())))
 
 
-@in_turn
+@locked
 def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
     """Return the coefficients `c` (5,) [J] of the energy along `u + s v`, both (nv, d): `c_0 + c_1 s + ... + c_4 s^4`, exact at any
     `s`.
@@ -109,7 +112,7 @@ def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
     elements.gather(u)
     V = elements.own.gathered("direction", v, np.float64)
     arrays = elements.t.ravel(), term.points, term.law, elements.X, elements.u, V
-    return np.asarray(np.sum(run(element_kernels.along, elements.forces.parts, *arrays), axis=0))
+    return np.asarray(np.sum(run(element_kernels.along, elements.force_shares.parts, *arrays), axis=0))
 
 
 def smallest_stretches(term: Assembly, u: Array) -> NDArray[np.float64]:
@@ -121,18 +124,18 @@ def smallest_stretches(term: Assembly, u: Array) -> NDArray[np.float64]:
 
 def smallest_stretch(term: Assembly, u: Array) -> float:
     """Return the smallest entry of `smallest_stretches(u)`. For linear simplices this costs one and a half times as much as F."""
-    return _smallest_stretch(term, u, np.empty(0)) if term.gone is None else float(smallest_stretches(term, u).min())
+    return _smallest_stretch(term, u, np.empty(0)) if term.removed is None else float(smallest_stretches(term, u).min())
 
 
-@in_turn
+@locked
 def _smallest_stretch(term: Assembly, u: Array, out: Array) -> float:
     elements = term.elements
     elements.gather(u)
     arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
-    return min(run(stretch_kernels.smallest_stretches, elements.forces.parts, *arrays, elements.k, out))
+    return min(run(stretch_kernels.smallest_stretches, elements.force_shares.parts, *arrays, elements.k, out))
 
 
-@in_turn
+@locked
 def tensions(term: Assembly, u: Array) -> Array:
     """Return the tensions `t = L zeta` (ne,) [N/m] at `u` (nv, d) of the edges in lexicographic order, without `form`.
 
@@ -140,7 +143,7 @@ def tensions(term: Assembly, u: Array) -> Array:
     """
     _refuse_points(term)
     term.elements.gather(u)
-    return np.asarray(term.own_tensions()[term.elements.lexicographic])
+    return np.asarray(term.kernel_tensions()[term.elements.lexicographic])
 
 
 def edge_form(term: Assembly) -> EdgeForm:
@@ -149,18 +152,18 @@ def edge_form(term: Assembly) -> EdgeForm:
     (p, t), stiffness = term.simplices, term.stored
     assert isinstance(stiffness, Stiffness)
     L = stiffness.coefficients
-    if term.gone is None:
+    if term.removed is None:
         return EdgeForm(p, t, stiffness)
-    kept = ~term.gone[:, None, None]
-    return EdgeForm(p, t, GeneralStiffness(lambda: kept * L(p, t)))
+    remaining = ~term.removed[:, None, None]
+    return EdgeForm(p, t, GeneralStiffness(lambda: remaining * L(p, t)))
 
 
 def _refuse_points(term: Assembly) -> None:
     """Refuse elements other than linear simplices: their strain differs from point to point."""
     if term.points is not None:
         raise StvkError(
-            f"{term.quadrature.element.name} have no edge form: their strain is not the same everywhere, so the lengths of "
-            "their edges do not say it. Take degree=1 to look at edges and their pairs."
+            f"{term.quadrature.element.name} have no edge form, because their strain varies within an element and does not follow "
+            "from the lengths of edges. Use degree=1 for edges and their pairs."
         )
 
 
@@ -179,12 +182,12 @@ def strain_products(term: Assembly, fields: Array, most: int) -> Iterator[Array]
         for first in range(0, nt, at_once):
             ids = np.arange(first, min(first + at_once, nt))
             own = nodes[: elements.element.n, ids]
-            spokes = (fields[own[1:]] - fields[own[:1]]).transpose(1, 0, 2, 3)  # (n, nodes - 1, d, R + 1)
+            base_vectors = (fields[own[1:]] - fields[own[:1]]).transpose(1, 0, 2, 3)  # (n, nodes - 1, d, R + 1)
             Ri, L = _factors(term, ids, q)
             if B is not None:
-                of = B[None, : spokes.shape[1], :k] if B.ndim == 2 else _of_elements(B, ids)[:, : spokes.shape[1], :k]
-                spokes = np.einsum("nai,nadr->nidr", np.broadcast_to(of, (len(ids), *of.shape[1:])), spokes)
-            G = np.matmul(np.swapaxes(Ri, 1, 2), spokes[:, :k].reshape(len(ids), k, -1)).reshape(spokes.shape)
+                of = B[None, : base_vectors.shape[1], :k] if B.ndim == 2 else _of_elements(B, ids)[:, : base_vectors.shape[1], :k]
+                base_vectors = np.einsum("nai,nadr->nidr", np.broadcast_to(of, (len(ids), *of.shape[1:])), base_vectors)
+            G = np.matmul(np.swapaxes(Ri, 1, 2), base_vectors[:, :k].reshape(len(ids), k, -1)).reshape(base_vectors.shape)
             rows = out[: len(ids) * s]
             reduced_kernels.strain_rows(np.ascontiguousarray(G), L, work, rows)
             yield rows
@@ -192,14 +195,16 @@ def strain_products(term: Assembly, fields: Array, most: int) -> Iterator[Array]
 
 def _factors(term: Assembly, ids: NDArray[np.int64], q: int) -> tuple[Array, Array]:
     """Return `Ri` (n, k, k) at a point of elements in their own order, and the factor `L` (n, s, s) of `W = 1/2 |L M|^2`."""
-    m, k, (block, lane) = numbers_in(term.law), term.elements.k, np.divmod(ids, LANES)
+    m, k, (block, lane) = law_size(term.law), term.elements.k, np.divmod(ids, LANES)
     at, weight = block * m * LANES, 1.0
     if term.points is not None:
         sets = np.diff(term.points.starts)[block] // (m * LANES)
         at, weight = term.points.starts[block] + np.minimum(q, sets - 1) * m * LANES, float(term.points.weights[q])
     numbers = term.law.D[(at + lane)[:, None] + LANES * np.arange(m)].astype(np.float64)
-    kept = np.array(PLACES[k])
-    return Frames.upper(numbers[:, :6].T)[:, :k, :k], square_roots(weight * _forms(numbers[:, 6:])[:, kept[:, None], kept])
+    components = np.array(STRAIN_COMPONENTS[k])
+    return Frames.upper(numbers[:, :6].T)[:, :k, :k], square_roots(
+        weight * _forms(numbers[:, 6:])[:, components[:, None], components]
+    )
 
 
 def _forms(numbers: Array) -> Array:
@@ -229,10 +234,10 @@ def _of_elements(B: Array, ids: NDArray[np.int64]) -> Array:
     return np.asarray(B[block, :, :, lane])
 
 
-@in_turn
+@locked
 def rotate_frames(term: Assembly, t: Any) -> None:
     """Rotate the frames to their orientation at load factor or time `t`."""
-    elements, m = term.elements, numbers_in(term.law)
+    elements, m = term.elements, law_size(term.law)
     assert isinstance(term.stored, FramedStiffness)
     R = in_lanes(term.stored.frames(t).reshape(-1, 9)[elements.elements].T.astype(term.dtype)).reshape(-1, 9, LANES)
     counts = 1 if term.points is None else np.diff(term.points.starts) // (m * LANES)
@@ -259,6 +264,6 @@ OF_STRAIN = offering(__name__, "OF_STRAIN", mean_force=discrete_mean_force)
 #: Tension-only sheets and cables.
 TENSION = offering(__name__, "TENSION", mean_force=discrete_mean_force, add_round_off=add_round_off)
 #: An energy of principal stretches. Their decomposition has larger rounding errors than a sum.
-STRETCHES = offering(__name__, "STRETCHES", passes_inversion=True, add_round_off=add_sizes_thrice)
+STRETCHES = offering(__name__, "STRETCHES", passes_inversion=True, add_round_off=add_magnitudes_thrice)
 #: Linear elasticity in user-supplied frames. Energy that the body gains or loses as the frames rotate is external work.
-FRAMED = offering(__name__, "FRAMED", has_energy=False, at=rotate_frames, add_round_off=add_sizes_thrice)
+FRAMED = offering(__name__, "FRAMED", has_energy=False, at=rotate_frames, add_round_off=add_magnitudes_thrice)

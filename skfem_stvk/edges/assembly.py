@@ -18,12 +18,12 @@ from ..kernels import volumes as volume_kernels
 from ..kernels.corotated import WarpedLaw
 from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.rows import PairSlots, RowSlots
-from ..kernels.threads import in_turn, run
-from .elements import OwnElements, Quadrature, nbytes, simplex_quadrature
+from ..kernels.threads import locked, run
+from .elements import KernelElements, Quadrature, nbytes, simplex_quadrature
 from .pairs import ALL, BlockPattern, Linearized, PairBlocks, PairTerm, Tensions
 from .stiffness import StoredLaw, flat_of
 from .streaming import ElementRows
-from .topology import out_of_lanes, own_order, pairs_of
+from .topology import kernel_order, out_of_lanes, pairs_of
 
 
 class Assembly(PairTerm):
@@ -55,59 +55,59 @@ class Assembly(PairTerm):
         stored: StoredLaw,
         quadrature: Quadrature | None = None,
         dtype: DTypeLike = np.float64,
-        resistance: Array | None = None,
+        hourglass_stiffness: Array | None = None,
         *,
         elements: NDArray[Any] | None = None,
     ) -> None:
         quadrature = quadrature or simplex_quadrature(len(t) - 1)
         self.nodes_paired = pairs_of(t, quadrature.element)
         self.stored, self.quadrature, self.dtype = stored, quadrature, np.dtype(dtype)
-        order = own_order(t, self.nodes_paired, quadrature.element.is_linear_simplex)
-        self.elements = OwnElements(p, order, quadrature, resistance, dtype)
-        super().__init__(self.elements.own.turn)
+        order = kernel_order(t, self.nodes_paired, quadrature.element.is_linear_simplex)
+        self.elements = KernelElements(p, order, quadrature, hourglass_stiffness, dtype)
+        super().__init__(self.elements.own.lock)
         n = len(order.elements)
         numbers = stored.numbers(p, quadrature, order, dtype).astype(self.dtype)
         self.points, self._D = self.elements.in_points(numbers)
         last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
         last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # unused lanes of the last block have no stiffness
-        self.gone: NDArray[np.bool_] | None = None
+        self.removed: NDArray[np.bool_] | None = None
         self._t_of_volumes = self.elements.t
         if self.by_edges:
             self.simplices = p, t
         if stored.barrier:  # the barrier needs them for its messages
             self._ids = np.arange(t.shape[1]) if elements is None else elements
 
-    @in_turn
-    def without(self, gone: NDArray[np.bool_]) -> Assembly:
-        """Return the term without the removed elements `gone` (nt,), in the user's order.
+    @locked
+    def without(self, removed: NDArray[np.bool_]) -> Assembly:
+        """Return the term without the elements of the mask `removed` (nt,), in the user's order.
 
         The numbers of removed elements are zero, like those of the unused lanes of the last block. They have neither energy nor
         stiffness, and the pattern stays as it is. They have no volume that could be lost and no stretch: both count as infinite.
         """
-        left, elements = copy(self), self.elements
-        left.gone, left._D, left._t_of_volumes = gone, self._D.copy(), elements.t.copy()
+        remaining, elements = copy(self), self.elements
+        remaining.removed, remaining._D, remaining._t_of_volumes = removed, self._D.copy(), elements.t.copy()
         for name in ("nodes_joined", "form"):
-            left.__dict__.pop(name, None)
-        block, lane = np.divmod(np.flatnonzero(gone[elements.elements]), LANES)
+            remaining.__dict__.pop(name, None)
+        block, lane = np.divmod(np.flatnonzero(removed[elements.elements]), LANES)
         blocks = len(elements.t)
         starts = np.arange(blocks + 1) * (len(self._D) // blocks) if self.points is None else self.points.starts
         first, count = starts[block] // LANES, np.diff(starts)[block] // LANES
         rows = np.repeat(first - (np.cumsum(count) - count), count) + np.arange(count.sum())
-        left._D.reshape(-1, LANES)[rows, np.repeat(lane, count)] = 0
+        remaining._D.reshape(-1, LANES)[rows, np.repeat(lane, count)] = 0
         if isinstance(self.points, MeanPoints):
-            left.points = self.points._replace(resistance=self.points.resistance.copy())
-            left.points.resistance[block, lane] = 0
-        nodes = left._t_of_volumes.reshape(blocks, -1, LANES)
+            remaining.points = self.points._replace(hourglass_stiffness=self.points.hourglass_stiffness.copy())
+            remaining.points.hourglass_stiffness[block, lane] = 0
+        nodes = remaining._t_of_volumes.reshape(blocks, -1, LANES)
         nodes[block, :, lane] = nodes[block, 0, lane][:, None]  # all nodes coincide, so the volume is always zero
-        return left
+        return remaining
 
     @cached_property
     def nodes_joined(self) -> NDArray[np.int32]:
         """Pairs of nodes (2, n) that elements join: `nodes_paired` without those of removed elements."""
-        if self.gone is None:
+        if self.removed is None:
             return self.nodes_paired
         elements = self.elements
-        own = out_of_lanes(elements.t, len(elements.elements))[: elements.element.n, ~self.gone[elements.elements]]
+        own = out_of_lanes(elements.t, len(elements.elements))[: elements.element.n, ~self.removed[elements.elements]]
         return pairs_of(elements.own.vertices[own.astype(np.int64)], elements.element)
 
     @cached_property
@@ -129,7 +129,7 @@ class Assembly(PairTerm):
         displacements, `more`, and slots of forces. The slots are added to `force` (nv, d) unless it is None. Nothing is added if a
         barrier is infinite.
         """
-        elements, shares = self.elements, self.elements.forces
+        elements, shares = self.elements, self.elements.force_shares
         f = np.empty(0, dtype=self.dtype) if force is None else elements.own.slots("F", shares)
         law = self.law if law is None else law
         arrays = elements.t.ravel(), shares.slots, *to, self.points, law, elements.X, elements.u
@@ -140,7 +140,7 @@ class Assembly(PairTerm):
             elements.own.add(f, shares, force)
         return found
 
-    @in_turn
+    @locked
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the strain energy [J] at displacements `u` (nv, d) [m]; add the internal force `dW/du` [N] to `force` (nv, d)."""
         self.elements.gather(u)
@@ -173,14 +173,14 @@ class Assembly(PairTerm):
         """Refuse the displacements gathered last if elements have no volume left at a point."""
         refuse_inside_out(self._volume_ratios(self.elements.at_points), self._ids, self.stored.barrier)
 
-    @in_turn
+    @locked
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
         """Return the blocks `K_ab` (9 ne,) of the edges, as in `PairTerm`, with extra space for the sums of threads.
 
         With an edge form they are `K = 2 J' L J + sum g t Lap (x) I`. `g` are the factors of `kept` for tensions `t`.
         """
         elements = self.elements
-        to, total = elements.blocks, elements.edges.total
+        to, total = elements.block_shares, elements.edges.total
         size = 9 * (total + len(to.extra))
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
         blocks[9 * total :] = 0
@@ -190,18 +190,18 @@ class Assembly(PairTerm):
         block_kernels.fold(blocks, total, to.extra, 9)
         if not self.by_rows(kept):
             less = kept.positive - kept.negative
-            run(block_kernels.weigh_negative, self.pairs.products.parts, self.own_tensions(), less, blocks)
+            run(block_kernels.reduce_negative_tensions, self.pairs.products.parts, self.kernel_tensions(), less, blocks)
         return W, blocks
 
-    def own_tensions(self) -> Array:
+    def kernel_tensions(self) -> Array:
         """Return the tensions of the edges in their own order, at the displacements gathered last."""
         elements = self.elements
-        to, total = elements.blocks, elements.edges.total
-        t = elements.own.room("t", total + len(to.extra), self.dtype)
+        to, total = elements.block_shares, elements.edges.total
+        t = elements.own.scratch("t", total + len(to.extra), self.dtype)
         t[total:] = 0
         slots = to.slots.reshape(len(elements.t), -1)
         arrays = elements.t.ravel(), slots, elements.edges.marks, self.law, elements.X, elements.u
-        run(element_kernels.tensions, elements.forces.parts, *arrays, t)
+        run(element_kernels.tensions, elements.force_shares.parts, *arrays, t)
         block_kernels.fold(t, total, to.extra, 1)
         return t[:total]
 
@@ -214,7 +214,7 @@ class Assembly(PairTerm):
         """
         return not self.by_edges or kept.negative == kept.positive or self.points is not None
 
-    @in_turn
+    @locked
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
@@ -226,21 +226,21 @@ class Assembly(PairTerm):
         W, total = self._total(found)
         return Linearized(W, total + more)
 
-    @in_turn
+    @locked
     def volume_ratios(self, u: Array) -> NDArray[np.float64]:
         """Return the volume ratios (nt,) of the elements at `u` (nv, d), in the user's order."""
         self.elements.gather(u)
         return np.min([self._volume_ratios(points) for points in self._checked_at], axis=0)
 
-    @in_turn
+    @locked
     def smallest_volume_ratio(self, u: Array) -> float:
         """Return the smallest entry of `volume_ratios(u)`. For linear simplices this costs half as much as F."""
         self.elements.gather(u)
-        if self.gone is not None:
+        if self.removed is not None:
             return min(float(self._volume_ratios(points).min()) for points in self._checked_at)
         return min(self._smallest_volume_ratio(points, np.empty(0)) for points in self._checked_at)
 
-    @in_turn
+    @locked
     def step_limit(self, u: Array, v: Array) -> float:
         """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume left at `u + s v` (nv, d); or
         infinity.
@@ -250,7 +250,7 @@ class Assembly(PairTerm):
             return np.inf
         elements.gather(u)
         V = elements.own.gathered("direction", v, np.float64)
-        arrays, parts = (elements.X, elements.u, V, elements.k), elements.forces.parts
+        arrays, parts = (elements.X, elements.u, V, elements.k), elements.force_shares.parts
         t = self._t_of_volumes.ravel()
         return min(min(run(volume_kernels.step_limit, parts, t, points, *arrays)) for points in self._checked_at)
 
@@ -270,13 +270,13 @@ class Assembly(PairTerm):
     def _smallest_volume_ratio(self, points: Points | MeanPoints | None, out: Array) -> float:
         elements = self.elements
         arrays = elements.t.ravel(), points, elements.X, elements.u
-        return min(run(volume_kernels.volume_ratios, elements.forces.parts, *arrays, elements.k, elements.d, out))
+        return min(run(volume_kernels.volume_ratios, elements.force_shares.parts, *arrays, elements.k, elements.d, out))
 
     def of_elements(self, own: Array) -> Array:
         """Return values of the elements in the user's order, (nt,); infinite for removed elements."""
-        values = self.elements.in_their_order(own)
-        if self.gone is not None:
-            values[self.gone] = np.inf
+        values = self.elements.in_user_order(own)
+        if self.removed is not None:
+            values[self.removed] = np.inf
         return values
 
     def memory(self) -> dict[str, int]:

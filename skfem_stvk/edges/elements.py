@@ -13,25 +13,25 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..elements import Element, Rule, linear_simplex, rule_of
 from ..kernels import blocks as block_kernels
-from ..kernels.geometry import frames, frames_of_spokes
+from ..kernels.geometry import frames, frames_of_base_vectors
 from ..kernels.lanes import LANES, MeanPoints, Points
-from ..kernels.threads import Turn, threads
+from ..kernels.threads import CopyableLock, threads
 from ..kernels.topology import lexicographic_order
-from ..mesh.points import are_straight, sizes_of, spokes_at
-from .topology import OwnEdges, OwnOrder, Shares, in_lanes, out_of_lanes, own_edges, shares_of
+from ..mesh.points import are_straight, base_vectors_at, sizes_of
+from .topology import KernelEdges, KernelOrder, Shares, in_lanes, kernel_edges, out_of_lanes, shares_of
 
 
-class OwnVertices:
+class KernelVertices:
     """Vertices (n,) in the kernels' order, scratch vectors with three components per vertex, and the threads' shares in their sums.
 
-    Python threads take turns (`turn`), since the vectors are in use during a call.
+    Calls of several Python threads wait for the `lock`, because the vectors are in use during a call.
     """
 
     def __init__(self, vertices: NDArray[np.int32], dtype: DTypeLike) -> None:
-        self.vertices, self.dtype, self.turn = vertices, np.dtype(dtype), Turn()
+        self.vertices, self.dtype, self.lock = vertices, np.dtype(dtype), CopyableLock()
         self._threads = 0
         self._shared: dict[str, Shares] = {}
-        self._kept: dict[str, Array] = {}
+        self._scratch: dict[str, Array] = {}
 
     def share(self, name: str, make: Callable[[int], Shares]) -> Shares:
         """Return the shares for numba's number of threads. They are made once; shares for another number are discarded."""
@@ -41,21 +41,21 @@ class OwnVertices:
             self._shared[name] = make(self._threads)
         return self._shared[name]
 
-    def room(self, name: str, size: int, dtype: DTypeLike) -> Array:
+    def scratch(self, name: str, size: int, dtype: DTypeLike) -> Array:
         """Return a scratch vector of this name, which is retained from call to call; a new one is zero."""
-        if name not in self._kept or len(self._kept[name]) != size:
-            self._kept[name] = np.zeros(size, dtype=dtype)
-        return self._kept[name]
+        if name not in self._scratch or len(self._scratch[name]) != size:
+            self._scratch[name] = np.zeros(size, dtype=dtype)
+        return self._scratch[name]
 
     def gathered(self, name: str, x: Array, dtype: DTypeLike) -> Array:
         """Return a field `x` (nv, d) of the mesh in the kernels' order, (3 n,)."""
-        own = self.room(name, 3 * len(self.vertices), dtype)
+        own = self.scratch(name, 3 * len(self.vertices), dtype)
         block_kernels.gather(x, self.vertices, own)
         return own
 
     def slots(self, name: str, shares: Shares) -> Array:
         """Return zeros for the sums that the shares add to vertices."""
-        slots = self.room(name, 3 * (len(self.vertices) + len(shares.extra)), self.dtype)
+        slots = self.scratch(name, 3 * (len(self.vertices) + len(shares.extra)), self.dtype)
         slots[:] = 0
         return slots
 
@@ -68,7 +68,7 @@ class OwnVertices:
         """Return the bytes of its arrays, by part."""
         return {
             "shares of threads": nbytes([value for value in self._shared.values() if len(value.parts) > 2]),
-            "vectors": nbytes(list(self._kept.values())),
+            "vectors": nbytes(list(self._scratch.values())),
         }
 
 
@@ -104,14 +104,14 @@ class Frames(NamedTuple):
     Attributes
     ----------
     k : dimension of the elements.
-    `spokes` : (n, k, d) base vectors at rest [m].
+    `base_vectors` : (n, k, d) base vectors at rest [m].
     Ri : (6, n) entries 11, 12, 13, 22, 23, 33 [1/m] of the inverse of R.
     size : (n,) determinant of R [m^k].
     local : (k + 1, n) for each vertex of a base vector, its index in the user-supplied simplex; for linear simplices.
     """
 
     k: int
-    spokes: Array
+    base_vectors: Array
     Ri: Array
     size: Array
     local: NDArray[np.int64] | None
@@ -119,7 +119,7 @@ class Frames(NamedTuple):
     @property
     def axes(self) -> Array:
         """Frame (n, d, k) as columns `Q_j = sum_i Ri_ij P_i`."""
-        return np.einsum("nid,nij->ndj", self.spokes, self.upper(self.Ri)[:, : self.k, : self.k])
+        return np.einsum("nid,nij->ndj", self.base_vectors, self.upper(self.Ri)[:, : self.k, : self.k])
 
     @staticmethod
     def upper(six: Array) -> Array:
@@ -130,31 +130,31 @@ class Frames(NamedTuple):
         return out
 
 
-def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadrature, order: OwnOrder) -> Iterator[Frames]:
+def frames_at(p: NDArray[np.float64], t: NDArray[np.int32], quadrature: Quadrature, order: KernelOrder) -> Iterator[Frames]:
     """Yield the frames at each point of elements with nodes `t` (n, nt) of the mesh. Their size times the weight is the size of a
     linear simplex.
     """
     element, rule = quadrature.element, quadrature.rule
     if element.is_linear_simplex:
         found = frames(p, t)
-        spokes = p.T[t[1:].T] - p.T[t[:1].T]
-        yield Frames(element.k, spokes, found[:6], found[6] * rule.weights[0], order.local)
+        base_vectors = p.T[t[1:].T] - p.T[t[:1].T]
+        yield Frames(element.k, base_vectors, found[:6], found[6] * rule.weights[0], order.local)
         return
     if quadrature.hourglass is not None:
         yield Frames(element.k, np.broadcast_to(np.eye(len(p)), (t.shape[1], len(p), len(p))), *mean_frames(p, t, element), None)
         return
     for xi in rule.points:
-        spokes = spokes_at(p, t, element, xi[None])[:, 0]
-        found = frames_of_spokes(np.concatenate([spokes, np.zeros((*spokes.shape[:2], 3 - len(p)))], axis=2))
-        yield Frames(element.k, spokes, found[:6], found[6], None)
+        base_vectors = base_vectors_at(p, t, element, xi[None])[:, 0]
+        found = frames_of_base_vectors(np.concatenate([base_vectors, np.zeros((*base_vectors.shape[:2], 3 - len(p)))], axis=2))
+        yield Frames(element.k, base_vectors, found[:6], found[6], None)
 
 
 def mean_gradients(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Array, Array]:
     """Return the means `int dN_a/dX dV / V` (nt, n, d) over boxes that fill the space, and their volumes `V` (nt,)."""
     rule = rule_of(element)
-    spokes = np.ascontiguousarray(spokes_at(p, t, element, rule.points))
-    volumes = np.abs(np.linalg.det(spokes)) * rule.weights
-    gradients = np.einsum("qai,tqdi,tq->tad", element.derivatives(rule.points), np.linalg.inv(spokes), volumes, optimize=True)
+    base_vectors = np.ascontiguousarray(base_vectors_at(p, t, element, rule.points))
+    volumes = np.abs(np.linalg.det(base_vectors)) * rule.weights
+    gradients = np.einsum("qai,tqdi,tq->tad", element.derivatives(rule.points), np.linalg.inv(base_vectors), volumes, optimize=True)
     return gradients / volumes.sum(axis=1)[:, None, None], volumes.sum(axis=1)
 
 
@@ -164,15 +164,15 @@ def mean_frames(p: Array, t: NDArray[np.int32], element: Element) -> tuple[Array
     return np.repeat(unit[:, None], t.shape[1], axis=1), sizes_of(p, t, element, "usual")
 
 
-def mean_points(p: Array, order: OwnOrder, quadrature: Quadrature, resistance: Array, dtype: DTypeLike) -> MeanPoints:
-    """Return the table of boxes with one point; `resistance` (nt,) is `hourglass/16 (lam + 2 mu)` times section."""
+def mean_points(p: Array, order: KernelOrder, quadrature: Quadrature, hourglass_stiffness: Array, dtype: DTypeLike) -> MeanPoints:
+    """Return the table of boxes with one point; `hourglass_stiffness` (nt,) is `hourglass/16 (lam + 2 mu)` times section."""
     element = quadrature.element
     t = order.vertices[order.t]
     gradients, volumes = mean_gradients(p, t, element)
     n, blocks = element.n, -(-t.shape[1] // LANES)
     B = np.zeros((-(-(n - 1) // 3) * 3, 3, t.shape[1]))
     B[: n - 1, : element.k] = gradients[:, 1:].transpose(1, 2, 0)
-    c = resistance[order.elements] * volumes * (gradients**2).sum(axis=(1, 2))
+    c = hourglass_stiffness[order.elements] * volumes * (gradients**2).sum(axis=(1, 2))
     c = in_lanes(c[None])
     c.ravel()[t.shape[1] :] = 0  # unused lanes of the last block
     signs = 2 * element.nodes - 1
@@ -183,7 +183,7 @@ def mean_points(p: Array, order: OwnOrder, quadrature: Quadrature, resistance: A
     return MeanPoints(lanes.astype(dtype), np.ones(1, dtype), np.arange(blocks + 1), H.astype(dtype), c.astype(dtype))
 
 
-class OwnElements:
+class KernelElements:
     """Elements in blocks of lanes. The data that only K needs are made at the first K, and vectors when they are first used.
 
     The elements have `k` dimensions in a space of `d` dimensions, and the nodes `own`. `elements` (nt,) are their positions in the
@@ -192,11 +192,16 @@ class OwnElements:
     """
 
     def __init__(
-        self, p: NDArray[np.float64], order: OwnOrder, quadrature: Quadrature, resistance: Array | None, dtype: DTypeLike
+        self,
+        p: NDArray[np.float64],
+        order: KernelOrder,
+        quadrature: Quadrature,
+        hourglass_stiffness: Array | None,
+        dtype: DTypeLike,
     ) -> None:
         element = quadrature.element
         self.element, self.k, self.d = element, element.k, len(p)
-        self.own, self.elements = OwnVertices(order.vertices, dtype), order.elements
+        self.own, self.elements = KernelVertices(order.vertices, dtype), order.elements
         t = order.t[[*range(self.k + 1), *[0] * (3 - self.k)]] if element.is_linear_simplex else order.t
         self.t = in_lanes(t.astype(np.uint32))
         self.X, self.u = np.zeros(3 * len(order.vertices)), np.zeros(3 * len(order.vertices))
@@ -204,8 +209,8 @@ class OwnElements:
         self._rule, self._straight = quadrature.rule, np.zeros(len(self.t), dtype=np.bool_)
         self.points: Points | MeanPoints | None = None
         if quadrature.hourglass is not None:
-            resistance = np.zeros(len(order.elements)) if resistance is None else resistance
-            self.points = mean_points(p, order, quadrature, resistance, dtype)
+            hourglass_stiffness = np.zeros(len(order.elements)) if hourglass_stiffness is None else hourglass_stiffness
+            self.points = mean_points(p, order, quadrature, hourglass_stiffness, dtype)
         elif not element.is_linear_simplex:
             straight = in_lanes(are_straight(p, order.vertices[order.t], element)[None])
             self._straight = np.logical_and.reduce(straight, axis=1)
@@ -244,9 +249,9 @@ class OwnElements:
         return self.points._replace(starts=self.points.starts * m * LANES), np.ascontiguousarray(lanes[needed]).ravel()
 
     @cached_property
-    def edges(self) -> OwnEdges:
+    def edges(self) -> KernelEdges:
         """Pairs of nodes of all elements, in the kernels' order."""
-        return own_edges(out_of_lanes(self.t, len(self.elements))[: self.element.n].astype(np.int32), self.element)
+        return kernel_edges(out_of_lanes(self.t, len(self.elements))[: self.element.n].astype(np.int32), self.element)
 
     @cached_property
     def lexicographic(self) -> NDArray[np.int32]:
@@ -255,17 +260,17 @@ class OwnElements:
         return lexicographic_order(ends, int(ends.max()) + 1)
 
     @property
-    def forces(self) -> Shares:
+    def force_shares(self) -> Shares:
         """Shares of threads in the sums of elements at nodes."""
         return self.own.share("F", lambda n: shares_of(self.t, len(self.own.vertices), self._work, n))
 
     @property
-    def blocks(self) -> Shares:
+    def block_shares(self) -> Shares:
         """Shares of threads in the sums of elements at pairs of nodes."""
 
         def shares(n: int) -> Shares:
             made = shares_of(self.edges.t2e, self.edges.total, self._work, n)
-            return made._replace(slots=made.slots | self.edges.turned.ravel()) if self.edges.turned.size else made
+            return made._replace(slots=made.slots | self.edges.transposed.ravel()) if self.edges.transposed.size else made
 
         return self.own.share("K", shares)
 
@@ -278,7 +283,7 @@ class OwnElements:
         """Gather the displacements `u` (nv, d) of the mesh into `u` of the kernels."""
         block_kernels.gather(u, self.own.vertices, self.u)
 
-    def in_their_order(self, own: Array) -> Array:
+    def in_user_order(self, own: Array) -> Array:
         """Return the values (nt,) of the elements in the user's order."""
         values = np.empty(len(self.elements))
         values[self.elements] = own[: len(values)]
@@ -298,7 +303,7 @@ def _one_number(points: Points) -> Points:
 
 def _in_double(points: MeanPoints) -> MeanPoints:
     """Return the table in double, for elements with one number at their point."""
-    reals = {name: getattr(points, name).astype(np.float64) for name in ("B", "weights", "modes", "resistance")}
+    reals = {name: getattr(points, name).astype(np.float64) for name in ("B", "weights", "modes", "hourglass_stiffness")}
     return points._replace(starts=points.starts * LANES, **reals)
 
 

@@ -16,17 +16,17 @@ from ..kernels import blocks as block_kernels
 from ..kernels import networks as network_kernels
 from ..kernels.lanes import TRANSPOSED
 from ..kernels.networks import EDGES, SPARE
-from ..kernels.threads import in_turn, parts_of, run, threads
+from ..kernels.threads import locked, parts_of, run, threads
 from ..kernels.topology import lexicographic_order
-from .elements import OwnVertices, nbytes
+from .elements import KernelVertices, nbytes
 from .pairs import ALL, PairBlocks, PairTerm, Tensions
-from .topology import Ids, OwnEdges, Shares, shares_of, vertex_order
+from .topology import Ids, KernelEdges, Shares, shares_of, vertex_order
 
 #: Work of an edge, and of a pair of edges, in linear simplices.
 EDGE, PAIR = 0.25, 0.1
 
 
-Torn = TypeVar("Torn", bound="ElementNetwork")
+AnyElementNetwork = TypeVar("AnyElementNetwork", bound="ElementNetwork")
 
 
 class Network(PairTerm):
@@ -49,9 +49,9 @@ class Network(PairTerm):
         vertices = vertex_order(edges, p.shape[1])
         #: Whether vectors of the mesh are in the kernels' order, so that no copy is needed: a copy takes a sixth of the time of
         #: springs.
-        self._as_given = self.d == 3 and np.array_equal(vertices, np.arange(p.shape[1]))
-        self.own = OwnVertices(vertices, dtype)
-        super().__init__(self.own.turn)
+        self._in_mesh_order = self.d == 3 and np.array_equal(vertices, np.arange(p.shape[1]))
+        self.own = KernelVertices(vertices, dtype)
+        super().__init__(self.own.lock)
         number = np.empty(p.shape[1], dtype=np.int32)
         number[vertices] = np.arange(len(vertices), dtype=np.int32)
         ends = np.sort(number[edges], axis=0)
@@ -62,17 +62,17 @@ class Network(PairTerm):
         X[:, : self.d] = p.T
         a, b = vertices[self.edges].T
         self._rest = (X[a] - X[b]).reshape(-1, EDGES, 3).transpose(0, 2, 1).ravel()
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order), dtype=np.int32)
-        coupled = np.sort(place[pairs], axis=0)
+        inverse = np.empty_like(order)
+        inverse[order] = np.arange(len(order), dtype=np.int32)
+        coupled = np.sort(inverse[pairs], axis=0)
         sorting = lexicographic_order(coupled, max(len(order), 1)) if coupled.shape[1] else np.empty(0, dtype=np.int64)
         self.coupled = np.ascontiguousarray(coupled[:, sorting].T)
         self._sorting = sorting
-        self._take(own, between)
+        self._set_coefficients(own, between)
         self._joined, self._to = self._find_blocks()
         self._blocks = PairBlocks(self.own, self._joined, self.d)
 
-    def _take(self, own: Array, between: Array) -> None:
+    def _set_coefficients(self, own: Array, between: Array) -> None:
         """Use the coefficients (ne,) and (n,), in the user's order of edges and pairs."""
         filling = len(self.edges) - len(self.order)
         self._own = np.pad(own[self.order], (0, filling)).astype(self.own.dtype)
@@ -87,7 +87,7 @@ class Network(PairTerm):
     def pairs(self) -> PairBlocks:
         return self._blocks
 
-    def _find_blocks(self) -> tuple[OwnEdges, NDArray[np.uint32]]:
+    def _find_blocks(self) -> tuple[KernelEdges, NDArray[np.uint32]]:
         """Return the pairs of vertices that K couples, edges first, and the blocks (n, 4) to which pairs of edges add."""
         ne, n = len(self.order), len(self.own.vertices)
         edges = self.edges[:ne]
@@ -105,21 +105,21 @@ class Network(PairTerm):
             to[every[0] == every[1]] += np.uint32(len(codes))  # the indices of diagonal blocks shift behind the new blocks
             joined = np.concatenate([edges, np.stack(np.divmod(codes, n), axis=1).astype(np.int32)])
         number = lexicographic_order(np.ascontiguousarray(joined.T), max(n, 1))
-        return OwnEdges(joined, number, np.empty((0, 0), dtype=np.uint32), np.zeros(1, dtype=np.int64)), to
+        return KernelEdges(joined, number, np.empty((0, 0), dtype=np.uint32), np.zeros(1, dtype=np.int64)), to
 
     @property
-    def _forces(self) -> Shares:
+    def _force_shares(self) -> Shares:
         """Shares of threads in the sums of blocks of edges at vertices."""
         blocks = self.edges.reshape(-1, 2 * EDGES)
         return self.own.share("F of edges", lambda n: shares_of(blocks, len(self.own.vertices), EDGE * EDGES, n))
 
     @property
-    def _coupling(self) -> Shares:
+    def _tension_shares(self) -> Shares:
         """Shares of threads in the sums of pairs at edges."""
         return self.own.share("pairs", lambda n: shares_of(self.coupled, len(self.edges), PAIR, n))
 
     @property
-    def _stiffening(self) -> Shares:
+    def _block_shares(self) -> Shares:
         """Shares of threads in the sums of pairs in blocks."""
 
         def shares(n: int) -> Shares:
@@ -130,17 +130,17 @@ class Network(PairTerm):
 
     def _gathered(self, u: Array) -> Array:
         """Return the displacements (3 n,) of the vertices in their own order."""
-        if self._as_given and u.dtype == np.float64 and u.flags.c_contiguous:
+        if self._in_mesh_order and u.dtype == np.float64 and u.flags.c_contiguous:
             return u.reshape(-1)
         return self.own.gathered("u of edges", u, np.float64)
 
     @contextmanager
-    def _adding(self, force: Array | None) -> Iterator[tuple[Shares, Array]]:
+    def _force_slots(self, force: Array | None) -> Iterator[tuple[Shares, Array]]:
         """Yield shares and slots, and add the slots to `force` (nv, d) in the end; yield empty slots if `force` is None."""
-        shares, f = self._forces, np.empty(0, dtype=self.own.dtype)
+        shares, f = self._force_shares, np.empty(0, dtype=self.own.dtype)
         if force is None:
             yield shares, f
-        elif self._as_given and not len(shares.extra) and force.dtype == f.dtype and force.flags.c_contiguous:
+        elif self._in_mesh_order and not len(shares.extra) and force.dtype == f.dtype and force.flags.c_contiguous:
             yield shares, force.reshape(-1)
         else:
             f = self.own.slots("F of edges", shares)
@@ -150,15 +150,17 @@ class Network(PairTerm):
     def _elongate(self, u: Array, name: str = "") -> tuple[Array, Array, Array]:
         """Return `z` (ne,), `g` (3 ne,) and `1/l` (ne,) at displacements `u` (nv, d), in arrays of this name."""
         ne, dtype = len(self.edges), self.own.dtype
-        z, g, over = (self.own.room(f"{what}{name}", size, dtype) for what, size in (("z", ne), ("g", 3 * ne), ("1/l", ne)))
-        arrays = self.edges, self._rest, self._gathered(u), z, g, over
-        run(network_kernels.elongate, self._forces.parts, self.by_length, *arrays)
-        return z, g, over
+        z, g, inverse_lengths = (
+            self.own.scratch(f"{what}{name}", size, dtype) for what, size in (("z", ne), ("g", 3 * ne), ("1/l", ne))
+        )
+        arrays = self.edges, self._rest, self._gathered(u), z, g, inverse_lengths
+        run(network_kernels.elongate, self._force_shares.parts, self.by_length, *arrays)
+        return z, g, inverse_lengths
 
     def _tensions(self, z: Array, name: str = "s") -> Array:
         """Return the tensions `s = A z` (ne,) of the edges, from their elongations `z` (ne,)."""
-        ne, shares = len(self.edges), self._coupling
-        s = self.own.room(name, ne + len(shares.extra), self.own.dtype)
+        ne, shares = len(self.edges), self._tension_shares
+        s = self.own.scratch(name, ne + len(shares.extra), self.own.dtype)
         np.multiply(self._own, z, out=s[:ne])
         if len(self.coupled):
             s[ne:] = 0
@@ -168,33 +170,33 @@ class Network(PairTerm):
 
     def _pull(self, z: Array, s: Array, g: Array, force: Array | None) -> float:
         """Return `1/2 s . z`; add `s g` to `force` (nv, d)."""
-        with self._adding(force) as (shares, f):
+        with self._force_slots(force) as (shares, f):
             return sum(run(network_kernels.pull, shares.parts, shares.slots.reshape(-1, 2), z, s, g, f))
 
-    @in_turn
+    @locked
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         if len(self.coupled):
             z, g, _ = self._elongate(u)
             return self._pull(z, self._tensions(z), g, force)
-        with self._adding(force) as (shares, f):
+        with self._force_slots(force) as (shares, f):
             arrays = self.edges, shares.slots.reshape(-1, 2), self._rest, self._own, self._gathered(u)
             return sum(run(network_kernels.springs, shares.parts, self.by_length, *arrays, f))
 
-    @in_turn
+    @locked
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        z, g, over = self._elongate(u)
-        s, to, total = self._tensions(z), self._stiffening, self._joined.total
+        z, g, inverse_lengths = self._elongate(u)
+        s, to, total = self._tensions(z), self._block_shares, self._joined.total
         size = 9 * (total + SPARE + len(to.extra))
         blocks = np.empty(size, dtype=self.own.dtype) if out is None or len(out) != size else out
         blocks[9 * len(self.order) :] = 0
-        own = self.by_length, self._own, s, g, over, float(kept.positive), float(kept.negative)
+        own = self.by_length, self._own, s, g, inverse_lengths, float(kept.positive), float(kept.negative)
         run(network_kernels.put_blocks, parts_of(len(self.order), EDGE, threads()), *own, blocks)
         if len(self.coupled):
             run(network_kernels.couple_blocks, to.parts, self.coupled, to.slots.reshape(-1, 4), self._between, g, blocks)
             block_kernels.fold(blocks, total + SPARE, to.extra, 9)
         return self._pull(z, s, g, force), blocks
 
-    @in_turn
+    @locked
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
         """Add the force of the mean tensions of two states, along the edges in between, to `force` (nv, d) [N], as in
         `HasMeanForce`.
@@ -219,7 +221,7 @@ class Network(PairTerm):
         states.
         """
 
-    @in_turn
+    @locked
     def damping_force(self, u: Array, v: Array, force: Array) -> float:
         """Add the Gauss-Newton tangent at `u` times `v` to `force` (nv, d), `s = A dz/dt`; return half the dissipated power [W]."""
         _, g, _ = self._elongate(u)
@@ -240,16 +242,16 @@ class Network(PairTerm):
 
 
 class ElementNetwork(Network):
-    """Network of elements that can be removed: `left` returns the coefficients without the removed elements `gone` (n,)."""
+    """Network of elements that can be removed: `remaining(removed)` returns the coefficients without a mask of elements."""
 
-    def __init__(self, *network: Any, left: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
-        self._left = left
+    def __init__(self, *network: Any, remaining: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
+        self._remaining = remaining
         super().__init__(*network, **options)
 
-    def without(self: Torn, gone: NDArray[np.bool_]) -> Torn:
-        """Return the network without the removed elements `gone` (n,), in the region's order."""
+    def without(self: AnyElementNetwork, removed: NDArray[np.bool_]) -> AnyElementNetwork:
+        """Return the network without the elements of the mask `removed` (n,), in the region's order."""
         other = copy(self)
-        other._take(*self._left(gone))
+        other._set_coefficients(*self._remaining(removed))
         return other
 
     @property
@@ -267,7 +269,7 @@ class QuarticNetwork(Network):
     def _mean_slopes(self, g: Array, first: Array, last: Array, between: Array) -> Array:
         return g
 
-    @in_turn
+    @locked
     def along(self, u: Array, v: Array) -> NDArray[np.float64]:
         """Return the coefficients (5,) of the energy along `u + s v`: `z + s z' + s^2 z''` with `z' = 2 p . V`, `z'' = |V|^2`."""
         (z, g, _), V = self._elongate(u), self._differences(v)

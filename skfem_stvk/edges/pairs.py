@@ -15,10 +15,10 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array
 from ..errors import StvkError, name_ids
 from ..kernels import blocks as block_kernels
-from ..kernels.threads import Turn, in_turn, parts_of, run, threads
+from ..kernels.threads import CopyableLock, locked, parts_of, run, threads
 from ..kernels.topology import lexicographic_order
-from .elements import OwnVertices, nbytes
-from .topology import OwnEdges, Shares, shares_of
+from .elements import KernelVertices, nbytes
+from .topology import KernelEdges, Shares, shares_of
 
 AXES = {1: (0,), 2: (0, 1), 3: (0, 1, 2)}
 
@@ -75,7 +75,7 @@ class BlockPattern(Protocol):
     strides: NDArray[np.int32]
     """Number of values (nv,) from one row of a vertex to its next row."""
 
-    def places(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
+    def block_indices(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the index (n,) of the first value of each block `(a, b)`."""
 
 
@@ -86,13 +86,13 @@ class Rows(NamedTuple):
     ----------
     begin : (n + 1,) index of the first entry of each star; empty for single blocks.
     entries : (m,) the block at each entry.
-    places : (m,) the index of the first value of each.
+    indices : (m,) the index of the first value of each.
     strides : number of values from one row of a vertex, or of a block, to its next row.
     """
 
     begin: NDArray[np.int64]
     entries: NDArray[np.int32]
-    places: NDArray[np.int32]
+    indices: NDArray[np.int32]
     strides: NDArray[np.int32]
 
     @property
@@ -124,8 +124,8 @@ class PairBlocks:
     components.
     """
 
-    def __init__(self, own: OwnVertices, edges: OwnEdges, d: int) -> None:
-        self.own, self.d, self._edges, self._turn = own, d, edges, own.turn
+    def __init__(self, own: KernelVertices, edges: KernelEdges, d: int) -> None:
+        self.own, self.d, self._edges, self._lock = own, d, edges, own.lock
 
     @property
     def size(self) -> int:
@@ -137,7 +137,7 @@ class PairBlocks:
         """Pairs (n, 2) of indices into `own.vertices`, in the order of the blocks, if there are no other blocks; else None."""
         return self._edges.edges
 
-    def given(self, blocks: Array) -> NodeBlocks:
+    def zeroed(self, blocks: Array) -> NodeBlocks:
         """Set the `blocks` to zero and return views into them, to which a term adds."""
         blocks[:] = 0
         return NodeBlocks(blocks.reshape(-1, 3, 3)[:, : self.d, : self.d], None, None)
@@ -150,14 +150,14 @@ class PairBlocks:
         vertices = self.own.vertices
         begin, others, entries = self._edges.stars(len(vertices))
         mine = np.repeat(vertices, np.diff(begin))
-        return Rows(begin, entries, pattern.places(mine, vertices[others]), pattern.strides[vertices])
+        return Rows(begin, entries, pattern.block_indices(mine, vertices[others]), pattern.strides[vertices])
 
     def fill(self, rows: Rows, blocks: Array, add: bool, data: Array) -> float:
         """Write K [N/m] to the CSR values `data`, or add it to them; return a sum that is not finite if any value is not."""
         parts = parts_of(len(self.own.vertices), 1, threads())
         return sum(run(block_kernels.fill_rows, parts, *rows, blocks, AXES[self.d], add, data))
 
-    @in_turn
+    @locked
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
         """Add `K v` to `out` (nv, d), for `v` (nv, d)."""
         shares = self.products
@@ -183,14 +183,14 @@ class PairBlocks:
         return nbytes(self._edges)
 
 
-class GivenBlocks(PairBlocks):
+class GeneralBlocks(PairBlocks):
     """Blocks that are not symmetric, or not balanced: `K_ab` of the pairs, `K_ba`, and `K_aa`.
 
     The term supplies the `K_aa` of vertices `nodes` (m,) of the mesh. Without `nodes` they are `-sum_b K_ab` of all vertices of
     pairs.
     """
 
-    def __init__(self, own: OwnVertices, edges: OwnEdges, d: int, nodes: NDArray[np.int32] | None, symmetric: bool) -> None:
+    def __init__(self, own: KernelVertices, edges: KernelEdges, d: int, nodes: NDArray[np.int32] | None, symmetric: bool) -> None:
         super().__init__(own, edges, d)
         self._symmetric, self._balanced = symmetric, nodes is None
         self._nodes = np.arange(len(own.vertices)) if nodes is None else np.searchsorted(own.vertices, nodes)
@@ -205,7 +205,7 @@ class GivenBlocks(PairBlocks):
     def edges(self) -> None:
         return None
 
-    def given(self, blocks: Array) -> NodeBlocks:
+    def zeroed(self, blocks: Array) -> NodeBlocks:
         blocks[:] = 0
         pairs, reverse, own = self._views(blocks)
         return NodeBlocks(pairs, None if self._symmetric else reverse, None if self._balanced else own)
@@ -222,13 +222,13 @@ class GivenBlocks(PairBlocks):
         vertices = self.own.vertices
         row, column = vertices[self._row], vertices[self._column]
         every = np.arange(len(row), dtype=np.int32)
-        return Rows(np.empty(0, dtype=np.int64), every, pattern.places(row, column), pattern.strides[row])
+        return Rows(np.empty(0, dtype=np.int64), every, pattern.block_indices(row, column), pattern.strides[row])
 
     def fill(self, rows: Rows, blocks: Array, add: bool, data: Array) -> float:
         every = blocks.reshape(-1, self.d, self.d)
         for r, c in np.ndindex(self.d, self.d):
-            places = rows.places + r * rows.strides + c
-            data[places] = data[places] + every[:, r, c] if add else every[:, r, c]
+            indices = rows.indices + r * rows.strides + c
+            data[indices] = data[indices] + every[:, r, c] if add else every[:, r, c]
         return float(blocks.sum())
 
     def add_product(self, blocks: Array, v: Array, out: Array) -> None:
@@ -275,15 +275,15 @@ def blocks_between(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairBlocks:
         raise StvkError(f"{type(term).__name__}: {name_ids(number[twice], 'pair')} of nodes_paired twice; expected each once.")
     vertices = np.unique(np.concatenate([a, b, *([] if nodes is None else [nodes])])).astype(np.int32)
     local = np.searchsorted(vertices, pairs.T).astype(np.int32)
-    own = OwnVertices(vertices, dtype)
-    edges = OwnEdges(np.ascontiguousarray(local), number, np.empty((0, 0), dtype=np.uint32), np.zeros(1, dtype=np.int64))
+    own = KernelVertices(vertices, dtype)
+    edges = KernelEdges(np.ascontiguousarray(local), number, np.empty((0, 0), dtype=np.uint32), np.zeros(1, dtype=np.int64))
     if term.symmetric and nodes is None:
         return PairBlocks(own, edges, d)
-    return GivenBlocks(own, edges, d, nodes, term.symmetric)
+    return GeneralBlocks(own, edges, d, nodes, term.symmetric)
 
 
 class BoundTerm(Protocol):
-    """Elastic term on a body that couples pairs of vertices and has a force. Each is also a `NarrowTerm` or a `PairTerm`.
+    """Elastic term on a body that couples pairs of vertices and has a force. Each is also a `BlockTerm` or a `PairTerm`.
 
     Attributes
     ----------
@@ -307,7 +307,7 @@ class BoundTerm(Protocol):
 
 
 @runtime_checkable
-class NarrowTerm(BoundTerm, Protocol):
+class BlockTerm(BoundTerm, Protocol):
     """Term with the fewest methods: it adds the blocks of its pairs to arrays that the caller supplies."""
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
@@ -318,10 +318,10 @@ class NarrowTerm(BoundTerm, Protocol):
 
 
 class PairTerm(ABC):
-    """Term with a stiffness in blocks of node pairs. Python threads take turns, because its arrays are in use during a call."""
+    """Term with a stiffness in blocks of node pairs. Calls wait for its `lock`, because its arrays are in use during a call."""
 
-    def __init__(self, turn: Turn) -> None:
-        self._turn = turn
+    def __init__(self, lock: CopyableLock) -> None:
+        self._lock = lock
         self._filled: Array | None = None
 
     @property
@@ -344,17 +344,17 @@ class PairTerm(ABC):
         """Return the indices of the blocks in the values of a matrix of this pattern, for `fill`; `size` is their number."""
         return self.pairs.rows(pattern)
 
-    @in_turn
+    @locked
     def fill(self, u: Array, rows: Any, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; the other arguments as in `blocks`."""
         W, self._filled = self.blocks(u, force, self._filled, kept)
         return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
 
     def by_rows(self, kept: Tensions) -> bool:
-        """Return whether `fill` makes K row by row. If so, it also writes a part of K, with `rows(pattern).part(places)`."""
+        """Return whether `fill` makes K row by row. If so, it also writes a part of K, with `rows(pattern).part(indices)`."""
         return False
 
-    def add_sizes(self, u: Array, out: Array) -> None:
+    def add_magnitudes(self, u: Array, out: Array) -> None:
         """Add `|F|` and `sum_b |K_ab| |u_b|` at `u` to `out`, both (nv, d) [N]: at least the sum of all summands of a smooth F."""
         force, sizes, diagonal = np.zeros(u.shape), np.zeros(len(u)), np.zeros((*u.shape, u.shape[1]))
         _, blocks = self.blocks(u, force)
@@ -365,11 +365,11 @@ class PairTerm(ABC):
         out += np.abs(force) + sizes[:, None]
 
 
-Own = TypeVar("Own", bound="Coupled")
+Own = TypeVar("Own", bound="AccumulatedBlocks")
 
 
-class Coupled:
-    """Term or load with the blocks of its pairs; the blocks are made again when it couples other pairs."""
+class AccumulatedBlocks:
+    """Term or load with arrays in which the blocks of its pairs are accumulated; made again when it couples other pairs."""
 
     def __init__(self, term: Any, nv: int, d: int, dtype: DTypeLike) -> None:
         self.term, self._space = term, (nv, d, dtype)
@@ -398,17 +398,17 @@ class Coupled:
         """Add `-d force/du` [N/m] of a load at `u` (nv, d) and `t` to CSR values."""
         pairs = self.pairs
         blocks = np.empty(pairs.size, dtype=pairs.own.dtype)
-        self.term.add_blocks(u, t, pairs.given(blocks))
+        self.term.add_blocks(u, t, pairs.zeroed(blocks))
         pairs.complete(blocks)
         pairs.fill(rows, blocks, True, data)
 
 
-class Narrow(Coupled, PairTerm):
-    """Narrow term with its blocks."""
+class AccumulatedTerm(AccumulatedBlocks, PairTerm):
+    """Term that adds its blocks to arrays, with these arrays."""
 
-    def __init__(self, term: NarrowTerm, nv: int, d: int, dtype: DTypeLike) -> None:
-        Coupled.__init__(self, term, nv, d, dtype)
-        PairTerm.__init__(self, Turn())
+    def __init__(self, term: BlockTerm, nv: int, d: int, dtype: DTypeLike) -> None:
+        AccumulatedBlocks.__init__(self, term, nv, d, dtype)
+        PairTerm.__init__(self, CopyableLock())
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         return self.term.energy_and_force(u, force)
@@ -416,7 +416,7 @@ class Narrow(Coupled, PairTerm):
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
         pairs = self.pairs
         blocks = np.empty(pairs.size, dtype=pairs.own.dtype) if out is None or len(out) != pairs.size else out
-        self.term.add_blocks(u, pairs.given(blocks), kept)
+        self.term.add_blocks(u, pairs.zeroed(blocks), kept)
         pairs.complete(blocks)
         return self.term.energy_and_force(u, force), blocks
 
@@ -425,13 +425,13 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
     """Return the term with its blocks, on a mesh of `nv` vertices in `d` dimensions; refuse a term without blocks."""
     if isinstance(term, PairTerm):
         return term
-    if not isinstance(term, NarrowTerm):
+    if not isinstance(term, BlockTerm):
         raise StvkError(
-            f"{type(term).__name__} is no elastic term: expected symmetric, balanced, has_energy, nodes_paired, "
-            "energy_and_force(u, force) and add_blocks(u, blocks, kept), as in skfem_stvk.edges.pairs.NarrowTerm. What acts from "
-            "outside is a Load."
+            f"{type(term).__name__} is no elastic term; expected symmetric, balanced, has_energy, nodes_paired, "
+            "energy_and_force(u, force) and add_blocks(u, blocks, kept), as in skfem_stvk.edges.pairs.BlockTerm. An external force "
+            "is a Load."
         )
-    return Narrow(term, nv, d, dtype)
+    return AccumulatedTerm(term, nv, d, dtype)
 
 
 def joined(term: Any) -> NDArray[np.int32]:

@@ -12,13 +12,13 @@ from ..arguments import Array
 from ..kernels import penalty as penalty_kernels
 from ..kernels.penalty import BARRIER
 from ..kernels.rows import PairSlots, RowSlots
-from ..kernels.threads import in_turn
-from ..mesh.points import determinants, spokes_at
+from ..kernels.threads import locked
+from ..mesh.points import base_vectors_at, determinants
 from .assembly import Assembly, offering
 from .elements import Quadrature, mean_frames
 from .pairs import Tensions
 from .stiffness import StoredLaw
-from .topology import OwnOrder
+from .topology import KernelOrder
 
 #: End of messages about elements with `J <= 0`.
 BARRIER_IS_INFINITE = (
@@ -44,7 +44,7 @@ class PenaltyStiffness(StoredLaw):
         """Return the numbers themselves."""
         return D
 
-    def numbers(self, p: Array, quadrature: Quadrature, order: OwnOrder, dtype: DTypeLike) -> Array:
+    def numbers(self, p: Array, quadrature: Quadrature, order: KernelOrder, dtype: DTypeLike) -> Array:
         """Return `k V0` and `1/C0` (2, nq, nt) at each point, with the sign of `C0`. `V0` excludes the weights of a table of
         points.
         """
@@ -56,11 +56,11 @@ class PenaltyStiffness(StoredLaw):
         if quadrature.hourglass is not None:  # the frame is the axes of space
             _, volumes = mean_frames(p, t, element)
             return np.stack([stiffness * volumes, np.ones_like(volumes)])[:, None]
-        C0 = np.stack([determinants(spokes_at(p, t, element, xi[None]))[:, 0] for xi in quadrature.rule.points])
+        C0 = np.stack([determinants(base_vectors_at(p, t, element, xi[None]))[:, 0] for xi in quadrature.rule.points])
         return np.stack([stiffness * np.abs(C0), 1 / C0])
 
 
-@in_turn
+@locked
 def add_round_off(term: Assembly, u: Array, out: Array) -> None:
     """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding error."""
     term.elements.gather(u)

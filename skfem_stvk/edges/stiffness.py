@@ -26,7 +26,7 @@ from ..kernels.svd import CABLE, LINE, MEMBRANE, SHEET, Flat
 from ..materials import FramedMaterial, Hypothesis
 from ..mesh.geometry import Geometry
 from .elements import Frames, Quadrature, frames_at
-from .topology import OwnOrder
+from .topology import KernelOrder
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.
 VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
@@ -49,7 +49,7 @@ class StoredLaw(ABC):
     barrier: str = ""
 
     @abstractmethod
-    def numbers(self, p: Array, quadrature: Quadrature, order: OwnOrder, dtype: DTypeLike) -> Array:
+    def numbers(self, p: Array, quadrature: Quadrature, order: KernelOrder, dtype: DTypeLike) -> Array:
         """Return the numbers (m, nq, nt) that the kernels read at the points of elements in their own order, in double."""
 
 
@@ -69,7 +69,7 @@ class LawInFrames(StoredLaw):
         weights.
         """
 
-    def numbers(self, p: Array, quadrature: Quadrature, order: OwnOrder, dtype: DTypeLike) -> Array:
+    def numbers(self, p: Array, quadrature: Quadrature, order: KernelOrder, dtype: DTypeLike) -> Array:
         found = []
         for frames in frames_at(p, order.vertices[order.t], quadrature, order):
             numbers = self.stored(frames, order.elements)
@@ -182,9 +182,9 @@ def _upper_half(C: Array, k: int, scale: Array) -> Array:
     """Return the upper half of `C` (n, s, s), in Voigt order, as (21, n) in the order of the kernels. Components missing from three
     dimensions are zero.
     """
-    places = [PAIRS.index((min(pair), max(pair))) for pair in VOIGT[k]]
+    indices = [PAIRS.index((min(pair), max(pair))) for pair in VOIGT[k]]
     full = np.zeros((len(C), 6, 6))
-    full[:, np.array(places)[:, None], places] = C * scale[:, None, None]
+    full[:, np.array(indices)[:, None], indices] = C * scale[:, None, None]
     rows, columns = np.triu_indices(6)
     return np.ascontiguousarray(full[:, rows, columns].T)
 
@@ -199,12 +199,12 @@ def check_range(moduli: Array, at: Frames, elements: NDArray[np.int32], dtype: D
     limits = np.finfo(dtype)
     low, high = 1e4 * float(np.sqrt(limits.tiny)), 1e-4 * float(np.sqrt(limits.max))
     w, Ri = np.abs(moduli).max(axis=0), np.abs(at.Ri).max(axis=0)
-    held = (low**2 < w) & (w < high**2) & (low < w * Ri) & (w * Ri < high) & (low < w * Ri**2) & (w * Ri**2 < high)
-    bad = np.sort(elements[~held])
+    in_range = (low**2 < w) & (w < high**2) & (low < w * Ri) & (w * Ri < high) & (low < w * Ri**2) & (w * Ri**2 < high)
+    bad = np.sort(elements[~in_range])
     if len(bad):
         raise MaterialError(
-            f"{name_ids(bad, 'element')} of the region: sizes and moduli so small or large that the stiffness leaves the range of "
-            f"{limits.dtype}. Are units mixed up? Choose others, such as mm and MPa."
+            f"{name_ids(bad, 'element')} of the region: the stiffness leaves the range of {limits.dtype}, because sizes or moduli "
+            "are too small or too large. Are units mixed up? Choose others, such as mm and MPa."
         )
 
 
@@ -254,12 +254,12 @@ def unit_stresses(axes: Array) -> Array:
     return _voigt(dyads + (i != j)[:, None, None] * np.swapaxes(dyads, -1, -2), shear=1.0)
 
 
-def voigt_places(k: int) -> NDArray[np.int64]:
+def voigt_indices(k: int) -> NDArray[np.int64]:
     """Return the index (k, k) of each component of a tensor in its Voigt vector."""
-    place = np.empty((k, k), dtype=np.int64)
+    indices = np.empty((k, k), dtype=np.int64)
     for number, (i, j) in enumerate(VOIGT[k]):
-        place[i, j] = place[j, i] = number
-    return place
+        indices[i, j] = indices[j, i] = number
+    return indices
 
 
 def multiplicity(k: int) -> Array:

@@ -11,11 +11,11 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
 from ..kernels import rows as row_kernels
+from ..kernels.llvm import LINE
 from ..kernels.rows import RowSlots
 from ..kernels.threads import parts_of, run, threads
 from ..kernels.topology import OWN, assign_slots, last_uses
-from ..kernels.wide import LINE
-from .elements import OwnElements, nbytes
+from .elements import KernelElements, nbytes
 from .pairs import BlockPattern, PairBlocks, Rows
 from .topology import Shares
 
@@ -34,14 +34,14 @@ class RowPlan(NamedTuple):
     ----------
     parts : parts of the blocks of lanes, one per thread.
     slots : arguments of the kernels except the values of K.
-    in_work : number of rows that threads write by themselves; the others have elements of several threads, and are written
+    in_parallel : number of rows that threads write by themselves; the others have elements of several threads, and are written
         afterwards.
     starts, sources : slots in which threads add to the pair slots of those other rows (`kernels.rows.fold_slots`).
     """
 
     parts: NDArray[np.int64]
     slots: RowSlots
-    in_work: int
+    in_parallel: int
     starts: NDArray[np.int64]
     sources: NDArray[np.int64]
 
@@ -52,7 +52,7 @@ class RowOrder(NamedTuple):
     """
 
     nodes: NDArray[np.int64]
-    in_work: int
+    in_parallel: int
     done: NDArray[np.int64]
 
 
@@ -80,7 +80,7 @@ class ElementRows:
     dtype : type of its values.
     """
 
-    def __init__(self, elements: OwnElements, pairs: PairBlocks, pattern: BlockPattern, dtype: DTypeLike) -> None:
+    def __init__(self, elements: KernelElements, pairs: PairBlocks, pattern: BlockPattern, dtype: DTypeLike) -> None:
         self._elements, self._pairs, self._pattern, self._dtype = elements, pairs, pattern, np.dtype(dtype)
         self._plan: tuple[int, RowPlan] | None = None
         self._part: PartOfRows | None = None
@@ -102,28 +102,28 @@ class ElementRows:
         plan = self.plan
         # all of K is written, and no other term has a part in it
         whole = not add and self._elements.d**2 * self.size == self._pattern.indptr[-1]
-        staged = whole and data.nbytes > PAST_CACHES and bool(data.flags.aligned)
-        slots = plan.slots._replace(data=data, add=bool(add), staged=staged)
+        buffered = whole and data.nbytes > PAST_CACHES and bool(data.flags.aligned)
+        slots = plan.slots._replace(data=data, add=bool(add), buffered=buffered)
         found = linearize(slots)
         more = 0.0
         rows = len(slots.first)
-        if plan.in_work < rows:
+        if plan.in_parallel < rows:
             run(row_kernels.fold_slots, parts_of(len(plan.starts) - 1, 0.1, threads()), plan.starts, plan.sources, slots)
-            more = sum(run(row_kernels.finish_rows, plan.in_work + parts_of(rows - plan.in_work, 1, threads()), slots))
+            more = sum(run(row_kernels.finish_rows, plan.in_parallel + parts_of(rows - plan.in_parallel, 1, threads()), slots))
         return found, more
 
     @property
     def plan(self) -> RowPlan:
         """Plan for numba's present number of threads; a plan for another number is discarded."""
         if self._plan is None or self._plan[0] != threads():
-            self._plan = threads(), self._made(self._elements.forces)
+            self._plan = threads(), self._made(self._elements.force_shares)
         return self._plan[1]
 
-    def part(self, places: NDArray[np.int32]) -> PartOfRows:
-        """Return the rows of a matrix of only the values `places` (n,), ascending; rows for other values are discarded."""
+    def part(self, indices: NDArray[np.int32]) -> PartOfRows:
+        """Return the rows of a matrix of only the values `indices` (n,), ascending; rows for other values are discarded."""
         part = self._part
-        if part is None or part.places is not places:
-            self._part = part = PartOfRows(self, places)
+        if part is None or part.indices is not indices:
+            self._part = part = PartOfRows(self, indices)
         return part
 
     def _made(self, shares: Shares) -> RowPlan:
@@ -136,9 +136,9 @@ class ElementRows:
         n = len(self._elements.own.vertices)
         part_of, last = last_uses(self._elements.t, shares.parts, n)
         nodes = np.argsort(part_of, kind="stable")
-        in_work = int(np.count_nonzero(part_of < len(shares.parts) - 1))
-        complete = np.maximum.accumulate(last[nodes[:in_work]])  # rows are written one after the other
-        return RowOrder(nodes, in_work, np.searchsorted(complete, np.arange(len(self._elements.t) + 1)))
+        in_parallel = int(np.count_nonzero(part_of < len(shares.parts) - 1))
+        complete = np.maximum.accumulate(last[nodes[:in_parallel]])  # rows are written one after the other
+        return RowOrder(nodes, in_parallel, np.searchsorted(complete, np.arange(len(self._elements.t) + 1)))
 
     def _blocks(self, order: RowOrder) -> RowBlocks:
         """Find the indices of each row's blocks, its own and those of pairs, in the values of the matrix."""
@@ -150,21 +150,21 @@ class ElementRows:
         gathered = np.arange(begin[-1]) + np.repeat(star[order.nodes] - begin[:-1], counts)
         mine = vertices[order.nodes]
         first = pattern.indptr[self._elements.d * mine.astype(np.int64)].astype(np.int64)
-        columns = pattern.places(np.repeat(mine, counts), vertices[others[gathered]]) - np.repeat(first, counts)
+        columns = pattern.block_indices(np.repeat(mine, counts), vertices[others[gathered]]) - np.repeat(first, counts)
         return RowBlocks(begin, pair_of[gathered], first, columns, pattern.strides[mine])
 
     def _table(self, shares: Shares, order: RowOrder, blocks: RowBlocks) -> RowPlan:
         """Assign a slot to each pair for as long as it is needed, and return the table of the kernels."""
-        elements, pairs, parts, in_work = self._elements, self._elements.edges, shares.parts, order.in_work
+        elements, pairs, parts, in_parallel = self._elements, self._elements.edges, shares.parts, order.in_parallel
         first, strides, sizes = blocks.first, blocks.strides, elements.d * blocks.strides
         row_of = np.empty(len(order.nodes), dtype=np.int64)
         row_of[order.nodes] = np.arange(len(order.nodes))
         slots, fresh, marks, slot, targets, size = assign_slots(
             pairs.t2e, pairs.edges, parts, row_of, order.done, blocks.begin, blocks.pair_of
         )
-        if pairs.turned.size:
-            slots |= pairs.turned
-        apart = np.count_nonzero(first[1:in_work] != (first + sizes)[: max(in_work - 1, 0)])
+        if pairs.transposed.size:
+            slots |= pairs.transposed
+        apart = np.count_nonzero(first[1:in_parallel] != (first + sizes)[: max(in_parallel - 1, 0)])
         table = RowSlots(
             slots=slots,
             fresh=fresh,
@@ -177,22 +177,22 @@ class ElementRows:
             first=first,
             strides=strides,
             sizes=sizes.astype(np.int64),
-            picked=np.zeros(len(order.nodes) + 1, dtype=np.int64),
-            picks=np.empty(0, dtype=np.uint32),
-            eights=on_lines(8 * size, self._dtype),
-            ninths=np.zeros(size, dtype=self._dtype),
+            retained_begin=np.zeros(len(order.nodes) + 1, dtype=np.int64),
+            retained=np.empty(0, dtype=np.uint32),
+            first_eight=on_lines(8 * size, self._dtype),
+            ninth=np.zeros(size, dtype=self._dtype),
             d=elements.d,
             data=np.empty(0, dtype=self._dtype),
             add=False,
-            staged=False,
-            ahead=bool(apart > len(first) // 8),
-            large=8 * size * self._dtype.itemsize > IN_CACHE,
-            widest=int(sizes.max(initial=0)),
+            buffered=False,
+            scattered=bool(apart > len(first) // 8),
+            beyond_cache=8 * size * self._dtype.itemsize > IN_CACHE,
+            largest_row=int(sizes.max(initial=0)),
         )
-        lasting = int(slot[(row_of[pairs.edges] >= in_work).any(axis=1)].max(initial=-1)) + 1
+        lasting = int(slot[(row_of[pairs.edges] >= in_parallel).any(axis=1)].max(initial=-1)) + 1
         ascending = np.argsort(targets, kind="stable")
         starts = np.searchsorted(targets[ascending], np.arange(lasting + 1))
-        return RowPlan(parts, table, in_work, starts, lasting + ascending)
+        return RowPlan(parts, table, in_parallel, starts, lasting + ascending)
 
     @property
     def nbytes(self) -> int:
@@ -207,23 +207,25 @@ class PartOfRows(ElementRows):
     Parameters
     ----------
     whole : their indices in the whole matrix.
-    places : the values in the part, ascending.
+    indices : the values in the part, ascending.
     """
 
-    def __init__(self, whole: ElementRows, places: NDArray[np.int32]) -> None:
+    def __init__(self, whole: ElementRows, indices: NDArray[np.int32]) -> None:
         super().__init__(whole._elements, whole._pairs, whole._pattern, whole._dtype)
-        self._whole, self.places = whole, places
+        self._whole, self.indices = whole, indices
 
     def _made(self, shares: Shares) -> RowPlan:
         """Return the plan of the whole matrix without the rows, and the entries of rows, outside the part."""
         whole = self._whole.plan
-        slots, places = whole.slots, self.places
-        first, last = np.searchsorted(places, slots.first), np.searchsorted(places, slots.first + slots.sizes)
+        slots, indices = whole.slots, self.indices
+        first, last = np.searchsorted(indices, slots.first), np.searchsorted(indices, slots.first + slots.sizes)
         counts = np.where(last - first < slots.sizes, last - first, 0)
-        picked = np.concatenate([[0], np.cumsum(counts)])
-        of_row = np.arange(picked[-1]) - np.repeat(picked[:-1] - first, counts)
-        picks = (places[of_row] - np.repeat(slots.first, counts)).astype(np.uint32)
-        return whole._replace(slots=slots._replace(first=first, sizes=last - first, picked=picked, picks=picks))
+        retained_begin = np.concatenate([[0], np.cumsum(counts)])
+        of_row = np.arange(retained_begin[-1]) - np.repeat(retained_begin[:-1] - first, counts)
+        retained = (indices[of_row] - np.repeat(slots.first, counts)).astype(np.uint32)
+        return whole._replace(
+            slots=slots._replace(first=first, sizes=last - first, retained_begin=retained_begin, retained=retained)
+        )
 
 
 def on_lines(size: int, dtype: np.dtype[Any]) -> Array:

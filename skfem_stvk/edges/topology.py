@@ -64,7 +64,7 @@ def alone(pairs: Ids, n: int) -> float:
     return 1 - np.count_nonzero(comes_later) / max(n, 1)
 
 
-class OwnOrder(NamedTuple):
+class KernelOrder(NamedTuple):
     """Elements in an order that suits the caches and sweeps; users never see it.
 
     Only nodes of the elements are included. They are in the mesh's order if that is good, else in reverse Cuthill-McKee order. They
@@ -83,7 +83,7 @@ class OwnOrder(NamedTuple):
 
 def vertex_order(edges: Ids, n: int) -> Ids:
     """Return the nodes, out of `n`, of the pairs `edges` (2, ne), `a < b`. They are in their own order if that is good, else in
-    that of `OwnOrder`.
+    that of `KernelOrder`.
     """
     used = np.zeros(n, dtype=bool)
     used[edges.ravel()] = True
@@ -95,17 +95,15 @@ def vertex_order(edges: Ids, n: int) -> Ids:
         begin, others, _ = stars(pairs, len(vertices))
         graph = csr_matrix((np.ones(len(others), dtype=np.int8), others, begin.astype(np.int32)), shape=(len(vertices),) * 2)
         order = reverse_cuthill_mckee(graph, symmetric_mode=True)
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        if front(pairs, len(order)) > GAIN * front(np.sort(place[pairs], axis=0), len(order)):
+        inverse = np.empty_like(order)
+        inverse[order] = np.arange(len(order))
+        if front(pairs, len(order)) > GAIN * front(np.sort(inverse[pairs], axis=0), len(order)):
             vertices = vertices[order]
     return vertices
 
 
-def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
+def kernel_order(t: Ids, edges: Ids, ascending: bool = True) -> KernelOrder:
     """Return the order for elements `t` (n, nt) with the pairs of nodes `edges` (2, ne) in lexicographic order.
-
-    `ascending`: whether the nodes of each element are sorted, too.
 
     `ascending`: whether the nodes of each element are sorted, too.
     """
@@ -117,15 +115,15 @@ def own_order(t: Ids, edges: Ids, ascending: bool = True) -> OwnOrder:
     sorted_corners = np.ascontiguousarray(np.take_along_axis(corners, local, axis=1).T)
     elements = lexicographic_order(sorted_corners[:4], len(vertices))
     if ascending:
-        return OwnOrder(vertices, elements, sorted_corners[:, elements], local.T[:, elements])
-    return OwnOrder(vertices, elements, np.ascontiguousarray(corners.T[:, elements]), np.indices(corners.T.shape)[0])
+        return KernelOrder(vertices, elements, sorted_corners[:, elements], local.T[:, elements])
+    return KernelOrder(vertices, elements, np.ascontiguousarray(corners.T[:, elements]), np.indices(corners.T.shape)[0])
 
 
-class OwnEdges(NamedTuple):
+class KernelEdges(NamedTuple):
     """Pairs of nodes (ne, 2), `a < b`, in the order in which the elements first use them; for linear simplices their edges.
 
     `number` (ne,) are the indices in this order of the pairs in lexicographic order. `t2e` (blocks, m LANES) are the pairs of the
-    elements. `marks` (blocks + 1,) is the number of pairs in use before each block. `turned` (blocks, m LANES) has the bit
+    elements. `marks` (blocks + 1,) is the number of pairs in use before each block. `transposed` (blocks, m LANES) has the bit
     `TRANSPOSED` where the first node of an element's pair has the higher number; it is empty if none has.
     """
 
@@ -133,7 +131,7 @@ class OwnEdges(NamedTuple):
     number: Ids
     t2e: NDArray[np.uint32]
     marks: NDArray[np.int64]
-    turned: NDArray[np.uint32] = np.empty((0, 0), dtype=np.uint32)
+    transposed: NDArray[np.uint32] = np.empty((0, 0), dtype=np.uint32)
 
     @property
     def total(self) -> int:
@@ -147,17 +145,17 @@ class OwnEdges(NamedTuple):
         return begin, others, np.where(entries == OWN, OWN, np.where(entries >= 0, number, -1 - number)).astype(np.int32)
 
 
-def own_edges(t: Ids, element: Element) -> OwnEdges:
+def kernel_edges(t: Ids, element: Element) -> KernelEdges:
     """Return the pairs of nodes of elements `t` (n, nt) in the kernels' order."""
     local = np.array(element.pairs)
     edges, t2e = edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), local, int(t.max()) + 1)
-    turned = np.where(t[local[:, 0]] > t[local[:, 1]], TRANSPOSED, np.uint32(0)) if not element.is_linear_simplex else None
+    transposed = np.where(t[local[:, 0]] > t[local[:, 1]], TRANSPOSED, np.uint32(0)) if not element.is_linear_simplex else None
     blocks = in_lanes(t2e)
     number, marks = numbers_by_first_use(blocks, edges.shape[1])
     own = np.empty_like(edges.T, order="C")
     own[number] = edges.T
-    own_pairs = OwnEdges(own, number, number[blocks].astype(np.uint32), marks)
-    return own_pairs if turned is None else own_pairs._replace(turned=in_lanes(turned))
+    own_pairs = KernelEdges(own, number, number[blocks].astype(np.uint32), marks)
+    return own_pairs if transposed is None else own_pairs._replace(transposed=in_lanes(transposed))
 
 
 def in_lanes(rows: NDArray[Any]) -> NDArray[Any]:

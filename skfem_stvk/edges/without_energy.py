@@ -60,8 +60,8 @@ class VertexWarping(WithoutEnergy):
         weight = np.bincount(nodes.ravel(), np.tile(sizes, n), m)
         shares = np.tile(gradients.transpose(1, 0, 2), (n, 1, 1)) * sizes[:, None] / weight[first][..., None]
         self._g = np.zeros((len(key), d))
-        places = order[np.searchsorted(key[order], (first * m + second).ravel())]
-        np.add.at(self._g, places, shares.reshape(-1, d))
+        indices = order[np.searchsorted(key[order], (first * m + second).ravel())]
+        np.add.at(self._g, indices, shares.reshape(-1, d))
         self._X = p.T[self.nodes]
 
     def _now(self, u: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -97,17 +97,17 @@ class VertexWarping(WithoutEnergy):
         d, row, column = x.shape[1], self._row, self._column
         assert blocks.reverse is not None and blocks.own is not None
         if kept == ALL:
-            turned = np.zeros((len(x), 3, 3))  # dF_a/dw_a = -[F_a] + sum_b R_a K_ab R_a' [x_b - x_a]
-            wide = np.zeros((len(K), 3, 3))
-            wide[:, :d, :d] = K
-            np.add.at(turned, row, wide @ _cross(_in_space(x[column] - x[row])))
-            turned -= _cross(_in_space(force))
+            dF_dw = np.zeros((len(x), 3, 3))  # dF_a/dw_a = -[F_a] + sum_b R_a K_ab R_a' [x_b - x_a]
+            padded = np.zeros((len(K), 3, 3))
+            padded[:, :d, :d] = K
+            np.add.at(dF_dw, row, padded @ _cross(_in_space(x[column] - x[row])))
+            dF_dw -= _cross(_in_space(force))
             # w_a = R (tr S - S)^-1 R' (R g_ab x dx_b)
             both = np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S  # its eigenvalues are s_i + s_j
             inverse = np.linalg.pinv(both, rcond=64 * np.finfo(float).eps, hermitian=True)  # 0 where they cancel
-            turn = R @ inverse @ np.swapaxes(R, 1, 2)
+            inverse = R @ inverse @ np.swapaxes(R, 1, 2)
             g = np.einsum("nij,nj->ni", R[row], _in_space(self._g))
-            K = K + ((turned @ turn)[row] @ _cross(g))[:, :d, :d]
+            K = K + ((dF_dw @ inverse)[row] @ _cross(g))[:, :d, :d]
         n = self.nodes_paired.shape[1]
         blocks.pairs += K[:n]
         blocks.reverse += K[n : 2 * n]
@@ -116,7 +116,7 @@ class VertexWarping(WithoutEnergy):
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
         own = sum(x.nbytes for x in (self._K, self._g, self._row, self._column, self._X))
-        return self._of.memory() | {"turned at the nodes": own}
+        return self._of.memory() | {"rotated blocks": own}
 
 
 class StressExtension(WithoutEnergy):
@@ -149,7 +149,7 @@ class StressExtension(WithoutEnergy):
         first, second = t[ends.T].astype(np.int64)
         key = self.nodes_paired[0].astype(np.int64) * n + self.nodes_paired[1]
         low, high = np.minimum(first, second), np.maximum(first, second)
-        self._ends, self._place, self._turned = ends, np.searchsorted(key, low * n + high), first > second
+        self._ends, self._index, self._transposed = ends, np.searchsorted(key, low * n + high), first > second
 
     def _now(self, u: Array) -> tuple[Array, ...]:
         """Return `U`, `V`, `s`, `c`, `E`, whether stretches lie above the threshold, and `p`: (q, nt, d) at each point."""
@@ -194,13 +194,13 @@ class StressExtension(WithoutEnergy):
         w = np.einsum("qnad,qndi->qnai", self._g, V)  # gradients in the axes of the stretches
         K = np.einsum("qnxi,qnaj,qnijkl,qnbl,qnyk->abnxy", U, w, T, w, U, optimize=True)
         assert blocks.reverse is not None
-        for (a, b), place, turned in zip(self._ends, self._place, self._turned, strict=True):
-            np.add.at(blocks.pairs, place[~turned], K[a, b][~turned])
-            np.add.at(blocks.reverse, place[turned], K[a, b][turned])
+        for (a, b), index, transposed in zip(self._ends, self._index, self._transposed, strict=True):
+            np.add.at(blocks.pairs, index[~transposed], K[a, b][~transposed])
+            np.add.at(blocks.reverse, index[transposed], K[a, b][transposed])
 
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
-        own = sum(x.nbytes for x in (self._g, self._lam, self._mu, self._place, self._turned))
+        own = sum(x.nbytes for x in (self._g, self._lam, self._mu, self._index, self._transposed))
         return self._of.memory() | {"gradients at points": own}
 
 
@@ -210,8 +210,8 @@ def gradients_at_points(mesh: ElementMesh, t: NDArray[np.int32], quadrature: Qua
     """
     found, rule = [], quadrature.rule
     for dN, weight in zip(mesh.element.derivatives(rule.points), rule.weights, strict=True):
-        spokes = np.einsum("ai,dan->ndi", dN, mesh.p[:, t])
-        found.append((dN @ np.linalg.inv(spokes), weight * np.abs(np.linalg.det(spokes))))
+        base_vectors = np.einsum("ai,dan->ndi", dN, mesh.p[:, t])
+        found.append((dN @ np.linalg.inv(base_vectors), weight * np.abs(np.linalg.det(base_vectors))))
     return found
 
 

@@ -1,8 +1,8 @@
-"""Where integrals over elements are taken: points on the reference element, and their weights, none of which is negative.
+"""Integration points on the reference elements, and their weights, none of which is negative.
 
-A negative weight would turn what resists into what gains: a barrier, or any law that is not a polynomial. scikit-fem's rules of
-order 3 and 4 for tetrahedra have one. What is used here are those of order 2, 5 (14 points, exact to degree 4) and 6 (15 points,
-exact to degree 5).
+With a negative weight, a barrier or any law that is not a polynomial could gain energy instead of resisting. scikit-fem's rules of
+order 3 and 4 for tetrahedra have such a weight. Therefore the rules are those of order 2, 5 (14 points, exact to degree 4) and 6
+(15 points, exact to degree 5).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..errors import StvkError
 from .element import Element
 
 KINDS = ("usual", "exact", "mass", "one-point")
-#: How much boxes with one point resist their hourglass modes, if nothing else is said.
+#: Default coefficient of the hourglass stiffness of boxes with one point.
 HOURGLASS = 0.05
 
 
@@ -56,7 +56,7 @@ def rule_of(element: Element, kind: str = "usual") -> Rule:
     [4, 14]
     """
     if kind not in KINDS:
-        raise StvkError(f"Rule {kind!r} is unknown; expected one of {', '.join(KINDS)}.")
+        raise StvkError(f"kind = {kind!r}; expected one of {', '.join(KINDS)}.")
     if element.k == 0:
         return Rule(np.zeros((1, 0)), np.ones(1))
     if kind == "one-point" or (element.is_linear_simplex and kind != "mass"):

@@ -10,10 +10,10 @@ def _usable_number_of_threads() -> None:
 
     This must run before numba is imported.
     """
-    given = os.environ.get("NUMBA_NUM_THREADS")
-    if given is not None and not (given.strip().isdecimal() and int(given) > 0):
+    value = os.environ.get("NUMBA_NUM_THREADS")
+    if value is not None and not (value.strip().isdecimal() and int(value) > 0):
         del os.environ["NUMBA_NUM_THREADS"]
-        warn(f"NUMBA_NUM_THREADS = {given!r} is ignored; expected a whole number from 1, or no such variable.")
+        warn(f"NUMBA_NUM_THREADS = {value!r} is ignored; expected a whole number from 1, or no such variable.")
 
 
 _usable_number_of_threads()

@@ -7,18 +7,20 @@ from __future__ import annotations
 
 from typing import Any
 
+from numpy import uint64
+
 from .compiled import Reals, inlined, kernel
-from .discrete_gradient import by_strain
-from .lanes import LANES, I, add
-from .laws import numbers_in, strain
-from .principal import answer
+from .discrete_gradient import response_to_strain
+from .lanes import LANES, add
+from .laws import law_size, strain
+from .principal import stretch_response
 from .svd import decompose
 
 
 @inlined
 def _numbers_at(law, i):
     """Return the index of the first number of the law at point `i`."""
-    return I(i // LANES * LANES * numbers_in(law) + i % LANES)
+    return uint64(i // LANES * LANES * law_size(law) + i % LANES)
 
 
 @inlined
@@ -37,7 +39,7 @@ def stress_by_strain(law: Any, k: int, M: Reals, W: Reals, S: Reals) -> None:
     second, third = one if k > 1 else zero, one if k > 2 else zero
     for i in range(len(W)):
         m = (M[i, 0, 0], M[i, 1, 1], M[i, 2, 2], M[i, 0, 1], M[i, 0, 2], M[i, 1, 2])
-        w, s = by_strain(law, _numbers_at(law, i), one, m, one, one, second, third, one)
+        w, s = response_to_strain(law, _numbers_at(law, i), one, m, one, one, second, third, one)
         W[i] = w / 4
         S[i, 0, 0], S[i, 1, 1], S[i, 2, 2] = s[0], s[1], s[2]
         S[i, 0, 1], S[i, 0, 2], S[i, 1, 2] = s[3], s[4], s[5]
@@ -57,7 +59,7 @@ def response_to_stretches(law: Any, flat: Any, Q: Reals, h: Reals, W: Reals, e: 
         q1, q2, q3 = add(Q1, h1), add(Q2, h2), add(Q3, h3)
         M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
         _, _, _, v1, v2, v3, _, x = decompose(flat, law.D, (Q1, Q2, Q3), (q1, q2, q3), M)
-        W[i], slopes, _, _ = answer(law, _numbers_at(law, i), one, (one + x[0], one + x[1], one + x[2]), x)
+        W[i], slopes, _, _ = stretch_response(law, _numbers_at(law, i), one, (one + x[0], one + x[1], one + x[2]), x)
         for j in range(3):
             e[i, j], p[i, j] = x[j], slopes[j]
             V[i, j, 0], V[i, j, 1], V[i, j, 2] = v1[j], v2[j], v3[j]

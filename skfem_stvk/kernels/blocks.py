@@ -10,11 +10,10 @@ the vertices. `order` are the numbers of these vertices in the mesh.
 from __future__ import annotations
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Ids, Reals, inlined, kernel
 from .topology import OWN
-
-I = np.uint64
 
 
 @kernel
@@ -22,18 +21,18 @@ def gather(x: Reals, order: Ids, out: Reals) -> None:
     """Write `x` (n, d) of the mesh in the kernels' order, with three components."""
     d = x.shape[1]
     for i in range(len(order)):
-        vertex, to = I(order[I(i)]), I(3 * i)
+        vertex, to = uint64(order[uint64(i)]), uint64(3 * i)
         for c in range(d):
-            out[to + I(c)] = x[vertex, I(c)]
+            out[to + uint64(c)] = x[vertex, uint64(c)]
 
 
 @kernel
 def fold(values: Reals, size: int, targets: Ids, width: int) -> None:
     """Add the extra slots of other parts, which begin at index `size`, to their `targets`."""
     for i in range(len(targets)):
-        to, at = I(width) * I(targets[I(i)]), I(width * (size + i))
+        to, at = uint64(width) * uint64(targets[uint64(i)]), uint64(width * (size + i))
         for c in range(width):
-            values[to + I(c)] += values[at + I(c)]
+            values[to + uint64(c)] += values[at + uint64(c)]
 
 
 @kernel
@@ -41,14 +40,24 @@ def add_scattered(x: Reals, order: Ids, out: Reals) -> None:
     """Add `x`, which is in the kernels' order, to `out` (n, d) in the order of the mesh."""
     d = out.shape[1]
     for i in range(len(order)):
-        vertex, at = I(order[I(i)]), I(3 * i)
+        vertex, at = uint64(order[uint64(i)]), uint64(3 * i)
         for c in range(d):
-            out[vertex, I(c)] += x[at + I(c)]
+            out[vertex, uint64(c)] += x[at + uint64(c)]
 
 
 @inlined
 def _nine(a, at):
-    return a[at], a[at + I(1)], a[at + I(2)], a[at + I(3)], a[at + I(4)], a[at + I(5)], a[at + I(6)], a[at + I(7)], a[at + I(8)]
+    return (
+        a[at],
+        a[at + uint64(1)],
+        a[at + uint64(2)],
+        a[at + uint64(3)],
+        a[at + uint64(4)],
+        a[at + uint64(5)],
+        a[at + uint64(6)],
+        a[at + uint64(7)],
+        a[at + uint64(8)],
+    )
 
 
 @inlined
@@ -74,11 +83,11 @@ def _minus(a, b):
 
 
 @inlined
-def _store(block, place, stride, axes, add, data):
+def _store(block, at, stride, axes, add, data):
     """Write a block of `len(axes)` rows and columns to the CSR values, or add it."""
     for r in range(len(axes)):
         for c in range(len(axes)):
-            to = place + I(r) * stride + I(c)
+            to = at + uint64(r) * stride + uint64(c)
             if add:
                 data[to] += block[3 * r + c]
             else:
@@ -91,7 +100,7 @@ def fill_rows(
     end: int,
     rows: Ids,
     entries: Ids,
-    places: Ids,
+    indices: Ids,
     strides: Ids,
     blocks: Reals,
     axes: tuple[int, ...],
@@ -101,7 +110,7 @@ def fill_rows(
     """Write the block rows of vertices `begin` to `end` into the CSR values `data`, or add them.
 
     `rows`, `entries` are the stars of the vertices (`topology.stars`). An entry stands for the block of an edge, its transpose, or
-    the diagonal block. `places` are the indices in `data` of the first value of each block; `strides` (nv,) are the offsets to the
+    the diagonal block. `indices` are the indices in `data` of the first value of each block; `strides` (nv,) are the offsets to the
     next row. `axes` is a tuple with as many entries as a block has columns.
 
     Returns the sum of the traces of the diagonal blocks, over three components each. The sum is not finite if any value is not
@@ -110,41 +119,45 @@ def fill_rows(
     zero = blocks.dtype.type(0)
     total = 0.0
     for row in range(begin, end):
-        stride = I(strides[I(row)])
+        stride = uint64(strides[uint64(row)])
         own = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
-        place = I(0)
-        for i in range(rows[I(row)], rows[I(row + 1)]):
-            entry = entries[I(i)]
+        diagonal = uint64(0)
+        for i in range(rows[uint64(row)], rows[uint64(row + 1)]):
+            entry = entries[uint64(i)]
             if entry == OWN:
-                place = I(places[I(i)])
+                diagonal = uint64(indices[uint64(i)])
                 continue
-            block = _nine(blocks, I(9) * I(entry)) if entry >= 0 else transposed(_nine(blocks, I(9) * I(-1 - entry)))
-            _store(block, I(places[I(i)]), stride, axes, add, data)
+            block = (
+                _nine(blocks, uint64(9) * uint64(entry))
+                if entry >= 0
+                else transposed(_nine(blocks, uint64(9) * uint64(-1 - entry)))
+            )
+            _store(block, uint64(indices[uint64(i)]), stride, axes, add, data)
             own = _minus(own, block)
-        _store(own, place, stride, axes, add, data)
+        _store(own, diagonal, stride, axes, add, data)
         total += own[0] + own[4] + own[8]
     return total
 
 
 @kernel
-def weigh_negative(begin: int, end: int, tensions: Reals, less: float, blocks: Reals) -> None:
+def reduce_negative_tensions(begin: int, end: int, tensions: Reals, less: float, blocks: Reals) -> None:
     """Remove the fraction `less` of the negative tensions from the blocks of edges `begin` to `end`; `K_ab` contains `-t_ab I`."""
     for e in range(begin, end):
-        tension, at = tensions.dtype.type(less) * min(tensions[I(e)], tensions.dtype.type(0)), I(9 * e)
+        tension, at = tensions.dtype.type(less) * min(tensions[uint64(e)], tensions.dtype.type(0)), uint64(9 * e)
         blocks[at] += tension
-        blocks[at + I(4)] += tension
-        blocks[at + I(8)] += tension
+        blocks[at + uint64(4)] += tension
+        blocks[at + uint64(8)] += tension
 
 
 @inlined
 def _add_diagonal(edges, order, blocks, d, out):
     for e in range(len(edges)):
-        i = I(e)
-        a, b, at = I(order[I(edges[i, I(0)])]), I(order[I(edges[i, I(1)])]), I(9) * i
+        i = uint64(e)
+        a, b, at = uint64(order[uint64(edges[i, uint64(0)])]), uint64(order[uint64(edges[i, uint64(1)])]), uint64(9) * i
         for r in range(d):
             for c in range(d):
-                out[a, I(r), I(c)] -= blocks[at + I(3 * r + c)]
-                out[b, I(r), I(c)] -= blocks[at + I(3 * c + r)]
+                out[a, uint64(r), uint64(c)] -= blocks[at + uint64(3 * r + c)]
+                out[b, uint64(r), uint64(c)] -= blocks[at + uint64(3 * c + r)]
 
 
 @kernel
@@ -162,11 +175,16 @@ def add_diagonal(edges: Ids, order: Ids, blocks: Reals, out: Reals) -> None:
 @inlined
 def _add_norms(edges, order, blocks, d, x, out):
     for e in range(len(edges)):
-        i = I(e)
-        a, b, at, square = I(order[I(edges[i, I(0)])]), I(order[I(edges[i, I(1)])]), I(9) * i, 0.0
+        i = uint64(e)
+        a, b, at, square = (
+            uint64(order[uint64(edges[i, uint64(0)])]),
+            uint64(order[uint64(edges[i, uint64(1)])]),
+            uint64(9) * i,
+            0.0,
+        )
         for r in range(d):
             for c in range(d):
-                square += float(blocks[at + I(3 * r + c)]) ** 2
+                square += float(blocks[at + uint64(3 * r + c)]) ** 2
         norm = np.sqrt(square)
         out[a] += norm * x[b]
         out[b] += norm * x[a]
@@ -185,24 +203,24 @@ def add_norms(edges: Ids, order: Ids, blocks: Reals, d: int, x: Reals, out: Real
 def multiply(begin: int, end: int, edges: Ids, slots: Ids, blocks: Reals, v: Reals, out: Reals) -> None:
     """Add the contribution of edges `begin` to `end` to `K v` to the slots `out`; each block is read once."""
     for e in range(begin, end):
-        i = I(e)
-        a, b, at = I(3) * I(edges[i, I(0)]), I(3) * I(edges[i, I(1)]), I(9) * i
-        x, y, z = v[b] - v[a], v[b + I(1)] - v[a + I(1)], v[b + I(2)] - v[a + I(2)]
+        i = uint64(e)
+        a, b, at = uint64(3) * uint64(edges[i, uint64(0)]), uint64(3) * uint64(edges[i, uint64(1)]), uint64(9) * i
+        x, y, z = v[b] - v[a], v[b + uint64(1)] - v[a + uint64(1)], v[b + uint64(2)] - v[a + uint64(2)]
         K = _nine(blocks, at)
-        a, b = I(3) * I(slots[i, I(0)]), I(3) * I(slots[i, I(1)])
+        a, b = uint64(3) * uint64(slots[i, uint64(0)]), uint64(3) * uint64(slots[i, uint64(1)])
         out[a] += K[0] * x + K[1] * y + K[2] * z
-        out[a + I(1)] += K[3] * x + K[4] * y + K[5] * z
-        out[a + I(2)] += K[6] * x + K[7] * y + K[8] * z
+        out[a + uint64(1)] += K[3] * x + K[4] * y + K[5] * z
+        out[a + uint64(2)] += K[6] * x + K[7] * y + K[8] * z
         out[b] -= K[0] * x + K[3] * y + K[6] * z
-        out[b + I(1)] -= K[1] * x + K[4] * y + K[7] * z
-        out[b + I(2)] -= K[2] * x + K[5] * y + K[8] * z
+        out[b + uint64(1)] -= K[1] * x + K[4] * y + K[7] * z
+        out[b + uint64(2)] -= K[2] * x + K[5] * y + K[8] * z
 
 
 @kernel
-def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
-    """Write `out[i] = values[places[i]]` for `begin <= i < end`; this is 2.5 x as fast as `np.take` on one thread."""
+def take(begin: int, end: int, indices: Ids, values: Reals, out: Reals) -> None:
+    """Write `out[i] = values[indices[i]]` for `begin <= i < end`; this is 2.5 x as fast as `np.take` on one thread."""
     for i in range(begin, end):
-        out[I(i)] = values[I(places[I(i)])]
+        out[uint64(i)] = values[uint64(indices[uint64(i)])]
 
 
 @kernel
@@ -213,7 +231,7 @@ def total(x: Reals) -> float:
     """
     result = 0.0
     for i in range(len(x)):
-        result += x[I(i)]
+        result += x[uint64(i)]
     return result
 
 
@@ -221,4 +239,4 @@ def total(x: Reals) -> float:
 def add_scaled(begin: int, end: int, factor: float, blocks: Reals, out: Reals) -> None:
     """Compute `out[i] += factor blocks[i]` for `begin <= i < end`."""
     for i in range(begin, end):
-        out[I(i)] += out.dtype.type(factor) * blocks[I(i)]
+        out[uint64(i)] += out.dtype.type(factor) * blocks[uint64(i)]

@@ -41,10 +41,10 @@ FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 
 
 LENGTH = sha256().digest_size
-_said: set[str] = set()
+_reported: set[str] = set()
 
 
-NOT_KEPT = "every process compiles again: no folder can be written to. Set NUMBA_CACHE_DIR to one that can"
+NOT_STORED = "every process compiles again, because no cache folder is writable. Set NUMBA_CACHE_DIR to a writable folder"
 
 
 class FirstUse(Listener):
@@ -67,10 +67,10 @@ class FirstUse(Listener):
     def on_start(self, event: Any) -> None:
         if not self._began and _is_kernel(event):
             self._began = self._said = monotonic()
-            kept = "they are kept on disk; `skfem-stvk warm-up` compiles ahead, on all cores" if self.on_disk else NOT_KEPT
+            stored = "they are stored on disk; `skfem-stvk warm-up` compiles ahead, on all cores" if self.on_disk else NOT_STORED
             self._say(
-                f"compiling kernels for their first use: W, F and K of one kind of element have {self.KERNELS} and take some "
-                f"{self.TIME} s; {kept}"
+                f"compiling kernels for their first use: W, F and K of one kind of element have {self.KERNELS} kernels and take "
+                f"about {self.TIME} s; {stored}"
             )
 
     def on_end(self, event: Any) -> None:
@@ -94,7 +94,7 @@ def _is_kernel(event: Any) -> bool:
 
 
 @contextmanager
-def ctrl_c_waits() -> Iterator[None]:
+def postpone_ctrl_c() -> Iterator[None]:
     """Postpone Ctrl-C to the end of the block.
 
     Callbacks of LLVM lose exceptions, and the process may end by a signal. Python handles signals in the main thread only; in other
@@ -104,13 +104,13 @@ def ctrl_c_waits() -> Iterator[None]:
     if handler is None or threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    signals: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: signals.append(number))
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, handler)
-        if came:
+        if signals:
             signal.raise_signal(signal.SIGINT)
 
 
@@ -122,7 +122,7 @@ class _Lowering(Listener):
 
     def on_start(self, event: Any) -> None:
         if event.data["name"].startswith("native_lowering "):
-            self._waiting.append(ctrl_c_waits())
+            self._waiting.append(postpone_ctrl_c())
             self._waiting[-1].__enter__()
 
     def on_end(self, event: Any) -> None:
@@ -133,7 +133,7 @@ class _Lowering(Listener):
 first_use = FirstUse()
 
 
-class _NoCollection(Listener):
+class _NoGarbageCollection(Listener):
     """Listener that disables Python's garbage collector while numba compiles.
 
     The collector took a sixth of the compile time, and found almost no garbage.
@@ -170,7 +170,7 @@ def kernel(function: Function) -> Function:
         first_use.on_disk = False
     else:
         if compiled is not function:  # numba returns the function itself when it is switched off
-            keep_with_care(compiled, stamp_of(function.__module__.rpartition(".")[2]))
+            tolerate_damage(compiled, source_hash(function.__module__.rpartition(".")[2]))
     return compiled
 
 
@@ -188,7 +188,9 @@ class Piece(CPUDispatcher):
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         name = self.py_func.__name__
-        raise TypeError(f"{name} is a piece of kernels; Python calls a kernel that holds it, or {name}.py_func")
+        raise TypeError(
+            f"{name} is inlined into kernels, so Python cannot call it. Call a kernel that contains it, or {name}.py_func."
+        )
 
 
 def inlined(function: Function, **more: Any) -> Function:
@@ -209,7 +211,7 @@ def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type
     Kernels call `stub(first, ...)`, and numba compiles the formula for the type of `first`. Python finds the formula in `formulas`.
     """
 
-    def given(formula: Function) -> Function:
+    def registered(formula: Function) -> Function:
         formulas[stub.__name__, kind] = formula
 
         def chosen(first: Any, *others: Any) -> Any:
@@ -219,19 +221,19 @@ def by_type(stub: Callable[..., Any], kind: type, formulas: dict[tuple[str, type
         overload(stub, jit_options=OPTIONS_OF_PIECES, strict=False)(chosen)
         return formula
 
-    return given
+    return registered
 
 
 # Machine code that returns arrays calls this function for their type each time. Ctrl-C takes effect inside Python functions, and
 # machine code loses the exception, which gives a SystemError. Cached results need no Python function.
 serialize._numba_unpickle = cache(serialize._numba_unpickle)
 register("numba:compile", first_use)
-register("numba:compile", _NoCollection())
+register("numba:compile", _NoGarbageCollection())
 register("numba:run_pass", _Lowering())
 
 
 @cache
-def stamp_of(name: str) -> str:
+def source_hash(name: str) -> str:
     """Return the hash of the source of the kernel file `name` and of all files that it imports.
 
     Numba compares the hash to decide whether code on disk is current. The hash of numba itself covers only the file of the caller.
@@ -261,7 +263,7 @@ class CheckedFile(IndexDataCacheFile):
         stored = Path(self._data_path(name)).read_bytes()
         data, digest = stored[:-LENGTH], stored[-LENGTH:]
         if sha256(data).digest() != digest:
-            raise AlteredCode(f"{name} does not hold what was written")
+            raise AlteredCode(f"the content of {name} does not match its digest")
         return pickle.loads(data)
 
     def delete(self) -> None:
@@ -275,7 +277,7 @@ class CheckedFile(IndexDataCacheFile):
                 file.unlink(missing_ok=True)
 
 
-def keep_with_care(dispatcher: Any, stamp: str) -> None:
+def tolerate_damage(dispatcher: Any, stamp: str) -> None:
     """Make the cache of a compiled function tolerate damaged files and full disks."""
     cache = dispatcher._cache
     cache._cache_file.__class__, cache._cache_file._source_stamp = CheckedFile, stamp
@@ -283,13 +285,13 @@ def keep_with_care(dispatcher: Any, stamp: str) -> None:
 
     def loaded(signature: Any, target: Any) -> Any:
         try:
-            with ctrl_c_waits():
+            with postpone_ctrl_c():
                 return load(signature, target)
         except Exception as error:  # pickle and LLVM raise many types of errors for damaged bytes
             cache._cache_file.delete()
             _say(
                 "damaged",
-                f"a file of the cache in {cache.cache_path} is damaged ({_reason(error)}); it is deleted and compiled anew",
+                f"a file of the kernel cache in {cache.cache_path} is damaged ({_reason(error)}); it is deleted and compiled again",
             )
             return None
 
@@ -299,8 +301,8 @@ def keep_with_care(dispatcher: Any, stamp: str) -> None:
         except OSError as error:
             _say(
                 "full",
-                f"compiled kernels cannot be kept in {cache.cache_path} ({_reason(error)}): every process compiles. Make room, or "
-                "set NUMBA_CACHE_DIR to another folder",
+                f"compiled kernels cannot be stored in {cache.cache_path} ({_reason(error)}), so every process compiles again. "
+                "Free disk space, or set NUMBA_CACHE_DIR to another folder",
             )
 
     cache.load_overload, cache.save_overload = loaded, saved
@@ -308,8 +310,8 @@ def keep_with_care(dispatcher: Any, stamp: str) -> None:
 
 def _say(kind: str, text: str) -> None:
     """Print a message of each kind once per process, because up to a hundred files may cause it."""
-    if kind not in _said:
-        _said.add(kind)
+    if kind not in _reported:
+        _reported.add(kind)
         Console(stderr=True, highlight=False).print(f"skfem_stvk: {text}.", style="dim", markup=False, soft_wrap=True)
 
 

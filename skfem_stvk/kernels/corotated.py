@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from numpy import uint64
+
 from .compiled import Reals, by_type, inlined
-from .lanes import LANES, I, add, dot, times, vectors
+from .lanes import LANES, add, dot, times, vectors
 from .laws import (
     FORMULAS,
     IsotropicLaw,
+    axis_forces,
+    base_vector_stiffness,
     combination,
     contracted,
-    numbers_in,
-    numbers_kept,
-    pulled,
+    law_size,
     respond,
-    spoke_stiffness,
+    scale_tensions,
+    state_size,
     strain,
     stress,
-    weigh,
 )
-from .principal import answer, lame, of_stretches
+from .principal import lame, of_stretches, stretch_response
 from .svd import decompose, present
 
 
@@ -34,7 +36,7 @@ class CorotatedLaw(NamedTuple):
 of_stretches(CorotatedLaw)
 
 
-@by_type(answer, CorotatedLaw, FORMULAS)
+@by_type(stretch_response, CorotatedLaw, FORMULAS)
 def _corotated(law, at, weight, s, e):
     (lam, mu), (_, y, z) = lame(law, at, weight), present(law.flat, law.D)
     two, half = mu + mu, law.D.dtype.type(0.5)
@@ -56,13 +58,13 @@ class WarpedLaw(NamedTuple):
     flat: Any
 
 
-@by_type(numbers_in, WarpedLaw, FORMULAS)
-def _numbers_of_the_law_that_is_warped(law):
-    return numbers_in(law.of)
+@by_type(law_size, WarpedLaw, FORMULAS)
+def _size_of_the_warped_law(law):
+    return law_size(law.of)
 
 
 @by_type(respond, WarpedLaw, FORMULAS)
-def _pull_and_turn(law, at, weight, Q, h, q):
+def _response_and_rotation(law, at, weight, Q, h, q):
     D = law.D
     energy, _, s1, s2, s3 = respond(law.of, at, weight, Q, h, q)
     M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
@@ -75,9 +77,9 @@ def _pull_and_turn(law, at, weight, Q, h, q):
     return energy, (*r1, *r2, *r3, *(o, o, o, o, o, o)), s1, s2, s3
 
 
-@by_type(spoke_stiffness, WarpedLaw, FORMULAS)
-def _turned_stiffness(law, at, weight, R, kept, lane):
-    return spoke_stiffness(law.of, at, weight, R, kept, lane)
+@by_type(base_vector_stiffness, WarpedLaw, FORMULAS)
+def _rotated_stiffness(law, at, weight, R, states, lane):
+    return base_vector_stiffness(law.of, at, weight, R, states, lane)
 
 
 class FramedLaw(NamedTuple):
@@ -89,25 +91,25 @@ class FramedLaw(NamedTuple):
     D: Reals
 
 
-@by_type(numbers_in, FramedLaw, FORMULAS)
+@by_type(law_size, FramedLaw, FORMULAS)
 def _numbers_with_a_rotation(law):
     return 17
 
 
-@by_type(numbers_kept, WarpedLaw, FORMULAS)
-@by_type(numbers_kept, FramedLaw, FORMULAS)
-def _numbers_of_a_turned_frame(law):
+@by_type(state_size, WarpedLaw, FORMULAS)
+@by_type(state_size, FramedLaw, FORMULAS)
+def _state_of_a_rotated_frame(law):
     return 15
 
 
-@by_type(weigh, WarpedLaw, FORMULAS)
-@by_type(weigh, FramedLaw, FORMULAS)
-def _weigh_nothing(law, points, kept, positive, negative):
+@by_type(scale_tensions, WarpedLaw, FORMULAS)
+@by_type(scale_tensions, FramedLaw, FORMULAS)
+def _weigh_nothing(law, points, states, positive, negative):
     """Leave the state unchanged, because the tangent contains no tensions."""
 
 
 @inlined
-def _turned_by(R, v):
+def _rotated_by(R, v):
     return dot(R[0], v), dot(R[1], v), dot(R[2], v)
 
 
@@ -115,8 +117,8 @@ def _turned_by(R, v):
 def _pull_in_a_given_frame(law, at, weight, Q, h, q):
     D = law.D
     # the rows of the rotation, stored like three vectors
-    R = vectors(D, at + I(8 * LANES))
-    r1, r2, r3 = _turned_by(R, Q[0]), _turned_by(R, Q[1]), _turned_by(R, Q[2])
+    R = vectors(D, at + uint64(8 * LANES))
+    r1, r2, r3 = _rotated_by(R, Q[0]), _rotated_by(R, Q[1]), _rotated_by(R, Q[2])
     minus = D.dtype.type(-1)
     g1, g2, g3 = add(r1, times(minus, Q[0])), add(r2, times(minus, Q[1])), add(r3, times(minus, Q[2]))
     # without cancellation where R is close to the identity: r_i . h_j + h_i . r_j + g_i . Q_j + g_j . Q_i
@@ -129,11 +131,11 @@ def _pull_in_a_given_frame(law, at, weight, Q, h, q):
         dot(r2, h[2]) + dot(h[1], r3) + dot(g2, Q[2]) + dot(Q[1], g3),
     )
     S = stress(IsotropicLaw(D), at, weight, M)
-    s1, s2, s3 = pulled(S, r1, r2, r3)
+    s1, s2, s3 = axis_forces(S, r1, r2, r3)
     o = D.dtype.type(0)
     return contracted(S, M), (*r1, *r2, *r3, *(o, o, o, o, o, o)), s1, s2, s3
 
 
-@by_type(spoke_stiffness, FramedLaw, FORMULAS)
-def _stiffness_in_a_given_frame(law, at, weight, R, kept, lane):
-    return spoke_stiffness(IsotropicLaw(law.D), at, weight, R, kept, lane)
+@by_type(base_vector_stiffness, FramedLaw, FORMULAS)
+def _stiffness_in_a_user_frame(law, at, weight, R, states, lane):
+    return base_vector_stiffness(IsotropicLaw(law.D), at, weight, R, states, lane)

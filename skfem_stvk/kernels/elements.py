@@ -29,54 +29,54 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Ids, Reals, by_type, inlined, kernel
-from .hourglass import add_sizes_of_resistance, resist, resistance_along
+from .hourglass import add_hourglass_forces, add_hourglass_magnitudes, hourglass_energy_along
 from .lanes import (
     LANES,
-    I,
     Points,
     absolute,
     add,
-    at_point,
-    find_spokes,
+    base_vectors,
+    find_base_vectors,
     gather,
+    gather_base_vectors,
     gather_both,
-    gather_sizes,
-    gather_spokes,
-    points_of,
+    gather_magnitudes,
+    nodal_zeros,
+    point_count,
+    point_vectors,
     put,
-    room,
     scatter,
-    scatter_sizes,
+    scatter_magnitudes,
     six,
-    spokes,
     spread,
     vectors,
     weight_of,
 )
 from .laws import (
     FORMULAS,
+    axis_forces,
+    base_vector_stiffness,
     between,
     conjugated,
     contracted,
     in_frame,
-    numbers_in,
-    numbers_kept,
-    on_spokes,
-    pulled,
+    law_size,
+    magnitudes,
+    on_base_vectors,
     respond,
-    sizes,
-    sizes_of_stress,
-    spoke_stiffness,
+    scale_tensions,
+    state_size,
     strain,
     stress,
-    weigh,
+    stress_magnitudes,
     weighted_sum,
 )
-from .node_pairs import put_edges, put_pairs, put_spokes, room_for_pairs
+from .llvm import prefetch_to_read
+from .node_pairs import pair_buffers, put_base_vector_blocks, put_edges, put_pairs
 from .rows import add_blocks, close_rows, open_rows
-from .wide import bring
 
 
 @inlined
@@ -98,14 +98,14 @@ def _strained(R, P, U, lane):
 @inlined
 def _put_forces(R, s1, s2, s3, forces, lane):
     """Write the forces on the base vectors, from the forces `s1, s2, s3` on the axes of the frame."""
-    f1, f2, f3 = on_spokes(R, s1, s2, s3)
+    f1, f2, f3 = on_base_vectors(R, s1, s2, s3)
     put(f1, forces, lane)
-    put(f2, forces, lane + I(3 * LANES))
-    put(f3, forces, lane + I(6 * LANES))
+    put(f2, forces, lane + uint64(3 * LANES))
+    put(f3, forces, lane + uint64(6 * LANES))
 
 
 @inlined
-def _bring(points, block, count, D, t, slots):
+def _prefetch_block(points, block, count, D, t, slots):
     """Prefetch the data of linear simplices two blocks ahead.
 
     The kernel reads more streams than the hardware prefetcher follows. For 250 000 tetrahedra, F takes 17 ns each with prefetching
@@ -113,9 +113,9 @@ def _bring(points, block, count, D, t, slots):
     """
     if points is None:
         later, width = block + 2, slots.size // (len(t) // (4 * LANES))
-        bring(D, later * count * LANES, count * LANES)
-        bring(t, later * 4 * LANES, 4 * LANES)
-        bring(slots, later * width, width)
+        prefetch_to_read(D, later * count * LANES, count * LANES)
+        prefetch_to_read(t, later * 4 * LANES, 4 * LANES)
+        prefetch_to_read(slots, later * width, width)
 
 
 @kernel
@@ -123,26 +123,26 @@ def energy_and_force(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, f: Reals
 ) -> float:
     """Return the energy of the blocks `begin` to `end`, and add their forces to the slots `f`, unless `f` is empty."""
-    D, count = law.D, numbers_in(law)
-    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
+    D, count = law.D, law_size(law)
+    x, y, total = nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype)
+    P, U, forces = point_vectors(points, x), point_vectors(points, y), point_vectors(points, total)
     W = 0.0
     for block in range(begin, end):
-        _bring(points, block, count, D, t, slots)
+        _prefetch_block(points, block, count, D, t, slots)
         gather_both(points, t, block, X, u, x, y)
         w = D.dtype.type(0)
         if points is not None:
             total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
+                lane, at = uint64(i), uint64(first + i)
                 R = six(D, at)
                 Q, h, q = _deformed(R, P, U, lane)
                 energy, _, s1, s2, s3 = respond(law, at, weight, Q, h, q)
                 w += energy
                 _put_forces(R, s1, s2, s3, forces, lane)
-            w += resist(points, block, x, y, U, 1, forces, total)
+            w += add_hourglass_forces(points, block, x, y, U, 1, forces, total)
             spread(points, block, point, forces, total)
         W += w
         if len(f) > 0:
@@ -168,51 +168,51 @@ def linearize(
     """Return the energy and the trace of the rows of K that were written (`rows`).
 
     Forces are added to the slots `f`, unless `f` is empty, and `K_ab` to the destination `to`. Tensions are multiplied by the
-    factor `positive` or `negative` for their sign (`laws.weigh`). The hourglass stiffness is multiplied by `positive`, because it
-    is a positive tension.
+    factor `positive` or `negative` for their sign (`laws.scale_tensions`). The hourglass stiffness is multiplied by `positive`,
+    because it is a positive tension.
     """
-    D, count = law.D, numbers_in(law)
-    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
-    kept = np.empty(numbers_kept(law) * LANES, D.dtype)
-    K, T, row, values = room_for_pairs(points, to.slots, D.dtype)
+    D, count = law.D, law_size(law)
+    x, y, total = nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype)
+    P, U, forces = point_vectors(points, x), point_vectors(points, y), point_vectors(points, total)
+    states = np.empty(state_size(law) * LANES, D.dtype)
+    K, T, row, values = pair_buffers(points, to.slots, D.dtype)
     nodes = (len(t) // LANES) // len(to.slots)
-    stage, place = open_rows(to)
+    buffer, buffer_state = open_rows(to)
     W = 0.0
     for block in range(begin, end):
-        _bring(points, block, count, D, t, to.slots)
+        _prefetch_block(points, block, count, D, t, to.slots)
         gather_both(points, t, block, X, u, x, y)
         w = D.dtype.type(0)
         if points is not None:
             total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, count, x, P, y, U), weight_of(points, point, D)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
+                lane, at = uint64(i), uint64(first + i)
                 R = six(D, at)
                 Q, h, q = _deformed(R, P, U, lane)
                 energy, state, s1, s2, s3 = respond(law, at, weight, Q, h, q)
                 w += energy
                 _put_forces(R, s1, s2, s3, forces, lane)
-                put(state, kept, lane)
-            w += resist(points, block, x, y, U, 1, forces, total)
+                put(state, states, lane)
+            w += add_hourglass_forces(points, block, x, y, U, 1, forces, total)
             spread(points, block, point, forces, total)
             if positive != 1 or negative != 1:
-                weigh(law, points, kept, positive, negative)
+                scale_tensions(law, points, states, positive, negative)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
+                lane, at = uint64(i), uint64(first + i)
                 R = six(D, at)
-                stiffness = spoke_stiffness(law, at, weight, R, kept, lane)
+                stiffness = base_vector_stiffness(law, at, weight, R, states, lane)
                 if points is None:
                     put_edges(stiffness, values, lane)
                 else:
-                    put_spokes(stiffness, K, point, lane)
+                    put_base_vector_blocks(stiffness, K, point, lane)
         put_pairs(points, block, nodes, K, x, D.dtype.type(positive), T, row, values)
         W += w
         if len(f) > 0:
             scatter(points, slots, block, total, f)
-        place = add_blocks(to, points, stage, place, block, values)
-    return W / 4, close_rows(to, stage, place)
+        buffer_state = add_blocks(to, points, buffer, buffer_state, block, values)
+    return W / 4, close_rows(to, buffer, buffer_state)
 
 
 @kernel
@@ -220,8 +220,8 @@ def _scatter_tensions(edge_slots, block, values, out):
     edges = edge_slots.shape[1] // LANES
     for lane in range(LANES):
         for edge in range(edges):
-            at = I(edge * LANES + lane)
-            out[I(edge_slots[block, at])] += values[at]
+            at = uint64(edge * LANES + lane)
+            out[uint64(edge_slots[block, at])] += values[at]
 
 
 @kernel
@@ -230,12 +230,12 @@ def tensions(begin: int, end: int, t: Ids, edge_slots: Ids, marks: Ids, law: Any
 
     With `T = Ri S Ri'` the tensions are `t_ij = -T_ij`, `t_0i = sum_j T_ij`.
     """
-    D, count = law.D, numbers_in(law)
+    D, count = law.D, law_size(law)
     P, U, values = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(6 * LANES, D.dtype)
     for block in range(begin, end):
-        gather_spokes(t, block, X, u, P, U)
+        gather_base_vectors(t, block, X, u, P, U)
         for i in range(LANES):
-            lane, at = I(i), I(block * count * LANES + i)
+            lane, at = uint64(i), uint64(block * count * LANES + i)
             R = six(D, at)
             _, M = _strained(R, P, U, lane)
             T = conjugated(R, stress(law, at, D.dtype.type(1), M))
@@ -249,9 +249,9 @@ def along(
     begin: int, end: int, t: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals
 ) -> tuple[float, float, float, float, float]:
     """Return the five coefficients of the energy of the blocks `begin` to `end` along `u + s v`, a quartic in `s`."""
-    D, count = law.D, numbers_in(law)
-    x, y, z = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, V = at_point(points, x), at_point(points, y), at_point(points, z)
+    D, count = law.D, law_size(law)
+    x, y, z = nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype)
+    P, U, V = point_vectors(points, x), point_vectors(points, y), point_vectors(points, z)
     c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
     zero = D.dtype.type(0)
     for block in range(begin, end):
@@ -259,11 +259,11 @@ def along(
         gather(points, t, block, u, y)
         gather(points, t, block, v, z)
         w0, w1, w2, w3, w4 = zero, zero, zero, zero, zero
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
-            spokes(points, block, point, z, V)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, count, x, P, y, U), weight_of(points, point, D)
+            base_vectors(points, block, point, z, V)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
+                lane, at = uint64(i), uint64(first + i)
                 R = six(D, at)
                 (q1, q2, q3), M = _strained(R, P, U, lane)
                 S = stress(law, at, weight, M)
@@ -277,7 +277,7 @@ def along(
                 w2 += contracted(S, O) + contracted(T, N)
                 w3 += contracted(T, O)
                 w4 += contracted(stress(law, at, weight, O), O)
-            rr, rs, ss = resistance_along(points, block, x, y, U, z, V)
+            rr, rs, ss = hourglass_energy_along(points, block, x, y, U, z, V)
             w0, w1, w2 = w0 + rr, w1 + rs, w2 + ss
         c0, c1, c2, c3, c4 = c0 + w0, c1 + w1, c2 + w2, c3 + w3, c4 + w4
     return c0 / 4, c1 / 2, c2 / 4, c3 / 4, c4 / 16
@@ -295,59 +295,64 @@ class StressOfRates(NamedTuple):
     """Rule of forces at velocities `v`: the stress `S'` acts along `q_i`."""
 
 
-def pulls_along(rule: Any, law: Any, at: Any, weight: Any, rest: Any, moved: Any, now: Any, change: Any) -> Any:
+def rule_forces(rule: Any, law: Any, at: Any, weight: Any, rest: Any, moved: Any, now: Any, change: Any) -> Any:
     """Return a number that is summed over the points, and the forces on the axes of the frame, by a rule such as `MeanStress`.
 
     `rest`, `moved`, `now`, `change` : the frame at rest Q, its displacements h, q = Q + h, and H, the v in the frame.
     """
-    return FORMULAS["pulls_along", type(rule)](rule, law, at, weight, rest, moved, now, change)
+    return FORMULAS["rule_forces", type(rule)](rule, law, at, weight, rest, moved, now, change)
 
 
-def share_of_resistance(rule: Any) -> tuple[float, float]:
+def hourglass_share(rule: Any) -> tuple[float, float]:
     """Return the factor of the hourglass forces, and theta: the forces are evaluated at `u + theta v`."""
-    return FORMULAS["share_of_resistance", type(rule)](rule)
+    return FORMULAS["hourglass_share", type(rule)](rule)
 
 
-@by_type(share_of_resistance, MeanStress, FORMULAS)
+@by_type(hourglass_share, MeanStress, FORMULAS)
 def _mean_share(rule):
     return rule.w0 + rule.w1, rule.theta
 
 
-@by_type(share_of_resistance, StressOfRates, FORMULAS)
+@by_type(hourglass_share, StressOfRates, FORMULAS)
 def _no_share(rule):
     return 0.0, 0.0
 
 
-@by_type(pulls_along, MeanStress, FORMULAS)
-def _pull_of_means(rule, law, at, weight, Q, h, q, H):
+@by_type(rule_forces, MeanStress, FORMULAS)
+def _forces_of_mean_stress(rule, law, at, weight, Q, h, q, H):
     number = law.D.dtype.type
     S = stress(law, at, weight, strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2]))
     N = strain(H[0], H[1], H[2], q[0], q[1], q[2], add(q[0], H[0]), add(q[1], H[1]), add(q[2], H[2]))
     T = stress(law, at, weight, N)
-    return contracted(T, N) / 4, pulled(
+    return contracted(T, N) / 4, axis_forces(
         weighted_sum(number(rule.w0 + rule.w1), S, number(rule.w1), T), *between(q, number(rule.theta), H)
     )
 
 
-@by_type(pulls_along, StressOfRates, FORMULAS)
-def _pull_of_rates(rule, law, at, weight, Q, h, q, H):
+@by_type(rule_forces, StressOfRates, FORMULAS)
+def _forces_of_rates(rule, law, at, weight, Q, h, q, H):
     N = strain(H[0], H[1], H[2], q[0], q[1], q[2], q[0], q[1], q[2])
     T = stress(law, at, weight, N)
-    return contracted(T, N) / 4, pulled(T, q[0], q[1], q[2])
+    return contracted(T, N) / 4, axis_forces(T, q[0], q[1], q[2])
 
 
 @kernel
-def forces_along(
+def forces_between(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, rule: Any, f: Reals
 ) -> float:
     """Add forces between the states `u` and `u + v` to the slots `f`, by a rule such as `MeanStress`.
 
     Returns the sum of the numbers of the rule over the points of the blocks `begin` to `end`.
     """
-    D, count = law.D, numbers_in(law)
-    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, V, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
-    factor, theta = share_of_resistance(rule)
+    D, count = law.D, law_size(law)
+    x, y, z, total = (
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+    )
+    P, U, V, forces = point_vectors(points, x), point_vectors(points, y), point_vectors(points, z), point_vectors(points, total)
+    factor, theta = hourglass_share(rule)
     both, part = D.dtype.type(factor), D.dtype.type(theta)
     more = 0.0
     for block in range(begin, end):
@@ -357,19 +362,19 @@ def forces_along(
         r = D.dtype.type(0)
         if points is not None:
             total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
-            spokes(points, block, point, z, V)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, count, x, P, y, U), weight_of(points, point, D)
+            base_vectors(points, block, point, z, V)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
+                lane, at = uint64(i), uint64(first + i)
                 R = six(D, at)
                 Q, h, q = _deformed(R, P, U, lane)
                 V1, V2, V3 = vectors(V, lane)
-                added, (s1, s2, s3) = pulls_along(rule, law, at, weight, Q, h, q, in_frame(R, V1, V2, V3))
+                added, (s1, s2, s3) = rule_forces(rule, law, at, weight, Q, h, q, in_frame(R, V1, V2, V3))
                 r += added
                 _put_forces(R, s1, s2, s3, forces, lane)
-            resist(points, block, x, y, U, both, forces, total)
-            resist(points, block, x, z, V, both * part, forces, total)
+            add_hourglass_forces(points, block, x, y, U, both, forces, total)
+            add_hourglass_forces(points, block, x, z, V, both * part, forces, total)
             spread(points, block, point, forces, total)
         more += r
         scatter(points, slots, block, total, f)
@@ -382,7 +387,7 @@ def _absolute(a):
 
 
 @inlined
-def _sizes_of_strain(h, Q, q, eh, eQ, eq):
+def _strain_magnitudes(h, Q, q, eh, eQ, eq):
     """Return the first-order change of `q_i . h_j + h_i . Q_j` by errors `eh, eQ, eq`, with all terms in absolute value."""
     d = (_absolute(h[0]), _absolute(h[1]), _absolute(h[2]))
     D = (_absolute(Q[0]), _absolute(Q[1]), _absolute(Q[2]))
@@ -400,45 +405,50 @@ def round_off(begin: int, end: int, t: Ids, slots: Ids, points: Points | None, l
     |u_0|`, because `u` itself is rounded. A base vector in the frame is replaced by `sum_i |Ri_ij| |P_i|`, which is much larger
     than `|Q_j|` for a flat element.
     """
-    D, count = law.D, numbers_in(law)
-    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U = at_point(points, x), at_point(points, y)
-    X_size, U_size, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), at_point(points, total)
+    D, count = law.D, law_size(law)
+    x, y, z, total = (
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+    )
+    P, U = point_vectors(points, x), point_vectors(points, y)
+    X_size, U_size, forces = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), point_vectors(points, total)
     table = absolute(points)
     for block in range(begin, end):
         gather(points, t, block, X, x)
         gather(points, t, block, u, y)
         if points is not None:
             total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, count, x, P, y, U), weight_of(points, point, D)
-            gather_sizes(points, t, block, u, z)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, count, x, P, y, U), weight_of(points, point, D)
+            gather_magnitudes(points, t, block, u, z)
             if points is None:
                 X_size[:], U_size[:] = np.abs(x), z
             else:
-                spokes(table, block, point, z, U_size)
-                spokes(table, block, point, np.abs(x), X_size)
+                base_vectors(table, block, point, z, U_size)
+                base_vectors(table, block, point, np.abs(x), X_size)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
+                lane, at = uint64(i), uint64(first + i)
                 R = six(D, at)
                 Q, h, q = _deformed(R, P, U, lane)
-                R = sizes(R)
+                R = magnitudes(R)
                 P1, P2, P3 = vectors(X_size, lane)
                 U1, U2, U3 = vectors(U_size, lane)
                 eQ, eh = in_frame(R, P1, P2, P3), in_frame(R, U1, U2, U3)
                 eq = (add(eQ[0], eh[0]), add(eQ[1], eh[1]), add(eQ[2], eh[2]))
                 M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
                 S, dS = (
-                    sizes_of_stress(law, at, weight, sizes(M)),
-                    sizes_of_stress(law, at, weight, _sizes_of_strain(h, Q, q, eh, eQ, eq)),
+                    stress_magnitudes(law, at, weight, magnitudes(M)),
+                    stress_magnitudes(law, at, weight, _strain_magnitudes(h, Q, q, eh, eQ, eq)),
                 )
-                a1, a2, a3 = pulled(S, add(_absolute(q[0]), eq[0]), add(_absolute(q[1]), eq[1]), add(_absolute(q[2]), eq[2]))
-                b1, b2, b3 = pulled(dS, _absolute(q[0]), _absolute(q[1]), _absolute(q[2]))
+                a1, a2, a3 = axis_forces(S, add(_absolute(q[0]), eq[0]), add(_absolute(q[1]), eq[1]), add(_absolute(q[2]), eq[2]))
+                b1, b2, b3 = axis_forces(dS, _absolute(q[0]), _absolute(q[1]), _absolute(q[2]))
                 s1, s2, s3 = add(a1, b1), add(a2, b2), add(a3, b3)
-                f1, f2, f3 = on_spokes(R, s1, s2, s3)
+                f1, f2, f3 = on_base_vectors(R, s1, s2, s3)
                 put(f1, forces, lane)
-                put(f2, forces, lane + I(3 * LANES))
-                put(f3, forces, lane + I(6 * LANES))
-            add_sizes_of_resistance(points, block, x, z, U_size, forces, total)
+                put(f2, forces, lane + uint64(3 * LANES))
+                put(f3, forces, lane + uint64(6 * LANES))
+            add_hourglass_magnitudes(points, block, x, z, U_size, forces, total)
             spread(table, block, point, forces, total)
-        scatter_sizes(points, slots, block, total, f)
+        scatter_magnitudes(points, slots, block, total, f)

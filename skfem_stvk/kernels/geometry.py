@@ -9,7 +9,7 @@ from .lanes import cross, dot
 
 
 @inlined
-def _spoke(p, a, b):
+def _base_vector(p, a, b):
     d = len(p)
     return p[0, b] - p[0, a], p[1, b] - p[1, a] if d > 1 else 0.0, p[2, b] - p[2, a] if d > 2 else 0.0
 
@@ -30,17 +30,17 @@ def measures(p: Reals, t: Ids) -> Reals:
     k, nt = len(t) - 1, t.shape[1]
     out = np.empty((3, nt))
     for e in range(nt):
-        a = _spoke(p, t[0, e], t[1, e])
+        a = _base_vector(p, t[0, e], t[1, e])
         if k == 1:
             out[0, e], out[1, e], out[2, e] = _norm(a), _norm(a), 1.0
             continue
-        b = _spoke(p, t[0, e], t[2, e])
+        b = _base_vector(p, t[0, e], t[2, e])
         n, ab = cross(a, b), _difference(b, a)
         longest = max(_norm(a), _norm(b), _norm(ab))
         if k == 2:
             out[0, e], out[1, e], out[2, e] = _norm(n), longest, longest
             continue
-        c = _spoke(p, t[0, e], t[3, e])
+        c = _base_vector(p, t[0, e], t[3, e])
         ac = _difference(c, a)
         out[0, e] = abs(dot(n, c))
         out[1, e] = max(longest, _norm(c), _norm(ac), _norm(_difference(c, b)))
@@ -53,12 +53,12 @@ def measures(p: Reals, t: Ids) -> Reals:
 # rounding errors, so it is switched off.
 
 
-def _to_the_letter(function):
+def _without_fastmath(function):
     return inlined(function, fastmath=False)
 
 
-@_to_the_letter
-def _product(a, b):
+@_without_fastmath
+def _product_with_error(a, b):
     """Return `a b` and its rounding error."""
     p, x, y = a * b, 134217729.0 * a, 134217729.0 * b
     a1, b1 = x - (x - a), y - (y - b)
@@ -66,37 +66,37 @@ def _product(a, b):
     return p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2
 
 
-@_to_the_letter
-def _sum(a, b):
+@_without_fastmath
+def _sum_with_error(a, b):
     """Return `a + b` and its rounding error."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
 
 
-@_to_the_letter
-def _products_apart(a, b, c, d):
+@_without_fastmath
+def _difference_of_products(a, b, c, d):
     """Return `a b - c d` as a sum of two numbers."""
-    (p, e), (q, g) = _product(a, b), _product(c, d)
-    s, h = _sum(p, -q)
-    return _sum(s, h + (e - g))
+    (p, e), (q, g) = _product_with_error(a, b), _product_with_error(c, d)
+    s, h = _sum_with_error(p, -q)
+    return _sum_with_error(s, h + (e - g))
 
 
-@_to_the_letter
-def _cross_in_parts(a, b):
+@_without_fastmath
+def _cross_with_error(a, b):
     """Return `a x b` and its rounding error."""
-    x, u = _products_apart(a[1], b[2], a[2], b[1])
-    y, v = _products_apart(a[2], b[0], a[0], b[2])
-    z, w = _products_apart(a[0], b[1], a[1], b[0])
+    x, u = _difference_of_products(a[1], b[2], a[2], b[1])
+    y, v = _difference_of_products(a[2], b[0], a[0], b[2])
+    z, w = _difference_of_products(a[0], b[1], a[1], b[0])
     return (x, y, z), (u, v, w)
 
 
-@_to_the_letter
-def _dot_in_parts(a, rest, b):
+@_without_fastmath
+def _accurate_dot(a, rest, b):
     """Return `(a + rest) . b` with a single rounding error."""
-    (x, u), (y, v), (z, w) = _product(a[0], b[0]), _product(a[1], b[1]), _product(a[2], b[2])
-    s, g = _sum(x, y)
-    s, h = _sum(s, z)
+    (x, u), (y, v), (z, w) = _product_with_error(a[0], b[0]), _product_with_error(a[1], b[1]), _product_with_error(a[2], b[2])
+    s, g = _sum_with_error(x, y)
+    s, h = _sum_with_error(s, z)
     return s + (((u + v) + w) + (g + h) + (rest[0] * b[0] + rest[1] * b[1] + rest[2] * b[2]))
 
 
@@ -107,14 +107,14 @@ def _put_frame(a, b, c, k, e, out):
     out[0, e] = 1 / r11
     out[6, e] = r11
     if k > 1:
-        n, rest = _cross_in_parts(a, b)
+        n, rest = _cross_with_error(a, b)
         area = _norm(n)
         r12, r22 = dot(a, b) / r11, area / r11
         out[1, e], out[3, e] = -r12 / area, 1 / r22
         out[6, e] = area
         if k > 2:
             # q_2 = n x a over its length; the third axis of a frame points to the side of the third base vector
-            height = _dot_in_parts(n, rest, c) / area
+            height = _accurate_dot(n, rest, c) / area
             along, across = dot(a, c) / r11, dot(cross(n, a), c) / (area * r11)
             r33 = abs(height)
             out[2, e], out[4, e], out[5, e] = (r12 / r22 * across - along) / (r11 * r33), -across / (r22 * r33), 1 / r33
@@ -130,15 +130,15 @@ def frames(p: Reals, t: Ids) -> Reals:
     k, nt = len(t) - 1, t.shape[1]
     out = np.zeros((7, nt))
     for e in range(nt):
-        a = _spoke(p, t[0, e], t[1, e])
-        b = _spoke(p, t[0, e], t[2, e]) if k > 1 else a
-        c = _spoke(p, t[0, e], t[3, e]) if k > 2 else a
+        a = _base_vector(p, t[0, e], t[1, e])
+        b = _base_vector(p, t[0, e], t[2, e]) if k > 1 else a
+        c = _base_vector(p, t[0, e], t[3, e]) if k > 2 else a
         _put_frame(a, b, c, k, e, out)
     return out
 
 
 @kernel
-def frames_of_spokes(P: Reals) -> Reals:
+def frames_of_base_vectors(P: Reals) -> Reals:
     """Return `Ri` and the determinant of `R`, (7, n), for base vectors `P` (n, k, 3) at points of any elements.
 
     The order of `Ri` is that of `frames`.

@@ -23,59 +23,60 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import by_type, kernel
-from .lanes import ELEMENT, LANES, I, MeanPoints, Points
+from .lanes import ELEMENT, LANES, MeanPoints, Points
 
 
-def resist(points: Any, block: Any, x: Any, y: Any, U: Any, factor: Any, forces: Any, total: Any) -> Any:
+def add_hourglass_forces(points: Any, block: Any, x: Any, y: Any, U: Any, factor: Any, forces: Any, total: Any) -> Any:
     """Add `factor` times the hourglass forces of displacements to base vectors and to nodes, and return four times the energy.
 
     `x`, `y` are the nodal differences from `gather` at rest and of displacements; `U` are the displacements of the base vectors.
     """
-    return ELEMENT["resist", type(points)](points, block, x, y, U, factor, forces, total)
+    return ELEMENT["add_hourglass_forces", type(points)](points, block, x, y, U, factor, forces, total)
 
 
-def resistance_along(points: Any, block: Any, x: Any, y: Any, U: Any, z: Any, V: Any) -> Any:
+def hourglass_energy_along(points: Any, block: Any, x: Any, y: Any, U: Any, z: Any, V: Any) -> Any:
     """Return `4 c sum r_k . r_k`, `4 c sum r_k . s_k` and `4 c sum s_k . s_k` of a block.
 
     `r` are the modes of the displacements `y`, and `s` those of `z`.
     """
-    return ELEMENT["resistance_along", type(points)](points, block, x, y, U, z, V)
+    return ELEMENT["hourglass_energy_along", type(points)](points, block, x, y, U, z, V)
 
 
-def add_sizes_of_resistance(points: Any, block: Any, x: Any, z: Any, U: Any, forces: Any, total: Any) -> None:
+def add_hourglass_magnitudes(points: Any, block: Any, x: Any, z: Any, U: Any, forces: Any, total: Any) -> None:
     """Add the absolute values of the terms of the hourglass forces, for magnitudes `z` of displacements and `U` of base vectors."""
-    ELEMENT["add_sizes_of_resistance", type(points)](points, block, x, z, U, forces, total)
+    ELEMENT["add_hourglass_magnitudes", type(points)](points, block, x, z, U, forces, total)
 
 
-@by_type(resist, type(None), ELEMENT)
-def _simplices_resist(points, block, x, y, U, factor, forces, total):
+@by_type(add_hourglass_forces, type(None), ELEMENT)
+def _no_forces_of_simplices(points, block, x, y, U, factor, forces, total):
     return 0
 
 
-@by_type(resist, Points, ELEMENT)
-def _tables_resist(points, block, x, y, U, factor, forces, total):
+@by_type(add_hourglass_forces, Points, ELEMENT)
+def _no_forces_of_tables(points, block, x, y, U, factor, forces, total):
     return 0
 
 
-@by_type(resistance_along, type(None), ELEMENT)
-def _simplices_along(points, block, x, y, U, z, V):
+@by_type(hourglass_energy_along, type(None), ELEMENT)
+def _no_energy_of_simplices(points, block, x, y, U, z, V):
     return 0, 0, 0
 
 
-@by_type(resistance_along, Points, ELEMENT)
-def _tables_along(points, block, x, y, U, z, V):
+@by_type(hourglass_energy_along, Points, ELEMENT)
+def _no_energy_of_tables(points, block, x, y, U, z, V):
     return 0, 0, 0
 
 
-@by_type(add_sizes_of_resistance, type(None), ELEMENT)
-def _simplices_sizes(points, block, x, z, U, forces, total):
+@by_type(add_hourglass_magnitudes, type(None), ELEMENT)
+def _no_magnitudes_of_simplices(points, block, x, z, U, forces, total):
     pass
 
 
-@by_type(add_sizes_of_resistance, Points, ELEMENT)
-def _tables_sizes(points, block, x, z, U, forces, total):
+@by_type(add_hourglass_magnitudes, Points, ELEMENT)
+def _no_magnitudes_of_tables(points, block, x, z, U, forces, total):
     pass
 
 
@@ -85,10 +86,10 @@ def _sums(modes, k, x, out):
     out[:] = 0
     for group in range(modes.shape[1] // 3):
         h1, h2, h3 = modes[k, 3 * group], modes[k, 3 * group + 1], modes[k, 3 * group + 2]
-        first = I(9 * group * LANES)
+        first = uint64(9 * group * LANES)
         for i in range(3 * LANES):
-            at = first + I(i)
-            out[I(i)] += h1 * x[at] + h2 * x[at + I(3 * LANES)] + h3 * x[at + I(6 * LANES)]
+            at = first + uint64(i)
+            out[uint64(i)] += h1 * x[at] + h2 * x[at + uint64(3 * LANES)] + h3 * x[at + uint64(6 * LANES)]
 
 
 @kernel
@@ -98,18 +99,18 @@ def _amplitude(points, k, x, y, U, shape, r):
     _sums(points.modes, k, y, r)
     for c in range(3):
         for i in range(LANES):
-            lane = I(i)
-            at = I(c * LANES) + lane
+            lane = uint64(i)
+            at = uint64(c * LANES) + lane
             along = (
                 shape[lane] * U[at]
-                + shape[lane + I(LANES)] * U[at + I(3 * LANES)]
-                + shape[lane + I(2 * LANES)] * U[at + I(6 * LANES)]
+                + shape[lane + uint64(LANES)] * U[at + uint64(3 * LANES)]
+                + shape[lane + uint64(2 * LANES)] * U[at + uint64(6 * LANES)]
             )
             r[at] -= along
 
 
-@by_type(resist, MeanPoints, ELEMENT)
-def _means_resist(points, block, x, y, U, factor, forces, total):
+@by_type(add_hourglass_forces, MeanPoints, ELEMENT)
+def _hourglass_forces(points, block, x, y, U, factor, forces, total):
     shape, r = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
     four = x.dtype.type(0)
     both = x.dtype.type(2 * factor)
@@ -117,27 +118,27 @@ def _means_resist(points, block, x, y, U, factor, forces, total):
         _amplitude(points, k, x, y, U, shape, r)
         for c in range(3):
             for i in range(LANES):
-                at = I(c * LANES + i)
-                resistance = points.resistance[block, I(i)]
-                four += 4 * resistance * r[at] * r[at]
-                r[at] *= both * resistance
+                at = uint64(c * LANES + i)
+                hourglass_stiffness = points.hourglass_stiffness[block, uint64(i)]
+                four += 4 * hourglass_stiffness * r[at] * r[at]
+                r[at] *= both * hourglass_stiffness
         for group in range(points.modes.shape[1] // 3):
             h1, h2, h3 = points.modes[k, 3 * group], points.modes[k, 3 * group + 1], points.modes[k, 3 * group + 2]
-            first = I(9 * group * LANES)
+            first = uint64(9 * group * LANES)
             for i in range(3 * LANES):
-                at, ri = first + I(i), r[I(i)]
+                at, ri = first + uint64(i), r[uint64(i)]
                 total[at] += h1 * ri
-                total[at + I(3 * LANES)] += h2 * ri
-                total[at + I(6 * LANES)] += h3 * ri
+                total[at + uint64(3 * LANES)] += h2 * ri
+                total[at + uint64(6 * LANES)] += h3 * ri
         for j in range(3):
             for c in range(3):
                 for i in range(LANES):
-                    forces[I((3 * j + c) * LANES + i)] -= shape[I(j * LANES + i)] * r[I(c * LANES + i)]
+                    forces[uint64((3 * j + c) * LANES + i)] -= shape[uint64(j * LANES + i)] * r[uint64(c * LANES + i)]
     return four
 
 
-@by_type(resistance_along, MeanPoints, ELEMENT)
-def _means_along(points, block, x, y, U, z, V):
+@by_type(hourglass_energy_along, MeanPoints, ELEMENT)
+def _hourglass_energy(points, block, x, y, U, z, V):
     shape, r, s = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
     zero = x.dtype.type(0)
     rr, rs, ss = zero, zero, zero
@@ -146,46 +147,46 @@ def _means_along(points, block, x, y, U, z, V):
         _amplitude(points, k, x, z, V, shape, s)
         for c in range(3):
             for i in range(LANES):
-                at = I(c * LANES + i)
-                resistance = 4 * points.resistance[block, I(i)]
-                rr += resistance * r[at] * r[at]
-                rs += resistance * r[at] * s[at]
-                ss += resistance * s[at] * s[at]
+                at = uint64(c * LANES + i)
+                hourglass_stiffness = 4 * points.hourglass_stiffness[block, uint64(i)]
+                rr += hourglass_stiffness * r[at] * r[at]
+                rs += hourglass_stiffness * r[at] * s[at]
+                ss += hourglass_stiffness * s[at] * s[at]
     return rr, rs, ss
 
 
-@by_type(add_sizes_of_resistance, MeanPoints, ELEMENT)
-def _means_sizes(points, block, x, z, U, forces, total):
+@by_type(add_hourglass_magnitudes, MeanPoints, ELEMENT)
+def _hourglass_magnitudes(points, block, x, z, U, forces, total):
     shape, r = np.empty(3 * LANES, x.dtype), np.empty(3 * LANES, x.dtype)
     for k in range(len(points.modes)):
         _sums(points.modes, k, x, shape)
         _sums(np.abs(points.modes), k, z, r)
         for c in range(3):
             for i in range(LANES):
-                lane = I(i)
-                at = I(c * LANES) + lane
+                lane = uint64(i)
+                at = uint64(c * LANES) + lane
                 along = (
                     abs(shape[lane]) * U[at]
-                    + abs(shape[lane + I(LANES)]) * U[at + I(3 * LANES)]
-                    + abs(shape[lane + I(2 * LANES)]) * U[at + I(6 * LANES)]
+                    + abs(shape[lane + uint64(LANES)]) * U[at + uint64(3 * LANES)]
+                    + abs(shape[lane + uint64(2 * LANES)]) * U[at + uint64(6 * LANES)]
                 )
-                r[at] = 2 * points.resistance[block, lane] * (r[at] + along)
+                r[at] = 2 * points.hourglass_stiffness[block, lane] * (r[at] + along)
         for a in range(points.modes.shape[1]):
             h = abs(points.modes[k, a])
             for i in range(3 * LANES):
-                total[I(3 * a * LANES + i)] += h * r[I(i)]
+                total[uint64(3 * a * LANES + i)] += h * r[uint64(i)]
         for j in range(3):
             for c in range(3):
                 for i in range(LANES):
-                    forces[I((3 * j + c) * LANES + i)] += abs(shape[I(j * LANES + i)]) * r[I(c * LANES + i)]
+                    forces[uint64((3 * j + c) * LANES + i)] += abs(shape[uint64(j * LANES + i)]) * r[uint64(c * LANES + i)]
 
 
 @kernel
-def put_pairs_of_means(points, block, nodes, K, x, kept, T, out):
+def put_pairs_of_means(points, block, nodes, K, x, factor, T, out):
     """Write the blocks of all node pairs `(a, b)`, a < b, of a block of boxes.
 
     `K` is the stiffness between base vectors. `x` are the nodal differences at rest. The hourglass stiffness is multiplied by
-    `kept`.
+    `factor`.
     """
     B, modes, n = points.B, points.modes, nodes - 1
     NINE = 9 * LANES
@@ -204,35 +205,37 @@ def put_pairs_of_means(points, block, nodes, K, x, kept, T, out):
     for a in range(n):
         for j in range(3):
             for e in range(9):
-                of = I((9 * j + e) * LANES)
+                of = uint64((9 * j + e) * LANES)
                 for i in range(LANES):
-                    at = of + I(i)
+                    at = of + uint64(i)
                     T[at] = (
                         B[block, a, 0, i] * K[at]
-                        + B[block, a, 1, i] * K[at + I(3 * NINE)]
-                        + B[block, a, 2, i] * K[at + I(6 * NINE)]
+                        + B[block, a, 1, i] * K[at + uint64(3 * NINE)]
+                        + B[block, a, 2, i] * K[at + uint64(6 * NINE)]
                     )
         for b in range(a, n):
             for e in range(9):
-                of = I(e * LANES)
+                of = uint64(e * LANES)
                 for i in range(LANES):
-                    at = of + I(i)
+                    at = of + uint64(i)
                     row[at] = (
-                        B[block, b, 0, i] * T[at] + B[block, b, 1, i] * T[at + I(NINE)] + B[block, b, 2, i] * T[at + I(2 * NINE)]
+                        B[block, b, 0, i] * T[at]
+                        + B[block, b, 1, i] * T[at + uint64(NINE)]
+                        + B[block, b, 2, i] * T[at + uint64(2 * NINE)]
                     )
             for k in range(len(modes)):
                 for i in range(LANES):
-                    value = 2 * kept * points.resistance[block, i] * gamma[k, a, i] * gamma[k, b, i]
-                    row[I(i)] += value
-                    row[I(4 * LANES + i)] += value
-                    row[I(8 * LANES + i)] += value
+                    value = 2 * factor * points.hourglass_stiffness[block, i] * gamma[k, a, i] * gamma[k, b, i]
+                    row[uint64(i)] += value
+                    row[uint64(4 * LANES + i)] += value
+                    row[uint64(8 * LANES + i)] += value
             for i in range(NINE):
-                out[I(b * NINE + i)] -= row[I(i)]
+                out[uint64(b * NINE + i)] -= row[uint64(i)]
             if b > a:
                 for i in range(NINE):
-                    out[I(pair * NINE + i)] = row[I(i)]
+                    out[uint64(pair * NINE + i)] = row[uint64(i)]
                 for e in range(9):
-                    turned = 3 * (e % 3) + e // 3
+                    transposed = 3 * (e % 3) + e // 3
                     for i in range(LANES):
-                        out[I(a * NINE + e * LANES + i)] -= row[I(turned * LANES + i)]
+                        out[uint64(a * NINE + e * LANES + i)] -= row[uint64(transposed * LANES + i)]
                 pair += 1

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from .compiled import Reals, by_type, inlined
 from .laws import FORMULAS
-from .principal import answer, lame, of_stretches
+from .principal import lame, of_stretches, stretch_response
 from .svd import present, small
 
 
@@ -48,7 +48,7 @@ def _flip(c, b, s, t, free, T, lam, mu, one, tiny):
     return share * (T + mu * (c * c + c * b + b * b - one)) + (one - share) * (lam + mu + mu - lam * b * b)
 
 
-@by_type(answer, InvertibleLaw, FORMULAS)
+@by_type(stretch_response, InvertibleLaw, FORMULAS)
 def _invertible(law, at, weight, s, e):
     (lam, mu), (x, y, z), D = lame(law, at, weight), present(law.flat, law.D), law.D
     one, half, a, tiny = D.dtype.type(1), D.dtype.type(0.5), D.dtype.type(law.threshold), small(D)

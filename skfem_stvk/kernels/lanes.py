@@ -6,6 +6,8 @@ LLVM recognises this because arrays have one dimension and offsets are known at 
 Arrays: `t` vertices (blocks 4 LANES), and `slots` of their forces. `edge_slots` (blocks, edges LANES) are the slots of edge blocks.
 `X`, `u`, `v` are (3 nv,) in double precision, `f` is (3 slots,), `blocks` (9 slots,). The base vectors at rest `P`, the edge
 differences `U`, `V` of `u`, `v`, and the forces of a block are (9 LANES,).
+
+Indices are `uint64`, because numba tests signed indices for wrap-around.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import overload
+from numpy import uint64
 
 from .compiled import OPTIONS_OF_PIECES, Ids, Reals, by_type, inlined, kernel
 
@@ -24,26 +27,30 @@ LANES = 16
 #: Highest bit of a slot: the block is added transposed.
 TRANSPOSED = np.uint32(1 << 31)
 
-#: Type of indices. They are unsigned, because numba tests signed indices for wrap-around.
-I = np.uint64
-
 
 @inlined
 def vector(a, at):
     """Return three components with a stride of LANES."""
-    return a[at], a[at + I(LANES)], a[at + I(2 * LANES)]
+    return a[at], a[at + uint64(LANES)], a[at + uint64(2 * LANES)]
 
 
 @inlined
 def six(a, at):
     """Return six numbers with a stride of LANES: the components of `Ri`, or of a symmetric matrix."""
-    return a[at], a[at + I(LANES)], a[at + I(2 * LANES)], a[at + I(3 * LANES)], a[at + I(4 * LANES)], a[at + I(5 * LANES)]
+    return (
+        a[at],
+        a[at + uint64(LANES)],
+        a[at + uint64(2 * LANES)],
+        a[at + uint64(3 * LANES)],
+        a[at + uint64(4 * LANES)],
+        a[at + uint64(5 * LANES)],
+    )
 
 
 @inlined
 def vectors(a, lane):
     """Return the three vectors of an element at a point, such as its base vectors."""
-    return vector(a, lane), vector(a, lane + I(3 * LANES)), vector(a, lane + I(6 * LANES))
+    return vector(a, lane), vector(a, lane + uint64(3 * LANES)), vector(a, lane + uint64(6 * LANES))
 
 
 @inlined
@@ -73,7 +80,7 @@ def cross(a, b):
 def put(a: Any, out: Any, at: Any) -> None:
     """Write numbers with a stride of LANES."""
     for i in range(len(a)):
-        out[at + I(i * LANES)] = a[i]
+        out[at + uint64(i * LANES)] = a[i]
 
 
 def _put_parts(a, out, at):
@@ -82,7 +89,7 @@ def _put_parts(a, out, at):
     A loop that is not unrolled prevents vectorisation of the surrounding loop over the lanes.
     """
     put(a[:15], out, at)
-    put(a[15:], out, at + I(15 * LANES))
+    put(a[15:], out, at + uint64(15 * LANES))
 
 
 @overload(put, jit_options=OPTIONS_OF_PIECES, strict=False)
@@ -91,21 +98,21 @@ def _put_of_length(a, out, at):
 
 
 @kernel
-def gather_spokes(t, block, X, u, P, U):
+def gather_base_vectors(t, block, X, u, P, U):
     """Write the base vectors of a block at rest, and the differences of their displacements, both in double precision.
 
     The two are stored separately, because the compiler may reorder the sum `(X_b - X_a) + (u_b - u_a)`.
     """
-    first = I(block * 4 * LANES)
+    first = uint64(block * 4 * LANES)
     for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
+        at = first + uint64(lane)
+        a, b = uint64(3) * uint64(t[at]), uint64(3) * uint64(t[at + uint64(LANES)])
+        c, d = uint64(3) * uint64(t[at + uint64(2 * LANES)]), uint64(3) * uint64(t[at + uint64(3 * LANES)])
         for i in range(3):
-            x, y, to = X[a + I(i)], u[a + I(i)], I(i * LANES + lane)
-            P[to], U[to] = X[b + I(i)] - x, u[b + I(i)] - y
-            P[to + I(3 * LANES)], U[to + I(3 * LANES)] = X[c + I(i)] - x, u[c + I(i)] - y
-            P[to + I(6 * LANES)], U[to + I(6 * LANES)] = X[d + I(i)] - x, u[d + I(i)] - y
+            x, y, to = X[a + uint64(i)], u[a + uint64(i)], uint64(i * LANES + lane)
+            P[to], U[to] = X[b + uint64(i)] - x, u[b + uint64(i)] - y
+            P[to + uint64(3 * LANES)], U[to + uint64(3 * LANES)] = X[c + uint64(i)] - x, u[c + uint64(i)] - y
+            P[to + uint64(6 * LANES)], U[to + uint64(6 * LANES)] = X[d + uint64(i)] - x, u[d + uint64(i)] - y
 
 
 class Points(NamedTuple):
@@ -142,7 +149,7 @@ class MeanPoints(NamedTuple):
     weights: Reals
     starts: Ids
     modes: Reals
-    resistance: Reals
+    hourglass_stiffness: Reals
 
 
 def absolute(points: Any) -> Any:
@@ -150,9 +157,9 @@ def absolute(points: Any) -> Any:
     return ELEMENT["absolute", type(points)](points)
 
 
-def spokes(points: Any, block: Any, point: Any, x: Any, out: Any) -> None:
+def base_vectors(points: Any, block: Any, point: Any, x: Any, out: Any) -> None:
     """Write `sum_a dN_a/dxi_i x_a` (9 LANES,) at a point of a block, for nodal differences `x` from `gather`."""
-    ELEMENT["spokes", type(points)](points, block, point, x, out)
+    ELEMENT["base_vectors", type(points)](points, block, point, x, out)
 
 
 def spread(points: Any, block: Any, point: Any, forces: Any, out: Any) -> None:
@@ -176,11 +183,11 @@ def _table_absolute(points):
 
 @by_type(absolute, MeanPoints, ELEMENT)
 def _means_absolute(points):
-    return MeanPoints(np.abs(points.B), points.weights, points.starts, points.modes, points.resistance)
+    return MeanPoints(np.abs(points.B), points.weights, points.starts, points.modes, points.hourglass_stiffness)
 
 
 @inlined
-def at_point(points, x):
+def point_vectors(points, x):
     """Return an array for three vectors at a point (9 LANES,).
 
     For linear simplices this is `x` itself, because nodal differences and base vectors are the same.
@@ -192,7 +199,7 @@ def at_point(points, x):
 
 
 @inlined
-def points_of(points):
+def point_count(points):
     """Return the number of points of an element."""
     if points is None:
         return 1
@@ -201,7 +208,7 @@ def points_of(points):
 
 
 @inlined
-def room(points, dtype):
+def nodal_zeros(points, dtype):
     """Return a zero vector (3 m LANES,) for each node except node 0 of a block of elements."""
     if points is None:
         return np.zeros(9 * LANES, dtype)
@@ -210,7 +217,7 @@ def room(points, dtype):
 
 
 @inlined
-def numbers_of(points, block, point, count):
+def law_index(points, block, point, count):
     """Return the index of the first of the `count` numbers of a law for a block at a point, and whether it is unchanged.
 
     Unchanged means that it is the index of the previous point.
@@ -240,38 +247,38 @@ def gather(points, t, block, x, out):
         gather_differences(t, block, x, out)
     else:
         nodes = (len(t) // LANES) // (len(points.starts) - 1)
-        first = I(block * nodes * LANES)
+        first = uint64(block * nodes * LANES)
         for lane in range(LANES):
-            a = I(3) * I(t[first + I(lane)])
-            x0, x1, x2 = x[a], x[a + I(1)], x[a + I(2)]
+            a = uint64(3) * uint64(t[first + uint64(lane)])
+            x0, x1, x2 = x[a], x[a + uint64(1)], x[a + uint64(2)]
             for node in range(1, nodes):
-                b, to = I(3) * I(t[first + I(node * LANES + lane)]), I((node - 1) * 3 * LANES + lane)
+                b, to = uint64(3) * uint64(t[first + uint64(node * LANES + lane)]), uint64((node - 1) * 3 * LANES + lane)
                 out[to] = x[b] - x0
-                out[to + I(LANES)] = x[b + I(1)] - x1
-                out[to + I(2 * LANES)] = x[b + I(2)] - x2
+                out[to + uint64(LANES)] = x[b + uint64(1)] - x1
+                out[to + uint64(2 * LANES)] = x[b + uint64(2)] - x2
 
 
 @kernel
 def gather_both(points, t, block, X, u, x, y):
     """Apply `gather` to the rest coordinates `X` and to the displacements `u`."""
     if points is None:
-        gather_spokes(t, block, X, u, x, y)
+        gather_base_vectors(t, block, X, u, x, y)
     else:
         gather(points, t, block, X, x)
         gather(points, t, block, u, y)
 
 
 @inlined
-def find_spokes(points, block, point, count, x, P, y, U):
+def find_base_vectors(points, block, point, count, x, P, y, U):
     """Write the base vectors `P` at rest and their displacements `U` at a point, for nodal differences `x` and `y` from `gather`.
 
     Returns the index of the first of the `count` numbers of the law there. At rest the base vectors of straight elements are the
     same at all points.
     """
-    first, same = numbers_of(points, block, point, count)
+    first, same = law_index(points, block, point, count)
     if not same:
-        spokes(points, block, point, x, P)
-    spokes(points, block, point, y, U)
+        base_vectors(points, block, point, x, P)
+    base_vectors(points, block, point, y, U)
     return first
 
 
@@ -286,31 +293,31 @@ def _of_node(B, point, a):
     return B[point, a, 0], B[point, a, 1], B[point, a, 2]
 
 
-@by_type(spokes, type(None), ELEMENT)
-def _spokes_are_there(points, block, point, x, out):
+@by_type(base_vectors, type(None), ELEMENT)
+def _differences_are_base_vectors(points, block, point, x, out):
     pass
 
 
 @by_type(spread, type(None), ELEMENT)
-def _spread_is_done(points, block, point, forces, out):
+def _forces_are_nodal(points, block, point, forces, out):
     pass
 
 
-@by_type(spokes, Points, ELEMENT)
-def _spokes_of_table(points, block, point, x, out):
+@by_type(base_vectors, Points, ELEMENT)
+def _base_vectors_by_table(points, block, point, x, out):
     B = points.B
     out[:] = 0
     for group in range(B.shape[1] // 3):
         a = 3 * group
         (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = derivatives(B, point, a)
         for c in range(3):
-            first, to = I((3 * a + c) * LANES), I(c * LANES)
+            first, to = uint64((3 * a + c) * LANES), uint64(c * LANES)
             for lane in range(LANES):
-                at, i = first + I(lane), to + I(lane)
-                x1, x2, x3 = x[at], x[at + I(3 * LANES)], x[at + I(6 * LANES)]
+                at, i = first + uint64(lane), to + uint64(lane)
+                x1, x2, x3 = x[at], x[at + uint64(3 * LANES)], x[at + uint64(6 * LANES)]
                 out[i] += b11 * x1 + b21 * x2 + b31 * x3
-                out[i + I(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
-                out[i + I(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
+                out[i + uint64(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
+                out[i + uint64(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
 
 
 @by_type(spread, Points, ELEMENT)
@@ -320,46 +327,46 @@ def _spread_by_table(points, block, point, forces, out):
         a = 3 * group
         (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = derivatives(B, point, a)
         for c in range(3):
-            first, of = I((3 * a + c) * LANES), I(c * LANES)
+            first, of = uint64((3 * a + c) * LANES), uint64(c * LANES)
             for lane in range(LANES):
-                to, i = first + I(lane), of + I(lane)
-                f1, f2, f3 = forces[i], forces[i + I(3 * LANES)], forces[i + I(6 * LANES)]
+                to, i = first + uint64(lane), of + uint64(lane)
+                f1, f2, f3 = forces[i], forces[i + uint64(3 * LANES)], forces[i + uint64(6 * LANES)]
                 out[to] += b11 * f1 + b12 * f2 + b13 * f3
-                out[to + I(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
-                out[to + I(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
+                out[to + uint64(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
+                out[to + uint64(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
 
 
-@by_type(spokes, MeanPoints, ELEMENT)
-def _spokes_of_means(points, block, point, x, out):
+@by_type(base_vectors, MeanPoints, ELEMENT)
+def _base_vectors_by_means(points, block, point, x, out):
     B, nodes = points.B.reshape(-1), points.B.shape[1]
     out[:] = 0
     for group in range(nodes // 3):
-        of = I(3 * LANES * (block * nodes + 3 * group))
+        of = uint64(3 * LANES * (block * nodes + 3 * group))
         for c in range(3):
-            first, to = I((9 * group + c) * LANES), I(c * LANES)
+            first, to = uint64((9 * group + c) * LANES), uint64(c * LANES)
             for lane in range(LANES):
-                at, i, g = first + I(lane), to + I(lane), of + I(lane)
-                x1, x2, x3 = x[at], x[at + I(3 * LANES)], x[at + I(6 * LANES)]
+                at, i, g = first + uint64(lane), to + uint64(lane), of + uint64(lane)
+                x1, x2, x3 = x[at], x[at + uint64(3 * LANES)], x[at + uint64(6 * LANES)]
                 (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = vectors(B, g)
                 out[i] += b11 * x1 + b21 * x2 + b31 * x3
-                out[i + I(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
-                out[i + I(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
+                out[i + uint64(3 * LANES)] += b12 * x1 + b22 * x2 + b32 * x3
+                out[i + uint64(6 * LANES)] += b13 * x1 + b23 * x2 + b33 * x3
 
 
 @by_type(spread, MeanPoints, ELEMENT)
 def _spread_by_means(points, block, point, forces, out):
     B, nodes = points.B.reshape(-1), points.B.shape[1]
     for group in range(nodes // 3):
-        of = I(3 * LANES * (block * nodes + 3 * group))
+        of = uint64(3 * LANES * (block * nodes + 3 * group))
         for c in range(3):
-            first, at = I((9 * group + c) * LANES), I(c * LANES)
+            first, at = uint64((9 * group + c) * LANES), uint64(c * LANES)
             for lane in range(LANES):
-                to, i, g = first + I(lane), at + I(lane), of + I(lane)
-                f1, f2, f3 = forces[i], forces[i + I(3 * LANES)], forces[i + I(6 * LANES)]
+                to, i, g = first + uint64(lane), at + uint64(lane), of + uint64(lane)
+                f1, f2, f3 = forces[i], forces[i + uint64(3 * LANES)], forces[i + uint64(6 * LANES)]
                 (b11, b12, b13), (b21, b22, b23), (b31, b32, b33) = vectors(B, g)
                 out[to] += b11 * f1 + b12 * f2 + b13 * f3
-                out[to + I(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
-                out[to + I(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
+                out[to + uint64(3 * LANES)] += b21 * f1 + b22 * f2 + b23 * f3
+                out[to + uint64(6 * LANES)] += b31 * f1 + b32 * f2 + b33 * f3
 
 
 @kernel
@@ -369,24 +376,24 @@ def scatter(points, slots, block, forces, f):
         scatter_forces(slots, block, forces, f)
     else:
         nodes = (len(slots) // LANES) // (len(points.starts) - 1)
-        first = I(block * nodes * LANES)
+        first = uint64(block * nodes * LANES)
         for lane in range(LANES):
-            a = I(3) * I(slots[first + I(lane)])
+            a = uint64(3) * uint64(slots[first + uint64(lane)])
             s0, s1, s2 = f.dtype.type(0), f.dtype.type(0), f.dtype.type(0)
             for node in range(1, nodes):
-                b, of = I(3) * I(slots[first + I(node * LANES + lane)]), I((node - 1) * 3 * LANES + lane)
-                f0, f1, f2 = forces[of], forces[of + I(LANES)], forces[of + I(2 * LANES)]
+                b, of = uint64(3) * uint64(slots[first + uint64(node * LANES + lane)]), uint64((node - 1) * 3 * LANES + lane)
+                f0, f1, f2 = forces[of], forces[of + uint64(LANES)], forces[of + uint64(2 * LANES)]
                 f[b] += f0
-                f[b + I(1)] += f1
-                f[b + I(2)] += f2
+                f[b + uint64(1)] += f1
+                f[b + uint64(2)] += f2
                 s0, s1, s2 = s0 + f0, s1 + f1, s2 + f2
             f[a] -= s0
-            f[a + I(1)] -= s1
-            f[a + I(2)] -= s2
+            f[a + uint64(1)] -= s1
+            f[a + uint64(2)] -= s2
 
 
 @inlined
-def complete_spokes(k, P):
+def complete_base_vectors(k, P):
     """Write the constant base vectors of simplices with fewer than three: (0, 0, 1) for the third, (0, 1, 0) for the second."""
     if k < 3:
         P[8 * LANES : 9 * LANES] = 1
@@ -397,61 +404,61 @@ def complete_spokes(k, P):
 @kernel
 def gather_differences(t, block, v, V):
     """Write the differences of `v` between vertices 1, 2, 3 and vertex 0 of a block of simplices, in double precision."""
-    first = I(block * 4 * LANES)
+    first = uint64(block * 4 * LANES)
     for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(t[at]), I(3) * I(t[at + I(LANES)])
-        c, d = I(3) * I(t[at + I(2 * LANES)]), I(3) * I(t[at + I(3 * LANES)])
+        at = first + uint64(lane)
+        a, b = uint64(3) * uint64(t[at]), uint64(3) * uint64(t[at + uint64(LANES)])
+        c, d = uint64(3) * uint64(t[at + uint64(2 * LANES)]), uint64(3) * uint64(t[at + uint64(3 * LANES)])
         for i in range(3):
-            x, to = v[a + I(i)], I(i * LANES + lane)
-            V[to] = v[b + I(i)] - x
-            V[to + I(3 * LANES)] = v[c + I(i)] - x
-            V[to + I(6 * LANES)] = v[d + I(i)] - x
+            x, to = v[a + uint64(i)], uint64(i * LANES + lane)
+            V[to] = v[b + uint64(i)] - x
+            V[to + uint64(3 * LANES)] = v[c + uint64(i)] - x
+            V[to + uint64(6 * LANES)] = v[d + uint64(i)] - x
 
 
 @kernel
-def gather_sizes(points, t, block, v, out):
+def gather_magnitudes(points, t, block, v, out):
     """Write `|v_a| + |v_0|` by component for the nodes a = 1, 2, ... of a block."""
     nodes = 4 if points is None else (len(t) // LANES) // (len(points.starts) - 1)
-    first = I(block * nodes * LANES)
+    first = uint64(block * nodes * LANES)
     for lane in range(LANES):
-        a = I(3) * I(t[first + I(lane)])
+        a = uint64(3) * uint64(t[first + uint64(lane)])
         for node in range(1, nodes):
-            b = I(3) * I(t[first + I(node * LANES + lane)])
+            b = uint64(3) * uint64(t[first + uint64(node * LANES + lane)])
             for i in range(3):
-                out[I((3 * (node - 1) + i) * LANES + lane)] = abs(v[a + I(i)]) + abs(v[b + I(i)])
+                out[uint64((3 * (node - 1) + i) * LANES + lane)] = abs(v[a + uint64(i)]) + abs(v[b + uint64(i)])
 
 
 @kernel
 def scatter_forces(slots, block, forces, f):
     """Add the forces of a block of simplices: `forces` to vertices 1, 2, 3, and minus their sum to vertex 0."""
-    first = I(block * 4 * LANES)
+    first = uint64(block * 4 * LANES)
     for lane in range(LANES):
-        at = first + I(lane)
-        a, b = I(3) * I(slots[at]), I(3) * I(slots[at + I(LANES)])
-        c, d = I(3) * I(slots[at + I(2 * LANES)]), I(3) * I(slots[at + I(3 * LANES)])
+        at = first + uint64(lane)
+        a, b = uint64(3) * uint64(slots[at]), uint64(3) * uint64(slots[at + uint64(LANES)])
+        c, d = uint64(3) * uint64(slots[at + uint64(2 * LANES)]), uint64(3) * uint64(slots[at + uint64(3 * LANES)])
         for i in range(3):
-            of = I(i * LANES + lane)
-            f1, f2, f3 = forces[of], forces[of + I(3 * LANES)], forces[of + I(6 * LANES)]
-            f[a + I(i)] -= f1 + f2 + f3
-            f[b + I(i)] += f1
-            f[c + I(i)] += f2
-            f[d + I(i)] += f3
+            of = uint64(i * LANES + lane)
+            f1, f2, f3 = forces[of], forces[of + uint64(3 * LANES)], forces[of + uint64(6 * LANES)]
+            f[a + uint64(i)] -= f1 + f2 + f3
+            f[b + uint64(i)] += f1
+            f[c + uint64(i)] += f2
+            f[d + uint64(i)] += f3
 
 
 @kernel
-def scatter_sizes(points, slots, block, forces, f):
+def scatter_magnitudes(points, slots, block, forces, f):
     """Add the magnitudes of the forces of a block: `forces` to nodes 1, 2, ..., and their sum to node 0."""
     nodes = 4 if points is None else (len(slots) // LANES) // (len(points.starts) - 1)
-    first = I(block * nodes * LANES)
+    first = uint64(block * nodes * LANES)
     for lane in range(LANES):
-        a = I(3) * I(slots[first + I(lane)])
+        a = uint64(3) * uint64(slots[first + uint64(lane)])
         for node in range(1, nodes):
-            b = I(3) * I(slots[first + I(node * LANES + lane)])
+            b = uint64(3) * uint64(slots[first + uint64(node * LANES + lane)])
             for i in range(3):
-                size = forces[I((3 * (node - 1) + i) * LANES + lane)]
-                f[a + I(i)] += size
-                f[b + I(i)] += size
+                size = forces[uint64((3 * (node - 1) + i) * LANES + lane)]
+                f[a + uint64(i)] += size
+                f[b + uint64(i)] += size
 
 
 @kernel
@@ -464,14 +471,14 @@ def scatter_blocks(points, edge_slots, block, values, blocks):
     edges = edge_slots.shape[1] // LANES
     for lane in range(LANES):
         for edge in range(edges):
-            slot = edge_slots[block, I(edge * LANES + lane)]
-            at = I(edge * 9 * LANES + lane)
+            slot = edge_slots[block, uint64(edge * LANES + lane)]
+            at = uint64(edge * 9 * LANES + lane)
             if points is None or slot < TRANSPOSED:
-                to = I(9) * I(slot)
+                to = uint64(9) * uint64(slot)
                 for i in range(9):
-                    blocks[to + I(i)] += values[at + I(i * LANES)]
+                    blocks[to + uint64(i)] += values[at + uint64(i * LANES)]
             else:
-                to = I(9) * I(slot - TRANSPOSED)
+                to = uint64(9) * uint64(slot - TRANSPOSED)
                 for i in range(3):
                     for j in range(3):
-                        blocks[to + I(3 * i + j)] += values[at + I((3 * j + i) * LANES)]
+                        blocks[to + uint64(3 * i + j)] += values[at + uint64((3 * j + i) * LANES)]

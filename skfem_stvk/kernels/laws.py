@@ -9,7 +9,7 @@ likewise. Both are written in the frame of `P = Q R`, with `Q` orthonormal, `R` 
                                                  times section
 
 A law returns its energy `w W`, the `s_j` for `Q`, `h` and `q`, and a state (`respond`). From the state follows the stiffness
-between base vectors (`spoke_stiffness`). `Q` is left-handed in elements of negative orientation.
+between base vectors (`base_vector_stiffness`). `Q` is left-handed in elements of negative orientation.
 
 St. Venant-Kirchhoff:
 
@@ -36,9 +36,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Reals, by_type, inlined, kernel
-from .lanes import LANES, I, add, dot, six, times, vectors
+from .lanes import LANES, add, dot, six, times, vectors
 
 
 class IsotropicLaw(NamedTuple):
@@ -70,7 +71,7 @@ def in_frame(R, U1, U2, U3):
 
 
 @inlined
-def on_spokes(R, f1, f2, f3):
+def on_base_vectors(R, f1, f2, f3):
     """Return `sum_j Ri_ij f_j`, i = 1, 2, 3."""
     return (
         combination(R[0], f1, R[1], f2, R[2], f3),
@@ -119,7 +120,7 @@ def between(q, theta, H):
 
 
 @inlined
-def pulled(S, q1, q2, q3):
+def axis_forces(S, q1, q2, q3):
     """Return `sum_k S_jk q_k`, j = 1, 2, 3."""
     return (
         combination(S[0], q1, S[3], q2, S[4], q3),
@@ -128,14 +129,14 @@ def pulled(S, q1, q2, q3):
     )
 
 
-def numbers_in(law: Any) -> int:
+def law_size(law: Any) -> int:
     """Return how many numbers a law has at a point, including those of `Ri`."""
-    return int(FORMULAS["numbers_in", type(law)](law))
+    return int(FORMULAS["law_size", type(law)](law))
 
 
-def numbers_kept(law: Any) -> int:
-    """Return how many numbers the state has that `spoke_stiffness` needs."""
-    return int(FORMULAS["numbers_kept", type(law)](law))
+def state_size(law: Any) -> int:
+    """Return how many numbers the state has that `base_vector_stiffness` needs."""
+    return int(FORMULAS["state_size", type(law)](law))
 
 
 def respond(law: Any, at: Any, weight: Any, Q: Any, h: Any, q: Any) -> Any:
@@ -146,21 +147,21 @@ def respond(law: Any, at: Any, weight: Any, Q: Any, h: Any, q: Any) -> Any:
     return FORMULAS["respond", type(law)](law, at, weight, Q, h, q)
 
 
-def weigh(law: Any, points: Any, kept: Any, positive: Any, negative: Any) -> None:
-    """Multiply the tensions in the states `kept` (numbers_kept LANES,) by the factors for their sign, which are not both 1.
+def scale_tensions(law: Any, points: Any, states: Any, positive: Any, negative: Any) -> None:
+    """Multiply the tensions in the states `states` (state_size LANES,) by the factors for their sign, which are not both 1.
 
-    With factors (1, 0) and (0, 0), the result of `spoke_stiffness` is positive semi-definite. St. Venant-Kirchhoff on linear
+    With factors (1, 0) and (0, 0), the result of `base_vector_stiffness` is positive semi-definite. St. Venant-Kirchhoff on linear
     simplices is an exception, because there only the sums of tensions over elements have a sign.
     """
-    FORMULAS["weigh", type(law)](law, points, kept, positive, negative)
+    FORMULAS["scale_tensions", type(law)](law, points, states, positive, negative)
 
 
-def spoke_stiffness(law: Any, at: Any, weight: Any, R: Any, kept: Any, lane: Any) -> Any:
+def base_vector_stiffness(law: Any, at: Any, weight: Any, R: Any, states: Any, lane: Any) -> Any:
     """Return the stiffness between base vectors, as 45 numbers.
 
     These are `K_11, K_22, K_33` in the order 11, 22, 33, 12, 13, 23, then `K_12, K_13, K_23` row by row.
     """
-    return FORMULAS["spoke_stiffness", type(law)](law, at, weight, R, kept, lane)
+    return FORMULAS["base_vector_stiffness", type(law)](law, at, weight, R, states, lane)
 
 
 def stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
@@ -168,41 +169,41 @@ def stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
     return FORMULAS["stress", type(law)](law, at, weight, M)
 
 
-def sizes_of_stress(law: Any, at: Any, weight: Any, M: Any) -> Any:
+def stress_magnitudes(law: Any, at: Any, weight: Any, M: Any) -> Any:
     """Return the `stress` that follows from the absolute values of the numbers of the law."""
-    return FORMULAS["sizes_of_stress", type(law)](law, at, weight, M)
+    return FORMULAS["stress_magnitudes", type(law)](law, at, weight, M)
 
 
 FORMULAS: dict[tuple[str, type], Any] = {}
 
 
-@by_type(numbers_in, IsotropicLaw, FORMULAS)
+@by_type(law_size, IsotropicLaw, FORMULAS)
 def _isotropic_numbers(law):
     return 8
 
 
-@by_type(numbers_in, GeneralLaw, FORMULAS)
+@by_type(law_size, GeneralLaw, FORMULAS)
 def _general_numbers(law):
     return 27
 
 
-@by_type(numbers_kept, IsotropicLaw, FORMULAS)
-@by_type(numbers_kept, GeneralLaw, FORMULAS)
+@by_type(state_size, IsotropicLaw, FORMULAS)
+@by_type(state_size, GeneralLaw, FORMULAS)
 def _numbers_of_a_frame_and_its_stress(law):
     return 15
 
 
 @by_type(respond, IsotropicLaw, FORMULAS)
 @by_type(respond, GeneralLaw, FORMULAS)
-def _stress_pulls(law, at, weight, Q, h, q):
+def _response_of_stress(law, at, weight, Q, h, q):
     (q1, q2, q3), M = q, strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
     S = stress(law, at, weight, M)
-    s1, s2, s3 = pulled(S, q1, q2, q3)
+    s1, s2, s3 = axis_forces(S, q1, q2, q3)
     return contracted(S, M), (*q1, *q2, *q3, *S), s1, s2, s3
 
 
 @inlined
-def sizes(a):
+def magnitudes(a):
     """Return the absolute values of six numbers."""
     return abs(a[0]), abs(a[1]), abs(a[2]), abs(a[3]), abs(a[4]), abs(a[5])
 
@@ -216,12 +217,12 @@ def _isotropic(lam, mu, M):
 
 @by_type(stress, IsotropicLaw, FORMULAS)
 def _isotropic_stress(law, at, weight, M):
-    return _isotropic(weight * law.D[at + I(6 * LANES)], weight * law.D[at + I(7 * LANES)], M)
+    return _isotropic(weight * law.D[at + uint64(6 * LANES)], weight * law.D[at + uint64(7 * LANES)], M)
 
 
-@by_type(sizes_of_stress, IsotropicLaw, FORMULAS)
-def _isotropic_sizes(law, at, weight, M):
-    return _isotropic(weight * abs(law.D[at + I(6 * LANES)]), weight * abs(law.D[at + I(7 * LANES)]), M)
+@by_type(stress_magnitudes, IsotropicLaw, FORMULAS)
+def _isotropic_magnitudes(law, at, weight, M):
+    return _isotropic(weight * abs(law.D[at + uint64(6 * LANES)]), weight * abs(law.D[at + uint64(7 * LANES)]), M)
 
 
 @inlined
@@ -236,12 +237,12 @@ def _number(D, at, size):
 @inlined
 def _general_row(D, at, size, x, a, b, c, d, e, f):
     return (
-        _number(D, at + I((6 + a) * LANES), size) * x[0]
-        + _number(D, at + I((6 + b) * LANES), size) * x[1]
-        + _number(D, at + I((6 + c) * LANES), size) * x[2]
-        + _number(D, at + I((6 + d) * LANES), size) * x[3]
-        + _number(D, at + I((6 + e) * LANES), size) * x[4]
-        + _number(D, at + I((6 + f) * LANES), size) * x[5]
+        _number(D, at + uint64((6 + a) * LANES), size) * x[0]
+        + _number(D, at + uint64((6 + b) * LANES), size) * x[1]
+        + _number(D, at + uint64((6 + c) * LANES), size) * x[2]
+        + _number(D, at + uint64((6 + d) * LANES), size) * x[3]
+        + _number(D, at + uint64((6 + e) * LANES), size) * x[4]
+        + _number(D, at + uint64((6 + f) * LANES), size) * x[5]
     )
 
 
@@ -265,23 +266,23 @@ def _general_stress(law, at, weight, M):
     return _general(law.D, at, None, weight, M)
 
 
-@by_type(sizes_of_stress, GeneralLaw, FORMULAS)
-def _general_sizes(law, at, weight, M):
+@by_type(stress_magnitudes, GeneralLaw, FORMULAS)
+def _general_magnitudes(law, at, weight, M):
     return _general(law.D, at, True, weight, M)
 
 
 @kernel
-def weigh_eigenvalues(S, lane, positive, negative):
+def scale_eigenvalues(S, lane, positive, negative):
     """Multiply the eigenvalues of a symmetric matrix by the factor for their sign, with Jacobi's method.
 
     The order of components is 11, 22, 33, 12, 13, 23.
     """
-    a, b, c = S[lane], S[lane + I(LANES)], S[lane + I(2 * LANES)]
+    a, b, c = S[lane], S[lane + uint64(LANES)], S[lane + uint64(2 * LANES)]
     A = np.array(
         [
-            [a, S[lane + I(3 * LANES)], S[lane + I(4 * LANES)]],
-            [S[lane + I(3 * LANES)], b, S[lane + I(5 * LANES)]],
-            [S[lane + I(4 * LANES)], S[lane + I(5 * LANES)], c],
+            [a, S[lane + uint64(3 * LANES)], S[lane + uint64(4 * LANES)]],
+            [S[lane + uint64(3 * LANES)], b, S[lane + uint64(5 * LANES)]],
+            [S[lane + uint64(4 * LANES)], S[lane + uint64(5 * LANES)], c],
         ]
     )
     V = np.eye(3)
@@ -307,20 +308,20 @@ def weigh_eigenvalues(S, lane, positive, negative):
     x = A[0, 0] * (positive if A[0, 0] > 0 else negative)
     y = A[1, 1] * (positive if A[1, 1] > 0 else negative)
     z = A[2, 2] * (positive if A[2, 2] > 0 else negative)
-    for place, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-        S[lane + I(place * LANES)] = x * V[i, 0] * V[j, 0] + y * V[i, 1] * V[j, 1] + z * V[i, 2] * V[j, 2]
+    for number, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        S[lane + uint64(number * LANES)] = x * V[i, 0] * V[j, 0] + y * V[i, 1] * V[j, 1] + z * V[i, 2] * V[j, 2]
 
 
-@by_type(weigh, IsotropicLaw, FORMULAS)
-@by_type(weigh, GeneralLaw, FORMULAS)
-def _weigh_stress(law, points, kept, positive, negative):
+@by_type(scale_tensions, IsotropicLaw, FORMULAS)
+@by_type(scale_tensions, GeneralLaw, FORMULAS)
+def _scale_stress(law, points, states, positive, negative):
     """Multiply the eigenvalues of `S` by the factors for their signs; for linear simplices, multiply `S` by the first factor."""
-    S = kept[9 * LANES :]
+    S = states[9 * LANES :]
     if points is None or positive == negative:
-        S *= kept.dtype.type(positive)
+        S *= states.dtype.type(positive)
     else:
         for i in range(LANES):
-            weigh_eigenvalues(S, I(i), positive, negative)
+            scale_eigenvalues(S, uint64(i), positive, negative)
 
 
 @inlined
@@ -366,12 +367,12 @@ def conjugated(R, S):
     return a1 * R[0] + a2 * R[1] + a3 * R[2], b2 * R[3] + b3 * R[4], c3 * R[5], a2 * R[3] + a3 * R[4], a3 * R[5], b3 * R[5]
 
 
-@by_type(spoke_stiffness, IsotropicLaw, FORMULAS)
-def _isotropic_stiffness(law, at, weight, R, kept, lane):
-    (q1, q2, q3), S = vectors(kept, lane), six(kept, lane + I(9 * LANES))
-    lam, mu = weight * law.D[at + I(6 * LANES)], weight * law.D[at + I(7 * LANES)]
+@by_type(base_vector_stiffness, IsotropicLaw, FORMULAS)
+def _isotropic_stiffness(law, at, weight, R, states, lane):
+    (q1, q2, q3), S = vectors(states, lane), six(states, lane + uint64(9 * LANES))
+    lam, mu = weight * law.D[at + uint64(6 * LANES)], weight * law.D[at + uint64(7 * LANES)]
     lam, both = lam + lam, lam + lam + mu
-    y1, y2, y3 = on_spokes(R, q1, q2, q3)
+    y1, y2, y3 = on_base_vectors(R, q1, q2, q3)
     B = (
         mu * (q1[0] * q1[0] + q2[0] * q2[0] + q3[0] * q3[0]),
         mu * (q1[1] * q1[1] + q2[1] * q2[1] + q3[1] * q3[1]),
@@ -396,9 +397,9 @@ def _isotropic_stiffness(law, at, weight, R, kept, lane):
 
 
 @inlined
-def _answer(D, at, twice, a, b, c, q1, q2, q3):
+def _elasticity_times_frame(D, at, twice, a, b, c, q1, q2, q3):
     """Return `w sum_k C_mknl q_k` for one pair `m, l`; a, b, c are the indices of `C_m1nl, C_m2nl, C_m3nl` in the law."""
-    x, y, z = D[at + I((6 + a) * LANES)], D[at + I((6 + b) * LANES)], D[at + I((6 + c) * LANES)]
+    x, y, z = D[at + uint64((6 + a) * LANES)], D[at + uint64((6 + b) * LANES)], D[at + uint64((6 + c) * LANES)]
     return combination(twice * x, q1, twice * y, q2, twice * z, q3)
 
 
@@ -468,8 +469,8 @@ def _scaled(s, a):
 
 
 @inlined
-def to_spokes(R, A11, A22, A33, A12, A13, A23):
-    """Return `K_ij = sum_mn Ri_im Ri_jn A_mn`, the 45 numbers of `spoke_stiffness`, from blocks in the frame, row by row."""
+def to_base_vectors(R, A11, A22, A33, A12, A13, A23):
+    """Return `K_ij = sum_mn Ri_im Ri_jn A_mn`, the 45 numbers of `base_vector_stiffness`, from blocks in the frame, row by row."""
     # rows first: B_in = sum_m Ri_im A_mn
     A31, A32, A21 = transposed(A13), transposed(A23), transposed(A12)
     B11 = _three(R[0], A11, R[1], A21, R[2], A31)
@@ -482,26 +483,26 @@ def to_spokes(R, A11, A22, A33, A12, A13, A23):
     return (*_six(K11), *_six(K22), *_six(K33), *K12, *K13, *K23)
 
 
-@by_type(spoke_stiffness, GeneralLaw, FORMULAS)
-def _general_stiffness(law, at, weight, R, kept, lane):
+@by_type(base_vector_stiffness, GeneralLaw, FORMULAS)
+def _general_stiffness(law, at, weight, R, states, lane):
     """Return the stiffness of `A_mn = sum_l a_mn,l q_l' + S_mn I`, `a_mn,l = w sum_k C_mknl q_k`."""
-    (q1, q2, q3), S = vectors(kept, lane), six(kept, lane + I(9 * LANES))
+    (q1, q2, q3), S = vectors(states, lane), six(states, lane + uint64(9 * LANES))
     D, twice = law.D, weight + weight
-    a11 = _answer(D, at, twice, 0, 3, 4, q1, q2, q3)
-    a12 = _answer(D, at, twice, 3, 15, 16, q1, q2, q3)
-    a13 = _answer(D, at, twice, 4, 16, 18, q1, q2, q3)
-    a22 = _answer(D, at, twice, 1, 8, 9, q1, q2, q3)
-    a23 = _answer(D, at, twice, 5, 17, 19, q1, q2, q3)
-    a33 = _answer(D, at, twice, 2, 12, 13, q1, q2, q3)
-    b12 = _answer(D, at, twice, 15, 8, 17, q1, q2, q3)
-    b22 = _answer(D, at, twice, 8, 6, 10, q1, q2, q3)
-    b23 = _answer(D, at, twice, 17, 10, 20, q1, q2, q3)
-    b13 = _answer(D, at, twice, 16, 9, 19, q1, q2, q3)
-    b33 = _answer(D, at, twice, 12, 7, 14, q1, q2, q3)
-    c13 = _answer(D, at, twice, 18, 19, 13, q1, q2, q3)
-    c23 = _answer(D, at, twice, 19, 20, 14, q1, q2, q3)
-    c33 = _answer(D, at, twice, 13, 14, 11, q1, q2, q3)
-    return to_spokes(
+    a11 = _elasticity_times_frame(D, at, twice, 0, 3, 4, q1, q2, q3)
+    a12 = _elasticity_times_frame(D, at, twice, 3, 15, 16, q1, q2, q3)
+    a13 = _elasticity_times_frame(D, at, twice, 4, 16, 18, q1, q2, q3)
+    a22 = _elasticity_times_frame(D, at, twice, 1, 8, 9, q1, q2, q3)
+    a23 = _elasticity_times_frame(D, at, twice, 5, 17, 19, q1, q2, q3)
+    a33 = _elasticity_times_frame(D, at, twice, 2, 12, 13, q1, q2, q3)
+    b12 = _elasticity_times_frame(D, at, twice, 15, 8, 17, q1, q2, q3)
+    b22 = _elasticity_times_frame(D, at, twice, 8, 6, 10, q1, q2, q3)
+    b23 = _elasticity_times_frame(D, at, twice, 17, 10, 20, q1, q2, q3)
+    b13 = _elasticity_times_frame(D, at, twice, 16, 9, 19, q1, q2, q3)
+    b33 = _elasticity_times_frame(D, at, twice, 12, 7, 14, q1, q2, q3)
+    c13 = _elasticity_times_frame(D, at, twice, 18, 19, 13, q1, q2, q3)
+    c23 = _elasticity_times_frame(D, at, twice, 19, 20, 14, q1, q2, q3)
+    c33 = _elasticity_times_frame(D, at, twice, 13, 14, 11, q1, q2, q3)
+    return to_base_vectors(
         R,
         _block(a11, a12, a13, q1, q2, q3, S[0]),
         _block(b12, b22, b23, q1, q2, q3, S[1]),

@@ -17,16 +17,16 @@ from .laws import (
     FORMULAS,
     GeneralLaw,
     IsotropicLaw,
+    axis_forces,
+    base_vector_stiffness,
     contracted,
-    numbers_in,
-    numbers_kept,
-    pulled,
+    law_size,
     respond,
-    sizes_of_stress,
-    spoke_stiffness,
+    scale_tensions,
+    state_size,
     strain,
     stress,
-    weigh,
+    stress_magnitudes,
 )
 
 
@@ -46,22 +46,22 @@ class LinearGeneralLaw(NamedTuple):
 LINEAR: dict[Any, Any] = {IsotropicLaw: LinearIsotropicLaw, GeneralLaw: LinearGeneralLaw}
 
 for _law, _linear in LINEAR.items():
-    for _stub in (numbers_in, numbers_kept, stress, sizes_of_stress, spoke_stiffness):
+    for _stub in (law_size, state_size, stress, stress_magnitudes, base_vector_stiffness):
         by_type(_stub, _linear, FORMULAS)(FORMULAS[_stub.__name__, _law])
 
 
 @by_type(respond, LinearIsotropicLaw, FORMULAS)
 @by_type(respond, LinearGeneralLaw, FORMULAS)
-def _stress_pulls_along_the_frame_at_rest(law, at, weight, Q, h, q):
+def _response_along_the_frame_at_rest(law, at, weight, Q, h, q):
     Q1, Q2, Q3 = Q
     M = strain(h[0], h[1], h[2], Q1, Q2, Q3, Q1, Q2, Q3)
     S = stress(law, at, weight, M)
-    s1, s2, s3 = pulled(S, Q1, Q2, Q3)
+    s1, s2, s3 = axis_forces(S, Q1, Q2, Q3)
     none = weight - weight
     return contracted(S, M), (*Q1, *Q2, *Q3, none, none, none, none, none, none), s1, s2, s3
 
 
-@by_type(weigh, LinearIsotropicLaw, FORMULAS)
-@by_type(weigh, LinearGeneralLaw, FORMULAS)
-def _no_tensions(law, points, kept, positive, negative):
+@by_type(scale_tensions, LinearIsotropicLaw, FORMULAS)
+@by_type(scale_tensions, LinearGeneralLaw, FORMULAS)
+def _no_tensions(law, points, states, positive, negative):
     """Leave the state unchanged, because it contains no tensions."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
+from numpy import uint64
 
 from .compiled import Reals, inlined, kernel
-
-I = np.uint64
 
 
 @kernel
@@ -20,15 +18,15 @@ def momenta(p: Reals, u: Reals, v: Reals, Mv: Reals, out: Reals) -> None:
     q0, q1, q2 = 0.0, 0.0, 0.0
     l0, l1, l2 = 0.0, 0.0, 0.0
     for i in range(n):
-        a, x, y, z, mx, my, mz = I(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        x, mx = p[I(0), a] + u[a, I(0)], Mv[a, I(0)]
-        square += v[a, I(0)] * mx
+        a, x, y, z, mx, my, mz = uint64(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        x, mx = p[uint64(0), a] + u[a, uint64(0)], Mv[a, uint64(0)]
+        square += v[a, uint64(0)] * mx
         if d > 1:
-            y, my = p[I(1), a] + u[a, I(1)], Mv[a, I(1)]
-            square += v[a, I(1)] * my
+            y, my = p[uint64(1), a] + u[a, uint64(1)], Mv[a, uint64(1)]
+            square += v[a, uint64(1)] * my
         if d > 2:
-            z, mz = p[I(2), a] + u[a, I(2)], Mv[a, I(2)]
-            square += v[a, I(2)] * mz
+            z, mz = p[uint64(2), a] + u[a, uint64(2)], Mv[a, uint64(2)]
+            square += v[a, uint64(2)] * mz
         q0, q1, q2 = q0 + mx, q1 + my, q2 + mz
         l0, l1, l2 = l0 + y * mz - z * my, l1 + z * mx - x * mz, l2 + x * my - y * mx
     out[0], out[1], out[2], out[3], out[4], out[5], out[6] = square, q0, q1, q2, l0, l1, l2
@@ -41,21 +39,21 @@ def _add_up(p, u, v, m, f, d, out):
     q0, q1, q2 = 0.0, 0.0, 0.0
     l0, l1, l2 = 0.0, 0.0, 0.0
     for i in range(n):
-        a, at, x, y, z, mx, my, mz = I(i), I(d * i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        a, at, x, y, z, mx, my, mz = uint64(i), uint64(d * i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         x, mx = u[at], m[a] * v[at]
         square += v[at] * mx
         work += f[at] * x
-        x += p[I(0), a]
+        x += p[uint64(0), a]
         if d > 1:
-            y, my = u[at + I(1)], m[a] * v[at + I(1)]
-            square += v[at + I(1)] * my
-            work += f[at + I(1)] * y
-            y += p[I(1), a]
+            y, my = u[at + uint64(1)], m[a] * v[at + uint64(1)]
+            square += v[at + uint64(1)] * my
+            work += f[at + uint64(1)] * y
+            y += p[uint64(1), a]
         if d > 2:
-            z, mz = u[at + I(2)], m[a] * v[at + I(2)]
-            square += v[at + I(2)] * mz
-            work += f[at + I(2)] * z
-            z += p[I(2), a]
+            z, mz = u[at + uint64(2)], m[a] * v[at + uint64(2)]
+            square += v[at + uint64(2)] * mz
+            work += f[at + uint64(2)] * z
+            z += p[uint64(2), a]
         q0, q1, q2 = q0 + mx, q1 + my, q2 + mz
         l0, l1, l2 = l0 + y * mz - z * my, l1 + z * mx - x * mz, l2 + x * my - y * mx
     out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = square, q0, q1, q2, l0, l1, l2, work
@@ -78,16 +76,16 @@ def lumped_momenta(p: Reals, u: Reals, v: Reals, m: Reals, f: Reals, out: Reals)
 def kick_and_drift(a: Reals, h: float, dt: float, v: Reals, u: Reals) -> None:
     """Update `v += h a` and `u += dt v`; all are (ndofs,)."""
     for i in range(len(v)):
-        v[I(i)] += h * a[I(i)]
-        u[I(i)] += dt * v[I(i)]
+        v[uint64(i)] += h * a[uint64(i)]
+        u[uint64(i)] += dt * v[uint64(i)]
 
 
 @kernel
 def accelerate(inverse: Reals, external: Reals, internal: Reals, h: float, a: Reals, v: Reals) -> None:
     """Compute `a = M^-1 (external - internal)`, with the inverses of `push_and_drift`, and `v += h a`; all are (ndofs,)."""
     for i in range(len(v)):
-        a[I(i)] = inverse[I(i)] * (external[I(i)] - internal[I(i)])
-        v[I(i)] += h * a[I(i)]
+        a[uint64(i)] = inverse[uint64(i)] * (external[uint64(i)] - internal[uint64(i)])
+        v[uint64(i)] += h * a[uint64(i)]
 
 
 @kernel
@@ -97,5 +95,5 @@ def push_and_drift(inverse: Reals, external: Reals, internal: Reals, h: float, v
     `inverse` are the inverse lumped masses, zero at constrained dofs.
     """
     for i in range(len(v)):
-        v[I(i)] += h * inverse[I(i)] * (external[I(i)] - internal[I(i)])
-        u[I(i)] += h * v[I(i)]
+        v[uint64(i)] += h * inverse[uint64(i)] * (external[uint64(i)] - internal[uint64(i)])
+        u[uint64(i)] += h * v[uint64(i)]

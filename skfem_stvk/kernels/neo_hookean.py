@@ -35,11 +35,22 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Reals, by_type, inlined
-from .discrete_gradient import by_frames, by_strain
-from .lanes import LANES, I, add, cross, dot, put, times, vector, vectors
-from .laws import FORMULAS, combination, numbers_in, numbers_kept, on_spokes, respond, spoke_stiffness, strain, weigh
+from .discrete_gradient import response_through_frame, response_to_strain
+from .lanes import LANES, add, cross, dot, put, times, vector, vectors
+from .laws import (
+    FORMULAS,
+    base_vector_stiffness,
+    combination,
+    law_size,
+    on_base_vectors,
+    respond,
+    scale_tensions,
+    state_size,
+    strain,
+)
 
 
 class NeoHookeanLaw(NamedTuple):
@@ -54,12 +65,12 @@ class NeoHookeanSheet(NamedTuple):
     D: Reals
 
 
-by_type(by_strain, NeoHookeanLaw, FORMULAS)(by_frames)
-by_type(by_strain, NeoHookeanSheet, FORMULAS)(by_frames)
+by_type(response_to_strain, NeoHookeanLaw, FORMULAS)(response_through_frame)
+by_type(response_to_strain, NeoHookeanSheet, FORMULAS)(response_through_frame)
 
 
-@by_type(numbers_in, NeoHookeanLaw, FORMULAS)
-@by_type(numbers_in, NeoHookeanSheet, FORMULAS)
+@by_type(law_size, NeoHookeanLaw, FORMULAS)
+@by_type(law_size, NeoHookeanSheet, FORMULAS)
 def _numbers(law):
     return 9
 
@@ -90,11 +101,11 @@ def _shape_energy(x, J, invariants, trace):
 @by_type(respond, NeoHookeanLaw, FORMULAS)
 def _solid_response(law, at, weight, Q, h, q):
     D = law.D
-    mu, lam, sign = weight * D[at + I(6 * LANES)], weight * D[at + I(7 * LANES)], D[at + I(8 * LANES)]
+    mu, lam, sign = weight * D[at + uint64(6 * LANES)], weight * D[at + uint64(7 * LANES)], D[at + uint64(8 * LANES)]
     one, zero = D.dtype.type(1), D.dtype.type(0)
-    stays = one if D[at + I(5 * LANES)] == 0 else zero
+    constant = one if D[at + uint64(5 * LANES)] == 0 else zero
     (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = Q, h, q
-    Q3, q3 = (Q3[0], Q3[1], Q3[2] + stays), (q3[0], q3[1], q3[2] + stays)
+    Q3, q3 = (Q3[0], Q3[1], Q3[2] + constant), (q3[0], q3[1], q3[2] + constant)
     n1, n2, n3 = cross(q2, q3), cross(q3, q1), cross(q1, q2)
     e = sign * (dot(h1, n1) + dot(Q1, add(cross(h2, q3), cross(Q2, h3))))
     J = sign * dot(q1, n1) if sign != 0 else one
@@ -114,7 +125,7 @@ def _solid_response(law, at, weight, Q, h, q):
     return energy + energy, (*g1, *g2, *g3, mu, lam * J * (e + J), mu - bulk), s1, s2, s3
 
 
-@by_type(numbers_kept, NeoHookeanLaw, FORMULAS)
+@by_type(state_size, NeoHookeanLaw, FORMULAS)
 def _numbers_of_solids(law):
     return 12
 
@@ -127,29 +138,29 @@ def _largest(a, b, c, d, e, f):
     return mean + np.sqrt((x * x + y * y + z * z + 2 * (d * d + e * e + f * f)) * (2 / 3))
 
 
-@by_type(weigh, NeoHookeanLaw, FORMULAS)
-def _weigh_solids(law, points, kept, positive, negative):
+@by_type(scale_tensions, NeoHookeanLaw, FORMULAS)
+def _scale_solids(law, points, states, positive, negative):
     for i in range(LANES):
-        lane = I(i)
-        g1, g2, g3 = vectors(kept, lane)
-        m, a, c = vector(kept, lane + I(9 * LANES))
+        lane = uint64(i)
+        g1, g2, g3 = vectors(states, lane)
+        m, a, c = vector(states, lane + uint64(9 * LANES))
         n1, n2, n3 = cross(g2, g3), cross(g3, g1), cross(g1, g2)
         most = _largest(dot(g1, g1), dot(g2, g2), dot(g3, g3), dot(g1, g2), dot(g1, g3), dot(g2, g3))
         twist = np.sqrt(_largest(dot(n1, n1), dot(n2, n2), dot(n3, n3), dot(n1, n2), dot(n1, n3), dot(n2, n3)))
         new = max(m, c * twist if c > 0 else -c * most)
         least = -(new / most + c) / 3 if most > 0 else a
-        put((m + (1 - negative) * (new - m), a + (1 - negative) * (max(a, least) - a)), kept, lane + I(9 * LANES))
+        put((m + (1 - negative) * (new - m), a + (1 - negative) * (max(a, least) - a)), states, lane + uint64(9 * LANES))
 
 
 @inlined
-def _own(a, x, T):
+def _diagonal_block(a, x, T):
     """Return `a x x' + T I`, in the order 11, 22, 33, 12, 13, 23."""
     y = times(a, x)
     return y[0] * x[0] + T, y[1] * x[1] + T, y[2] * x[2] + T, y[0] * x[1], y[0] * x[2], y[1] * x[2]
 
 
 @inlined
-def _both(a, c, x, y, T):
+def _mixed_block(a, c, x, y, T):
     """Return `a x y' + c y x' + T I`, row by row."""
     z, v = times(a, x), times(c, y)
     return (
@@ -165,25 +176,25 @@ def _both(a, c, x, y, T):
     )
 
 
-@by_type(spoke_stiffness, NeoHookeanLaw, FORMULAS)
-def _solid_stiffness(law, at, weight, R, kept, lane):
+@by_type(base_vector_stiffness, NeoHookeanLaw, FORMULAS)
+def _solid_stiffness(law, at, weight, R, states, lane):
     """Return `m G_ij I + a y_i y_j' + c y_j y_i'` with `y_i = sum_j Ri_ij g_j`, `G = Ri Ri'`."""
-    (g1, g2, g3), (m, a, c) = vectors(kept, lane), vector(kept, lane + I(9 * LANES))
-    y1, y2, y3 = on_spokes(R, g1, g2, g3)
+    (g1, g2, g3), (m, a, c) = vectors(states, lane), vector(states, lane + uint64(9 * LANES))
+    y1, y2, y3 = on_base_vectors(R, g1, g2, g3)
     return (
-        *_own(a + c, y1, m * (R[0] * R[0] + R[1] * R[1] + R[2] * R[2])),
-        *_own(a + c, y2, m * (R[3] * R[3] + R[4] * R[4])),
-        *_own(a + c, y3, m * (R[5] * R[5])),
-        *_both(a, c, y1, y2, m * (R[1] * R[3] + R[2] * R[4])),
-        *_both(a, c, y1, y3, m * (R[2] * R[5])),
-        *_both(a, c, y2, y3, m * (R[4] * R[5])),
+        *_diagonal_block(a + c, y1, m * (R[0] * R[0] + R[1] * R[1] + R[2] * R[2])),
+        *_diagonal_block(a + c, y2, m * (R[3] * R[3] + R[4] * R[4])),
+        *_diagonal_block(a + c, y3, m * (R[5] * R[5])),
+        *_mixed_block(a, c, y1, y2, m * (R[1] * R[3] + R[2] * R[4])),
+        *_mixed_block(a, c, y1, y3, m * (R[2] * R[5])),
+        *_mixed_block(a, c, y2, y3, m * (R[4] * R[5])),
     )
 
 
 @by_type(respond, NeoHookeanSheet, FORMULAS)
 def _sheet_response(law, at, weight, Q, h, q):
     D = law.D
-    mu, lam, sign = weight * D[at + I(6 * LANES)], weight * D[at + I(7 * LANES)], D[at + I(8 * LANES)]
+    mu, lam, sign = weight * D[at + uint64(6 * LANES)], weight * D[at + uint64(7 * LANES)], D[at + uint64(8 * LANES)]
     one, zero = D.dtype.type(1), D.dtype.type(0)
     (Q1, Q2, Q3), (h1, h2, h3), (q1, q2, q3) = Q, h, q
     M = strain(h1, h2, h3, Q1, Q2, Q3, q1, q2, q3)
@@ -210,43 +221,43 @@ def _sheet_response(law, at, weight, Q, h, q):
     return energy + energy, state, s1, s2, (zero, zero, zero)
 
 
-@by_type(numbers_kept, NeoHookeanSheet, FORMULAS)
+@by_type(state_size, NeoHookeanSheet, FORMULAS)
 def _numbers_of_sheets(law):
     return 13
 
 
-@by_type(weigh, NeoHookeanSheet, FORMULAS)
-def _weigh_sheets(law, points, kept, positive, negative):
+@by_type(scale_tensions, NeoHookeanSheet, FORMULAS)
+def _scale_sheets(law, points, states, positive, negative):
     for i in range(LANES):
-        lane = I(i)
-        g1, g2, _ = vectors(kept, lane)
-        m, a, c = vector(kept, lane + I(9 * LANES))
+        lane = uint64(i)
+        g1, g2, _ = vectors(states, lane)
+        m, a, c = vector(states, lane + uint64(9 * LANES))
         b11, b22, b12 = dot(g1, g1), dot(g2, g2), dot(g1, g2)
         most = (b11 + b22) / 2 + np.sqrt((b11 - b22) * (b11 - b22) / 4 + b12 * b12)
         twist = np.sqrt(max(b11 * b22 - b12 * b12, 0))
         new = max(m, c * twist)
         least, across = (-(new / most + c) / 2, min(c, new / most)) if most > 0 else (a, c)
         share = 1 - negative
-        put((m + share * (new - m), a + share * (max(a, least) - a)), kept, lane + I(9 * LANES))
-        kept[lane + I(12 * LANES)] = c + share * (across - c)
+        put((m + share * (new - m), a + share * (max(a, least) - a)), states, lane + uint64(9 * LANES))
+        states[lane + uint64(12 * LANES)] = c + share * (across - c)
 
 
-@by_type(spoke_stiffness, NeoHookeanSheet, FORMULAS)
-def _sheet_stiffness(law, at, weight, R, kept, lane):
+@by_type(base_vector_stiffness, NeoHookeanSheet, FORMULAS)
+def _sheet_stiffness(law, at, weight, R, states, lane):
     """Return the stiffness of solids plus `-c y_i . y_j N N'`."""
-    (g1, g2, N), (m, a, c) = vectors(kept, lane), vector(kept, lane + I(9 * LANES))
-    across = kept[lane + I(12 * LANES)]
+    (g1, g2, N), (m, a, c) = vectors(states, lane), vector(states, lane + uint64(9 * LANES))
+    across = states[lane + uint64(12 * LANES)]
     y1, y2 = add(times(R[0], g1), times(R[1], g2)), times(R[3], g2)
     N11, N22, N12 = -across * dot(y1, y1), -across * dot(y2, y2), -across * dot(y1, y2)
     T11, T22, T12 = m * (R[0] * R[0] + R[1] * R[1]), m * (R[3] * R[3]), m * (R[1] * R[3])
     none = N11 - N11
     six, nine = (none, none, none, none, none, none), (none, none, none, none, none, none, none, none, none)
-    return (*_with(_own(a + c, y1, T11), N11, N), *_with(_own(a + c, y2, T22), N22, N), *six,
-            *_with_all(_both(a, c, y1, y2, T12), N12, N), *nine, *nine)  # fmt: skip
+    return (*_plus_dyad(_diagonal_block(a + c, y1, T11), N11, N), *_plus_dyad(_diagonal_block(a + c, y2, T22), N22, N), *six,
+            *_plus_dyad_by_rows(_mixed_block(a, c, y1, y2, T12), N12, N), *nine, *nine)  # fmt: skip
 
 
 @inlined
-def _with(K, s, N):
+def _plus_dyad(K, s, N):
     """Return a symmetric block plus `s N N'`."""
     z = times(s, N)
     return (
@@ -260,8 +271,8 @@ def _with(K, s, N):
 
 
 @inlined
-def _with_all(K, s, N):
+def _plus_dyad_by_rows(K, s, N):
     """Return a block, row by row, plus `s N N'`."""
-    a, b, c, d, e, f = _with((K[0], K[4], K[8], K[1], K[2], K[5]), s, N)
+    a, b, c, d, e, f = _plus_dyad((K[0], K[4], K[8], K[1], K[2], K[5]), s, N)
     z = times(s, N)
     return a, d, e, K[3] + z[1] * N[0], b, f, K[6] + z[2] * N[0], K[7] + z[2] * N[1], c

@@ -21,9 +21,10 @@ the `A_ii` and `A_ij`. Threads process consecutive blocks of edges, or of pairs,
 from __future__ import annotations
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Ids, Reals, inlined, kernel
-from .lanes import TRANSPOSED, I, add, dot, times
+from .lanes import TRANSPOSED, add, dot, times
 
 #: Number of unused blocks after those of K, for contributions to the diagonal.
 SPARE = 8
@@ -34,27 +35,31 @@ EDGES = 64
 @inlined
 def _vector(a, at):
     """Return three components with a stride of EDGES."""
-    return a[at], a[at + I(EDGES)], a[at + I(2 * EDGES)]
+    return a[at], a[at + uint64(EDGES)], a[at + uint64(2 * EDGES)]
 
 
 @inlined
 def _put(a, out, at):
-    out[at], out[at + I(EDGES)], out[at + I(2 * EDGES)] = a
+    out[at], out[at + uint64(EDGES)], out[at + uint64(2 * EDGES)] = a
 
 
 @inlined
-def _find(by_length, block, edges, rest, u, U, z, g, over):
+def _find(by_length, block, edges, rest, u, U, z, g, inverse_length):
     """Write `z` and `g` of a block of edges, and the `1/l` of springs by length; `g` has a stride of EDGES.
 
     A spring of length zero has no direction, and its `g` is zero.
     """
-    first = I(block * EDGES)
+    first = uint64(block * EDGES)
     for lane in range(EDGES):
-        i, to = first + I(lane), I(lane)
-        a, b = I(3) * I(edges[i, I(0)]), I(3) * I(edges[i, I(1)])
-        U[to], U[to + I(EDGES)], U[to + I(2 * EDGES)] = u[a] - u[b], u[a + I(1)] - u[b + I(1)], u[a + I(2)] - u[b + I(2)]
+        i, to = first + uint64(lane), uint64(lane)
+        a, b = uint64(3) * uint64(edges[i, uint64(0)]), uint64(3) * uint64(edges[i, uint64(1)])
+        U[to], U[to + uint64(EDGES)], U[to + uint64(2 * EDGES)] = (
+            u[a] - u[b],
+            u[a + uint64(1)] - u[b + uint64(1)],
+            u[a + uint64(2)] - u[b + uint64(2)],
+        )
     for lane in range(EDGES):
-        i, at = I(lane), I(3) * first + I(lane)
+        i, at = uint64(lane), uint64(3) * first + uint64(lane)
         P, V = _vector(rest, at), _vector(U, i)
         p = add(P, V)
         squared = dot(add(P, p), V)
@@ -64,7 +69,7 @@ def _find(by_length, block, edges, rest, u, U, z, g, over):
             sum_of_both = length + np.sqrt(dot(P, P))
             z[i] = squared / sum_of_both if sum_of_both > 0 else 0.0
             _put(times(inverse, p), g, i)
-            over[i] = inverse
+            inverse_length[i] = inverse
         else:
             z[i] = squared
             _put(add(p, p), g, i)
@@ -73,20 +78,22 @@ def _find(by_length, block, edges, rest, u, U, z, g, over):
 @inlined
 def _add_vector(f, at, x, y, z):
     f[at] += x
-    f[at + I(1)] += y
-    f[at + I(2)] += z
+    f[at + uint64(1)] += y
+    f[at + uint64(2)] += z
 
 
 @kernel
-def elongate(begin: int, end: int, by_length: bool, edges: Ids, rest: Reals, u: Reals, z: Reals, g: Reals, over: Reals) -> None:
+def elongate(
+    begin: int, end: int, by_length: bool, edges: Ids, rest: Reals, u: Reals, z: Reals, g: Reals, inverse_length: Reals
+) -> None:
     """Write `z` (ne,) and `g` (3 ne,) of the edges in the blocks `begin` to `end`, and the `1/l` (ne,) of springs by length."""
     U, G = np.empty(3 * EDGES), np.empty(3 * EDGES)
     for block in range(begin, end):
         at = block * EDGES
-        _find(by_length, block, edges, rest, u, U, z[at : at + EDGES], G, over[at : at + EDGES])
+        _find(by_length, block, edges, rest, u, U, z[at : at + EDGES], G, inverse_length[at : at + EDGES])
         for lane in range(EDGES):
-            to = I(3 * (at + lane))
-            g[to], g[to + I(1)], g[to + I(2)] = _vector(G, I(lane))
+            to = uint64(3 * (at + lane))
+            g[to], g[to + uint64(1)], g[to + uint64(2)] = _vector(G, uint64(lane))
 
 
 @kernel
@@ -97,26 +104,26 @@ def springs(begin: int, end: int, by_length: bool, edges: Ids, slots: Ids, rest:
     vertices. The forces on a first vertex are summed before they are stored, because adding to a value that was just stored waits
     for the store.
     """
-    U, z, g, over = np.empty(3 * EDGES), np.empty(EDGES), np.empty(3 * EDGES), np.empty(EDGES)
+    U, z, g, inverse_length = np.empty(3 * EDGES), np.empty(EDGES), np.empty(3 * EDGES), np.empty(EDGES)
     forces = np.empty(3 * EDGES, f.dtype)
     W, zero = 0.0, f.dtype.type(0)
-    x, y, w, last = zero, zero, zero, I(0)
+    x, y, w, last = zero, zero, zero, uint64(0)
     for block in range(begin, end):
-        _find(by_length, block, edges, rest, u, U, z, g, over)
-        first = I(block * EDGES)
+        _find(by_length, block, edges, rest, u, U, z, g, inverse_length)
+        first = uint64(block * EDGES)
         for lane in range(EDGES):
-            i = I(lane)
+            i = uint64(lane)
             s = own[first + i] * z[i]
             W += s * z[i]
             _put(times(s, _vector(g, i)), forces, i)
         if len(f) > 0:
             for lane in range(EDGES):
-                i = first + I(lane)
-                a, b = I(3) * I(slots[i, I(0)]), I(3) * I(slots[i, I(1)])
+                i = first + uint64(lane)
+                a, b = uint64(3) * uint64(slots[i, uint64(0)]), uint64(3) * uint64(slots[i, uint64(1)])
                 if a != last:
                     _add_vector(f, last, x, y, w)
                     x, y, w, last = zero, zero, zero, a
-                p, q, r = _vector(forces, I(lane))
+                p, q, r = _vector(forces, uint64(lane))
                 x, y, w = x + p, y + q, w + r
                 _add_vector(f, b, -p, -q, -r)
     if len(f) > 0:
@@ -130,15 +137,15 @@ def couple(begin: int, end: int, pairs: Ids, slots: Ids, between: Reals, z: Real
 
     Pairs are sorted by their first edges. The sum for a first edge is stored once, as in `springs`.
     """
-    last, total = I(0), s.dtype.type(0)
+    last, total = uint64(0), s.dtype.type(0)
     for n in range(begin, end):
-        i, A = I(n), between[I(n)]
-        first = I(slots[i, I(0)])
+        i, A = uint64(n), between[uint64(n)]
+        first = uint64(slots[i, uint64(0)])
         if first != last:
             s[last] += total
             last, total = first, s.dtype.type(0)
-        total += A * z[I(pairs[i, I(1)])]
-        s[I(slots[i, I(1)])] += A * z[I(pairs[i, I(0)])]
+        total += A * z[uint64(pairs[i, uint64(1)])]
+        s[uint64(slots[i, uint64(1)])] += A * z[uint64(pairs[i, uint64(0)])]
     s[last] += total
 
 
@@ -149,16 +156,16 @@ def pull(begin: int, end: int, slots: Ids, z: Reals, s: Reals, g: Reals, f: Real
     If `f` is empty, only the energy is computed.
     """
     W, zero = 0.0, f.dtype.type(0)
-    x, y, w, last = zero, zero, zero, I(0)
+    x, y, w, last = zero, zero, zero, uint64(0)
     for e in range(begin * EDGES, end * EDGES):
-        i = I(e)
+        i = uint64(e)
         W += float(s[i] * z[i])
         if len(f) > 0:
-            at, a, b = I(3) * i, I(3) * I(slots[i, I(0)]), I(3) * I(slots[i, I(1)])
+            at, a, b = uint64(3) * i, uint64(3) * uint64(slots[i, uint64(0)]), uint64(3) * uint64(slots[i, uint64(1)])
             if a != last:
                 _add_vector(f, last, x, y, w)
                 x, y, w, last = zero, zero, zero, a
-            p, q, r = s[i] * g[at], s[i] * g[at + I(1)], s[i] * g[at + I(2)]
+            p, q, r = s[i] * g[at], s[i] * g[at + uint64(1)], s[i] * g[at + uint64(2)]
             x, y, w = x + p, y + q, w + r
             _add_vector(f, b, -p, -q, -r)
     if len(f) > 0:
@@ -174,7 +181,7 @@ def put_blocks(
     own: Reals,
     s: Reals,
     g: Reals,
-    over: Reals,
+    inverse_length: Reals,
     positive: float,
     negative: float,
     blocks: Reals,
@@ -184,33 +191,33 @@ def put_blocks(
     `s` is multiplied by `positive` or `negative`, depending on its sign.
     """
     for e in range(begin, end):
-        i = I(e)
-        at, to = I(3) * i, I(9) * i
-        x, y, z = g[at], g[at + I(1)], g[at + I(2)]
+        i = uint64(e)
+        at, to = uint64(3) * i, uint64(9) * i
+        x, y, z = g[at], g[at + uint64(1)], g[at + uint64(2)]
         bend = s[i] * s.dtype.type(positive if s[i] > 0 else negative)
         if by_length:
-            bend *= over[i]
+            bend *= inverse_length[i]
             A = own[i] - bend
         else:
             bend += bend
             A = own[i]
         blocks[to] = -(A * x * x + bend)
-        blocks[to + I(1)] = blocks[to + I(3)] = -A * x * y
-        blocks[to + I(2)] = blocks[to + I(6)] = -A * x * z
-        blocks[to + I(4)] = -(A * y * y + bend)
-        blocks[to + I(5)] = blocks[to + I(7)] = -A * y * z
-        blocks[to + I(8)] = -(A * z * z + bend)
+        blocks[to + uint64(1)] = blocks[to + uint64(3)] = -A * x * y
+        blocks[to + uint64(2)] = blocks[to + uint64(6)] = -A * x * z
+        blocks[to + uint64(4)] = -(A * y * y + bend)
+        blocks[to + uint64(5)] = blocks[to + uint64(7)] = -A * y * z
+        blocks[to + uint64(8)] = -(A * z * z + bend)
 
 
 @inlined
 def _add(slot, g, h, blocks):
     """Add `g h'` to a block, or `h g'` if it is stored transposed."""
-    at = I(9) * I(slot & ~TRANSPOSED)
+    at = uint64(9) * uint64(slot & ~TRANSPOSED)
     if slot & TRANSPOSED:
         g, h = h, g
     for r in range(3):
         for c in range(3):
-            blocks[at + I(3 * r + c)] += g[r] * h[c]
+            blocks[at + uint64(3 * r + c)] += g[r] * h[c]
 
 
 @kernel
@@ -222,15 +229,15 @@ def couple_blocks(begin: int, end: int, pairs: Ids, to: Ids, between: Reals, g: 
     wait for the previous store.
     """
     for n in range(begin, end):
-        k, A = I(n), between[I(n)]
-        i, j = I(3) * I(pairs[k, I(0)]), I(3) * I(pairs[k, I(1)])
-        h = (g[j], g[j + I(1)], g[j + I(2)])
-        q = (A * g[i], A * g[i + I(1)], A * g[i + I(2)])
+        k, A = uint64(n), between[uint64(n)]
+        i, j = uint64(3) * uint64(pairs[k, uint64(0)]), uint64(3) * uint64(pairs[k, uint64(1)])
+        h = (g[j], g[j + uint64(1)], g[j + uint64(2)])
+        q = (A * g[i], A * g[i + uint64(1)], A * g[i + uint64(2)])
         m = (-q[0], -q[1], -q[2])
-        _add(to[k, I(0)], q, h, blocks)
-        _add(to[k, I(1)], m, h, blocks)
-        _add(to[k, I(2)], m, h, blocks)
-        _add(to[k, I(3)], q, h, blocks)
+        _add(to[k, uint64(0)], q, h, blocks)
+        _add(to[k, uint64(1)], m, h, blocks)
+        _add(to[k, uint64(2)], m, h, blocks)
+        _add(to[k, uint64(3)], q, h, blocks)
 
 
 @kernel
@@ -243,23 +250,23 @@ def find_blocks(begin: int, end: int, edges: Ids, starts: Ids, pairs: Ids, out: 
     """
     missing, total = 0, len(edges)
     for n in range(begin, end):
-        k = I(n)
+        k = uint64(n)
         for first in range(2):
             for second in range(2):
-                r, s = edges[I(pairs[k, I(0)]), I(first)], edges[I(pairs[k, I(1)]), I(second)]
+                r, s = edges[uint64(pairs[k, uint64(0)]), uint64(first)], edges[uint64(pairs[k, uint64(1)]), uint64(second)]
                 a, b = min(r, s), max(r, s)
-                low, high = starts[I(a)], starts[I(a + 1)]
+                low, high = starts[uint64(a)], starts[uint64(a + 1)]
                 while low < high:
                     middle = (low + high) // 2
-                    if edges[I(middle), I(1)] < b:
+                    if edges[uint64(middle), uint64(1)] < b:
                         low = middle + 1
                     else:
                         high = middle
-                found = low < starts[I(a + 1)] and edges[I(low), I(1)] == b
+                found = low < starts[uint64(a + 1)] and edges[uint64(low), uint64(1)] == b
                 at = np.uint32(low) if found else np.uint32(total + SPARE)
                 if r == s:
                     at = np.uint32(total + n % SPARE)
                 elif not found:
                     missing += 1
-                out[k, I(2 * first + second)] = at | TRANSPOSED if r > s else at
+                out[k, uint64(2 * first + second)] = at | TRANSPOSED if r > s else at
     return missing

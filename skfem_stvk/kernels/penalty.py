@@ -29,34 +29,34 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Ids, Reals, inlined, kernel
 from .lanes import (
     LANES,
-    I,
     Points,
     absolute,
     add,
-    at_point,
-    complete_spokes,
+    base_vectors,
+    complete_base_vectors,
     cross,
     dot,
-    find_spokes,
+    find_base_vectors,
     gather_both,
-    gather_sizes,
-    points_of,
+    gather_magnitudes,
+    nodal_zeros,
+    point_count,
+    point_vectors,
     put,
-    room,
     scatter,
-    scatter_sizes,
-    spokes,
+    scatter_magnitudes,
     spread,
     times,
     vector,
     vectors,
     weight_of,
 )
-from .node_pairs import put_pairs, put_spokes, room_for_pairs
+from .node_pairs import pair_buffers, put_base_vector_blocks, put_pairs
 from .rows import add_blocks, close_rows, open_rows
 
 #: Kinds of energy in the kernels.
@@ -72,11 +72,11 @@ def _minus(a, b):
 def _find_ratios(P, U, D, first, e, J):
     """Write `e` and `J` of a block at a point, `e` without cancellation at rest, and `J` without cancellation at zero volume."""
     for i in range(LANES):
-        lane = I(i)
+        lane = uint64(i)
         P1, P2, P3 = vectors(P, lane)
         U1, U2, U3 = vectors(U, lane)
         p1, p2, p3 = add(P1, U1), add(P2, U2), add(P3, U3)
-        n1, over_C0 = cross(p2, p3), D[I(first + i) + I(LANES)]
+        n1, over_C0 = cross(p2, p3), D[uint64(first + i) + uint64(LANES)]
         e[lane] = over_C0 * (dot(U1, n1) + dot(P1, add(cross(U2, p3), cross(P2, U3))))
         J[lane] = over_C0 * dot(p1, n1)
 
@@ -91,15 +91,15 @@ def _find_energies(kind, D, first, e, J, psi, slope, curvature):
     nothing, least = e.dtype.type(np.nan), e.dtype.type(1)
     if kind == QUADRATIC:
         for i in range(LANES):
-            x = e[I(i)]
-            psi[I(i)], slope[I(i)], curvature[I(i)] = half * x * x, x, e.dtype.type(1)
+            x = e[uint64(i)]
+            psi[uint64(i)], slope[uint64(i)], curvature[uint64(i)] = half * x * x, x, e.dtype.type(1)
     elif kind == COMPRESSION:
         for i in range(LANES):
-            x = zero if e[I(i)] >= 0 else e[I(i)]  # NaN is propagated
-            psi[I(i)], slope[I(i)], curvature[I(i)] = -third * x * x * x, -x * x, -(x + x)
+            x = zero if e[uint64(i)] >= 0 else e[uint64(i)]  # NaN is propagated
+            psi[uint64(i)], slope[uint64(i)], curvature[uint64(i)] = -third * x * x * x, -x * x, -(x + x)
     else:
         for i in range(LANES):
-            lane = I(i)
+            lane = uint64(i)
             x, ratio = e[lane], J[lane]
             if x >= 0:
                 psi[lane], slope[lane], curvature[lane] = zero, zero, zero
@@ -110,7 +110,7 @@ def _find_energies(kind, D, first, e, J, psi, slope, curvature):
                 curvature[lane] = y * y - (logarithm + logarithm) - (y + y + y + y)
             else:
                 psi[lane], slope[lane], curvature[lane] = nothing, nothing, nothing
-                if ratio <= 0 and D[I(first + i)] > 0:
+                if ratio <= 0 and D[uint64(first + i)] > 0:
                     least = min(ratio, least)
     return least
 
@@ -124,22 +124,22 @@ def _find(kind, P, U, D, first, found):
 
 
 @inlined
-def _normals(P, U, lane, more, most):
+def _normals(P, U, lane, has_second, has_third):
     """Return the deformed base vectors, and `dC/dp_i`.
 
-    For constant base vectors `more` or `most` is zero, and `dC/dp_i` is zero, too.
+    For constant base vectors `has_second` or `has_third` is zero, and `dC/dp_i` is zero, too.
     """
     p1 = add(vector(P, lane), vector(U, lane))
-    p2 = add(vector(P, lane + I(3 * LANES)), vector(U, lane + I(3 * LANES)))
-    p3 = add(vector(P, lane + I(6 * LANES)), vector(U, lane + I(6 * LANES)))
-    return p1, p2, p3, cross(p2, p3), times(more, cross(p3, p1)), times(most, cross(p1, p2))
+    p2 = add(vector(P, lane + uint64(3 * LANES)), vector(U, lane + uint64(3 * LANES)))
+    p3 = add(vector(P, lane + uint64(6 * LANES)), vector(U, lane + uint64(6 * LANES)))
+    return p1, p2, p3, cross(p2, p3), times(has_second, cross(p3, p1)), times(has_third, cross(p1, p2))
 
 
 @inlined
 def _put_forces(factor, n1, n2, n3, forces, lane):
     put(times(factor, n1), forces, lane)
-    put(times(factor, n2), forces, lane + I(3 * LANES))
-    put(times(factor, n3), forces, lane + I(6 * LANES))
+    put(times(factor, n2), forces, lane + uint64(3 * LANES))
+    put(times(factor, n3), forces, lane + uint64(6 * LANES))
 
 
 @kernel
@@ -151,27 +151,27 @@ def penalty_energy_and_force(
     If there is no such `J`, the second number is 1. Forces are added to the slots `f`, unless `f` is empty. The barrier is not
     defined at `J <= 0`. Then energy and forces are not defined either.
     """
-    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
+    x, y, total = nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype)
+    P, U, forces = point_vectors(points, x), point_vectors(points, y), point_vectors(points, total)
     found = np.empty((5, LANES), D.dtype)
     psi, slope = found[0], found[1]
-    more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
+    has_second, has_third = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
         w = D.dtype.type(0)
         if points is not None:
             total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
-            complete_spokes(k, P)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
+            complete_base_vectors(k, P)
             least = min(_find(kind, P, U, D, first, found), least)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
+                lane, at = uint64(i), uint64(first + i)
                 stiffness = weight * D[at]
                 w += stiffness * psi[lane]
-                _, _, _, n1, n2, n3 = _normals(P, U, lane, more, most)
-                _put_forces(stiffness * D[at + I(LANES)] * slope[lane], n1, n2, n3, forces, lane)
+                _, _, _, n1, n2, n3 = _normals(P, U, lane, has_second, has_third)
+                _put_forces(stiffness * D[at + uint64(LANES)] * slope[lane], n1, n2, n3, forces, lane)
             spread(points, block, point, forces, total)
         W += w
         if len(f) > 0:
@@ -214,64 +214,64 @@ def penalty_linearize(
     u: Reals,
     k: int,
     kind: int,
-    kept: float,
+    slope_factor: float,
     f: Reals,
 ) -> tuple[float, float, float]:
     """Return the results of `penalty_energy_and_force` and the trace of the rows of K that were written (`rows`).
 
     Forces are added to the slots `f`, unless `f` is empty, and `K_ab` to the destination `to`. In K, `psi'` is multiplied by
-    `kept`.
+    `slope_factor`.
     """
-    x, y, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, forces = at_point(points, x), at_point(points, y), at_point(points, total)
+    x, y, total = nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype), nodal_zeros(points, D.dtype)
+    P, U, forces = point_vectors(points, x), point_vectors(points, y), point_vectors(points, total)
     found = np.empty((5, LANES), D.dtype)
     psi, slope, curvature = found[0], found[1], found[2]
-    K, T, row, values = room_for_pairs(points, to.slots, D.dtype)
+    K, T, row, values = pair_buffers(points, to.slots, D.dtype)
     nodes = (len(t) // LANES) // len(to.slots)
-    stage, place = open_rows(to)
-    more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
+    buffer, buffer_state = open_rows(to)
+    has_second, has_third = D.dtype.type(k > 1), D.dtype.type(k > 2)
     W, least = 0.0, 1.0
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
         w = D.dtype.type(0)
         if points is not None:
             total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
-            complete_spokes(k, P)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
+            complete_base_vectors(k, P)
             least = min(_find(kind, P, U, D, first, found), least)
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
-                stiffness, over_C0 = weight * D[at], D[at + I(LANES)]
+                lane, at = uint64(i), uint64(first + i)
+                stiffness, over_C0 = weight * D[at], D[at + uint64(LANES)]
                 w += stiffness * psi[lane]
                 factor, bend = stiffness * over_C0 * slope[lane], stiffness * curvature[lane]
-                p1, p2, p3, n1, n2, n3 = _normals(P, U, lane, more, most)
+                p1, p2, p3, n1, n2, n3 = _normals(P, U, lane, has_second, has_third)
                 _put_forces(factor, n1, n2, n3, forces, lane)
                 # n/C0, the gradient of J, keeps its size where C0 and n are tiny
                 y1, y2, y3 = times(over_C0, n1), times(over_C0, n2), times(over_C0, n3)
                 z1, z2, z3 = times(bend, y1), times(bend, y2), times(bend, y3)
-                h = D.dtype.type(kept) * factor
-                q12, q13, q23 = times(-h * more, p3), times(h * most, p2), times(-h * most, p1)
+                h = D.dtype.type(slope_factor) * factor
+                q12, q13, q23 = times(-h * has_second, p3), times(h * has_third, p2), times(-h * has_third, p1)
                 if points is None:
                     y0 = (-(y1[0] + y2[0] + y3[0]), -(y1[1] + y2[1] + y3[1]), -(y1[2] + y2[2] + y3[2]))
                     z0 = times(bend, y0)
                     put(_block(z0, y1, add(q12, q13)), values, lane)
-                    put(_block(z1, y2, q12), values, lane + I(9 * LANES))
-                    put(_block(z0, y2, _minus(q23, q12)), values, lane + I(18 * LANES))
-                    put(_block(z0, y3, times(D.dtype.type(-1), add(q13, q23))), values, lane + I(27 * LANES))
-                    put(_block(z1, y3, q13), values, lane + I(36 * LANES))
-                    put(_block(z2, y3, q23), values, lane + I(45 * LANES))
+                    put(_block(z1, y2, q12), values, lane + uint64(9 * LANES))
+                    put(_block(z0, y2, _minus(q23, q12)), values, lane + uint64(18 * LANES))
+                    put(_block(z0, y3, times(D.dtype.type(-1), add(q13, q23))), values, lane + uint64(27 * LANES))
+                    put(_block(z1, y3, q13), values, lane + uint64(36 * LANES))
+                    put(_block(z2, y3, q23), values, lane + uint64(45 * LANES))
                 else:
                     symmetric = *_symmetric(z1, y1), *_symmetric(z2, y2), *_symmetric(z3, y3)
                     stiffnesses = *symmetric, *_block(z1, y2, q12), *_block(z1, y3, q13), *_block(z2, y3, q23)
-                    put_spokes(stiffnesses, K, point, lane)
+                    put_base_vector_blocks(stiffnesses, K, point, lane)
             spread(points, block, point, forces, total)
         put_pairs(points, block, nodes, K, x, D.dtype.type(0), T, row, values)
         W += w
         if len(f) > 0:
             scatter(points, slots, block, total, f)
-        place = add_blocks(to, points, stage, place, block, values)
-    return W, least, close_rows(to, stage, place)
+        buffer_state = add_blocks(to, points, buffer, buffer_state, block, values)
+    return W, least, close_rows(to, buffer, buffer_state)
 
 
 @inlined
@@ -291,37 +291,42 @@ def penalty_round_off(
 
     Returns the smallest `J` as in `penalty_energy_and_force`.
     """
-    x, y, z, total = room(points, D.dtype), room(points, D.dtype), room(points, D.dtype), room(points, D.dtype)
-    P, U, B, forces = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, total)
+    x, y, z, total = (
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+        nodal_zeros(points, D.dtype),
+    )
+    P, U, B, forces = point_vectors(points, x), point_vectors(points, y), point_vectors(points, z), point_vectors(points, total)
     rest, now, E = np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype), np.empty(9 * LANES, D.dtype)
     table = absolute(points)
     found = np.empty((5, LANES), D.dtype)
     slope, curvature = found[1], found[2]
-    more, most = D.dtype.type(k > 1), D.dtype.type(k > 2)
+    has_second, has_third = D.dtype.type(k > 1), D.dtype.type(k > 2)
     least = 1.0
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
         if points is not None:
             total[:] = 0
-        for point in range(points_of(points)):
-            first, weight = find_spokes(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
-            complete_spokes(k, P)
+        for point in range(point_count(points)):
+            first, weight = find_base_vectors(points, block, point, 2, x, P, y, U), weight_of(points, point, D)
+            complete_base_vectors(k, P)
             least = min(_find(kind, P, U, D, first, found), least)
-            gather_sizes(points, t, block, u, z)
+            gather_magnitudes(points, t, block, u, z)
             rest[:], now[:] = np.abs(P), np.abs(P + U)
             if points is None:
                 B[3 * k * LANES :] = 0
             else:
-                spokes(table, block, point, z, B)
-                spokes(table, block, point, np.abs(x), E)
+                base_vectors(table, block, point, z, B)
+                base_vectors(table, block, point, np.abs(x), E)
                 E += B
             for i in range(LANES):
-                lane, at = I(i), I(first + i)
-                over_C0 = abs(D[at + I(LANES)])
-                P1, P2 = vector(rest, lane), vector(rest, lane + I(3 * LANES))
+                lane, at = uint64(i), uint64(first + i)
+                over_C0 = abs(D[at + uint64(LANES)])
+                P1, P2 = vector(rest, lane), vector(rest, lane + uint64(3 * LANES))
                 B1, B2, B3 = vectors(B, lane)
                 p1, p2, p3 = vectors(now, lane)
-                n1, n2, n3 = _permanent(p2, p3), times(more, _permanent(p3, p1)), times(most, _permanent(p1, p2))
+                n1, n2, n3 = _permanent(p2, p3), times(has_second, _permanent(p3, p1)), times(has_third, _permanent(p1, p2))
                 size = over_C0 * (dot(B1, n1) + dot(P1, add(_permanent(B2, p3), _permanent(P2, B3))))
                 factor = weight * D[at] * over_C0
                 bent, straight = factor * (curvature[lane] * size), factor * abs(slope[lane])
@@ -330,11 +335,11 @@ def penalty_round_off(
                 else:
                     E1, E2, E3 = vectors(E, lane)
                     m1 = add(_permanent(E2, p3), _permanent(p2, E3))
-                    m2 = times(more, add(_permanent(E3, p1), _permanent(p3, E1)))
-                    m3 = times(most, add(_permanent(E1, p2), _permanent(p1, E2)))
+                    m2 = times(has_second, add(_permanent(E3, p1), _permanent(p3, E1)))
+                    m3 = times(has_third, add(_permanent(E1, p2), _permanent(p1, E2)))
                     put(add(times(bent, n1), times(straight, m1)), forces, lane)
-                    put(add(times(bent, n2), times(straight, m2)), forces, lane + I(3 * LANES))
-                    put(add(times(bent, n3), times(straight, m3)), forces, lane + I(6 * LANES))
+                    put(add(times(bent, n2), times(straight, m2)), forces, lane + uint64(3 * LANES))
+                    put(add(times(bent, n3), times(straight, m3)), forces, lane + uint64(6 * LANES))
             spread(table, block, point, forces, total)
-        scatter_sizes(points, slots, block, total, f)
+        scatter_magnitudes(points, slots, block, total, f)
     return least

@@ -12,8 +12,8 @@ can be removed. Between base vectors, with `Z = Ri V` of rows `z_a`,
                          G_ij = H_ij z_ai z_bj + (f_ij - t_ij)/2 z_aj z_bi
 
 Elements of fewer dimensions lack a stretch. Its flips and twists are both `p_i/s_i`, tension over stretch. A law is a type with its
-numbers `D` and the kind `flat` of its elements. It supplies `w`, `p`, `H` and the flips (`answer`). `of_stretches` derives the
-formulas of the kernels from these.
+numbers `D` and the kind `flat` of its elements. It supplies `w`, `p`, `H` and the flips (`stretch_response`). `of_stretches`
+derives the formulas of the kernels from these.
 
 Source: Smith, de Goes, Kim, "Analytic eigensystems for isotropic distortion energies" (2019).
 """
@@ -23,23 +23,24 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import by_type, inlined
-from .lanes import LANES, I, put, six, times, vector, vectors
-from .laws import FORMULAS, combination, numbers_in, numbers_kept, respond, spoke_stiffness, strain, weigh
+from .lanes import LANES, put, six, times, vector, vectors
+from .laws import FORMULAS, base_vector_stiffness, combination, law_size, respond, scale_tensions, state_size, strain
 from .svd import decompose, eigen, present, small
 
 
-def answer(law: Any, at: Any, weight: Any, s: Any, e: Any) -> Any:
+def stretch_response(law: Any, at: Any, weight: Any, s: Any, e: Any) -> Any:
     """Return `w`, `p_i`, `H` in the order 11, 22, 33, 12, 13, 23 and the flips 12, 13, 23 for stretches `s` and `e = s - 1`."""
-    return FORMULAS["answer", type(law)](law, at, weight, s, e)
+    return FORMULAS["stretch_response", type(law)](law, at, weight, s, e)
 
 
 @inlined
 def lame(law, at, weight):
     """Return `w lam` and `w mu`."""
-    lam = weight * law.D[at + I(6 * LANES)]
-    return lam + lam, weight * law.D[at + I(7 * LANES)]
+    lam = weight * law.D[at + uint64(6 * LANES)]
+    return lam + lam, weight * law.D[at + uint64(7 * LANES)]
 
 
 @inlined
@@ -60,12 +61,12 @@ def _numbers_of_a_decomposition(law):
     return 30
 
 
-def _stretches_pull(law, at, weight, Q, h, q):
+def _response_of_stretches(law, at, weight, Q, h, q):
     """Return `4 w W`, the state, and the forces on the axes; the state is `U`, `V`, `H`, the flips 12, 13, 23 and the twists."""
     D = law.D
     M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
     u1, u2, u3, v1, v2, v3, s, e = decompose(law.flat, D, Q, q, M)
-    w, p, H, (f12, f13, f23) = answer(law, at, weight, s, e)
+    w, p, H, (f12, f13, f23) = stretch_response(law, at, weight, s, e)
     least = D.dtype.type(64 * np.finfo(D.dtype).eps) * (D.dtype.type(1) + abs(s[0]))
     t12, t13, t23 = (
         _twist(p[0], p[1], s[0], s[1], least),
@@ -92,7 +93,7 @@ def _part(x, positive, negative):
     return a if x > 0 else b
 
 
-def _weigh_stretches(law, points, kept, positive, negative):
+def _scale_stretches(law, points, states, positive, negative):
     """Multiply twists by the factors for their signs, and other negative eigenvalues, of `H` and the flips, by the second factor.
 
     Without twists K is that of warped stiffness.
@@ -100,8 +101,8 @@ def _weigh_stretches(law, points, kept, positive, negative):
     D = law.D
     one, plus, minus, (_, y, z) = D.dtype.type(1), D.dtype.type(positive), D.dtype.type(negative), present(law.flat, D)
     for i in range(LANES):
-        lane = I(i)
-        H = six(kept, lane + I(18 * LANES))
+        lane = uint64(i)
+        H = six(states, lane + uint64(18 * LANES))
         size = abs(H[0]) + abs(H[1]) + abs(H[2]) + abs(H[3]) + abs(H[4]) + abs(H[5]) + small(D)
         r = one / size
         (a, b, c), v1, v2, v3 = eigen((r * H[0], r * H[1], r * H[2], r * H[3], r * H[4], r * H[5]), D)
@@ -115,13 +116,13 @@ def _weigh_stretches(law, points, kept, positive, negative):
             x1[0] * v1[2] + x2[0] * v2[2] + x3[0] * v3[2],
             x1[1] * v1[2] + x2[1] * v2[2] + x3[1] * v3[2],
         )
-        f, t = vector(kept, lane + I(24 * LANES)), vector(kept, lane + I(27 * LANES))
+        f, t = vector(states, lane + uint64(24 * LANES)), vector(states, lane + uint64(27 * LANES))
         t = (_part(t[0], plus, minus), _part(t[1], plus, minus), _part(t[2], plus, minus))
         f = (_part(f[0], one, minus), _part(f[1], one, minus), _part(f[2], one, minus))
         f = ((f[0] if y > 0 else t[0]), (f[1] if z > 0 else t[1]), (f[2] if z > 0 else t[2]))
-        put(H, kept, lane + I(18 * LANES))
-        put(f, kept, lane + I(24 * LANES))
-        put(t, kept, lane + I(27 * LANES))
+        put(H, states, lane + uint64(18 * LANES))
+        put(f, states, lane + uint64(24 * LANES))
+        put(t, states, lane + uint64(27 * LANES))
 
 
 @inlined
@@ -191,11 +192,11 @@ def _six_of(u, G):
     )
 
 
-def _stiffness_of_stretches(law, at, weight, R, kept, lane):
+def _stiffness_of_stretches(law, at, weight, R, states, lane):
     half = law.D.dtype.type(0.5)
-    u, (v1, v2, v3) = vectors(kept, lane), vectors(kept, lane + I(9 * LANES))
-    H = six(kept, lane + I(18 * LANES))
-    f, t = vector(kept, lane + I(24 * LANES)), vector(kept, lane + I(27 * LANES))
+    u, (v1, v2, v3) = vectors(states, lane), vectors(states, lane + uint64(9 * LANES))
+    H = six(states, lane + uint64(18 * LANES))
+    f, t = vector(states, lane + uint64(24 * LANES)), vector(states, lane + uint64(27 * LANES))
     alpha = (half * (f[0] + t[0]), half * (f[1] + t[1]), half * (f[2] + t[2]))
     beta = (half * (f[0] - t[0]), half * (f[1] - t[1]), half * (f[2] - t[2]))
     z1 = (
@@ -216,12 +217,12 @@ def _stiffness_of_stretches(law, at, weight, R, kept, lane):
 
 
 def of_stretches(kind: type) -> None:
-    """Register the formulas of a law of principal stretches, which use its `answer`."""
+    """Register the formulas of a law of principal stretches, which use its `stretch_response`."""
     for stub, formula in (
-        (numbers_in, _numbers_of_an_isotropic_law),
-        (numbers_kept, _numbers_of_a_decomposition),
-        (respond, _stretches_pull),
-        (weigh, _weigh_stretches),
-        (spoke_stiffness, _stiffness_of_stretches),
+        (law_size, _numbers_of_an_isotropic_law),
+        (state_size, _numbers_of_a_decomposition),
+        (respond, _response_of_stretches),
+        (scale_tensions, _scale_stretches),
+        (base_vector_stiffness, _stiffness_of_stretches),
     ):
         by_type(stub, kind, FORMULAS)(formula)

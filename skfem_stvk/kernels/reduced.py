@@ -14,11 +14,9 @@ Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff 
 
 from __future__ import annotations
 
-import numpy as np
+from numpy import uint64
 
 from .compiled import Reals, kernel
-
-I = np.uint64
 
 
 @kernel
@@ -39,22 +37,24 @@ def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
             for b in range(m):
                 first = b * (b + 1) // 2
                 for a in range(b + 1):
-                    work[I(row), I(first + a)] = 0.0
+                    work[uint64(row), uint64(first + a)] = 0.0
                 for c in range(d):
-                    x, y = G[I(e), I(i), I(c), I(b)], G[I(e), I(j), I(c), I(b)]
+                    x, y = G[uint64(e), uint64(i), uint64(c), uint64(b)], G[uint64(e), uint64(j), uint64(c), uint64(b)]
                     for a in range(b + 1):
-                        work[I(row), I(first + a)] += G[I(e), I(i), I(c), I(a)] * y + G[I(e), I(j), I(c), I(a)] * x
-                work[I(row), I(first + b)] *= 0.5
-            work[I(row), I(0)] = 0.0
+                        work[uint64(row), uint64(first + a)] += (
+                            G[uint64(e), uint64(i), uint64(c), uint64(a)] * y + G[uint64(e), uint64(j), uint64(c), uint64(a)] * x
+                        )
+                work[uint64(row), uint64(first + b)] *= 0.5
+            work[uint64(row), uint64(0)] = 0.0
         for row in range(s):
             to = e * s + row
             for p in range(pairs):
-                out[I(to), I(p)] = L[I(e), I(row), I(0)] * work[I(0), I(p)]
+                out[uint64(to), uint64(p)] = L[uint64(e), uint64(row), uint64(0)] * work[uint64(0), uint64(p)]
             for other in range(1, s):
-                factor = L[I(e), I(row), I(other)]
+                factor = L[uint64(e), uint64(row), uint64(other)]
                 if factor != 0.0:
                     for p in range(pairs):
-                        out[I(to), I(p)] += factor * work[I(other), I(p)]
+                        out[uint64(to), uint64(p)] += factor * work[uint64(other), uint64(p)]
 
 
 @kernel
@@ -91,42 +91,42 @@ def quartic(T: Reals, x: Reals, p: Reals, Y: Reals, P: Reals, G: Reals, H: Reals
     n, pairs, at = len(x), len(p), 0
     for b in range(n):
         for a in range(b + 1):
-            p[I(b * (b + 1) // 2 + a)] = x[I(a)] * x[I(b)]
+            p[uint64(b * (b + 1) // 2 + a)] = x[uint64(a)] * x[uint64(b)]
     for c in range(n):
         for i in range((c + 1) * (c + 2) // 2):
-            Y[I(c), I(i)] = 0.0
+            Y[uint64(c), uint64(i)] = 0.0
     for i in range(pairs):
-        P[I(i)] = 0.0
+        P[uint64(i)] = 0.0
     for d in range(n):
         for c in range(d + 1):
-            size, xc, xd, total = (c + 1) * (c + 2) // 2, x[I(c)], x[I(d)], 0.0
+            size, xc, xd, total = (c + 1) * (c + 2) // 2, x[uint64(c)], x[uint64(d)], 0.0
             for i in range(size):
-                t = T[I(at + i)]
-                total += t * p[I(i)]
-                Y[I(c), I(i)] += xd * t
-                Y[I(d), I(i)] += xc * t
-            P[I(d * (d + 1) // 2 + c)] += total
+                t = T[uint64(at + i)]
+                total += t * p[uint64(i)]
+                Y[uint64(c), uint64(i)] += xd * t
+                Y[uint64(d), uint64(i)] += xc * t
+            P[uint64(d * (d + 1) // 2 + c)] += total
             at += size
     for e in range(n):
-        half, own = 0.5 * x[I(e)], e * (e + 1) // 2
+        half, own = 0.5 * x[uint64(e)], e * (e + 1) // 2
         for i in range((e + 1) * (e + 2) // 2):
-            P[I(i)] += half * Y[I(e), I(i)]
+            P[uint64(i)] += half * Y[uint64(e), uint64(i)]
         for b in range(e + 1):
             first, total = b * (b + 1) // 2, 0.0
             for a in range(b + 1):
-                y = Y[I(e), I(first + a)]
-                total += x[I(a)] * y
-                P[I(own + a)] += x[I(b)] * y
-            P[I(own + b)] += total
+                y = Y[uint64(e), uint64(first + a)]
+                total += x[uint64(a)] * y
+                P[uint64(own + a)] += x[uint64(b)] * y
+            P[uint64(own + b)] += total
     for b in range(n):
         for a in range(b):
-            H[I(a), I(b)] = H[I(b), I(a)] = P[I(b * (b + 1) // 2 + a)]
-        H[I(b), I(b)] = 2.0 * P[I(b * (b + 1) // 2 + b)]
+            H[uint64(a), uint64(b)] = H[uint64(b), uint64(a)] = P[uint64(b * (b + 1) // 2 + a)]
+        H[uint64(b), uint64(b)] = 2.0 * P[uint64(b * (b + 1) // 2 + b)]
     energy = 0.0
     for a in range(n):
         total = 0.0
         for b in range(n):
-            total += H[I(a), I(b)] * x[I(b)]
-        G[I(a)] = total / 3.0
-        energy += G[I(a)] * x[I(a)]
+            total += H[uint64(a), uint64(b)] * x[uint64(b)]
+        G[uint64(a)] = total / 3.0
+        energy += G[uint64(a)] * x[uint64(a)]
     return energy / 4.0

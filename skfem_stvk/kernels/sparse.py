@@ -8,10 +8,9 @@ rows `begin` to `end`. Gauss-Seidel uses the previous values of the rows of othe
 from __future__ import annotations
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Ids, Reals, inlined, kernel
-
-I = np.uint64
 
 
 @kernel
@@ -36,23 +35,23 @@ def fill_blocks(
     Unknown `w` is `component[w]` of block row `block[w]`. The unknowns of block row `i` are `first[i]` and the following ones.
     Components without an unknown get the diagonal `1/scale`.
     """
-    place = np.empty(len(rows), np.int64)
+    block_at = np.empty(len(rows), np.int64)
     for i in range(begin, end):
-        for k in range(rows[I(i)], rows[I(i + 1)]):
-            place[I(columns[I(k)])] = 9 * k
-        for k in range(9 * rows[I(i)], 9 * rows[I(i + 1)]):
-            blocks[I(k)] = 0
-            single[I(k)] = 0
+        for k in range(rows[uint64(i)], rows[uint64(i + 1)]):
+            block_at[uint64(columns[uint64(k)])] = 9 * k
+        for k in range(9 * rows[uint64(i)], 9 * rows[uint64(i + 1)]):
+            blocks[uint64(k)] = 0
+            single[uint64(k)] = 0
         for c in range(3):
-            blocks[I(9 * diagonal[I(i)] + 4 * c)] = 1 / scale
-            single[I(9 * diagonal[I(i)] + 4 * c)] = 1
-        u = first[I(i)]
-        while u < len(block) and block[I(u)] == i:
-            for e in range(indptr[I(u)], indptr[I(u + 1)]):
-                w = I(indices[I(e)])
-                to = I(place[I(block[w])] + 3 * component[I(u)] + component[w])
-                blocks[to] = values[I(e)]
-                single[to] = scale * values[I(e)]
+            blocks[uint64(9 * diagonal[uint64(i)] + 4 * c)] = 1 / scale
+            single[uint64(9 * diagonal[uint64(i)] + 4 * c)] = 1
+        u = first[uint64(i)]
+        while u < len(block) and block[uint64(u)] == i:
+            for e in range(indptr[uint64(u)], indptr[uint64(u + 1)]):
+                w = uint64(indices[uint64(e)])
+                to = uint64(block_at[uint64(block[w])] + 3 * component[uint64(u)] + component[w])
+                blocks[to] = values[uint64(e)]
+                single[to] = scale * values[uint64(e)]
             u += 1
 
 
@@ -61,11 +60,11 @@ def _row(begin, end, columns, blocks, x):
     """Return the sum of `A_ij x_j` over the block indices `begin` to `end`."""
     s0 = s1 = s2 = blocks.dtype.type(0)
     for i in range(begin, end):
-        k, c = I(9) * I(i), I(3) * I(columns[I(i)])
-        x0, x1, x2 = x[c], x[c + I(1)], x[c + I(2)]
-        s0 += blocks[k] * x0 + blocks[k + I(1)] * x1 + blocks[k + I(2)] * x2
-        s1 += blocks[k + I(3)] * x0 + blocks[k + I(4)] * x1 + blocks[k + I(5)] * x2
-        s2 += blocks[k + I(6)] * x0 + blocks[k + I(7)] * x1 + blocks[k + I(8)] * x2
+        k, c = uint64(9) * uint64(i), uint64(3) * uint64(columns[uint64(i)])
+        x0, x1, x2 = x[c], x[c + uint64(1)], x[c + uint64(2)]
+        s0 += blocks[k] * x0 + blocks[k + uint64(1)] * x1 + blocks[k + uint64(2)] * x2
+        s1 += blocks[k + uint64(3)] * x0 + blocks[k + uint64(4)] * x1 + blocks[k + uint64(5)] * x2
+        s2 += blocks[k + uint64(6)] * x0 + blocks[k + uint64(7)] * x1 + blocks[k + uint64(8)] * x2
     return s0, s1, s2
 
 
@@ -73,9 +72,9 @@ def _row(begin, end, columns, blocks, x):
 def _times(blocks, k, x0, x1, x2):
     """Return a block times a vector."""
     return (
-        blocks[k] * x0 + blocks[k + I(1)] * x1 + blocks[k + I(2)] * x2,
-        blocks[k + I(3)] * x0 + blocks[k + I(4)] * x1 + blocks[k + I(5)] * x2,
-        blocks[k + I(6)] * x0 + blocks[k + I(7)] * x1 + blocks[k + I(8)] * x2,
+        blocks[k] * x0 + blocks[k + uint64(1)] * x1 + blocks[k + uint64(2)] * x2,
+        blocks[k + uint64(3)] * x0 + blocks[k + uint64(4)] * x1 + blocks[k + uint64(5)] * x2,
+        blocks[k + uint64(6)] * x0 + blocks[k + uint64(7)] * x1 + blocks[k + uint64(8)] * x2,
     )
 
 
@@ -83,16 +82,16 @@ def _times(blocks, k, x0, x1, x2):
 def product(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, x: Reals, add: bool, out: Reals) -> None:
     """Write `A x` to `out`, or add it."""
     for i in range(begin, end):
-        s0, s1, s2 = _row(rows[I(i)], rows[I(i + 1)], columns, blocks, x)
-        to = I(3) * I(i)
+        s0, s1, s2 = _row(rows[uint64(i)], rows[uint64(i + 1)], columns, blocks, x)
+        to = uint64(3) * uint64(i)
         if add:
             out[to] += s0
-            out[to + I(1)] += s1
-            out[to + I(2)] += s2
+            out[to + uint64(1)] += s1
+            out[to + uint64(2)] += s2
         else:
             out[to] = s0
-            out[to + I(1)] = s1
-            out[to + I(2)] = s2
+            out[to + uint64(1)] = s1
+            out[to + uint64(2)] = s2
 
 
 @kernel
@@ -104,13 +103,13 @@ def sweep_forward(
     `inverse` has the blocks `D_i^-1`.
     """
     for i in range(begin, end):
-        inner = rows[I(i)]
-        while columns[I(inner)] < begin:
+        inner = rows[uint64(i)]
+        while columns[uint64(inner)] < begin:
             inner += 1
-        s0, s1, s2 = _row(inner, diagonal[I(i)], columns, blocks, x)
-        at = I(3) * I(i)
-        x0, x1, x2 = _times(inverse, I(9) * I(i), b[at] - s0, b[at + I(1)] - s1, b[at + I(2)] - s2)
-        x[at], x[at + I(1)], x[at + I(2)] = x0, x1, x2
+        s0, s1, s2 = _row(inner, diagonal[uint64(i)], columns, blocks, x)
+        at = uint64(3) * uint64(i)
+        x0, x1, x2 = _times(inverse, uint64(9) * uint64(i), b[at] - s0, b[at + uint64(1)] - s1, b[at + uint64(2)] - s2)
+        x[at], x[at + uint64(1)], x[at + uint64(2)] = x0, x1, x2
 
 
 @kernel
@@ -119,15 +118,15 @@ def residual_after_forward(
 ) -> None:
     """Write `b - A x` after `sweep_forward`, that is, the terms it omits: `extra_i x_i - sum_{j < begin or j > i} A_ij x_j`."""
     for i in range(begin, end):
-        inner = rows[I(i)]
-        while columns[I(inner)] < begin:
+        inner = rows[uint64(i)]
+        while columns[uint64(inner)] < begin:
             inner += 1
-        s0, s1, s2 = _row(rows[I(i)], inner, columns, blocks, x)
-        t0, t1, t2 = _row(diagonal[I(i)] + 1, rows[I(i + 1)], columns, blocks, x)
-        at, e = I(3) * I(i), extra[I(i)]
+        s0, s1, s2 = _row(rows[uint64(i)], inner, columns, blocks, x)
+        t0, t1, t2 = _row(diagonal[uint64(i)] + 1, rows[uint64(i + 1)], columns, blocks, x)
+        at, e = uint64(3) * uint64(i), extra[uint64(i)]
         out[at] = e * x[at] - s0 - t0
-        out[at + I(1)] = e * x[at + I(1)] - s1 - t1
-        out[at + I(2)] = e * x[at + I(2)] - s2 - t2
+        out[at + uint64(1)] = e * x[at + uint64(1)] - s1 - t1
+        out[at + uint64(2)] = e * x[at + uint64(2)] - s2 - t2
 
 
 @kernel
@@ -136,36 +135,38 @@ def sweep_backward(
 ) -> None:
     """Apply Gauss-Seidel, rows descending: `x_i += D_i^-1 (b_i - sum_j A_ij x_j)`, with `before_j` outside of the part."""
     for i in range(end - 1, begin - 1, -1):
-        inner, outer = rows[I(i)], rows[I(i + 1)]
-        while columns[I(inner)] < begin:
+        inner, outer = rows[uint64(i)], rows[uint64(i + 1)]
+        while columns[uint64(inner)] < begin:
             inner += 1
-        while columns[I(outer - 1)] >= end:
+        while columns[uint64(outer - 1)] >= end:
             outer -= 1
-        r0, r1, r2 = _row(rows[I(i)], inner, columns, blocks, before)
+        r0, r1, r2 = _row(rows[uint64(i)], inner, columns, blocks, before)
         s0, s1, s2 = _row(inner, outer, columns, blocks, x)
-        t0, t1, t2 = _row(outer, rows[I(i + 1)], columns, blocks, before)
-        at = I(3) * I(i)
-        y0, y1, y2 = _times(inverse, I(9) * I(i), b[at] - r0 - s0 - t0, b[at + I(1)] - r1 - s1 - t1, b[at + I(2)] - r2 - s2 - t2)
+        t0, t1, t2 = _row(outer, rows[uint64(i + 1)], columns, blocks, before)
+        at = uint64(3) * uint64(i)
+        y0, y1, y2 = _times(
+            inverse, uint64(9) * uint64(i), b[at] - r0 - s0 - t0, b[at + uint64(1)] - r1 - s1 - t1, b[at + uint64(2)] - r2 - s2 - t2
+        )
         x[at] += y0
-        x[at + I(1)] += y1
-        x[at + I(2)] += y2
+        x[at + uint64(1)] += y1
+        x[at + uint64(2)] += y2
 
 
 @kernel
-def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
+def outside_norms(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
     """Write half the sum of the norms of the blocks of each row outside of the part to `extra`.
 
     Added to the diagonal, this makes Gauss-Seidel in parts converge.
     """
     for i in range(begin, end):
         total = 0.0
-        for j in range(rows[I(i)], rows[I(i + 1)]):
-            if columns[I(j)] < begin or columns[I(j)] >= end:
+        for j in range(rows[uint64(i)], rows[uint64(i + 1)]):
+            if columns[uint64(j)] < begin or columns[uint64(j)] >= end:
                 square = 0.0
                 for k in range(9 * j, 9 * j + 9):
-                    square += blocks[I(k)] ** 2
+                    square += blocks[uint64(k)] ** 2
                 total += np.sqrt(square)
-        extra[I(i)] = total / 2
+        extra[uint64(i)] = total / 2
 
 
 @kernel
@@ -177,9 +178,9 @@ def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: R
     """
     negative = 0
     for i in range(begin, end):
-        k, e = I(9) * I(diagonal[I(i)]), extra[I(i)]
-        a, b, c = float(blocks[k]) + e, float(blocks[k + I(1)]), float(blocks[k + I(2)])
-        d, f, g = float(blocks[k + I(4)]) + e, float(blocks[k + I(5)]), float(blocks[k + I(8)]) + e
+        k, e = uint64(9) * uint64(diagonal[uint64(i)]), extra[uint64(i)]
+        a, b, c = float(blocks[k]) + e, float(blocks[k + uint64(1)]), float(blocks[k + uint64(2)])
+        d, f, g = float(blocks[k + uint64(4)]) + e, float(blocks[k + uint64(5)]), float(blocks[k + uint64(8)]) + e
         total = abs(a) + abs(d) + abs(g)
         total = total if total > 0 else 1.0
         least = 1e-12 * total
@@ -193,13 +194,13 @@ def invert_diagonal(begin: int, end: int, diagonal: Ids, blocks: Reals, extra: R
         negative += (a < 0) + (d < 0) + (g < 0)
         p, q, s = 1 / abs(a), 1 / abs(d), 1 / abs(g)
         o = l * n - m
-        k = I(9) * I(i)
+        k = uint64(9) * uint64(i)
         out[k] = p + l * l * q + o * o * s
-        out[k + I(1)] = out[k + I(3)] = -l * q - o * n * s
-        out[k + I(2)] = out[k + I(6)] = o * s
-        out[k + I(4)] = q + n * n * s
-        out[k + I(5)] = out[k + I(7)] = -n * s
-        out[k + I(8)] = s
+        out[k + uint64(1)] = out[k + uint64(3)] = -l * q - o * n * s
+        out[k + uint64(2)] = out[k + uint64(6)] = o * s
+        out[k + uint64(4)] = q + n * n * s
+        out[k + uint64(5)] = out[k + uint64(7)] = -n * s
+        out[k + uint64(8)] = s
     return negative
 
 
@@ -219,24 +220,24 @@ def multiply_blocks(
     out: Reals,
 ) -> None:
     """Write the product of two matrices, in a structure that contains all its blocks; `width` is its number of block columns."""
-    place = np.empty(width, np.int64)
+    block_at = np.empty(width, np.int64)
     for i in range(begin, end):
-        for k in range(out_rows[I(i)], out_rows[I(i + 1)]):
-            place[I(out_columns[I(k)])] = 9 * k
-        for k in range(9 * out_rows[I(i)], 9 * out_rows[I(i + 1)]):
-            out[I(k)] = 0
-        for j in range(rows[I(i)], rows[I(i + 1)]):
-            at, via = I(9) * I(j), I(columns[I(j)])
-            a0, a1, a2 = blocks[at], blocks[at + I(1)], blocks[at + I(2)]
-            a3, a4, a5 = blocks[at + I(3)], blocks[at + I(4)], blocks[at + I(5)]
-            a6, a7, a8 = blocks[at + I(6)], blocks[at + I(7)], blocks[at + I(8)]
-            for k in range(other_rows[via], other_rows[via + I(1)]):
-                to, b = I(place[I(other_columns[I(k)])]), I(9) * I(k)
+        for k in range(out_rows[uint64(i)], out_rows[uint64(i + 1)]):
+            block_at[uint64(out_columns[uint64(k)])] = 9 * k
+        for k in range(9 * out_rows[uint64(i)], 9 * out_rows[uint64(i + 1)]):
+            out[uint64(k)] = 0
+        for j in range(rows[uint64(i)], rows[uint64(i + 1)]):
+            at, via = uint64(9) * uint64(j), uint64(columns[uint64(j)])
+            a0, a1, a2 = blocks[at], blocks[at + uint64(1)], blocks[at + uint64(2)]
+            a3, a4, a5 = blocks[at + uint64(3)], blocks[at + uint64(4)], blocks[at + uint64(5)]
+            a6, a7, a8 = blocks[at + uint64(6)], blocks[at + uint64(7)], blocks[at + uint64(8)]
+            for k in range(other_rows[via], other_rows[via + uint64(1)]):
+                to, b = uint64(block_at[uint64(other_columns[uint64(k)])]), uint64(9) * uint64(k)
                 for c in range(3):
-                    b0, b1, b2 = other[b + I(c)], other[b + I(3 + c)], other[b + I(6 + c)]
-                    out[to + I(c)] += a0 * b0 + a1 * b1 + a2 * b2
-                    out[to + I(3 + c)] += a3 * b0 + a4 * b1 + a5 * b2
-                    out[to + I(6 + c)] += a6 * b0 + a7 * b1 + a8 * b2
+                    b0, b1, b2 = other[b + uint64(c)], other[b + uint64(3 + c)], other[b + uint64(6 + c)]
+                    out[to + uint64(c)] += a0 * b0 + a1 * b1 + a2 * b2
+                    out[to + uint64(3 + c)] += a3 * b0 + a4 * b1 + a5 * b2
+                    out[to + uint64(6 + c)] += a6 * b0 + a7 * b1 + a8 * b2
 
 
 @kernel
@@ -254,26 +255,28 @@ def smooth_prolongator(
 ) -> None:
     """Write `T - omega D^-1 (A T)` in the structure of `A T`; row `i` of T has `count` blocks from index `own[i]` on."""
     for i in range(begin, end):
-        at = I(9) * I(i)
-        for k in range(rows[I(i)], rows[I(i + 1)]):
-            to = I(9) * I(k)
+        at = uint64(9) * uint64(i)
+        for k in range(rows[uint64(i)], rows[uint64(i + 1)]):
+            to = uint64(9) * uint64(k)
             for c in range(3):
-                y0, y1, y2 = _times(inverse, at, products[to + I(c)], products[to + I(3 + c)], products[to + I(6 + c)])
-                out[to + I(c)] = -omega * y0
-                out[to + I(3 + c)] = -omega * y1
-                out[to + I(6 + c)] = -omega * y2
+                y0, y1, y2 = _times(
+                    inverse, at, products[to + uint64(c)], products[to + uint64(3 + c)], products[to + uint64(6 + c)]
+                )
+                out[to + uint64(c)] = -omega * y0
+                out[to + uint64(3 + c)] = -omega * y1
+                out[to + uint64(6 + c)] = -omega * y2
         for k in range(9 * count):
-            out[I(9 * own[I(i)] + k)] += tentative[I(9 * count * i + k)]
+            out[uint64(9 * own[uint64(i)] + k)] += tentative[uint64(9 * count * i + k)]
 
 
 @kernel
-def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Reals) -> None:
-    """Write the transpose of block `places[k]` to block `k` of `out`."""
+def transpose_blocks(begin: int, end: int, indices: Ids, blocks: Reals, out: Reals) -> None:
+    """Write the transpose of block `indices[k]` to block `k` of `out`."""
     for k in range(begin, end):
-        to, at = I(9) * I(k), I(9) * I(places[I(k)])
+        to, at = uint64(9) * uint64(k), uint64(9) * uint64(indices[uint64(k)])
         for r in range(3):
             for c in range(3):
-                out[to + I(3 * r + c)] = blocks[at + I(3 * c + r)]
+                out[to + uint64(3 * r + c)] = blocks[at + uint64(3 * c + r)]
 
 
 @kernel
@@ -346,7 +349,7 @@ def dot(begin: int, end: int, x: Reals, y: Reals) -> float:
     """Return the contribution of the part to `x'y`."""
     total = 0.0
     for i in range(begin, end):
-        total += x[I(i)] * y[I(i)]
+        total += x[uint64(i)] * y[uint64(i)]
     return total
 
 
@@ -355,23 +358,23 @@ def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Re
     """Update `x += alpha p` and `r -= alpha q`, and return the contribution of the part to `r'r`."""
     total = 0.0
     for i in range(begin, end):
-        x[I(i)] += alpha * p[I(i)]
-        r[I(i)] -= alpha * q[I(i)]
-        total += r[I(i)] * r[I(i)]
+        x[uint64(i)] += alpha * p[uint64(i)]
+        r[uint64(i)] -= alpha * q[uint64(i)]
+        total += r[uint64(i)] * r[uint64(i)]
     return total
 
 
 @kernel
-def turn(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
+def update_search_direction(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
     """Update the search direction, `p = z + beta p`."""
     for i in range(begin, end):
-        p[I(i)] = z[I(i)] + beta * p[I(i)]
+        p[uint64(i)] = z[uint64(i)] + beta * p[uint64(i)]
 
 
 @kernel
 def multiply_diagonal(begin: int, end: int, blocks: Reals, x: Reals, out: Reals) -> None:
     """Write the product of a block diagonal matrix and x."""
     for i in range(begin, end):
-        at = I(3) * I(i)
-        y0, y1, y2 = _times(blocks, I(9) * I(i), x[at], x[at + I(1)], x[at + I(2)])
-        out[at], out[at + I(1)], out[at + I(2)] = y0, y1, y2
+        at = uint64(3) * uint64(i)
+        y0, y1, y2 = _times(blocks, uint64(9) * uint64(i), x[at], x[at + uint64(1)], x[at + uint64(2)])
+        out[at], out[at + uint64(1)], out[at + uint64(2)] = y0, y1, y2

@@ -17,19 +17,19 @@ stretch is a few eps times the same value divided by the stretch. If a state ove
 from __future__ import annotations
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Ids, Reals, inlined, kernel
 from .lanes import (
     LANES,
-    I,
     Points,
-    at_point,
     cross,
     dot,
-    find_spokes,
+    find_base_vectors,
     gather_both,
-    points_of,
-    room,
+    nodal_zeros,
+    point_count,
+    point_vectors,
     times,
     vectors,
 )
@@ -106,15 +106,15 @@ def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: R
 
     The smallest stretch of each element is written to `out`, unless `out` is empty.
     """
-    x, y = room(points, X.dtype), room(points, X.dtype)
-    P, U = at_point(points, x), at_point(points, y)
+    x, y = nodal_zeros(points, X.dtype), nodal_zeros(points, X.dtype)
+    P, U = point_vectors(points, x), point_vectors(points, y)
     s, least = np.empty(LANES), np.full(LANES, np.inf)
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
-        for point in range(points_of(points)):
-            find_spokes(points, block, point, 1, x, P, y, U)
+        for point in range(point_count(points)):
+            find_base_vectors(points, block, point, 1, x, P, y, U)
             for i in range(LANES):
-                lane = I(i)
+                lane = uint64(i)
                 P1, P2, P3 = vectors(P, lane)
                 U1, U2, U3 = vectors(U, lane)
                 if k == 3:

@@ -27,11 +27,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Reals, by_type, inlined
-from .discrete_gradient import by_strain
-from .lanes import LANES, I, six, times, vector
-from .laws import FORMULAS, combination, numbers_in, numbers_kept, respond, spoke_stiffness, strain, weigh
+from .discrete_gradient import response_to_strain
+from .lanes import LANES, six, times, vector
+from .laws import FORMULAS, base_vector_stiffness, combination, law_size, respond, scale_tensions, state_size, strain
 
 
 class TensionLaw(NamedTuple):
@@ -40,12 +41,12 @@ class TensionLaw(NamedTuple):
     D: Reals
 
 
-@by_type(numbers_in, TensionLaw, FORMULAS)
+@by_type(law_size, TensionLaw, FORMULAS)
 def _numbers(law):
     return 8
 
 
-@by_type(numbers_kept, TensionLaw, FORMULAS)
+@by_type(state_size, TensionLaw, FORMULAS)
 def _numbers_of_two_axes(law):
     return 14
 
@@ -79,7 +80,7 @@ def _relaxed(lam, mu, m1, m2, one):
 
 
 @by_type(respond, TensionLaw, FORMULAS)
-def _tension_pulls(law, at, weight, Q, h, q):
+def _response_of_tension(law, at, weight, Q, h, q):
     """Return `4 w W`, the state, and the forces on the axes.
 
     The state is `r_1`, `r_2`, the first axis, `T_11`, `T_22`, `T_12`, `g`, `S_1`, `S_2`.
@@ -87,7 +88,7 @@ def _tension_pulls(law, at, weight, Q, h, q):
     D = law.D
     one, tiny = D.dtype.type(1), D.dtype.type(np.finfo(D.dtype).tiny)
     zero = one - one
-    lam, mu = weight * D[at + I(6 * LANES)], weight * D[at + I(7 * LANES)]
+    lam, mu = weight * D[at + uint64(6 * LANES)], weight * D[at + uint64(7 * LANES)]
     M = strain(h[0], h[1], h[2], Q[0], Q[1], Q[2], q[0], q[1], q[2])
     m1, m2, c, s = _axes(M[0], M[1], M[3], one, tiny)
     S1, S2, nu, tense, taut = _relaxed(lam, mu, m1, m2, one)
@@ -107,11 +108,11 @@ def _tension_pulls(law, at, weight, Q, h, q):
     )
 
 
-@by_type(by_strain, TensionLaw, FORMULAS)
-def _relaxed_by_strain(law, at, weight, M, rest, hand, second, third, one):
+@by_type(response_to_strain, TensionLaw, FORMULAS)
+def _relaxed_response_to_strain(law, at, weight, M, rest, orientation, second, third, one):
     """Return `4 w W` and `S` without a frame, because elements that have collapsed to a line or a point have none."""
     D = law.D
-    lam, mu = weight * D[at + I(6 * LANES)], weight * D[at + I(7 * LANES)]
+    lam, mu = weight * D[at + uint64(6 * LANES)], weight * D[at + uint64(7 * LANES)]
     m1, m2, c, s = _axes(M[0], M[1], M[3], one, D.dtype.type(np.finfo(D.dtype).tiny))
     S1, S2, _, _, _ = _relaxed(lam, mu, m1, m2, one)
     zero = one - one
@@ -119,14 +120,14 @@ def _relaxed_by_strain(law, at, weight, M, rest, hand, second, third, one):
     return S1 * m1 + S2 * m2, S
 
 
-@by_type(weigh, TensionLaw, FORMULAS)
-def _weigh_tensions(law, points, kept, positive, negative):
+@by_type(scale_tensions, TensionLaw, FORMULAS)
+def _scale_tension_fields(law, points, states, positive, negative):
     """Multiply the tensions by `positive`, because none is negative."""
-    kept[12 * LANES :] *= kept.dtype.type(positive)
+    states[12 * LANES :] *= states.dtype.type(positive)
 
 
 @inlined
-def _all_four(k, z, y):
+def _dyad_coefficients(k, z, y):
     """Return the coefficients of `r_1 r_1'`, `r_2 r_2'`, `r_1 r_2'`, `r_2 r_1'` and `I` in `sum_mn z_m y_n A_mn`.
 
     Here `z = z_a` and `y = z_b`.
@@ -144,7 +145,7 @@ def _all_four(k, z, y):
 
 @inlined
 def _block(n, r1, r2):
-    """Return the nine numbers of a block with the coefficients `n` of `_all_four`, row by row."""
+    """Return the nine numbers of a block with the coefficients `n` of `_dyad_coefficients`, row by row."""
     a = (n[0] * r1[0] + n[2] * r2[0], n[0] * r1[1] + n[2] * r2[1], n[0] * r1[2] + n[2] * r2[2])
     b = (n[3] * r1[0] + n[1] * r2[0], n[3] * r1[1] + n[1] * r2[1], n[3] * r1[2] + n[1] * r2[2])
     return (
@@ -160,12 +161,12 @@ def _block(n, r1, r2):
     )
 
 
-@by_type(spoke_stiffness, TensionLaw, FORMULAS)
-def _stiffness_of_tension(law, at, weight, R, kept, lane):
-    r1, r2, k = vector(kept, lane), vector(kept, lane + I(3 * LANES)), six(kept, lane + I(8 * LANES))
-    c, s = kept[lane + I(6 * LANES)], kept[lane + I(7 * LANES)]
+@by_type(base_vector_stiffness, TensionLaw, FORMULAS)
+def _stiffness_of_tension(law, at, weight, R, states, lane):
+    r1, r2, k = vector(states, lane), vector(states, lane + uint64(3 * LANES)), six(states, lane + uint64(8 * LANES))
+    c, s = states[lane + uint64(6 * LANES)], states[lane + uint64(7 * LANES)]
     z1, z2 = (R[0] * c + R[1] * s, R[1] * c - R[0] * s), (R[3] * s, R[3] * c)
-    K11, K22 = _block(_all_four(k, z1, z1), r1, r2), _block(_all_four(k, z2, z2), r1, r2)
+    K11, K22 = _block(_dyad_coefficients(k, z1, z1), r1, r2), _block(_dyad_coefficients(k, z2, z2), r1, r2)
     o = c - c
     none = (o, o, o, o, o, o)
     nine = (o, o, o, o, o, o, o, o, o)
@@ -173,7 +174,7 @@ def _stiffness_of_tension(law, at, weight, R, kept, lane):
         *(K11[0], K11[4], K11[8], K11[1], K11[2], K11[5]),
         *(K22[0], K22[4], K22[8], K22[1], K22[2], K22[5]),
         *none,
-        *_block(_all_four(k, z1, z2), r1, r2),
+        *_block(_dyad_coefficients(k, z1, z2), r1, r2),
         *nine,
         *nine,
     )

@@ -57,7 +57,7 @@ def small(D):
 
 
 @inlined
-def _turn(a, b, g, one, tiny):
+def _rotation(a, b, g, one, tiny):
     """Return cosine and sine of the smaller rotation that makes `a, g; g, b` diagonal, and the resulting diagonal."""
     d, twice = b - a, g + g
     h = np.sqrt(d * d + twice * twice)
@@ -69,7 +69,7 @@ def _turn(a, b, g, one, tiny):
 
 
 @inlined
-def _turned(c, s, x, y):
+def _rotated(c, s, x, y):
     """Return `c x - s y` and `s x + c y` for vectors."""
     return (
         (c * x[0] - s * y[0], c * x[1] - s * y[1], c * x[2] - s * y[2]),
@@ -81,15 +81,15 @@ def _turned(c, s, x, y):
 def _sweep(A, v1, v2, v3, one, tiny):
     """Apply three rotations of Jacobi's method to `A` in the order 11, 22, 33, 12, 13, 23."""
     a, b, c, d, e, f = A
-    co, si, a, b = _turn(a, b, d, one, tiny)
+    co, si, a, b = _rotation(a, b, d, one, tiny)
     e, f = co * e - si * f, si * e + co * f
-    v1, v2 = _turned(co, si, v1, v2)
-    co, si, a, c = _turn(a, c, e, one, tiny)
+    v1, v2 = _rotated(co, si, v1, v2)
+    co, si, a, c = _rotation(a, c, e, one, tiny)
     d, f = -si * f, co * f
-    v1, v3 = _turned(co, si, v1, v3)
-    co, si, b, c = _turn(b, c, f, one, tiny)
+    v1, v3 = _rotated(co, si, v1, v3)
+    co, si, b, c = _rotation(b, c, f, one, tiny)
     d, e = co * d, si * d
-    v2, v3 = _turned(co, si, v2, v3)
+    v2, v3 = _rotated(co, si, v2, v3)
     return (a, b, c, d, e, a - a), v1, v2, v3
 
 
@@ -102,14 +102,14 @@ def eigen(A, D):
     """
     zero, one, tiny = D.dtype.type(0), D.dtype.type(1), small(D)
     a, b, c, d, e, f = A
-    p, q, a, b = _turn(a, b, d, one, tiny)
+    p, q, a, b = _rotation(a, b, d, one, tiny)
     e, f = p * e - q * f, q * e + p * f
-    r, s, a, c = _turn(a, c, e, one, tiny)
+    r, s, a, c = _rotation(a, c, e, one, tiny)
     d, f = -s * f, r * f
     v1, v2, v3 = (r * p, -r * q, -s), (q, p, zero), (s * p, -s * q, r)
-    p, q, b, c = _turn(b, c, f, one, tiny)
+    p, q, b, c = _rotation(b, c, f, one, tiny)
     A = (a, b, c, p * d, q * d, zero)
-    v2, v3 = _turned(p, q, v2, v3)
+    v2, v3 = _rotated(p, q, v2, v3)
     A, v1, v2, v3 = _sweep(A, v1, v2, v3, one, tiny)
     A, v1, v2, v3 = _sweep(A, v1, v2, v3, one, tiny)
     A, v1, v2, v3 = _sweep(A, v1, v2, v3, one, tiny)
@@ -117,7 +117,7 @@ def eigen(A, D):
 
 
 @inlined
-def _in_order(swap, one, v, w):
+def _exchanged(swap, one, v, w):
     """Return `v, w`, or `w, -v` if `swap`, which has the same orientation."""
     return select(swap, w, v), select(swap, times(-one, v), w)
 
@@ -189,31 +189,31 @@ def _elongation(near, m, s, one):
 @by_type(decompose, type(None), FORMULAS)
 def _decompose_solid(flat, D, Q, q, M):
     zero, one, tiny = D.dtype.type(0), D.dtype.type(1), small(D)
-    hand = one if dot(Q[0], cross(Q[1], Q[2])) > 0 else -one
-    near = _is_near(hand * dot(q[0], cross(q[1], q[2])), M, D)
+    orientation = one if dot(Q[0], cross(Q[1], Q[2])) > 0 else -one
+    near = _is_near(orientation * dot(q[0], cross(q[1], q[2])), M, D)
     C = (dot(q[0], q[0]), dot(q[1], q[1]), dot(q[2], q[2]), dot(q[0], q[1]), dot(q[0], q[2]), dot(q[1], q[2]))
     A, size = _scaled(near, M, C, D)
     (m1, m2, m3), v1, v2, v3 = eigen(A, D)
     swap = m1 < m2
-    (m1, m2), (v1, v2) = ((m2 if swap else m1), (m1 if swap else m2)), _in_order(swap, one, v1, v2)
+    (m1, m2), (v1, v2) = ((m2 if swap else m1), (m1 if swap else m2)), _exchanged(swap, one, v1, v2)
     swap = m2 < m3
-    (m2, m3), (v2, v3) = ((m3 if swap else m2), (m2 if swap else m3)), _in_order(swap, one, v2, v3)
+    (m2, m3), (v2, v3) = ((m3 if swap else m2), (m2 if swap else m3)), _exchanged(swap, one, v2, v3)
     swap = m1 < m2
-    (m1, m2), (v1, v2) = ((m2 if swap else m1), (m1 if swap else m2)), _in_order(swap, one, v1, v2)
+    (m1, m2), (v1, v2) = ((m2 if swap else m1), (m1 if swap else m2)), _exchanged(swap, one, v1, v2)
     b1, b2, b3 = _image(q, v1), _image(q, v2), _image(q, v3)
     # where two stretches are much smaller than the first, their difference is lost in C, but not in the vectors
     n2, n3 = dot(b2, b2), dot(b3, b3)
     lost = n2 < D.dtype.type(0.01) * dot(b1, b1)
     r = one / (n2 + n3 + tiny)
-    co, si, n2, n3 = _turn(r * n2, r * n3, r * dot(b2, b3), one, tiny)
+    co, si, n2, n3 = _rotation(r * n2, r * n3, r * dot(b2, b3), one, tiny)
     co, si = (co if lost else one), (si if lost else zero)
-    v2, v3 = _turned(co, si, v2, v3)
-    b2, b3 = _turned(co, si, b2, b3)
+    v2, v3 = _rotated(co, si, v2, v3)
+    b2, b3 = _rotated(co, si, b2, b3)
     swap = lost & (n2 < n3)
-    (v2, v3), (b2, b3) = _in_order(swap, one, v2, v3), _in_order(swap, one, b2, b3)
+    (v2, v3), (b2, b3) = _exchanged(swap, one, v2, v3), _exchanged(swap, one, b2, b3)
     u1, n1 = _first(b1, one, tiny)
     u2 = _second(b2, u1, n1, D, tiny)
-    u3 = times(hand, cross(u1, u2))
+    u3 = times(orientation, cross(u1, u2))
     e1, s1 = _elongation(near, size * m1, dot(u1, b1), one)
     e2, s2 = _elongation(near, size * m2, dot(u2, b2), one)
     e3, s3 = _elongation(near, size * m3, dot(u3, b3), one)
@@ -230,20 +230,20 @@ def _all_present(flat, D):
 def _decompose_flat(flat, D, Q, q, M):
     zero, one, tiny = D.dtype.type(0), D.dtype.type(1), small(D)
     plane, z = flat.kind >= SHEET, (zero, zero, one)
-    hand = one if (dot(cross(Q[0], Q[1]), z) if plane else Q[0][0]) > 0 else -one
+    orientation = one if (dot(cross(Q[0], Q[1]), z) if plane else Q[0][0]) > 0 else -one
     side = dot(cross(q[0], q[1]), z) if flat.kind == SHEET else q[0][0]
-    near = _is_near(hand * side if flat.kind == SHEET or flat.kind == LINE else one, M, D)
+    near = _is_near(orientation * side if flat.kind == SHEET or flat.kind == LINE else one, M, D)
     C = (dot(q[0], q[0]), dot(q[1], q[1]), zero, dot(q[0], q[1]), zero, zero)
     (a, b, _, g, _, _), size = _scaled(near, M, C, D)
-    co, si, m1, m2 = _turn(a, b, g, one, tiny)
+    co, si, m1, m2 = _rotation(a, b, g, one, tiny)
     x, y = (one, zero, zero), (zero, one, zero)
-    v1, v2 = _turned(co, si, x, y)
+    v1, v2 = _rotated(co, si, x, y)
     swap = plane & (m1 < m2)
-    (m1, m2), (v1, v2) = ((m2 if swap else m1), (m1 if swap else m2)), _in_order(swap, one, v1, v2)
+    (m1, m2), (v1, v2) = ((m2 if swap else m1), (m1 if swap else m2)), _exchanged(swap, one, v1, v2)
     b1, b2 = _image(q, v1), _image(q, v2)
     u1, n1 = _first(b1, one, tiny)
-    u1 = select(flat.kind == LINE, times(hand, x), u1)
-    u2 = select(flat.kind == SHEET, times(hand, cross(z, u1)), _second(b2, u1, n1, D, tiny))
+    u1 = select(flat.kind == LINE, times(orientation, x), u1)
+    u2 = select(flat.kind == SHEET, times(orientation, cross(z, u1)), _second(b2, u1, n1, D, tiny))
     u3, more = cross(u1, u2), one if plane else zero
     e1, s1 = _elongation(near, size * m1, dot(u1, b1), one)
     e2, s2 = _elongation(near, size * m2, dot(u2, b2), one)

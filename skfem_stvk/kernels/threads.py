@@ -37,7 +37,7 @@ def threads() -> int:
     return count
 
 
-class Turn:
+class CopyableLock:
     """Lock for scratch arrays that calls share, held by one Python thread at a time.
 
     A copy, or one in another process, has its own lock.
@@ -52,16 +52,16 @@ class Turn:
     def __exit__(self, *exception: object) -> None:
         self._lock.release()
 
-    def __reduce__(self) -> tuple[type[Turn], tuple[()]]:
-        return Turn, ()
+    def __reduce__(self) -> tuple[type[CopyableLock], tuple[()]]:
+        return CopyableLock, ()
 
 
-def in_turn(method: Method) -> Method:
-    """Return a method that holds the lock `_turn` of its object while it runs."""
+def locked(method: Method) -> Method:
+    """Return a method that holds the lock `_lock` of its object while it runs."""
 
     @wraps(method)
     def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
-        with self._turn:
+        with self._lock:
             return method(self, *arguments, **named)
 
     return cast(Method, waiting)

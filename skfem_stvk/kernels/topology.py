@@ -161,17 +161,17 @@ def assign_slots(
     """
     blocks, m = t2e.shape
     ne, count = len(pairs), len(parts) - 1
-    in_work = done[blocks]
+    in_parallel = done[blocks]
     row = np.empty(ne, np.int64)  # the later of the two rows of a pair
     for e in range(ne):
         row[e] = max(row_of[pairs[e, 0]], row_of[pairs[e, 1]])
     slot, seen = np.full(ne, -1, np.int32), np.full(ne, -1, np.int32)
     lasting, extra = 0, 0
-    if in_work < len(begin) - 1:
+    if in_parallel < len(begin) - 1:
         for part in range(count):
             for block in range(parts[part], parts[part + 1]):
                 for e in t2e[block]:
-                    if row[e] >= in_work and seen[e] != part:
+                    if row[e] >= in_parallel and seen[e] != part:
                         if seen[e] < 0:
                             slot[e] = lasting
                             lasting += 1
@@ -189,7 +189,7 @@ def assign_slots(
             for i in range(m):
                 e = t2e[block, i]
                 if seen[e] != part:
-                    if row[e] < in_work:
+                    if row[e] < in_parallel:
                         if left > 0:
                             left -= 1
                             slot[e] = free[left]
@@ -234,9 +234,9 @@ def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
 
 
 @kernel
-def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
+def block_indices(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
     """Return the index (n,) in the CSR values of the first value of each block `(a, b)`, or -1 if the block does not exist."""
-    places = np.empty(len(a), np.int64)
+    indices = np.empty(len(a), np.int64)
     for i in range(len(a)):
         low, high = begin[a[i]], begin[a[i] + 1]
         count, first = high - low, low
@@ -247,8 +247,8 @@ def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
             else:
                 high = middle
         found = low < first + count and columns[low] == b[i]
-        places[i] = d * d * first + d * (low - first) if found else -1
-    return places
+        indices[i] = d * d * first + d * (low - first) if found else -1
+    return indices
 
 
 # This takes 70 to 370 ns per simplex. SciPy's connected_components needs the graph of simplices and facets and takes 1700 to
@@ -305,8 +305,8 @@ def pieces_of_simplices(t: Ids, n: int) -> Ids:
     after, third, owner = np.empty(3 * largest, np.int32), np.empty(3 * largest, np.int32), np.empty(3 * largest, np.int32)
     for a in range(n):
         count = 0
-        for place in range(begin[a], begin[a + 1]):
-            e = star[place]
+        for k in range(begin[a], begin[a + 1]):
+            e = star[k]
             first = 1 if ordered[e, 0] == a else 2
             for i in range(first, m if m == 3 else m - 1):
                 for j in range(i + 1, m if m == 4 else i + 2):

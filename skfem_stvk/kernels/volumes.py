@@ -13,25 +13,25 @@ A triangle in the plane has the third base vector (0, 0, 1). A segment on the li
 from __future__ import annotations
 
 import numpy as np
+from numpy import uint64
 
 from .compiled import Ids, Reals, inlined, kernel
 from .lanes import (
     LANES,
-    I,
     Points,
     absolute,
     add,
-    at_point,
-    complete_spokes,
+    base_vectors,
+    complete_base_vectors,
     cross,
     dot,
-    find_spokes,
+    find_base_vectors,
     gather,
     gather_both,
-    gather_sizes,
-    points_of,
-    room,
-    spokes,
+    gather_magnitudes,
+    nodal_zeros,
+    point_count,
+    point_vectors,
     vectors,
 )
 
@@ -55,15 +55,15 @@ def volume_ratios(begin: int, end: int, t: Ids, points: Points | None, X: Reals,
 
     The ratio of each element is written to `out`, unless `out` is empty.
     """
-    x, y = room(points, X.dtype), room(points, X.dtype)
-    P, U = at_point(points, x), at_point(points, y)
+    x, y = nodal_zeros(points, X.dtype), nodal_zeros(points, X.dtype)
+    P, U = point_vectors(points, x), point_vectors(points, y)
     J, least = np.empty(LANES), np.full(LANES, np.inf)
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
-        for point in range(points_of(points)):
-            find_spokes(points, block, point, 1, x, P, y, U)
+        for point in range(point_count(points)):
+            find_base_vectors(points, block, point, 1, x, P, y, U)
             for i in range(LANES):
-                lane = I(i)
+                lane = uint64(i)
                 P1, P2, P3 = vectors(P, lane)
                 U1, U2, U3 = vectors(U, lane)
                 now = _measure(add(P1, U1), add(P2, U2), add(P3, U3), k, d)
@@ -82,7 +82,7 @@ def _triple(a, b, c):
 
 
 @inlined
-def _size(a, b, c):
+def _magnitude(a, b, c):
     """Return the sum of the absolute values of all terms of `a . (b x c)`."""
     return (
         abs(a[0]) * (abs(b[1] * c[2]) + abs(b[2] * c[1]))
@@ -97,7 +97,7 @@ def _value(c0, c1, c2, c3, s):
 
 
 @kernel
-def _crossing(c0, c1, c2, c3, a, b):
+def _zero_between(c0, c1, c2, c3, a, b):
     """Return the zero of a cubic between `a`, where it is positive, and `b`, where it is zero or negative.
 
     The method is Newton's, safeguarded by bisection.
@@ -137,7 +137,7 @@ def _first_zero(c0, c1, c2, c3, end):
             sizes = c0 + extremum * (abs(c1) + extremum * (abs(c2) + extremum * abs(c3)))
             value = _value(c0, c1, c2, c3, extremum)
             if value <= 0:
-                return _crossing(c0, c1, c2, c3, begin, extremum)
+                return _zero_between(c0, c1, c2, c3, begin, extremum)
             if value <= 8 * EPS * sizes:
                 return extremum
             begin = extremum
@@ -154,7 +154,7 @@ def _first_zero(c0, c1, c2, c3, end):
         last = max(last, 2 * begin)
     if _value(c0, c1, c2, c3, last) > 0:
         return end
-    return _crossing(c0, c1, c2, c3, begin, last)
+    return _zero_between(c0, c1, c2, c3, begin, last)
 
 
 @inlined
@@ -171,9 +171,9 @@ def _limit(p1, p2, p3, V1, V2, V3, B1, B2, B3, sign, end):
     """
     c1 = _triple(V1, p2, p3) + _triple(p1, V2, p3) + _triple(p1, p2, V3)
     c2 = _triple(p1, V2, V3) + _triple(V1, p2, V3) + _triple(V1, V2, p3)
-    c1 = _significant(c1, _size(B1, p2, p3) + _size(p1, B2, p3) + _size(p1, p2, B3))
-    c2 = _significant(c2, _size(p1, B2, B3) + _size(B1, p2, B3) + _size(B1, B2, p3))
-    c3 = _significant(_triple(V1, V2, V3), _size(B1, B2, B3))
+    c1 = _significant(c1, _magnitude(B1, p2, p3) + _magnitude(p1, B2, p3) + _magnitude(p1, p2, B3))
+    c2 = _significant(c2, _magnitude(p1, B2, B3) + _magnitude(B1, p2, B3) + _magnitude(B1, B2, p3))
+    c3 = _significant(_triple(V1, V2, V3), _magnitude(B1, B2, B3))
     return _first_zero(sign * _triple(p1, p2, p3), sign * c1, sign * c2, sign * c3, end)
 
 
@@ -184,20 +184,25 @@ def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u:
     Only points with `J > 0` at `u` count. The search for a zero is skipped if `C(s) >= c0 - |c1| s - |c2| s^2 - |c3| s^3 > 0` up to
     the smallest `s` so far, or if no coefficient is negative.
     """
-    x, y, z, size = room(points, X.dtype), room(points, X.dtype), room(points, X.dtype), room(points, X.dtype)
-    P, U, V, B = at_point(points, x), at_point(points, y), at_point(points, z), at_point(points, size)
+    x, y, z, size = (
+        nodal_zeros(points, X.dtype),
+        nodal_zeros(points, X.dtype),
+        nodal_zeros(points, X.dtype),
+        nodal_zeros(points, X.dtype),
+    )
+    P, U, V, B = point_vectors(points, x), point_vectors(points, y), point_vectors(points, z), point_vectors(points, size)
     sizes = absolute(points)
-    least, looked_at = np.inf, np.empty(LANES, dtype=np.bool_)
+    least, searched = np.inf, np.empty(LANES, dtype=np.bool_)
     for block in range(begin, end):
         gather_both(points, t, block, X, u, x, y)
         gather(points, t, block, v, z)
-        for point in range(points_of(points)):
-            find_spokes(points, block, point, 1, x, P, y, U)
-            complete_spokes(k, P)
-            spokes(points, block, point, z, V)
+        for point in range(point_count(points)):
+            find_base_vectors(points, block, point, 1, x, P, y, U)
+            complete_base_vectors(k, P)
+            base_vectors(points, block, point, z, V)
             s = min(least, 1e100)  # infinity times zero is not zero
             for i in range(LANES):
-                lane = I(i)
+                lane = uint64(i)
                 P1, P2, P3 = vectors(P, lane)
                 U1, U2, U3 = vectors(U, lane)
                 V1, V2, V3 = vectors(V, lane)
@@ -209,13 +214,13 @@ def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u:
                 c2 = rest * (dot(p1, m1) + dot(p2, m2) + dot(p3, m3))
                 c3 = rest * dot(V1, m1)
                 bound = c0 - s * (abs(c1) + s * (abs(c2) + s * abs(c3)))
-                looked_at[lane] = (c0 > 0) & ~(bound > 0) & (min(c1, c2, c3) < 0)
-            if looked_at.any():
-                gather_sizes(points, t, block, v, size)
-                spokes(sizes, block, point, size, B)
+                searched[lane] = (c0 > 0) & ~(bound > 0) & (min(c1, c2, c3) < 0)
+            if searched.any():
+                gather_magnitudes(points, t, block, v, size)
+                base_vectors(sizes, block, point, size, B)
             for i in range(LANES):
-                lane = I(i)
-                if looked_at[lane]:
+                lane = uint64(i)
+                if searched[lane]:
                     P1, P2, P3 = vectors(P, lane)
                     U1, U2, U3 = vectors(U, lane)
                     V1, V2, V3 = vectors(V, lane)

@@ -8,15 +8,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import StvkError
-from ..kernels.threads import in_turn, parts_of, threads
+from ..kernels.threads import locked, parts_of, threads
 from .blocks import VertexRows
 from .cg import conjugate_gradients, dot
-from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
+from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
 from .multigrid import SINGLE, Hierarchy, Level
 from .solver import Kind, Solution, Unknowns, Vector, structure_of
 
 #: Largest number of iterations.
-MOST = 1000
+MAX_ITERATIONS = 1000
 
 #: The hierarchy is rebuilt when the iterations per decade of the residual exceed this multiple of those just after it was built.
 GROWTH = 1.5
@@ -61,34 +61,36 @@ class AmgAnalysis:
     """Arrays for K in blocks, and the hierarchy. Both are retained between Newton steps."""
 
     def __init__(self, solver: AmgCg, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
-        self._turn = self._newest.turn
+        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
+        self._lock = self._latest.lock
         if unknowns.near_null_space is None:
-            raise StvkError("The unknowns have no near_null_space; multigrid expects a function that gives the rigid motions.")
+            raise StvkError("near_null_space = None; expected a function that returns the rigid motions: multigrid needs them.")
         self.rows = VertexRows(unknowns)
         indptr, indices = structure_of(unknowns)
         self._diagonal = np.flatnonzero(np.repeat(np.arange(unknowns.n), np.diff(indptr)) == indices)
         structure = self.rows.structure
-        self.finest = Level(self.rows.graph, structure, self.rows.diagonal, structure.room(), structure.room(SINGLE))
+        self.finest = Level(
+            self.rows.graph, structure, self.rows.diagonal, structure.empty_values(), structure.empty_values(SINGLE)
+        )
         self.parts = parts_of(len(self.finest.x), 0.1, threads())
         self.hierarchy: Hierarchy | None = None
         self.pace = Pace()
 
-    @in_turn
+    @locked
     def factorise(self, K: Any, kind: Kind) -> AmgFactors:
         """Compute the values of all levels. Build a hierarchy if there is none, or if the last one has become slow."""
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
-        number = self._newest.next()
+        number = self._latest.next()
         size = float(np.abs(values[self._diagonal]).mean())
         scale = 1 / size if size > 0 else 1.0
         self.rows.fill(values, scale, self.finest.blocks, self.finest.single)
         if self.hierarchy is None or self.pace.is_slow:
             modes = self.rows.padded(_modes(self._unknowns))
-            self.hierarchy, self.pace = Hierarchy(self.finest, modes, scale, self.rows.middles()), Pace()
+            self.hierarchy, self.pace = Hierarchy(self.finest, modes, scale, self.rows.midpoints()), Pace()
         else:
             self.hierarchy.refresh(scale)
-        return AmgFactors(self, self._newest, number, self.pace)
+        return AmgFactors(self, self._latest, number, self.pace)
 
 
 class AmgFactors:
@@ -96,21 +98,21 @@ class AmgFactors:
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, analysis: AmgAnalysis, newest: Newest, number: int, pace: Pace) -> None:
-        self._analysis, self._newest, self._number, self._pace = analysis, newest, number, pace
+    def __init__(self, analysis: AmgAnalysis, latest: LatestFactors, number: int, pace: Pace) -> None:
+        self._analysis, self._latest, self._number, self._pace = analysis, latest, number, pace
         self._single = np.empty_like(analysis.finest.x)
         self._product = np.empty(len(self._single))
 
-    @by_newest
+    @latest_only
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve by conjugate gradients. Each iteration has a product in double precision and a cycle in single precision."""
         rows = self._analysis.rows
         b, rtol, x0 = checked_right(b, rows.n, rtol, x0, out)
         b = rows.padded(b)
         start = None if x0 is None else rows.padded(x0)
-        found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MOST, start)
-        self._pace.note(found)
-        return handed_out(replace(found, x=rows.taken(found.x)), out)
+        found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MAX_ITERATIONS, start)
+        self._pace.record(found)
+        return written_to(replace(found, x=rows.unpadded(found.x)), out)
 
     def _multiply(self, x: Vector) -> Vector:
         finest = self._analysis.finest
@@ -131,7 +133,7 @@ class Pace:
     def __init__(self, first: float | None = None, is_slow: bool = False) -> None:
         self.first, self.is_slow = first, is_slow
 
-    def note(self, found: Solution) -> None:
+    def record(self, found: Solution) -> None:
         """Record the pace of a solve. Solves with few iterations are ignored, because their pace is not meaningful."""
         if found.iterations < 5 or not 0 < found.residual < 0.1 * found.start:
             return

@@ -13,10 +13,10 @@ from ..arguments import flag, shown
 from ..errors import StateError, StvkError, name_ids
 from ..kernels.cg import fill_edges
 from ..kernels.sparse import invert_diagonal, multiply_diagonal
-from ..kernels.threads import in_turn, parts_of, run, threads
+from ..kernels.threads import locked, parts_of, run, threads
 from .blocks import BlockStructure, VertexRows
-from .cg import MOST, EdgeCg, EdgeFactors, conjugate_gradients
-from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out
+from .cg import MAX_ITERATIONS, EdgeCg, EdgeFactors, conjugate_gradients
+from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
 from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns, Vector
 
 
@@ -75,15 +75,15 @@ class BlockJacobiAnalysis:
     """Indices of the unknowns in the diagonal blocks."""
 
     def __init__(self, solver: BlockJacobiCg, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self.n, self._newest = solver, unknowns, unknowns.n, Newest()
-        self._turn = self._newest.turn
+        self._solver, self._unknowns, self.n, self._latest = solver, unknowns, unknowns.n, LatestFactors()
+        self._lock = self._latest.lock
         self._vertices, row = np.unique(unknowns.vertex, return_inverse=True)
         self._row, self._component = row.ravel(), unknowns.component
-        self.places = 3 * self._row + self._component
+        self.unknown_indices = 3 * self._row + self._component
         self._edges: NDArray[np.integer[Any]] | None = None
         self._search: EdgeCg | None = None
 
-    @in_turn
+    @locked
     def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors:
         """Invert the diagonal blocks. K itself is not copied, so it must not change while the factors are used."""
         check_kind(self._solver, kind)
@@ -93,19 +93,19 @@ class BlockJacobiAnalysis:
         search = None if by_edges is None else self._search_on(by_edges)
         if by_edges is not None and search is not None:
             search.shift(by_edges.blocks, by_edges.shift)
-            return EdgeFactors(search, self.n, self._newest)
+            return EdgeFactors(search, self.n, self._latest)
         inverse = self._inverted(np.asarray(K.diagonal_blocks()))
-        return BlockJacobiFactors(self, K, inverse, self._newest)
+        return BlockJacobiFactors(self, K, inverse, self._latest)
 
     def _search_on(self, K: EdgeBlocks) -> EdgeCg | None:
         """Return the compiled loop on these edges, and store it. Return None if a vertex with unknowns has no edge."""
         if self._edges is not K.edges:
             number = np.full(max(K.vertices.max(), self._vertices[-1]) + 1, -1)
             number[K.vertices] = np.arange(len(K.vertices))
-            places = 3 * number[self._unknowns.vertex] + self._component
+            indices = 3 * number[self._unknowns.vertex] + self._component
             self._edges, self._search = K.edges, None
-            if places.min() >= 0:
-                self._search = EdgeCg(K.edges, K.vertices, places, assembled=False, omega=self._solver.omega)
+            if indices.min() >= 0:
+                self._search = EdgeCg(K.edges, K.vertices, indices, assembled=False, omega=self._solver.omega)
         return self._search
 
     def _inverted(self, diagonal: Vector) -> Vector:
@@ -121,7 +121,7 @@ class BlockJacobiAnalysis:
         blocks[~(is_free[:, :, None] & is_free[:, None, :])] = 0
         bad = self._vertices[~np.isfinite(blocks).all(axis=(1, 2))]
         if len(bad):
-            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
+            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the previous step diverge?")
         inverse, parts = np.empty(9 * count), parts_of(count, 1, threads())
         run(invert_diagonal, parts, np.arange(count), blocks.ravel(), np.zeros(count), inverse)
         return inverse
@@ -132,25 +132,25 @@ class BlockJacobiFactors:
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, analysis: BlockJacobiAnalysis, K: Operator, inverse: Vector, newest: Newest) -> None:
+    def __init__(self, analysis: BlockJacobiAnalysis, K: Operator, inverse: Vector, latest: LatestFactors) -> None:
         self._analysis, self._K, self._inverse = analysis, K, inverse
-        self._newest, self._number = newest, newest.next()
+        self._latest, self._number = latest, latest.next()
         self._padded, self._out = np.zeros(len(inverse) // 3), np.empty(len(inverse) // 3)
         self._parts: NDArray[np.int64] = parts_of(len(inverse) // 9, 1, threads())
 
-    @by_newest
+    @latest_only
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve by conjugate gradients, with one product per iteration."""
         n = self._analysis.n
         b, rtol, x0 = checked_right(b, n, rtol, x0, out)
-        return handed_out(conjugate_gradients(self._multiply, self.precondition, b, rtol, MOST, x0), out)
+        return written_to(conjugate_gradients(self._multiply, self.precondition, b, rtol, MAX_ITERATIONS, x0), out)
 
-    @by_newest
+    @latest_only
     def precondition(self, r: Vector) -> Vector:
         """Return the product (n,) of the inverse diagonal blocks and `r`."""
-        self._padded[self._analysis.places] = r
+        self._padded[self._analysis.unknown_indices] = r
         run(multiply_diagonal, self._parts, self._inverse, self._padded, self._out)
-        return self._out[self._analysis.places]
+        return self._out[self._analysis.unknown_indices]
 
     def _multiply(self, v: Vector) -> Vector:
         return np.asarray(self._K.matvec(v), dtype=np.float64)
@@ -160,15 +160,15 @@ class AssembledAnalysis:
     """Edges of the graph of K, and arrays for the values."""
 
     def __init__(self, solver: LinearSolver, unknowns: Unknowns, omega: float) -> None:
-        self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
-        self._turn = self._newest.turn
+        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
+        self._lock = self._latest.lock
         self._rows = VertexRows(unknowns)
         self._above = BlockStructure.of(triu(self._rows.graph, 1, format="csr"))
-        edges = np.stack([self._above.row_of_each(), self._above.columns], axis=1)
-        self._blocks = self._above.room()
-        self._search = EdgeCg(edges, self._rows.vertices, self._rows.places, assembled=True, omega=omega)
+        edges = np.stack([self._above.block_rows(), self._above.columns], axis=1)
+        self._blocks = self._above.empty_values()
+        self._search = EdgeCg(edges, self._rows.vertices, self._rows.unknown_indices, assembled=True, omega=omega)
 
-    @in_turn
+    @locked
     def factorise(self, K: Any, kind: Kind) -> EdgeFactors:
         """Copy the values, and invert the diagonal blocks."""
         check_kind(self._solver, kind)
@@ -176,7 +176,7 @@ class AssembledAnalysis:
         unknowns = rows.first, rows.row, rows.component, K.indptr, K.indices, values
         fill_edges(self._above.rows, self._above.columns, *unknowns, self._blocks, search.diagonal)
         search.fill(self._blocks)
-        return EdgeFactors(search, self._unknowns.n, self._newest)
+        return EdgeFactors(search, self._unknowns.n, self._latest)
 
 
 @dataclass(frozen=True)

@@ -53,22 +53,22 @@ class BlockStructure:
         """Number of block rows."""
         return len(self.rows) - 1
 
-    def room(self, dtype: Any = np.float64) -> Reals:
+    def empty_values(self, dtype: Any = np.float64) -> Reals:
         """Return an empty array for the values."""
         return np.empty(9 * len(self.columns), dtype)
 
-    def row_of_each(self) -> Ids:
+    def block_rows(self) -> Ids:
         """Return the block row of each block (blocks,)."""
         return np.repeat(np.arange(self.n, dtype=np.int32), np.diff(self.rows))
 
     def diagonal(self) -> Ids:
         """Return the indices (n,) of the diagonal blocks."""
-        return np.flatnonzero(self.row_of_each() == self.columns)
+        return np.flatnonzero(self.block_rows() == self.columns)
 
     def transposed(self) -> tuple[BlockStructure, Ids]:
         """Return the structure of the transpose, and for each of its blocks the index of the block of which it is the transpose."""
-        places = np.arange(len(self.columns), dtype=np.int32)
-        at = csr_matrix((places, self.columns, self.rows), shape=(self.n, self.width)).T.tocsr()
+        indices = np.arange(len(self.columns), dtype=np.int32)
+        at = csr_matrix((indices, self.columns, self.rows), shape=(self.n, self.width)).T.tocsr()
         return _structure(at.indptr, at.indices, self.n), at.data
 
     def product(self, blocks: Reals, x: Reals, out: Reals, add: bool = False) -> Reals:
@@ -85,7 +85,7 @@ class BlockStructure:
     def dense(self, blocks: Reals) -> NDArray[np.float64]:
         """Return the matrix as an array (3 n, 3 width)."""
         matrix = np.zeros((self.n, self.width, 3, 3))
-        matrix[self.row_of_each(), self.columns] = blocks.reshape(-1, 3, 3)
+        matrix[self.block_rows(), self.columns] = blocks.reshape(-1, 3, 3)
         return matrix.transpose(0, 2, 1, 3).reshape(3 * self.n, 3 * self.width)
 
 
@@ -95,7 +95,7 @@ def _structure(rows: Ids, columns: Ids, width: int) -> BlockStructure:
     return BlockStructure(rows.astype(np.int32), columns.astype(np.int32), width, parts)
 
 
-class Middles(NamedTuple):
+class EdgeMidpoints(NamedTuple):
     """Block rows of vertices in the middle of an edge.
 
     Attributes
@@ -113,7 +113,8 @@ class VertexRows:
 
     Constrained components are padded with a diagonal. The block rows have the `graph`, with the diagonal and sorted columns.
     `vertices` and `first` are the vertex and the first unknown of each block row. An unknown is a `component` of a block `row`, and
-    `places` are its indices `3 row + component`. A K without a full block for each pair of vertices that it couples is refused.
+    `unknown_indices` are its indices `3 row + component`. A K without a full block for each pair of vertices that it couples is
+    refused.
     """
 
     def __init__(self, unknowns: Unknowns) -> None:
@@ -129,7 +130,7 @@ class VertexRows:
         self.diagonal = self.structure.diagonal()
         self.vertices = unknowns.vertex[starts[order]]
         self.first, self.row, self.component = starts[order], number[node], unknowns.component.astype(np.int32)
-        self.places = 3 * self.row.astype(np.int64) + self.component
+        self.unknown_indices = 3 * self.row.astype(np.int64) + self.component
         self.n, self._ends = unknowns.n, unknowns.ends
         self._indptr, self._indices = unknowns.indptr, unknowns.indices
 
@@ -138,25 +139,25 @@ class VertexRows:
         own = self.structure.rows, self.structure.columns, self.diagonal, self.first, self.row, self.component
         run(kernels.fill_blocks, self.structure.parts, *own, self._indptr, self._indices, values, scale, blocks, single)
 
-    def middles(self) -> Middles | None:
+    def midpoints(self) -> EdgeMidpoints | None:
         """Return the block rows at the ends of the edge of each block row; None if no vertex is in the middle of an edge."""
         if self._ends is None:
             return None
         row_of = np.full(len(self._ends), -1, dtype=np.int32)
         row_of[self.vertices] = np.arange(len(self.vertices), dtype=np.int32)
         known = np.zeros((len(self.vertices), 3), dtype=bool)
-        known.ravel()[self.places] = True
-        return Middles(row_of[self._ends[self.vertices]], known)
+        known.ravel()[self.unknown_indices] = True
+        return EdgeMidpoints(row_of[self._ends[self.vertices]], known)
 
     def padded(self, x: Vector) -> Vector:
         """Return values of the unknowns (n, ...) as values of block rows (3 rows, ...), padded with zeros."""
         out = np.zeros((3 * self.structure.n, *x.shape[1:]))
-        out[self.places] = x
+        out[self.unknown_indices] = x
         return out
 
-    def taken(self, x: Vector) -> Vector:
+    def unpadded(self, x: Vector) -> Vector:
         """Return values of block rows (3 rows,) as values of the unknowns (n,)."""
-        return x[self.places]
+        return x[self.unknown_indices]
 
 
 def _graph(unknowns: Unknowns, starts: Ids, node: Ids) -> csr_matrix:

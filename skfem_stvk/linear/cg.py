@@ -17,15 +17,15 @@ from ..kernels import cg as kernels
 from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import parts_of, run, threads
-from .checks import Newest, by_newest, checked_right, handed_out
+from .checks import LatestFactors, checked_right, latest_only, written_to
 from .solver import Outcome, Solution, Vector
 
 Map = Callable[[Vector], Vector]
 #: Largest number of iterations. On slender bodies, iterations grow at least as fast as the number of elements along them.
-MOST = 50_000
+MAX_ITERATIONS = 50_000
 #: Number of edges that one call processes over its iterations: 50 ms, after which Python checks for Ctrl-C.
 STRETCH = 10_000_000
-OUTCOMES = {kernels.SMALL: Outcome.SOLVED, kernels.NEGATIVE: Outcome.NEGATIVE_CURVATURE, kernels.NOT_FINITE: Outcome.NOT_FINITE}
+OUTCOMES = {kernels.CONVERGED: Outcome.SOLVED, kernels.NEGATIVE: Outcome.NEGATIVE_CURVATURE, kernels.NOT_FINITE: Outcome.NOT_FINITE}
 
 
 class Search(Protocol):
@@ -35,8 +35,8 @@ class Search(Protocol):
     norm: float
     iterations: int
 
-    def run(self, enough: float, most: int) -> Outcome:
-        """Iterate until the residual is at most `enough`, or the iteration ends for another reason."""
+    def run(self, tolerance: float, max_iterations: int) -> Outcome:
+        """Iterate until the residual is at most `tolerance`, or the iteration ends for another reason."""
 
     def true_residual(self) -> float:
         """Compute `|b - K x|` again from x, and continue with this residual. The next search direction is that of a new start."""
@@ -45,11 +45,11 @@ class Search(Protocol):
         """Return the current iterate (n,)."""
 
 
-def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
+def solve_by(search: Search, b: Vector, rtol: float, max_iterations: int) -> Solution:
     """Return `x` with `|b - K x| <= rtol |b|`, or the last iterate.
 
-    The iteration ends early if `p'Kp <= 0`, after `most` iterations, or at values that are not finite. At the end, the residual of
-    the loop is compared with that of x. If that of x is too large, the loop starts again, once.
+    The iteration ends early if `p'Kp <= 0`, after `max_iterations` iterations, or at values that are not finite. At the end, the
+    residual of the loop is compared with that of x. If that of x is too large, the loop starts again, once.
     """
     size, first = search.size, search.norm
     if not np.isfinite(first + size):
@@ -57,9 +57,9 @@ def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
     if size == 0:
         return Solution(np.zeros_like(b), 0, 0.0, Outcome.SOLVED)
     residual = first
-    for enough in (rtol * size, rtol * size / 2):
+    for tolerance in (rtol * size, rtol * size / 2):
         before = search.iterations
-        outcome = search.run(enough, most)
+        outcome = search.run(tolerance, max_iterations)
         residual = search.true_residual() if search.iterations > before else residual
         if outcome is not Outcome.SOLVED or residual <= rtol * size:
             break
@@ -70,9 +70,11 @@ def solve_by(search: Search, b: Vector, rtol: float, most: int) -> Solution:
     return Solution(search.x(), search.iterations, residual / size, outcome, first / size)
 
 
-def conjugate_gradients(product: Map, precondition: Map, b: Vector, rtol: float, most: int, x0: Vector | None = None) -> Solution:
+def conjugate_gradients(
+    product: Map, precondition: Map, b: Vector, rtol: float, max_iterations: int, x0: Vector | None = None
+) -> Solution:
     """Solve as in `solve_by`, from `x0` or zero, with functions for `K v` and for an approximate `K^-1 r`."""
-    return solve_by(_Search(product, precondition, b, x0), b, rtol, most)
+    return solve_by(_Search(product, precondition, b, x0), b, rtol, max_iterations)
 
 
 class _Search:
@@ -88,9 +90,9 @@ class _Search:
             np.copyto(self._x, x0)
             self.true_residual()
 
-    def run(self, enough: float, most: int) -> Outcome:
-        while self.norm > enough:
-            if self.iterations >= most:
+    def run(self, tolerance: float, max_iterations: int) -> Outcome:
+        while self.norm > tolerance:
+            if self.iterations >= max_iterations:
                 return Outcome.OUT_OF_ITERATIONS
             outcome = self._iterate()
             if outcome is not None:
@@ -116,7 +118,7 @@ class _Search:
         if not rho > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(rho) else Outcome.NOT_FINITE
         beta = max((rho - dot(self._parts, z, self._before)) / before, 0.0) if before else 0.0
-        run(products.turn, self._parts, beta, z, self._p)
+        run(products.update_search_direction, self._parts, beta, z, self._p)
         q = self._product(self._p)
         curvature = dot(self._parts, self._p, q)
         if not curvature > 0:
@@ -136,21 +138,21 @@ def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:
 class EdgeCg:
     """Conjugate gradients on blocks of edges (ne, 2), pairs of block rows `a < b`, on one thread.
 
-    `vertices` (rows,) are the vertices of the block rows, for messages. `places` (n,) are the indices `3 row + component` of the
+    `vertices` (rows,) are the vertices of the block rows, for messages. `indices` (n,) are the indices `3 row + component` of the
     unknowns. With `assembled`, the caller supplies the diagonal, block by block. Otherwise the diagonal is a shift minus the blocks
     of edges. `omega` is the relaxation factor of SSOR. SSOR on edges that are not sorted needs a copy of the blocks. `omega = 0`
     selects the diagonal blocks alone.
     """
 
-    def __init__(self, edges: Ids, vertices: Ids, places: NDArray[np.int64], assembled: bool, omega: float) -> None:
+    def __init__(self, edges: Ids, vertices: Ids, indices: NDArray[np.int64], assembled: bool, omega: float) -> None:
         self._order = _sorting(edges) if omega > 0 else None
         self.edges = edges if self._order is None else edges[self._order]
-        self._vertices, self._places, self._omega = vertices, places, omega
+        self._vertices, self._indices, self._omega = vertices, indices, omega
         rows = len(vertices)
-        is_held = np.ones(3 * rows, dtype=bool)
-        is_held[places] = False
-        self._held, self._rows = np.flatnonzero(is_held), np.arange(rows)
-        self._held_diagonal = 9 * (self._held // 3) + 4 * (self._held % 3)
+        is_constrained = np.ones(3 * rows, dtype=bool)
+        is_constrained[indices] = False
+        self._constrained, self._rows = np.flatnonzero(is_constrained), np.arange(rows)
+        self._held_diagonal = 9 * (self._constrained // 3) + 4 * (self._constrained % 3)
         self.diagonal, self.inverse = np.zeros((9 if assembled else 3) * rows), np.zeros(9 * rows)
         self._none, self._work, self._state = np.zeros(rows), np.zeros((6, 3 * rows)), np.zeros(4)
         self._blocks: NDArray[np.floating[Any]] = np.empty(0)
@@ -163,11 +165,11 @@ class EdgeCg:
         added = self._none[:0] if shift is None else shift
         if shift is None:
             self.diagonal[:] = 0
-        elif shift.shape != self._places.shape:
-            expected = f"{self._places.shape}, a value for each free degree of freedom"
+        elif shift.shape != self._indices.shape:
+            expected = f"{self._indices.shape}, a value for each free degree of freedom"
             raise StvkError(f"The shift has shape {shift.shape}; expected {expected}.")
         blocks = self._sorted(blocks)
-        total = kernels.shifted_diagonal(self.edges, blocks, self._held, self._places, added, self.diagonal, self.inverse)
+        total = kernels.shifted_diagonal(self.edges, blocks, self._constrained, self._indices, added, self.diagonal, self.inverse)
         self._invert(blocks, total)
 
     def fill(self, blocks: NDArray[np.floating[Any]]) -> None:
@@ -178,7 +180,7 @@ class EdgeCg:
     def _invert(self, blocks: NDArray[np.floating[Any]], total: float) -> None:
         if not np.isfinite(total):
             bad = self._vertices[~np.isfinite(self.inverse.reshape(-1, 9)).all(axis=1)]
-            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the step before diverge?")
+            raise StateError(f"The diagonal of K is not finite at {name_ids(bad, 'vertex')}: did the previous step diverge?")
         negative = products.invert_diagonal(0, len(self._rows), self._rows, self.inverse, self._none, self.inverse)
         self.inverse[self._held_diagonal] = 0
         if self._omega > 0:
@@ -194,33 +196,33 @@ class EdgeCg:
         np.take(blocks.reshape(-1, 9), self._order, axis=0, out=self._blocks.reshape(-1, 9), mode="clip")
         return self._blocks
 
-    def solve(self, b: Vector, rtol: float, most: int, x0: Vector | None, out: Vector | None) -> Solution:
+    def solve(self, b: Vector, rtol: float, max_iterations: int, x0: Vector | None, out: Vector | None) -> Solution:
         """Solve from `x0` or from zero, and write x to `out`."""
         self._b, self._out = b, np.empty(len(b)) if out is None else out
         x = self._work[kernels.X]
         if x0 is None:
             x[:] = 0
         else:
-            x[self._places] = x0
+            x[self._indices] = x0
         self.iterations, self.size = 0, float(np.sqrt(np.einsum("i,i", b, b)))
         self.true_residual()
-        return solve_by(self, b, rtol, most)
+        return solve_by(self, b, rtol, max_iterations)
 
     def precondition(self, r: Vector) -> Vector:
         """Return the preconditioned residual `M^-1 r` (n,)."""
         s = self._work[kernels.S]
         s[:] = 0
-        s[self._places] = r
-        kernels.precondition(self.edges, self._blocks, self.inverse, self._held, self._omega, self._work)
-        return np.asarray(self._work[kernels.T, self._places])
+        s[self._indices] = r
+        kernels.precondition(self.edges, self._blocks, self.inverse, self._constrained, self._omega, self._work)
+        return np.asarray(self._work[kernels.T, self._indices])
 
     def true_residual(self) -> float:
-        own = self.edges, self._blocks, self.diagonal, self._held
-        kernels.residual(*own, self._places, self._b, self._state, self._work)
+        own = self.edges, self._blocks, self.diagonal, self._constrained
+        kernels.residual(*own, self._indices, self._b, self._state, self._work)
         self.norm = float(self._state[kernels.NORM])
         return self.norm
 
-    def run(self, enough: float, most: int) -> Outcome:
+    def run(self, tolerance: float, max_iterations: int) -> Outcome:
         """Iterate as described in `Search`.
 
         An indefinite diagonal block has a direction of negative curvature, which SSOR would not detect. It ends the iteration at
@@ -228,18 +230,18 @@ class EdgeCg:
         """
         if self._indefinite:
             return Outcome.NEGATIVE_CURVATURE
-        own = self.edges, self._blocks, self.diagonal, self.inverse, self._held, self._omega
-        stretch, ended = max(1, STRETCH // max(1, len(self.edges))), kernels.MORE
-        while ended == kernels.MORE:
-            if self.iterations >= most:
-                return Outcome.SOLVED if self.norm <= enough else Outcome.OUT_OF_ITERATIONS
-            ended, done = kernels.iterate(*own, enough, min(stretch, most - self.iterations), self._state, self._work)
+        own = self.edges, self._blocks, self.diagonal, self.inverse, self._constrained, self._omega
+        stretch, ended = max(1, STRETCH // max(1, len(self.edges))), kernels.UNFINISHED
+        while ended == kernels.UNFINISHED:
+            if self.iterations >= max_iterations:
+                return Outcome.SOLVED if self.norm <= tolerance else Outcome.OUT_OF_ITERATIONS
+            ended, done = kernels.iterate(*own, tolerance, min(stretch, max_iterations - self.iterations), self._state, self._work)
             self.iterations += done
         self.norm = float(self._state[kernels.NORM])
         return OUTCOMES[ended]
 
     def x(self) -> Vector:
-        return np.take(self._work[kernels.X], self._places, out=self._out, mode="clip")
+        return np.take(self._work[kernels.X], self._indices, out=self._out, mode="clip")
 
 
 def _sorting(edges: Ids) -> Ids | None:
@@ -253,17 +255,17 @@ class EdgeFactors:
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, search: EdgeCg, n: int, newest: Newest) -> None:
+    def __init__(self, search: EdgeCg, n: int, latest: LatestFactors) -> None:
         self._search, self._n = search, n
-        self._newest, self._number = newest, newest.next()
+        self._latest, self._number = latest, latest.next()
 
-    @by_newest
+    @latest_only
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve by conjugate gradients, in the compiled loop."""
         b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
-        return handed_out(self._search.solve(b, rtol, MOST, x0, out), out)
+        return written_to(self._search.solve(b, rtol, MAX_ITERATIONS, x0, out), out)
 
-    @by_newest
+    @latest_only
     def precondition(self, r: Vector) -> Vector:
         """Return the preconditioned residual `M^-1 r` (n,). With `omega = 0` it is the inverse diagonal blocks times `r`."""
         return self._search.precondition(r)

@@ -13,17 +13,17 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
-from ..kernels.threads import Turn
+from ..kernels.threads import CopyableLock
 from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector, structure_of
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
-class Newest:
-    """Number of the latest factors of an analysis. Only these may solve. Python threads lock with `turn`."""
+class LatestFactors:
+    """Number of the latest factors of an analysis. Only these may solve. Python threads hold its `lock` during calls."""
 
     def __init__(self) -> None:
-        self._number, self.turn = 0, Turn()
+        self._number, self.lock = 0, CopyableLock()
 
     def next(self) -> int:
         """Return a number for new factors, which makes all others stale."""
@@ -34,18 +34,18 @@ class Newest:
         """Refuse factors that are not the latest."""
         if number != self._number:
             raise StvkError(
-                "These factors are stale: their analysis has factorised another matrix since. Solve with what factorise() "
-                "returned last, or analyse once more for a second set of factors."
+                "These factors are stale: their analysis has factorised another matrix since. Solve with the factors that "
+                "factorise() returned last, or call analyse() again for a second set of factors."
             )
 
 
-def by_newest(method: Method) -> Method:
+def latest_only(method: Method) -> Method:
     """Decorate a method of factors: it waits for the lock, and refuses to run if the factors are not the latest."""
 
     @wraps(method)
     def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
-        with self._newest.turn:
-            self._newest.check(self._number)
+        with self._latest.lock:
+            self._latest.check(self._number)
             return method(self, *arguments, **named)
 
     return cast(Method, waiting)
@@ -62,7 +62,7 @@ def check_kind(solver: LinearSolver, kind: Kind) -> None:
     checked_kind(kind)
     if kind > solver.takes:
         raise StvkError(
-            f"'{solver.name}' got a {kind} matrix; expected at most a {solver.takes} one. Follower loads make K unsymmetric. "
+            f"kind = {kind}; expected at most {solver.takes} for solver='{solver.name}'. Follower loads make K unsymmetric. "
             "Direct solvers take every kind: solver='superlu', 'pardiso' or 'auto'."
         )
 
@@ -73,12 +73,14 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
     n = unknowns.n
     if not isinstance(K, csr_matrix) or K.shape != (n, n):
         raise StvkError(f"K = {shown(K)}; expected a csr_matrix of shape {(n, n)}.")
-    if not all(own is given or np.array_equal(own, given) for own, given in ((K.indptr, indptr), (K.indices, indices))):
-        other = f"another structure than was analysed, of {len(indices)} values"
-        raise StvkError(f"K has {K.nnz} values in {other}. Keep its zeros, or analyse anew.")
+    if not all(own is known or np.array_equal(own, known) for own, known in ((K.indptr, indptr), (K.indices, indices))):
+        analysed = f"the structure that was analysed, of {len(indices)} values"
+        raise StvkError(
+            f"K has {K.nnz} values in another structure; expected {analysed}. Keep the zeros of K, or call analyse() again."
+        )
     values = np.ascontiguousarray(K.data, dtype=np.float64)
     if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
-        raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the step before diverge?")
+        raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the previous step diverge?")
     return values
 
 
@@ -95,9 +97,9 @@ def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector,
     return _right("b", b, n), rtol, None if x0 is None else _right("x0", x0, n)
 
 
-def _right(name: str, given: Any, n: int) -> Vector:
+def _right(name: str, value: Any, n: int) -> Vector:
     """Return a vector (n,) in double precision. It may contain NaN or infinity, because the outcome of the solve reports them."""
-    return vector(name, given, n, "free degree of freedom").astype(np.float64, copy=False)
+    return vector(name, value, n, "free degree of freedom").astype(np.float64, copy=False)
 
 
 def checked_unknowns(unknowns: Any) -> Unknowns:
@@ -107,7 +109,7 @@ def checked_unknowns(unknowns: Any) -> Unknowns:
     return unknowns
 
 
-def handed_out(found: Solution, out: Vector | None) -> Solution:
+def written_to(found: Solution, out: Vector | None) -> Solution:
     """Return the solution, with x in `out` if that is not None."""
     if out is None or found.x is out:
         return found

@@ -14,18 +14,18 @@ from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
 #: Number of unknowns from which PARDISO is faster than SuperLU.
-FEW = 3_000
+PARDISO_FROM = 3_000
 
 
 class Limit(NamedTuple):
     """Numbers of unknowns from which multigrid is faster, for rows of K with fewer than `entries` entries.
 
-    `alone` is compared with SuperLU, `beside` with PARDISO.
+    `superlu` is compared with SuperLU, `pardiso` with PARDISO.
     """
 
     entries: float
-    alone: int
-    beside: int
+    superlu: int
+    pardiso: int
 
 
 #: Direct solvers have little fill-in for plane bodies, but much for solid bodies with many entries per row.
@@ -67,20 +67,20 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
         checked_kind(kind)
         # multigrid only if it is faster even on slender bodies: direct solvers count negative eigenvalues and solve indefinite
         # systems
-        return direct(n) if indefinite or kind == Kind.GENERAL or n < _many(n, entries) else AmgCg()
+        return direct(n) if indefinite or kind == Kind.GENERAL or n < _multigrid_threshold(n, entries) else AmgCg()
     if isinstance(solver, str):
         known = {one.name: one for one in SOLVERS}
         if solver not in known:
             raise StvkError(f"solver = {shown(solver)}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
         solver = known[solver]
-    asked = "analyse", "name", "takes", "matrix_free", "iterative"
-    if isinstance(solver, type) or not all(hasattr(solver, name) for name in asked):
-        raise StvkError(f"solver is a {type(solver).__name__}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
+    required = "analyse", "name", "takes", "matrix_free", "iterative"
+    if isinstance(solver, type) or not all(hasattr(solver, name) for name in required):
+        raise StvkError(f"solver = {shown(solver)}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
     check_kind(solver, kind)
     if indefinite and solver.iterative:
         able = names([other for other in SOLVERS if not other.iterative])
         raise StvkError(
-            f"Expected a direct solver, {able}, or 'auto', got '{solver.name}': behind a limit point K is indefinite, and "
+            f"solver = '{solver.name}'; expected a direct solver, {able}, or 'auto': beyond a limit point K is indefinite, and "
             "conjugate gradients cannot solve with it."
         )
     return solver
@@ -95,24 +95,25 @@ def why(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False
     if not is_auto(solver):
         return "named"
     if kind is Kind.GENERAL:
-        said = "direct: K is not symmetric"
+        reason = "direct: K is not symmetric"
     elif indefinite:
-        said = "direct: K is indefinite, or solved with many times"
+        reason = "direct: K is indefinite, or solved with many times"
     else:
-        many = _many(n, entries)
-        said = (
-            f"{'direct: multigrid' if n < many else 'multigrid'} pays from {many} unknowns on, with so many entries in a row of K"
+        threshold = _multigrid_threshold(n, entries)
+        reason = (
+            f"{'direct: multigrid' if n < threshold else 'multigrid'} is faster from {threshold} unknowns on, for K with so many "
+            "entries per row"
         )
-    if n >= FEW and not pardiso_is_installed() and not said.startswith("multigrid"):
-        said += "; PARDISO would be faster: pip install 'skfem-stvk[pardiso]'"
-    return said
+    if n >= PARDISO_FROM and not pardiso_is_installed() and not reason.startswith("multigrid"):
+        reason += "; PARDISO would be faster: pip install 'skfem-stvk[pardiso]'"
+    return reason
 
 
-def _many(n: int, entries: int) -> int:
+def _multigrid_threshold(n: int, entries: int) -> int:
     """Return the number of unknowns from which multigrid is faster."""
     in_a_row = entries / n if entries and n else ENTRIES
     limit = next(limit for limit in LIMITS if in_a_row < limit.entries)
-    return limit.beside if pardiso_is_installed() else limit.alone
+    return limit.pardiso if pardiso_is_installed() else limit.superlu
 
 
 def is_auto(solver: object) -> bool:
@@ -122,4 +123,4 @@ def is_auto(solver: object) -> bool:
 
 def direct(n: int) -> LinearSolver:
     """Return the fastest direct solver: PARDISO if it is installed and faster, otherwise SuperLU."""
-    return Pardiso() if n >= FEW and pardiso_is_installed() else SuperLU()
+    return Pardiso() if n >= PARDISO_FROM and pardiso_is_installed() else SuperLU()

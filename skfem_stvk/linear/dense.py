@@ -25,17 +25,17 @@ class DenseSolver:
 class DenseFactors:
     """Factors of a dense matrix `K` (n, n), which is not copied: Cholesky's, LU if K is not symmetric, otherwise its eigenvalues.
 
-    Only a symmetric matrix that is not positive definite needs eigenvalues. The negative ones are counted. With `turned`, their
+    Only a symmetric matrix that is not positive definite needs eigenvalues. The negative ones are counted. With `absolute`, their
     absolute values are used, so that the energy decreases along the solution.
 
     >>> DenseFactors(np.array([[2.0, 1.0], [1.0, 1.0]])).solve(np.array([3.0, 2.0])).x
     array([1., 1.])
     >>> saddle = np.diag([2.0, -1.0])
-    >>> DenseFactors(saddle).negative_pivots, DenseFactors(saddle, turned=True).solve(np.ones(2)).x
+    >>> DenseFactors(saddle).negative_pivots, DenseFactors(saddle, absolute=True).solve(np.ones(2)).x
     (1, array([0.5, 1. ]))
     """
 
-    def __init__(self, K: Array, symmetric: bool = True, turned: bool = False) -> None:
+    def __init__(self, K: Array, symmetric: bool = True, absolute: bool = False) -> None:
         self._K, self._symmetric = K, symmetric
         self._values: Array | None = None
         self._vectors = K
@@ -47,7 +47,7 @@ class DenseFactors:
             elif np.isfinite(K).all():
                 values, self._vectors = np.linalg.eigh(K)
                 self.negative_pivots = int((values < 0).sum())
-                self._values = np.maximum(np.abs(values), LEAST * np.abs(values).max(initial=0.0)) if turned else values
+                self._values = np.maximum(np.abs(values), LEAST * np.abs(values).max(initial=0.0)) if absolute else values
         else:
             self._factors, self._pivots, _ = dgetrf(K)
 

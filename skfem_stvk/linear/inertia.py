@@ -65,8 +65,8 @@ def shifted(K: csr_matrix, shift: float) -> csr_matrix:
 
 def transposition(K: csr_matrix) -> NDArray[np.int64]:
     """Return the indices of the values of K' among those of K, whose pattern is symmetric and sorted."""
-    places = np.arange(len(K.data))
-    return np.asarray(csr_matrix((places, K.indices, K.indptr), shape=K.shape).T.tocsr().data)
+    indices = np.arange(len(K.data))
+    return np.asarray(csr_matrix((indices, K.indices, K.indptr), shape=K.shape).T.tocsr().data)
 
 
 def _scaled(K: csr_matrix) -> csr_matrix:

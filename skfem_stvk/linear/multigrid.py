@@ -14,17 +14,17 @@ from ..errors import StvkError
 from ..kernels import sparse as kernels
 from ..kernels.compiled import Ids, Reals
 from ..kernels.threads import parts_of, run, threads
-from .blocks import BlockStructure, Middles
+from .blocks import BlockStructure, EdgeMidpoints
 
 SINGLE: Any = np.float32
-TURNS = 8
+POWER_ITERATIONS = 8
 #: Nodes are strongly coupled if `|A_ij| >= STRONG sqrt(|A_ii| |A_jj|)`. The value suits slender elements and jumps of stiffness.
 STRONG = 0.05
 #: Smallest average number of nodes per aggregate. Smaller aggregates make coarse levels expensive, so weaker couplings are
 #: included.
-FEWEST = 5
+MIN_AGGREGATE_SIZE = 5
 #: Largest number of nodes of the coarsest level, which is solved by its dense inverse.
-COARSEST = 50
+MAX_COARSEST_NODES = 50
 
 
 class Level:
@@ -37,7 +37,7 @@ class Level:
         self.graph, self.A, self.blocks, self.single = graph, structure, blocks, single
         self._diagonal, n = diagonal, structure.n
         self._inverse, self._extra = np.empty(9 * n, SINGLE), np.zeros(n, SINGLE)
-        self.x, self._left = np.empty(3 * n, SINGLE), np.empty(3 * n, SINGLE)
+        self.x, self._residual = np.empty(3 * n, SINGLE), np.empty(3 * n, SINGLE)
 
     def scale(self, scale: float) -> None:
         """Copy the values to single precision. An unknown that no mode of the next finer level reaches gets a diagonal entry."""
@@ -51,31 +51,33 @@ class Level:
         """Invert the diagonal blocks, for sweeps whose parts run concurrently."""
         A = self.A
         if len(A.parts) > 2:
-            run(kernels.outside, A.parts, A.rows, A.columns, self.single, self._extra)
+            run(kernels.outside_norms, A.parts, A.rows, A.columns, self.single, self._extra)
         run(kernels.invert_diagonal, A.parts, self._diagonal, self.single, self._extra, self._inverse)
 
     def forward(self, b: Reals) -> Reals:
         """Sweep forward from zero, write the result to `x`, and return the residual."""
         A = self.A
         run(kernels.sweep_forward, A.parts, A.rows, A.columns, self._diagonal, self.single, self._inverse, b, self.x)
-        own = A.rows, A.columns, self._diagonal, self.single, self._extra, self.x, self._left
+        own = A.rows, A.columns, self._diagonal, self.single, self._extra, self.x, self._residual
         run(kernels.residual_after_forward, A.parts, *own)
-        return self._left
+        return self._residual
 
     def backward(self, b: Reals) -> Reals:
         """Improve `x` by a backward sweep, the adjoint of the forward one."""
         A, before = self.A, self.x
         if len(A.parts) > 2:
-            before = self._left
+            before = self._residual
             np.copyto(before, self.x)
         run(kernels.sweep_backward, A.parts, A.rows, A.columns, self.single, self._inverse, b, before, self.x)
         return self.x
 
-    def smoothed(self, structure: BlockStructure, places: Ids, products: Reals, tentative: Reals, scale: float, out: Reals) -> None:
-        """Write `P = T - 4/3 / rho D^-1 A T`. `products` are A T in the structure of P, in which `places` are the indices of T."""
+    def smoothed(
+        self, structure: BlockStructure, indices: Ids, products: Reals, tentative: Reals, scale: float, out: Reals
+    ) -> None:
+        """Write `P = T - 4/3 / rho D^-1 A T`. `products` are A T in the structure of P, in which `indices` are the indices of T."""
         count = len(tentative) // (9 * self.A.n)
         omega = 4 / 3 / self._spectral_radius() * scale
-        own = structure.rows, places, count, self._inverse, omega, products, tentative
+        own = structure.rows, indices, count, self._inverse, omega, products, tentative
         run(kernels.smooth_prolongator, self.A.parts, *own, out)
 
     def _spectral_radius(self) -> float:
@@ -84,10 +86,10 @@ class Level:
         The result is multiplied by 1.1, because the method underestimates the radius.
         """
         x = np.random.default_rng(0).standard_normal(3 * self.A.n).astype(SINGLE)
-        for _ in range(TURNS):
+        for _ in range(POWER_ITERATIONS):
             x /= self._size(x)
-            self.A.product(self.single, x, self._left)
-            run(kernels.multiply_diagonal, self.A.parts, self._inverse, self._left, x)
+            self.A.product(self.single, x, self._residual)
+            run(kernels.multiply_diagonal, self.A.parts, self._inverse, self._residual, x)
         return 1.1 * self._size(x)
 
     def _size(self, x: Reals) -> float:
@@ -111,7 +113,7 @@ class Transfer(ABC):
         self.structure = BlockStructure.of(self.graph, column, column)
         self._P, self._AP = BlockStructure.of(P, row, column), BlockStructure.of(AP, row, column)
         self._R, self._transposition = self._P.transposed()
-        self._p, self._r, self._ap = self._P.room(SINGLE), self._R.room(SINGLE), self._AP.room()
+        self._p, self._r, self._ap = self._P.empty_values(SINGLE), self._R.empty_values(SINGLE), self._AP.empty_values()
 
     @abstractmethod
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
@@ -147,7 +149,7 @@ class Coarsening(Transfer):
         self._count, rows = count, np.repeat(numbers, each)
         self._members = np.argsort(rows, kind="stable").astype(np.int32)
         self._starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))]).astype(np.int32)
-        self._places = np.flatnonzero(self._P.columns == count * rows[self._P.row_of_each()])
+        self._indices = np.flatnonzero(self._P.columns == count * rows[self._P.block_rows()])
 
     def prolong(self, level: Level, modes: Reals, scale: float) -> Reals:
         """Compute P such that its range contains `modes` (blocks of T's structure), and return the modes of the next level."""
@@ -155,8 +157,8 @@ class Coarsening(Transfer):
         coarse = np.empty(9 * self._count**2 * n)
         parts = parts_of(n, 40, threads())
         run(kernels.orthonormalise, parts, self._starts, self._members, self._count, modes, coarse)
-        products = level.A.multiply(level.blocks, self._T, modes, self._P, self._P.room())
-        level.smoothed(self._P, self._places, products, modes, scale, self._p)
+        products = level.A.multiply(level.blocks, self._T, modes, self._P, self._P.empty_values())
+        level.smoothed(self._P, self._indices, products, modes, scale, self._p)
         self._transpose()
         return coarse
 
@@ -171,8 +173,8 @@ class ToCorners(Transfer):
     to 1 next to a single node.
     """
 
-    def __init__(self, level: Level, middles: Middles) -> None:
-        ends, self._known = middles
+    def __init__(self, level: Level, midpoints: EdgeMidpoints) -> None:
+        ends, self._known = midpoints
         n = len(ends)
         self._corners = np.flatnonzero(ends[:, 0] == np.arange(n))
         number = np.full(n + 1, -1)
@@ -181,7 +183,7 @@ class ToCorners(Transfer):
         at = column >= 0
         P = csr_matrix((np.full(at.sum(), 0.5, np.float32), (row[at], column[at])), shape=(n, len(self._corners)))
         super().__init__(level.graph, P, 1, 1)
-        self._row, self._means = self._P.row_of_each(), P.data[:, None] * np.ones(3, SINGLE)
+        self._row, self._means = self._P.block_rows(), P.data[:, None] * np.ones(3, SINGLE)
         self._means *= self._known[self._row] & self._known[self._corners[self._P.columns]]
         self._write(self._means)
 
@@ -228,7 +230,7 @@ def aggregates(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> N
     strength = norms / np.sqrt(diagonal[row] * diagonal[graph.indices])
     for least in (STRONG, STRONG / 2, STRONG / 4, 0.0):
         numbers = _aggregates(graph, row, (strength >= least) | (row == graph.indices))
-        if numbers.max() + 1 <= graph.shape[0] / FEWEST:
+        if numbers.max() + 1 <= graph.shape[0] / MIN_AGGREGATE_SIZE:
             break
     return numbers
 
@@ -238,8 +240,8 @@ def _norms(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> tuple
     squares = np.einsum("ij,ij->i", blocks.reshape(-1, 9), blocks.reshape(-1, 9), dtype=np.float64)
     each = structure.n // graph.shape[0]
     if each > 1:
-        places = structure.row_of_each() // each, structure.columns // each
-        joined = csr_matrix((squares, places), shape=graph.shape)
+        coordinates = structure.block_rows() // each, structure.columns // each
+        joined = csr_matrix((squares, coordinates), shape=graph.shape)
         joined.sort_indices()
         squares = joined.data
     norms = np.sqrt(squares)
@@ -247,10 +249,10 @@ def _norms(graph: csr_matrix, structure: BlockStructure, blocks: Reals) -> tuple
     return norms, norms[own]
 
 
-def _aggregates(graph: csr_matrix, row: Ids, kept: NDArray[np.bool_]) -> NDArray[np.int32]:
+def _aggregates(graph: csr_matrix, row: Ids, retained: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Return aggregates by the retained entries of the graph. A node without neighbours is an aggregate of its own."""
-    rows = np.concatenate([[0], np.cumsum(kept)])[graph.indptr].astype(np.int32)
-    strong = csr_matrix((np.ones(rows[-1]), graph.indices[kept], rows), shape=graph.shape)
+    rows = np.concatenate([[0], np.cumsum(retained)])[graph.indptr].astype(np.int32)
+    strong = csr_matrix((np.ones(rows[-1]), graph.indices[retained], rows), shape=graph.shape)
     found, _ = _standard_aggregation()(strong)
     numbers = found.shape[1] + np.arange(graph.shape[0])
     numbers[np.diff(found.indptr) > 0] = found.indices
@@ -263,7 +265,7 @@ def _standard_aggregation() -> Callable[[csr_matrix], tuple[csr_matrix, Ids]]:
         from pyamg.aggregation.aggregate import standard_aggregation
     except TypeError as error:
         raise StvkError(
-            f"pyamg, whose aggregation solver='amg-cg' takes, cannot be imported: {error}. It needs docstrings: run Python "
+            f"pyamg cannot be imported: {error}. solver='amg-cg' uses its aggregation, and pyamg needs docstrings. Run Python "
             "without -OO, or choose solver='superlu', 'pardiso' or 'ssor-cg'."
         ) from error
     aggregation: Callable[[csr_matrix], tuple[csr_matrix, Ids]] = standard_aggregation
@@ -274,24 +276,26 @@ class Hierarchy:
     """Levels of a matrix, from fine to coarse. They form an approximate inverse, symmetric and positive definite.
 
     The `modes` (3 n, r) are displacements of low energy, in the block rows of the matrix. Values in single precision are multiplied
-    by `scale`. If some rows are `middles` of edges, as for quadratic elements, the second level is that of the corners.
+    by `scale`. If some rows are `midpoints` of edges, as for quadratic elements, the second level is that of the corners.
     """
 
-    def __init__(self, finest: Level, modes: Reals, scale: float, middles: Middles | None = None) -> None:
+    def __init__(self, finest: Level, modes: Reals, scale: float, midpoints: EdgeMidpoints | None = None) -> None:
         count = -(-modes.shape[1] // 3)
         self._levels: list[Level] = [finest]
-        self._ways: list[Transfer] = []
+        self._transfers: list[Transfer] = []
         blocks = _in_blocks(modes, count)
-        while (level := self._levels[-1]).graph.shape[0] > COARSEST:
+        while (level := self._levels[-1]).graph.shape[0] > MAX_COARSEST_NODES:
             level.invert()
-            way: Transfer = ToCorners(level, middles) if middles and not self._ways else Coarsening(level, count)
-            if way.graph.shape[0] == level.graph.shape[0]:
+            transfer: Transfer = ToCorners(level, midpoints) if midpoints and not self._transfers else Coarsening(level, count)
+            if transfer.graph.shape[0] == level.graph.shape[0]:
                 break
-            blocks = way.prolong(level, blocks, scale)
-            self._ways.append(way)
-            structure = way.structure
-            self._levels.append(Level(way.graph, structure, structure.diagonal(), structure.room(), structure.room(SINGLE)))
-            self._fill(len(self._ways), scale)
+            blocks = transfer.prolong(level, blocks, scale)
+            self._transfers.append(transfer)
+            structure = transfer.structure
+            self._levels.append(
+                Level(transfer.graph, structure, structure.diagonal(), structure.empty_values(), structure.empty_values(SINGLE))
+            )
+            self._fill(len(self._transfers), scale)
         self._solve_coarsest(scale)
         self._rhs = [np.empty_like(level.x) for level in self._levels]
         self._sums = [np.empty_like(level.x) for level in self._levels]
@@ -309,7 +313,7 @@ class Hierarchy:
 
     def _fill(self, number: int, scale: float) -> None:
         above, level = self._levels[number - 1], self._levels[number]
-        self._ways[number - 1].galerkin(above, level.blocks)
+        self._transfers[number - 1].galerkin(above, level.blocks)
         level.scale(scale)
 
     def _solve_coarsest(self, scale: float) -> None:
@@ -327,18 +331,18 @@ class Hierarchy:
 
     def _cycle(self, number: int, b: Reals) -> Reals:
         level = self._levels[number]
-        if number == len(self._ways):
+        if number == len(self._transfers):
             return self._full.product(self._inverse, b, level.x)
-        way = self._ways[number]
-        coarse = way.restrict(level.forward(b), self._rhs[number + 1])
-        way.correct(self._twice(number + 1, coarse), level.x)
+        transfer = self._transfers[number]
+        coarse = transfer.restrict(level.forward(b), self._rhs[number + 1])
+        transfer.correct(self._twice(number + 1, coarse), level.x)
         return level.backward(b)
 
     def _twice(self, number: int, b: Reals) -> Reals:
         """Run two cycles (W). Coarse levels are cheap, and inexact coarse solves cost iterations on the finest level."""
         level, total = self._levels[number], self._sums[number]
         x = self._cycle(number, b)
-        if number == len(self._ways):
+        if number == len(self._transfers):
             return x
         np.copyto(total, x)
         level.A.product(level.single, total, level.x)

@@ -17,8 +17,17 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
-from ..kernels.threads import in_turn
-from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
+from ..kernels.threads import locked
+from .checks import (
+    LatestFactors,
+    check_kind,
+    checked_right,
+    checked_unknowns,
+    checked_values,
+    latest_only,
+    solve_checked,
+    written_to,
+)
 from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
 
 SYMMETRIC, GENERAL = -2, 11  # mtype
@@ -78,12 +87,12 @@ class PardisoAnalysis:
     """One set of PARDISO's internal memory, for the type of matrix of the last request, symmetric or general."""
 
     def __init__(self, solver: Pardiso, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
-        self._turn = self._newest.turn
+        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
+        self._lock = self._latest.lock
         self._memory = _Memory(unknowns, SYMMETRIC)
         self._memory.call(ANALYSE)
 
-    @in_turn
+    @locked
     def factorise(self, K: Any, kind: Kind) -> PardisoFactors:
         """Factorise with the present order of elimination.
 
@@ -92,14 +101,14 @@ class PardisoAnalysis:
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns)
         mtype = GENERAL if kind == Kind.GENERAL else SYMMETRIC
-        number = self._newest.next()
+        number = self._latest.next()
         if self._memory.mtype != mtype:
             self._memory.release()
             self._memory = _Memory(self._unknowns, mtype)
             self._memory.fill(values)
             self._memory.call(ANALYSE)  # for a general matrix, the analysis uses the values, too
         self._memory.fill(values)
-        return PardisoFactors(self._memory, self._newest, number)
+        return PardisoFactors(self._memory, self._latest, number)
 
 
 class PardisoFactors:
@@ -111,8 +120,8 @@ class PardisoFactors:
         singular.
     """
 
-    def __init__(self, memory: _Memory, newest: Newest, number: int) -> None:
-        self._memory, self._newest, self._number = memory, newest, number
+    def __init__(self, memory: _Memory, latest: LatestFactors, number: int) -> None:
+        self._memory, self._latest, self._number = memory, latest, number
         self._exact = memory.call(FACTORISE)
         self.perturbed_pivots = memory.iparm(PERTURBED)
         certain = self._exact and memory.mtype == SYMMETRIC and not self.perturbed_pivots
@@ -128,15 +137,15 @@ class PardisoFactors:
         """Number of negative eigenvalues; None if pivots were perturbed, because their signs are not significant."""
         return self._negative
 
-    @by_newest
+    @latest_only
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve with the factors, and refine if the residual requires it. `x0` is ignored."""
         b, rtol, _ = checked_right(b, self._memory.n, rtol, x0, out)
         if not self._exact:
-            return handed_out(Solution.none(b, Outcome.SINGULAR), out)
-        return handed_out(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
+            return written_to(Solution.none(b, Outcome.SINGULAR), out)
+        return written_to(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
 
-    @by_newest
+    @latest_only
     def solve_many(self, B: Vector) -> Vector:
         """Return the solutions (n, m) for the columns of B (n, m), not refined; NaN if K is singular.
 
@@ -151,14 +160,14 @@ class _Memory:
     def __init__(self, unknowns: Unknowns, mtype: int) -> None:
         self._error, self._pardiso = _package(mtype)
         self.n, self.mtype = unknowns.n, mtype
-        indptr, indices, self._kept = _structure(unknowns, mtype)
+        indptr, indices, self._retained = _structure(unknowns, mtype)
         self._matrix = csr_matrix((np.zeros(len(indices)), indices, indptr), shape=(self.n, self.n))
         self._diagonal = indptr[:-1] if mtype == SYMMETRIC else None
         self.release = weakref.finalize(self, _release, self._pardiso)
 
     def fill(self, values: NDArray[np.float64]) -> None:
         """Set the values for the next phases."""
-        self._matrix.data[:] = values if self._kept is None else values[self._kept]
+        self._matrix.data[:] = values if self._retained is None else values[self._retained]
 
     def call(self, phase: int) -> bool:
         """Run a phase without a right-hand side. Return False if the matrix is singular."""
@@ -200,12 +209,12 @@ def _structure(unknowns: Unknowns, mtype: int) -> tuple[Any, Any, Any]:
     row = np.repeat(np.arange(unknowns.n, dtype=np.int32), np.diff(indptr))
     bare = np.setdiff1d(np.arange(unknowns.n), row[row == indices])
     if len(bare):
-        raise StvkError(f"K has no diagonal entry in {name_ids(bare, 'row')}, which PARDISO needs. Keep its zeros.")
+        raise StvkError(f"K has no diagonal entry in {name_ids(bare, 'row')}; PARDISO needs all of them. Keep the zeros of K.")
     if mtype != SYMMETRIC:
         return indptr, indices, None
-    kept = indices >= row
-    counts = np.bincount(row[kept], minlength=unknowns.n)
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), indices[kept].astype(np.int32), np.flatnonzero(kept)
+    retained = indices >= row
+    counts = np.bincount(row[retained], minlength=unknowns.n)
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), indices[retained].astype(np.int32), np.flatnonzero(retained)
 
 
 def _package(mtype: int) -> tuple[type[Any], Any]:
@@ -217,7 +226,7 @@ def _package(mtype: int) -> tuple[type[Any], Any]:
             f"solver='pardiso' needs the package pypardiso and Intel's MKL ({error}): pip install 'skfem-stvk[pardiso]'"
         ) from error
     if not hasattr(package.PyPardisoSolver, "_call_pardiso"):
-        raise ImportError("This pypardiso is not one of those that skfem-stvk was made for: pip install 'skfem-stvk[pardiso]'")
+        raise ImportError("This version of pypardiso is not supported. Install one that is: pip install 'skfem-stvk[pardiso]'")
     pardiso = package.PyPardisoSolver(mtype=mtype)
     for number, value in OPTIONS[mtype].items():
         pardiso.set_iparm(number, value)

@@ -94,11 +94,11 @@ class Unknowns:
 
     def __post_init__(self) -> None:
         for name in ("vertex", "component", "indptr", "indices"):
-            given = getattr(self, name)
-            ids = whole_array(given)
-            if (given is not None or name in ("vertex", "component")) and (ids is None or ids.ndim != 1 or ids.dtype.kind == "b"):
-                raise StvkError(f"{name} = {shown(given)}; expected a list of whole numbers.")
-            object.__setattr__(self, name, ids if given is not None else None)
+            value = getattr(self, name)
+            ids = whole_array(value)
+            if (value is not None or name in ("vertex", "component")) and (ids is None or ids.ndim != 1 or ids.dtype.kind == "b"):
+                raise StvkError(f"{name} = {shown(value)}; expected a list of whole numbers.")
+            object.__setattr__(self, name, ids if value is not None else None)
         if self.ends is not None:
             ends, least = whole_array(self.ends), int(np.max(self.vertex, initial=-1)) + 1
             if ends is None or ends.dtype.kind == "b" or ends.ndim != 2 or ends.shape[1] != 2 or len(ends) < least:
@@ -118,7 +118,7 @@ class Unknowns:
 def structure_of(unknowns: Unknowns) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
     """Return the row pointers and columns of K in CSR format. Refuse unknowns without them."""
     if unknowns.indptr is None or unknowns.indices is None:
-        raise StvkError("The unknowns have no indptr and indices; expected the structure of K over the free degrees of freedom.")
+        raise StvkError("indptr, indices = None; expected the structure of K over the free degrees of freedom.")
     return unknowns.indptr, unknowns.indices
 
 

@@ -11,7 +11,16 @@ from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from .checks import Newest, by_newest, check_kind, checked_right, checked_unknowns, checked_values, handed_out, solve_checked
+from .checks import (
+    LatestFactors,
+    check_kind,
+    checked_right,
+    checked_unknowns,
+    checked_values,
+    latest_only,
+    solve_checked,
+    written_to,
+)
 from .solver import Kind, Outcome, Solution, Unknowns, Vector
 
 #: Threshold of pivoting: a diagonal entry is the pivot unless it is smaller than this part of the largest entry of its column.
@@ -46,22 +55,22 @@ class SuperLUAnalysis:
     """Structure that matrices must have."""
 
     def __init__(self, solver: SuperLU, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self._newest = solver, unknowns, Newest()
+        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
 
     def factorise(self, K: Any, kind: Kind) -> SuperLUFactors:
         """Factorise `K = L U`. The outcome of a solve reports a zero pivot."""
         check_kind(self._solver, kind)
         values = checked_values(K, self._unknowns).copy()
         matrix = csc_matrix((values, K.indices, K.indptr), shape=K.shape)  # of K', whose structure is that of K
-        return SuperLUFactors(matrix, kind, self._newest)
+        return SuperLUFactors(matrix, kind, self._latest)
 
 
 class SuperLUFactors:
     """Factors `L U` of the transpose, because rows in CSR format are columns in SuperLU's."""
 
-    def __init__(self, transpose: csc_matrix, kind: Kind, newest: Newest) -> None:
+    def __init__(self, transpose: csc_matrix, kind: Kind, latest: LatestFactors) -> None:
         self._transpose, self._kind = transpose, kind
-        self._newest, self._number = newest, newest.next()
+        self._latest, self._number = latest, latest.next()
         self._lu = _factors(transpose, kind)
 
     @cached_property
@@ -90,16 +99,16 @@ class SuperLUFactors:
         exchanges = sum(len(order) - _cycles(order) for order in (lu.perm_r, lu.perm_c))
         return bool((int((lu.U.diagonal() < 0).sum()) + exchanges) % 2)
 
-    @by_newest
+    @latest_only
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve with the factors, and refine if the residual requires it. `x0` is ignored."""
         b, rtol, _ = checked_right(b, self._transpose.shape[0], rtol, x0, out)
         if self._lu is None:
-            return handed_out(Solution.none(b, Outcome.SINGULAR), out)
+            return written_to(Solution.none(b, Outcome.SINGULAR), out)
         lu, K = self._lu, self._transpose.T
-        return handed_out(solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol), out)
+        return written_to(solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol), out)
 
-    @by_newest
+    @latest_only
     def solve_many(self, B: Vector) -> Vector:
         """Return the solutions (n, m) for the columns of B (n, m), not refined; NaN if K is singular."""
         return np.full(B.shape, np.nan) if self._lu is None else np.asarray(self._lu.solve(B, trans="T"))

@@ -225,27 +225,28 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
         raise MaterialError(f"frames_along: mesh = {shown(mesh)}; expected a mesh of scikit-fem or an ElementMesh.")
     (d, nv), nt = mesh.p.shape, mesh.t.shape[1]
     if d == 1:
-        raise MaterialError("frames_along: the mesh is on a line, where there is one direction; leave the frame out.")
-    given = directions
+        raise MaterialError("frames_along: the mesh is on a line, which has only one direction. Leave the frame out.")
+    raw = directions
     if callable(directions):
         try:
-            given = directions(mesh.p[:, mesh.t].mean(axis=1))
+            raw = directions(mesh.p[:, mesh.t].mean(axis=1))
         except Exception as error:
             raise MaterialError(
                 f"frames_along: the function directions failed with {type(error).__name__}: {error}. It gets x, of shape "
                 f"({d}, {nt})."
             ) from error
-    values = real_array(given)
+    values = real_array(raw)
     expected = (
         f"({d},), ({nt}, {d}) for elements or ({nv}, {d}) for nodes" if not callable(directions) else f"({d},) or ({d}, {nt})"
     )
     if values is None:
-        raise MaterialError(f"frames_along: directions = {shown(given)}; expected {expected}.")
+        raise MaterialError(f"frames_along: directions = {shown(raw)}; expected {expected}.")
     if callable(directions) and values.shape == (d, nt):
         values = values.T
     elif not callable(directions) and nv == nt and values.shape == (nt, d):
         raise MaterialError(
-            f"frames_along: {nt} elements and as many nodes: {values.shape} may be of either. Give a function of x."
+            f"frames_along: directions have shape {values.shape}; expected a function of x, because the mesh has as many nodes as "
+            "elements."
         )
     elif not callable(directions) and values.shape == (nv, d):
         values = _at_elements(values, mesh.t)
@@ -256,7 +257,9 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
     largest = np.abs(values).max(axis=1)
     bad = np.flatnonzero(~(np.isfinite(values).all(axis=1) & (largest > 0)))
     if len(bad):
-        raise MaterialError(f"frames_along: {name_ids(bad, 'element')}: no direction, for it is zero or not finite.")
+        raise MaterialError(
+            f"frames_along: directions are zero or not finite in {name_ids(bad, 'element')}; expected nonzero vectors."
+        )
     axis = values / largest[:, None]
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     if d == 2:
@@ -270,7 +273,7 @@ def _at_elements(at_nodes: Array, t: Array) -> Array:
     """Return fibre axes (nt, d) of elements from directions (nv, d) at nodes: the main eigenvectors of the sums of their dyads."""
     bad = np.flatnonzero(~np.isfinite(at_nodes).all(axis=1))
     if len(bad):
-        raise MaterialError(f"frames_along: {name_ids(bad, 'node')}: no direction, for it is not finite.")
+        raise MaterialError(f"frames_along: directions are not finite at {name_ids(bad, 'node')}; expected finite vectors.")
     each = at_nodes[t]  # (n, nt, d)
     values, vectors = np.linalg.eigh(np.einsum("nti,ntj->tij", each, each))
     return np.asarray(vectors[:, :, -1] * (values[:, -1:] > 0))

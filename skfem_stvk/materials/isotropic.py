@@ -68,7 +68,9 @@ class Isotropic(Material):
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
             return
         if self.poisson is None:
-            raise MaterialError(f"poisson is missing: only segments can do without it, {hypothesis.value} needs it.")
+            raise MaterialError(
+                f"poisson = None; expected a number: {hypothesis.value} needs Poisson's ratio, only segments do not."
+            )
         check_length(np.asarray(self.poisson), n, "poisson")
         if hypothesis is not Hypothesis.PLANE_STRESS:
             constant(self.poisson, f"poisson ({hypothesis.value})", low=-1.0, high=0.5)

@@ -84,8 +84,8 @@ class FramedMaterial(Material, ABC):
 
 def _orthonormal(frame: ArrayLike) -> Array:
     """Return the frame as (3, 3) or (n, 3, 3)."""
-    given = real_array(frame)
-    size = 2 if given is not None and given.shape[-2:] == (2, 2) else 3
+    real = real_array(frame)
+    size = 2 if real is not None and real.shape[-2:] == (2, 2) else 3
     array = constant(frame, "frame", shape=(size, size))
     error = np.abs(np.swapaxes(array, -1, -2) @ array - np.eye(size)).max(axis=(-1, -2))
     if len(bad := np.flatnonzero(np.atleast_1d(error) > 1e-8)):
@@ -122,27 +122,29 @@ def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np
 
     A constant that is not finite, or not strictly between `low` and `high`, is refused with the element ids.
     """
-    given = real_array(value)
-    if given is None:
-        raise MaterialError(f"{name} = {shown(value)} is not a number, nor an array with one value per element.")
-    array = np.array(given)  # a copy: materials are frozen
+    real = real_array(value)
+    if real is None:
+        raise MaterialError(f"{name} = {shown(value)}; expected a number, or an array with one value per element.")
+    array = np.array(real)  # a copy: materials are frozen
     if not array.size or array.shape not in (shape, (len(array) if array.ndim else 0, *shape)):
         raise MaterialError(
             f"{name} has shape {array.shape}; expected {shape or 'a number'}, or one value per element: {('n', *shape)}."
         )
-    _refuse(array, ~np.isfinite(array), name, "not finite", shape)
+    _refuse(array, ~np.isfinite(array), name, "finite values", shape)
     array.flags.writeable = False
-    _refuse(array, ~((array > low) & (array < high)), name, f"outside ({low:g}, {high:g})", shape)
+    _refuse(array, ~((array > low) & (array < high)), name, f"values in ({low:g}, {high:g})", shape)
     return array
 
 
-def _refuse(array: Array, bad: NDArray[np.bool_], name: str, what: str, shape: tuple[int, ...]) -> None:
+def _refuse(array: Array, bad: NDArray[np.bool_], name: str, expected: str, shape: tuple[int, ...]) -> None:
     if not bad.any():
         return
     if array.ndim == len(shape):
-        raise MaterialError(f"{name} = {np.array2string(array)} is {what}.")
+        raise MaterialError(f"{name} = {np.array2string(array)}; expected {expected}.")
     ids = np.flatnonzero(bad.reshape(len(array), -1).any(axis=1))
-    raise MaterialError(f"{name} is {what} in {name_ids(ids, 'element')}, first value {array[bad][0]:g}. Was it filled for all?")
+    raise MaterialError(
+        f"{name} = {array[bad][0]:g} in {name_ids(ids, 'element')}; expected {expected}. Was it set for all elements?"
+    )
 
 
 def check_length(array: Array, n: int, name: str, shape: tuple[int, ...] = ()) -> None:

@@ -1,8 +1,8 @@
 """Meshes of elements, their geometry, faults, readers and generators."""
 
 from .generators import bar, box, cylinder
+from .locations import Box, NearestNode, Plane
 from .mesh import ElementMesh, MeshLike
-from .places import Box, NearestNode, Plane
 from .quality import Extreme, MeshQuality, mesh_quality
 from .read import embedded_mesh, read_mesh
 

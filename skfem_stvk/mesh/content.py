@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..arguments import real_array
 from ..elements import Element, named
 from ..errors import MeshError, name_ids, warn
-from .facets import further_nodes, with_middles
+from .facets import further_nodes, with_midpoints
 from .formats import Damaged
 from .formats.source import check_unique
 from .groups import (
@@ -20,6 +20,7 @@ from .groups import (
     cell_groups,
     count_cells,
     facet_groups,
+    groups_of_kind,
     in_dimension,
     inner_nodes,
     is_of,
@@ -28,7 +29,6 @@ from .groups import (
     node_count,
     node_groups,
     nodes,
-    pick,
 )
 
 
@@ -49,7 +49,7 @@ def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
     try:
         check_cells(raw)
     except Damaged as error:
-        raise MeshError(f"{name} is no whole mesh: {error}.") from error
+        raise MeshError(f"{name} is not a valid mesh: {error}.") from error
     return content_of(raw, name)
 
 
@@ -65,12 +65,12 @@ def content_of(
     warn_of_cells(raw, element, degree)
     try:
         sets = cell_groups(raw, base)
-        t, subdomains = nodes(raw.cells, base, element), pick(sets, raw, base)
+        t, subdomains = nodes(raw.cells, base, element), groups_of_kind(sets, raw, base)
         if "gmsh:physical" in raw.cell_data:
             t, subdomains = merge_copies(t, subdomains)
         facets, lines = facet_groups(raw, sets, base), line_groups(raw, sets, base)
         ends = [groups[key].ravel() for groups in (facets, lines) for key in keep if key in groups]
-        numbers = numbers_of(t, base, element, len(raw.points), np.concatenate([t[:0].ravel(), *ends]))
+        numbers = node_numbers(t, base, element, len(raw.points), np.concatenate([t[:0].ravel(), *ends]))
         p = in_dimension(np.asarray(raw.points, dtype=np.float64).T[:, numbers.order], base.k, dimension_of(raw, dimension))
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from error
@@ -78,10 +78,10 @@ def content_of(
     warn_of_vertices(len(raw.points), base, numbers.order, inner)
     boundaries = {key: numbers.number[ids] for key, ids in facets_on(numbers.order, facets).items()}
     cables = {key: numbers.number[ids] for key, ids in lines.items()}
-    cables = {key: kept for key, ids in cables.items() if (kept := ids[:, (ids >= 0).all(axis=0)]).size}
+    cables = {key: retained for key, ids in cables.items() if (retained := ids[:, (ids >= 0).all(axis=0)]).size}
     if element.degree == 2:
-        boundaries = completed("Boundary", boundaries, named(element.facet), numbers, keep)
-        cables = completed("Lines", cables, element.edge, numbers, keep)
+        boundaries = with_edge_midpoints("Boundary", boundaries, named(element.facet), numbers, keep)
+        cables = with_edge_midpoints("Lines", cables, element.edge, numbers, keep)
         cables = {key: ids[:, np.argsort(ids[-1])] for key, ids in cables.items()}  # in the order that `check_numbers` requires
     node_sets = {
         key: np.sort(numbers.number[ids]) for key, ids in nodes_on(numbers.order, inner, node_groups(raw, sets, base)).items()
@@ -148,17 +148,17 @@ def warn_of_cells(raw: meshio.Mesh, element: Element, degree: int | None) -> Non
     carriers = [block for block in raw.cells if len(block) and block.dim == element.k]
     base = element.linear
     if others := [block for block in carriers if not is_of(block, base)]:
-        warn(f"{count_cells(others)} are left out: only {base.name} are used. Split them if the body goes on there.")
+        warn(f"{count_cells(others)} are left out: only {base.name} are used. Split these cells if they belong to the body.")
     higher = [block for block in carriers if is_of(block, base) and block.data.shape[1] > element.n]
     if higher:
         more = ""
         if base.quadratic is not None and degree != 1:
-            more = f" {base.quadratic.name.capitalize()} are kept, if all are: write the mesh in order 2."
+            more = f" {base.quadratic.name.capitalize()} are used if all elements are quadratic: write the mesh in order 2."
         cells = count_cells(higher)
-        warn(f"{cells} are of higher order: their corner vertices are used and their curved edges are taken as straight.{more}")
+        warn(f"{cells} are of higher order: their corner vertices are used, and curved edges become straight.{more}")
 
 
-class Numbers(NamedTuple):
+class NodeNumbers(NamedTuple):
     """Order and new numbers of the nodes of a file.
 
     Attributes
@@ -173,7 +173,7 @@ class Numbers(NamedTuple):
     between: list[NDArray[np.int32]]
 
 
-def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, ends: NDArray[Any]) -> Numbers:
+def node_numbers(t: NDArray[Any], base: Element, element: Element, count: int, ends: NDArray[Any]) -> NodeNumbers:
     """Return the numbers of the nodes of elements `t` (n, nt), and of other `ends`, among `count` in a file.
 
     Vertices keep their order; edge midpoints get scikit-fem's.
@@ -182,34 +182,34 @@ def numbers_of(t: NDArray[Any], base: Element, element: Element, count: int, end
     number = np.full(count, -1, dtype=np.int32)
     number[used] = np.arange(len(used))
     if element.degree == 1:
-        return Numbers(used, number, [])
-    given = t[base.n :]
-    if len(both := np.intersect1d(used, given)):
+        return NodeNumbers(used, number, [])
+    elements_midpoints = t[base.n :]
+    if len(both := np.intersect1d(used, elements_midpoints)):
         raise MeshError(
-            f"Corners of elements are middles of edges, so faces do not match: {name_ids(both, 'node')} of the file, from 0. Is "
-            "the order of nodes within the elements another one, or are small elements tied to large ones? Remesh, or read it "
-            "with degree=1."
+            f"Nodes are both corners and edge midpoints, so faces do not match: {name_ids(both, 'node')} of the file, from 0. Do "
+            "the elements have another node order, or are small elements tied to large ones? Remesh, or read the file with "
+            "degree=1."
         )
     between, further = further_nodes(number[t[: base.n]], element, len(used))
-    middles = np.empty(int(further.max()) + 1, dtype=np.int64)
-    middles[further] = given
-    if len(bad := np.flatnonzero((middles[further] != given).any(axis=0))):
+    midpoints = np.empty(int(further.max()) + 1, dtype=np.int64)
+    midpoints[further] = elements_midpoints
+    if len(bad := np.flatnonzero((midpoints[further] != elements_midpoints).any(axis=0))):
         raise MeshError(
-            f"{name_ids(bad, 'element')}: an edge has another node in its middle than in a neighbour. Is the order of nodes within "
-            "the elements another one, or is the part cut there but for its corners? Merge the nodes, or read it with degree=1."
+            f"{name_ids(bad, 'element')}: an edge has another midpoint than in the neighbouring element. Do the elements have "
+            "another node order, or are parts joined only at their corners? Merge the nodes, or read the file with degree=1."
         )
-    unique, counts = np.unique(middles, return_counts=True)
-    if len(unique) < len(middles):
+    unique, counts = np.unique(midpoints, return_counts=True)
+    if len(unique) < len(midpoints):
         raise MeshError(
-            f"Several edges share a middle: {name_ids(unique[counts > 1], 'node')} of the file, from 0. Is the order of nodes "
-            "within the elements another one? Write the file anew, or read it with degree=1."
+            f"Several edges have the same midpoint: {name_ids(unique[counts > 1], 'node')} of the file, from 0. Do the elements "
+            "have another node order? Write the file again, or read it with degree=1."
         )
-    number[middles] = len(used) + np.arange(len(middles))
-    return Numbers(np.concatenate([used, middles]), number, between)
+    number[midpoints] = len(used) + np.arange(len(midpoints))
+    return NodeNumbers(np.concatenate([used, midpoints]), number, between)
 
 
-def completed(
-    what: str, groups: dict[str, NDArray[Any]], kind: Element, numbers: Numbers, keep: Collection[str]
+def with_edge_midpoints(
+    what: str, groups: dict[str, NDArray[Any]], kind: Element, numbers: NodeNumbers, keep: Collection[str]
 ) -> dict[str, NDArray[Any]]:
     """Add the edge midpoints to facets or segments of this quadratic `kind`; leave out those on no element, with a warning.
 
@@ -218,20 +218,20 @@ def completed(
     MeshError
         if a group of `keep` has any on no element.
     """
-    kept, n = {}, len(numbers.order) - sum(group.shape[1] for group in numbers.between)
+    retained, n = {}, len(numbers.order) - sum(group.shape[1] for group in numbers.between)
     for name, corners in groups.items():
-        whole = with_middles(corners, kind, numbers.between, n)
+        whole = with_midpoints(corners, kind, numbers.between, n)
         good: NDArray[np.bool_] = np.all(whole >= 0, axis=0)
         if len(bad := np.flatnonzero(~good)):
             off = f"{what} {name!r}: {name_ids(bad, 'facet' if what == 'Boundary' else 'segment')}"
             if name in keep:
                 raise MeshError(
-                    f"{off} of {len(good)} are on no edge of the quadratic elements; expected all. Read it with degree=1."
+                    f"{off} of {len(good)} are on no edge of the quadratic elements; expected all. Read the file with degree=1."
                 )
             warn(f"{off} of {len(good)} are left out: their edges are on no element.")
         if good.any():
-            kept[name] = whole[:, good]
-    return kept
+            retained[name] = whole[:, good]
+    return retained
 
 
 def dimension_of(raw: meshio.Mesh, dimension: int | None) -> int | None:
@@ -244,8 +244,9 @@ def warn_of_vertices(count: int, base: Element, used: NDArray[Any], inner: NDArr
     """Warn of vertices, out of `count`, that belong to no element and to no element of higher order."""
     if len(unused := np.setdiff1d(np.arange(count), np.union1d(used, inner))):
         warn(
-            f"{name_ids(unused, 'vertex')}: on none of the {base.name}, so dropped; the later ones move up. Centres of arcs, or "
-            "cells that are left out? Cables and membranes keep theirs by name: read_mesh(path, keep=[names])."
+            f"{name_ids(unused, 'vertex')}: dropped, because they are on none of the {base.name}; later vertices are renumbered. "
+            "Are they centres of arcs, or nodes of omitted cells? To keep those of cables and membranes, give the names of these: "
+            "read_mesh(path, keep=[names])."
         )
 
 
@@ -257,31 +258,31 @@ def merge_copies(t: NDArray[Any], subdomains: dict[str, NDArray[Any]]) -> tuple[
     starts = np.append(True, (t[:, order[1:]] != t[:, order[:-1]]).any(axis=0))
     first = np.empty_like(order)
     first[order] = order[starts][np.cumsum(starts) - 1]
-    kept, number = np.unique(first, return_inverse=True)
+    retained, number = np.unique(first, return_inverse=True)
     merged = {name: np.unique(number[ids]).astype(np.int32) for name, ids in subdomains.items()}
     grouped = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *subdomains.values()]))
     if grouped.size < t.shape[1] or any(len(merged[name]) < len(ids) for name, ids in subdomains.items()):
         return t, subdomains
-    return t[:, kept], merged
+    return t[:, retained], merged
 
 
 def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return the facets whose vertices are all used, and warn of the others."""
-    kept = {}
+    retained = {}
     for name, facets in boundaries.items():
         good = np.isin(facets, used).all(axis=0)
         if len(bad := np.flatnonzero(~good)):
             warn(f"Boundary {name!r}: {name_ids(bad, 'facet')} of {facets.shape[1]} are left out: they have dropped vertices.")
         if good.any():
-            kept[name] = facets[:, good]
-    return kept
+            retained[name] = facets[:, good]
+    return retained
 
 
 def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return the used nodes of each set without empty sets, and warn of lost nodes that are not inner nodes of elements."""
-    kept = {}
+    retained = {}
     for name, members in sets.items():
-        kept[name] = np.intersect1d(members, used)
+        retained[name] = np.intersect1d(members, used)
         if len(lost := np.setdiff1d(members, np.union1d(used, inner))):
-            warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(members)} are left out: dropped, since on no element.")
-    return {name: members for name, members in kept.items() if len(members)}
+            warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(members)} are left out, because they are on no element.")
+    return {name: members for name, members in retained.items() if len(members)}

@@ -13,7 +13,7 @@ from ..kernels.geometry import measures
 from .facets import Cells, MeshArrays, grouped, linked
 from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
-from .points import extremes, signed, spokes_at
+from .points import base_vectors_at, extremes, signed
 
 #: Limits of edges, as powers of ten: squares of volumes are then in the range of double precision.
 LARGEST_EXPONENT = 50
@@ -23,10 +23,11 @@ ROUND_OFF = 1e-14
 CHUNK = 512
 
 
-def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
+def check_mesh(mesh: ElementMesh, others: Sequence[ElementMesh] = ()) -> None:
     """Refuse a mesh that cannot carry an elastic body, and warn of a mesh that is probably not intended.
 
-    Elements `beside` it are on the same nodes. Each such mesh is checked as well, and its nodes count as nodes on an element.
+    The `others` are meshes on the same nodes, such as cables. Each of them is checked as well, and its nodes count as nodes on an
+    element.
 
     Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` reports all faults.
 
@@ -41,11 +42,11 @@ def check_mesh(mesh: ElementMesh, beside: Sequence[ElementMesh] = ()) -> None:
     StvkWarning
         for vertices at the same point, and for parts that are not connected.
     """
-    for one in (mesh, *beside):
-        for fault in faults(one, (*beside, mesh)):
+    for one in (mesh, *others):
+        for fault in faults(one, (*others, mesh)):
             if one is not mesh and fault.name not in ("collapsed", "flat", "folded", "duplicates"):
                 continue  # this is a fault of nodes, reported once
-            text = f"The {one.element.name}: {fault.text}" if beside else fault.text
+            text = f"The {one.element.name}: {fault.text}" if others else fault.text
             if fault.refused:
                 raise MeshError(text)
             warn(text)
@@ -66,9 +67,9 @@ def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[
     if len(bad := np.flatnonzero(collapsed)):
         text = f"{name_ids(bad, 'element')}: the same {mesh.word} twice, so no volume. Collapsed cells of a converter? Remove them."
         yield Remark("collapsed", bad, text)
-    sound, kept = sound_elements(mesh, finite, collapsed)
-    if len(kept):
-        yield from _faults_of_shapes(sound, kept)
+    sound, retained = sound_elements(mesh, finite, collapsed)
+    if len(retained):
+        yield from _faults_of_shapes(sound, retained)
         yield from _faults_of_range(sound)
     ordered = ordered if mesh.element.degree == 1 else np.sort(mesh.corners, axis=0)
     order, new = grouped(ordered, mesh.nv)
@@ -84,7 +85,7 @@ def faults(mesh: ElementMesh, together: Sequence[ElementMesh] = ()) -> Iterator[
             "scikit-fem; `skfem-stvk verify FILE` and `read_mesh` drop them."
         )
         yield Remark("unused", unused, text)
-    if len(kept):
+    if len(retained):
         yield from _coincident_vertices(mesh, sound, finite)
     yield from _parts_apart(mesh, together)
 
@@ -95,9 +96,9 @@ def sound_elements(
     """Return the elements, and their ids, without `collapsed` (nt,) corners and with all nodes `finite` (nv,)."""
     if finite.all() and not collapsed.any():
         return mesh, np.arange(mesh.nt)
-    kept = np.flatnonzero(finite[mesh.t].all(axis=0) & ~collapsed)
+    retained = np.flatnonzero(finite[mesh.t].all(axis=0) & ~collapsed)
     somewhere = mesh.p[:, [np.argmax(finite)]] if finite.any() else np.zeros((mesh.d, 1))
-    return Cells(np.where(finite, mesh.p, somewhere), np.ascontiguousarray(mesh.t[:, kept]), mesh.element), kept
+    return Cells(np.where(finite, mesh.p, somewhere), np.ascontiguousarray(mesh.t[:, retained]), mesh.element), retained
 
 
 def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Remark]:
@@ -111,9 +112,9 @@ def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Rema
             yield Remark("flat", bad, text)
     elif len(bad := ids[folded_elements(mesh)]):
         quadratic = mesh.element.degree == 2
-        order = "middles of edges" if quadratic else "vertices"
+        order = "edge midpoints" if quadratic else "vertices"
         otherwise = "an edge that is curved too far" if quadratic else "a corner that is pushed in or flat"
-        advice = "take edges as straight (degree=1, or mesh.with_degree(1))" if quadratic else "remesh"
+        advice = "use straight edges (degree=1, or mesh.with_degree(1))" if quadratic else "remesh"
         text = (
             f"{name_ids(bad, 'element')}: the Jacobian vanishes or changes its sign among their points and nodes, so they fold "
             f"over themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? "
@@ -128,7 +129,7 @@ def element_order(mesh: MeshArrays) -> str:
     if mesh.element.degree == 1:
         return f"scikit-fem's {mesh.element.cell.reference.__name__}, with edges {edges},"
     others = ", of faces and of the cell" * (mesh.element.means != mesh.element.edges)
-    return f"corners, then the middles of {edges}{others},"
+    return f"corners, then the midpoints of {edges}{others},"
 
 
 def flat_elements(mesh: MeshArrays) -> NDArray[np.int64]:
@@ -136,10 +137,10 @@ def flat_elements(mesh: MeshArrays) -> NDArray[np.int64]:
     p = mesh.p / scale_of(mesh.p)  # so that volumes neither overflow nor underflow
     parallelepiped, longest, largest_facet = measures(p, mesh.t)
     rounding = np.finfo(float).eps * np.abs(p).max(axis=0)[mesh.t].max(axis=0)
-    nothing = 1e-12 * longest + 4 * rounding
-    flat = parallelepiped <= nothing * largest_facet
+    tolerance = 1e-12 * longest + 4 * rounding
+    flat = parallelepiped <= tolerance * largest_facet
     if mesh.k == 3:
-        flat |= largest_facet <= nothing * longest  # for collinear vertices the volume is only rounding
+        flat |= largest_facet <= tolerance * longest  # for collinear vertices the volume is only rounding
     return np.flatnonzero(flat)
 
 
@@ -157,13 +158,13 @@ def folded_elements(mesh: MeshArrays) -> NDArray[np.int64]:
     for begin in range(0, mesh.nt, CHUNK):
         t = mesh.t[:, begin : begin + CHUNK]
         rounding = np.finfo(float).eps * np.abs(p[:, t]).max(axis=(0, 1))[:, None]
-        spokes = spokes_at(p, t, element, xi)
-        jacobian = signed(spokes, spokes[:, :1])
-        size = np.sqrt((spokes * spokes).sum(axis=(2, 3)))
+        base_vectors = base_vectors_at(p, t, element, xi)
+        jacobian = signed(base_vectors, base_vectors[:, :1])
+        size = np.sqrt((base_vectors * base_vectors).sum(axis=(2, 3)))
         doubtful = ~(np.abs(jacobian) > (1e-12 * 2 * size + 4 * rounding) * size ** (mesh.k - 1)).all(axis=1)
         folded = np.sign(jacobian.min(axis=1)) * np.sign(jacobian.max(axis=1)) <= 0
         if doubtful.any():
-            longest, steepest = extremes(spokes[doubtful], element.is_simplex)
+            longest, steepest = extremes(base_vectors[doubtful], element.is_simplex)
             folded[doubtful] |= ~(steepest * (1e-12 * longest + 4 * rounding[doubtful]) < 1).all(axis=1)
         bad.append(begin + np.flatnonzero(folded))
     return np.concatenate(bad)
@@ -227,7 +228,7 @@ def _coincident_vertices(mesh: ElementMesh, sound: MeshArrays, finite: NDArray[n
     if len(pairs := cKDTree(away[:, close].T).query_pairs(near / size, output_type="ndarray")):
         bad = np.unique(nodes[close[pairs[:, 1]]])
         text = (
-            f"{name_ids(bad, mesh.word)}: in the same place as another one, so parts that touch there are not "
+            f"{name_ids(bad, mesh.word)}: at the same point as another {mesh.word}, so parts that touch there are not "
             "connected. Merge them if they should be, e.g. mesh.remove_duplicate_nodes() in scikit-fem."
         )
         yield Remark("coincident", bad, text, refused=False)

@@ -26,17 +26,17 @@ def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
     return finite_vector(name, u, mesh.p.size, f"degree of freedom d * {mesh.word} + component").reshape(-1, mesh.d)
 
 
-def finite_vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
+def finite_vector(name: str, value: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:
     """Return a vector of finite numbers as `arguments.vector` does; anything else raises StateError.
 
     >>> finite_vector("v", [0.0, np.nan, 1.0], 3)
     Traceback (most recent call last):
-    skfem_stvk.errors.StateError: v is not finite in 1 entry (1): did the step before diverge?
+    skfem_stvk.errors.StateError: v is not finite in 1 entry (1): did the previous step diverge?
     """
-    values = vector(name, given, n, each, kinds=kinds)
+    values = vector(name, value, n, each, kinds=kinds)
     if not all_finite(values):
         raise StateError(
-            f"{name} is not finite in {name_ids(np.flatnonzero(~np.isfinite(values)), 'entry')}: did the step before diverge?"
+            f"{name} is not finite in {name_ids(np.flatnonzero(~np.isfinite(values)), 'entry')}: did the previous step diverge?"
         )
     return values
 

@@ -103,8 +103,8 @@ def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids
     every, ordered = _listed(t, element)
     if element.k == 2:
         every[:2].sort(axis=0)
-    place, first = _numbered(ordered, nv)
-    t2f = place.reshape(len(element.facets), -1)
+    index, first = _numbered(ordered, nv)
+    t2f = index.reshape(len(element.facets), -1)
     if element.is_simplex:
         opposite = [min(set(range(element.corners)) - set(ids)) for ids in element.cell.facets]
         of_ascending, t2f = t2f, np.empty_like(t2f)
@@ -141,7 +141,7 @@ def outer_facets(mesh: MeshArrays) -> tuple[Ids, NDArray[np.integer]]:
     facets, (local, elements) = every[:, alone], np.divmod(alone, mesh.nt)
     if mesh.k == mesh.d > 1:
         positive = orientations(mesh.p, t[:, elements], element) > 0
-        _turn(facets, positive != _outwards(element)[local], mesh)
+        _reverse(facets, positive != _outwards(element)[local], mesh)
     return facets, elements
 
 
@@ -188,12 +188,12 @@ def further_nodes(corners: Ids, element: Element, nv: int) -> tuple[list[Ids], I
     return groups, np.concatenate([np.empty((0, corners.shape[1]), dtype=np.int32), *numbers])
 
 
-def with_middles(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -> Ids:
+def with_midpoints(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -> Ids:
     """Return facets (m, n) with all their nodes, from their corners among `nv` vertices; the order of the corners is unchanged.
 
     The further nodes, from `nv` on, lie `between` corners as `further_nodes` lists them; -1 marks a missing node.
 
-    >>> with_middles(np.array([[2, 1], [1, 0]]), named("quadratic segments"), [np.array([[0, 0, 1], [1, 2, 2]])], 3)
+    >>> with_midpoints(np.array([[2, 1], [1, 0]]), named("quadratic segments"), [np.array([[0, 0, 1], [1, 2, 2]])], 3)
     array([[2, 1],
            [1, 0],
            [5, 3]], dtype=int32)
@@ -204,8 +204,8 @@ def with_middles(facets: Ids, facet: Element, between: Sequence[Ids], nv: int) -
         own = [list(ids) for ids in facet.means if len(ids) == len(group)]
         if own:
             near = np.flatnonzero(there[group].all(axis=0))
-            place = find_facets(np.concatenate([facets[ids] for ids in own], axis=1), group[:, near], nv).reshape(len(own), -1)
-            further.append(np.where(place >= 0, begin + np.append(near, 0)[place], -1))
+            index = find_facets(np.concatenate([facets[ids] for ids in own], axis=1), group[:, near], nv).reshape(len(own), -1)
+            further.append(np.where(index >= 0, begin + np.append(near, 0)[index], -1))
         begin += group.shape[1]
     return np.concatenate([facets, *further]).astype(np.int32)
 
@@ -233,9 +233,9 @@ def _listed(t: Ids, element: Element) -> tuple[Ids, Ids]:
 def _numbered(ordered: Ids, nv: int) -> tuple[Ids, NDArray[Any]]:
     """Return the number of each facet in lexicographic order, and where each number first occurs; vertices of facets ascend."""
     order, new = grouped(ordered, nv)
-    place = np.empty(len(order), dtype=np.int32)
-    place[order] = np.cumsum(new) - 1
-    return place, order[new]
+    index = np.empty(len(order), dtype=np.int32)
+    index[order] = np.cumsum(new) - 1
+    return index, order[new]
 
 
 def _alone(ordered: Ids, nv: int) -> NDArray[Any]:
@@ -248,11 +248,11 @@ def _outwards(element: Element) -> NDArray[np.bool_]:
     """Return whether each facet has its normal outwards on the reference element, in the order of `element.facets`."""
     x, centre = element.cell.corners, element.cell.corners.mean(axis=0)
     facets = [x[list(facet)] for facet in element.cell.facets]
-    spokes = [f[[1, -1]] - f[0] if element.k == 3 else f[1:] - f[0] for f in facets]
-    return np.array([normals_of(p) @ (f.mean(axis=0) - centre) > 0 for p, f in zip(spokes, facets, strict=True)])
+    base_vectors = [f[[1, -1]] - f[0] if element.k == 3 else f[1:] - f[0] for f in facets]
+    return np.array([normals_of(p) @ (f.mean(axis=0) - centre) > 0 for p, f in zip(base_vectors, facets, strict=True)])
 
 
-def _turn(facets: Ids, which: NDArray[np.bool_], mesh: MeshArrays) -> None:
+def _reverse(facets: Ids, which: NDArray[np.bool_], mesh: MeshArrays) -> None:
     """Reverse the orientation of some facets in place."""
     facets[:, which] = facets[mesh.facet.reversed][:, which]
 
@@ -296,14 +296,14 @@ class NamedFacets(Mapping[str, NDArray[np.int32]]):
         return f"NamedFacets: {', '.join(self._ids)}"
 
 
-def turned_alike(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def faces_to_reverse(t: NDArray[np.int32], nv: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the faces to reverse, so that all neighbours have the orientation of the first face of their piece.
 
     `t` (m, n) are the corners of the faces. Neighbours are two faces at an edge without a third; a piece is connected by such
     edges. Neighbours have the same orientation if they run along their edge in opposite directions. The second array says whether
     the piece of each face has two sides, unlike a Moebius strip.
 
-    >>> turned_alike(np.array([[0, 1], [1, 2], [2, 3]]), 4)
+    >>> faces_to_reverse(np.array([[0, 1], [1, 2], [2, 3]]), 4)
     (array([False,  True]), array([ True,  True]))
     """
     n = t.shape[1]

@@ -23,13 +23,13 @@ def load(path: Path) -> meshio.Mesh:
     except Damaged as error:
         raise damaged(path, str(error)) from error
     except PermissionError as error:
-        raise MeshError(f"{path} may not be read: {error.strerror}. Change its permissions, or copy it.") from error
+        raise MeshError(f"{path} cannot be read: {error.strerror}. Change its permissions, or copy it.") from error
     except ModuleNotFoundError as error:
         raise MeshError(
             f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install {error.name}"
         ) from error
     except MemoryError as error:
-        raise MeshError(f"{path} declares more than there is memory for. Is it damaged? Write it anew.") from error
+        raise MeshError(f"{path} declares more data than fit into memory. Is it damaged? Write it again.") from error
     except Exception as error:
         raise damaged(path, f"{type(error).__name__}: {error}") from error
 
@@ -63,7 +63,7 @@ def quietly(path: Path) -> meshio.Mesh:
         with redirect_stdout(printed), redirect_stderr(StringIO()), np.errstate(over="ignore"):
             return meshio.read(path)
     except SystemExit as error:  # meshio exits this way after printing the reason
-        raise Damaged(" ".join(printed.getvalue().split()) or "meshio does not say why") from error
+        raise Damaged(" ".join(printed.getvalue().split()) or "meshio gives no reason") from error
     except KeyError as error:  # meshio raises it for unknown ids
         raise Damaged(f"it names {error.args[0]!r}, which is not defined in it") from error
 
@@ -79,15 +79,16 @@ def check_file(path: Path) -> None:
     """Refuse a file that is not regular, is empty, or has a refused or unknown format."""
     try:
         if not path.is_file():
-            what = "is no regular file" if path.exists() else "is no file"
+            what = "is not a regular file" if path.exists() else "does not exist"
             raise MeshError(f"{path} {what}; expected the path of a mesh file. Is the path relative to another folder?")
         name = refused(path)
     except OSError as error:
-        raise MeshError(f"{path} may not be read: {error.strerror}. Change its permissions or its folder's, or copy it.") from error
+        raise MeshError(f"{path} cannot be read: {error.strerror}. Change its permissions or its folder's, or copy it.") from error
     if name:
         writer = " (as meshio writes .msh without file_format='gmsh')" if name == "Fluent" else ""
         raise MeshError(
-            f"{path} is a {name} file{writer}; expected a format in which damage is noticed. If the file is whole, convert it: "
+            f"{path} is a {name} file{writer}; expected a format in which damage can be detected. If the file is whole, convert "
+            "it: "
             f"meshio convert {quote(str(path))} {quote(f'{path.stem}.vtu')}"
         )
     known = sorted(set(meshio.extension_to_filetypes) - set(REFUSED))
@@ -102,7 +103,7 @@ def check_file(path: Path) -> None:
 
 def damaged(path: Path, reason: str) -> MeshError:
     """Return the error for a file with inconsistent content."""
-    again = "Write it anew" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
+    again = "Write it again" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
     return MeshError(
         f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"
     )

@@ -54,7 +54,7 @@ def box(size: Any, cells: Any, element: str | None = None, origin: Any = None) -
     check_index_range(int(np.prod([count + 1.0 for count in counts])), "vertices")
     axes = [low + np.linspace(0.0, length, count + 1) for low, length, count in zip(start, lengths, counts, strict=True)]
     grid = named(kind).mesh.init_tensor(*axes)
-    p, t = grid.p, turned(grid.p, grid.t, named(kind))
+    p, t = grid.p, positively_oriented(grid.p, grid.t, named(kind))
     mesh = ElementMesh(p, t, element=named(kind))
     ends = [(axis, SIDES[axis][end], axes[axis][-end]) for axis in range(d) for end in (0, 1)]
     return mesh.with_boundaries({side: p[axis] == end for axis, side, end in ends})
@@ -124,7 +124,7 @@ def cylinder(radius: float, length: float, cells: Any, inner_radius: float = 0.0
         (a, a + n, b + n, c + n),
     )  # from the first node of each side, as for neighbours
     t = np.concatenate([np.stack(nodes) for nodes in prisms], axis=1)
-    mesh = ElementMesh(p, turned(p, t, named("tetrahedra")))
+    mesh = ElementMesh(p, positively_oriented(p, t, named("tetrahedra")))
     on_rim = {name: np.tile(np.isin(np.arange(n), ids), along + 1) for name, ids in rim.items()}
     return mesh.with_boundaries({"left": p[0] == layers[0], "right": p[0] == layers[-1], **on_rim})
 
@@ -164,7 +164,7 @@ def _circle(radius: float, count: int) -> Array:
     return radius * np.stack([np.cos(angle), np.sin(angle)])
 
 
-def turned(p: Array, t: NDArray[Any], element: Element) -> NDArray[np.int32]:
+def positively_oriented(p: Array, t: NDArray[Any], element: Element) -> NDArray[np.int32]:
     """Return linear elements (n, nt) of positive volume: inverted ones with two of their axes exchanged."""
     t, nodes = np.array(t, dtype=np.int32), element.nodes
     if element.is_simplex:
@@ -178,8 +178,8 @@ def turned(p: Array, t: NDArray[Any], element: Element) -> NDArray[np.int32]:
     return t
 
 
-def _length(name: str, given: Any) -> float:
-    return number(name, given, "a positive length", 0.0, error=MeshError)
+def _length(name: str, value: Any) -> float:
+    return number(name, value, "a positive length", 0.0, error=MeshError)
 
 
 def _lengths(size: Any) -> Array:
@@ -192,10 +192,10 @@ def _lengths(size: Any) -> Array:
     return lengths
 
 
-def _counts(name: str, given: Any, n: int, meaning: str = "along each axis") -> list[int]:
+def _counts(name: str, value: Any, n: int, meaning: str = "along each axis") -> list[int]:
     """Return `n` numbers of cells, at least 1 each."""
     expected = f"{n} whole number{'s' * (n > 1)} of cells from 1 on, {meaning}"
-    counts = list(given) if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim == 1) else [given] * n
+    counts = list(value) if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1) else [value] * n
     if len(counts) != n:
-        raise MeshError(f"{name} = {shown(given)}; expected {expected}.")
+        raise MeshError(f"{name} = {shown(value)}; expected {expected}.")
     return [whole(name, count, expected, 1, error=MeshError) for count in counts]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..elements import rule_of
 from .facets import MeshArrays
 from .mesh import ElementMesh
-from .points import extremes, spokes_at
+from .points import base_vectors_at, extremes
 
 
 class Geometry:
@@ -66,17 +66,17 @@ def geometries(mesh: ElementMesh, kind: str = "usual") -> list[Geometry | PointG
         return [PointGeometry(volume, means, points[0].axes)]
     found: list[Geometry | PointGeometry] = []
     for xi, weight in zip(*rule_of(mesh.element, kind), strict=True):
-        spokes = np.ascontiguousarray(spokes_at(mesh.p, mesh.t, mesh.element, xi[None])[:, 0])
-        axes, within = _axes(np.swapaxes(spokes, 1, 2))
+        base_vectors = np.ascontiguousarray(base_vectors_at(mesh.p, mesh.t, mesh.element, xi[None])[:, 0])
+        axes, within = _axes(np.swapaxes(base_vectors, 1, 2))
         gradients = mesh.element.derivatives(xi[None])[0] @ np.linalg.inv(within)
         found.append(PointGeometry(weight * np.abs(np.linalg.det(within)), gradients, axes))
     return found
 
 
-def _axes(spokes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _axes(base_vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return an orthonormal basis (nt, d, k) of base vectors (nt, d, k), as columns, and these vectors in that basis (nt, k, k)."""
-    d, k = spokes.shape[1:]
-    return (np.broadcast_to(np.eye(d), spokes.shape), spokes) if d == k else np.linalg.qr(spokes)
+    d, k = base_vectors.shape[1:]
+    return (np.broadcast_to(np.eye(d), base_vectors.shape), base_vectors) if d == k else np.linalg.qr(base_vectors)
 
 
 def edge_differences(mesh: MeshArrays, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,7 +99,7 @@ def aspect_ratios(mesh: MeshArrays) -> NDArray[np.float64]:
     """
     if mesh.k == 1:
         return np.ones(mesh.nt)
-    spokes = spokes_at(mesh.p, mesh.t, mesh.element, rule_of(mesh.element, "usual").points)
-    longest, steepest = extremes(spokes, mesh.element.is_simplex)
+    base_vectors = base_vectors_at(mesh.p, mesh.t, mesh.element, rule_of(mesh.element, "usual").points)
+    longest, steepest = extremes(base_vectors, mesh.element.is_simplex)
     aspect = np.asarray((longest * steepest).max(axis=1))
     return np.where(np.isnan(aspect), np.inf, aspect)

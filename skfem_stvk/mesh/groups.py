@@ -29,20 +29,20 @@ def cell_groups(raw: meshio.Mesh, base: Element) -> Sets:
     """Return the named groups; if no element with the corners of `base` is in one, also one for each value of integer arrays."""
     sets = listed_sets(raw) | indicator_sets(raw)
     sets |= {name: ids for name, ids in physical_sets(raw).items() if name not in sets}
-    return sets if pick(sets, raw, base) else sets | value_sets(raw, base)
+    return sets if groups_of_kind(sets, raw, base) else sets | value_sets(raw, base)
 
 
-def pick(sets: Sets, raw: meshio.Mesh, base: Element) -> dict[str, NDArray[np.int32]]:
+def groups_of_kind(sets: Sets, raw: meshio.Mesh, base: Element) -> dict[str, NDArray[np.int32]]:
     """Return the elements with the corners of `base` of each group, counted through their blocks; empty groups are left out."""
-    picked = {}
+    found = {}
     for name, ids_of_block in sets.items():
         start, ids = 0, [np.empty(0, dtype=np.int64)]
         for block, members in zip(raw.cells, ids_of_block, strict=False):
             if is_of(block, base):
                 ids.append(np.asarray(members, dtype=np.int64) + start)
                 start += len(block)
-        picked[name] = np.unique(np.concatenate(ids)).astype(np.int32)
-    return {name: ids for name, ids in picked.items() if len(ids)}
+        found[name] = np.unique(np.concatenate(ids)).astype(np.int32)
+    return {name: ids for name, ids in found.items() if len(ids)}
 
 
 def listed_sets(raw: meshio.Mesh) -> Sets:
@@ -107,7 +107,7 @@ def facet_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArr
     """
     facet = named(base.facet)
     facets, t = corners(raw.cells, facet), corners(raw.cells, base)
-    boundaries = {name: facets[:, ids] for name, ids in pick(sets, raw, facet).items()}
+    boundaries = {name: facets[:, ids] for name, ids in groups_of_kind(sets, raw, facet).items()}
     prefix = "skfem:b:"
     for name, arrays in raw.cell_data.items():
         if name.startswith(prefix):
@@ -123,7 +123,7 @@ def line_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArra
     """Return segment ends (2, n) of each group in a file of solids, such as cables; on surfaces segments are facets."""
     line = linear_simplex(1)
     segments = corners(raw.cells, line)
-    return {name: segments[:, ids] for name, ids in pick(sets, raw, line).items()} if base.k == 3 else {}
+    return {name: segments[:, ids] for name, ids in groups_of_kind(sets, raw, line).items()} if base.k == 3 else {}
 
 
 def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArray[np.int64]]:
@@ -131,7 +131,7 @@ def node_groups(raw: meshio.Mesh, sets: Sets, base: Element) -> dict[str, NDArra
     groups: dict[str, NDArray[np.int64]] = {}
     for kind in (named("points"), linear_simplex(1))[: max(base.k - 1, 1)]:
         blocks = [np.asarray(block.data, dtype=np.int64) for block in raw.cells if is_of(block, kind)]
-        for name, ids in pick(sets, raw, kind).items():
+        for name, ids in groups_of_kind(sets, raw, kind).items():
             ends = np.cumsum([len(block) for block in blocks])
             inside = [
                 block[ids[(ids >= end - len(block)) & (ids < end)] - end + len(block)]

@@ -18,8 +18,8 @@ from skfem.mesh.mesh_dg import MeshDG
 from ..arguments import frozen, number, real_array, shown, whole, whole_array
 from ..elements import ELEMENTS, Element, linear_simplex, named
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
-from .facets import NamedFacets, edges_of, further_nodes, with_middles
-from .places import Box, Marked, checked_facets, checked_lines, describe, facets_at, vertices_at
+from .facets import NamedFacets, edges_of, further_nodes, with_midpoints
+from .locations import Box, LabelledMesh, checked_facets, checked_lines, describe, facets_at, vertices_at
 
 if TYPE_CHECKING:
     from .content import Content
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 #: Meshes that `System` and `verify` accept: a scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
 MeshLike: TypeAlias = Any
 
-FIRST = "ELEMENTS['hexahedra']"
+EXAMPLE_ELEMENT = "ELEMENTS['hexahedra']"
 LARGEST_INDEX = np.iinfo(np.int32).max
 
 
 @dataclass(frozen=True, eq=False)
-class ElementMesh(Marked):
+class ElementMesh(LabelledMesh):
     """Elements of dimension `k` in a space of dimension `d >= k`, all of one kind.
 
     Nodes are the vertices, followed in quadratic elements by the midpoints of their edges. They are numbered as scikit-fem numbers
@@ -75,7 +75,9 @@ class ElementMesh(Marked):
         if p.ndim != 2 or p.shape[0] not in (1, 2, 3):
             raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
         if self.element is not None and not isinstance(self.element, Element):
-            raise MeshError(f"element = {shown(self.element)}; expected one of skfem_stvk.elements.ELEMENTS, such as {FIRST}.")
+            raise MeshError(
+                f"element = {shown(self.element)}; expected one of skfem_stvk.elements.ELEMENTS, such as {EXAMPLE_ELEMENT}."
+            )
         if self.element is not None:
             if t.ndim != 2 or len(t) != self.element.n or self.element.k > len(p):
                 raise MeshError(
@@ -134,8 +136,8 @@ class ElementMesh(Marked):
 
             return cls.made_of(content_in_memory(mesh, "The meshio.Mesh"), "The meshio.Mesh")
         raise MeshError(
-            f"Expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or an ElementMesh; got {shown(mesh)}. Files are read by "
-            "read_mesh(path) or by scikit-fem."
+            f"mesh = {shown(mesh)}; expected a scikit-fem mesh, arrays (p, t), a meshio.Mesh or an ElementMesh. Read files with "
+            "read_mesh(path) or scikit-fem."
         )
 
     @classmethod
@@ -152,7 +154,7 @@ class ElementMesh(Marked):
         return f"{self.element.name} in {self.d}D"
 
     def with_boundaries(self, boundaries: Mapping[str, Any]) -> ElementMesh:
-        """Return the same mesh with more boundaries, each a location (`mesh.places.Where`) such as a predicate, as in scikit-fem.
+        """Return the same mesh with further boundaries, each a location (`mesh.locations.Where`) such as a predicate.
 
         Raises
         ------
@@ -165,7 +167,7 @@ class ElementMesh(Marked):
                [0]], dtype=int32)
         """
         if not isinstance(boundaries, Mapping):
-            expected = "places by name, such as {'left': lambda x: x[0] == 0}"
+            expected = "locations by name, such as {'left': lambda x: x[0] == 0}"
             raise RegionError(f"boundaries = {shown(boundaries)}; expected {expected}.")
         added = {name: facets_at(self, where, f"boundary {name!r}") for name, where in boundaries.items()}
         return replace(self, boundaries={**self.boundaries, **added})
@@ -199,17 +201,17 @@ class ElementMesh(Marked):
                 f"degree = 2, but the elements are {self.element.name}, which are linear along each axis here. Leave the degree "
                 "out, or split them: mesh.to_meshtet() or mesh.to_meshtri() in scikit-fem, then degree=2."
             )
-        return self._reduced() if degree == 1 else self._raised(quadratic)
+        return self._to_linear() if degree == 1 else self._to_quadratic(quadratic)
 
-    def _reduced(self) -> ElementMesh:
+    def _to_linear(self) -> ElementMesh:
         element, n = self.element.linear, self.nvertices
         edges = edges_of(self.corners, element, n)[0]
-        middles = self.p[:, n : n + edges.shape[1]]
-        off = np.abs(middles - self.p[:, edges].mean(axis=1)).max(axis=0)
+        midpoints = self.p[:, n : n + edges.shape[1]]
+        off = np.abs(midpoints - self.p[:, edges].mean(axis=1)).max(axis=0)
         curved = np.count_nonzero(off > 1e-9 * np.ptp(self.p, axis=1).max())
         warn(
             f"The {self.nt} {self.element.name} are reduced to their corners, {n} vertices: {curved} of their {edges.shape[1]} "
-            "edges are curved and taken as straight."
+            "edges are curved and become straight."
         )
         if isinstance(self.boundaries, NamedFacets):
             boundaries: Mapping[str, Any] = self.boundaries.on(self.corners, n, element)
@@ -220,7 +222,7 @@ class ElementMesh(Marked):
         lines = {name: np.asarray(ends)[:2] for name, ends in self.lines.items()}
         return replace(self, p=self.p[:, :n], t=self.corners, boundaries=boundaries, node_sets=sets, element=element, lines=lines)
 
-    def _raised(self, element: Element) -> ElementMesh:
+    def _to_quadratic(self, element: Element) -> ElementMesh:
         n = self.nv
         between, further = further_nodes(self.t, element, n)
         p = np.concatenate([self.p, *(self.p[:, corners].mean(axis=1) for corners in between)], axis=1)
@@ -229,8 +231,10 @@ class ElementMesh(Marked):
             boundaries: Mapping[str, Any] = self.boundaries.on(t, p.shape[1], element)
         else:
             facet = named(element.facet)
-            boundaries = {name: _with_all_middles(checked_facets(self, name), facet, between, n, name) for name in self.boundaries}
-        lines = {name: _with_all_middles(checked_lines(self, name), element.edge, between, n, name) for name in self.lines}
+            boundaries = {
+                name: _with_all_midpoints(checked_facets(self, name), facet, between, n, name) for name in self.boundaries
+            }
+        lines = {name: _with_all_midpoints(checked_lines(self, name), element.edge, between, n, name) for name in self.lines}
         sets: dict[str, NDArray[Any]] = {}
         for name, ids in self._node_ids().items():
             there = np.zeros(n, dtype=bool)
@@ -272,10 +276,10 @@ class ElementMesh(Marked):
         number[nodes] = np.arange(n, dtype=np.int32)
         if element.degree == 2:
             further = further_nodes(number[self.corners], element, n)[1]
-            middles = np.empty(self.nv - n, dtype=np.int32)
-            middles[further] = self.t[element.corners :]
-            number[middles] = np.arange(n, self.nv, dtype=np.int32)
-            nodes = np.append(nodes, middles)
+            midpoints = np.empty(self.nv - n, dtype=np.int32)
+            midpoints[further] = self.t[element.corners :]
+            number[midpoints] = np.arange(n, self.nv, dtype=np.int32)
+            nodes = np.append(nodes, midpoints)
         boundaries = {name: number[np.asarray(facets)] for name, facets in self.boundaries.items()}
         sets = {name: np.sort(number[ids]) for name, ids in self._node_ids().items()}
         lines = {name: number[np.asarray(ends)] for name, ends in self.lines.items()}
@@ -319,7 +323,7 @@ class ElementMesh(Marked):
         if isinstance(region, str):
             if region not in self.subdomains:
                 raise RegionError(f"The mesh has no subdomain {shown(region)}; {name_known(region, self.subdomains)}")
-            what, given = f"Subdomain {region!r}", self.subdomains[region]
+            what, value = f"Subdomain {region!r}", self.subdomains[region]
         elif isinstance(region, Box):
             inside = np.flatnonzero(region(self.p[:, self.corners].mean(axis=1)))
             if not inside.size:
@@ -334,16 +338,16 @@ class ElementMesh(Marked):
                     "The region is what scikit-fem's get_dofs returned, degrees of freedom; expected a name in subdomains, "
                     "element ids or a mask."
                 )
-            what, given = "The region", region
-        ids = whole_array(given)
+            what, value = "The region", region
+        ids = whole_array(value)
         if ids is None or ids.ndim != 1 or not ids.size:
-            raise RegionError(f"{what} is {shown(given)}; expected a list of at least one element id, a mask, or a name.")
+            raise RegionError(f"{what} is {shown(value)}; expected a list of at least one element id, a mask, or a name.")
         if ids.dtype == bool:
             if ids.shape != (self.nt,):
                 raise RegionError(f"{what} is a mask of shape {ids.shape}; expected one value for each of the {self.nt} elements.")
             ids = np.flatnonzero(ids)
         if not ids.size:
-            raise RegionError(f"{what} is a mask without a True; expected at least one element.")
+            raise RegionError(f"{what} is a mask with no True; expected at least one element.")
         if len(bad := ids[(ids < 0) | (ids >= self.nt)]):
             raise RegionError(f"{what} names {name_ids(bad, 'element')} outside 0 ... {self.nt - 1}.")
         unique, counts = np.unique(ids, return_counts=True)
@@ -370,7 +374,7 @@ def _element_of(mesh: skfem.Mesh) -> Element:
         linear = "MeshHex1" if mesh.dim() == 3 else "MeshQuad1"
         raise MeshError(
             f"{name} is of second order; hexahedra and quadrilaterals are linear along each axis here. Take {linear}(mesh.p[:, "
-            f":mesh.nvertices], mesh.t), which takes curved edges as straight; curved quadratic elements are MeshTet2 and MeshTri2."
+            f":mesh.nvertices], mesh.t), with straight edges; curved quadratic elements are MeshTet2 and MeshTri2."
         )
     if element is not None:
         return element
@@ -380,15 +384,15 @@ def _element_of(mesh: skfem.Mesh) -> Element:
     )
 
 
-def _with_all_middles(
+def _with_all_midpoints(
     corners: NDArray[np.int32], kind: Element, between: Sequence[NDArray[np.int32]], n: int, name: str
 ) -> NDArray[np.int32]:
     """Return named facets or segments with their further nodes; refuse those on no edge of the elements (`further_nodes`)."""
-    whole = with_middles(corners, kind, between, n)
+    whole = with_midpoints(corners, kind, between, n)
     if len(bad := np.flatnonzero((whole < 0).any(axis=0))):
         raise MeshError(
             f"degree = 2, but {name_ids(bad, 'element')} of {name!r} {'are' if len(bad) > 1 else 'is'} on no edge of the other "
-            "elements, so that there are no middles. Leave the degree out."
+            "elements, so there are no midpoints. Leave the degree out."
         )
     return whole
 
@@ -398,9 +402,9 @@ def _other_arrays(t: NDArray[Any]) -> str:
     meant = [name for name, element in ELEMENTS.items() if t.ndim == 2 and not element.is_linear_simplex and element.n == len(t)]
     if not meant:
         return "Transpose arrays of shape (nt, k + 1)."
-    given = "".join(f"{'' if name == meant[0] else ', or '}element=ELEMENTS['{name}']" for name in meant)
+    arguments = "".join(f"{'' if name == meant[0] else ', or '}element=ELEMENTS['{name}']" for name in meant)
     return (
-        f"Are they {' or '.join(meant)}? Give a scikit-fem mesh of these, or ElementMesh(p, t, {given}), from skfem_stvk.elements. "
+        f"Are they {' or '.join(meant)}? Pass a scikit-fem mesh, or ElementMesh(p, t, {arguments}), from skfem_stvk.elements. "
         "Otherwise transpose arrays of shape (nt, k + 1)."
     )
 
@@ -412,28 +416,28 @@ def checked_degree(degree: Any) -> int:
 
 def check_numbers(t: NDArray[np.int32], element: Element) -> None:
     """Refuse elements whose nodes are not the vertices followed by the further nodes, in scikit-fem's order."""
-    corners, middles = t[: element.corners], t[element.corners :]
-    first = int(middles.min())
-    ascending = np.unique(middles)  # a part of a body, such as its skin, has only some of its midpoints
+    corners, midpoints = t[: element.corners], t[element.corners :]
+    first = int(midpoints.min())
+    ascending = np.unique(midpoints)  # a part of a body, such as its skin, has only some of its midpoints
     expected = ascending[np.minimum(further_nodes(corners, element, int(t.max()) + 1)[1], len(ascending) - 1)]
-    if len(bad := np.flatnonzero((corners >= first).any(axis=0) | (middles != expected).any(axis=0))):
+    if len(bad := np.flatnonzero((corners >= first).any(axis=0) | (midpoints != expected).any(axis=0))):
         order = {1: "the segments", 2: "mesh.facets", 3: "mesh.edges"}[element.k]
         order += ", then those of faces and cells" * (element.means != element.edges)
         raise MeshError(
             f"{name_ids(bad, 'element')}: nodes are not numbered as scikit-fem numbers the degrees of freedom of these elements. "
-            f"Expected vertices first, then the middles of edges in the order of {order}. A meshio.Mesh, which may have any "
-            "numbers, is numbered so by ElementMesh.of."
+            f"Expected vertices first, then edge midpoints in the order of {order}. A meshio.Mesh may have any numbers; "
+            "ElementMesh.of renumbers it."
         )
 
 
-def vertex_ids(given: Any) -> NDArray[Any]:
+def vertex_ids(value: Any) -> NDArray[Any]:
     """Return the vertices of the elements as an array of any type."""
     try:
-        if np.ma.is_masked(given):
+        if np.ma.is_masked(value):
             raise ValueError
-        return np.asarray(given)
+        return np.asarray(value)
     except Exception as error:  # ragged lists, masked entries, and objects whose own conversion fails
-        raise MeshError(f"t = {shown(given)}; expected (k + 1, nt) whole numbers, the vertices of the elements from 0.") from error
+        raise MeshError(f"t = {shown(value)}; expected (k + 1, nt) whole numbers, the vertices of the elements from 0.") from error
 
 
 def check_index_range(count: int, what: str) -> None:

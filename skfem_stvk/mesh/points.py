@@ -23,7 +23,7 @@ CHUNK = 2048
 ROUNDED = 8 * float(np.finfo(float).eps)
 
 
-def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
+def base_vectors_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
     """Return the base vectors `sum_a dN_a/dxi_i x_a` (nt, nq, k, d) at reference points `xi` (nq, k) of elements `t` (n, nt).
 
     `x` (d, nv) are coordinates. If `x` are displacements, the results are their differences along the base vectors. The result is a
@@ -31,7 +31,7 @@ def spokes_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
 
     >>> from skfem_stvk.elements import ELEMENTS
     >>> x, t = np.array([[0.0, 2, 0], [0, 0, 3]]), np.array([[0], [1], [2]])
-    >>> spokes_at(x, t, ELEMENTS["triangles"], np.array([[0.2, 0.2]]))[0, 0]
+    >>> base_vectors_at(x, t, ELEMENTS["triangles"], np.array([[0.2, 0.2]]))[0, 0]
     array([[2., 0.],
            [0., 3.]])
     """
@@ -69,7 +69,7 @@ def sizes_at_points(p: Array, t: Any, element: Element, kind: str = "mass") -> A
     sizes = np.empty((len(weights), t.shape[1]))
     for begin in range(0, t.shape[1], CHUNK):
         some = slice(begin, begin + CHUNK)
-        sizes[:, some] = measures_of(spokes_at(p, t[:, some], element, points)).T
+        sizes[:, some] = measures_of(base_vectors_at(p, t[:, some], element, points)).T
     sizes *= weights[:, None]
     return sizes
 
@@ -83,9 +83,9 @@ def sizes_of(p: Array, t: Any, element: Element, kind: str = "mass") -> Array:
     return np.asarray(sizes_at_points(p, t, element, kind).sum(axis=0))
 
 
-def determinants(spokes: Array) -> Array:
+def determinants(base_vectors: Array) -> Array:
     """Return the determinants (...,) of base vectors (..., d, d), which are negative for inverted elements."""
-    p = np.moveaxis(spokes, (-2, -1), (0, 1))
+    p = np.moveaxis(base_vectors, (-2, -1), (0, 1))
     if len(p) == 1:
         return np.asarray(p[0, 0])
     if len(p) == 2:
@@ -95,37 +95,37 @@ def determinants(spokes: Array) -> Array:
 
 def orientations(p: Array, t: Any, element: Element) -> Array:
     """Return the Jacobian determinants (nt,) at the centres of elements that fill their space, negative for inverted ones."""
-    return np.asarray(determinants(spokes_at(p, t, element, rule_of(element, "one-point").points))[:, 0])
+    return np.asarray(determinants(base_vectors_at(p, t, element, rule_of(element, "one-point").points))[:, 0])
 
 
-def signed(spokes: Array, centre: Array) -> Array:
+def signed(base_vectors: Array, centre: Array) -> Array:
     """Return determinants (nt, nq) of base vectors (nt, nq, k, d); for k < d sizes, negative where inverted against those at
     `centre`.
 
     Inverted means rotated by more than a right angle: `det P P_c'` of the base vectors P and those at the `centre` P_c is negative.
     """
-    if spokes.shape[-2] == spokes.shape[-1]:
-        return determinants(spokes)
-    turn = determinants(np.einsum("tqid,tqjd->tqij", spokes, np.broadcast_to(centre, spokes.shape)))
-    return measures_of(spokes) * np.sign(turn)
+    if base_vectors.shape[-2] == base_vectors.shape[-1]:
+        return determinants(base_vectors)
+    orientation = determinants(np.einsum("tqid,tqjd->tqij", base_vectors, np.broadcast_to(centre, base_vectors.shape)))
+    return measures_of(base_vectors) * np.sign(orientation)
 
 
-def measures_of(spokes: Array) -> Array:
+def measures_of(base_vectors: Array) -> Array:
     """Return length, area or volume (...,) of the parallelepiped that base vectors (..., k, d) span; 1 for k = 0.
 
     >>> float(measures_of(np.array([[3.0, 0, 4]]))), float(measures_of(np.array([[2.0, 0, 0], [1, 0, 3]])))
     (5.0, 6.0)
     """
-    k, d = spokes.shape[-2:]
+    k, d = base_vectors.shape[-2:]
     if k == 0:
-        return np.ones(spokes.shape[:-2])
+        return np.ones(base_vectors.shape[:-2])
     if k == d:
-        return np.abs(determinants(spokes))
-    p = np.moveaxis(spokes, (-2, -1), (0, 1))
+        return np.abs(determinants(base_vectors))
+    p = np.moveaxis(base_vectors, (-2, -1), (0, 1))
     return np.sqrt(_squared(p[0] if k == 1 else _cross(p[0], p[1])))
 
 
-def normals_of(spokes: Array) -> Array:
+def normals_of(base_vectors: Array) -> Array:
     """Return normals (..., d) of facets from their base vectors (..., d - 1, d), with the area of the parallelogram as their
     length.
 
@@ -134,15 +134,15 @@ def normals_of(spokes: Array) -> Array:
     >>> normals_of(np.array([[0.0, 2.0]])), normals_of(np.array([[1.0, 0, 0], [0, 2, 0]]))
     (array([ 2., -0.]), array([0., 0., 2.]))
     """
-    p = np.moveaxis(spokes, (-2, -1), (0, 1))
-    if spokes.shape[-1] == 2:
+    p = np.moveaxis(base_vectors, (-2, -1), (0, 1))
+    if base_vectors.shape[-1] == 2:
         return np.stack([p[0, 1], -p[0, 0]], axis=-1)
     return np.stack(_cross(p[0], p[1]), axis=-1)
 
 
-def extremes(spokes: Array, simplex: bool) -> tuple[Array, Array]:
+def extremes(base_vectors: Array, simplex: bool) -> tuple[Array, Array]:
     """Return longest edge and inverse smallest height (...,) of the simplex or parallelepiped of base vectors (..., k, d)."""
-    p = np.moveaxis(spokes, (-2, -1), (0, 1))
+    p = np.moveaxis(base_vectors, (-2, -1), (0, 1))
     k = len(p)
     edges = [*p, *(p[i] - p[j] for i in range(k) for j in range(i))] if simplex else [*p]
     longest = np.sqrt(np.max([_squared(edge) for edge in edges], axis=0))

@@ -112,13 +112,14 @@ class MeshQuality:
         }
 
     def __repr__(self) -> str:
-        parts = f"{len(self.parts)} part{'s' * (len(self.parts) != 1)}, {self.turned.sum()} of {self.mesh.nt} elements turned round"
+        parts = f"{len(self.parts)} part{'s' * (len(self.parts) != 1)}"
+        negative = f"{self.turned.sum()} of {self.mesh.nt} elements with negative orientation"
         rows = [
             f"{one.name} {one.value:.4g} (median {one.median:.4g}) in {name_ids(one.elements, 'element')}"
             for one in self.extremes(3)
         ]
         found = [f"{'refused' if fault.refused else 'doubtful'}: {fault.text}" for fault in self.faults]
-        return "\n".join([f"MeshQuality: {self.mesh.nt} {self.mesh.kind}, {parts}", *rows, *found])
+        return "\n".join([f"MeshQuality: {self.mesh.nt} {self.mesh.kind}, {parts}, {negative}", *rows, *found])
 
 
 def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQuality:
@@ -150,17 +151,17 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
     turned = np.zeros(nt, dtype=bool)
     with np.errstate(all="ignore"):
         finite, ordered = np.isfinite(mesh.p).all(axis=0), np.sort(mesh.t, axis=0)
-        sound, kept = sound_elements(mesh, finite, (ordered[1:] == ordered[:-1]).any(axis=0))
-        if len(kept):
+        sound, retained = sound_elements(mesh, finite, (ordered[1:] == ordered[:-1]).any(axis=0))
+        if len(retained):
             scale = scale_of(sound.p)  # so that volumes neither overflow nor underflow
             cells = Cells(sound.p / scale, sound.t, sound.element)
             lengths = edge_lengths(cells)
-            size[kept] = points.sizes_of(cells.p, cells.t, cells.element, "usual") * scale**k
-            aspect[kept], edges[:, kept] = aspect_ratios(cells), [scale * lengths.min(axis=0), scale * lengths.max(axis=0)]
+            size[retained] = points.sizes_of(cells.p, cells.t, cells.element, "usual") * scale**k
+            aspect[retained], edges[:, retained] = aspect_ratios(cells), [scale * lengths.min(axis=0), scale * lengths.max(axis=0)]
             if k > 1:
-                angles[:, kept] = _angles(cells)
+                angles[:, retained] = _angles(cells)
             if k == mesh.d:
-                turned[kept] = points.orientations(cells.p, cells.t, cells.element) < 0
+                turned[retained] = points.orientations(cells.p, cells.t, cells.element) < 0
         count = sizes_of_parts((mesh, *others))[1]
         found = (*faults(mesh, (*others, mesh)), *_doubts(mesh, aspect, edges))
     return MeshQuality(mesh, size, aspect, angles, edges, turned=turned, parts=np.sort(count[count > 0])[::-1], faults=found)
@@ -211,7 +212,7 @@ def _doubts(mesh: ElementMesh, aspect: Array, edges: Array) -> Iterator[Remark]:
         worst = short[np.argsort(edges[0, short], kind="stable")]
         text = (
             f"{name_ids(worst, 'element')}: an edge shorter than {SHORT:g} of the usual longest one ({usual:.3g}), the shortest "
-            f"{edges[0, worst[0]]:.3g}. It makes explicit steps short. A detail of the CAD model that nobody needs? Remove it, or "
-            "set a least size of elements (Gmsh: Mesh.MeshSizeMin)."
+            f"{edges[0, worst[0]]:.3g}. It makes explicit steps short. Is it an unneeded detail of the CAD model? Remove it, or "
+            "set a smallest element size (Gmsh: Mesh.MeshSizeMin)."
         )
         yield Remark("short edges", short, text, refused=False)

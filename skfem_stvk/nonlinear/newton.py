@@ -17,7 +17,7 @@ from .outcome import Status
 from .problem import Problem, Residual, Tangent, slope
 
 #: Iteration limits: with the line search, with the line search from a state with inverted elements, and with full steps.
-MOST_ITERATIONS, MOST_TANGLED, MOST_FULL = 40, 120, 20
+MOST_ITERATIONS, MOST_INVERTED, MOST_FULL = 40, 120, 20
 #: Largest relative tolerance of an iterative linear solve (Eisenstat and Walker 1996, choice 2).
 LOOSEST = 0.1
 #: The line search stops at `BEFORE_THE_LIMIT` times the step at which the first element becomes flat. If that is less than
@@ -123,8 +123,8 @@ class _Descent:
 
     def from_state(self, u: Array) -> tuple[Array, End]:
         problem, t, record, rtol = self._problem, self._t, self._record, self._wanted.rtol
-        forcing, before, tangled = LOOSEST, None, len(problem.inside_out(u)) > 0
-        most = len(record) + (MOST_FULL if not self._search else MOST_TANGLED if tangled else MOST_ITERATIONS)
+        forcing, before, inverted = LOOSEST, None, len(problem.inside_out(u)) > 0
+        most = len(record) + (MOST_FULL if not self._search else MOST_INVERTED if inverted else MOST_ITERATIONS)
         try:
             residual = problem.residual(u, t)
             while True:
@@ -140,10 +140,10 @@ class _Descent:
                         record.detail = "K is not positive definite there: the body gives way or buckles"
                         record.detail += ", or it is too ill-conditioned for CG: try solver='superlu'" * problem.iterative
                     return u, End.OUT_OF_ITERATIONS
-                v = self._direction(u, residual, max(forcing, 0.3 * rtol / residual.relative), tangled)
+                v = self._direction(u, residual, max(forcing, 0.3 * rtol / residual.relative), inverted)
                 if v is None:
                     return u, End.NO_DESCENT
-                moved = self._moved(u, v, residual, tangled)
+                moved = self._moved(u, v, residual, inverted)
                 if isinstance(moved, End):
                     return u, moved
                 u, before = moved, residual
@@ -152,7 +152,7 @@ class _Descent:
         except StateError:
             return u, End.OVERFLOW
 
-    def _direction(self, u: Array, residual: Residual, rtol: float, tangled: bool) -> Array | None:
+    def _direction(self, u: Array, residual: Residual, rtol: float, inverted: bool) -> Array | None:
         """Return Newton's direction for the first tangent that gives a direction of descent; None if no tangent does.
 
         Full steps use the exact tangent only.
@@ -162,7 +162,7 @@ class _Descent:
         problem, t, record = self._problem, self._t, self._record
         for tangent in Tangent if self._search else (Tangent.EXACT,):
             factors = problem.factorise(u, t, tangent)
-            if tangled and tangent is Tangent.EXACT and problem.negative_pivots():
+            if inverted and tangent is Tangent.EXACT and problem.negative_pivots():
                 continue  # it would lead to a saddle point
             solution = problem.solve(factors, -residual.vector, rtol)
             if not usable(solution) and tangent is Tangent.EXACT and problem.take_over(u, t):
@@ -179,15 +179,15 @@ class _Descent:
             record.detail = "the direction is not one of descent"
         return None
 
-    def _moved(self, u: Array, v: Array, residual: Residual, tangled: bool) -> Array | End:
+    def _moved(self, u: Array, v: Array, residual: Residual, inverted: bool) -> Array | End:
         """Return `u + s v` for a full step, or for a step that ends before elements invert.
 
-        If `tangled` (elements are inverted already), the step may pass through zero volume.
+        If `inverted` (elements are inverted already), the step may pass through zero volume.
         """
         if not self._search:
             self._record.lengths.append(1.0)
             return u + v
-        limit = np.inf if tangled else self._problem.step_limit(u, v)
+        limit = np.inf if inverted else self._problem.step_limit(u, v)
         s = length(self._problem, u, v, self._t, residual, BEFORE_THE_LIMIT * limit)
         if s is None:
             return End.NO_LENGTH

@@ -39,10 +39,10 @@ class Differentiated:
         self, library: Library, p: Array, t: NDArray[np.int32], constants: tuple[float, float], density: Density | None
     ) -> None:
         X = p.T[t.T]
-        spokes = X[:, 1:] - X[:, :1]
-        g = np.swapaxes(np.linalg.inv(spokes), 1, 2)  # (nt, 3, 3), row by row
+        base_vectors = X[:, 1:] - X[:, :1]
+        g = np.swapaxes(np.linalg.inv(base_vectors), 1, 2)  # (nt, 3, 3), row by row
         self._g = library.array(np.concatenate([-g.sum(axis=1, keepdims=True), g], axis=1))
-        self._volumes = library.array(np.abs(np.linalg.det(spokes)) / 6)
+        self._volumes = library.array(np.abs(np.linalg.det(base_vectors)) / 6)
         self._array, self._t, self._ndofs = library.array, t.T, p.size
         one, law = library.array(np.eye(3)), density or _st_venant_kirchhoff(library.array(np.eye(3)), *lame(*constants))
 

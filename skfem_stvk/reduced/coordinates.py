@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array
-from ..kernels.threads import in_turn
+from ..kernels.threads import locked
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.operator import refuse_overflow
@@ -58,7 +58,7 @@ class PrecomputedCoordinates(Coordinates):
         F.flags.writeable = K.flags.writeable = False
         return W, F, K
 
-    @in_turn
+    @locked
     def energy_along(self, z: Array, v: Array) -> Array:
         c = self._quartic.along(np.concatenate([[1.0], z]), np.concatenate([[0.0], v]))
         refuse_overflow(c, "W along a line", z)

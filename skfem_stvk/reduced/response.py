@@ -19,7 +19,7 @@ from ..arguments import Array, array, number, shown, whole
 from ..errors import StateError, StvkError, SupportError, name_ids, warn
 from ..kernels.threads import threads
 from ..linear import LinearSolver
-from ..mesh.places import Where, describe, vertices_at
+from ..mesh.locations import Where, describe, vertices_at
 from ..nonlinear.processes import is_started_for_work
 from ..results.files import output_path
 from ..system import System

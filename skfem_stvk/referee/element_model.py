@@ -99,10 +99,10 @@ class ElementModel:
 
     def _state(self, u: Array) -> tuple[Array, Array, Array]:
         """Return gradients (nt, nq, n, d), measures (nt, nq), and displacement gradients (nt, nq, d, d)."""
-        spokes = np.einsum("qai,atc->tqci", self.table, self.X)
-        gradients = np.einsum("qai,tqic->tqac", self.table, np.linalg.inv(spokes))
+        base_vectors = np.einsum("qai,atc->tqci", self.table, self.X)
+        gradients = np.einsum("qai,tqic->tqac", self.table, np.linalg.inv(base_vectors))
         D = np.einsum("ati,tqaJ->tqiJ", u.reshape(self.p.T.shape)[self.t], gradients)
-        return gradients, np.abs(np.linalg.det(spokes)) * self.weights * self.counted(np.eye(len(self.p)) + D), D
+        return gradients, np.abs(np.linalg.det(base_vectors)) * self.weights * self.counted(np.eye(len(self.p)) + D), D
 
     def _strain_and_stress(self, D: Any) -> tuple[Any, Any]:
         """Return `E` and `S` (nt, nq, d, d)."""

@@ -72,7 +72,7 @@ class ExactStVK:
         xi, weights = how.points
         with localcontext(CONTEXT):
             self._tables, X = derivatives(how.kind, xi), _straightened(p, t, how.kind)
-            self._rest = self._spokes(X)
+            self._rest = self._base_vectors(X)
             metric = np.einsum("ix...,jx...->ij...", self._rest, self._rest)
             inverse, determinant = _inverse(metric)
             exactly = np.array([1 / Decimal(factorial(len(xi)))]) if KINDS[how.kind].is_linear_simplex else _decimal(weights)
@@ -187,7 +187,7 @@ class ExactStVK:
         """Return `K(u) v` (ndofs,) [N]."""
         with localcontext(CONTEXT):
             y = self._at_nodes(v)
-            (d, _, s), dd = self._state(self._at_nodes(u)), self._spokes(y)
+            (d, _, s), dd = self._state(self._at_nodes(u)), self._base_vectors(y)
             ds = np.einsum("ijmp...,mx...,px...->ij...", self._moduli, d, dd)
             f = self._to_nodes(self._volume * (np.einsum("ij...,jx...->ix...", ds, d) + np.einsum("ij...,jx...->ix...", s, dd)))
             return self._summed(f if self._control is None else f + self._held(y))
@@ -201,7 +201,7 @@ class ExactStVK:
 
         The displacements have the shape (d, n, nt).
         """
-        d = self._rest + self._spokes(x)
+        d = self._rest + self._base_vectors(x)
         e = (np.einsum("ix...,jx...->ij...", d, d) - self._metric) / 2
         return d, e, np.einsum("ijmp...,mp...->ij...", self._moduli, e)
 
@@ -211,7 +211,7 @@ class ExactStVK:
         gamma, stiffness = self._control
         return np.asarray(stiffness * np.einsum("kan,kxn->axn", gamma, np.einsum("kan,xan->kxn", gamma, x)))
 
-    def _spokes(self, x: Exact) -> Exact:
+    def _base_vectors(self, x: Exact) -> Exact:
         """Return the derivatives (k, d, nq, nt) along the reference coordinates, for a field at the nodes (d, n, nt)."""
         return np.stack([_times(table, np.swapaxes(x, 0, 1)[:, :, None]) for table in np.moveaxis(self._tables, 2, 0)])
 
@@ -319,8 +319,8 @@ def _general(rest: Exact, tensor: Array) -> Exact:
 def _in_own_axes(rest: Exact) -> Exact:
     """Return components (k, k, nq, nt) of base vectors (k, d, nq, nt) in axes by Gram-Schmidt, as `reference.element_axes`."""
     axes: list[Exact] = []
-    for spoke in rest:
-        vector = spoke
+    for base_vector in rest:
+        vector = base_vector
         for axis in axes:
             vector = vector - (vector * axis).sum(axis=0) * axis
         axes.append(vector / _root((vector * vector).sum(axis=0)))

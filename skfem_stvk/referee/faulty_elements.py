@@ -52,8 +52,8 @@ def deformed_volume(model: ElementModel) -> dict[str, Any]:
 
 
 def signed_volume(model: ElementModel) -> dict[str, Any]:
-    spokes = np.einsum("qai,atc->tqci", model.table, model.X)
-    return {"counted": lambda F: np.sign(np.linalg.det(spokes))}
+    base_vectors = np.einsum("qai,atc->tqci", model.table, model.X)
+    return {"counted": lambda F: np.sign(np.linalg.det(base_vectors))}
 
 
 def inverted_skipped(model: ElementModel) -> dict[str, Any]:

@@ -186,8 +186,8 @@ def drop_one_adjacent(L: Array, mesh: ElementMesh) -> None:
 
 def permute_negative(L: Array, mesh: ElementMesh) -> None:
     """Exchange the third and the fourth edge of elements with negative orientation."""
-    spokes = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
-    negative, order = np.linalg.det(np.moveaxis(spokes, 2, 0)) < 0, [0, 1, 3, 2, 4, 5]
+    base_vectors = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
+    negative, order = np.linalg.det(np.moveaxis(base_vectors, 2, 0)) < 0, [0, 1, 3, 2, 4, 5]
     L[negative] = L[negative][:, order][:, :, order]
 
 

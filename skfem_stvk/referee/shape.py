@@ -33,14 +33,14 @@ class Shape:
         xi, weights = how.points
         table = derivatives(how.kind, xi).astype(float)
         corners = mesh.p.T[mesh.t]
-        spokes = np.einsum("qai,atc->tqci", table, corners - corners[:1])
-        R = np.linalg.qr(spokes, mode="r")
+        base_vectors = np.einsum("qai,atc->tqci", table, corners - corners[:1])
+        R = np.linalg.qr(base_vectors, mode="r")
         inverse = np.linalg.inv(R)
         self.measure = np.abs(np.prod(np.einsum("tqii->tqi", R), axis=2)) * weights
-        self.orientation = np.sign(np.linalg.det(spokes)).mean(axis=1) if mesh.k == mesh.d else np.ones(mesh.nt)
-        own = inverse if mesh.k < mesh.d else np.linalg.inv(spokes)  # in global axes if k = d
+        self.orientation = np.sign(np.linalg.det(base_vectors)).mean(axis=1) if mesh.k == mesh.d else np.ones(mesh.nt)
+        own = inverse if mesh.k < mesh.d else np.linalg.inv(base_vectors)  # in global axes if k = d
         self.gradients = np.einsum("qai,tqij->tqaj", table, own)
-        edges, duals = [*np.moveaxis(spokes, 3, 0)], [*np.moveaxis(own, 2, 0)]
+        edges, duals = [*np.moveaxis(base_vectors, 3, 0)], [*np.moveaxis(own, 2, 0)]
         if not KINDS[how.kind].is_box:
             edges += [edges[i] - edges[j] for i in range(mesh.k) for j in range(i)]
             duals.append(-sum(duals))

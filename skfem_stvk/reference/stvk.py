@@ -192,11 +192,11 @@ def simplex_axes(p: Array, t: NDArray[np.int32]) -> Array:
 def _frames(p: Array, t: NDArray[np.int32], kind: str, rule: RuleLike) -> tuple[Array, Array]:
     """Return axes (nt, nq, d, k) and R (nt, nq, k, k), upper triangular with positive diagonal: `dX/dxi = axes R`."""
     x = p.T[t]
-    spokes = np.einsum("qai,atc->tqci", derivatives(kind, rule), x - x[:1])
-    k = spokes.shape[3]
-    axes, R = np.empty_like(spokes), np.zeros((*spokes.shape[:2], k, k))
+    base_vectors = np.einsum("qai,atc->tqci", derivatives(kind, rule), x - x[:1])
+    k = base_vectors.shape[3]
+    axes, R = np.empty_like(base_vectors), np.zeros((*base_vectors.shape[:2], k, k))
     for i in range(k):
-        vector = spokes[..., i]
+        vector = base_vectors[..., i]
         for _ in range(2):  # the second pass reduces round-off
             for j in range(i):
                 along = (vector * axes[..., j]).sum(axis=2)

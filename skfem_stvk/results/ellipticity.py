@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges.stiffness import VOIGT, multiplicity, voigt_places
+from ..edges.stiffness import VOIGT, multiplicity, voigt_indices
 from ..errors import StvkError, name_ids
 from ..terms.volume_energies import ENERGIES
 from .law import adjugate, dilation, strain_and_stress
@@ -120,7 +120,7 @@ def _response(state: Response) -> tuple[Array, Array, Array, Array]:
             )
     E = state.strain[:, i, j] * multiplicity(k)
     S = (C @ E[..., None])[..., 0]
-    return state.place.geometry.axes + state.gradient, S[:, voigt_places(k)], C, _curvature(state)
+    return state.place.geometry.axes + state.gradient, S[:, voigt_indices(k)], C, _curvature(state)
 
 
 def _curvature(state: Response) -> Array:
@@ -145,7 +145,7 @@ def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
     (n,).
     """
     n, k, _ = F.shape
-    place = voigt_places(k)
+    place = voigt_indices(k)
     tensor = C[:, place[:, :, None, None], place].reshape(n, k, -1)  # M JNL
     half = (F @ tensor).reshape(n, k, k, k, k)  # i J N L
     M = np.moveaxis(F[:, None, None] @ half, 3, 2)  # i k J L

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..edges.stiffness import VOIGT, multiplicity, unit_stresses, voigt_places
+from ..edges.stiffness import VOIGT, multiplicity, unit_stresses, voigt_indices
 from ..errors import MaterialError
 from ..materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..terms.at_points import embedded
@@ -85,7 +85,7 @@ def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
     E, back = embedded(strain), np.swapaxes(turn, 1, 2)
     own = turn @ E @ back
     stress = np.squeeze(C @ (own[:, FIRST, SECOND] * multiplicity(3))[..., None], axis=-1)
-    return E, back @ stress[:, voigt_places(3)] @ turn
+    return E, back @ stress[:, voigt_indices(3)] @ turn
 
 
 def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
@@ -96,7 +96,7 @@ def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
     within = (strain[:, i, j] * multiplicity(k))[..., None]
     s = np.linalg.solve(N @ compliance @ N.swapaxes(1, 2), within)
     own = np.squeeze(compliance @ (N.swapaxes(1, 2) @ s), axis=-1) / multiplicity(3)
-    E, S = np.swapaxes(turn, 1, 2) @ own[:, voigt_places(3)] @ turn, np.zeros((len(strain), 3, 3))
+    E, S = np.swapaxes(turn, 1, 2) @ own[:, voigt_indices(3)] @ turn, np.zeros((len(strain), 3, 3))
     E[:, :k, :k] = strain
     S[:, i, j] = S[:, j, i] = s[..., 0]
     return E, S

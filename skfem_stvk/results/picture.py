@@ -310,8 +310,8 @@ def drawn(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[
     At these edges faces end, branch or bend by more than 30 degrees.
     """
     ends = np.array(face.edges)
-    spokes = np.einsum("eai,anc->neic", face.derivatives(face.nodes[ends].mean(axis=1)), x)  # (nf, edges, 2, 3)
-    normals = np.cross(spokes[:, :, 0], spokes[:, :, 1]).reshape(-1, 3)
+    base_vectors = np.einsum("eai,anc->neic", face.derivatives(face.nodes[ends].mean(axis=1)), x)  # (nf, edges, 2, 3)
+    normals = np.cross(base_vectors[:, :, 0], base_vectors[:, :, 1]).reshape(-1, 3)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals /= np.where(length > 0, length, 1.0)
     pairs = np.sort(nodes[ends.T].transpose(0, 2, 1).reshape(2, -1), axis=0)  # face by face

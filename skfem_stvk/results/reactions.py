@@ -14,7 +14,7 @@ from ..linear import Kind, Unknowns
 from ..linear.choose import direct
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
-from ..mesh.places import Where, describe, vertices_at
+from ..mesh.locations import Where, describe, vertices_at
 from ..system import FreeDofs, System
 
 

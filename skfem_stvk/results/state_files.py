@@ -15,7 +15,7 @@ from ..arguments import path as checked_path
 from ..errors import StvkError, name_ids, warn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.groups import from_cells
-from ..mesh.places import SAME_PLACE
+from ..mesh.locations import SAME_POINT
 from ..system.signature import SAME, sums
 from .files import NotOurs
 from .series import listed_states
@@ -179,7 +179,7 @@ def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
         raise StvkError(f"{what}: it has {len(read.points)} {mesh.words}, this one {mesh.nv}. {hint}")
     p, size = np.zeros((3, mesh.nv)), float(np.ptp(mesh.p, axis=1).max())
     p[: mesh.d] = mesh.p
-    if len(bad := np.flatnonzero((np.abs(read.points.T - p) > SAME_PLACE * size).any(axis=0))):
+    if len(bad := np.flatnonzero((np.abs(read.points.T - p) > SAME_POINT * size).any(axis=0))):
         raise StvkError(f"{what}: {name_ids(bad, mesh.word)} of {mesh.nv} are elsewhere. {hint}")
     try:
         t, element = from_cells(read.cells[0].type, read.cells[0].data)

@@ -16,7 +16,7 @@ from ..arguments import Array, shown
 from ..errors import MeshError, StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.groups import DIMENSION, NODE_SET, as_cells, flatten
-from ..mesh.places import checked_facets, checked_lines, vertices_at
+from ..mesh.locations import checked_facets, checked_lines, vertices_at
 from .fields import State, checked_state
 from .files import output_path, replacing
 from .law import in_space

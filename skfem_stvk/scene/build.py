@@ -21,7 +21,7 @@ from ..dynamics.motion import Motion
 from ..errors import RegionError, StvkError, name_known
 from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh
-from ..mesh.places import Box, Where, vertices_at
+from ..mesh.locations import Box, Where, vertices_at
 from ..results.state_files import read_state
 from ..results.table import find
 from ..system import System

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from ..arguments import real_array, shown
 from ..errors import StvkError, name_ids
 from ..mesh import ElementMesh
-from ..mesh.places import Box, DofsView, NearestNode, Plane, describe, vertices_at
+from ..mesh.locations import Box, DofsView, NearestNode, Plane, describe, vertices_at
 from ..system import System
 from ..system.supports import fixed_dofs
 from ..terms import EdgeNetwork, Ramp, Sine, Table

@@ -16,7 +16,7 @@ from ..arguments import Array
 from ..dynamics import Modes, Run, SimulationError, modes, simulate
 from ..dynamics.loop import WORTH_SAYING
 from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError, warn
-from ..mesh.places import vertices_at
+from ..mesh.locations import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
 from ..results.reactions import ground_forces_at_rest, held_vertices
 from ..statics import SolveError, StaticResult, solve_static

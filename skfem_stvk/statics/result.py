@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from .. import arguments
 from ..arguments import Array
 from ..errors import AnalysisError, StvkError
-from ..mesh.places import Where
+from ..mesh.locations import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, plot, write_vtu
 from ..results.reactions import ground_forces_at_rest, held_vertices

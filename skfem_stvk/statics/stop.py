@@ -12,7 +12,7 @@ import numpy as np
 from ..arguments import Array, number, own, shown, whole
 from ..errors import StvkError, name_ids
 from ..linear.space import Space
-from ..mesh.places import Where, describe, vertices_at
+from ..mesh.locations import Where, describe, vertices_at
 from ..system import System
 from .continuation import Hyperplane
 from .history import Step

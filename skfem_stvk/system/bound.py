@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
-from ..edges.pairs import Narrow, joined, with_blocks
+from ..edges.pairs import AccumulatedTerm, joined, with_blocks
 from ..errors import RegionError, StvkError, name_ids, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
@@ -125,7 +125,7 @@ class BoundTerms:
             term if number else left(specification, cast(CanRemove, term)) for number, specification, term in every
         )
         self.pair_terms = tuple(
-            pairs.of(term) if isinstance(pairs, Narrow) else cast(Any, term)
+            pairs.of(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
             for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
         )
         held = np.zeros(self.mesh.nv, dtype=bool)

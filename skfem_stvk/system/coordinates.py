@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array
 from ..edges import Tensions
 from ..errors import StvkError
-from ..kernels.threads import Turn, in_turn
+from ..kernels.threads import CopyableLock, locked
 from ..linear import Unknowns
 from ..linear.dense import DenseFactors, DenseSolver
 from ..mesh import ElementMesh
@@ -60,7 +60,7 @@ class Coordinates(ABC):
         self.free = FreeCoordinates(np.arange(size), np.arange(size, columns.shape[1]))
         self._known: dict[bytes, tuple[float, Array, Array]] = {}
         self._looked: tuple[Array, NDArray[np.int64]] | None = None
-        self._turn = Turn()
+        self._lock = CopyableLock()
 
     @property
     @abstractmethod
@@ -108,7 +108,7 @@ class Coordinates(ABC):
         z[self.size :] = self.held_values(t)
         return z
 
-    @in_turn
+    @locked
     def linearize(self, z: Array) -> tuple[float, Array, Array]:
         """Return `response`, cached for the last three states. The arrays must not be changed."""
         key = z.tobytes()
@@ -236,7 +236,7 @@ class DenseTangent:
         self._K, free = K, K[self._free, self._free]
         if not self.body.system.conservative:
             self.symmetric = bool(np.abs(free - free.T).max() <= SYMMETRIC * np.abs(free).max())
-        factors = DenseFactors(free, self.symmetric, turned=not exact)
+        factors = DenseFactors(free, self.symmetric, absolute=not exact)
         if exact:
             self.exact = factors
         return factors

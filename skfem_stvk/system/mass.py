@@ -148,7 +148,7 @@ class Mass(ABC):
         """Return the indices (n, d) of the diagonals of blocks `(a, b)` in the values of K, cached for each pattern version."""
         pattern, known = self._system.pattern, self._places
         if known is None or known[0] != pattern.version:
-            first, steps = pattern.places(a, b), np.arange(self._d)
+            first, steps = pattern.block_indices(a, b), np.arange(self._d)
             self._places = known = pattern.version, first[:, None] + steps * (pattern.strides[a][:, None] + 1)
         return known[1]
 

@@ -16,7 +16,7 @@ from ..edges import ALL, Tensions
 from ..edges.pairs import PairTerm
 from ..errors import StateError, StvkError
 from ..kernels import blocks as block_kernels
-from ..kernels.threads import Turn, in_turn, parts_of, run, threads
+from ..kernels.threads import CopyableLock, locked, parts_of, run, threads
 from ..linear import EdgeBlocks
 from ..mesh.displacements import all_finite
 from .pattern import FreeDofs
@@ -183,7 +183,7 @@ class FreeOperator(LinearOperator):
     def __init__(self, tangent: TangentOperator, held: FreeDofs, shift: Array | None = None) -> None:
         self.tangent, self.held, self.shift = tangent, held, shift
         self._all, self._out = (np.zeros(tangent.nodal_shape, dtype=tangent.dtype) for _ in range(2))
-        self._turn = Turn()
+        self._lock = CopyableLock()
         super().__init__(tangent.dtype, (len(held.free), len(held.free)))
 
     def diagonal_blocks(self) -> Array:
@@ -204,7 +204,7 @@ class FreeOperator(LinearOperator):
         """Return the blocks as in `TangentOperator.by_edges`, with the shift."""
         return self.tangent.by_edges(self.shift)
 
-    @in_turn
+    @locked
     def _matvec(self, v: Array) -> Array:
         if np.iscomplexobj(v):
             return np.asarray(self._matvec(v.real) + 1j * self._matvec(v.imag))

@@ -15,7 +15,7 @@ from ..arguments import Array, plain_array, shown, whole_array
 from ..errors import StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
-from ..kernels.topology import expand, first_places, lexicographic_order, stars
+from ..kernels.topology import block_indices, expand, lexicographic_order, stars
 from ..mesh.displacements import finite_vector
 from ..mesh.mesh import check_index_range
 
@@ -96,7 +96,7 @@ class Pattern(Structure):
         self.strides = (d * np.diff(self._begin)).astype(np.int32)
         super().__init__(*expand(self._begin, self._columns, d), (d * nv, d * nv))
 
-    def places(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
+    def block_indices(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the index (n,) in the CSR values of the first value of each block `(a, b)`.
 
         The next rows of the block follow after `strides[a]` values each.
@@ -106,7 +106,7 @@ class Pattern(Structure):
         StvkError
             if a block is not in the pattern.
         """
-        places = first_places(self._begin, self._columns, self._d, a, b)
+        places = block_indices(self._begin, self._columns, self._d, a, b)
         missing = np.flatnonzero(places < 0)
         if len(missing):
             pairs = [(int(a[i]), int(b[i])) for i in missing[:5]]
@@ -254,7 +254,7 @@ class FreeDofs:
                 f"out = {shown(out)} does not have the pattern and type of the restricted K ({structure.shape}, {structure.nnz} "
                 f"values of {K.dtype}); expected a matrix that matrix() or tangent(u, free=...) returned before."
             )
-        run(block_kernels.pick, parts_of(len(places), 0.02, threads()), places, K.data, out.data)
+        run(block_kernels.take, parts_of(len(places), 0.02, threads()), places, K.data, out.data)
         return out
 
     def vector(self, free: ArrayLike, fixed: ArrayLike = 0.0) -> Array:
@@ -296,7 +296,7 @@ class BareDiagonal:
         if not len(a):
             return
         d = pattern.shape[0] // len(pattern.strides)
-        places = (pattern.places(a, a)[:, None] + np.arange(d) * (pattern.strides[a][:, None] + 1)).ravel()
+        places = (pattern.block_indices(a, a)[:, None] + np.arange(d) * (pattern.strides[a][:, None] + 1)).ravel()
         if free is not None:
             at = np.minimum(np.searchsorted(free.places, places), len(free.places) - 1)
             places = at[free.places[at] == places]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import shown, whole_array
 from ..errors import SupportError, name_ids
 from ..mesh import ElementMesh
-from ..mesh.places import DofsView, Where, describe, dofs_of, vertices_at
+from ..mesh.locations import DofsView, Where, describe, dofs_of, vertices_at
 from ..terms.load import Moment, Time, Value
 
 Dofs = NDArray[np.int64]

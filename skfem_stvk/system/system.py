@@ -16,14 +16,14 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
 from ..edges.elements import Quadrature, nbytes
-from ..edges.pairs import Coupled, joined, version_of
+from ..edges.pairs import AccumulatedBlocks, joined, version_of
 from ..elements import HOURGLASS
 from ..errors import LoadError, MeshError, StvkError, warn
-from ..kernels.threads import Turn, in_turn
+from ..kernels.threads import CopyableLock, locked
 from ..linear.space import Space
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
-from ..mesh.places import DofsView
+from ..mesh.locations import DofsView
 from ..terms import (
     Grounded,
     HasMemory,
@@ -130,7 +130,7 @@ class System(BoundTerms):
         self.quadrature, self.rule = quadrature, rule  # the argument, and the rule it selects
         self.supports = Supports(mesh, fixed, prescribed)
         super().__init__(mesh, found.terms, np.float64 if double else np.float32, rule, found)
-        self._turning = [(load, Coupled(load, mesh.nv, mesh.d, np.float64)) for load in self._turning_loads()]
+        self._turning = [(load, AccumulatedBlocks(load, mesh.nv, mesh.d, np.float64)) for load in self._turning_loads()]
         self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._pattern: Pattern | None = None
         self._places: tuple[int, list[Any], list[Rows]] | None = None
@@ -139,7 +139,7 @@ class System(BoundTerms):
         self._whole: csr_matrix | None = None  # the whole K, when only a part was requested
         self._bare: BareDiagonal | None = None
         self._pieces: Pieces | None = None
-        self._turn = Turn()
+        self._lock = CopyableLock()
 
     def without(self: Torn, elements: str | ArrayLike) -> Torn:
         """Return the body without these elements, as a new system; this system does not change.
@@ -240,7 +240,7 @@ class System(BoundTerms):
         return sum(map(version_of, self._changing))
 
     @property
-    @in_turn
+    @locked
     def pattern(self) -> Pattern:
         """Pattern of every K of this system, unless a term changes the nodes it couples; created on first use."""
         version = self.pattern_version
@@ -250,7 +250,7 @@ class System(BoundTerms):
             self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
         return self._pattern
 
-    @in_turn
+    @locked
     def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Return the indices of the blocks of terms and loads in the values of K, cached for each version of the pattern."""
         pattern = self.pattern
@@ -322,7 +322,7 @@ class System(BoundTerms):
         refuse_overflow(force, "F", x)
         return energy, force.ravel(), K
 
-    @in_turn
+    @locked
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Return `K(u) v` (ndofs,) [N], without forming K. StateError as in `energy`, for `v` too.
 
@@ -351,7 +351,7 @@ class System(BoundTerms):
         """
         return TangentOperator(self.pair_terms, self._state, u, self.dtype, _factors(kept))
 
-    @in_turn
+    @locked
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
@@ -378,7 +378,7 @@ class System(BoundTerms):
         x = self._state(u)
         return energy + sum(load.potential(x, moment) for load in self.bound_loads)
 
-    @in_turn
+    @locked
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the residual `F(u) - f_ext(u, t)` (ndofs,) [N]; in equilibrium only the reactions at the supports are not zero.
 
@@ -387,7 +387,7 @@ class System(BoundTerms):
         loads = self.external_force(u, t)
         return self.internal_force(u) - loads
 
-    @in_turn
+    @locked
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
@@ -441,7 +441,7 @@ class System(BoundTerms):
         refuse_overflow(sum(energies), "W", x)
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
-    @in_turn
+    @locked
     def mass(self, kind: str = "lumped") -> Mass:
         """Return the mass of the body from the densities: "lumped" at its nodes, or "consistent" with its shape functions.
 
@@ -501,7 +501,7 @@ class System(BoundTerms):
             if isinstance(term, HasRoundOff):
                 term.add_round_off(x, sums)
             else:
-                pairs.add_sizes(x, sums)
+                pairs.add_magnitudes(x, sums)
         return sums.ravel()
 
     def check_held(self) -> None:
@@ -552,7 +552,7 @@ class System(BoundTerms):
                 for name, count in term.memory().items():
                     parts[name] = parts.get(name, 0) + count
         for narrow in (*self.pair_terms, *(of for _, of in self._turning)):
-            if isinstance(narrow, Coupled):
+            if isinstance(narrow, AccumulatedBlocks):
                 parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + narrow.own_memory()
         parts["rows of K"] = 0 if self._places is None else nbytes(self._places[1:])
         parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
@@ -631,7 +631,7 @@ class System(BoundTerms):
         if not self._turning and all(term.by_rows(kept) for term in self.pair_terms):
             self._fill(x, K.data, [rows.part(places) for rows in self._rows()[0]], None, kept, free=free)
             return K
-        with self._turn:
+        with self._lock:
             whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
             self._whole = make(whole)
             return free.matrix(self._whole, K)

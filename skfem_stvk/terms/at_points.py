@@ -21,7 +21,7 @@ FLAT = 1e-9
 
 
 def stress_and_density(stiffness: LawInFrames, at: Deformation) -> tuple[Array, Array]:
-    """Return the stress (n, 3, 3) [Pa] and the energy density (n,) of a law that is a function of strain (`by_strain`)."""
+    """Return the stress (n, 3, 3) [Pa] and the energy density (n,) of a law that is a function of strain (`response_to_strain`)."""
     M, (n, _, k) = 2 * embedded(at.strain), at.gradient.shape
     S, W = np.empty((n, 3, 3)), np.empty(n)
     point_kernels.stress_by_strain(_at_points(stiffness, k, n), k, M, W, S)

@@ -12,7 +12,7 @@ from ..arguments import real_array, shown, whole_array
 from ..elements import ELEMENTS, Element, named
 from ..errors import MeshError, name_ids, name_known
 from ..mesh import ElementMesh, MeshLike
-from ..mesh.places import checked_facets, checked_lines
+from ..mesh.locations import checked_facets, checked_lines
 from .protocols import is_load
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, Quantity
 from ..mesh import ElementMesh
-from ..mesh.places import Where, describe, facets_at, in_order, vertices_at
+from ..mesh.locations import Where, describe, facets_at, in_value_order, vertices_at
 from .body import Body
 from .load import Moment, Time, Value
 from .protocols import Load
@@ -165,7 +165,7 @@ class Traction(Load):
     def bind(self, body: Body) -> DeadLoad:
         what = f"Traction on {describe(self.where)}"
         facets = facets_at(body.mesh, self.where, what)
-        spread = Spread(body.mesh, body.facet, facets, body.facet_areas(facets), in_order(body.mesh, self.where, facets))
+        spread = Spread(body.mesh, body.facet, facets, body.facet_areas(facets), in_value_order(body.mesh, self.where, facets))
         return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))
 
 

@@ -166,7 +166,7 @@ class EdgeNetwork:
         own, between = self.L.diagonal() / 2, np.asarray(triu(self.L, 1).tocoo().data) / 2
         if not self.laws:
             return QuarticNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
-        return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, left=partial(self._left, mesh))
+        return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, remaining=partial(self._left, mesh))
 
     def _refuse_another(self, mesh: ElementMesh) -> None:
         """Refuse a mesh if its edges, in the regions of the laws, are not those of the network."""

@@ -15,7 +15,7 @@ from ..edges import ALL, NodeBlocks, Tensions
 from ..errors import LoadError
 from ..kernels.topology import edges_of_simplices
 from ..mesh import ElementMesh
-from ..mesh.places import Where, describe, facets_at
+from ..mesh.locations import Where, describe, facets_at
 from .body import Body
 from .spread import Spread
 

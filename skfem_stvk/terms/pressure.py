@@ -14,9 +14,9 @@ from ..elements import rule_of
 from ..errors import LoadError, name_ids
 from ..kernels.topology import edges_of_simplices
 from ..mesh import ElementMesh
-from ..mesh.facets import find_facets, turned_alike
-from ..mesh.places import Where, describe, facets_at, in_order
-from ..mesh.points import normals_of, spokes_at
+from ..mesh.facets import faces_to_reverse, find_facets
+from ..mesh.locations import Where, describe, facets_at, in_value_order
+from ..mesh.points import base_vectors_at, normals_of
 from .body import Body
 from .connectivity import simplices_of
 from .load import Time, Value
@@ -82,7 +82,7 @@ class Pressure(Load):
         else:
             what = f"Pressure on {describe(self.where)}"
             surface, element = _outwards(mesh, self.where, what), body.facet
-            vertices, sizes = in_order(mesh, self.where, surface), body.facet_sections(surface)  # 1 of solids
+            vertices, sizes = in_value_order(mesh, self.where, surface), body.facet_sections(surface)  # 1 of solids
         spread = Spread(mesh, element, surface, sizes, vertices)
         return FollowerPressure(mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure"))
 
@@ -109,7 +109,7 @@ class FollowerPressure:
         self._surface, self._spread, self._value = surface, spread, value
         self._rule = rule_of(element, "usual" if element.is_linear_simplex else "mass")
         self._slopes = element.derivatives(self._rule.points)
-        self._rest = self._spokes(mesh.p.T)
+        self._rest = self._base_vectors(mesh.p.T)
         pairs = np.array(element.pairs)
         self.nodes_paired, sides = edges_of_simplices(np.ascontiguousarray(surface), pairs, mesh.nv)
         self.nodes = spread.vertices
@@ -131,7 +131,7 @@ class FollowerPressure:
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
         """Add the force [N] to `out` (nv, d)."""
-        areas, weights = normals_of((self._rest + self._spokes(u)).transpose(3, 2, 1, 0)), self._weights(t)
+        areas, weights = normals_of((self._rest + self._base_vectors(u)).transpose(3, 2, 1, 0)), self._weights(t)
         sums = [self._spread.add(np.einsum("aqn,qn->an", weights, area)) for area in areas.transpose(2, 1, 0)]
         out[self._spread.vertices] -= np.stack(sums, axis=1)
 
@@ -139,9 +139,9 @@ class FollowerPressure:
         """Add the blocks of `-df/du` [N/m] at `u` (nv, d)."""
         assert blocks.reverse is not None and blocks.own is not None
         weights, every = self._weights(t), (blocks.pairs, blocks.reverse, blocks.own)
-        spokes, counts = self._rest + self._spokes(u), [len(part) for part in every]
+        base_vectors, counts = self._rest + self._base_vectors(u), [len(part) for part in every]
         for axis, (row, column) in enumerate(AXIAL[u.shape[1]]):
-            values = np.einsum("aqn,qbn->abn", weights, _axial(self._slopes, spokes, axis))
+            values = np.einsum("aqn,qbn->abn", weights, _axial(self._slopes, base_vectors, axis))
             sums = np.bincount(self._block.ravel(), weights=values.ravel(), minlength=sum(counts))
             for part, own in zip(every, np.split(sums, np.cumsum(counts[:-1])), strict=True):
                 part[:, row, column] += own
@@ -160,9 +160,9 @@ class FollowerPressure:
         N = spread.element.values(self._rule.points)
         return np.einsum("q,qa,qn->aqn", weights, N, spread.interpolated(values)[0] * spread.sizes)
 
-    def _spokes(self, x: Array) -> Array:
+    def _base_vectors(self, x: Array) -> Array:
         """Return the base vectors (d, k, nq, n) of the facets at the points, from `x` (nv, d)."""
-        return spokes_at(x.T, self._surface, self._spread.element, self._rule.points).transpose(3, 2, 1, 0)
+        return base_vectors_at(x.T, self._surface, self._spread.element, self._rule.points).transpose(3, 2, 1, 0)
 
 
 def _outwards(mesh: ElementMesh, where: Any, what: str) -> NDArray[np.int32]:
@@ -186,21 +186,21 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
         )
     ids = mesh.elements(where)
     t = mesh.t[:, ids]
-    turned, two_sided = turned_alike(mesh.corners[:, ids], mesh.nv)
+    reverse, two_sided = faces_to_reverse(mesh.corners[:, ids], mesh.nv)
     if not two_sided.all():
         raise LoadError(
             f"{what}: {name_ids(ids[~two_sided], 'element')} are a surface without two sides, like a Moebius strip, so pressure "
             "has no direction there. Leave some of them out."
         )
-    t[:, turned] = t[mesh.element.reversed][:, turned]
+    t[:, reverse] = t[mesh.element.reversed][:, reverse]
     return t, ids
 
 
-def _axial(slopes: Array, spokes: Array, axis: int) -> Array:
+def _axial(slopes: Array, base_vectors: Array, axis: int) -> Array:
     """Return a component (nq, m, n) of the axial vectors `-dA/dx_b` of the area vectors, from `dN_b/dxi` (nq, m, k) and base
     vectors.
     """
-    if len(spokes) == 2:
-        return np.broadcast_to(-slopes, (*slopes.shape[:2], spokes.shape[3]))
-    x, y = spokes[axis]
+    if len(base_vectors) == 2:
+        return np.broadcast_to(-slopes, (*slopes.shape[:2], base_vectors.shape[3]))
+    x, y = base_vectors[axis]
     return np.asarray(slopes[:, :, 1:] * x[:, None] - slopes[:, :, :1] * y[:, None])

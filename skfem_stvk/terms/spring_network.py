@@ -160,7 +160,7 @@ class SpringNetwork:
             raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
         own, edges = whole.own[used], whole.edges[:, used]
         left = partial(self._left, mesh, used)
-        return HookeanNetwork(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, left=left)
+        return HookeanNetwork(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, remaining=left)
 
     def _left(self, mesh: ElementMesh, used: NDArray[Any], gone: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the stiffness of the `used` springs, and of pairs, without the removed elements `gone` (n,) of the region."""

@@ -8,7 +8,7 @@ from skfem import MeshTet
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges import TENSILE
-from skfem_stvk.edges.topology import LOCAL_EDGES, alone, edge_topology, in_lanes, out_of_lanes, own_order
+from skfem_stvk.edges.topology import LOCAL_EDGES, alone, edge_topology, in_lanes, kernel_order, out_of_lanes
 from skfem_stvk.errors import MaterialError
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.system import Pattern
@@ -31,7 +31,7 @@ def test_lanes_are_packed_and_unpacked_without_change(n):
 @pytest.mark.parametrize("name", MESHES)
 def test_the_own_order_is_another_order_of_the_same_simplices(name):
     mesh = MESHES[name]
-    order = own_order(mesh.t, edge_topology(mesh.t)[0])
+    order = kernel_order(mesh.t, edge_topology(mesh.t)[0])
     assert sorted(order.vertices) == list(range(mesh.nv)) and sorted(order.elements) == list(range(mesh.nt))
     assert (np.diff(order.t, axis=0) > 0).all()
     assert np.array_equal(order.vertices[order.t], np.take_along_axis(mesh.t[:, order.elements], order.local, axis=0))
@@ -43,7 +43,7 @@ def test_neighbours_in_the_own_order_are_near():
     mesh = box(8)
     number = np.random.default_rng(0).permutation(mesh.nv).astype(np.int32)
     t = number[mesh.t]
-    order = own_order(t, edge_topology(t)[0])
+    order = kernel_order(t, edge_topology(t)[0])
     assert np.ptp(order.t, axis=0).max() < 0.4 * np.ptp(t, axis=0).max()
 
 
@@ -54,17 +54,17 @@ def test_few_vertices_precede_all_their_neighbours_in_a_refined_mesh():
     """
     for mesh in (MeshTet().refined(2), MeshTet().refined(3)):
         t, edges = mesh.t.astype(np.int32), edge_topology(mesh.t)[0]
-        order = own_order(t, edges)
+        order = kernel_order(t, edges)
         assert alone(edges, mesh.nvertices) > 0.15
         assert alone(edge_topology(order.t)[0], mesh.nvertices) < 0.03
     mesh = box(4)
-    order = own_order(mesh.t, edge_topology(mesh.t)[0])
+    order = kernel_order(mesh.t, edge_topology(mesh.t)[0])
     assert np.array_equal(order.vertices, np.arange(mesh.nv))
 
 
 def test_vertices_of_other_terms_are_not_in_the_own_order():
     t = np.array([[9, 4, 7, 2], [4, 9, 11, 2]], dtype=np.int32).T
-    order = own_order(t, edge_topology(t)[0])
+    order = kernel_order(t, edge_topology(t)[0])
     assert sorted(order.vertices) == [2, 4, 7, 9, 11] and order.t.max() == 4
 
 
@@ -169,7 +169,7 @@ def test_work_vectors_are_reused_and_counted(monkeypatch):
         assembly.along(u, u)
         assembly.add_round_off(u, force)
         assembly.pairs.add_product(assembly._filled, u, force)
-        vectors = assembly.elements.own._kept | {"blocks": assembly._filled}
+        vectors = assembly.elements.own._scratch | {"blocks": assembly._filled}
         kept.append({name: id(vector) for name, vector in vectors.items()})
     assert kept[0] == kept[1] == kept[2] and len(kept[0]) > 4
     memory = assembly.memory()

@@ -10,7 +10,7 @@ from slow import slow
 
 from skfem_stvk import EnergyMomentum, Gravity, LinearBackwardEuler, StVK, System, VolumePenalty, simulate, solve_static
 from skfem_stvk.edges import NONE, TENSILE
-from skfem_stvk.mesh.points import spokes_at
+from skfem_stvk.mesh.points import base_vectors_at
 from skfem_stvk.terms.volume_energies import ENERGIES
 
 TERM = StVK(young=2.0, poisson=0.3, density=1.5)
@@ -26,7 +26,7 @@ def body(mesh, *more, hourglass=0.3, **options):
 def mean_gradients(mesh):
     """Return mean gradients (nt, n, d) by a rule that is exact for cofactors, and volumes (nt,)."""
     xi, weights = get_quadrature(RefHex if mesh.k == 3 else RefQuad, 7)
-    base_vectors = spokes_at(mesh.p, mesh.t, mesh.element, xi.T)
+    base_vectors = base_vectors_at(mesh.p, mesh.t, mesh.element, xi.T)
     volumes = np.abs(np.linalg.det(base_vectors)) * weights
     gradients = np.einsum("qai,tqdi,tq->tad", mesh.element.derivatives(xi.T), np.linalg.inv(base_vectors), volumes)
     return gradients / volumes.sum(axis=1)[:, None, None], volumes.sum(axis=1)
@@ -39,7 +39,9 @@ def deformation(mesh, u):
 
 def ratios(mesh, u):
     """Return volume ratios of the mean deformation gradient, and at the nodes, (nt, 1 + n)."""
-    rest, now = (spokes_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, mesh.element.nodes) for x in (mesh.p.T, mesh.p.T + u))
+    rest, now = (
+        base_vectors_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, mesh.element.nodes) for x in (mesh.p.T, mesh.p.T + u)
+    )
     return np.column_stack([np.linalg.det(deformation(mesh, u)), np.linalg.det(now) / np.linalg.det(rest)])
 
 

@@ -10,7 +10,7 @@ from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges import abilities as edges_abilities
 from skfem_stvk.edges import assembly as edges_assembly
 from skfem_stvk.elements import rule_of
-from skfem_stvk.mesh.points import measures_of, spokes_at
+from skfem_stvk.mesh.points import base_vectors_at, measures_of
 
 TERM = StVK(young=2.0, poisson=0.3)
 EVERY = {f"{name}, curved": mesh for name, mesh in CURVED.items()} | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}
@@ -24,7 +24,7 @@ def everywhere(mesh):
 
 def ratios(mesh, u, xi):
     """Return ratios of determinants, or of measures for membranes and cables, (nt, nq)."""
-    rest, now = (spokes_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, xi) for x in (mesh.p.T, mesh.p.T + u))
+    rest, now = (base_vectors_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, xi) for x in (mesh.p.T, mesh.p.T + u))
     if mesh.k < mesh.d:
         return measures_of(now) / measures_of(rest)
     return np.linalg.det(now) / np.linalg.det(rest)
@@ -115,7 +115,7 @@ def test_the_smallest_stretch_is_that_of_the_points(name):
     u = state(mesh, 0.4).reshape(-1, mesh.d)
     xi = rule_of(mesh.element).points
     rest, now = (
-        np.swapaxes(spokes_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, xi), 2, 3) for x in (mesh.p.T, mesh.p.T + u)
+        np.swapaxes(base_vectors_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, xi), 2, 3) for x in (mesh.p.T, mesh.p.T + u)
     )
     wanted = np.linalg.svd(now @ np.linalg.inv(np.linalg.qr(rest)[1]), compute_uv=False)[..., -1].min(axis=1)
     found = TERM.bind(mesh).smallest_stretches(u)

@@ -14,12 +14,12 @@ from skfem_stvk.terms import at_points
 
 #: Modules, and the kernels that they import by name.
 BY_NAME = {
-    elements: ("lexicographic_order", "frames", "frames_of_spokes"),
+    elements: ("lexicographic_order", "frames", "frames_of_base_vectors"),
     network: ("lexicographic_order",),
     pairs: ("lexicographic_order",),
     streaming: ("assign_slots", "last_uses"),
     topology: ("edges_of_simplices", "lexicographic_order", "numbers_by_first_use", "stars"),
-    pattern: ("expand", "first_places", "lexicographic_order", "stars"),
+    pattern: ("expand", "block_indices", "lexicographic_order", "stars"),
 }
 
 

@@ -19,7 +19,22 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from skfem_stvk.kernels.cg import BETA, MORE, NEGATIVE, NORM, NOT_FINITE, PART, RHO, SEEN, SMALL, P, S, T, U, X
+from skfem_stvk.kernels.cg import (
+    BETA,
+    CONVERGED,
+    NEGATIVE,
+    NORM,
+    NOT_FINITE,
+    REDUCTION,
+    RHO,
+    RHO_AT_NORM,
+    UNFINISHED,
+    P,
+    S,
+    T,
+    U,
+    X,
+)
 from skfem_stvk.kernels.compiled import Ids, Reals
 from skfem_stvk.kernels.corotated import CorotatedLaw
 from skfem_stvk.kernels.discrete_gradient import DiscreteGradient
@@ -502,7 +517,7 @@ def elements_of(part: slice, t: Ids, points: Any, law: Any) -> Elements:
     modes, c = np.zeros((0, nodes), D.dtype), np.zeros(len(nodes_of), D.dtype)
     if isinstance(points, MeanPoints):
         others = np.moveaxis(points.B[part], 3, 1).reshape(-1, 1, *points.B.shape[1:3])
-        modes, c = with_first(points.modes[:, : nodes - 1], 1), points.resistance[part].ravel()
+        modes, c = with_first(points.modes[:, : nodes - 1], 1), points.hourglass_stiffness[part].ravel()
     else:
         others = np.broadcast_to(points.B, (len(nodes_of), *points.B.shape))
     B = with_first(others[:, :, : nodes - 1].astype(D.dtype), 2)
@@ -624,7 +639,7 @@ def along(
     return c[0], c[1], c[2], c[3], c[4]
 
 
-def forces_along(
+def forces_between(
     begin: int, end: int, t: Ids, slots: Ids, points: Points | None, law: Any, X: Reals, u: Reals, v: Reals, rule: Any, f: Reals
 ) -> float:
     """Add the forces of a rule for all points at once, and return the sum of its numbers."""
@@ -662,7 +677,7 @@ def _discrete_mean_force(
         last = np.eye(3, dtype=Q.dtype) * (1 - there)[..., None]
         hands = [np.where(np.linalg.det(x + last) < 0, -1, 1).astype(Q.dtype) for x in (Q, Q + h, Q + h + H)]
 
-    def by_strain(M: Reals, hand: Reals) -> tuple[Reals, Reals]:
+    def response_to_strain(M: Reals, hand: Reals) -> tuple[Reals, Reals]:
         """Return W and S for strains M.
 
         All laws but the relaxed one use Cholesky's factor of `1 + M` as a frame, triangular and with the orientation `hand`. The
@@ -677,7 +692,11 @@ def _discrete_mean_force(
         return W, np.einsum("nqjx,nqxk->nqjk", s * deformed[..., None, :], np.linalg.inv(q))
 
     M, dM = strains(Q, h), symmetric(Q + h, H) + products(H, H)
-    (W0, S0), (W1, S1), (_, S) = by_strain(M, hands[1]), by_strain(M + dM, hands[2]), by_strain(M + dM / 2, hands[1])
+    (W0, S0), (W1, S1), (_, S) = (
+        response_to_strain(M, hands[1]),
+        response_to_strain(M + dM, hands[2]),
+        response_to_strain(M + dM / 2, hands[1]),
+    )
     change, work, more = ((x * dM).sum(axis=(2, 3)) for x in (dM / 2, S / 2, (S1 - S0) / 4))
     more = np.maximum(more, 0)
     a = ((rule.w0 + rule.w1) * (W1 - W0 - work) + (rule.w1 - rule.w0) * more) / np.where(change > 0, change, 1)
@@ -789,12 +808,12 @@ def smallest_stretches(begin: int, end: int, t: Ids, points: Points | None, X: R
 def step_limit(begin: int, end: int, t: Ids, points: Points | None, X: Reals, u: Reals, v: Reals, k: int) -> float:
     """Return the smallest positive root of the cubics `det(p + s V)` of matrices of order `k`, from their values at four points."""
     P, U, V = (base_vectors_at(x, slice(begin, end), t, points)[:, :, :k, :k].reshape(-1, k, k) for x in (X, u, v))
-    least, places = np.inf, np.array([0.0, 1.0, -1.0, 2.0])
+    least, points_on_line = np.inf, np.array([0.0, 1.0, -1.0, 2.0])
     for rest, p, q in zip(P, P + U, V, strict=True):
         if not q.any() or np.linalg.det(p) * np.linalg.det(rest) <= 0:
             continue
         scale = np.abs(p).max() / np.abs(q).max()
-        c = np.linalg.solve(np.vander(places, increasing=True), [np.linalg.det(p + s * scale * q) for s in places])
+        c = np.linalg.solve(np.vander(points_on_line, increasing=True), [np.linalg.det(p + s * scale * q) for s in points_on_line])
         c[np.abs(c) < 1e-13 * np.abs(c).max()] = 0
         roots = np.roots(c[::-1])
         real = roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 0)]
@@ -864,10 +883,10 @@ def penalty_linearize(
     u: Reals,
     k: int,
     kind: int,
-    kept: float,
+    slope_factor: float,
     f: Reals,
 ) -> tuple[float, float, float]:
-    """Add `K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + kept psi' d2J/dp_i dp_j)`, spread from base vectors to nodes.
+    """Add `K_ij = k V0 (psi'' dJ/dp_i dJ/dp_j' + slope_factor psi' d2J/dp_i dp_j)`, spread from base vectors to nodes.
 
         K_0b = -sum_a K_ab        d2J/dp_ix dp_jy = sum_mz eps_ijm eps_xyz p_mz / C0
 
@@ -882,7 +901,7 @@ def penalty_linearize(
     second = np.einsum("ijm,xyz,npmz->npijxy", e, e, q)[:, :, :k, :k, :k, :k]
     second = second * numbers(D, part, points, 2)[:, :, 1, None, None, None, None]
     between_vectors = np.einsum("np,npix,npjy->npijxy", stiffness * curvature, n, n)
-    between_vectors += kept * np.einsum("np,npijxy->npijxy", stiffness * slope, second)
+    between_vectors += slope_factor * np.einsum("np,npijxy->npijxy", stiffness * slope, second)
     B = derivatives(t, points)[:, :, :k]
     K = np.zeros((len(p), B.shape[1] + 1, B.shape[1] + 1, 3, 3))
     K[:, 1:, 1:, :k, :k] = np.einsum("pai,pbj,npijxy->nabxy", B, B, between_vectors)
@@ -953,18 +972,18 @@ def add_pairs(to: Any, begin: int, end: int, pairs: list[Reals]) -> float:
     trace = 0.0
     for block in range(begin, end):
         fresh = to.fresh[to.marks[block] : to.marks[block + 1]]
-        to.eights.reshape(-1, 8)[fresh], to.ninths[fresh] = 0, 0
+        to.first_eight.reshape(-1, 8)[fresh], to.ninth[fresh] = 0, 0
         lanes = slice((block - begin) * LANES, (block - begin + 1) * LANES)
         nine = values[:, lanes].reshape(-1, LANES, 9)
-        np.add.at(to.eights.reshape(-1, 8), slots[:, lanes], nine[..., :8])
-        np.add.at(to.ninths, slots[:, lanes], nine[..., 8])
+        np.add.at(to.first_eight.reshape(-1, 8), slots[:, lanes], nine[..., :8])
+        np.add.at(to.ninth, slots[:, lanes], nine[..., 8])
         trace += finish_rows(int(to.done[block]), int(to.done[block + 1]), to)
     return trace
 
 
 def finish_rows(begin: int, end: int, to: RowSlots) -> float:
     """Write transposes of lower neighbours, minus the sum of all, and upper neighbours to their columns; return the trace."""
-    blocks = np.column_stack([to.eights.reshape(-1, 8), to.ninths]).reshape(-1, 3, 3)
+    blocks = np.column_stack([to.first_eight.reshape(-1, 8), to.ninth]).reshape(-1, 3, 3)
     trace = 0.0
     for row in range(begin, end):
         entries = range(int(to.begin[row]), int(to.begin[row + 1]))
@@ -982,8 +1001,8 @@ def fold_slots(begin: int, end: int, starts: Ids, sources: Ids, to: RowSlots) ->
     """Add each slot of other parts to its target slot."""
     for slot in range(begin, end):
         of = sources[starts[slot] : starts[slot + 1]]
-        to.eights.reshape(-1, 8)[slot] += to.eights.reshape(-1, 8)[of].sum(axis=0)
-        to.ninths[slot] += to.ninths[of].sum()
+        to.first_eight.reshape(-1, 8)[slot] += to.first_eight.reshape(-1, 8)[of].sum(axis=0)
+        to.ninth[slot] += to.ninth[of].sum()
 
 
 def gather(x: Reals, order: Ids, out: Reals) -> None:
@@ -991,9 +1010,9 @@ def gather(x: Reals, order: Ids, out: Reals) -> None:
     out.reshape(-1, 3)[: len(order), : x.shape[1]] = x[order]
 
 
-def pick(begin: int, end: int, places: Ids, values: Reals, out: Reals) -> None:
-    """Write `out[i] = values[places[i]]`."""
-    out[begin:end] = values[places[begin:end]]
+def take(begin: int, end: int, indices: Ids, values: Reals, out: Reals) -> None:
+    """Write `out[i] = values[indices[i]]`."""
+    out[begin:end] = values[indices[begin:end]]
 
 
 def total(x: Reals) -> float:
@@ -1022,7 +1041,7 @@ def fill_rows(
     end: int,
     rows: Ids,
     entries: Ids,
-    places: Ids,
+    indices: Ids,
     strides: Ids,
     blocks: Reals,
     axes: tuple[int, ...],
@@ -1033,7 +1052,7 @@ def fill_rows(
     trace, edges = 0.0, blocks.reshape(-1, 3, 3)
     for vertex in range(begin, end):
         star = slice(rows[vertex], rows[vertex + 1])
-        where = dict(zip(entries[star].tolist(), places[star].tolist(), strict=True))
+        where = dict(zip(entries[star].tolist(), indices[star].tolist(), strict=True))
         here = where.pop(OWN)
         K = {place: edges[entry] if entry >= 0 else edges[-1 - entry].T for entry, place in where.items()}
         K[here] = own = -sum(K.values(), np.zeros((3, 3)))
@@ -1045,7 +1064,7 @@ def fill_rows(
     return trace
 
 
-def weigh_negative(begin: int, end: int, tensions: Reals, less: float, blocks: Reals) -> None:
+def reduce_negative_tensions(begin: int, end: int, tensions: Reals, less: float, blocks: Reals) -> None:
     """Compute `K_ab + less min(t_ab, 0) I`."""
     blocks.reshape(-1, 3, 3)[begin:end] += less * np.minimum(tensions[begin:end, None, None], 0) * np.eye(3)
 
@@ -1145,7 +1164,7 @@ def expand(begin: Ids, columns: Ids, d: int) -> tuple[Ids, Ids]:
     return indptr.astype(np.int32), np.concatenate(rows).astype(np.int32)
 
 
-def first_places(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
+def block_indices(begin: Ids, columns: Ids, d: int, a: Ids, b: Ids) -> Ids:
     """Return the index in the CSR values of the first value of each block `(a, b)`, (n,), or -1 for a missing block."""
     row = np.repeat(np.arange(len(begin) - 1), np.diff(begin))
     first = d * d * begin[row] + d * (np.arange(len(columns)) - begin[row])
@@ -1175,10 +1194,10 @@ def measures(p: Reals, t: Ids) -> Reals:
 def frames(p: Reals, t: Ids) -> Reals:
     """Return `Ri` and `k!` times the size, (7, nt), by Householder's QR of the base vectors."""
     x = np.concatenate([p, np.zeros((3 - len(p), p.shape[1]))]).T[t.T]
-    return frames_of_spokes(x[:, 1:] - x[:, :1])
+    return frames_of_base_vectors(x[:, 1:] - x[:, :1])
 
 
-def frames_of_spokes(P: Reals) -> Reals:
+def frames_of_base_vectors(P: Reals) -> Reals:
     """Return `Ri = R^-1` with a positive diagonal in the order 11, 12, 13, 22, 23, 33, and the determinant of `R`, (7, n)."""
     n, k, _ = P.shape
     R = np.linalg.qr(P.swapaxes(1, 2))[1]
@@ -1292,7 +1311,7 @@ def sweep_backward(
     x[part] += np.linalg.solve(upper + _diagonal_of(begin, end, inverse), residual)
 
 
-def outside(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
+def outside_norms(begin: int, end: int, rows: Ids, columns: Ids, blocks: Reals, extra: Reals) -> None:
     """Write half the sum of the Frobenius norms of the blocks outside of the part."""
     norms = np.linalg.norm(blocks.reshape(-1, 9), axis=1) * ((columns < begin) | (columns >= end))
     for i in range(begin, end):
@@ -1356,14 +1375,14 @@ def smooth_prolongator(
 ) -> None:
     """Compute `T - omega D^-1 (A T)`."""
     for i in range(begin, end):
-        places = slice(rows[i], rows[i + 1])
-        out.reshape(-1, 3, 3)[places] = -omega * inverse.reshape(-1, 3, 3)[i] @ products.reshape(-1, 3, 3)[places]
+        row = slice(rows[i], rows[i + 1])
+        out.reshape(-1, 3, 3)[row] = -omega * inverse.reshape(-1, 3, 3)[i] @ products.reshape(-1, 3, 3)[row]
         out.reshape(-1, 3, 3)[own[i] : own[i] + count] += tentative.reshape(-1, count, 3, 3)[i]
 
 
-def transpose_blocks(begin: int, end: int, places: Ids, blocks: Reals, out: Reals) -> None:
+def transpose_blocks(begin: int, end: int, indices: Ids, blocks: Reals, out: Reals) -> None:
     """Write the transpose of each block from its index."""
-    out.reshape(-1, 3, 3)[begin:end] = blocks.reshape(-1, 3, 3)[places[begin:end]].transpose(0, 2, 1)
+    out.reshape(-1, 3, 3)[begin:end] = blocks.reshape(-1, 3, 3)[indices[begin:end]].transpose(0, 2, 1)
 
 
 def orthonormalise(begin: int, end: int, starts: Ids, members: Ids, count: int, modes: Reals, coarse: Reals) -> None:
@@ -1403,7 +1422,7 @@ def step(begin: int, end: int, alpha: float, p: Reals, q: Reals, x: Reals, r: Re
     return float((r[part] ** 2).sum())
 
 
-def turn(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
+def update_search_direction(begin: int, end: int, beta: float, z: Reals, p: Reals) -> None:
     """Compute `p = z + beta p`."""
     p[begin:end] = z[begin:end] + beta * p[begin:end]
 
@@ -1426,32 +1445,36 @@ def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, n: int) -> Reals
     return A.swapaxes(1, 2).reshape(3 * n, 3 * n)
 
 
-def filtered(edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, held: Ids, omega: float) -> tuple[Reals, Reals, Reals]:
+def filtered(
+    edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, constrained: Ids, omega: float
+) -> tuple[Reals, Reals, Reals]:
     """Return A, E and L without the rows and columns of constrained components; E has ones on their diagonal."""
     n = len(inverse) // 9
     A, E = matrix_of_edges(edges, blocks, diagonal, n), np.zeros((3 * n, 3 * n))
-    A[held] = 0
-    A[:, held] = 0
+    A[constrained] = 0
+    A[:, constrained] = 0
     for i in range(n):
         own = 3 * i + np.arange(3)
-        E[np.ix_(own, own)] = np.linalg.inv(inverse[9 * i : 9 * i + 9].reshape(3, 3) + np.diag(np.isin(own, held)))
+        E[np.ix_(own, own)] = np.linalg.inv(inverse[9 * i : 9 * i + 9].reshape(3, 3) + np.diag(np.isin(own, constrained)))
     row = np.arange(3 * n) // 3
     return A, E, A * ((row[:, None] > row) & (omega > 0))
 
 
-def residual(edges: Ids, blocks: Reals, diagonal: Reals, held: Ids, places: Ids, b: Reals, state: Reals, work: Reals) -> None:
+def residual(
+    edges: Ids, blocks: Reals, diagonal: Reals, constrained: Ids, indices: Ids, b: Reals, state: Reals, work: Reals
+) -> None:
     """Write `r = b - A x` to s, and `|r|` to `state`."""
     A = matrix_of_edges(edges, blocks, diagonal, work.shape[1] // 3)
-    A[held] = 0
+    A[constrained] = 0
     work[S] = -A @ work[X]
-    work[S, places] += b
+    work[S, indices] += b
     work[P] = 0
     state[:] = np.linalg.norm(work[S]), 0, 0, 0
 
 
-def precondition(edges: Ids, blocks: Reals, inverse: Reals, held: Ids, omega: float, work: Reals) -> None:
+def precondition(edges: Ids, blocks: Reals, inverse: Reals, constrained: Ids, omega: float, work: Reals) -> None:
     """Compute `t = M^-1 r` for an r stored in s."""
-    _, E, L = filtered(edges, blocks, np.zeros(len(inverse) // 3), inverse, held, omega)
+    _, E, L = filtered(edges, blocks, np.zeros(len(inverse) // 3), inverse, constrained, omega)
     work[T] = np.linalg.solve((E + L) @ np.linalg.solve(E, E + L.T), work[S])
 
 
@@ -1460,10 +1483,10 @@ def iterate(
     blocks: Reals,
     diagonal: Reals,
     inverse: Reals,
-    held: Ids,
+    constrained: Ids,
     omega: float,
-    enough: float,
-    most: int,
+    tolerance: float,
+    max_iterations: int,
     state: Reals,
     work: Reals,
 ) -> tuple[int, int]:
@@ -1471,14 +1494,14 @@ def iterate(
 
     alpha = s'E^-1 s / t'A t
     """
-    A, E, L = filtered(edges, blocks, diagonal, inverse, held, omega)
-    if state[SEEN] == 0 and state[NORM] > enough:
+    A, E, L = filtered(edges, blocks, diagonal, inverse, constrained, omega)
+    if state[RHO_AT_NORM] == 0 and state[NORM] > tolerance:
         work[S] = E @ np.linalg.solve(E + L, work[S])
-        state[SEEN] = state[RHO] = work[S] @ np.linalg.solve(E, work[S])
-    for done in range(most):
-        norm, seen, rho, beta = state
-        if norm <= enough:
-            return SMALL, done
+        state[RHO_AT_NORM] = state[RHO] = work[S] @ np.linalg.solve(E, work[S])
+    for done in range(max_iterations):
+        norm, rho_at_norm, rho, beta = state
+        if norm <= tolerance:
+            return CONVERGED, done
         p = work[S] + beta * work[P]
         t = np.linalg.solve(E + L.T, p)
         if not rho > 0 or not t @ A @ t > 0:
@@ -1489,22 +1512,22 @@ def iterate(
         work[P], work[T], work[U] = p, t, u
         state[RHO] = work[S] @ np.linalg.solve(E, work[S])
         state[BETA] = state[RHO] / rho
-        if not state[RHO] > seen * max(enough / norm, PART) ** 2:
+        if not state[RHO] > rho_at_norm * max(tolerance / norm, REDUCTION) ** 2:
             state[NORM] = np.linalg.norm(work[S] + L @ np.linalg.solve(E, work[S]))
-            state[SEEN] = state[RHO]
+            state[RHO_AT_NORM] = state[RHO]
         if not np.isfinite(state[NORM]):
             return NOT_FINITE, done + 1
-    return SMALL if state[NORM] <= enough else MORE, most
+    return CONVERGED if state[NORM] <= tolerance else UNFINISHED, max_iterations
 
 
-def shifted_diagonal(edges: Ids, blocks: Reals, held: Ids, places: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
+def shifted_diagonal(edges: Ids, blocks: Reals, constrained: Ids, indices: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
     """Write the diagonal blocks of the matrix, with the shift, and return their sum."""
     if len(shift):
-        diagonal[places] = shift
+        diagonal[indices] = shift
     n = len(out) // 9
     A = matrix_of_edges(edges, blocks, diagonal, n)
-    A[held] = 0
-    A[:, held] = 0
+    A[constrained] = 0
+    A[:, constrained] = 0
     out[:] = A.reshape(n, 3, n, 3)[range(n), :, range(n)].ravel()
     return float(out.sum())
 

@@ -16,23 +16,25 @@ def in_blocks_of_edges(x: Reals, edges: int) -> Reals:
     return x.reshape(-1, 3, EDGES).transpose(0, 2, 1).reshape(-1, 3)[:edges]
 
 
-def elongate(begin: int, end: int, by_length: bool, edges: Ids, rest: Reals, u: Reals, z: Reals, g: Reals, over: Reals) -> None:
+def elongate(
+    begin: int, end: int, by_length: bool, edges: Ids, rest: Reals, u: Reals, z: Reals, g: Reals, inverse_length: Reals
+) -> None:
     part = slice(begin * EDGES, end * EDGES)
     a, b = edges[part].T
     P, U = in_blocks_of_edges(rest, len(edges))[part], u.reshape(-1, 3)[a] - u.reshape(-1, 3)[b]
     p = P + U
     squared, lengths = ((2 * P + U) * U).sum(axis=1), np.linalg.norm(p, axis=1)
     both = lengths + np.linalg.norm(P, axis=1)
-    z[part], g.reshape(-1, 3)[part], over[part] = squared, 2 * p, 0
+    z[part], g.reshape(-1, 3)[part], inverse_length[part] = squared, 2 * p, 0
     if by_length:
-        over[part] = np.divide(1, lengths, out=np.zeros_like(lengths), where=lengths > 0)
+        inverse_length[part] = np.divide(1, lengths, out=np.zeros_like(lengths), where=lengths > 0)
         z[part] = np.divide(squared, both, out=np.zeros_like(both), where=both > 0)
-        g.reshape(-1, 3)[part] = over[part][:, None] * p
+        g.reshape(-1, 3)[part] = inverse_length[part][:, None] * p
 
 
 def springs(begin: int, end: int, by_length: bool, edges: Ids, slots: Ids, rest: Reals, own: Reals, u: Reals, f: Reals) -> float:
-    z, g, over = np.zeros(len(edges)), np.zeros(3 * len(edges)), np.zeros(len(edges))
-    elongate(begin, end, by_length, edges, rest, u, z, g, over)
+    z, g, inverse_length = np.zeros(len(edges)), np.zeros(3 * len(edges)), np.zeros(len(edges))
+    elongate(begin, end, by_length, edges, rest, u, z, g, inverse_length)
     return pull(begin, end, slots, z, own * z, g, f)
 
 
@@ -58,7 +60,7 @@ def put_blocks(
     own: Reals,
     s: Reals,
     g: Reals,
-    over: Reals,
+    inverse_length: Reals,
     positive: float,
     negative: float,
     blocks: Reals,
@@ -66,7 +68,7 @@ def put_blocks(
     part = slice(begin, end)
     n = g.reshape(-1, 3)[part]
     dyad, kept = n[:, :, None] * n[:, None, :], (s * np.where(s > 0, positive, negative))[part]
-    H = over[part, None, None] * (np.eye(3) - dyad) if by_length else 2 * np.eye(3)
+    H = inverse_length[part, None, None] * (np.eye(3) - dyad) if by_length else 2 * np.eye(3)
     blocks[: 9 * (len(blocks) // 9)].reshape(-1, 3, 3)[part] = -(own[part, None, None] * dyad + kept[:, None, None] * H)
 
 

@@ -6,7 +6,7 @@ from kernels import readable
 from linear.problems import NAMES, body, supported
 
 from skfem_stvk.kernels import cg
-from skfem_stvk.kernels.cg import MORE, NEGATIVE, NOT_FINITE, SMALL, P, S, T, U, X
+from skfem_stvk.kernels.cg import CONVERGED, NEGATIVE, NOT_FINITE, UNFINISHED, P, S, T, U, X
 from skfem_stvk.linear import BlockJacobiCg, Kind, SsorCg, Unknowns
 from skfem_stvk.system import FreeOperator
 
@@ -28,15 +28,15 @@ class Problem:
         self.K = self.free.matrix(system.tangent(u)).toarray() + np.diag(self.shift)
         search = solver.analyse(Unknowns(self.free.free // d, self.free.free % d))
         search = search.factorise(self.operator, Kind.SYMMETRIC)._search
-        self.edges, self.constrained, self.places, self.omega = search.edges, search._held, search._places, solver.omega
+        self.edges, self.constrained, self.indices, self.omega = search.edges, search._constrained, search._indices, solver.omega
         self.blocks, self.diagonal, self.inverse = search._blocks.astype(dtype), search.diagonal.copy(), search.inverse.copy()
         self.b = np.random.default_rng(3).standard_normal(n)
 
     def begin(self, kernels=cg, x0=0.0, constrained=None):
         work, state = np.zeros((6, 3 * (len(self.inverse) // 9))), np.zeros(4)
-        work[X, self.places] = x0
+        work[X, self.indices] = x0
         constrained = self.constrained if constrained is None else constrained
-        kernels.residual(self.edges, self.blocks, self.diagonal, constrained, self.places, self.b, state, work)
+        kernels.residual(self.edges, self.blocks, self.diagonal, constrained, self.indices, self.b, state, work)
         return work, state
 
     def iterate(self, work, state, most, kernels=cg, enough=0.0, constrained=None):
@@ -49,11 +49,11 @@ class Problem:
         work, state = self.begin(constrained=constrained)
         for _ in range(most):
             self.iterate(work, state, 1, constrained=constrained)
-            yield work[X, self.places].copy()
+            yield work[X, self.indices].copy()
 
     def preconditioner(self):
         """Return M of the unknowns, dense, in their order; rows of K and their vertices have the numbers of the kernels."""
-        row = self.places // 3
+        row = self.indices // 3
         D = np.where(row[:, None] == row, self.K, 0)
         if not self.omega:
             return D
@@ -102,7 +102,7 @@ def test_constrained_components_stay_zero_in_all_vectors(name, solver):
     work, state = problem.begin(x0=0.1)
     problem.iterate(work, state, 3)
     vectors = work[[X, S, P, T, U]]
-    assert not vectors[:, problem.constrained].any() and (np.abs(vectors[:, problem.places]).max(axis=1) > 1e-3).all()
+    assert not vectors[:, problem.constrained].any() and (np.abs(vectors[:, problem.indices]).max(axis=1) > 1e-3).all()
 
 
 @preconditioned
@@ -113,9 +113,9 @@ def test_the_preconditioner_is_the_inverse_of_m_symmetric_and_positive_definite(
     for column, unit in zip(inverse.T, np.eye(len(problem.b)), strict=True):
         work = np.full((6, 3 * (len(problem.inverse) // 9)), 7.0)
         work[S] = 0
-        work[S, problem.places] = unit
+        work[S, problem.indices] = unit
         cg.precondition(problem.edges, problem.blocks, problem.inverse, problem.constrained, problem.omega, work)
-        column[:] = work[T, problem.places]
+        column[:] = work[T, problem.indices]
         assert not work[T, problem.constrained].any()
     assert np.abs(inverse @ problem.preconditioner() - np.eye(len(inverse))).max() < 1e-9
     assert np.abs(inverse - inverse.T).max() < 1e-12 * np.abs(inverse).max() and np.linalg.eigvalsh(inverse).min() > 0
@@ -128,7 +128,7 @@ def test_compiled_and_readable_preconditioners_agree(name, solver):
     problem, found = Problem(name, solver=solver), {}
     for kernels in (cg, readable):
         work = np.zeros((6, 3 * (len(problem.inverse) // 9)))
-        work[S, problem.places] = problem.b
+        work[S, problem.indices] = problem.b
         kernels.precondition(problem.edges, problem.blocks, problem.inverse, problem.constrained, problem.omega, work)
         found[kernels] = work[T]
     assert np.abs(found[cg] - found[readable]).max() < 1e-11 * np.abs(found[cg]).max()
@@ -146,7 +146,7 @@ def test_compiled_and_readable_loops_agree(name, assembled, solver):
     x0 = 0.1 * np.random.default_rng(4).standard_normal(len(problem.b))
     one, other = problem.begin(x0=x0), problem.begin(readable, x0)
     for most in (0, 1, 9):
-        assert problem.iterate(*one, most) == problem.iterate(*other, most, readable) == (MORE, most)
+        assert problem.iterate(*one, most) == problem.iterate(*other, most, readable) == (UNFINISHED, most)
         vectors = [X, S, P, T, U] if most else [X, S, P]
         for compiled, twin in ((one[0][vectors], other[0][vectors]), (one[1], other[1])):
             assert np.abs(twin).max() > 1e-3 and np.abs(compiled - twin).max() < 1e-9 * np.abs(twin).max()
@@ -160,12 +160,12 @@ def test_diagonals_agree_and_are_those_of_the_matrix(name, shifted):
     found = {}
     for kernels in (cg, readable):
         diagonal, out = np.zeros_like(problem.diagonal), np.full_like(problem.inverse, 7.0)
-        total = kernels.shifted_diagonal(problem.edges, problem.blocks, problem.constrained, problem.places, shift, diagonal, out)
+        total = kernels.shifted_diagonal(problem.edges, problem.blocks, problem.constrained, problem.indices, shift, diagonal, out)
         found[kernels] = total, diagonal, out
     for one, other in zip(found[cg], found[readable], strict=True):
         assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
     K = problem.K - (0 if shifted else np.diag(problem.shift))
-    row, component = np.divmod(problem.places, 3)
+    row, component = np.divmod(problem.indices, 3)
     found = found[cg][2].reshape(-1, 3, 3)[row, component, component]
     assert np.abs(found - K.diagonal()).max() < 1e-13 * np.abs(K).max()
 
@@ -186,7 +186,9 @@ def test_a_matrix_gives_the_same_edge_blocks_by_both_kernels(name):
         found[kernels] = arrays
     for one, other in zip(found[cg], found[readable], strict=True):
         assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
-    A = readable.matrix_of_edges(analysis._search.edges, found[cg][0], found[cg][1], above.n)[rows.places][:, rows.places]
+    A = readable.matrix_of_edges(analysis._search.edges, found[cg][0], found[cg][1], above.n)[rows.unknown_indices][
+        :, rows.unknown_indices
+    ]
     assert np.abs(A - problem.K).max() < 1e-13 * np.abs(problem.K).max()
 
 
@@ -194,7 +196,7 @@ def test_a_matrix_gives_the_same_edge_blocks_by_both_kernels(name):
 def test_an_interrupted_loop_continues_bit_for_bit(solver):
     problem = Problem(solver=solver)
     whole, parts = problem.begin(), problem.begin()
-    assert problem.iterate(*whole, 12) == (MORE, 12)
+    assert problem.iterate(*whole, 12) == (UNFINISHED, 12)
     for most in (1, 4, 7):
         problem.iterate(*parts, most)
     assert np.array_equal(whole[0], parts[0]) and np.array_equal(whole[1], parts[1])
@@ -208,10 +210,10 @@ def test_the_loop_ends_soon_after_the_residual_is_small(name, solver):
     enough = 1e-6 * state[0]
     ended, done = problem.iterate(work, state, 1000, enough=enough)
     residuals = [np.linalg.norm(problem.b - problem.K @ x) for x in problem.iterates(done)]
-    assert ended == SMALL and state[0] <= enough
+    assert ended == CONVERGED and state[0] <= enough
     assert 5 < done <= 3 + 1.1 * np.argmax(np.array(residuals) <= enough)
-    assert np.linalg.norm(problem.b - problem.K @ work[X, problem.places]) == pytest.approx(state[0], rel=1e-6)
-    assert problem.iterate(work, state, 1000, enough=enough) == (SMALL, 0)
+    assert np.linalg.norm(problem.b - problem.K @ work[X, problem.indices]) == pytest.approx(state[0], rel=1e-6)
+    assert problem.iterate(work, state, 1000, enough=enough) == (CONVERGED, 0)
 
 
 def test_the_residual_of_a_nonzero_start_is_that_of_the_matrix():
@@ -219,7 +221,7 @@ def test_the_residual_of_a_nonzero_start_is_that_of_the_matrix():
     x0 = np.random.default_rng(4).standard_normal(len(problem.b))
     work, state = problem.begin(x0=x0)
     wanted = problem.b - problem.K @ x0
-    assert np.abs(work[S, problem.places] - wanted).max() < 1e-13 * np.abs(wanted).max()
+    assert np.abs(work[S, problem.indices] - wanted).max() < 1e-13 * np.abs(wanted).max()
     assert state[0] == pytest.approx(np.linalg.norm(wanted)) and not work[P].any()
 
 

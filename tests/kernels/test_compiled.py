@@ -91,7 +91,7 @@ def test_a_piece_that_python_calls_is_refused_and_kernels_call_it():
     def doubled(x):
         return twice(x)
 
-    with pytest.raises(TypeError, match=r"twice is a piece of kernels; .* or twice\.py_func"):
+    with pytest.raises(TypeError, match=r"twice is inlined into kernels, .* or twice\.py_func"):
         twice(1.0)
     assert doubled(1.5) == twice.py_func(1.5) == 3.0
 

@@ -65,7 +65,7 @@ def test_products_and_sweeps_agree_with_their_twins(parts):
     for begin, end in pairwise(parts):
         sparse.invert_diagonal(begin, end, diagonal, blocks, extra, inverse)
     assert_twins("invert_diagonal", parts, [diagonal, blocks, extra, np.zeros(9 * N)], [3])
-    assert_twins("outside", parts, [rows, columns, blocks, np.zeros(N)], [3]) if len(parts) > 2 else None
+    assert_twins("outside_norms", parts, [rows, columns, blocks, np.zeros(N)], [3]) if len(parts) > 2 else None
     for add in (False, True):
         assert_twins("product", parts, [rows, columns, blocks, x, add, y], [5])
     assert_twins("sweep_forward", parts, [rows, columns, diagonal, blocks, inverse, b, np.zeros(3 * N)], [6])
@@ -79,7 +79,7 @@ def test_vector_kernels_agree_with_their_twins(parts):
     p, q, x, r = np.random.default_rng(2).standard_normal((4, N))
     assert_twins("dot", parts, [p, q], [])
     assert_twins("step", parts, [0.7, p, q, x, r], [3, 4])
-    assert_twins("turn", parts, [0.7, p, q], [2])
+    assert_twins("update_search_direction", parts, [0.7, p, q], [2])
 
 
 @TWINS
@@ -183,7 +183,7 @@ def test_a_backward_sweep_is_the_adjoint_of_a_forward_one_in_parts():
     extra, inverse, M = np.zeros(N), np.zeros(9 * N), np.zeros((3 * N, 3 * N))
     pairs = list(pairwise(parts))
     for begin, end in pairs:
-        sparse.outside(begin, end, rows, columns, blocks, extra)
+        sparse.outside_norms(begin, end, rows, columns, blocks, extra)
         sparse.invert_diagonal(begin, end, diagonal, blocks, extra, inverse)
     for k, b in enumerate(np.eye(3 * N)):
         x = np.zeros(3 * N)

@@ -52,9 +52,9 @@ def compare(t, n, d):
         assert_same([topology.pieces_of_simplices(t, n)], [readable.pieces_of_simplices(t, n)])
     rng = np.random.default_rng(0)
     a, b = np.concatenate([edges, edges[::-1], rng.integers(0, n, (2, 50))], axis=1)
-    places = topology.first_places(begin, others, d, a, b)
-    assert_same([places], [readable.first_places(begin, others, d, a, b)])
-    assert (places[: 2 * edges.shape[1]] >= 0).all()
+    indices = topology.block_indices(begin, others, d, a, b)
+    assert_same([indices], [readable.block_indices(begin, others, d, a, b)])
+    assert (indices[: 2 * edges.shape[1]] >= 0).all()
     return edges, begin, others, entries
 
 
@@ -120,10 +120,10 @@ def test_measures_and_frames_are_their_twins(name):
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])
-def test_frames_of_spokes_are_their_twins_and_orthonormal(k):
+def test_frames_of_base_vectors_are_their_twins_and_orthonormal(k):
     """The diagonal of `Ri` is positive for both orientations."""
     P = np.random.default_rng(0).standard_normal((50, k, 3))
-    kernel, twin = geometry.frames_of_spokes(P), readable.frames_of_spokes(P)
+    kernel, twin = geometry.frames_of_base_vectors(P), readable.frames_of_base_vectors(P)
     assert (np.abs(kernel - twin).max(axis=0) < 1e-13 * np.abs(twin).max(axis=0) ** 2).all()
     Ri = np.zeros((50, 3, 3))
     Ri[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]] = kernel[:6].T

@@ -64,7 +64,7 @@ def of_terms(mesh, terms, dtype, amount, kind):
         if isinstance(assembly, HasRoundOff):
             assembly.add_round_off(u, sizes)
         else:
-            assembly.add_sizes(u, sizes)
+            assembly.add_magnitudes(u, sizes)
         _, blocks = assembly.blocks(u, kept=Tensions(0.9, 0.2))
         assembly.pairs.add_diagonal(blocks, diagonal)
         assembly.pairs.add_product(blocks, v, product)

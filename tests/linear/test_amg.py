@@ -12,7 +12,7 @@ from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, Kind, Outcome, Unknowns, amg
 from skfem_stvk.linear.blocks import VertexRows
-from skfem_stvk.linear.multigrid import FEWEST, ToCorners, aggregates
+from skfem_stvk.linear.multigrid import MIN_AGGREGATE_SIZE, ToCorners, aggregates
 
 
 def beam(size, young=1.0, flat=1.0):
@@ -80,9 +80,9 @@ def test_a_hierarchy_is_reused_for_a_similar_matrix():
     K, unknowns = beam(4)
     analysis = AmgCg().analyse(unknowns)
     first = analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
-    kept = analysis.hierarchy
+    retained = analysis.hierarchy
     again = analysis.factorise(2 * K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
-    assert analysis.hierarchy is kept and again.iterations == first.iterations
+    assert analysis.hierarchy is retained and again.iterations == first.iterations
     assert np.abs(2 * again.x - first.x).max() < 1e-6 * np.abs(first.x).max()
 
 
@@ -96,11 +96,11 @@ def test_a_hierarchy_is_rebuilt_with_current_modes_when_iterations_have_grown():
 
     analysis = AmgCg().analyse(Unknowns(unknowns.vertex, unknowns.component, K.indptr, K.indices, modes))
     analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
-    kept = analysis.hierarchy
+    retained = analysis.hierarchy
     slow = analysis.factorise(other, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
-    assert analysis.hierarchy is kept and len(asked) == 1
+    assert analysis.hierarchy is retained and len(asked) == 1
     fast = analysis.factorise(other, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
-    assert analysis.hierarchy is not kept and len(asked) == 2
+    assert analysis.hierarchy is not retained and len(asked) == 2
     assert amg.GROWTH * fast.iterations < slow.iterations
     assert fast.iterations == solved(other, unknowns).iterations
 
@@ -109,32 +109,32 @@ def test_grown_iterations_are_detected_after_a_warm_start_too():
     (K, unknowns), other = beam(5), beam(5, young=1e4)[0]
     analysis, x = AmgCg().analyse(unknowns), solved(other, unknowns, 1e-10).x
     analysis.factorise(K, Kind.SYMMETRIC).solve(across(unknowns), 1e-8)
-    kept = analysis.hierarchy
+    retained = analysis.hierarchy
     slow = analysis.factorise(other, Kind.SYMMETRIC).solve(across(unknowns), 1e-8, (1 - 1e-5) * x)
     assert slow.outcome is Outcome.SOLVED and 0.5e-5 < slow.start < 2e-5
     analysis.factorise(other, Kind.SYMMETRIC)
-    assert analysis.hierarchy is not kept
+    assert analysis.hierarchy is not retained
 
 
 def test_aggregates_cover_all_vertices_and_have_moderate_sizes():
     K, unknowns = beam(6)
     rows = VertexRows(unknowns)
-    blocks, single = rows.structure.room(), rows.structure.room(np.float32)
+    blocks, single = rows.structure.empty_values(), rows.structure.empty_values(np.float32)
     rows.fill(K.data, 1.0, blocks, single)
     numbers = aggregates(rows.graph, rows.structure, blocks)
     sizes = np.bincount(numbers)
     assert len(numbers) == rows.structure.n and sizes.min() >= 1
-    assert FEWEST <= sizes.mean() <= 40
+    assert MIN_AGGREGATE_SIZE <= sizes.mean() <= 40
 
 
 def test_a_threshold_that_gives_tiny_aggregates_is_lowered(monkeypatch):
     monkeypatch.setattr("skfem_stvk.linear.multigrid.STRONG", 0.4)
     K, unknowns = beam(6)
     rows = VertexRows(unknowns)
-    blocks, single = rows.structure.room(), rows.structure.room(np.float32)
+    blocks, single = rows.structure.empty_values(), rows.structure.empty_values(np.float32)
     rows.fill(K.data, 1.0, blocks, single)
     numbers = aggregates(rows.graph, rows.structure, blocks)
-    assert np.bincount(numbers).mean() >= FEWEST
+    assert np.bincount(numbers).mean() >= MIN_AGGREGATE_SIZE
 
 
 def test_diagonals_of_all_levels_are_positive_for_a_cable():
@@ -150,12 +150,12 @@ def test_diagonals_of_all_levels_are_positive_for_a_cable():
 def test_blocks_represent_the_matrix_and_vectors_are_converted_both_ways():
     K, unknowns = problem("box")
     rows = VertexRows(unknowns)
-    blocks, single = rows.structure.room(), rows.structure.room(np.float32)
+    blocks, single = rows.structure.empty_values(), rows.structure.empty_values(np.float32)
     rows.fill(K.data, 0.5, blocks, single)
     x = np.random.default_rng(0).standard_normal(unknowns.n)
     product = rows.structure.product(blocks, rows.padded(x), np.empty(3 * rows.structure.n))
-    assert np.abs(rows.taken(product) - K @ x).max() < 1e-13 * np.abs(K @ x).max()
-    assert len(product) > unknowns.n and (rows.taken(rows.padded(x)) == x).all()
+    assert np.abs(rows.unpadded(product) - K @ x).max() < 1e-13 * np.abs(K @ x).max()
+    assert len(product) > unknowns.n and (rows.unpadded(rows.padded(x)) == x).all()
     assert np.abs(single - 0.5 * blocks).max() < 1e-6 * np.abs(blocks).max()
 
 
@@ -214,8 +214,8 @@ def test_factors_of_middles_exceed_one_only_next_to_single_supports():
         K, unknowns = quadratic(2, slides=slides)
         analysis = AmgCg().analyse(unknowns)
         analysis.factorise(K, Kind.SYMMETRIC)
-        way = analysis.hierarchy._ways[0]
-        factors = way._factors(analysis.finest)
+        transfer = analysis.hierarchy._transfers[0]
+        factors = transfer._factors(analysis.finest)
         assert factors.min() >= 1 and (1.5 < factors.max() <= 2 if slides else factors.max() < 1 + 1e-9)
 
 
@@ -233,14 +233,14 @@ def test_the_second_level_of_straight_quadratic_elements_is_that_of_linear_ones(
     unknowns = Unknowns(*np.divmod(np.arange(fine.ndofs), 3), A.indptr, A.indices, lambda: np.eye(fine.ndofs, 6), fine.mesh.ends())
     analysis = AmgCg().analyse(unknowns)
     analysis.rows.fill(A.data, 1.0, analysis.finest.blocks, analysis.finest.single)
-    way = ToCorners(analysis.finest, analysis.rows.middles())
-    level = way.structure.room()
-    way.galerkin(analysis.finest, level)
-    order = analysis.rows.vertices[way._corners]
+    transfer = ToCorners(analysis.finest, analysis.rows.midpoints())
+    level = transfer.structure.empty_values()
+    transfer.galerkin(analysis.finest, level)
+    order = analysis.rows.vertices[transfer._corners]
     assert sorted(order) == list(range(coarse.mesh.nv))
     dofs = (3 * order[:, None] + np.arange(3)).ravel()
     expected = B.toarray()[np.ix_(dofs, dofs)]
-    assert np.abs(way.structure.dense(level) - expected).max() < 1e-13 * np.abs(expected).max()
+    assert np.abs(transfer.structure.dense(level) - expected).max() < 1e-13 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("ends", [[[0, 1]], "corner", [0, 1], [[0.5, 1.0]] * 9])

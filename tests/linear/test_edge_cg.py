@@ -102,7 +102,7 @@ def test_a_residual_beyond_round_off_is_recomputed_from_x(solver):
 
 @preconditioned
 def test_the_iteration_limit_returns_the_last_iterate(monkeypatch, solver):
-    monkeypatch.setattr(cg, "MOST", 7)
+    monkeypatch.setattr(cg, "MAX_ITERATIONS", 7)
     operator, unknowns, b = operator_of()
     solution = solver.analyse(unknowns).factorise(operator, SYMMETRIC).solve(b, 1e-12)
     assert solution.outcome is Outcome.OUT_OF_ITERATIONS and solution.iterations == 7

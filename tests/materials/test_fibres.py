@@ -111,7 +111,7 @@ def test_frames_have_their_first_axis_along_the_field_in_every_form(mesh):
     [
         ([1.0, 0], r"shape \(2,\)"),
         (np.ones((3, 7)), r"shape \(3, 7\)"),
-        (np.zeros(3), r"162 elements .* zero or not finite"),
+        (np.zeros(3), r"directions are zero or not finite in 162 elements"),
         (lambda x: np.where(x[0] > 0.5, np.nan, x), "zero or not finite"),
         (lambda x: x.T, r"expected \(3,\) or \(3, 162\)"),
         ("fibres", "directions = 'fibres'"),
@@ -125,7 +125,7 @@ def test_invalid_directions_are_refused(directions, message):
 
 def test_as_many_nodes_as_elements_are_ambiguous():
     mesh = skfem.MeshTri(np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.array([[0, 1, 0, 1], [1, 2, 1, 3], [2, 3, 3, 2]]))
-    with pytest.raises(MaterialError, match="may be of either"):
+    with pytest.raises(MaterialError, match="expected a function of x, because"):
         frames_along(mesh, np.ones((4, 2)))
     with pytest.raises(MaterialError, match="mesh = None"):
         frames_along(None, [1.0, 0, 0])

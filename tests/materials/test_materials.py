@@ -29,13 +29,13 @@ def test_plane_stress_allows_poisson_up_to_one():
     lam, _ = Isotropic(2.0, 0.8).lame(PLANE_STRESS)
     assert lam == pytest.approx(2.0 * 0.8 / (1 - 0.64))
     Isotropic(2.0, 0.8).check(5, PLANE_STRESS)
-    with pytest.raises(MaterialError, match=r"poisson \(three-dimensional\) = 0.8 is outside \(-1, 0.5\)"):
+    with pytest.raises(MaterialError, match=r"poisson \(three-dimensional\) = 0.8; expected values in \(-1, 0.5\)"):
         Isotropic(2.0, 0.8).check(5, SOLID)
 
 
 def test_solids_need_poisson_and_segments_do_not():
     Isotropic(2.0).check(3, UNIAXIAL)
-    with pytest.raises(MaterialError, match="poisson is missing"):
+    with pytest.raises(MaterialError, match="poisson = None; expected a number"):
         Isotropic(2.0).check(3, SOLID)
 
 
@@ -72,35 +72,35 @@ LOPSIDED = SYMMETRIC + np.eye(6, k=1)
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Isotropic(0.0, 0.3), r"young = 0\. is outside \(0, inf\)"),
-        (lambda: Isotropic(-1.0, 0.3), "young = -1. is outside"),
-        (lambda: Isotropic(np.nan, 0.3), "young = nan is not finite"),
-        (lambda: Isotropic("steel", 0.3), "young = 'steel' is not a number"),
-        (lambda: Isotropic("70e9", 0.3), "young = '70e9' is not a number"),
-        (lambda: Isotropic(True, 0.3), "young = True is not a number"),
-        (lambda: Isotropic(1j, 0.3), "young = 1j is not a number"),
-        (lambda: Isotropic(BAD_AT_7, 0.3), r"young is not finite in 1 element \(7\)"),
+        (lambda: Isotropic(0.0, 0.3), r"young = 0\.; expected values in \(0, inf\)"),
+        (lambda: Isotropic(-1.0, 0.3), "young = -1.; expected values in"),
+        (lambda: Isotropic(np.nan, 0.3), "young = nan; expected finite values"),
+        (lambda: Isotropic("steel", 0.3), "young = 'steel'; expected a number"),
+        (lambda: Isotropic("70e9", 0.3), "young = '70e9'; expected a number"),
+        (lambda: Isotropic(True, 0.3), "young = True; expected a number"),
+        (lambda: Isotropic(1j, 0.3), "young = 1j; expected a number"),
+        (lambda: Isotropic(BAD_AT_7, 0.3), r"young = nan in 1 element \(7\); expected finite values"),
         (
             lambda: Isotropic(np.where(BAD_AT_7 > 0, 1.0, -3.0), 0.3),
-            r"young is outside \(0, inf\) in 1 element \(7\), first value -3",
+            r"young = -3 in 1 element \(7\); expected values in \(0, inf\)",
         ),
-        (lambda: Isotropic(1.0, 1.0), r"poisson = 1. is outside \(-1, 1\)"),
-        (lambda: Isotropic(1.0, -1.0), "poisson = -1. is outside"),
+        (lambda: Isotropic(1.0, 1.0), r"poisson = 1.; expected values in \(-1, 1\)"),
+        (lambda: Isotropic(1.0, -1.0), "poisson = -1.; expected values in"),
         (lambda: Isotropic(np.ones((2, 2)), 0.3), r"young has shape \(2, 2\)"),
-        (lambda: Isotropic(1.0, 0.3, density=-1.0), "density = -1. is outside"),
-        (lambda: Isotropic.from_lame(-1.0, 1.0), r"3 lam \+ 2 mu = -1. is outside"),
-        (lambda: Isotropic.from_lame(1.0, 0.0), "mu = 0. is outside"),
+        (lambda: Isotropic(1.0, 0.3, density=-1.0), "density = -1.; expected values in"),
+        (lambda: Isotropic.from_lame(-1.0, 1.0), r"3 lam \+ 2 mu = -1.; expected values in"),
+        (lambda: Isotropic.from_lame(1.0, 0.0), "mu = 0.; expected values in"),
         (lambda: Orthotropic((1.0, 1.0), (0.3,) * 3, (1.0,) * 3), r"young = \(1.0, 1.0\); expected three entries, for 1, 2, 3"),
         (lambda: Orthotropic(1.0, (0.3,) * 3, (1.0,) * 3), "young = 1.0; expected three entries"),
         (lambda: Orthotropic("abc", (0.3,) * 3, (1.0,) * 3), "young = 'abc'; expected three entries"),
-        (lambda: Orthotropic((1.0, 1.0, -2.0), (0.3,) * 3, (1.0,) * 3), "young_3 = -2. is outside"),
-        (lambda: Orthotropic((1.0, 1.0, 1.0), (0.3,) * 3, (1.0, 0.0, 1.0)), "shear_13 = 0. is outside"),
+        (lambda: Orthotropic((1.0, 1.0, -2.0), (0.3,) * 3, (1.0,) * 3), "young_3 = -2.; expected values in"),
+        (lambda: Orthotropic((1.0, 1.0, 1.0), (0.3,) * 3, (1.0, 0.0, 1.0)), "shear_13 = 0.; expected values in"),
         (lambda: Orthotropic((1.0, 1.0, 1.0), (0.9,) * 3, (1.0,) * 3), "not positive definite"),
         (lambda: Orthotropic((np.ones(3), np.ones(4), 1.0), (0.1,) * 3, (1.0,) * 3), "different lengths"),
-        (lambda: TransverselyIsotropic(1.0, 1.0, 0.3, 1.0, 1.0), "poisson_transverse = 1. is outside"),
-        (lambda: TransverselyIsotropic(-1.0, 1.0, 0.3, 0.3, 1.0), "young_axial = -1. is outside"),
-        (lambda: TransverselyIsotropic(1.0, 1.0, 0.3, 0.3, 0.0), "shear_axial = 0. is outside"),
-        (lambda: TransverselyIsotropic(1.0, 1.0, np.nan, 0.3, 1.0), "poisson_axial = nan is not finite"),
+        (lambda: TransverselyIsotropic(1.0, 1.0, 0.3, 1.0, 1.0), "poisson_transverse = 1.; expected values in"),
+        (lambda: TransverselyIsotropic(-1.0, 1.0, 0.3, 0.3, 1.0), "young_axial = -1.; expected values in"),
+        (lambda: TransverselyIsotropic(1.0, 1.0, 0.3, 0.3, 0.0), "shear_axial = 0.; expected values in"),
+        (lambda: TransverselyIsotropic(1.0, 1.0, np.nan, 0.3, 1.0), "poisson_axial = nan; expected finite values"),
         (lambda: Anisotropic(np.diag([1.0, 1, 1, 1, 1, 0])), "not positive definite"),
         (lambda: Anisotropic(SYMMETRIC, frame=np.eye(3) + 1e-6), "columns of frame are not orthonormal"),
         (lambda: Anisotropic(np.eye(3)), r"voigt has shape \(3, 3\); expected \(6, 6\)"),

@@ -127,7 +127,7 @@ def test_coincident_vertices_are_named_in_a_warning():
     p = np.hstack([mesh.p, mesh.p + np.array([[1 + 1e-9], [0]])])
     with (
         pytest.warns(StvkWarning, match="in 2 parts that are not connected"),
-        pytest.warns(StvkWarning, match=r"3 vertices \(\d+, \d+, \d+\): in the same place as another one.*not connected"),
+        pytest.warns(StvkWarning, match=r"3 vertices \(\d+, \d+, \d+\): at the same point as another.*not connected"),
     ):
         check_mesh(ElementMesh(p, np.hstack([mesh.t, mesh.t + mesh.nvertices])))
 

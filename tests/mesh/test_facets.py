@@ -11,13 +11,13 @@ from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.facets import (
     boundary_facets,
     edges_of,
+    faces_to_reverse,
     facet_ids,
     facets_of,
     find_facets,
-    turned_alike,
-    with_middles,
+    with_midpoints,
 )
-from skfem_stvk.mesh.points import measures_of, normals_of, sizes_of, spokes_at
+from skfem_stvk.mesh.points import base_vectors_at, measures_of, normals_of, sizes_of
 
 KINDS = [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad]
 
@@ -53,7 +53,7 @@ def test_facets_of_all_elements_are_scikit_fems_with_their_middles(cls):
     assert np.array_equal(np.sort(found), given.boundary_facets())
     if mesh.element.degree == 2:
         edges = edges_of(mesh.corners, mesh.element, mesh.nvertices)[0]
-        assert np.array_equal(with_middles(facets[:corners], mesh.facet, [edges], mesh.nvertices), facets)
+        assert np.array_equal(with_midpoints(facets[:corners], mesh.facet, [edges], mesh.nvertices), facets)
         ends = [facets[[a, b]] for a, b in mesh.facet.edges]
         on = np.abs(mesh.p[:, facets[corners:]] - np.stack([mesh.p[:, e].mean(axis=1) for e in ends], axis=1))
         assert on.max() < 0.05  # a middle is near the middle of its own edge
@@ -68,7 +68,7 @@ def test_the_flux_of_x_through_the_surface_is_the_volume(cls, mirrored):
     if mirrored:  # the mirror image of the body
         mesh = ElementMesh(mesh.p * np.array([[-1.0], *[[1.0]] * (mesh.d - 1)]), mesh.t, element=mesh.element)
     xi, weights = rule_of(mesh.facet, "mass")
-    x, base_vectors = values_at(mesh.p, mesh.surface, mesh.facet, xi), spokes_at(mesh.p, mesh.surface, mesh.facet, xi)
+    x, base_vectors = values_at(mesh.p, mesh.surface, mesh.facet, xi), base_vectors_at(mesh.p, mesh.surface, mesh.facet, xi)
     normals, areas = normals_of(base_vectors) * weights[:, None], measures_of(base_vectors) * weights
     volume = skfem.Basis(given, given.elem(), intorder=6).dx.sum()
     assert (x * normals).sum() == pytest.approx(mesh.d * volume, rel=1e-12)
@@ -85,7 +85,7 @@ def test_quadrilaterals_get_equal_orientation_except_on_a_moebius_strip():
     ring = np.stack([below, np.roll(below, -1), np.roll(above, -1), above])
     some = np.random.default_rng(0).random(n) < 0.5
     mixed = np.where(some, ring[[1, 0, 3, 2]], ring)
-    reversed_ids, two_sided = turned_alike(mixed, 2 * n)
+    reversed_ids, two_sided = faces_to_reverse(mixed, 2 * n)
     assert two_sided.all() and np.array_equal(reversed_ids, some ^ some[0])
     ring[[1, 2], -1] = ring[[2, 1], -1]
-    assert not turned_alike(ring, 2 * n)[1].any()
+    assert not faces_to_reverse(ring, 2 * n)[1].any()

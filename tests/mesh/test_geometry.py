@@ -52,8 +52,8 @@ def test_the_axes_are_orthonormal_and_span_the_simplex(k, d):
     p, t = random_simplices(k, d)
     axes = Geometry(p, t).axes
     assert np.allclose(np.swapaxes(axes, 1, 2) @ axes, np.eye(k), atol=1e-14)
-    spokes = np.swapaxes(p[:, t[1:]] - p[:, t[:1]], 0, 2).swapaxes(1, 2)
-    assert np.allclose(axes @ (np.swapaxes(axes, 1, 2) @ spokes), spokes, atol=1e-13)
+    base_vectors = np.swapaxes(p[:, t[1:]] - p[:, t[:1]], 0, 2).swapaxes(1, 2)
+    assert np.allclose(axes @ (np.swapaxes(axes, 1, 2) @ base_vectors), base_vectors, atol=1e-13)
 
 
 @pytest.mark.parametrize(("k", "d"), KINDS)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from skfem_stvk import ElementMesh, MeshError, RegionError
 from skfem_stvk.mesh.facets import boundary_facets, facets_of, find_facets
-from skfem_stvk.mesh.places import describe, facets_at, vertices_at
+from skfem_stvk.mesh.locations import describe, facets_at, vertices_at
 
 MESH = box()
 LEFT = np.flatnonzero(MESH.p[0] < 0.5)

@@ -48,9 +48,9 @@ def test_nodes_on_no_element_are_removed_from_their_set_with_a_warning(tmp_path)
     )
     text += "*NSET, NSET=pin\n30, 7\n*NSET, NSET=reference\n8\n"
     with (
-        pytest.warns(StvkWarning, match=r"Node set 'pin': 1 vertex \(7\) of 2 are left out: dropped, since on no element"),
+        pytest.warns(StvkWarning, match=r"Node set 'pin': 1 vertex \(7\) of 2 are left out, because they are on no element"),
         pytest.warns(StvkWarning, match=r"Node set 'reference': 1 vertex \(2\) of 1"),
-        pytest.warns(StvkWarning, match=r"^2 vertices \(2, 7\): on none of the tetrahedra"),
+        pytest.warns(StvkWarning, match=r"^2 vertices \(2, 7\): dropped, because they are on none of the tetrahedra"),
     ):
         assert node_sets_of(tmp_path, text) == {"pin": [2]}
 

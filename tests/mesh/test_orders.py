@@ -250,12 +250,15 @@ TEN = np.concatenate([np.eye(4, 3, -1), [(np.eye(4, 3, -1)[a] + np.eye(4, 3, -1)
 @pytest.mark.parametrize(
     ("cells", "message"),
     [
-        ([[0, 1, 2, 3, 4, 5, 6, 7, 8, 9], [1, 2, 3, 10, 5, 9, 11, 12, 13, 14]], r"1 element \([01]\): an edge has another node"),
+        (
+            [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9], [1, 2, 3, 10, 5, 9, 11, 12, 13, 14]],
+            r"1 element \([01]\): an edge has another midpoint",
+        ),
         (
             [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9], [1, 2, 3, 9, 5, 9, 8, 12, 13, 14]],
-            r"Corners of elements are middles of edges.*: 1 node \(9\) of the file",
+            r"Nodes are both corners and edge midpoints.*: 1 node \(9\) of the file",
         ),
-        ([[0, 1, 2, 3, 4, 5, 6, 7, 8, 8]], r"Several edges share a middle: 1 node \(8\) of the file"),
+        ([[0, 1, 2, 3, 4, 5, 6, 7, 8, 8]], r"Several edges have the same midpoint: 1 node \(8\) of the file"),
     ],
 )
 def test_inconsistent_middle_nodes_are_refused_with_their_ids(cells, message):
@@ -293,8 +296,8 @@ def test_linear_facets_of_quadratic_elements_get_middles_or_are_left_out():
         ("hexahedron27", "hexahedra", ""),
         ("quad8", "quadrilaterals", ""),
         ("quad9", "quadrilaterals", ""),
-        ("tetra20", "tetrahedra", " Quadratic tetrahedra are kept"),
-        ("triangle10", "triangles", " Quadratic triangles are kept"),
+        ("tetra20", "tetrahedra", " Quadratic tetrahedra are used"),
+        ("triangle10", "triangles", " Quadratic triangles are used"),
     ],
 )
 def test_other_elements_of_higher_order_are_reduced_to_corners_with_a_warning(kind, element, more):
@@ -309,7 +312,9 @@ def test_other_elements_of_higher_order_are_reduced_to_corners_with_a_warning(ki
 
 def test_a_file_with_some_quadratic_elements_is_reduced_to_corners():
     points = np.concatenate([TEN, [[1, 1, 1.0]]])
-    with pytest.warns(StvkWarning, match="1 tetra10 cells are of higher order.*Quadratic tetrahedra are kept, if all are"):
+    with pytest.warns(
+        StvkWarning, match="1 tetra10 cells are of higher order.*Quadratic tetrahedra are used if all elements are quadratic"
+    ):
         mesh = ElementMesh.of(meshio.Mesh(points, [("tetra10", np.arange(10)[None]), ("tetra", np.array([[1, 2, 3, 10]]))]))
     assert (mesh.nt, mesh.nv, mesh.element.name) == (2, 5, "tetrahedra")
 

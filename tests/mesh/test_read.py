@@ -123,7 +123,7 @@ def hooked(path):
 
 def test_nodes_of_ropes_and_sails_are_retained_by_keep(tmp_path):
     file = hooked(tmp_path / "mesh.msh")
-    with pytest.warns(StvkWarning, match=r"^1 vertex \(8\): on none of the tetrahedra, so dropped"):
+    with pytest.warns(StvkWarning, match=r"^1 vertex \(8\): dropped, because they are on none of the tetrahedra"):
         mesh = read_mesh(file, keep=["ropes", "sail"])
     assert mesh.p.T.tolist() == [*CUBE, *HOOKED[9:]]
     assert {name: ends.T.tolist() for name, ends in mesh.lines.items()} == {"ropes": [[8, 4], [5, 9]], "stiffener": EDGE}
@@ -166,7 +166,7 @@ def test_ropes_and_sails_of_quadratic_elements_are_on_their_edges(tmp_path):
 
 def test_a_dropped_vertex_does_not_make_a_flat_mesh_three_dimensional(tmp_path):
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
-    with pytest.warns(StvkWarning, match=r"1 vertex \(3\): on none of the triangles, so dropped"):
+    with pytest.warns(StvkWarning, match=r"1 vertex \(3\): dropped, because they are on none of the triangles"):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", points, [("triangle", [[0, 1, 2]])]))
     assert (mesh.d, mesh.nv) == (2, 3)
 
@@ -182,7 +182,9 @@ def test_wedges_among_tetrahedra_are_left_out_with_a_warning(tmp_path):
     cells = [("tetra", [[4, 5, 7, 8], [5, 6, 7, 8]]), ("wedge", [[0, 1, 3, 4, 5, 7]] * 2)]
     with (
         pytest.warns(StvkWarning, match="^2 wedge cells are left out: only tetrahedra are used"),
-        pytest.warns(StvkWarning, match=r"^4 vertices \(0, 1, 2, 3\): on none of the tetrahedra, so dropped.*left out\?"),
+        pytest.warns(
+            StvkWarning, match=r"^4 vertices \(0, 1, 2, 3\): dropped, because they are on none of the tetrahedra.*omitted cells\?"
+        ),
     ):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", points, cells))
     assert mesh.t.T.tolist() == [[0, 1, 3, 4], [1, 2, 3, 4]]
@@ -256,7 +258,8 @@ def test_vertices_on_no_element_are_dropped_and_the_groups_renumbered(tmp_path):
     cells = [("triangle", number[[[0, 1, 3], [1, 2, 3]]]), ("tetra", number[FIVE_TETS])]
     data = {"part": [np.array([1, 2]), np.array([1, 1, 1, 1, 2])]}
     with pytest.warns(
-        StvkWarning, match=r"^3 vertices \(0, 4, 10\): on none of the tetrahedra, so dropped; the later ones move up"
+        StvkWarning,
+        match=r"^3 vertices \(0, 4, 10\): dropped, because they are on none of the tetrahedra; later vertices are renumbered",
     ):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", points, cells, cell_data=data))
     assert mesh.p.T.tolist() == CUBE and mesh.t.T.tolist() == FIVE_TETS
@@ -268,7 +271,7 @@ def test_facets_on_dropped_vertices_leave_their_boundary_with_a_warning(tmp_path
     cells = [("triangle", [[0, 1, 3], [0, 1, 8]]), ("tetra", FIVE_TETS)]
     data = {"part": [np.array([1, 1]), np.array([1, 1, 1, 1, 1])]}
     with (
-        pytest.warns(StvkWarning, match=r"1 vertex \(8\): on none of the tetrahedra"),
+        pytest.warns(StvkWarning, match=r"1 vertex \(8\): dropped, because they are on none of the tetrahedra"),
         pytest.warns(StvkWarning, match=r"Boundary 'part:1': 1 facet \(1\) of 2 are left out: they have dropped vertices"),
     ):
         mesh = read_mesh(write(tmp_path / "mesh.vtu", [*CUBE, [9, 9, 9]], cells, cell_data=data))

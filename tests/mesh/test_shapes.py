@@ -5,7 +5,7 @@ import pytest
 
 from skfem_stvk import BodyForce, Box, NearestNode, NodalLoad, Plane, RegionError, StVK, System, Traction
 from skfem_stvk.mesh import box
-from skfem_stvk.mesh.places import describe, facets_at, vertices_at
+from skfem_stvk.mesh.locations import describe, facets_at, vertices_at
 from skfem_stvk.results.reactions import held_vertices
 
 MESH = box((2.0, 1.0, 1.0), (4, 2, 2))
@@ -100,7 +100,7 @@ def test_a_shape_without_nodes_is_refused(where, message):
         (lambda: Box("wall", (1, 1)), r"Box: low = 'wall'; expected one to three coordinates"),
         (lambda: Box((), ()), r"Box: low = \(\); expected one to three coordinates"),
         (lambda: Box((0, np.nan), (1, 1)), r"Box: low is not finite in 1 entry \(1\)"),
-        (lambda: Plane((0, 0), (0, 0)), r"Plane: normal = \(0\.0, 0\.0\) has no direction"),
+        (lambda: Plane((0, 0), (0, 0)), r"Plane: normal = \(0\.0, 0\.0\); expected a vector that is not zero"),
         (lambda: Plane((0, 0), (0, 0, 1)), r"Plane: point has 2 components and normal 3"),
         (lambda: Plane((0, 0), (0, 1), within=0), r"Plane: within = 0; expected a positive distance, or None"),
         (lambda: NearestNode(3.0), r"NearestNode: point has shape \(\); expected one to three coordinates"),

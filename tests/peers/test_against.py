@@ -232,8 +232,8 @@ def test_peers_refuse_elements_that_are_not_in_their_row():
     ("arguments", "words"),
     [
         (["--against", "mujoco"], "--against needs --young"),
-        (["--young", "nan", "--poisson", "0.3", "--against", "mujoco"], "young = nan is not finite"),
-        (["--young", "1", "--poisson", "0.5", "--against", "mujoco"], "poisson .* is outside"),
+        (["--young", "nan", "--poisson", "0.3", "--against", "mujoco"], "young = nan; expected finite values"),
+        (["--young", "1", "--poisson", "0.5", "--against", "mujoco"], "poisson .*; expected values in"),
         ([*CONSTANTS, "--python", "python3"], "--python is that of --against"),
         ([*CONSTANTS, "--against", "felupe", "--quadrature", "exact"], "--quadrature beside --against"),
         ([*CONSTANTS, "--against", "felupe", "--results", "x"], "--against beside --results|--young"),

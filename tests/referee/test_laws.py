@@ -303,9 +303,9 @@ def test_bad_arguments_are_refused(given, words):
 def test_claims_are_one_material():
     with pytest.raises(MaterialError, match="one Young's modulus"):
         verify_law(energy=KIRCHHOFF.W, claims=StVK(young=[1.0, 2.0], poisson=0.3))
-    with pytest.raises(MaterialError, match="poisson is missing"):
+    with pytest.raises(MaterialError, match="poisson = None; expected a number"):
         verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0))
-    with pytest.raises(MaterialError, match="outside"):
+    with pytest.raises(MaterialError, match=r"expected values in \(-1, 0.5\)"):
         verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0, poisson=0.7))
     verify_law(energy=KIRCHHOFF.W, claims=StVK(young=1.0, poisson=0.7, plane="stress"))  # plane stress admits this value
 

@@ -256,7 +256,7 @@ def test_the_same_seed_gives_the_same_numbers():
         (
             lambda: verify("bracket.msh", TERM),
             MeshError,
-            "Expected a scikit-fem mesh.*got 'bracket.msh'.*Files are read by read_mesh",
+            "mesh = 'bracket.msh'; expected a scikit-fem mesh.*Read files with read_mesh",
         ),
         (lambda: verify(box(2), []), MaterialError, "empty list"),
         (lambda: verify(box(2), TERM, seed=-1), StvkError, "seed = -1; expected a whole number from 0"),

@@ -13,7 +13,7 @@ from scipy.optimize import brentq, minimize
 from slow import slow
 
 from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
-from skfem_stvk.edges.stiffness import voigt_places
+from skfem_stvk.edges.stiffness import voigt_indices
 from skfem_stvk.results import Fields, ellipticity
 from skfem_stvk.results.ellipticity import directions, without_ellipticity
 from skfem_stvk.terms.volume_energies import ENERGIES
@@ -244,7 +244,7 @@ def test_the_smallest_is_that_over_all_pairs_of_vectors(name):
     now = Fields(mesh, term).at(state(mesh, 0.12 if k == 3 else 0.05))
     F, _, C, _ = ellipticity._response(now.responses[0])
     S = np.asarray(now["pk2"])[:, :k, :k]
-    index = voigt_places(k)
+    index = voigt_indices(k)
     found = now[NAME]
     for e in range(0, mesh.nt, mesh.nt // 6):
         full = C[e][index[:, :, None, None], index]  # M J N L

@@ -206,7 +206,7 @@ def test_springs_alone_need_no_data_of_simplices(monkeypatch):
     """Springs of given stiffness need no coefficients L of elements, no frames, and no kernel on elements."""
     mesh = bar(10)
     edges = skfem.MeshTet(mesh.p, mesh.t).edges.shape[1]
-    for name in ("own_order", "OwnElements"):
+    for name in ("kernel_order", "KernelElements"):
         monkeypatch.setattr(assembly, name, refused)
     monkeypatch.setattr(stiffness, "frames_at", refused)
     monkeypatch.setattr(StVK, "coefficients", refused)

@@ -23,7 +23,7 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.dynamics import VelocityVerlet
-from skfem_stvk.mesh.places import describe, facets_at, vertices_at
+from skfem_stvk.mesh.locations import describe, facets_at, vertices_at
 from skfem_stvk.results import Reaction
 
 MESH = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n) for n in (4, 3, 5)]).with_boundaries(

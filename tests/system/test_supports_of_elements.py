@@ -9,7 +9,7 @@ import skfem
 from bodies import CURVED, scikit_fem_of
 
 from skfem_stvk import ElementMesh, RegionError
-from skfem_stvk.mesh.places import describe, facets_at, vertices_at
+from skfem_stvk.mesh.locations import describe, facets_at, vertices_at
 from skfem_stvk.system import Supports
 from skfem_stvk.system.supports import dofs_at
 

@@ -205,7 +205,7 @@ def test_changes_of_a_tangent_do_not_affect_the_system():
 def test_a_block_outside_of_the_pattern_is_an_error():
     bar = System(MESHES["cable"], StVK(young=1.0))
     with pytest.raises(StvkError, match=r"1 block \(1\): not in the pattern of K, vertices \[\(0, 5\)\]"):
-        bar.pattern.places(np.array([0, 0]), np.array([1, 5]))
+        bar.pattern.block_indices(np.array([0, 0]), np.array([1, 5]))
 
 
 @pytest.mark.parametrize("call", [SOLID.energy, SOLID.internal_force, SOLID.tangent])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skfem_stvk.edges.pairs import Coupled
+from skfem_stvk.edges.pairs import AccumulatedBlocks
 from skfem_stvk.system.pattern import Pattern
 
 
@@ -35,7 +35,7 @@ def stiffness(load, mesh, u, t=1.0):
     """Return the dense stiffness `-df/du` of the load, (ndofs, ndofs)."""
     if load.dead:
         return np.zeros((mesh.p.size, mesh.p.size))
-    pattern, of = Pattern(mesh.nv, mesh.d, [load.nodes_paired]), Coupled(load, mesh.nv, mesh.d, np.float64)
+    pattern, of = Pattern(mesh.nv, mesh.d, [load.nodes_paired]), AccumulatedBlocks(load, mesh.nv, mesh.d, np.float64)
     K = pattern.matrix(np.zeros(pattern.nnz))
     of.add_stiffness(u, t, of.pairs.rows(pattern), K.data)
     return K.toarray()

@@ -434,7 +434,7 @@ def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(nam
         if isinstance(double, HasRoundOff):
             double.add_round_off(u, sizes)
         else:
-            with_its_blocks(case, double).add_sizes(u, sizes)
+            with_its_blocks(case, double).add_magnitudes(u, sizes)
         assert (sizes >= (1 - 1e-12) * np.abs(force_of(double, u))).all()
         stored = u.astype(np.float32).astype(np.float64)
         error = np.linalg.norm(force_of(single, stored, np.float32) - force_of(double, u))

@@ -11,7 +11,7 @@ from terms.toys import Vortex
 from skfem_stvk import BodyForce, ElementMesh, Gravity, LoadError, NodalLoad, Pressure, StVK, System, Traction
 from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.record import MotionState
-from skfem_stvk.edges.pairs import Coupled
+from skfem_stvk.edges.pairs import AccumulatedBlocks
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import Body, TurningLoad
 from skfem_stvk.terms.load import Moment
@@ -78,7 +78,7 @@ def derivative(f, h):
 
 
 def stiffness(case, load, u):
-    pattern, of = Pattern(*u.shape, [load.nodes_paired]), Coupled(load, *u.shape, np.float64)
+    pattern, of = Pattern(*u.shape, [load.nodes_paired]), AccumulatedBlocks(load, *u.shape, np.float64)
     data = np.zeros(pattern.nnz)
     of.add_stiffness(u, T, of.pairs.rows(pattern), data)
     return pattern.matrix(data)

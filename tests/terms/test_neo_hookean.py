@@ -36,7 +36,7 @@ from skfem_stvk import (
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.elements import rule_of
-from skfem_stvk.mesh.points import sizes_of, spokes_at
+from skfem_stvk.mesh.points import base_vectors_at, sizes_of
 from skfem_stvk.results import Fields
 from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.statics import Status
@@ -186,8 +186,8 @@ def test_sheets_have_the_thickness_with_zero_stress_across(plane):
     u = 0.15 * state(mesh) - 0.2 * mesh.p.T.ravel()
     x = u.reshape(-1, mesh.d).T
     total = 0.0
-    rest = spokes_at(mesh.p, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
-    now = spokes_at(mesh.p + x, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
+    rest = base_vectors_at(mesh.p, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
+    now = base_vectors_at(mesh.p + x, mesh.t, mesh.element, np.full((1, 2), 1 / 3))[:, 0]
     for P, p, lam, mu in zip(rest, now, *lame(mesh), strict=True):
         P, p = (a if a.shape[0] == 2 else a.T for a in (P, p))  # rows are base vectors
         C = np.linalg.inv(P @ P.T) @ (p @ p.T)

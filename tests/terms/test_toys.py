@@ -214,5 +214,5 @@ def test_an_object_without_blocks_is_not_a_term():
         def bind(self, body, dtype):
             return object()
 
-    with pytest.raises(StvkError, match="object is no elastic term: expected symmetric, balanced"):
+    with pytest.raises(StvkError, match="object is no elastic term; expected symmetric, balanced"):
         System(MESH, [Nothing()])

@@ -15,7 +15,7 @@ from skfem_stvk.edges import penalty as edges_penalty
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.edges.pairs import ALL
 from skfem_stvk.elements import rule_of
-from skfem_stvk.mesh.points import determinants, spokes_at
+from skfem_stvk.mesh.points import base_vectors_at, determinants
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body
 from skfem_stvk.terms.volume_energies import ENERGIES
@@ -149,7 +149,9 @@ def test_the_rounding_in_single_precision_is_within_its_bound(name):
 
 def point_ratios(mesh, u):
     xi = rule_of(mesh.element).points
-    rest, now = (determinants(spokes_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, xi)) for x in (mesh.p.T, mesh.p.T + u))
+    rest, now = (
+        determinants(base_vectors_at(np.ascontiguousarray(x.T), mesh.t, mesh.element, xi)) for x in (mesh.p.T, mesh.p.T + u)
+    )
     return (now / rest).min(axis=1)
 
 

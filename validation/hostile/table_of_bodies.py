@@ -40,7 +40,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh import bar, box, cylinder
-from skfem_stvk.mesh.places import vertices_at
+from skfem_stvk.mesh.locations import vertices_at
 
 from .call import Call
 from .small_bodies import NOT_NEGATIVE, NOTHING_LISTED, NUMBER, OPTIONAL, PLACE, POSITIVE, call, mesh, square, tetrahedra

@@ -50,8 +50,8 @@ def read(path: Path) -> meshio.Mesh:
     cells, ids = elements_of(parts, nodes)
     every = np.concatenate([np.empty(0, dtype=np.int64), *ids])
     check_unique(every, "element")
-    place = np.argsort(nodes)
-    data = [(kind, place[np.searchsorted(nodes, table, sorter=place)]) for kind, table in cells]
+    order = np.argsort(nodes)
+    data = [(kind, order[np.searchsorted(nodes, table, sorter=order)]) for kind, table in cells]
     data = [(kind, middle_last(table, points) if kind == "line3" else table) for kind, table in data]
     named = sets_of(parts, "ELSET", every)
     return meshio.Mesh(
@@ -77,7 +77,7 @@ def nodes_of(parts: list[Section]) -> tuple[Ids, NDArray[np.float64]]:
         )
     rows = [line[:-1] if line[-1] == "" else line for line in tables[0]]
     if len({len(row) for row in rows}) > 1:
-        raise Damaged("its nodes have not all as many coordinates")
+        raise Damaged("its nodes have different numbers of coordinates")
     ids = np.array(whole([row[0] for row in rows]), dtype=np.int64)
     check_unique(ids, "node")
     return ids, np.array([row[1:] for row in rows], dtype=float)
@@ -174,7 +174,7 @@ def generated(words: list[str], what: str, known: Ids) -> Ids:
     numbers = whole(words)
     first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, -1, 0)
     if last < first or step < 1:
-        raise Damaged(f"GENERATE stands with {', '.join(words)[:60]!r}; expected the first {what}, the last one, and a step")
+        raise Damaged(f"GENERATE has {', '.join(words)[:60]!r}; expected the first {what}, the last one, and a step")
     check_known(np.array([first, last - (last - first) % step]), known, what, "GENERATE")
     return known[(known >= first) & (known <= last) & ((known - first) % step == 0)]
 
@@ -188,7 +188,7 @@ def whole(words: list[str]) -> list[int]:
     """Return ids of at most 18 digits."""
     together = "".join("".join(words).split())
     if not (together.isascii() and together.isdigit() and max(map(len, words)) <= 18):
-        raise Damaged(f"{', '.join(words)[:60]!r} stands where ids should")
+        raise Damaged(f"{', '.join(words)[:60]!r} was found; expected ids")
     return [int(word) for word in words]
 
 
@@ -208,7 +208,7 @@ class Files:
             yield keyword, options, lines
             keyword, options = head_of(line)
             if not keyword[:1].isalpha():
-                raise Damaged(f"{line[:60]!r} stands where a keyword should")
+                raise Damaged(f"{line[:60]!r} was found; expected a keyword")
             lines = []
         yield keyword, options, lines
 

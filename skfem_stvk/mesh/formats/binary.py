@@ -30,16 +30,16 @@ def medit(path: Path) -> Counts:
         word, version = f"{order}i4", whole(f"{order}i4")
         if code not in (1, 16777216) or version not in (1, 2, 3, 4):
             raise Damaged(f"it begins with the code {code} and the version {version}")
-        place, size, real = f"{order}i{4 if version < 3 else 8}", 8 if version == 4 else 4, 4 if version == 1 else 8
-        keyword, _, dimension = whole(word), whole(place), whole(word)
+        offset_type, size, real = f"{order}i{4 if version < 3 else 8}", 8 if version == 4 else 4, 4 if version == 1 else 8
+        keyword, _, dimension = whole(word), whole(offset_type), whole(word)
         if keyword != 3 or dimension not in (2, 3):
             raise Damaged(f"its dimension is {dimension}; expected 2 or 3")
         widths = {MEDIT_VERTICES: dimension * real + size} | {of: columns * size for of, columns in MEDIT_CELLS.items()}
         counts: dict[int, int] = {}
         while (keyword := whole(word)) != MEDIT_END:
-            end = whole(place)
+            end = whole(offset_type)
             if keyword in counts:
-                raise Damaged(f"the section {keyword} stands twice")
+                raise Damaged(f"the section {keyword} occurs twice")
             counts[keyword] = whole(f"{order}i{size}") if keyword in widths else 0
             after = source.file.tell() + counts[keyword] * widths.get(keyword, 0)
             if not after <= end <= source.size or (keyword in widths and after != end):
@@ -58,7 +58,7 @@ def ply(path: Path) -> Counts:
         order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(head["form"], "")
         kinds = [word for line in head["of_vertex"].splitlines() for word in line.split()[1:2]] + head["of_face"].split()
         if not order or head["more"] or set(kinds) - set(PLY):
-            raise Damaged("its faces have more than vertex_indices, or its numbers are of types that are not known here")
+            raise Damaged("its faces have more than vertex_indices, or its numbers have unsupported types")
         *of_vertex, length, index = (np.dtype(order + PLY[kind]) for kind in kinds)
         vertices, faces = int(head["nodes"]), int(head["cells"])
         before = vertices * sum(kind.itemsize for kind in of_vertex)
@@ -70,16 +70,16 @@ def ply(path: Path) -> Counts:
 
 def faces_of(data: bytes, faces: int, length: np.dtype[Any], index: np.dtype[Any]) -> int:
     """Return the number of faces, each its number of indices and the indices, that take all of the data; refuse others."""
-    place = 0
+    offset = 0
     for face in range(faces):
-        if place + length.itemsize > len(data):
-            raise Damaged(f"{faces} faces are declared, {face} are there")
-        corners = int(np.frombuffer(data, length, 1, place)[0])
+        if offset + length.itemsize > len(data):
+            raise Damaged(f"{faces} faces are declared, {face} were found")
+        corners = int(np.frombuffer(data, length, 1, offset)[0])
         if corners < 3:
             raise Damaged(f"its face {face} has {corners} vertices")
-        place += length.itemsize + index.itemsize * corners
-    if place != len(data):
-        raise Damaged(f"its {faces} faces take {place} bytes, {len(data)} are there")
+        offset += length.itemsize + index.itemsize * corners
+    if offset != len(data):
+        raise Damaged(f"its {faces} faces take {offset} bytes, {len(data)} were found")
     return faces
 
 
@@ -94,7 +94,7 @@ def stl(path: Path) -> Counts:
         source.file.seek(0)
         words = [line.split() for line in iter(source.line, "")]
         if words[:1] and words[0][0] != "solid":
-            raise Damaged(f"it is binary and declares {count} triangles, which take {84 + 50 * count} bytes; {size} are there")
+            raise Damaged(f"it is binary and declares {count} triangles, which take {84 + 50 * count} bytes; {size} were found")
         check_last_line(source.file)
     shape = ["facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfacet"]
     faces = (len(words) - 2) // 7

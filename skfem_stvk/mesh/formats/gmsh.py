@@ -51,7 +51,7 @@ class Sections:
         while line := self.source.line():
             name = line.removeprefix("$")
             if name in seen and not name.endswith("Data"):
-                raise Damaged(f"{line[:60]} stands twice")
+                raise Damaged(f"{line[:60]} occurs twice")
             seen.add(name)
             look = {
                 "PhysicalNames": self.physical_names,
@@ -60,10 +60,10 @@ class Sections:
                 "Elements": self.elements_22 if self.version == "2.2" else self.elements_4,
             }.get(name)
             if not line.startswith("$"):
-                raise Damaged(f"{line[:60]!r} stands where a section should begin")
+                raise Damaged(f"{line[:60]!r} was found; expected the beginning of a section")
             if look:
                 look()
-                self.source.expect(f"$End{name}", f"what {line} declares")
+                self.source.expect(f"$End{name}", f"the entries that {line} declares")
             else:
                 if name in ("NodeData", "ElementData", "ElementNodeData"):
                     self.head_of_data()
@@ -85,13 +85,13 @@ class Sections:
         for what in ("texts", "real tags", "whole tags"):
             words = self.source.rows(what, count_of(self.source.line(), what))
         if len(words) > 2:
-            components, items = (count_of(words[place][0], "values") for place in (1, 2))
+            components, items = (count_of(words[index][0], "values") for index in (1, 2))
             self.source.fits("values", items, 2 * (1 + components))
 
     def physical_names(self) -> None:
         count = count_of(self.source.line(), "physical names")
         if bad := [row for row in self.source.rows("physical names", count) if len(row) < 3]:
-            raise Damaged(f"{' '.join(bad[0])[:60]} stands for a dimension, a tag and a name of a physical group")
+            raise Damaged(f"{' '.join(bad[0])[:60]} was found; expected a dimension, a tag and a name of a physical group")
 
     def counters(self, what: str, count: int) -> list[int]:
         """Return counts, such as of nodes: `size_t` in the format's terms."""
@@ -143,7 +143,7 @@ class Sections:
             )
         check_unique(ids, "node")
         if len(ids) != count:
-            raise Damaged(f"{count} nodes are declared, {len(ids)} are there")
+            raise Damaged(f"{count} nodes are declared, {len(ids)} were found")
         self.nodes = ids.astype(np.int64)
 
     def elements_22(self) -> None:
@@ -178,19 +178,19 @@ class Sections:
 
     def set_elements(self, blocks: list[tuple[Ids, Ids]], count: int) -> None:
         if self.nodes is None:
-            raise Damaged("its $Elements stand before its $Nodes")
+            raise Damaged("its $Elements come before its $Nodes")
         for _, nodes in blocks:
             check_known(nodes, self.nodes, "node", "its elements")
         self.elements = np.concatenate([np.empty(0, dtype=np.int64), *(ids for ids, _ in blocks)])
         check_unique(self.elements, "element")
         if len(self.elements) != count:
-            raise Damaged(f"{count} elements are declared, {len(self.elements)} are there")
+            raise Damaged(f"{count} elements are declared, {len(self.elements)} were found")
 
 
 def nodes_of(kind: int) -> int:
     """Return the number of nodes of an element of the type."""
     if not (count := node_count(gmsh_to_meshio_type.get(kind, ""))):
-        raise Damaged(f"it has elements of Gmsh's type {kind}, which is not known here")
+        raise Damaged(f"it has elements of Gmsh's type {kind}, which is not supported")
     return count
 
 
@@ -200,7 +200,7 @@ def by_type(rows: list[list[str]]) -> list[tuple[Ids, Ids]]:
     widths = np.array([len(row) for row in rows], dtype=np.int64)
     starts = np.cumsum(widths) - widths
     short = np.flatnonzero(widths < 3)
-    kinds, tags = (numbers[starts + place] for place in (1, 2)) if not len(short) else (widths, widths)
+    kinds, tags = (numbers[starts + index] for index in (1, 2)) if not len(short) else (widths, widths)
     known, found = np.unique(kinds, return_inverse=True)
     nodes = np.array([0 if len(short) else nodes_of(int(kind)) for kind in known], dtype=np.int64)[found]
     if len(bad := np.append(short, np.flatnonzero((widths != 3 + tags + nodes) | (tags < 0)))):

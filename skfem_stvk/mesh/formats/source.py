@@ -60,9 +60,9 @@ class Source:
             try:
                 values = np.fromfile(self.file, dtype, rows * columns, "" if self.binary else " ")
             except ValueError as error:
-                raise Damaged(f"{rows} {what} are declared, but something else stands among their numbers") from error
+                raise Damaged(f"{rows} {what} are declared, but their numbers contain other text") from error
         if len(values) < rows * columns:
-            raise Damaged(f"{rows} {what} are declared, {len(values) // columns} are there")
+            raise Damaged(f"{rows} {what} are declared, {len(values) // columns} were found")
         return values.reshape(rows, columns)
 
     def fits(self, what: str, rows: int, width: int) -> None:
@@ -77,7 +77,7 @@ class Source:
         while len(rows) < count and (line := self.line()):
             rows.append(line.split())
         if len(rows) < count:
-            raise Damaged(f"{count} {what} are declared, {len(rows)} are there")
+            raise Damaged(f"{count} {what} are declared, {len(rows)} were found")
         return rows
 
     def columns(self) -> int:
@@ -91,13 +91,13 @@ class Source:
         """Refuse anything but `word` as the next line."""
         found = self.line()
         if found != word:
-            raise Damaged(f"{found[:60] + ' stands' if found else 'nothing stands'} after {after}; expected {word or 'nothing'}")
+            raise Damaged(f"{found[:60] or 'nothing'} follows {after}; expected {word or 'nothing'}")
 
 
 def regular(path: Path) -> None:
     """Refuse a file that is not regular, such as a pipe or a device, which may never end."""
     if not path.is_file():
-        raise Damaged(f"{str(path)[-80:]!r}, which it needs, is no regular file or not there")
+        raise Damaged(f"{str(path)[-80:]!r}, which it needs, is missing or not a regular file")
 
 
 def check_last_line(file: Any) -> None:
@@ -112,7 +112,7 @@ def check_last_line(file: Any) -> None:
 def count_of(text: str, what: str) -> int:
     """Return a count that a file declares."""
     if not text.isascii() or not text.isdigit() or len(text) > 18:
-        raise Damaged(f"{text[:40]!r} stands for the number of {what}")
+        raise Damaged(f"number of {what} = {text[:40]!r}; expected a whole number")
     return int(text)
 
 

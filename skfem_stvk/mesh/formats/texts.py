@@ -137,22 +137,22 @@ def counted(path: Path) -> Counts:
         for section, head in heads(source, text.sections):
             name = re.split("[^A-Za-z_]", head[0], maxsplit=1)[0]
             if name in seen and not section.repeats:
-                raise Damaged(f"{head[0][:60]!r} stands where there should be nothing: {name or 'a head'} was there before")
+                raise Damaged(f"{head[0][:60]!r} was found, but {name or 'a head'} occurred before; expected it once")
             seen.add(name)
             repeats += section.repeats
             known |= head.groupdict()
             numbers = {what: int(number) for what, number in head.groupdict().items() if what in found}
-            for place, (what, number) in enumerate(numbers.items()):
+            for index, (what, number) in enumerate(numbers.items()):
                 found[what] += number
-                if place == len(section.widths) and section.by_first:
+                if index == len(section.widths) and section.by_first:
                     check_rows(source.rows(what, number), section.by_first)
                 else:
-                    entries(source, what, number, section.widths[place], known, text.numbered)
+                    entries(source, what, number, section.widths[index], known, text.numbered)
         check_last_line(source.file)
     if missing := [name for name in text.needed if name not in seen]:
         raise Damaged(f"it has no {missing[0] or 'head'}")
     if (declared := int(known.get("repeated", 0))) != repeats:
-        raise Damaged(f"{declared} markers are declared, {repeats} are there")
+        raise Damaged(f"{declared} markers are declared, {repeats} were found")
     return found["nodes"], found["cells"]
 
 
@@ -166,7 +166,7 @@ def heads(source: Source, sections: tuple[Section, ...]) -> Iterator[tuple[Secti
             lines = []
             yield found
     if lines:
-        raise Damaged(f"{lines[0][:60]!r} stands where a section should begin, or its numbers are none")
+        raise Damaged(f"{lines[0][:60]!r} was found; expected the beginning of a section, or numbers")
 
 
 def entries(source: Source, what: str, number: int, width: Width, known: Known, numbered: bool) -> None:
@@ -176,8 +176,8 @@ def entries(source: Source, what: str, number: int, width: Width, known: Known, 
     if numbered and number:
         first = int(values[0, 0] == 1)
         if len(bad := np.flatnonzero(values[:, 0] != first + np.arange(number))):
-            there = values[bad[0], 0]
-            raise Damaged(f"the ids of its {what} are not {first}, {first + 1}, ...: {there:g} stands for {first + bad[0]}")
+            found = values[bad[0], 0]
+            raise Damaged(f"the ids of its {what} are not {first}, {first + 1}, ...: {found:g} instead of {first + bad[0]}")
 
 
 def check_rows(rows: list[list[str]], by_first: Callable[[int], int]) -> None:
@@ -185,9 +185,9 @@ def check_rows(rows: list[list[str]], by_first: Callable[[int], int]) -> None:
     try:
         more = {len(row) - by_first(int(row[0])) for row in rows}
     except (KeyError, ValueError) as error:
-        raise Damaged(f"{str(error.args[0])[:60]!r} stands for the type or the number of nodes of an element") from error
+        raise Damaged(f"{str(error.args[0])[:60]!r} was found; expected the type or the number of nodes of an element") from error
     if len(more) > 1 or min(more, default=0) < 0:
-        raise Damaged("elements have not as many nodes as their type or number says")
+        raise Damaged("elements have other numbers of nodes than their type or number declares")
 
 
 def tetgen(path: Path) -> Counts:
@@ -222,10 +222,10 @@ def nastran(path: Path) -> Counts:
     cards = [re.split("[ ,\t]", line[:8], maxsplit=1)[0] for line in lines[starts[0] + 1 : ends[0]] if line[0] not in "+* "]
     known = set(NASTRAN.split())
     if bad := [card for card in cards if not re.fullmatch(r"[A-Z][A-Z0-9]*\*?", card)]:
-        raise Damaged(f"{', '.join(bad[:3])[:60]!r} stand where names of cards in capital letters should")
+        raise Damaged(f"{', '.join(bad[:3])[:60]!r} were found; expected names of cards in capital letters")
     if lost := [card for card in cards if card.startswith(ELEMENTS) and card not in known]:
         raise Damaged(
-            f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not known here (written in the small field format they "
+            f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not supported (written in the small field format they "
             "are)"
         )
     if any(card.startswith("CORD") for card in cards):

@@ -36,7 +36,7 @@ def read(path: Path) -> meshio.Mesh:
         source.file.readline()  # the title
         form = source.line().upper()
         if form not in ("ASCII", "BINARY"):
-            raise Damaged(f"{form[:20]!r} stands where ASCII or BINARY should")
+            raise Damaged(f"{form[:20]!r} was found; expected ASCII or BINARY")
         source.binary = form == "BINARY"
         return Grid(source).mesh()
 
@@ -59,7 +59,7 @@ class Grid:
             word = words[0].upper()
             if word in ("POINTS", "CELLS", "CELL_TYPES", "POINT_DATA", "CELL_DATA"):
                 if word in seen:
-                    raise Damaged(f"{word} stands twice")
+                    raise Damaged(f"{word} occurs twice")
                 seen.add(word)
             self.section(word, words)
         if self.points is None or not {"CELLS", "CELL_TYPES"} <= seen:
@@ -73,13 +73,13 @@ class Grid:
             if words[1:] != ["UNSTRUCTURED_GRID"]:
                 raise Damaged(f"it holds a {' '.join(words[1:])[:40]}; expected an UNSTRUCTURED_GRID with simplices")
         elif word == "POINTS":
-            self.points = self.array("points", self.given(words, 1, "points"), 3, words[2])
+            self.points = self.array("points", self.count_in(words, 1, "points"), 3, words[2])
         elif word == "CELLS":
-            self.cells(self.given(words, 1, "cells"), self.given(words, 2, "numbers of cells"))
+            self.cells(self.count_in(words, 1, "cells"), self.count_in(words, 2, "numbers of cells"))
         elif word == "CELL_TYPES":
-            self.types = self.array("types of cells", self.given(words, 1, "types of cells"), 1, "int").ravel()
+            self.types = self.array("types of cells", self.count_in(words, 1, "types of cells"), 1, "int").ravel()
         elif word in ("POINT_DATA", "CELL_DATA"):
-            self.of, self.count = word, self.given(words, 1, "values")
+            self.of, self.count = word, self.count_in(words, 1, "values")
             expected = len(self.types) if word == "CELL_DATA" else len(self.points if self.points is not None else ())
             if self.count != expected:
                 raise Damaged(f"{word} declares {self.count} values for {expected} points or cells")
@@ -89,15 +89,15 @@ class Grid:
         else:
             self.attribute(word, words)
 
-    def given(self, words: list[str], place: int, what: str) -> int:
+    def count_in(self, words: list[str], index: int, what: str) -> int:
         """Return a count on the line of a section."""
-        return count_of(words[place] if len(words) > place else "", what)
+        return count_of(words[index] if len(words) > index else "", what)
 
     def array(self, what: str, rows: int, columns: int, kind: str) -> Array:
         """Return numbers (rows, columns) of a type of VTK's."""
         kind = kind.lower()
         if kind not in TYPES:
-            raise Damaged(f"its {what[:60]} are of the type {kind[:40]!r}, which is not known here")
+            raise Damaged(f"its {what[:60]} are of the type {kind[:40]!r}, which is not supported")
         dtype = np.dtype(TYPES[kind])
         if kind == "bit" and self.source.binary:
             packed = self.source.numbers(what, (rows * columns + 7) // 8, 1, dtype)
@@ -120,14 +120,14 @@ class Grid:
             return
         self.source.file.seek(start)
         table = self.array("numbers of cells", numbers, 1, "int").ravel()
-        heads, place = list[int](), 0
+        heads, begin = list[int](), 0
         for _ in range(count):
-            if place >= numbers or table[place] < 0:
-                raise Damaged(f"{count} cells are declared, {len(heads)} are there")
-            heads.append(place)
-            place += 1 + int(table[place])
-        if place != numbers:
-            raise Damaged(f"{count} cells with {numbers} numbers are declared, the cells take {place}")
+            if begin >= numbers or table[begin] < 0:
+                raise Damaged(f"{count} cells are declared, {len(heads)} were found")
+            heads.append(begin)
+            begin += 1 + int(table[begin])
+        if begin != numbers:
+            raise Damaged(f"{count} cells with {numbers} numbers are declared, the cells take {begin}")
         inner = np.ones(numbers, dtype=bool)
         inner[heads] = False
         self.connectivity, self.ends = table[inner], np.cumsum(table[heads])
@@ -135,9 +135,9 @@ class Grid:
     def attribute(self, word: str, words: list[str]) -> None:
         """Read an array of point or cell data, or of the whole grid."""
         if word == "FIELD":
-            self.field(self.given(words, 2, "arrays"))
+            self.field(self.count_in(words, 2, "arrays"))
         elif word == "SCALARS":
-            columns = self.given(words, 3, "components") if len(words) > 3 else 1
+            columns = self.count_in(words, 3, "components") if len(words) > 3 else 1
             start = self.source.file.tell()
             if not self.source.line().upper().startswith("LOOKUP_TABLE"):
                 self.source.file.seek(start)
@@ -145,13 +145,15 @@ class Grid:
         elif word in ATTRIBUTES:
             self.array(words[1], self.count, ATTRIBUTES[word], words[2])
         elif word == "TEXTURE_COORDINATES":
-            self.array(words[1], self.count, self.given(words, 2, "components"), words[3])
+            self.array(words[1], self.count, self.count_in(words, 2, "components"), words[3])
         elif word == "COLOR_SCALARS":
-            self.array(words[1], self.count, self.given(words, 2, "components"), "unsigned_char" if self.source.binary else "float")
+            self.array(
+                words[1], self.count, self.count_in(words, 2, "components"), "unsigned_char" if self.source.binary else "float"
+            )
         elif word == "LOOKUP_TABLE":
-            self.array(words[1], self.given(words, 2, "colours"), 4, "unsigned_char" if self.source.binary else "float")
+            self.array(words[1], self.count_in(words, 2, "colours"), 4, "unsigned_char" if self.source.binary else "float")
         else:
-            raise Damaged(f"{' '.join(words)[:60]!r} stands where a section should begin")
+            raise Damaged(f"{' '.join(words)[:60]!r} was found; expected the beginning of a section")
 
     def field(self, arrays: int) -> None:
         for _ in range(arrays):
@@ -159,9 +161,9 @@ class Grid:
             if words[:1] == ["METADATA"]:
                 self.section("METADATA", words)
                 words = self.source.line().split()
-            columns, rows = self.given(words, 1, "components"), self.given(words, 2, "values")
+            columns, rows = self.count_in(words, 1, "components"), self.count_in(words, 2, "values")
             if len(words) != 4:
-                raise Damaged(f"{' '.join(words)[:60]!r} stands for the name, size and type of an array")
+                raise Damaged(f"{' '.join(words)[:60]!r} was found; expected the name, size and type of an array")
             if words[3].lower() in ("string", "utf8_string"):
                 self.skip_strings(rows * columns)
             else:
@@ -203,14 +205,14 @@ def mesh_of(points: Array, connectivity: Array, ends: Array, types: Array, cell_
 def sizes_of(connectivity: Array, ends: Array, types: Array) -> NDArray[np.int64]:
     """Return the number of nodes of each cell, as many as its type has."""
     if len(ends) != len(types):
-        raise Damaged(f"{len(types)} types of cells are there for {len(ends)} cells")
+        raise Damaged(f"{len(types)} types of cells were found for {len(ends)} cells")
     sizes = np.diff(ends, prepend=0).astype(np.int64)
     if sizes.sum() != len(connectivity) or (sizes < 0).any():
-        raise Damaged(f"its cells have {sizes.sum()} nodes in all, {len(connectivity)} are there")
+        raise Damaged(f"its cells have {sizes.sum()} nodes in all, {len(connectivity)} were found")
     unknown = ~np.isin(types, list(VTK))
     if unknown.any():
         kinds = ", ".join(map(str, np.unique(types[unknown])[:5]))
-        raise Damaged(f"{unknown.sum()} cells are of VTK's types {kinds}, which are not known here: convert them first")
+        raise Damaged(f"{unknown.sum()} cells are of VTK's types {kinds}, which are not supported: convert them first")
     expected = np.array([node_count(VTK.get(kind, "")) or -1 for kind in range(max(VTK) + 1)])[types]
     if len(bad := np.flatnonzero((expected >= 0) & (expected != sizes))):
         raise Damaged(f"{name_ids(bad, 'cell')}: not as many nodes as the type has")

@@ -93,7 +93,7 @@ class Document:
             raise Damaged("the points, connectivity, offsets or types of a <Piece> are missing")
         ends, types = cells["offsets"], cells["types"]
         if len(ends) != nt or len(types) != nt:
-            raise Damaged(f"{nt} cells are declared, {len(ends)} are there with {len(types)} types")
+            raise Damaged(f"{nt} cells are declared, {len(ends)} were found with {len(types)} types")
         data = {}
         for item in piece.iterfind("CellData/DataArray"):
             if item.get("type") in TYPES:
@@ -111,7 +111,7 @@ class Document:
         kind = item.get("type", "")
         columns = count_of(item.get("NumberOfComponents") or "1", "components")
         if kind not in TYPES or not columns:
-            raise Damaged(f"its array {name!r} is of the type {kind[:40]!r}, which is not known here")
+            raise Damaged(f"its array {name!r} is of the type {kind[:40]!r}, which is not supported")
         dtype = np.dtype(self.order + TYPES[kind])
         if item.get("format", "ascii") == "ascii":
             values = numbers(item.text or "", dtype, name)
@@ -155,7 +155,7 @@ class Document:
         blocks = [UNPACK[self.packed]().decompress(packed[a:b], int(sizes[1]) + 1) for a, b in pairwise(bounds)]
         whole = sizes[1] * first if sizes[2] == 0 else sizes[1] * (first - 1) + sizes[2]
         if sum(map(len, blocks)) != whole:
-            raise ValueError(f"{whole} bytes are declared, {sum(map(len, blocks))} are there")
+            raise ValueError(f"{whole} bytes are declared, {sum(map(len, blocks))} were found")
         return b"".join(blocks)
 
 
@@ -168,11 +168,11 @@ def together(pieces: list[dict[str, Array]]) -> dict[str, Array]:
 def decoded(data: bytes, start: int, count: int, coded: bool) -> tuple[bytes, int]:
     """Return `count` bytes from a position in raw bytes or base64, and the position after them."""
     if count < 0 or count > len(data):
-        raise ValueError(f"{count} bytes are declared, {len(data) - start} are there")
+        raise ValueError(f"{count} bytes are declared, {len(data) - start} were found")
     end = start + (-(-count // 3) * 4 if coded else count)
     found = base64.b64decode(data[start:end]) if coded else data[start:end]
     if len(found) < count:
-        raise ValueError(f"{count} bytes are declared, {len(found)} are there")
+        raise ValueError(f"{count} bytes are declared, {len(found)} were found")
     return found[:count], end
 
 
@@ -182,7 +182,7 @@ def numbers(text: str, dtype: np.dtype, name: str) -> Array:
     try:
         return np.array(words, dtype="U").astype(dtype) if words else np.empty(0, dtype)
     except (ValueError, OverflowError) as error:
-        raise Damaged(f"its array {name!r} holds what is no number ({error})") from error
+        raise Damaged(f"its array {name!r} contains text that is not a number ({error})") from error
 
 
 def root_of(path: Path) -> ET.Element:
@@ -200,9 +200,9 @@ def xdmf(path: Path) -> Counts:
         text, form = (item.text or "").strip(), item.get("Format", "XML")
         dims = [count_of(word, "numbers") for word in item.get("Dimensions", "").split()]
         size = len(text)
-        if (beside := _outside(path, item)) is not None:
-            regular(beside)
-            size = beside.stat().st_size * (1000 if form == "HDF" else 1)  # HDF5 may be packed
+        if (file := _outside(path, item)) is not None:
+            regular(file)
+            size = file.stat().st_size * (1000 if form == "HDF" else 1)  # HDF5 may be packed
         if prod(dims) > size + 1:
             raise Damaged(f"{prod(dims)} numbers are declared, more than {size} bytes can hold")
     counts = [topology.get("NumberOfElements") or topology.get("Dimensions") for topology in root.iter("Topology")]

@@ -169,18 +169,18 @@ class TextbookAtPoints:
 
     def internal_force(self, u: Array) -> Array:
         """Return the internal force (ndofs,) [N]."""
-        spokes, now = self._squares(self._mesh.p.T + u.reshape(-1, self._mesh.d))
+        base_vectors, now = self._squares(self._mesh.p.T + u.reshape(-1, self._mesh.d))
         mixed = self._inverse @ (now - self._metric)
         trace = np.trace(mixed, axis1=2, axis2=3)[..., None, None]
         stress = self._weight[..., None, None] * (self._lam / 2 * trace * self._inverse + self._mu * mixed @ self._inverse)
         force = np.zeros(self._mesh.p.T.shape)
-        np.add.at(force, self._mesh.t, np.einsum("qai,tqij,tqjc->atc", self._table, stress, spokes, optimize=True))
+        np.add.at(force, self._mesh.t, np.einsum("qai,tqij,tqjc->atc", self._table, stress, base_vectors, optimize=True))
         return force.ravel()
 
     def _squares(self, x: Array) -> tuple[Array, Array]:
         """Return the base vectors (nt, nq, k, d) for positions (nv, d), and their dot products (nt, nq, k, k)."""
-        spokes = np.einsum("qai,atc->tqic", self._table, x[self._mesh.t])
-        return spokes, spokes @ np.swapaxes(spokes, 2, 3)
+        base_vectors = np.einsum("qai,atc->tqic", self._table, x[self._mesh.t])
+        return base_vectors, base_vectors @ np.swapaxes(base_vectors, 2, 3)
 
 
 def speed_table(case: Case) -> Iterator[dict[str, Any]]:

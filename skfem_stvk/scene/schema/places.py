@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
-from ...mesh.places import Box, NearestNode, Plane, Where
+from ...mesh.locations import Box, NearestNode, Plane, Where
 from .quantities import Components, Name, Part, key, members
 
 

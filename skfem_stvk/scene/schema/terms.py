@@ -12,7 +12,7 @@ from ... import materials, terms
 from ...arguments import shown
 from ...errors import MeshError
 from ...mesh import ElementMesh
-from ...mesh.places import Where
+from ...mesh.locations import Where
 from ...terms.elastic_law import ElasticLaw
 from ...terms.times import Ramp, Sine, Table
 from .derived import KEYS, Derived, derived, keys_of, one_of

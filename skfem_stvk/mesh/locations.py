@@ -21,10 +21,10 @@ from .facets import MeshArrays, find_facets
 #: `basis.get_dofs(...)` means its nodes. Nodes are vertices and, in quadratic elements, edge midpoints.
 Where: TypeAlias = str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] | DofsView
 #: Vertices are at the same point within this fraction of the size of the mesh: files keep fewer digits than arrays.
-SAME_PLACE = 1e-6
+SAME_POINT = 1e-6
 
 
-class PlaceShape(ABC):
+class LocationShape(ABC):
     """Location by its shape: a predicate of coordinates `x` (d, n) as data, allowed in all arguments that take a location."""
 
     points: ClassVar[tuple[str, ...]]  # names of the fields with one coordinate per dimension
@@ -60,7 +60,7 @@ class PlaceShape(ABC):
 
 
 @dataclass(frozen=True)
-class Box(PlaceShape):
+class Box(LocationShape):
     """Nodes within a box along the axes, its sides included; as a region, the elements with their centres in it.
 
     Nodes outside by less than 1e-6 of the size of the mesh count as inside.
@@ -94,12 +94,12 @@ class Box(PlaceShape):
         return f"the box from {_written(self.low)} to {_written(self.high)}"
 
     def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
-        low, high, slack = np.array(self.low)[:, None], np.array(self.high)[:, None], SAME_PLACE * size
+        low, high, slack = np.array(self.low)[:, None], np.array(self.high)[:, None], SAME_POINT * size
         return np.asarray(((x >= low - slack) & (x <= high + slack)).all(axis=0))
 
 
 @dataclass(frozen=True)
-class Plane(PlaceShape):
+class Plane(LocationShape):
     """Nodes on a plane; in two dimensions on a line, in one at a point.
 
     Parameters
@@ -127,7 +127,7 @@ class Plane(PlaceShape):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not any(self.normal):
-            raise RegionError(f"Plane: normal = {self.normal} has no direction; expected one that is not zero, such as (0, 0, 1).")
+            raise RegionError(f"Plane: normal = {self.normal}; expected a vector that is not zero, such as (0, 0, 1).")
         if self.within is not None:
             within = number("Plane: within", self.within, "a positive distance, or None", 0.0, error=RegionError)
             object.__setattr__(self, "within", within)
@@ -139,11 +139,11 @@ class Plane(PlaceShape):
     def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
         normal = np.array(self.normal) / np.abs(self.normal).max()  # normalised without overflow
         distance = (normal / np.linalg.norm(normal)) @ (x - np.array(self.point)[:, None])
-        return np.asarray(np.abs(distance) <= (SAME_PLACE * size if self.within is None else self.within))
+        return np.asarray(np.abs(distance) <= (SAME_POINT * size if self.within is None else self.within))
 
 
 @dataclass(frozen=True)
-class NearestNode(PlaceShape):
+class NearestNode(LocationShape):
     """The node nearest to a point; among several equally near nodes the first.
 
     Parameters
@@ -161,7 +161,7 @@ class NearestNode(PlaceShape):
     array([3])
     >>> vertices_at(mesh, NearestNode((0, 3000)))
     Traceback (most recent call last):
-    skfem_stvk.errors.RegionError: The place: the node nearest to (0, 3000) is 2999 away from it, at (0, 1), and the mesh is 1
+    skfem_stvk.errors.RegionError: The location: the node nearest to (0, 3000) is 2999 away from it, at (0, 1), and the mesh is 1
     large. Is the point in the units of the mesh?
     """
 
@@ -185,12 +185,12 @@ class NearestNode(PlaceShape):
         return there
 
 
-def _point(name: str, given: Any) -> tuple[float, ...]:
+def _point(name: str, value: Any) -> tuple[float, ...]:
     """Return one to three finite coordinates."""
     expected = "one to three coordinates, as many as the mesh has dimensions"
-    point = array(name, given, (None,), expected, RegionError)
+    point = array(name, value, (None,), expected, RegionError)
     if not 1 <= len(point) <= 3:
-        raise RegionError(f"{name} = {shown(given)}; expected {expected}.")
+        raise RegionError(f"{name} = {shown(value)}; expected {expected}.")
     return tuple(point.tolist())
 
 
@@ -198,7 +198,7 @@ def _written(point: Any) -> str:
     return f"({', '.join(f'{one:.6g}' for one in point)})"
 
 
-class Marked(MeshArrays):
+class LabelledMesh(MeshArrays):
     """Elements with names for some of their facets (m, n), nodes and elements."""
 
     boundaries: Mapping[str, NDArray[np.int32]]
@@ -207,7 +207,7 @@ class Marked(MeshArrays):
     lines: Mapping[str, NDArray[np.int32]]
 
 
-def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int64]:
+def vertices_at(mesh: LabelledMesh, where: Where, what: str = "The location") -> NDArray[np.int64]:
     """Return ids of the nodes at a location, at least one: listed ids, each once, in the user's order, others ascending.
 
     Messages of the RegionError begin with the purpose `what`.
@@ -236,7 +236,7 @@ def vertices_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[
     return ids
 
 
-def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np.int32]:
+def facets_at(mesh: LabelledMesh, where: Where, what: str = "The location") -> NDArray[np.int32]:
     """Return the facets (m, n) at a location, each once: those of a named boundary, or boundary facets with all nodes there.
 
     >>> from skfem_stvk import ElementMesh
@@ -259,7 +259,7 @@ def facets_at(mesh: Marked, where: Where, what: str = "The place") -> NDArray[np
     return facets
 
 
-def in_order(mesh: Marked, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
+def in_value_order(mesh: LabelledMesh, where: Where, facets: NDArray[np.int32]) -> NDArray[np.int64]:
     """Return the nodes (n,) of the facets at a location in the order of values for them, that of `vertices_at`."""
     ids = np.unique(facets).astype(np.int64)
     if isinstance(where, str) or callable(where):
@@ -278,7 +278,7 @@ def describe(where: Any) -> str:
     """
     if isinstance(where, str):
         return shown(where)
-    if isinstance(where, PlaceShape):
+    if isinstance(where, LocationShape):
         return where.words
     if callable(where):
         return f"the predicate {getattr(where, '__name__', type(where).__name__)!r}"
@@ -288,7 +288,7 @@ def describe(where: Any) -> str:
     return name_ids(np.flatnonzero(ids) if ids.dtype == bool else ids, "vertex")
 
 
-def _named(mesh: Marked, name: str, what: str) -> NDArray[np.int64]:
+def _named(mesh: LabelledMesh, name: str, what: str) -> NDArray[np.int64]:
     _refuse_unknown(mesh, name, what)
     on_boundary = np.unique(checked_facets(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
     in_set = np.unique(_listed(mesh, mesh.node_sets[name], f"Node set {name!r}")) if name in mesh.node_sets else None
@@ -302,7 +302,7 @@ def _named(mesh: Marked, name: str, what: str) -> NDArray[np.int64]:
     return in_set
 
 
-def _refuse_unknown(mesh: Marked, name: str, what: str) -> None:
+def _refuse_unknown(mesh: LabelledMesh, name: str, what: str) -> None:
     known = {*mesh.boundaries, *mesh.node_sets}
     if name not in known:
         hint = (
@@ -313,19 +313,19 @@ def _refuse_unknown(mesh: Marked, name: str, what: str) -> None:
         raise RegionError(f"{what}: the mesh has no boundary or node set {shown(name)}; {name_known(name, known)}{hint}")
 
 
-def checked_facets(mesh: Marked, name: str) -> NDArray[np.int32]:
+def checked_facets(mesh: LabelledMesh, name: str) -> NDArray[np.int32]:
     """Return the facets (m, n) of a named boundary, each once."""
     return _checked(mesh, mesh.boundaries[name], named(mesh.element.facet).n, f"Boundary {name!r}", "facet")
 
 
-def checked_lines(mesh: Marked, name: str) -> NDArray[np.int32]:
+def checked_lines(mesh: LabelledMesh, name: str) -> NDArray[np.int32]:
     """Return the segments (m, n) of named lines, each once."""
     return _checked(mesh, mesh.lines[name], mesh.element.edge.n, f"Lines {name!r}", "segment")
 
 
-def _checked(mesh: Marked, given: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
+def _checked(mesh: LabelledMesh, value: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
     """Return the nodes (m, n) of facets or segments, each once; refuse other arrays with a RegionError that begins with `what`."""
-    ids = np.asarray(given)
+    ids = np.asarray(value)
     if ids.ndim != 2 or len(ids) != m or not ids.size or ids.dtype.kind not in "iu":
         raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected ({m}, n), n > 0: the nodes of {word}s.")
     if len(bad := np.flatnonzero(((ids < 0) | (ids >= mesh.nv)).any(axis=0))):
@@ -333,7 +333,7 @@ def _checked(mesh: Marked, given: Any, m: int, what: str, word: str) -> NDArray[
     return ids[:, np.unique(find_facets(ids, ids, mesh.nv))].astype(np.int32)
 
 
-def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
+def _satisfying(mesh: LabelledMesh, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
     try:
         mask = np.asarray(predicate(mesh.p.copy()))
     except RegionError as error:  # from a shape, with its own message
@@ -352,7 +352,7 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
         box = ", ".join(
             f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(np.stack([mesh.p.min(1), mesh.p.max(1)], 1))
         )
-        if isinstance(predicate, PlaceShape):
+        if isinstance(predicate, LocationShape):
             raise RegionError(f"{what}: none of the {mesh.nv} {mesh.words} is in {describe(predicate)}. The mesh has {box}.")
         raise RegionError(
             f"{what}: none of the {mesh.nv} {mesh.words} satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are "
@@ -361,12 +361,12 @@ def _satisfying(mesh: Marked, predicate: Callable[[Any], Any], what: str) -> NDA
     return np.flatnonzero(mask)
 
 
-def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
+def _listed(mesh: LabelledMesh, value: Any, what: str) -> NDArray[np.int64]:
     """Return listed vertex ids in their order, or the ids of a mask."""
-    ids = _array(given)
+    ids = _array(value)
     if ids is None or ids.ndim != 1:
         raise RegionError(
-            f"{what} are {shown(given)}; expected the name of a boundary or of a node set, a list of {mesh.word} ids, a mask, a "
+            f"{what} are {shown(value)}; expected the name of a boundary or of a node set, a list of {mesh.word} ids, a mask, a "
             "predicate such as lambda x: x[0] == 0, or what scikit-fem's basis.get_dofs(...) returned."
         )
     if ids.dtype == bool:
@@ -378,15 +378,15 @@ def _listed(mesh: Marked, given: Any, what: str) -> NDArray[np.int64]:
     return ids.astype(np.int64)
 
 
-def _array(given: Any) -> NDArray[Any] | None:
+def _array(value: Any) -> NDArray[Any] | None:
     """Return ids or a mask as an array; None for anything else."""
-    return nodes_of(given) if isinstance(given, DofsView) else whole_array(given)
+    return nodes_of(value) if isinstance(value, DofsView) else whole_array(value)
 
 
 def nodes_of(view: DofsView) -> NDArray[Any]:
     """Return the nodes of a view, possibly of another mesh: its vertices in its own order, then its edge midpoints."""
     dofs, d = view.obj, len(view.obj.nodal_dofs)
-    others = [every[0, ix] // d for every, ix in _beside_vertices(view)] if d else []
+    others = [every[0, ix] // d for every, ix in _other_dofs(view)] if d else []
     return np.concatenate([np.arange(dofs.topo.nvertices)[view.nodal_ix], *others]).astype(np.int64)
 
 
@@ -409,13 +409,13 @@ def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
     dofs, numbers = view.obj, np.arange(mesh.p.size).reshape(mesh.nv, mesh.d).T
     count, theirs = int(mesh.corners.max()) + 1 if mesh.element.degree > 1 else mesh.nv, dofs.topo.nvertices
     p, own = dofs.topo.doflocs[:, :theirs], mesh.p[:, :count]
-    if p.shape != own.shape or np.abs(p - own).max() > SAME_PLACE * np.ptp(own, axis=1).max():
+    if p.shape != own.shape or np.abs(p - own).max() > SAME_POINT * np.ptp(own, axis=1).max():
         difference = f"{theirs} vertices in {len(p)}D" if p.shape != own.shape else "as many vertices elsewhere"
         raise RegionError(
             f"{what}: scikit-fem's degrees of freedom are of another mesh, with {difference}; this one has {count} vertices in "
             f"{mesh.d}D. Take them from a basis on the mesh of the system."
         )
-    every = [dofs.nodal_dofs, *(of for of, _ in _beside_vertices(view))]
+    every = [dofs.nodal_dofs, *(of for of, _ in _other_dofs(view))]
     if any(len(of) != mesh.d for of in every) or not np.array_equal(np.concatenate(every, axis=1), numbers):
         expected = f"{'linear' if mesh.element.degree == 1 else 'quadratic'} vectors with {mesh.d} components"
         raise RegionError(
@@ -424,7 +424,7 @@ def refuse_foreign(mesh: MeshArrays, view: DofsView, what: str) -> None:
         )
 
 
-def _beside_vertices(view: DofsView) -> list[tuple[NDArray[Any], Any]]:
+def _other_dofs(view: DofsView) -> list[tuple[NDArray[Any], Any]]:
     """Return all degrees of freedom (d, n) of edges, facets and interiors, if there are any, and a mask of those in the view."""
     dofs = view.obj
     every = (dofs.edge_dofs, view.edge_ix), (dofs.facet_dofs, view.facet_ix), (dofs.interior_dofs, view.interior_ix)
