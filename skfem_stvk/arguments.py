@@ -41,12 +41,18 @@ class Quantity:
 
     Attributes
     ----------
-    dimension : dimension of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and locations.
-    sentence : one sentence about it.
-    gt, ge, lt, le : limits of each of its numbers.
-    values : the permitted texts, if these are few.
-    components : whether it is a vector: one to three numbers.
-    otherwise : meaning of a default of None; None if the default means no value.
+    dimension
+        Dimension of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and locations.
+    sentence
+        Sentence that describes the quantity.
+    gt, ge, lt, le
+        Limits of each of its numbers.
+    values
+        Permitted texts, if these are few.
+    components
+        Whether it is a vector: one to three numbers.
+    otherwise
+        Meaning of a default of None; None if the default means no value.
     """
 
     dimension: str | None

@@ -23,10 +23,14 @@ class Remark(NamedTuple):
 
     Attributes
     ----------
-    name : a few words, such as "duplicates".
-    ids : ids of the elements or nodes, ascending; empty if the remark concerns none.
-    text : message with the first of these ids, the likely cause and the next step.
-    refused : whether the input is unusable; if False, it is usable but probably unintended.
+    name
+        Name of the fault in a few words, such as "duplicates".
+    ids
+        Ids of the elements or nodes, ascending; empty if the remark concerns none.
+    text
+        Message with the first of these ids, the likely cause and the next step.
+    refused
+        Whether the input is unusable; if False, it is usable but probably unintended.
     """
 
     name: str
@@ -36,31 +40,91 @@ class Remark(NamedTuple):
 
 
 class StvkError(ValueError):
-    """Base class of all errors of this package."""
+    """Base class of all errors of this package.
+
+    Examples
+    --------
+    >>> from skfem_stvk import Isotropic, StVK
+    >>> try:
+    ...     StVK(young=-1.0, poisson=0.3)
+    ... except StvkError as error:
+    ...     print(type(error).__name__, isinstance(error, ValueError))
+    MaterialError True
+    """
 
 
 class MeshError(StvkError):
-    """Error of a mesh that cannot carry an elastic body in its present form."""
+    """Error of a mesh that cannot carry an elastic body in its present form.
+
+    Examples
+    --------
+    >>> from skfem_stvk import ElementMesh
+    >>> ElementMesh(p=[[0.0, 1.0]], t=[[0], [2]])               # there is no node 2
+    Traceback (most recent call last):
+    skfem_stvk.errors.MeshError: ...
+    """
 
 
 class MaterialError(StvkError):
-    """Error of a material constant that is missing, out of range or of the wrong shape."""
+    """Error of a material constant that is missing, out of range or of the wrong shape.
+
+    Examples
+    --------
+    >>> from skfem_stvk import Isotropic
+    >>> Isotropic(young=-1.0, poisson=0.3)
+    Traceback (most recent call last):
+    skfem_stvk.errors.MaterialError: ...
+    """
 
 
 class RegionError(StvkError):
-    """Error of a region that is unknown, empty or out of range."""
+    """Error of a region that is unknown, empty or out of range.
+
+    Examples
+    --------
+    >>> from skfem_stvk import ElementMesh
+    >>> ElementMesh(p=[[0.0, 1.0]], t=[[0], [1]]).elements("wall")
+    Traceback (most recent call last):
+    skfem_stvk.errors.RegionError: ...
+    """
 
 
 class LoadError(StvkError):
-    """Error of a load with values of the wrong shape, values that are not finite, or a location where it is not defined."""
+    """Error of a load with values of the wrong shape, values that are not finite, or a location where it is not defined.
+
+    Examples
+    --------
+    >>> from skfem_stvk import Ramp
+    >>> Ramp(5.0, until=0.0)
+    Traceback (most recent call last):
+    skfem_stvk.errors.LoadError: ...
+    """
 
 
 class SupportError(StvkError):
-    """Error of a body with insufficient or contradictory supports."""
+    """Error of a body with insufficient or contradictory supports.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System
+    >>> System(skfem.MeshLine(), StVK(young=1.0, poisson=0.3)).check_held()         # it can move along x
+    Traceback (most recent call last):
+    skfem_stvk.errors.SupportError: ...
+    """
 
 
 class StateError(StvkError):
-    """Error of a displacement vector that has the wrong length or is not finite."""
+    """Error of a displacement vector that has the wrong length or is not finite.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System
+    >>> System(skfem.MeshLine(), StVK(young=1.0, poisson=0.3)).energy([0.0])        # of two degrees of freedom
+    Traceback (most recent call last):
+    skfem_stvk.errors.StateError: ...
+    """
 
 
 class AnalysisError(StvkError, RuntimeError):
@@ -71,11 +135,32 @@ class AnalysisError(StvkError, RuntimeError):
 
 
 class SceneError(StvkError):
-    """Error of a scene that cannot be read, or does not describe a valid model. The message has one line per complaint.
+    """Error of a scene that cannot be read, or does not describe a valid model.
 
-    `complaints` are tuples `(path, line, message)`. `path` is the path of a key in the scene (`terms[1].g`, "" for the whole
-    scene). `line` is its line in the scene, counted from 1. The line is None for values that do not come from a file, such as those
-    of `--set` or of a program. `message` is the complaint.
+    The message has one line per complaint.
+
+    Parameters
+    ----------
+    message
+        Summary of the complaints, one line for each.
+    complaints
+        Tuples `(path, line, message)`. `path` is the path of a key in the scene (`terms[1].g`, "" for the whole scene). `line` is
+        its line in the scene, counted from 1. The line is None for values that do not come from a file, such as those of `--set` or
+        of a program. `message` is the complaint.
+
+    Attributes
+    ----------
+    complaints
+        The complaints, as a tuple.
+
+    Examples
+    --------
+    >>> from skfem_stvk import Scene
+    >>> try:
+    ...     Scene.of_data({"mesh": {"type": "box", "size": [1.0, 1.0], "cells": [1, 1]}})
+    ... except SceneError as error:
+    ...     print([(path, line) for path, line, message in error.complaints])
+    [('terms', None), ('analysis', None)]
     """
 
     def __init__(self, message: str, complaints: Iterable[tuple[str, int | None, str]] = ()) -> None:
@@ -87,7 +172,19 @@ class SceneError(StvkError):
 
 
 class StvkWarning(UserWarning):
-    """Warning about input that can be used, but is probably not intended."""
+    """Warning about input that can be used, but is probably not intended.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skfem_stvk import ElementMesh
+    >>> with warnings.catch_warnings(record=True) as found:
+    ...     warnings.simplefilter("always")
+    ...     ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2).with_degree(1)
+    ElementMesh: 1 triangles in 2D, 3 vertices
+    >>> [warning.category.__name__ for warning in found]
+    ['StvkWarning']
+    """
 
 
 #: Folder of this package, and Python's name for its import machinery: warnings point at the first line outside of both.

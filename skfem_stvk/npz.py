@@ -23,16 +23,21 @@ def arrays_of(file: Path | IO[bytes], wanted: Callable[[str], bool] = lambda nam
 
     Parameters
     ----------
-    file : path of a regular file, or a binary stream with its content.
-    wanted : function that returns whether to read the array of a name; it may raise a StvkError.
-    largest : limit on the bytes of an array in a compressed file. By default compressed files are refused, because a small one may
-        unpack to a large one.
+    file
+        Path of a regular file, or a binary stream with its content.
+    wanted
+        Function that returns whether to read the array of a name; it may raise a StvkError.
+    largest
+        Limit on the bytes of an array in a compressed file. By default compressed files are refused, because a small one may unpack
+        to a large one.
 
     Raises
     ------
     NotArrays
         if the file is damaged, is not an NPZ file, or declares more numbers than it holds.
 
+    Examples
+    --------
     >>> import io
     >>> content = io.BytesIO()
     >>> np.savez(content, u=np.ones(2))

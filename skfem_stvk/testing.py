@@ -96,16 +96,18 @@ def assert_consistent(
 
     Parameters
     ----------
-    model : object with at least one of `energy(u)` [J], `internal_force(u)` (ndofs,) [N] and `tangent(u)` (ndofs, ndofs) [N/m]. The
+    model
+        Object with at least one of `energy(u)` [J], `internal_force(u)` (ndofs,) [N] and `tangent(u)` (ndofs, ndofs) [N/m]. The
         tangent is dense, sparse or a `LinearOperator`. Degrees of freedom are `d * node + component`.
-    mesh, material, young, poisson, degree, quadrature, hourglass, seed : as in `verify`.
-    homogeneous : whether the constants and directions of another law are the same everywhere. Only then does a patch test have
-        meaning.
+    mesh, material, young, poisson, degree, quadrature, hourglass, seed
+        Arguments of `verify`, as there.
+    homogeneous
+        Whether the constants and directions of another law are the same everywhere. Only then does a patch test have meaning.
 
     Returns
     -------
     Report
-        report of the checks that passed.
+        Report of the checks that passed.
 
     Raises
     ------
@@ -115,6 +117,8 @@ def assert_consistent(
     StvkError, MeshError, MaterialError, RegionError
         as in `verify`.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import NeoHookean, StVK, System
     >>> mesh = skfem.MeshTet().refined(1)
@@ -144,12 +148,13 @@ def assert_law(**law: Any) -> Report:
 
     Parameters
     ----------
-    law : arguments of `verify_law`: `energy`, `stress`, `elasticity`, `claims`, `at`, ...
+    law
+        Arguments of `verify_law`: `energy`, `stress`, `elasticity`, `claims`, `at`, ...
 
     Returns
     -------
     Report
-        report of the checks that passed.
+        Report of the checks that passed.
 
     Raises
     ------
@@ -158,6 +163,8 @@ def assert_law(**law: Any) -> Report:
     StvkError, MaterialError
         as in `verify_law`.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> def S(F):
     ...     E = (F.T @ F - np.eye(3)) / 2
@@ -189,6 +196,8 @@ def small_mesh(kind: str, seed: int = 0) -> skfem.Mesh:
     StvkError
         for a kind of elements that is not in `KINDS`.
 
+    Examples
+    --------
     >>> small_mesh("tetrahedra").t.shape
     (4, 48)
     >>> small_mesh("tets")

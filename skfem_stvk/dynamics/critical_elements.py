@@ -31,11 +31,15 @@ class CriticalElements:
 
     Attributes
     ----------
-    elements : (n,) ids, the smallest step first.
-    steps : (n,) their steps [s].
-    every : (nt,) the step of each element [s]; infinite for elements without stiffness or with all nodes constrained.
-    left_out : terms that do not act on elements of the mesh, such as "ElasticFoundation 1" or cables attached to it. They reduce
-        the step of the body further.
+    elements
+        (n,) ids of the elements, the smallest step first.
+    steps
+        (n,) steps of these elements [s].
+    every
+        (nt,) step of each element [s]; infinite for elements without stiffness or with all nodes constrained.
+    left_out
+        Terms that do not act on elements of the mesh, such as "ElasticFoundation 1" or cables attached to it. They reduce the step
+        of the body further.
     """
 
     elements: NDArray[np.int64]
@@ -52,7 +56,7 @@ class CriticalElements:
 def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None) -> CriticalElements:
     """Return the n elements that allow the smallest steps of explicit integrators.
 
-    The displacements are `u` (ndofs,) [m], by default zero.
+    ::
 
         T_e = 2/omega_e,    omega_e^2 the largest eigenvalue of (K_e, M)        T of the body <= min_e T_e
 
@@ -60,6 +64,20 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
     freedom. `omega_e^2` is the Rayleigh quotient of a motion of these nodes alone. At rest the other elements add stiffness to it,
     hence the inequality. Where one element is much worse than its neighbours, such as a sliver or a stiff one, its `T_e` is the
     step of the body. Remesh there, or use a material that is softer or heavier.
+
+    Parameters
+    ----------
+    system
+        Body with densities, and its supports.
+    n
+        Number of elements.
+    u
+        (ndofs,) displacements [m], by default zero.
+
+    Returns
+    -------
+    CriticalElements
+        Ids of the elements with the smallest first, `elements` (n,), their `steps` (n,) [s], and the step of `every` element (nt,).
 
     Raises
     ------
@@ -70,6 +88,8 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
     StvkError
         if no term acts on elements, for example if there are only springs.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> from skfem_stvk import ElementMesh, StVK, System
     >>> line = ElementMesh(np.array([[0.0, 1.0, 1.1, 2.0]]), np.array([[0, 1, 2], [1, 2, 3]]))

@@ -34,11 +34,15 @@ class CriticalStep:
 
     Attributes
     ----------
-    step : step from the largest eigenvalue of `M^-1 K` [s].
-    bound : smaller, safe step [s], from the norms of the blocks of K alone.
-    omega, omega_bound : largest circular frequency without damping, and an upper bound on it [1/s]. Without damping the steps are
-        `2/omega` and `2/omega_bound`.
-    products : number of products of K with a vector that `step` took.
+    step
+        Step from the largest eigenvalue of `M^-1 K` [s].
+    bound
+        Smaller, safe step [s], from the norms of the blocks of K alone.
+    omega, omega_bound
+        Largest circular frequency without damping, and an upper bound on it [1/s]. Without damping the steps are `2/omega` and
+        `2/omega_bound`.
+    products
+        Number of products of K with a vector that `step` took.
     """
 
     step: float
@@ -67,7 +71,8 @@ class LargestFrequency:
 
     Parameters
     ----------
-    damping : `Rayleigh`, `EdgeDamping`, or several.
+    damping
+        Damping, as `Rayleigh`, `EdgeDamping`, or several.
     """
 
     def __init__(self, system: System, damping: Damping | None = None) -> None:
@@ -165,8 +170,20 @@ class LargestFrequency:
 def critical_step(system: System, u: ArrayLike | None = None, *, damping: Damping | None = None) -> CriticalStep:
     """Return the largest stable step of explicit integrators with the lumped mass.
 
-    The displacements are `u` (ndofs,) [m], by default zero. With `damping` the step is that of `ForwardEuler`. For `VelocityVerlet`
-    damping counts twice, so pass twice the damping.
+    Parameters
+    ----------
+    system
+        Body with densities, and its supports.
+    u
+        (ndofs,) displacements [m], by default zero.
+    damping
+        `Rayleigh`, `EdgeDamping` or a list of them. The step is then that of `ForwardEuler`. For `VelocityVerlet` damping counts
+        twice, so pass twice the damping.
+
+    Returns
+    -------
+    CriticalStep
+        The `step` [s] from the largest eigenvalue of `M^-1 K`, and the safe `bound` [s] from the norms of the blocks of K.
 
     Raises
     ------
@@ -177,6 +194,8 @@ def critical_step(system: System, u: ArrayLike | None = None, *, damping: Dampin
     StvkError
         if `damping` is no damping.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> from skfem_stvk import ElementMesh, StVK, System
     >>> line = ElementMesh(np.linspace(0, 1, 11)[None], np.stack([np.arange(10), np.arange(1, 11)]))

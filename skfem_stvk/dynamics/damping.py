@@ -19,13 +19,23 @@ class Rayleigh:
 
     Parameters
     ----------
-    alpha : by mass [1/s], not negative.
-    beta : by stiffness [s], not negative.
+    alpha
+        Factor of the mass [1/s], not negative.
+    beta
+        Factor of the stiffness at rest [s], not negative.
 
     Raises
     ------
     StvkError
         if one is negative or not finite.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System, critical_step
+    >>> bar = System(skfem.MeshLine(), StVK(young=4.0, poisson=0.3, density=2.0), fixed={lambda x: x[0] == 0: "x"})
+    >>> critical_step(bar).step, critical_step(bar, damping=Rayleigh(alpha=3.0)).step     # ratio 3/4 at omega = 2/s
+    (1.0, 0.5)
     """
 
     alpha: float = 0.0
@@ -40,6 +50,8 @@ class Rayleigh:
 class EdgeDamping:
     """Damping by the rate of the squared elongations `zeta` of the edges, which act like dashpots.
 
+    ::
+
         dzeta_i/dt = 2 p_i . (v_a - v_b)        force = -tau sum_i (L dzeta/dt)_i p_i = -tau K_GN(u) v
         power lost = tau/2 (dzeta/dt)' L (dzeta/dt)
 
@@ -53,12 +65,21 @@ class EdgeDamping:
 
     Parameters
     ----------
-    tau : time of retardation [s], not negative.
+    tau
+        Time of retardation [s], not negative.
 
     Raises
     ------
     StvkError
         if it is negative or not finite.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System, critical_step
+    >>> bar = System(skfem.MeshLine(), StVK(young=4.0, poisson=0.3, density=2.0), fixed={lambda x: x[0] == 0: "x"})
+    >>> critical_step(bar).step, critical_step(bar, damping=EdgeDamping(tau=0.75)).step     # ratio 3/4 at omega = 2/s
+    (1.0, 0.5)
     """
 
     tau: float
@@ -87,6 +108,8 @@ def damping_factors(damping: Damping | None) -> DampingFactors:
     StvkError
         if `damping` is anything else.
 
+    Examples
+    --------
     >>> damping_factors([Rayleigh(alpha=0.5), EdgeDamping(1e-3), EdgeDamping(2e-3)])
     DampingFactors(alpha=0.5, beta=0.0, tau=0.003)
     """

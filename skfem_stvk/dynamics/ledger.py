@@ -47,18 +47,23 @@ class Ledger(Mapping[str, Array]):
 
     Parameters
     ----------
-    names : names of the columns, in order; the first is "time".
-    rows : (n, columns) initial rows.
+    names
+        Names of the columns, in order; the first is "time".
+    rows
+        (n, columns) initial rows.
 
     Attributes
     ----------
-    names : names of the columns, a tuple.
+    names
+        Names of the columns, a tuple.
 
     Raises
     ------
     StvkError
         if a name occurs twice, or the number of columns of `rows` is not the number of names.
 
+    Examples
+    --------
     >>> ledger = Ledger(["time", "kinetic_energy"])
     >>> ledger.append([0.0, 2.5])
     >>> ledger.append([0.1, 2.0])

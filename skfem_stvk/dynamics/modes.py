@@ -47,16 +47,25 @@ class Modes:
 
     Attributes
     ----------
-    frequencies : (n,) `Re(omega)/(2 pi)` [Hz]; 0 for rigid modes, NaN for modes that grow without oscillation.
-    eigenvalues : (n,) `omega^2` [1/s^2].
-    shapes : (n, ndofs) `x` [kg^-1/2], 0 at constrained degrees of freedom, with `x_i' M x_j = delta_ij`. If K is not symmetric,
+    frequencies
+        (n,) frequencies `Re(omega)/(2 pi)` [Hz]; 0 for rigid modes, NaN for modes that grow without oscillation.
+    eigenvalues
+        (n,) eigenvalues `omega^2` [1/s^2].
+    shapes
+        (n, ndofs) shapes `x` [kg^-1/2], 0 at constrained degrees of freedom, with `x_i' M x_j = delta_ij`. If K is not symmetric,
         only `x_i^H M x_i = 1` holds, and the motion is the real part of `x exp(i omega t)`.
-    rigid : (n,) whether the mode is a rigid motion of the body or of parts of it, without stiffness.
-    unstable : (n,) whether the mode grows: `omega^2` is negative (divergence, without oscillation), or complex (flutter).
-    flutter : (n,) whether `omega^2` is complex.
-    growth : (n,) rate at which the mode grows without damping, `|Im(omega)|` [1/s]; 0 for stable modes.
-    residuals : (n,) norms of `M^-1/2 (K x - omega^2 M x)` [1/s^2]. If K is symmetric, an eigenvalue lies within this distance.
-    system, u : the system, and its displacements (ndofs,) [m] about which it vibrates.
+    rigid
+        (n,) whether the mode is a rigid motion of the body or of parts of it, without stiffness.
+    unstable
+        (n,) whether the mode grows: `omega^2` is negative (divergence, without oscillation), or complex (flutter).
+    flutter
+        (n,) whether `omega^2` is complex.
+    growth
+        (n,) rate at which the mode grows without damping, `|Im(omega)|` [1/s]; 0 for stable modes.
+    residuals
+        (n,) norms of `M^-1/2 (K x - omega^2 M x)` [1/s^2]. If K is symmetric, an eigenvalue lies within this distance.
+    system, u
+        The system, and its displacements (ndofs,) [m] about which it vibrates.
     """
 
     frequencies: Array
@@ -132,13 +141,26 @@ def modes(
 
     Parameters
     ----------
-    n : number of modes, including rigid ones.
-    u : displacements (ndofs,) [m] of the equilibrium about which the system vibrates, such as `solve_static(system).u`; by default
+    system
+        Body with densities, and its supports; free bodies are allowed.
+    n
+        Number of modes, including rigid ones.
+    u
+        Displacements (ndofs,) [m] of the equilibrium about which the system vibrates, such as `solve_static(system).u`; by default
         zero. K is that of the stressed body, and includes the stiffness of loads that depend on the displacements. If these loads
         make K unsymmetric, the modes nearest to zero are found, which can show flutter.
-    t : load factor of this equilibrium, for these loads: `step.t` of a state on a path.
-    mass : "lumped", or "consistent".
-    solver : as in `solve_static`; by default a direct solver, and multigrid for more than 200 000 unknowns.
+    t
+        Load factor of this equilibrium, for these loads: `step.t` of a state on a path.
+    mass
+        Kind of the mass, "lumped" or "consistent".
+    solver
+        Linear solver, as in `solve_static`; by default a direct solver, and multigrid for more than 200 000 unknowns.
+
+    Returns
+    -------
+    Modes
+        The `frequencies` (n,) [Hz], `shapes` (n, ndofs), and which modes are `rigid` or `unstable`, in ascending order of
+        `omega^2`.
 
     Raises
     ------
@@ -149,6 +171,8 @@ def modes(
     StateError
         if `u` does not have one finite entry for each degree of freedom.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 1, 9))

@@ -138,13 +138,20 @@ class HierarchyOrigin(NamedTuple):
 
     Attributes
     ----------
-    u0, w : (ndofs,) displacements at the beginning of the step, and over it [m].
-    t : time of the equation [s].
-    c, g : factors of accelerations and velocities, as in `Coefficients`.
-    tangent : value of a `Tangent` of Newton's method.
-    with_tensions : whether the matrix has the tensions of the beginning of the step.
-    pace : iterations per decade of the residual in the first solve; None before it.
-    slow : whether the next matrix gets a new hierarchy.
+    u0, w
+        (ndofs,) displacements at the beginning of the step, and over it [m].
+    t
+        Time of the equation [s].
+    c, g
+        Factors of accelerations and velocities, as in `Coefficients`.
+    tangent
+        Value of a `Tangent` of Newton's method.
+    with_tensions
+        Whether the matrix has the tensions of the beginning of the step.
+    pace
+        Iterations per decade of the residual in the first solve; None before it.
+    slow
+        Whether the next matrix gets a new hierarchy.
     """
 
     u0: Array

@@ -18,21 +18,27 @@ from .record import RunRecord
 
 @dataclass(frozen=True, eq=False)
 class PrincipalStressLimit:
-    """Rule that removes elements whose largest principal (Cauchy) stress exceeds a limit: Rankine's criterion, for brittle bodies.
+    """Rule that removes elements whose largest principal (Cauchy) stress exceeds a limit.
 
-    As with all rules by element, the crack depends on the mesh. The stress at the tip of a notch grows as elements get smaller, and
-    the energy that a crack dissipates decreases. Calibrate the limit on the mesh that is used.
+    This is Rankine's criterion, for brittle bodies. As with all rules by element, the crack depends on the mesh. The stress at the
+    tip of a notch grows as elements get smaller, and the energy that a crack dissipates decreases. Calibrate the limit on the mesh
+    that is used.
 
     Parameters
     ----------
-    limit : [Pa], a number or one for each element of the mesh; infinity for elements that are never removed.
-    every : number of steps between two evaluations. One evaluation costs as much as many forces.
+    limit
+        Largest principal stress [Pa], a number or one value for each element of the mesh; infinity for elements that are never
+        removed.
+    every
+        Number of steps between two evaluations. One evaluation costs as much as many forces.
 
     Raises
     ------
     StvkError
         if the limit is not positive; in a run, if the number of values is not the number of elements.
 
+    Examples
+    --------
     >>> PrincipalStressLimit(2e6, every=10).limit
     array(2000000.)
     """
@@ -51,7 +57,13 @@ class PrincipalStressLimit:
         own(self)
 
     def above(self, state: State) -> NDArray[np.int64]:
-        """Return the ids of the elements that exceed the limit at one of their points or more."""
+        """Return the ids of the elements that exceed the limit at one of their points or more.
+
+        Parameters
+        ----------
+        state
+            State of the body, with its fields of stress.
+        """
         stress = state.at_points("cauchy_stress")
         if np.shape(self.limit) not in ((), (len(stress),)):
             raise StvkError(

@@ -32,22 +32,45 @@ class Run:
 
     Attributes
     ----------
-    motion : the system with its masses and its damping.
-    u, v : (ndofs,) displacements [m] and velocities [m/s] of the last good state.
-    t : time of this state [s].
-    dt : length of the last whole step [s].
-    status, message : how the run ended, as a status and as a text.
-    findings : unreliable elements in the last state, as in `step.findings` of statics: inverted, or compressed beyond the point
-        where the material softens.
-    ledger : one array per name, one value per step: `run.ledger["total_energy"]`.
-    iterations : of Newton's method, or of the linear solver if a step is one linear solve. Like `cuts` and `seconds`, they count
+    motion
+        System with its masses and its damping.
+    integrator
+        Integrator of the run.
+    u, v
+        (ndofs,) displacements [m] and velocities [m/s] of the last good state.
+    t
+        Time of this state [s].
+    dt
+        Length of the last whole step [s].
+    status, message
+        How the run ended, as a status and as a text.
+    findings
+        Unreliable elements in the last state, as in `step.findings` of statics: inverted, or compressed beyond the point where the
+        material softens.
+    ledger
+        One array per name, one value per step: `run.ledger["total_energy"]`.
+    iterations
+        Iterations of Newton's method, or of the linear solver if a step is one linear solve. Like `cuts` and `seconds`, they count
         the whole motion, including the part before it was resumed.
-    cuts : number of steps that were made in parts, because no state was found at their end at once.
-    blow_ups : number of times the motion blew up and continued from its last good state with shorter steps.
-    seconds : run time by part: assemble, factor, solve, write (results and checkpoints), other.
-    series : the .pvd file, if there is one.
-    removed, removed_at : (n,) removed elements, in order, and the times of their removal [s]; NaN if they were removed before the
-        run.
+    cuts
+        Number of steps that were made in parts, because no state was found at their end at once.
+    blow_ups
+        Number of times the motion blew up and continued from its last good state with shorter steps.
+    seconds
+        Run time by part: assemble, factor, solve, write (results and checkpoints), other.
+    series
+        The .pvd file, if there is one.
+    removed, removed_at
+        (n,) removed elements, in order, and the times of their removal [s]; NaN if they were removed before the run.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import StVK, System, VelocityVerlet, simulate
+    >>> bar = System(skfem.MeshLine(), StVK(young=4.0, poisson=0.3, density=2.0), fixed={lambda x: x[0] == 0: "x"})
+    >>> run = simulate(bar, VelocityVerlet(dt=0.01), until=1.0, v0=[0.0, 1e-3], quiet=True)
+    >>> run.success, run.t, len(run.ledger["time"]), (run.u * 1e3).round(3)       # sin(2 t)/2 mm, of mode omega = 2/s
+    (True, 1.0, 101, array([0.   , 0.454]))
     """
 
     motion: Motion
@@ -95,8 +118,12 @@ class Run:
 
         The force of supports is `M a + D v + F(u) - h(u, t)`. It carries the loads, and the inertia and damping of constrained
         degrees of freedom that move. The force of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping.
-        Together with the loads, these forces are the rate of the body's linear momentum. `where` is a boundary, a node set, vertex
-        ids or a predicate; None for all locations.
+        Together with the loads, these forces are the rate of the body's linear momentum.
+
+        Parameters
+        ----------
+        where
+            Boundary, node set, vertex ids or a predicate; None for all locations.
 
         Raises
         ------
@@ -110,15 +137,45 @@ class Run:
         return Reaction.of(self.system.mesh, self.u, self.motion.ground_forces(self.u, self.v, self.t, since), vertices)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
-        """Draw the last state, coloured by a field. Options are those of `results.plot`."""
+        """Draw the last state, coloured by a field.
+
+        Parameters
+        ----------
+        field
+            Name of a field, or values (nv,) at nodes or (nt,) of elements.
+        **options
+            Options of `results.plot`.
+        """
         return plot(self.state, field, **options)
 
     def save(self, path: str | os.PathLike[str], fields: Any = DEFAULT) -> Path:
-        """Write the last state to a .vtu file. Raises the errors of `results.write_vtu`."""
+        """Write the last state to a .vtu file.
+
+        Parameters
+        ----------
+        path
+            Path of the file, ending in .vtu.
+        fields
+            Names of the fields in it, see `skfem_stvk.results.names()`; by default stresses and strains.
+
+        Raises
+        ------
+        StvkError
+            as `results.write_vtu`.
+        """
         return write_vtu(path, self.state, fields)
 
     def animate(self, path: str | os.PathLike[str], field: str = "displacement", **options: Any) -> Path:
-        """Write a .gif or .mp4 of the saved states, coloured by a field. Options are those of `results.animate`.
+        """Write a .gif or .mp4 of the saved states, coloured by a field.
+
+        Parameters
+        ----------
+        path
+            Path of the file, ending in .gif or .mp4.
+        field
+            Name of a field.
+        **options
+            Options of `results.animate`.
 
         Raises
         ------
@@ -137,9 +194,27 @@ class Run:
 class SimulationError(AnalysisError):
     """Error for a simulation that did not reach its end, or reached it with inverted elements.
 
+    Parameters
+    ----------
+    run
+        The run so far, with the last good state.
+
     Attributes
     ----------
-    run : the run so far, with the last good state.
+    run
+        The run so far, with the last good state.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import NodalLoad, StVK, System, VelocityVerlet, simulate
+    >>> force = lambda t: [1e-3 / (not 0.45 < t < 0.95)]
+    >>> bar = System(skfem.MeshLine(), [StVK(young=4.0, poisson=0.3, density=2.0), NodalLoad([1], force)], fixed={(0,): "x"})
+    >>> try:
+    ...     simulate(bar, VelocityVerlet(dt=0.1), until=1.0, quiet=True)
+    ... except SimulationError as error:
+    ...     print(error.run.success, type(error.__cause__).__name__)
+    False LoadError
     """
 
     def __init__(self, run: Run) -> None:

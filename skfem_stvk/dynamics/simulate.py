@@ -53,46 +53,73 @@ def simulate(
     quiet: bool = False,
     raise_on_failure: bool = True,
 ) -> Run:
-    """Simulate the motion `M v' + D v + F(u) = h(u, t)` from `t0` until a time.
+    """Simulate a motion from `t0` until a time.
+
+    ::
+
+        M v' + D v + F(u) = h(u, t)
 
     Constant loads and prescribed displacements act in full from the beginning; they do not ramp. Functions are evaluated at the
     time `t` [s].
 
     Parameters
     ----------
-    system : a body whose materials have densities. It may be free to move. It may also be a `ReducedSystem` of a constrained body.
-        Such a system requires an implicit integrator with its default tangent and solver, and allows `Rayleigh` damping. The cost
-        of a step is then independent of the mesh. Inverted elements are counted in saved states and at both ends, and
-        `EnergyMomentum` conserves the energy, but not the momenta.
-    integrator : `ForwardEuler`, `VelocityVerlet`, `LinearBackwardEuler`, `BackwardEuler`, `Newmark`, `GeneralizedAlpha`,
+    system
+        A body whose materials have densities. It may be free to move. It may also be a `ReducedSystem` of a constrained body. Such
+        a system requires an implicit integrator with its default tangent and solver, and allows `Rayleigh` damping. The cost of a
+        step is then independent of the mesh. Inverted elements are counted in saved states and at both ends, and `EnergyMomentum`
+        conserves the energy, but not the momenta.
+    integrator
+        Time integrator: `ForwardEuler`, `VelocityVerlet`, `LinearBackwardEuler`, `BackwardEuler`, `Newmark`, `GeneralizedAlpha`,
         `EnergyMomentum`.
-    until : end of the run [s]. If it is not a whole number of steps away, the last step is shorter.
-    u0, v0 : (ndofs,) initial displacements [m] and velocities [m/s], by default zero. Constrained degrees of freedom move as the
+    until
+        End of the run [s]. If it is not a whole number of steps away, the last step is shorter.
+    u0, v0
+        (ndofs,) initial displacements [m] and velocities [m/s], by default zero. Constrained degrees of freedom move as the
         supports prescribe.
-    t0 : initial time [s].
-    mass : "lumped", the default, or "consistent".
-    damping : `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
-    probes : locations by name, whose mean displacements are recorded in the ledger: `{"A": [17]}` adds the columns "A x", "A y".
-    reactions : locations with supports or foundations by name, whose forces are recorded in the ledger: `{"B": "left"}` adds
+    t0
+        Initial time [s].
+    mass
+        Kind of the mass, "lumped", the default, or "consistent".
+    damping
+        `Rayleigh(alpha, beta)`, `EdgeDamping(tau)` or a list of them.
+    probes
+        Locations by name, whose mean displacements are recorded in the ledger: `{"A": [17]}` adds the columns "A x", "A y".
+    reactions
+        Locations with supports or foundations by name, whose forces are recorded in the ledger: `{"B": "left"}` adds
         "reaction B x", "reaction B y". This costs one force per step. For the last state alone use `run.reaction("left")`.
-    remove : rule that removes elements from the body after whole steps, as `System.without` does: `PrincipalStressLimit(1e6)`, or a
+    remove
+        Rule that removes elements from the body after whole steps, as `System.without` does: `PrincipalStressLimit(1e6)`, or a
         function of the time and the displacements (ndofs,) that returns ids or a mask of elements, or None. The ledger records the
         lost energy as `removed_energy`. `run.removed` has the ids of removed elements, and `run.system` is the remaining body.
         `system` itself does not change.
-    save : a .pvd file, with a .vtu file for each saved state, and the ledger as .csv next to it.
-    fields : fields of the .vtu files in addition to displacements and velocities, see `skfem_stvk.results.names()`; by default
-        stresses and strains.
-    every : number of steps from one saved state to the next, by default 10.
-    checkpoint : a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
-    resume : continue the motion of `checkpoint`, if there is one, with bitwise the same results as without interruption. A motion
-        that is at its end is returned. Arguments of the beginning (`integrator`, `u0`, `v0`, `t0`, `mass`, `damping`, `probes`,
+    save
+        Path of a .pvd file, with a .vtu file for each saved state, and the ledger as .csv next to it.
+    fields
+        Fields of the .vtu files in addition to displacements and velocities, see `skfem_stvk.results.names()`; by default stresses
+        and strains.
+    every
+        Number of steps from one saved state to the next, by default 10.
+    checkpoint
+        Path of a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
+    resume
+        Continue the motion of `checkpoint`, if there is one, with bitwise the same results as without interruption. A motion that
+        is at its end is returned. Arguments of the beginning (`integrator`, `u0`, `v0`, `t0`, `mass`, `damping`, `probes`,
         `reactions`) are read from the checkpoint. If they are passed again, they must be the same. `every` and the name of the
         series are read as well. The series continues at `save`, or by default next to the checkpoint.
-    overwrite : let `save` and `checkpoint` replace files of another problem, with another mesh, other terms, supports, options or
-        initial states. A run that is resumed needs its rule `remove` again.
-    quiet : print nothing.
-    raise_on_failure : raise an error if the end is not reached, or elements are inverted there; otherwise see `run.status`. An
-        interruption, such as Ctrl-C or a full disk, is always raised.
+    overwrite
+        Let `save` and `checkpoint` replace files of another problem, with another mesh, other terms, supports, options or initial
+        states. A run that is resumed needs its rule `remove` again.
+    quiet
+        Print nothing.
+    raise_on_failure
+        Raise an error if the end is not reached, or elements are inverted there; otherwise see `run.status`. An interruption, such
+        as Ctrl-C or a full disk, is always raised.
+
+    Returns
+    -------
+    Run
+        The last state, the `ledger` with one value per step, and the `status` of the run.
 
     Raises
     ------
@@ -112,6 +139,8 @@ def simulate(
         if the step of an explicit integrator is above the critical one, elements lock or become inverted, or a prescribed
         displacement jumps.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import EnergyMomentum, Gravity, StVK, System, simulate
     >>> beam = skfem.MeshTri.init_tensor(np.linspace(0, 4, 17), np.linspace(0, 1, 5))

@@ -85,8 +85,10 @@ class StepMatrix:
 
     Attributes
     ----------
-    tangent : the `FreeTangent` of the body.
-    with_tensions : whether the matrix contains the tensions of the beginning.
+    tangent
+        The `FreeTangent` of the body.
+    with_tensions
+        Whether the matrix contains the tensions of the beginning.
     """
 
     def __init__(self, motion: Motion, solver: LinearSolver, chosen: StepTangent, mean: bool, watch: Stopwatch) -> None:

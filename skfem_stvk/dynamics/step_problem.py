@@ -31,9 +31,12 @@ class StepProblem(Equation):
 
     Parameters
     ----------
-    matrix : the matrix of the step over the free degrees of freedom.
-    mean : whether the internal force is twice the mean over the step, as for energy and momentum; otherwise `F(u_1)`.
-    secant : whether edge damping uses the difference of the squared elongations over the step as their rate; otherwise it uses
+    matrix
+        The matrix of the step over the free degrees of freedom.
+    mean
+        Whether the internal force is twice the mean over the step, as for energy and momentum; otherwise `F(u_1)`.
+    secant
+        Whether edge damping uses the difference of the squared elongations over the step as their rate; otherwise it uses
         velocities.
     """
 

@@ -36,12 +36,18 @@ class Assembly(PairTerm):
 
     Parameters
     ----------
-    p, t : rest coordinates (d, nv) [m], and nodes (n, nt) of the elements.
-    stored : the law and its stored numbers of each element: computed in double, then rounded.
-    quadrature : the kind of elements and the rule, by default linear simplices.
-    dtype : of results and of stored numbers.
-    resistance : (nt,) `hourglass/16 (lam + 2 mu)` times section, of boxes with one point.
-    elements : (nt,) their ids, for messages; by default 0, 1, ...
+    p, t
+        Rest coordinates (d, nv) [m], and nodes (n, nt) of the elements.
+    stored
+        The law and its stored numbers of each element: computed in double, then rounded.
+    quadrature
+        Kind of the elements and integration rule, by default linear simplices.
+    dtype
+        Type of results and of stored numbers.
+    resistance
+        (nt,) resistance `hourglass/16 (lam + 2 mu)` times section, of boxes with one point.
+    elements
+        (nt,) ids of the elements, for messages; by default 0, 1, ...
     """
 
     symmetric = balanced = has_energy = True

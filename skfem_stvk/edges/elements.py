@@ -77,10 +77,12 @@ class Quadrature(NamedTuple):
 
     Attributes
     ----------
-    element : the kind.
-    rule : its points and weights.
-    hourglass : for boxes with one point and mean gradients, the resistance to hourglass modes, which these do not detect; else
-        None.
+    element
+        Kind of the elements.
+    rule
+        Points and weights of the rule.
+    hourglass
+        Resistance to hourglass modes, for boxes with one point and mean gradients, which these do not detect; else None.
     """
 
     element: Element
@@ -103,11 +105,16 @@ class Frames(NamedTuple):
 
     Attributes
     ----------
-    k : dimension of the elements.
-    `base_vectors` : (n, k, d) base vectors at rest [m].
-    Ri : (6, n) entries 11, 12, 13, 22, 23, 33 [1/m] of the inverse of R.
-    size : (n,) determinant of R [m^k].
-    local : (k + 1, n) for each vertex of a base vector, its index in the user-supplied simplex; for linear simplices.
+    k
+        Dimension of the elements.
+    `base_vectors`
+        (n, k, d) base vectors at rest [m].
+    Ri
+        (6, n) entries 11, 12, 13, 22, 23, 33 [1/m] of the inverse of R.
+    size
+        (n,) determinant of R [m^k].
+    local
+        (k + 1, n) for each vertex of a base vector, its index in the user-supplied simplex; for linear simplices.
     """
 
     k: int

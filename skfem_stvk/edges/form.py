@@ -21,9 +21,12 @@ class EdgeForm:
 
     Parameters
     ----------
-    p : (d, nv) rest coordinates of all vertices of the mesh [m].
-    t : (k + 1, nt) vertices of the simplices.
-    stiffness : stiffness of each simplex.
+    p
+        (d, nv) rest coordinates of all vertices of the mesh [m].
+    t
+        (k + 1, nt) vertices of the simplices.
+    stiffness
+        Stiffness of each simplex.
     """
 
     def __init__(self, p: Array, t: NDArray[np.int32], stiffness: Stiffness) -> None:

@@ -34,11 +34,16 @@ class Network(PairTerm):
 
     Parameters
     ----------
-    p : (d, nv) rest coordinates of all vertices of the mesh [m].
-    edges : (2, ne) vertices `a < b`, each edge once.
-    pairs : (2, n) edges `i < j`, each pair once.
-    own, between : (ne,) and (n,) coefficients `A_ii` of edges and `A_ij` of pairs.
-    dtype : of results and of stored numbers.
+    p
+        (d, nv) rest coordinates of all vertices of the mesh [m].
+    edges
+        (2, ne) vertices `a < b`, each edge once.
+    pairs
+        (2, n) edges `i < j`, each pair once.
+    own, between
+        (ne,) and (n,) coefficients `A_ii` of edges and `A_ij` of pairs.
+    dtype
+        Type of results and of stored numbers.
     """
 
     symmetric = balanced = has_energy = True

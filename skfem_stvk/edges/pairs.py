@@ -36,9 +36,13 @@ class Tensions(NamedTuple):
 
     Attributes
     ----------
-    positive, negative : factors of tensions `t > 0` and `t < 0`.
-    warped : whether the rotated K(0) replaces the part that does not depend on tensions.
+    positive, negative
+        Factors of tensions `t > 0` and `t < 0`.
+    warped
+        Whether the rotated K(0) replaces the part that does not depend on tensions.
 
+    Examples
+    --------
     >>> Tensions(1.0, 0.0) == TENSILE
     True
     """
@@ -59,8 +63,10 @@ class Linearized(NamedTuple):
 
     Attributes
     ----------
-    energy : strain energy [J].
-    total : a sum that is not finite if any value of K is not.
+    energy
+        Strain energy [J].
+    total
+        Sum that is not finite if any value of K is not.
     """
 
     energy: float
@@ -84,10 +90,14 @@ class Rows(NamedTuple):
 
     Attributes
     ----------
-    begin : (n + 1,) index of the first entry of each star; empty for single blocks.
-    entries : (m,) the block at each entry.
-    indices : (m,) the index of the first value of each.
-    strides : number of values from one row of a vertex, or of a block, to its next row.
+    begin
+        (n + 1,) index of the first entry of each star; empty for single blocks.
+    entries
+        (m,) block at each entry.
+    indices
+        (m,) index of the first value of each block.
+    strides
+        Number of values from one row of a vertex, or of a block, to its next row.
     """
 
     begin: NDArray[np.int64]
@@ -107,9 +117,12 @@ class NodeBlocks:
 
     Attributes
     ----------
-    pairs : (n, d, d) `K_ab` of its `nodes_paired`.
-    reverse : (n, d, d) `K_ba`; None for symmetric terms.
-    own : (m, d, d) `K_aa` of its `nodes`; None for balanced terms.
+    pairs
+        (n, d, d) `K_ab` of its `nodes_paired`.
+    reverse
+        (n, d, d) `K_ba`; None for symmetric terms.
+    own
+        (m, d, d) `K_aa` of its `nodes`; None for balanced terms.
     """
 
     pairs: Array
@@ -285,13 +298,16 @@ def blocks_between(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairBlocks:
 class BoundTerm(Protocol):
     """Elastic term on a body that couples pairs of vertices and has a force. Each is also a `BlockTerm` or a `PairTerm`.
 
+    A term with the attribute `constant_tangent`, which is True, has the same K at all displacements, so K is factorised once.
+
     Attributes
     ----------
-    symmetric : whether `K_ba = K_ab'`; if not, the term supplies both.
-    balanced : whether the rows of K sum to zero, so that `K_aa = -sum_b K_ab`; if not, the term supplies those of its `nodes` (m,).
-    has_energy : whether the force is the gradient of an energy; if not, `energy_and_force` returns 0.
-
-    A term with the attribute `constant_tangent`, which is True, has the same K at all displacements, so K is factorised once.
+    symmetric
+        Whether `K_ba = K_ab'`; if not, the term supplies both.
+    balanced
+        Whether the rows of K sum to zero, so that `K_aa = -sum_b K_ab`; if not, the term supplies those of its `nodes` (m,).
+    has_energy
+        Whether the force is the gradient of an energy; if not, `energy_and_force` returns 0.
     """
 
     symmetric: bool

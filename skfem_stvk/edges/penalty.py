@@ -32,8 +32,10 @@ class PenaltyStiffness(StoredLaw):
 
     Parameters
     ----------
-    stiffness : (nt,) `k` times section [Pa] times 1, thickness or area, of elements that fill their space.
-    kind : of `psi`, a number of `kernels.penalty`.
+    stiffness
+        (nt,) stiffness `k` times section [Pa] times 1, thickness or area, of elements that fill their space.
+    kind
+        Kind of `psi`, a number of `kernels.penalty`.
     """
 
     def __init__(self, stiffness: Array, kind: int) -> None:

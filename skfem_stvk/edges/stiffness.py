@@ -41,8 +41,10 @@ class StoredLaw(ABC):
 
     Attributes
     ----------
-    law : the law of the kernels, made of its numbers `D`; its type selects the formulas of the kernels.
-    barrier : part of messages: the quantity that is infinite where elements are inverted or flat, and the remedy; "" without one.
+    law
+        The law of the kernels, made of its numbers `D`; its type selects the formulas of the kernels.
+    barrier
+        Part of messages: the quantity that is infinite where elements are inverted or flat, and the remedy; "" without one.
     """
 
     law: Any
@@ -58,7 +60,8 @@ class LawInFrames(StoredLaw):
 
     Attributes
     ----------
-    moduli : number of stored numbers that are moduli times a size; these come first, and must not over- or underflow.
+    moduli
+        Number of stored numbers that are moduli times a size; these come first, and must not over- or underflow.
     """
 
     moduli: int

@@ -32,11 +32,14 @@ class RowPlan(NamedTuple):
 
     Attributes
     ----------
-    parts : parts of the blocks of lanes, one per thread.
-    slots : arguments of the kernels except the values of K.
-    in_parallel : number of rows that threads write by themselves; the others have elements of several threads, and are written
-        afterwards.
-    starts, sources : slots in which threads add to the pair slots of those other rows (`kernels.rows.fold_slots`).
+    parts
+        Parts of the blocks of lanes, one per thread.
+    slots
+        Arguments of the kernels except the values of K.
+    in_parallel
+        Number of rows that threads write by themselves; the others have elements of several threads, and are written afterwards.
+    starts, sources
+        Slots in which threads add to the pair slots of those other rows (`kernels.rows.fold_slots`).
     """
 
     parts: NDArray[np.int64]
@@ -74,10 +77,14 @@ class ElementRows:
 
     Parameters
     ----------
-    elements : the elements.
-    pairs : their blocks of node pairs.
-    pattern : pattern of the matrix.
-    dtype : type of its values.
+    elements
+        The elements.
+    pairs
+        Blocks of node pairs of the elements.
+    pattern
+        Pattern of the matrix.
+    dtype
+        Type of its values.
     """
 
     def __init__(self, elements: KernelElements, pairs: PairBlocks, pattern: BlockPattern, dtype: DTypeLike) -> None:
@@ -206,8 +213,10 @@ class PartOfRows(ElementRows):
 
     Parameters
     ----------
-    whole : their indices in the whole matrix.
-    indices : the values in the part, ascending.
+    whole
+        Indices of the rows in the whole matrix.
+    indices
+        Indices of the values in the part, ascending.
     """
 
     def __init__(self, whole: ElementRows, indices: NDArray[np.int32]) -> None:

@@ -30,9 +30,12 @@ class VertexWarping(WithoutEnergy):
 
     Parameters
     ----------
-    mesh : the mesh; its elements fill their space, of two or three dimensions.
-    t : (n, nt) nodes of the elements.
-    of : the assembly that supplies K at rest.
+    mesh
+        The mesh; its elements fill their space, of two or three dimensions.
+    t
+        (n, nt) nodes of the elements.
+    of
+        The assembly that supplies K at rest.
     """
 
     balanced = False
@@ -129,11 +132,16 @@ class StressExtension(WithoutEnergy):
 
     Parameters
     ----------
-    mesh : the mesh; its elements fill their space, of two or three dimensions.
-    t : (n, nt) nodes of the elements.
-    lam, mu : (nt,) times section.
-    threshold : the stretch.
-    of : an assembly on the same elements, which supplies pairs of nodes and volumes.
+    mesh
+        The mesh; its elements fill their space, of two or three dimensions.
+    t
+        (n, nt) nodes of the elements.
+    lam, mu
+        (nt,) Lame constants times section.
+    threshold
+        Stretch below which the stress is extended.
+    of
+        An assembly on the same elements, which supplies pairs of nodes and volumes.
     """
 
     balanced = passes_inversion = True

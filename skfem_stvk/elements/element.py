@@ -27,13 +27,20 @@ class Cell:
 
     Attributes
     ----------
-    family : meshio's word for cells with these corners; a number of nodes may follow, as in tetra10.
-    lagrange : meshio's word for those of any degree.
-    reference : scikit-fem's reference domain.
-    corners : (m, k) reference coordinates of the corners.
-    edges : pairs of corners, in scikit-fem's order.
-    facets : corners of each facet, in scikit-fem's order of facets.
-    reversed : the corners in an order of the opposite orientation, with the first two exchanged.
+    family
+        Meshio's word for cells with these corners; a number of nodes may follow, as in tetra10.
+    lagrange
+        Meshio's word for cells of any degree with these corners.
+    reference
+        Reference domain of scikit-fem.
+    corners
+        (m, k) reference coordinates of the corners.
+    edges
+        Pairs of corners, in scikit-fem's order.
+    facets
+        Corners of each facet, in scikit-fem's order of facets.
+    reversed
+        The corners in an order of the opposite orientation, with the first two exchanged.
     """
 
     family: str
@@ -50,11 +57,16 @@ class ShapeFunctions(NamedTuple):
 
     Attributes
     ----------
-    means : the corners between which each further node is, in scikit-fem's order: first edges, then faces, then the cell.
-    values : of reference points `xi` (nq, k): `N_a` (nq, n).
-    derivatives : of reference points `xi` (nq, k): `dN_a/dxi_i` (nq, n, k), whose sum over the nodes is 0.
-    lumped_by_rows : whether masses are lumped by row sums, which are all positive then; else by diagonals (`spread.lumped_shares`).
-    one_point : whether one point with mean gradients and hourglass control is enough where the element fills the space.
+    means
+        The corners between which each further node is, in scikit-fem's order: first edges, then faces, then the cell.
+    values
+        Values `N_a` (nq, n) at reference points `xi` (nq, k).
+    derivatives
+        Derivatives `dN_a/dxi_i` (nq, n, k) at reference points `xi` (nq, k); their sum over the nodes is 0.
+    lumped_by_rows
+        Whether masses are lumped by row sums, which are all positive then; else by diagonals (`spread.lumped_shares`).
+    one_point
+        Whether one point with mean gradients and hourglass control is enough where the element fills the space.
     """
 
     means: tuple[Corners, ...]
@@ -74,16 +86,27 @@ class Element:
 
     Attributes
     ----------
-    name : in words, such as "quadratic tetrahedra".
-    cell : its reference cell.
-    functions : its shape functions on that cell.
-    facet : name of the kind of its facets; that of segments is "points", which have none.
-    orders : of exactness, as scikit-fem counts it, of the usual rule, of the exact one, and of the one for masses (`rule_of`).
-    cell_type : meshio's type of cells with its nodes.
-    scikit_fem : scikit-fem's scalar element with the same nodes.
-    mesh : scikit-fem's mesh of such elements, if it has one.
-    in_cells : the index of each node among those of a cell, which has them in VTK's order; empty if that is the same.
+    name
+        Name in words, such as "quadratic tetrahedra".
+    cell
+        Reference cell of the element.
+    functions
+        Shape functions on that cell.
+    facet
+        Name of the kind of its facets; the facets of segments are "points", which have none.
+    orders
+        Orders of exactness, as scikit-fem counts them, of the usual rule, of the exact one, and of the one for masses (`rule_of`).
+    cell_type
+        Meshio's type of cells with its nodes.
+    scikit_fem
+        Scalar element of scikit-fem with the same nodes.
+    mesh
+        Mesh class of scikit-fem for such elements, if it has one.
+    in_cells
+        The index of each node among those of a cell, which has them in VTK's order; empty if that is the same.
 
+    Examples
+    --------
     >>> tet = ELEMENTS["quadratic tetrahedra"]
     >>> tet.n, tet.corners, tet.facets[0], tet.facet
     (10, 4, (0, 1, 2, 4, 5, 6), 'quadratic triangles')

@@ -27,8 +27,10 @@ class Rule(NamedTuple):
 
     Attributes
     ----------
-    points : (nq, k) reference coordinates.
-    weights : (nq,) positive; their sum is the size of the reference element.
+    points
+        (nq, k) reference coordinates.
+    weights
+        (nq,) weights, all positive; their sum is the size of the reference element.
     """
 
     points: Array
@@ -51,6 +53,8 @@ def rule_of(element: Element, kind: str = "usual") -> Rule:
     StvkError
         if the kind is unknown.
 
+    Examples
+    --------
     >>> from skfem_stvk.elements import ELEMENTS
     >>> [len(rule_of(ELEMENTS["quadratic tetrahedra"], kind).weights) for kind in ("usual", "exact")]
     [4, 14]

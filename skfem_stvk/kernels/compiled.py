@@ -52,9 +52,12 @@ class FirstUse(Listener):
 
     Attributes
     ----------
-    count : number of kernels compiled in this process.
-    quiet : whether messages are suppressed.
-    on_disk : whether machine code is stored on disk. If not, no folder can be written to.
+    count
+        Number of kernels compiled in this process.
+    quiet
+        Whether messages are suppressed.
+    on_disk
+        Whether machine code is stored on disk. If not, no folder can be written to.
     """
 
     #: Number of kernels of W, F and K of linear tetrahedra, seconds to compile them (AMD EPYC), and seconds between messages.

@@ -120,11 +120,14 @@ class Points(NamedTuple):
 
     Attributes
     ----------
-    B : (nq, m, 3) derivatives `dN_a/dxi_i` of the nodes 1, 2, ... at the points. Missing rows and columns are zero; m is a
-        multiple of three.
-    weights : (nq,) weights of the points.
-    starts : (blocks + 1,) index of the first number of the law for each block of lanes. Straight elements have one set of
-        numbers for all points, others one set for each point.
+    B
+        (nq, m, 3) derivatives `dN_a/dxi_i` of the nodes 1, 2, ... at the points. Missing rows and columns are zero; m is a multiple
+        of three.
+    weights
+        (nq,) weights of the points.
+    starts
+        (blocks + 1,) index of the first number of the law for each block of lanes. Straight elements have one set of numbers for
+        all points, others one set for each point.
     """
 
     B: Reals
@@ -137,12 +140,17 @@ class MeanPoints(NamedTuple):
 
     Attributes
     ----------
-    B : (blocks, m, 3, LANES) mean gradients `g_a = int dN_a/dX dV / V` of the nodes 1, 2, ..., as in `Points`, along the axes of
+    B
+        (blocks, m, 3, LANES) mean gradients `g_a = int dN_a/dX dV / V` of the nodes 1, 2, ..., as in `Points`, along the axes of
         space. Then the base vectors at rest are these axes, and `Ri = I`. With the gradients at the centre a patch test fails.
-    weights : (1,) the weight, which is 1.
-    starts : (blocks + 1,) as in `Points`.
-    modes : (nh, m) hourglass modes `h_ka = +-1` of these nodes: products of the signs of two or three reference coordinates.
-    resistance : (blocks, LANES) `c = hourglass/16 (lam + 2 mu) V sum_a |g_a|^2`.
+    weights
+        (1,) the weight, which is 1.
+    starts
+        (blocks + 1,) as in `Points`.
+    modes
+        (nh, m) hourglass modes `h_ka = +-1` of these nodes: products of the signs of two or three reference coordinates.
+    resistance
+        (blocks, LANES) `c = hourglass/16 (lam + 2 mu) V sum_a |g_a|^2`.
     """
 
     B: Reals

@@ -27,10 +27,13 @@ class PairSlots(NamedTuple):
 
     Attributes
     ----------
-    slots : (blocks of lanes, m LANES) slots of the pairs of elements.
-    marks : (blocks of lanes + 1,) number of pairs that occur in the preceding blocks of lanes. Block `i` is the first with the
-        pairs `marks[i]` ... `marks[i + 1] - 1`, which are set to zero just before it is added.
-    blocks : (9 slots,) `K_ab`, row by row.
+    slots
+        (blocks of lanes, m LANES) slots of the pairs of elements.
+    marks
+        (blocks of lanes + 1,) number of pairs that occur in the preceding blocks of lanes. Block `i` is the first with the pairs
+        `marks[i]` ... `marks[i + 1] - 1`, which are set to zero just before it is added.
+    blocks
+        (9 slots,) `K_ab`, row by row.
     """
 
     slots: Ids
@@ -45,29 +48,49 @@ class RowSlots(NamedTuple):
 
     Attributes
     ----------
-    slots : (blocks of lanes, m LANES) slots of the pairs of elements.
-    fresh : (pairs,) slots in the order in which pairs begin to use them.
-    marks : (blocks of lanes + 1,) number of entries of `fresh` that the preceding blocks of lanes begin to use. Block `i` begins
-        to use `fresh[marks[i]]` ... `fresh[marks[i + 1] - 1]`, which are set to zero just before it is added.
-    done : (blocks of lanes + 1,) number of rows that are complete before each block of lanes.
-    begin : (rows + 1,) index of the first entry of each row.
-    own : (rows,) index of the entry of the node itself.
-    entries : (m,) slots of the pairs.
-    columns : (m,) offset in K from the first value of the row to the first value of each block.
-    first : (rows,) index in K of the first value of each row.
-    strides : (rows,) offset in K from one row of a node to its next row.
-    sizes : (rows,) number of values of each row in K.
-    retained_begin, retained : (rows + 1,), (m,) for rows of which K holds only a part: the indices of the values that it holds.
-        Other rows have no entries.
-    first_eight, ninth : (8 slots,), (slots,) the first eight numbers and the ninth of each block `K_ab`, row by row.
-    d : number of components of a node.
-    data : values of K.
-    add : whether values are added to those of K. Otherwise they are written.
-    buffered : whether rows go through the staging buffer. Then each row is all that the rows of K of its node contain, and it is
-        written, not added.
-    scattered : whether rows are far apart in K.
-    beyond_cache : whether the slots exceed the cache of a core. Then each slot is prefetched shortly before a block is added to it.
-    largest_row : number of values of the largest row of a node.
+    slots
+        (blocks of lanes, m LANES) slots of the pairs of elements.
+    fresh
+        (pairs,) slots in the order in which pairs begin to use them.
+    marks
+        (blocks of lanes + 1,) number of entries of `fresh` that the preceding blocks of lanes begin to use. Block `i` begins to use
+        `fresh[marks[i]]` ... `fresh[marks[i + 1] - 1]`, which are set to zero just before it is added.
+    done
+        (blocks of lanes + 1,) number of rows that are complete before each block of lanes.
+    begin
+        (rows + 1,) index of the first entry of each row.
+    own
+        (rows,) index of the entry of the node itself.
+    entries
+        (m,) slots of the pairs.
+    columns
+        (m,) offset in K from the first value of the row to the first value of each block.
+    first
+        (rows,) index in K of the first value of each row.
+    strides
+        (rows,) offset in K from one row of a node to its next row.
+    sizes
+        (rows,) number of values of each row in K.
+    retained_begin, retained
+        (rows + 1,), (m,) for rows of which K holds only a part: the indices of the values that it holds. Other rows have no
+        entries.
+    first_eight, ninth
+        (8 slots,), (slots,) the first eight numbers and the ninth of each block `K_ab`, row by row.
+    d
+        Number of components of a node.
+    data
+        Values of K.
+    add
+        Whether values are added to those of K. Otherwise they are written.
+    buffered
+        Whether rows go through the staging buffer. Then each row is all that the rows of K of its node contain, and it is written,
+        not added.
+    scattered
+        Whether rows are far apart in K.
+    beyond_cache
+        Whether the slots exceed the cache of a core. Then each slot is prefetched shortly before a block is added to it.
+    largest_row
+        Number of values of the largest row of a node.
     """
 
     slots: Ids

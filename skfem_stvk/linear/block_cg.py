@@ -29,9 +29,12 @@ class BlockJacobiCg:
 
     Attributes
     ----------
-    assembled : use K as a matrix instead, and store the blocks on and above the diagonal. This gives the compiled loop to bodies
-        with several terms, and to any other matrix.
+    assembled
+        Use K as a matrix instead, and store the blocks on and above the diagonal. This gives the compiled loop to bodies with
+        several terms, and to any other matrix.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> class Springs:
     ...     def matvec(self, v):

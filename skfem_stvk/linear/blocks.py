@@ -100,8 +100,10 @@ class EdgeMidpoints(NamedTuple):
 
     Attributes
     ----------
-    ends : (n, 2) block rows of both ends of the edge; for a corner its own row twice; -1 if all of an end is constrained.
-    known : (n, 3) whether each component is an unknown.
+    ends
+        (n, 2) block rows of both ends of the edge; for a corner its own row twice; -1 if all of an end is constrained.
+    known
+        (n, 3) whether each component is an unknown.
     """
 
     ends: Ids

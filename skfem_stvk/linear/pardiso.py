@@ -116,8 +116,8 @@ class PardisoFactors:
 
     Attributes
     ----------
-    perturbed_pivots : number of pivots that were too small to divide by, which PARDISO replaced. The matrix is then nearly
-        singular.
+    perturbed_pivots
+        Number of pivots that were too small to divide by, which PARDISO replaced. The matrix is then nearly singular.
     """
 
     def __init__(self, memory: _Memory, latest: LatestFactors, number: int) -> None:

@@ -52,11 +52,16 @@ class Solution:
 
     Attributes
     ----------
-    x : (n,) the solution; with an outcome other than SOLVED the best one found, zero if there is none.
-    iterations : number of iterations of conjugate gradients, or of refinements by a direct solver.
-    residual : `|b - K x| / |b|`, computed from x; 1 if there is no x.
-    outcome : outcome of the solve.
-    start : the residual before the first iteration.
+    x
+        (n,) solution; with an outcome other than SOLVED the best one found, zero if there is none.
+    iterations
+        Number of iterations of conjugate gradients, or of refinements by a direct solver.
+    residual
+        Relative residual `|b - K x| / |b|`, computed from x; 1 if there is no x.
+    outcome
+        Outcome of the solve.
+    start
+        Residual before the first iteration.
     """
 
     x: Vector
@@ -77,11 +82,15 @@ class Unknowns:
 
     Attributes
     ----------
-    vertex, component : (n,) of each unknown, sorted by vertex, then by component.
-    indptr, indices : structure of K in CSR format, columns sorted; None if K is never formed.
-    near_null_space : function that returns the (n, r) rigid motions, restricted to the unknowns, of the body in its state at the
-        time of the call. AMG requires it.
-    ends : (nv, 2) for each vertex in the middle of an edge of a quadratic element, the vertices at both ends; for a corner its own
+    vertex, component
+        (n,) vertex and component of each unknown, sorted by vertex, then by component.
+    indptr, indices
+        Structure of K in CSR format, columns sorted; None if K is never formed.
+    near_null_space
+        Function that returns the (n, r) rigid motions, restricted to the unknowns, of the body in its state at the time of the
+        call. AMG requires it.
+    ends
+        (nv, 2) for each vertex in the middle of an edge of a quadratic element, the vertices at both ends; for a corner its own
         number twice. None if there are no such vertices.
     """
 
@@ -127,10 +136,14 @@ class EdgeBlocks(NamedTuple):
 
     Attributes
     ----------
-    edges : (ne, 2) pairs of block rows.
-    blocks : (9 ne,) `K_ab`, row by row, always with three components.
-    vertices : (rows,) vertex of each block row.
-    shift : (n,) diagonal of all `S_a` for the unknowns; None means zero.
+    edges
+        (ne, 2) pairs of block rows.
+    blocks
+        (9 ne,) blocks `K_ab`, row by row, always with three components.
+    vertices
+        (rows,) vertex of each block row.
+    shift
+        (n,) diagonal of all `S_a` for the unknowns; None means zero.
     """
 
     edges: NDArray[np.integer[Any]]

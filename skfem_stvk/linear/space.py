@@ -22,8 +22,11 @@ class Space:
 
     Attributes
     ----------
-    n : length of its vectors.
+    n
+        Length of its vectors.
 
+    Examples
+    --------
     >>> V = np.array([[1.0], [1.0], [2.0]])
     >>> whole = Space(3)
     >>> whole.on(np.array([0, 2])).expand(np.array([5.0, 7.0])), whole.on(np.array([0, 2])).restrict(np.array([1.0, 2.0, 3.0]))

@@ -30,20 +30,26 @@ Three: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Anisotropic(FramedMaterial):
-    """The elasticity matrix itself.
+    """Material given by the elasticity matrix itself.
 
     Parameters
     ----------
-    voigt : (6, 6) or (n, 6, 6) matrix [Pa] from strains to stresses in Voigt order 11, 22, 33, 23, 13, 12 with engineering shear
+    voigt
+        (6, 6) or (n, 6, 6) matrix [Pa] from strains to stresses in Voigt order 11, 22, 33, 23, 13, 12 with engineering shear
         strains `2 E_23, 2 E_13, 2 E_12`; symmetric positive definite.
-    frame : material axes as columns, see `FramedMaterial`.
-    density : mass density [kg/m^3].
+    density
+        Mass density [kg/m^3].
+    frame
+        Material axes as columns, (3, 3) or, for axes in the plane, (2, 2); one frame per element has one more axis in front. By
+        default the global axes.
 
     Raises
     ------
     MaterialError
         if the matrix is not symmetric positive definite, with element ids.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> Anisotropic(np.diag([3.0, 3, 3, 1, 1, -1]))
     Traceback (most recent call last):
@@ -62,23 +68,32 @@ class Anisotropic(FramedMaterial):
 
 @dataclass(frozen=True, eq=False)
 class Orthotropic(FramedMaterial):
-    """Three planes of symmetry: the inverse of the compliance with `1/E_i`, `-nu_ij/E_i` and `1/G_ij`.
+    """Material with three planes of symmetry: the inverse of the compliance with `1/E_i`, `-nu_ij/E_i` and `1/G_ij`.
+
+    Each of the nine constants is a number, or an array with one value per element.
 
     Parameters
     ----------
-    young : `(E_1, E_2, E_3)` [Pa].
-    poisson : `(nu_23, nu_13, nu_12)`; `nu_ij` is the contraction along `j` under tension along `i`, so `nu_ij/E_i = nu_ji/E_j`.
-    shear : `(G_23, G_13, G_12)` [Pa], in Voigt order.
-    frame : material axes as columns, see `FramedMaterial`.
-    density : mass density [kg/m^3].
-
-    Each of the nine is a number, or an array with one value per element.
+    young
+        Young's moduli `(E_1, E_2, E_3)` [Pa].
+    poisson
+        Poisson's ratios `(nu_23, nu_13, nu_12)`; `nu_ij` is the contraction along `j` under tension along `i`, so `nu_ij/E_i =
+        nu_ji/E_j`.
+    shear
+        Shear moduli `(G_23, G_13, G_12)` [Pa], in Voigt order.
+    density
+        Mass density [kg/m^3].
+    frame
+        Material axes as columns, (3, 3) or, for axes in the plane, (2, 2); one frame per element has one more axis in front. By
+        default the global axes.
 
     Raises
     ------
     MaterialError
         for constants out of range, or without a positive definite matrix, with element ids.
 
+    Examples
+    --------
     >>> wood = Orthotropic(young=(11e9, 0.9e9, 0.5e9), poisson=(0.6, 0.45, 0.37), shear=(0.04e9, 0.7e9, 0.75e9))
     >>> wood.stiffness().shape
     (6, 6)
@@ -119,24 +134,33 @@ class Orthotropic(FramedMaterial):
 
 @dataclass(frozen=True, eq=False)
 class TransverselyIsotropic(FramedMaterial):
-    """Fibres along material axis 1, the first column of `frame`.
+    """Material with fibres along material axis 1, the first column of `frame`.
 
     Every constant is a number, or an array with one value per element.
 
     Parameters
     ----------
-    young_axial, young_transverse : moduli along and across the axis [Pa].
-    poisson_axial : contraction across under tension along the axis (nu_12 = nu_13).
-    poisson_transverse : contraction across under tension across (nu_23).
-    shear_axial : shear modulus of planes that contain the axis [Pa] (G_12 = G_13); the other is `E_t/(2 (1 + nu_23))`.
-    frame : material axes as columns, see `FramedMaterial`.
-    density : mass density [kg/m^3].
+    young_axial, young_transverse
+        Young's moduli along and across the axis [Pa].
+    poisson_axial
+        Contraction across under tension along the axis (nu_12 = nu_13).
+    poisson_transverse
+        Contraction across under tension across (nu_23).
+    shear_axial
+        Shear modulus of planes that contain the axis [Pa] (G_12 = G_13); the other is `E_t/(2 (1 + nu_23))`.
+    density
+        Mass density [kg/m^3].
+    frame
+        Material axes as columns, (3, 3) or, for axes in the plane, (2, 2); one frame per element has one more axis in front. By
+        default the global axes.
 
     Raises
     ------
     MaterialError
         for constants out of range, or without a positive definite matrix, with element ids.
 
+    Examples
+    --------
     >>> ply = TransverselyIsotropic(140e9, 10e9, poisson_axial=0.3, poisson_transverse=0.4, shear_axial=5e9)
     >>> ply.stiffness().shape
     (6, 6)
@@ -158,16 +182,44 @@ class TransverselyIsotropic(FramedMaterial):
     def from_lame(
         cls, lam: ArrayLike, mu: ArrayLike, along: ArrayLike, *, frame: ArrayLike | None = None, density: ArrayLike | None = None
     ) -> TransverselyIsotropic:
-        """Return a material with Lame constants `lam`, `mu` [Pa], and `along` [Pa] more stiffness in the direction `a` of its
-        fibres:
+        """Return a material with Lame constants and more stiffness along its fibres.
+
+        ::
 
             W = lam/2 (tr E)^2 + mu tr E^2 + along/2 (a'E a)^2
 
-        Picinbono, Delingette and Ayache (2003) use a law of this kind for organs with fibres; their printed formula was not found.
-        If the Lame constants along the fibres differ by `d_lam` and `d_mu`, the added energy is `d_lam/2 (a'E a)^2 + d_mu (a'E
-        a)^2`, and `along = d_lam + 2 d_mu`. The shear stiffness along the fibres equals that across. `mu`, `3 lam + 2 mu` and the
-        modulus along the fibres must be positive.
+        `a` is the direction of the fibres. If the Lame constants along the fibres differ by `d_lam` and `d_mu`, the added energy is
+        `d_lam/2 (a'E a)^2 + d_mu (a'E a)^2`, and `along = d_lam + 2 d_mu`. The shear stiffness along the fibres equals that across.
+        `mu`, `3 lam + 2 mu` and the modulus along the fibres must be positive.
 
+        Parameters
+        ----------
+        lam, mu
+            Lame constants across the fibres [Pa].
+        along
+            Additional stiffness along the fibres [Pa].
+        frame
+            Material axes as columns, (3, 3) or, for axes in the plane, (2, 2); one frame per element has one more axis in front. By
+            default the global axes.
+        density
+            Mass density [kg/m^3].
+
+        Returns
+        -------
+        TransverselyIsotropic
+            The material with the corresponding moduli.
+
+        Raises
+        ------
+        MaterialError
+            for constants out of range, or without a positive definite matrix, with element ids.
+
+        Notes
+        -----
+        Picinbono, Delingette and Ayache (2003) use a law of this kind for organs with fibres; their printed formula was not found.
+
+        Examples
+        --------
         >>> fibres = TransverselyIsotropic.from_lame(1.5, 1.0, along=10.0)
         >>> fibres.stiffness().round(12)[:3, :3].tolist(), round(float(fibres.young_axial), 12)
         ([[13.5, 1.5, 1.5], [1.5, 3.5, 1.5], [1.5, 1.5, 3.5]], 12.6)
@@ -197,17 +249,24 @@ class TransverselyIsotropic(FramedMaterial):
 
 
 def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], ArrayLike]) -> Array:
-    """Return frames (nt, d, d) with first axes along a field of directions, for fibres: `TransverselyIsotropic(..., frame=...)`.
+    """Return frames with first axes along a field of directions.
 
-    The other axes are at any right angles to the first, since they do not matter for a material with only fibres. Directions have
-    any length, and fibres have no sign. From directions at nodes, each element gets the axis along which those at its nodes are
-    largest, in either sense.
+    They are for fibres: `TransverselyIsotropic(..., frame=...)`. The other axes are at any right angles to the first, since they do
+    not matter for a material with only fibres. Directions have any length, and fibres have no sign. From directions at nodes, each
+    element gets the axis along which those at its nodes are largest, in either sense.
 
     Parameters
     ----------
-    mesh : mesh in two or three dimensions.
-    directions : (d,) for all elements; (nt, d), one for each; (nv, d), one at each node; or a function of the centres x (d, nt) of
-        the elements that returns (d,) or (d, nt).
+    mesh
+        Mesh in two or three dimensions.
+    directions
+        Directions: (d,) for all elements; (nt, d), one for each; (nv, d), one at each node; or a function of the centres x (d, nt)
+        of the elements that returns (d,) or (d, nt).
+
+    Returns
+    -------
+    numpy.ndarray
+        Frames (nt, d, d), with axes as columns.
 
     Raises
     ------
@@ -215,6 +274,8 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
         if they have another shape, are not finite or zero, with ids; or if there are as many nodes as elements, so that (n, d)
         is ambiguous: use a function then.
 
+    Examples
+    --------
     >>> import skfem
     >>> ring = skfem.MeshTri.init_tensor(np.linspace(1, 2, 3), np.linspace(0, 1, 3))
     >>> frames = frames_along(ring, lambda x: np.stack([-x[1], x[0]]))              # round the origin

@@ -15,21 +15,26 @@ from .material import Density, Hypothesis, Material, check_length, constant
 
 @dataclass(frozen=True, eq=False)
 class Isotropic(Material):
-    """The same in all directions: `S = lam tr(E) I + 2 mu E`.
+    """Material that is the same in all directions: `S = lam tr(E) I + 2 mu E`.
 
     Every constant is a number, or an array with one value per element.
 
     Parameters
     ----------
-    young : Young's modulus [Pa], positive.
-    poisson : Poisson's ratio, in (-1, 1/2); in plane stress in (-1, 1). Segments do not use it.
-    density : mass density [kg/m^3].
+    young
+        Young's modulus [Pa], positive.
+    poisson
+        Poisson's ratio, in (-1, 1/2); in plane stress in (-1, 1). Segments do not use it.
+    density
+        Mass density [kg/m^3].
 
     Raises
     ------
     MaterialError
         for a constant that is not finite or out of range, with element ids.
 
+    Examples
+    --------
     >>> lam, mu = Isotropic(young=2.6, poisson=0.3).lame(Hypothesis.SOLID)
     >>> float(lam), float(mu)
     (1.5, 1.0)
@@ -57,7 +62,27 @@ class Isotropic(Material):
         *,
         density: Density = None,
     ) -> Isotropic:
-        """Return the isotropic material with these Lame constants [Pa]: `mu > 0` and `3 lam + 2 mu > 0`."""
+        """Return the isotropic material with these Lame constants [Pa]: `mu > 0` and `3 lam + 2 mu > 0`.
+
+        Parameters
+        ----------
+        lam
+            First Lame constant [Pa], with `3 lam + 2 mu > 0`.
+        mu
+            Shear modulus [Pa], positive.
+        density
+            Mass density [kg/m^3].
+
+        Returns
+        -------
+        Isotropic
+            The material with the corresponding Young's modulus and Poisson's ratio.
+
+        Raises
+        ------
+        MaterialError
+            for a constant that is not finite or out of range, with element ids.
+        """
         lam, mu = constant(lam, "lam"), constant(mu, "mu", low=0.0)
         bulk = constant(3 * lam + 2 * mu, "3 lam + 2 mu", low=0.0)
         return cls(mu * bulk / (lam + mu), lam / (2 * (lam + mu)), density=density)
@@ -80,6 +105,11 @@ class Isotropic(Material):
 
         `lam = E nu/((1 + nu)(1 - 2 nu))` in solids and plane strain, `E nu/(1 - nu^2)` in plane stress; `mu = E/(2 (1 + nu))`.
         Under uniaxial stress the only modulus is `lam + 2 mu = E`, and the pair is `(E, 0)`.
+
+        Parameters
+        ----------
+        hypothesis
+            Components of strain or stress that vanish across the element.
         """
         young = np.asarray(self.young)
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
@@ -89,6 +119,14 @@ class Isotropic(Material):
         return young * nu / ((1 + nu) * narrowing), young / (2 * (1 + nu))
 
     def strain_across(self, trace: Array) -> Array:
-        """Return the strain (n,) across elements without stress there, `-nu/E tr S`; a missing Poisson's ratio counts as zero."""
+        """Return the strain (n,) across elements without stress there, `-nu/E tr S`.
+
+        A missing Poisson's ratio counts as zero.
+
+        Parameters
+        ----------
+        trace
+            (n,) traces of the stress, `tr S` [Pa].
+        """
         nu = np.asarray(0.0 if self.poisson is None else self.poisson)
         return -nu / np.asarray(self.young) * trace

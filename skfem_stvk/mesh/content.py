@@ -163,9 +163,12 @@ class NodeNumbers(NamedTuple):
 
     Attributes
     ----------
-    order : (nv,) nodes of the file in their new order: vertices, then edge midpoints.
-    number : new number of each node of the file, -1 for dropped nodes.
-    between : corners between which the further nodes of elements lie, by new numbers (`facets.further_nodes`).
+    order
+        (nv,) nodes of the file in their new order: vertices, then edge midpoints.
+    number
+        New number of each node of the file, -1 for dropped nodes.
+    between
+        Corners between which the further nodes of elements lie, by new numbers (`facets.further_nodes`).
     """
 
     order: NDArray[Any]

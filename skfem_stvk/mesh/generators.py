@@ -29,16 +29,22 @@ def box(size: Any, cells: Any, element: str | None = None, origin: Any = None) -
 
     Parameters
     ----------
-    size : (d,) length along each axis [m], d = 1, 2 or 3; a number for one dimension.
-    cells : (d,) number of cells along each axis; a number for the same along all.
-    element : "segments", "triangles", "quadrilaterals", "tetrahedra" or "hexahedra"; by default simplices.
-    origin : (d,) the corner with the least coordinates [m], by default 0.
+    size
+        (d,) length along each axis [m], d = 1, 2 or 3; a number for one dimension.
+    cells
+        (d,) number of cells along each axis; a number for the same along all.
+    element
+        Kind of the elements, "segments", "triangles", "quadrilaterals", "tetrahedra" or "hexahedra"; by default simplices.
+    origin
+        (d,) corner with the least coordinates [m], by default 0.
 
     Raises
     ------
     MeshError
         for lengths that are not positive, numbers of cells that are not whole, and elements of another dimension.
 
+    Examples
+    --------
     >>> mesh = box(size=(2.0, 1.0, 1.0), cells=(4, 2, 2))
     >>> mesh, sorted(mesh.boundaries)
     (ElementMesh: 96 tetrahedra in 3D, 45 vertices, ['back', 'bottom', 'front', 'left', 'right', 'top'])
@@ -65,16 +71,22 @@ def bar(length: float, width: float, cells: Any, element: str = "tetrahedra") ->
 
     Parameters
     ----------
-    length : along x [m].
-    width : width and height of the cross-section [m].
-    cells : number of cells along x, and across.
-    element : "tetrahedra" or "hexahedra".
+    length
+        Length along x [m].
+    width
+        Width and height of the cross-section [m].
+    cells
+        Number of cells along x, and across.
+    element
+        Kind of the elements, "tetrahedra" or "hexahedra".
 
     Raises
     ------
     MeshError
         as `box`.
 
+    Examples
+    --------
     >>> mesh = bar(length=1.0, width=0.1, cells=(20, 2))
     >>> mesh.nt, mesh.p.min(axis=1), mesh.p.max(axis=1)
     (480, array([ 0.  , -0.05, -0.05]), array([1.  , 0.05, 0.05]))
@@ -93,16 +105,22 @@ def cylinder(radius: float, length: float, cells: Any, inner_radius: float = 0.0
 
     Parameters
     ----------
-    radius : outer radius [m].
-    length : along x [m].
-    cells : number of cells along x; and across, from the axis or the bore to the side.
-    inner_radius : radius of the bore [m], 0 for none.
+    radius
+        Outer radius [m].
+    length
+        Length along x [m].
+    cells
+        Number of cells along x; and across, from the axis or the bore to the side.
+    inner_radius
+        Radius of the bore [m], 0 for none.
 
     Raises
     ------
     MeshError
         for lengths that are not positive, numbers of cells that are not integers, and a bore that does not fit.
 
+    Examples
+    --------
     >>> mesh = cylinder(radius=0.5, length=2.0, cells=(8, 2))
     >>> mesh, sorted(mesh.boundaries)
     (ElementMesh: 576 tetrahedra in 3D, 171 vertices, ['left', 'right', 'side'])

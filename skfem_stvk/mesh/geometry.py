@@ -22,9 +22,12 @@ class Geometry:
 
     Attributes
     ----------
-    volume : (nt,) length, area or volume, positive for both orientations [m^k].
-    gradients : (nt, k + 1, k) gradients `g_a` of the barycentric coordinates [1/m].
-    axes : (nt, d, k) the basis as columns.
+    volume
+        (nt,) length, area or volume, positive for both orientations [m^k].
+    gradients
+        (nt, k + 1, k) gradients `g_a` of the barycentric coordinates [1/m].
+    axes
+        (nt, d, k) basis of each element, as columns.
     """
 
     def __init__(self, p: NDArray[np.float64], t: NDArray[np.int32]) -> None:
@@ -45,9 +48,12 @@ class PointGeometry(NamedTuple):
 
     Attributes
     ----------
-    volume : (nt,) weight times length, area or volume at the point [m^k].
-    gradients : (nt, n, k) gradients of the shape functions in the axes there [1/m].
-    axes : (nt, d, k) an orthonormal basis of the element's own plane or line there, as columns.
+    volume
+        (nt,) weight times length, area or volume at the point [m^k].
+    gradients
+        (nt, n, k) gradients of the shape functions in the axes there [1/m].
+    axes
+        (nt, d, k) an orthonormal basis of the element's own plane or line there, as columns.
     """
 
     volume: NDArray[np.float64]

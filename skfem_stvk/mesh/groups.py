@@ -248,6 +248,8 @@ def in_dimension(p: NDArray[np.float64], k: int, dimension: int | None) -> NDArr
     MeshError
         if the dimension is too small for elements of dimension `k` with these coordinates.
 
+    Examples
+    --------
     >>> in_dimension(np.array([[0.0, 1, 0], [0, 0, 1]]), 2, 3)
     array([[0., 1., 0.],
            [0., 0., 1.],

@@ -67,13 +67,16 @@ class Box(LocationShape):
 
     Parameters
     ----------
-    low, high : (d,) the smallest and the largest coordinates [m]; equal ones make it flat.
+    low, high
+        (d,) smallest and largest coordinates [m]; equal ones make the box flat.
 
     Raises
     ------
     RegionError
         for coordinates that are not finite, and if `low` is above `high`.
 
+    Examples
+    --------
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
     >>> vertices_at(mesh, Box((0, 0), (1, 0.5))), mesh.elements(Box((0, 0), (0.5, 0.5)))
@@ -104,15 +107,20 @@ class Plane(LocationShape):
 
     Parameters
     ----------
-    point : (d,) a point of the plane [m].
-    normal : (d,) its normal, of any nonzero length.
-    within : the largest distance of nodes from the plane [m]; by default 1e-6 of the size of the mesh.
+    point
+        (d,) coordinates of a point of the plane [m].
+    normal
+        (d,) normal of the plane, of any nonzero length.
+    within
+        Largest distance of nodes from the plane [m]; by default 1e-6 of the size of the mesh.
 
     Raises
     ------
     RegionError
         for coordinates that are not finite, a normal of length zero, and a distance that is not positive.
 
+    Examples
+    --------
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
     >>> vertices_at(mesh, Plane(point=(1, 0), normal=(1, 1)))
@@ -148,13 +156,16 @@ class NearestNode(LocationShape):
 
     Parameters
     ----------
-    point : (d,) [m].
+    point
+        (d,) coordinates of the point [m].
 
     Raises
     ------
     RegionError
         for coordinates that are not finite; on a mesh, if the distance of the point from all nodes is larger than the mesh.
 
+    Examples
+    --------
     >>> from skfem_stvk import ElementMesh
     >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
     >>> vertices_at(mesh, NearestNode((1.1, 0.8)))

@@ -33,7 +33,7 @@ LARGEST_INDEX = np.iinfo(np.int32).max
 
 @dataclass(frozen=True, eq=False)
 class ElementMesh(LabelledMesh):
-    """Elements of dimension `k` in a space of dimension `d >= k`, all of one kind.
+    """Mesh of elements of dimension `k` in a space of dimension `d >= k`, all of one kind.
 
     Nodes are the vertices, followed in quadratic elements by the midpoints of their edges. They are numbered as scikit-fem numbers
     the degrees of freedom of the same element. Tetrahedra have one midpoint on each of `mesh.edges`, triangles on each of
@@ -41,19 +41,28 @@ class ElementMesh(LabelledMesh):
 
     Parameters
     ----------
-    p : (d, nv) coordinates of the nodes [m], as in scikit-fem.
-    t : (n, nt) nodes of the elements, in scikit-fem's local order; both orientations are allowed.
-    subdomains : element ids by name.
-    boundaries : facets by name, each as an (m, n) array of the nodes of a facet: its corners, then edge midpoints.
-    node_sets : node ids by name.
-    element : the kind of elements, by default the linear simplices with as many vertices.
-    lines : segments by name, each as an (m, n) array of the nodes of a segment: its ends, then its midpoint. Cables of a solid.
+    p
+        (d, nv) coordinates of the nodes [m], as in scikit-fem.
+    t
+        (n, nt) nodes of the elements, in scikit-fem's local order; both orientations are allowed.
+    subdomains
+        Element ids by name.
+    boundaries
+        Facets by name, each as an (m, n) array of the nodes of a facet: its corners, then edge midpoints.
+    node_sets
+        Node ids by name.
+    element
+        The kind of elements, by default the linear simplices with as many vertices.
+    lines
+        Segments by name, each as an (m, n) array of the nodes of a segment: its ends, then its midpoint. Cables of a solid.
 
     Raises
     ------
     MeshError
         if the arrays do not have these shapes, or an index is out of range.
 
+    Examples
+    --------
     >>> cable = ElementMesh(p=[[0, 1, 2], [0, 0, 1], [0, 0, 1]], t=[[0, 1], [1, 2]])
     >>> cable
     ElementMesh: 2 segments in 3D, 3 vertices
@@ -120,6 +129,16 @@ class ElementMesh(LabelledMesh):
         quadrilaterals. Their nodes are scikit-fem's degrees of freedom of the same element. Arrays are linear simplices. A
         `meshio.Mesh` is read as `read_mesh` reads a file. Subdomains and boundaries are included. The facets of boundaries are
         computed at first use, which costs more than an assembly.
+
+        Parameters
+        ----------
+        mesh
+            A scikit-fem mesh, arrays `(p, t)`, a `meshio.Mesh`, or an `ElementMesh`.
+
+        Raises
+        ------
+        MeshError
+            for anything else, and for arrays that are not a mesh.
         """
         if isinstance(mesh, cls):
             return mesh
@@ -142,7 +161,15 @@ class ElementMesh(LabelledMesh):
 
     @classmethod
     def made_of(cls, content: Content, name: str) -> ElementMesh:
-        """Return the mesh of the content of a file or a `meshio.Mesh`; messages begin with its `name`."""
+        """Return the mesh of the content of a file or a `meshio.Mesh`.
+
+        Parameters
+        ----------
+        content
+            Nodes, cells and sets.
+        name
+            Name of the source, with which messages begin.
+        """
         try:
             return cls(*content)
         except MeshError as error:
@@ -154,13 +181,20 @@ class ElementMesh(LabelledMesh):
         return f"{self.element.name} in {self.d}D"
 
     def with_boundaries(self, boundaries: Mapping[str, Any]) -> ElementMesh:
-        """Return the same mesh with further boundaries, each a location (`mesh.locations.Where`) such as a predicate.
+        """Return the same mesh with further boundaries.
+
+        Parameters
+        ----------
+        boundaries
+            Locations by name, each a location (`mesh.locations.Where`) such as a predicate.
 
         Raises
         ------
         RegionError
             if there is no facet at a location.
 
+        Examples
+        --------
         >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
         >>> mesh.with_boundaries({"left": lambda x: x[0] == 0}).boundaries["left"]
         array([[2],
@@ -179,6 +213,11 @@ class ElementMesh(LabelledMesh):
         the midpoints of edges with both ends in the set, so that the vertices of a face give the whole face. With degree 1, both
         lose the midpoints.
 
+        Parameters
+        ----------
+        degree
+            Degree of the shape functions, 1 or 2.
+
         Raises
         ------
         MeshError
@@ -189,6 +228,8 @@ class ElementMesh(LabelledMesh):
         StvkWarning
             if quadratic elements are reduced, with the number of curved edges.
 
+        Examples
+        --------
         >>> ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]]).with_degree(2)
         ElementMesh: 1 quadratic triangles in 2D, 6 nodes
         """
@@ -243,13 +284,20 @@ class ElementMesh(LabelledMesh):
         return replace(self, p=p, t=t, boundaries=boundaries, node_sets=sets, element=element, lines=lines)
 
     def scaled(self, factor: float) -> ElementMesh:
-        """Return the same mesh with all coordinates times a positive factor, such as 1e-3 for a file in mm in a model in m.
+        """Return the same mesh with all coordinates times a positive factor.
+
+        Parameters
+        ----------
+        factor
+            Factor of the coordinates, such as 1e-3 for a file in mm in a model in m.
 
         Raises
         ------
         MeshError
             if the factor is not a finite positive number.
 
+        Examples
+        --------
         >>> ElementMesh(p=[[0, 2000, 3000]], t=[[0, 1], [1, 2]]).scaled(1e-3).p
         array([[0., 2., 3.]])
         """
@@ -263,6 +311,8 @@ class ElementMesh(LabelledMesh):
         (`docs/speed.md`). Boundaries and node sets are renumbered; elements keep their order. A field `x` (nv, d) of this mesh is
         `x[nodes]` on the new mesh.
 
+        Examples
+        --------
         >>> line = ElementMesh(p=[[0, 2, 1, 3]], t=[[0, 1, 2], [2, 3, 1]])
         >>> mesh, nodes = line.renumbered()
         >>> mesh.p, nodes
@@ -291,6 +341,8 @@ class ElementMesh(LabelledMesh):
 
         Return None for linear elements, and for elements with other nodes.
 
+        Examples
+        --------
         >>> ElementMesh(p=[[0.0, 2.0]], t=[[0], [1]]).with_degree(2).ends()
         array([[0, 0],
                [1, 1],
@@ -308,10 +360,13 @@ class ElementMesh(LabelledMesh):
         return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}
 
     def elements(self, region: str | Box | NDArray[Any] | None) -> NDArray[np.int64]:
-        """Return the ids of the elements of a region.
+        """Return the ids (n,) of the elements of a region.
 
-        A region is a name in `subdomains`, a `Box` around their centres, element ids, a mask, or None for all. The centre of an
-        element is the mean of its corners.
+        Parameters
+        ----------
+        region
+            A name in `subdomains`, a `Box` around their centres, element ids, a mask (nt,), or None for all. The centre of an
+            element is the mean of its corners.
 
         Raises
         ------

@@ -28,12 +28,18 @@ class Extreme:
 
     Attributes
     ----------
-    name : name of the measure, such as "largest aspect ratio".
-    dimension : "length", "size" [m^k], "angle" [degrees] or "" for numbers.
-    median : median of the measure over all elements.
-    value : value of the worst element.
-    elements : ids, the worst first.
-    values : their values.
+    name
+        Name of the measure, such as "largest aspect ratio".
+    dimension
+        Dimension of the measure, "length", "size" [m^k], "angle" [degrees] or "" for numbers.
+    median
+        Median of the measure over all elements.
+    value
+        Value of the worst element.
+    elements
+        Ids of the elements, the worst first.
+    values
+        Values of these elements.
     """
 
     name: str
@@ -48,19 +54,36 @@ class Extreme:
 class MeshQuality:
     """Shapes of the elements of a mesh, and all its faults; `mesh_quality` makes it.
 
+    Elements with nodes that are not finite, or with the same corner twice, have NaN.
+
     Attributes
     ----------
-    size : (nt,) lengths, areas or volumes [m^k], positive for both orientations.
-    aspect : (nt,) longest edge over smallest height at the worst of an element's points; 1.22 for a regular tetrahedron, 1 for a
+    mesh
+        Mesh whose elements were measured.
+    size
+        (nt,) lengths, areas or volumes [m^k], positive for both orientations.
+    aspect
+        (nt,) longest edge over smallest height at the worst of an element's points; 1.22 for a regular tetrahedron, 1 for a
         segment, a square or a cube; infinite for zero volume.
-    angles : (2, nt) smallest and largest angle [degrees]: for tetrahedra and hexahedra between faces (dihedral; 70.5 in a regular
+    angles
+        (2, nt) smallest and largest angle [degrees]: for tetrahedra and hexahedra between faces (dihedral; 70.5 in a regular
         tetrahedron), for triangles and quadrilaterals between edges. By corners, as if edges were straight; NaN for segments.
-    edges : (2, nt) shortest and longest edge, from corner to corner [m].
-    turned : (nt,) whether an element has negative orientation, which is harmless; False where elements do not fill the space.
-    parts : (n,) nodes in each connected part, the largest first.
-    faults : all faults and doubts, with ids, cause and remedy; `fault.refused`: `System` refuses such a mesh.
+    edges
+        (2, nt) shortest and longest edge, from corner to corner [m].
+    turned
+        (nt,) whether an element has negative orientation, which is harmless; False where elements do not fill the space.
+    parts
+        (n,) nodes in each connected part, the largest first.
+    faults
+        All faults and doubts, with ids, cause and remedy; `fault.refused`: `System` refuses such a mesh.
 
-    Elements with nodes that are not finite, or with the same corner twice, have NaN.
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import mesh_quality
+    >>> quality = mesh_quality(skfem.MeshTet())          # a regular tetrahedron in a cube, and one at each of four corners
+    >>> quality.size.round(4), quality.aspect.round(2)
+    (array([0.1667, 0.1667, 0.1667, 0.3333, 0.1667]), array([2.45, 2.45, 2.45, 1.22, 2.45]))
     """
 
     mesh: ElementMesh
@@ -78,7 +101,14 @@ class MeshQuality:
         return not any(fault.refused for fault in self.faults)
 
     def worst(self, name: str, n: int = 5) -> Extreme:
-        """Return the n worst elements by a measure, such as "largest aspect ratio"; errors list all measures.
+        """Return the n worst elements by a measure.
+
+        Parameters
+        ----------
+        name
+            Name of the measure, such as "largest aspect ratio"; errors list all measures.
+        n
+            Number of elements.
 
         Raises
         ------
@@ -95,7 +125,13 @@ class MeshQuality:
         return Extreme(name, dimension, float(np.median(values[known])), each[0], tuple(order.tolist()), each)
 
     def extremes(self, n: int = 5) -> list[Extreme]:
-        """Return the n worst elements by each measure that the elements have."""
+        """Return the n worst elements by each measure that the elements have.
+
+        Parameters
+        ----------
+        n
+            Number of elements for each measure.
+        """
         return [self.worst(name, n) for name, (values, _, _) in self._measures.items() if not np.isnan(values).all()]
 
     @cached_property
@@ -129,14 +165,23 @@ def mesh_quality(mesh: MeshLike, others: Sequence[ElementMesh] = ()) -> MeshQual
 
     Parameters
     ----------
-    mesh : mesh as `System` takes it.
-    others : meshes of cables and membranes on the same nodes, which connect parts, such as `system.body.beside`.
+    mesh
+        Mesh as `System` takes it.
+    others
+        Meshes of cables and membranes on the same nodes, which connect parts, such as `system.body.beside`.
+
+    Returns
+    -------
+    MeshQuality
+        Sizes, aspect ratios and angles of the elements, the connected parts, and all faults.
 
     Raises
     ------
     MeshError
         for arrays that are not a mesh.
 
+    Examples
+    --------
     >>> import skfem
     >>> quality = mesh_quality(skfem.MeshTet().refined(1))
     >>> round(quality.worst("largest aspect ratio").value, 6), quality.sound, quality.parts

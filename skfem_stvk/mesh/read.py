@@ -28,11 +28,21 @@ def read_mesh(
 
     Parameters
     ----------
-    degree : 1 reduces elements of second order to their corners, with a warning; 2 makes straight quadratic simplices of linear
-        ones. By default the degree is that of the file.
-    dimension : number of coordinates, for flat elements in a space of more dimensions: 3 makes membranes of triangles with equal z.
-    keep : names of groups of facets or segments that terms use as their own elements, `StVK(..., simplices=NAME)`. Their nodes
-        stay, even without another element.
+    path
+        Path of the file.
+    degree
+        1 reduces elements of second order to their corners, with a warning; 2 makes straight quadratic simplices of linear ones. By
+        default the degree is that of the file.
+    dimension
+        Number of coordinates, for flat elements in a space of more dimensions: 3 makes membranes of triangles with equal z.
+    keep
+        Names of groups of facets or segments that terms use as their own elements, `StVK(..., simplices=NAME)`. Their nodes stay,
+        even without another element.
+
+    Returns
+    -------
+    ElementMesh
+        The elements of the highest dimension, with subdomains, boundaries, node sets and lines by name.
 
     Raises
     ------
@@ -46,6 +56,8 @@ def read_mesh(
     StvkWarning
         for cells and vertices that are left out, and for elements of higher order that are reduced to their corners.
 
+    Examples
+    --------
     >>> from importlib.resources import files
     >>> sorted(read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh")).subdomains)
     ['bracket', 'bushing']
@@ -60,10 +72,25 @@ def read_mesh(
 
 
 def embedded_mesh() -> ElementMesh:
-    """Return an angle bracket [m] with a fillet, a bolt hole and a bushing of its own subdomain, meshed by Gmsh.
+    """Return an angle bracket [m] with a fillet, a bolt hole and a bushing of its own subdomain.
 
     Subdomains are 'bracket' and 'bushing'; boundaries are 'bolt' (the wall of the hole in the base) and 'bore' (inside the
-    bushing). Half of the elements have negative orientation. Made by `python -m validation.meshes`.
+    bushing). Half of the elements have negative orientation.
+
+    Returns
+    -------
+    ElementMesh
+        The mesh of linear tetrahedra.
+
+    Notes
+    -----
+    Meshed by Gmsh. `python -m validation.meshes` makes the file.
+
+    Examples
+    --------
+    >>> mesh = embedded_mesh()
+    >>> mesh, sorted(mesh.boundaries), mesh.elements("bushing").size
+    (ElementMesh: 2862 tetrahedra in 3D, 822 vertices, ['bolt', 'bore'], 397)
     """
     with as_file(files("skfem_stvk.mesh") / "data" / "bracket.msh") as path:
         return read_mesh(path)

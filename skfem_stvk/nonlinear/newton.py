@@ -54,14 +54,21 @@ class Iterations:
 
     Attributes
     ----------
-    residuals : relative to loads and reactions, at the beginning of each iteration and at the end.
-    lengths : factors of the line search.
-    tangents : "exact", "clamped" or "shifted".
-    linear : numbers of iterations of the linear solver.
-    negative_pivots : number of negative pivots of the last exact tangent, or of the tangent at the converged state; None if the
-        solver does not report it.
-    restarted : number of full-step iterations before the method restarted with the line search; None if it did not restart.
-    detail : description of a failure.
+    residuals
+        Residuals relative to loads and reactions, at the beginning of each iteration and at the end.
+    lengths
+        Factors of the line search.
+    tangents
+        Tangents of the iterations, "exact", "clamped" or "shifted".
+    linear
+        Numbers of iterations of the linear solver.
+    negative_pivots
+        Number of negative pivots of the last exact tangent, or of the tangent at the converged state; None if the solver does not
+        report it.
+    restarted
+        Number of full-step iterations before the method restarted with the line search; None if it did not restart.
+    detail
+        Description of a failure.
     """
 
     residuals: list[float] = field(default_factory=list)

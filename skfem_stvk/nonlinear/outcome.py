@@ -41,9 +41,30 @@ class Status(Enum):
 class Interrupted(KeyboardInterrupt):
     """Interruption of a static solve or a motion by Ctrl-C.
 
+    Parameters
+    ----------
+    result
+        The result so far, a `StaticResult` or a `Run`.
+
     Attributes
     ----------
-    result : the result so far, a `StaticResult` or a `Run`.
+    result
+        The result so far, a `StaticResult` or a `Run`.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import NodalLoad, StVK, System, solve_static
+    >>> def pull(t):
+    ...     if 0.5 < t < 1:
+    ...         raise KeyboardInterrupt                              # as Ctrl-C does
+    ...     return [0.1 * t]
+    >>> bar = System(skfem.MeshLine(), [StVK(young=1.0, poisson=0.3), NodalLoad([1], pull)], fixed={(0,): "x"})
+    >>> try:
+    ...     solve_static(bar, steps=4, quiet=True)
+    ... except Interrupted as interruption:
+    ...     print(0 < interruption.result.t <= 0.5)
+    True
     """
 
     def __init__(self, result: Any) -> None:

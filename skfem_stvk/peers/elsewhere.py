@@ -54,14 +54,19 @@ class Elsewhere:
 
     Parameters
     ----------
-    python : path of the other environment's Python, 3.10 or later.
-    peer : name of the peer.
-    p, t, young, poisson : as in `Peer`.
+    python
+        Path of the other environment's Python, 3.10 or later.
+    peer
+        Name of the peer.
+    p, t, young, poisson
+        Arguments of `Peer`, as there.
 
     Attributes
     ----------
-    name, version : name and version of the code.
-    methods : names of its methods among `energy`, `internal_force` and `tangent`, which are methods of this object as well.
+    name, version
+        Name and version of the code.
+    methods
+        Names of its methods among `energy`, `internal_force` and `tangent`, which are methods of this object as well.
 
     Raises
     ------

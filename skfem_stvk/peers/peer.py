@@ -17,20 +17,24 @@ from ..errors import StvkError
 class Peer(Protocol):
     """Isotropic St. Venant-Kirchhoff body of tetrahedra in another code.
 
-    Parameters
-    ----------
-    p : (3, nv) coordinates [m].
-    t : (4, nt) vertices of the tetrahedra, of either orientation.
-    young, poisson : Young's modulus [Pa] and Poisson's ratio, the same in all elements.
-
     The methods of a peer are `energy(u) -> float` [J], `internal_force(u) -> (3 nv,)` = dW/du [N] and `tangent(u) -> csr_matrix`
     [N/m], as far as its code can compute them. Their argument is `u` (3 nv,) [m] with the degree of freedom
     `3 * vertex + component`. All work that does not depend on `u` is done when the peer is made. So the time of a call is that of
     the other code.
 
+    Parameters
+    ----------
+    p
+        (3, nv) coordinates [m].
+    t
+        (4, nt) vertices of the tetrahedra, of either orientation.
+    young, poisson
+        Young's modulus [Pa] and Poisson's ratio, the same in all elements.
+
     Attributes
     ----------
-    name, version : name and version of the code.
+    name, version
+        Name and version of the code.
 
     Raises
     ------
@@ -80,16 +84,26 @@ class Package:
 
     Attributes
     ----------
-    module : name for the import.
-    distribution : name in the package registry.
-    install : line that installs the package.
-    least : first major version that computes this model.
-    why : fault of the versions before `least`. The class of such a peer accepts `any_version`, so that these can be verified too.
-    elements : kinds of elements that the peer supports.
-    gives : the quantities among W, F and K that the peer has.
-    deviates : known deviations from this package.
-    tried : versions that were verified (docs/peers.md).
-    file : name of the file in this folder that wraps the package, if it is not `module`.
+    module
+        Name for the import.
+    distribution
+        Name in the package registry.
+    install
+        Line that installs the package.
+    least
+        First major version that computes this model.
+    why
+        Fault of the versions before `least`. The class of such a peer accepts `any_version`, so that these can be verified too.
+    elements
+        Kinds of elements that the peer supports.
+    gives
+        The quantities among W, F and K that the peer has.
+    deviates
+        Known deviations from this package.
+    tried
+        Versions that were verified (docs/peers.md).
+    file
+        Name of the file in this folder that wraps the package, if it is not `module`.
     """
 
     module: str

@@ -128,8 +128,10 @@ class Candidates(NamedTuple):
 
     Attributes
     ----------
-    fields : (ndofs, n).
-    words : their numbers, for messages.
+    fields
+        (ndofs, n) displacements, one field in each column.
+    words
+        Numbers of the fields in words, for messages.
     """
 
     fields: Array

@@ -46,10 +46,14 @@ class BetweenPoints:
 
     Attributes
     ----------
-    points : (m, d) displacements of the handle of these solves [m].
-    force : (m,) error of the force, as a fraction of the largest force in the table.
-    u : (m,) largest error of a node's displacement, as a fraction of the largest displacement in the table.
-    unsolved : messages on midpoints without a stable equilibrium.
+    points
+        (m, d) displacements of the handle of these solves [m].
+    force
+        (m,) error of the force, as a fraction of the largest force in the table.
+    u
+        (m,) largest error of a node's displacement, as a fraction of the largest displacement in the table.
+    unsolved
+        Messages on midpoints without a stable equilibrium.
     """
 
     points: Array
@@ -85,35 +89,49 @@ class PrecomputedResponse:
     polynomials of degree 3 interpolate the 4 nearest points of each axis (fewer on shorter axes). Answers are exact at the points,
     continuous, and have errors O(h^4) between them; `error` has measured values. The solves begin at rest, or at the point nearest
     to rest. They continue along the axes to the other points, so that they stay on the branch of equilibria through the first
-    point. After Zhong, Wachowiak and Peters (2005).
+    point.
 
     A point without a stable equilibrium is a hole, and a warning reports it. Answers in cells with a hole are refused. Cells next
     to them are interpolated linearly, with a jump of O(h^2) at their sides.
 
     Parameters
     ----------
-    body : a `System` with supports that leave no rigid motion once the handle is constrained. Its loads and prescribed
-        displacements act in full, as at t = 1.
-    handle : the location whose nodes all have the same displacement: a name, node ids, a predicate, a shape; none of them fixed or
+    body
+        A `System` with supports that leave no rigid motion once the handle is constrained. Its loads and prescribed displacements
+        act in full, as at t = 1.
+    handle
+        The location whose nodes all have the same displacement: a name, node ids, a predicate, a shape; none of them fixed or
         prescribed in the body.
-    displacements : an axis of ascending displacements (n_c,) for each component [m], with zero on each or between its values. An
-        axis of one value fixes its component there.
-    tolerance : error of displacements in the table, as a fraction of the largest one, in the 2-norm over all nodes.
-    checks : number of cells in whose middle the error is measured, spread over the grid; None for all of them.
-    steps, rtol, solver : of each solve, as in `solve_static`; the first step of each solve is 1/steps of its path.
-    jobs : number of solves at a time, each in a separate process, in programs under `if __name__ == "__main__":`; 1 is this
-        process.
-    checkpoint : a folder that stores each solve as it is found. The same call continues from the stored solves.
-    quiet : print nothing.
+    displacements
+        An axis of ascending displacements (n_c,) for each component [m], with zero on each or between its values. An axis of one
+        value fixes its component there.
+    tolerance
+        Error of displacements in the table, as a fraction of the largest one, in the 2-norm over all nodes.
+    checks
+        Number of cells in whose middle the error is measured, spread over the grid; None for all of them.
+    steps, rtol, solver
+        Options of each solve, as in `solve_static`; the first step of each solve is 1/steps of its path.
+    jobs
+        Number of solves at a time, each in a separate process, in programs under `if __name__ == "__main__":`; 1 is this process.
+    checkpoint
+        A folder that stores each solve as it is found. The same call continues from the stored solves.
+    quiet
+        Print nothing.
 
     Attributes
     ----------
-    axes : the displacements.
-    nodes : (m,) ids of the nodes of the handle.
-    forces : (n_1, ..., n_d, d) force at each point of the grid [N].
-    rank : number of basis vectors of the displacements.
-    holes : reasons for missing answers, by displacement.
-    error : `BetweenPoints`.
+    axes
+        Axes of the grid, the argument `displacements`.
+    nodes
+        (m,) ids of the nodes of the handle.
+    forces
+        (n_1, ..., n_d, d) force at each point of the grid [N].
+    rank
+        Number of basis vectors of the displacements.
+    holes
+        Reasons for missing answers, by displacement.
+    error
+        Errors between the points of the grid, as `BetweenPoints`.
 
     Raises
     ------
@@ -127,6 +145,12 @@ class PrecomputedResponse:
     StvkWarning
         for holes, and for warnings of the solves.
 
+    Notes
+    -----
+    After Zhong, Wachowiak and Peters (2005).
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTri.init_tensor(np.linspace(0, 4, 9), np.linspace(0, 1, 3)).with_defaults()
@@ -206,7 +230,18 @@ class PrecomputedResponse:
         return found[: len(d)], u
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the table to an .npz file, for `PrecomputedResponse.load`; return the path. Raises the errors of `write_vtu`."""
+        """Write the table to an .npz file, for `PrecomputedResponse.load`; return the path.
+
+        Parameters
+        ----------
+        path
+            Path of the file (.npz).
+
+        Raises
+        ------
+        StvkError
+            as `results.write_vtu`.
+        """
         from .stores import TableFile
 
         path = output_path(path, ".npz")
@@ -221,6 +256,13 @@ class PrecomputedResponse:
     @classmethod
     def load(cls, path: str | os.PathLike[str], body: System) -> PrecomputedResponse:
         """Return the response that `save` wrote.
+
+        Parameters
+        ----------
+        path
+            Path of the file (.npz).
+        body
+            The body, with the mesh, terms, supports and loads with which the file was made.
 
         Raises
         ------

@@ -34,9 +34,12 @@ class Sampling(NamedTuple):
 
     Attributes
     ----------
-    elements : (n,) their ids.
-    weights : (n,) the number of elements that each represents; none is negative.
-    fitted, unseen : the error of the reduced force, relative to its size, over the states for fitting, and over others.
+    elements
+        (n,) ids of the sampled elements.
+    weights
+        (n,) number of elements that each of them represents; none is negative.
+    fitted, unseen
+        Errors of the reduced force, relative to its size, over the states for fitting, and over others.
     """
 
     elements: NDArray[np.int64]

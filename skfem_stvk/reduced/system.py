@@ -36,6 +36,8 @@ MOST = 10_000
 class ReducedSystem:
     """St. Venant-Kirchhoff body in the span of a few displacement fields; its cost does not depend on the mesh.
 
+    ::
+
         u = V q + Phi s(t)        W(q, s) one quartic        F = dW/dq (r,)        K = d2W/dq2 (r, r)
 
     `V` (ndofs, r) is made of natural modes, their modal derivatives and snapshots, and is orthonormal by mass. `Phi` (ndofs, l) are
@@ -44,29 +46,39 @@ class ReducedSystem:
 
     Parameters
     ----------
-    body : a `System` with supports that leave no motion without strain.
-    size : r, the number of unknowns; by default 30, or the number of independent fields.
-    modes : number of the lowest natural modes in the basis; 0 for snapshots alone. By default 20, or the number of free degrees of
+    body
+        A `System` with supports that leave no motion without strain.
+    size
+        Number r of unknowns; by default 30, or the number of independent fields.
+    modes
+        Number of the lowest natural modes in the basis; 0 for snapshots alone. By default 20, or the number of free degrees of
         freedom.
-    derivatives : whether to include all `modes (modes + 1)/2` modal derivatives. Linear modes alone cannot represent large
-        rotations.
-    snapshots : (ndofs, n) displacements of the body, such as states of a path, that the basis must represent as well.
-    times : times at which prescribed displacements that are functions are sampled; by default 33 between 0 and 1.
-    sampled : number of weighted elements that represent all, in terms whose energy is not a quartic, such as `NeoHookean`, so that
-        their cost does not depend on the mesh either; 0 for all. `sampling` reports their errors.
-    most_memory : maximum number of bytes that are needed while it is made.
-    quiet : print nothing.
+    derivatives
+        Whether to include all `modes (modes + 1)/2` modal derivatives. Linear modes alone cannot represent large rotations.
+    snapshots
+        (ndofs, n) displacements of the body, such as states of a path, that the basis must represent as well.
+    times
+        Times at which prescribed displacements that are functions are sampled; by default 33 between 0 and 1.
+    sampled
+        Number of weighted elements that represent all, in terms whose energy is not a quartic, such as `NeoHookean`, so that their
+        cost does not depend on the mesh either; 0 for all. `sampling` reports their errors.
+    most_memory
+        Maximum number of bytes that are needed while it is made.
+    quiet
+        Print nothing.
 
     Attributes
     ----------
-    body, size : the arguments.
-    columns : (ndofs, r + l) V, then Phi.
-    basis, lifts : its parts.
-    sampling : by the name of a term its sampled elements, their weights, and the error of the force on states for fitting and on
-        others.
-    masses : (ndofs,) lumped masses M, of density 1 if the body has none.
-
-    Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
+    body, size
+        The arguments.
+    columns
+        (ndofs, r + l) columns of V, then of Phi.
+    basis, lifts
+        Its parts V (ndofs, r) and Phi (ndofs, l).
+    sampling
+        Sampled elements by the name of a term, with their weights, and the error of the force on states for fitting and on others.
+    masses
+        (ndofs,) lumped masses M, of density 1 if the body has none.
 
     Raises
     ------
@@ -75,6 +87,12 @@ class ReducedSystem:
     StvkError
         if there are fewer than `size` independent fields, a term has no energy, or more than `most_memory` is needed.
 
+    Notes
+    -----
+    Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTet.init_tensor(np.linspace(0, 4, 9), np.linspace(0, 1, 3), np.linspace(0, 1, 3))
@@ -143,9 +161,19 @@ class ReducedSystem:
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
 
     def save(self, path: str | Path) -> Path:
-        """Write the fields and the coefficients to a file (.npz), from which `load` restores the reduced body within a second.
+        """Write the fields and the coefficients to a file.
 
-        Raises StvkError if the path is not writable.
+        `load` restores the reduced body from it within a second.
+
+        Parameters
+        ----------
+        path
+            Path of the file (.npz).
+
+        Raises
+        ------
+        StvkError
+            if the path is not writable.
         """
         from .stores import ReducedFile  # pydantic is imported only where there are files
 
@@ -160,8 +188,20 @@ class ReducedSystem:
     def load(cls, path: str | Path, body: System) -> ReducedSystem:
         """Return the reduced body of a file that `save` wrote, for the same body; loads may differ.
 
-        Raises StvkError if the file is of another kind or damaged, or of a body with another mesh, other terms, masses or supports.
+        Parameters
+        ----------
+        path
+            Path of the file (.npz).
+        body
+            The body, with the mesh, terms, masses and supports with which the file was made.
 
+        Raises
+        ------
+        StvkError
+            if the file is of another kind or damaged, or of a body with another mesh, other terms, masses or supports.
+
+        Examples
+        --------
         >>> import skfem, tempfile, os
         >>> from skfem_stvk import StVK, System
         >>> body = System(skfem.MeshTet().refined(1), StVK(young=1.0, poisson=0.3), fixed=[(lambda x: x[0] == 0, "xyz")])
@@ -189,31 +229,104 @@ class ReducedSystem:
         return made
 
     def amounts(self, t: Time = 1.0) -> Array:
-        """Return the amounts `s(t)` (l,) [m] of the lifts. SupportError if prescribed displacements at `t` are off their span."""
+        """Return the amounts `s(t)` (l,) [m] of the lifts.
+
+        Parameters
+        ----------
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        SupportError
+            if prescribed displacements at `t` are off their span.
+        """
         return self.in_coordinates.held_values(t)
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
-        """Return the strain energy `W` [J] at the unknowns `q` (r,).
+        """Return the strain energy `W` [J] at the unknowns.
 
-        Raises StateError if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
         """
         return self.in_coordinates.linearize(self.unknowns(q, t))[0]
 
     def internal_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `F = dW/dq` (r,), which is `V' F(u)` of the body. Raises the errors of `energy`."""
+        """Return `F = dW/dq` (r,), which is `V' F(u)` of the body.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         return self.in_coordinates.linearize(self.unknowns(q, t))[1][: self.size].copy()
 
     def tangent(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `K = d2W/dq2` (r, r), which is `V' K(u) V` of the body. Raises the errors of `energy`."""
+        """Return `K = d2W/dq2` (r, r), which is `V' K(u) V` of the body.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         return self.in_coordinates.linearize(self.unknowns(q, t))[2][: self.size, : self.size].copy()
 
     def linearize(self, q: ArrayLike, t: Time = 1.0) -> tuple[float, Array, Array]:
-        """Return W, F and K, at the cost of one of them. Raises the errors of `energy`."""
+        """Return W [J], F (r,) and K (r, r), at the cost of one of them.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         W, F, K = self.in_coordinates.linearize(self.unknowns(q, t))
         return W, F[: self.size].copy(), K[: self.size, : self.size].copy()
 
     def lift_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `dW/ds` (l,) [N], the forces that hold the lifts. Raises the errors of `energy`."""
+        """Return `dW/ds` (l,) [N], the forces that hold the lifts.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         return self.in_coordinates.linearize(self.unknowns(q, t))[1][self.size :].copy()
 
     @property
@@ -222,8 +335,23 @@ class ReducedSystem:
         return self.in_coordinates.quartic
 
     def energy_along(self, q: ArrayLike, v: ArrayLike, t: Time = 1.0) -> NDArray[np.float64]:
-        """Return the exact coefficients (5,) of the strain energy along `q + s v` [J]. Raises the errors of `energy`, and StvkError
-        if the energy of a term is not a quartic.
+        """Return the exact coefficients (5,) of the strain energy along `q + s v` [J].
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        v
+            (r,) direction.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        StvkError
+            if the energy of a term is not a quartic.
         """
         if not self.quartic:
             raise StvkError("The strain energy along a line is no quartic with such terms; ask for energy(q + s v) instead.")
@@ -232,46 +360,153 @@ class ReducedSystem:
         return self.in_coordinates.energy_along(self.unknowns(q, t), direction)
 
     def displacements(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `u = V q + Phi s(t)` (ndofs,) [m], with exact prescribed displacements."""
+        """Return `u = V q + Phi s(t)` (ndofs,) [m], with exact prescribed displacements.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+        """
         u = np.asarray(self.columns @ self.unknowns(q, t))
         u[self.body.supports.held] = self.body.supports.values(t)
         return u
 
     def coordinates(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `q = V' M (u - Phi s(t))` (r,): the unknowns nearest to displacements `u` (ndofs,), by mass."""
+        """Return `q = V' M (u - Phi s(t))` (r,), the unknowns nearest to displacements by mass.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+        """
         return self.in_coordinates.state(u, t)[: self.size]
 
     def unknowns(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `z = (q, s(t))` (r + l,). Raises the errors of `energy`."""
+        """Return `z = (q, s(t))` (r + l,).
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         return np.concatenate([finite_vector("q", q, self.size, "unknown"), self.amounts(t)])
 
     def external_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `V' f_ext` (r,) of the loads; constant dead loads are precomputed, at no cost of the mesh. Raises the errors of
-        `energy`.
+        """Return `V' f_ext` (r,) of the loads.
+
+        Constant dead loads are precomputed, so that their cost does not depend on the mesh.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
         """
         return self.in_coordinates.external_force(self.unknowns(q, t), t)[: self.size]
 
     def load_stiffness(self, q: ArrayLike, t: Time = 1.0) -> Array | None:
-        """Return `-V' df_ext/du V` (r, r); None if all loads are dead. Raises the errors of `energy`."""
+        """Return `-V' df_ext/du V` (r, r); None if all loads are dead.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         K = self.in_coordinates.load_stiffness(self.unknowns(q, t), t)
         return None if K is None else K[: self.size, : self.size]
 
     def residual(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `F - V' f_ext` (r,). Raises the errors of `energy`."""
+        """Return `F - V' f_ext` (r,).
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         return self.internal_force(q, t) - self.external_force(q, t)
 
     def jacobian(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return the derivative of the residual (r, r): K, plus the stiffness of follower loads. Raises the errors of `energy`."""
+        """Return the derivative of the residual (r, r): K, plus the stiffness of follower loads.
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         K, more = self.tangent(q, t), self.load_stiffness(q, t)
         return K if more is None else K + more
 
     def potential(self, q: ArrayLike, t: Time = 1.0) -> float:
-        """Return the strain energy plus the potentials of the loads [J]; LoadError if a load has none."""
+        """Return the strain energy plus the potentials of the loads [J].
+
+        Parameters
+        ----------
+        q
+            (r,) unknowns.
+        t
+            Time [s], or the load factor, of the prescribed displacements.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        LoadError
+            if a load has no potential.
+        """
         return self.in_coordinates.potential(self.unknowns(q, t), t)
 
     def response(self, z: Array) -> tuple[float, Array, Array]:
-        """Return W, `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at all amounts `z = (q, s)`; read only. Raises the errors of
-        `energy`.
+        """Return W [J], `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at unknowns and amounts.
+
+        The arrays are read only.
+
+        Parameters
+        ----------
+        z
+            (r + l,) unknowns and amounts, `z = (q, s)`.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
         """
         return self.in_coordinates.linearize(finite_vector("z", z, self.columns.shape[1], "amount"))
 

@@ -30,11 +30,14 @@ def opponent(name: str, mesh: ElementMesh, young: float, poisson: float, python:
 
     Parameters
     ----------
-    name : name of a peer, in upper or lower case; every version is accepted. `jax:module:function` or `torch:module:function` is an
+    name
+        Name of a peer, in upper or lower case; every version is accepted. `jax:module:function` or `torch:module:function` is an
         energy density W(F) that the user has written for this peer. `module:function` is a function of `p` (d, nv), `t` (n, nt),
         `young` and `poisson` that returns an object with any of `energy`, `internal_force` and `tangent`.
-    mesh, young, poisson : mesh of the body, Young's modulus [Pa] and Poisson's ratio of its one material.
-    python : path of the Python executable of another environment in which the peer is installed.
+    mesh, young, poisson
+        Mesh of the body, Young's modulus [Pa] and Poisson's ratio of its one material.
+    python
+        Path of the Python executable of another environment in which the peer is installed.
 
     Raises
     ------

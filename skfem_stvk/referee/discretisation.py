@@ -26,9 +26,12 @@ class Discretisation:
 
     Attributes
     ----------
-    kind : one of `reference.KINDS`.
-    quadrature : None for the usual rule, or "exact" or "one-point".
-    hourglass : coefficient of the hourglass control of the "one-point" rule.
+    kind
+        Kind of the elements, one of `reference.KINDS`.
+    quadrature
+        Integration rule, None for the usual one, or "exact" or "one-point".
+    hourglass
+        Coefficient of the hourglass control of the "one-point" rule.
     """
 
     kind: str

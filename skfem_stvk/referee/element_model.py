@@ -34,17 +34,28 @@ class ElementModel:
 
     Attributes
     ----------
-    p : (d, nv) coordinates of the nodes that have displacements.
-    X : (n, nt, d) rest positions of the nodes of each element.
-    t : (n, nt) nodes of the elements.
-    table : (nq, n, d) derivatives of the shape functions.
-    weights : (nq,) weights of the points.
-    tensor : (1 or nt, d, d, d, d) elasticity tensors C of `S = C : E`.
-    counted : function that returns factors (nt, nq) of the points for deformation gradients (nt, nq, d, d).
-    initial : factor of the initial-stress part of K, a number or (nt, 1, 1).
-    strain : function that returns the strain for displacement gradients.
-    stress : function that returns the first Piola-Kirchhoff stress `P` of the internal force from `F` and `S`.
-    derived : whether K is the derivative of the internal force. If not, it is K of St. Venant-Kirchhoff, from `F` and `S`.
+    p
+        (d, nv) coordinates of the nodes that have displacements.
+    X
+        (n, nt, d) rest positions of the nodes of each element.
+    t
+        (n, nt) nodes of the elements.
+    table
+        (nq, n, d) derivatives of the shape functions.
+    weights
+        (nq,) weights of the points.
+    tensor
+        (1 or nt, d, d, d, d) elasticity tensors C of `S = C : E`.
+    counted
+        Function that returns factors (nt, nq) of the points for deformation gradients (nt, nq, d, d).
+    initial
+        Factor of the initial-stress part of K, a number or (nt, 1, 1).
+    strain
+        Function that returns the strain for displacement gradients.
+    stress
+        Function that returns the first Piola-Kirchhoff stress `P` of the internal force from `F` and `S`.
+    derived
+        Whether K is the derivative of the internal force. If not, it is K of St. Venant-Kirchhoff, from `F` and `S`.
     """
 
     p: Array

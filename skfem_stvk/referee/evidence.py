@@ -30,9 +30,12 @@ class Evidence:
 
     Attributes
     ----------
-    quantities : the quantities among W, F and K that the candidate returns in any strained state.
-    found : values by state, for the states in which all values are finite.
-    not_finite : for each of all states, including rest and rotation, the quantities with an entry that is not finite.
+    quantities
+        The quantities among W, F and K that the candidate returns in any strained state.
+    found
+        Values by state, for the states in which all values are finite.
+    not_finite
+        Quantities, for each of all states, including rest and rotation, with an entry that is not finite.
     """
 
     def __init__(self, case: Case, player: Player) -> None:

@@ -50,13 +50,18 @@ class ExactStVK:
 
     Parameters
     ----------
-    p : (d, nv) coordinates, taken as exact.
-    t : (n, nt) nodes of the elements.
-    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the elements' own axes times their section, or
-        (nt, nq, k, k, k, k) at each point, as in `reference`. Alternatively, the Lame pair within the elements' dimensions, as
-        numbers or decimal numbers (nt,).
-    how : kind of element and rule. The default is linear simplices with the number of nodes in `t`.
-    control : result of `bodies.hourglass_control`, needed for mean gradients.
+    p
+        (d, nv) coordinates, taken as exact.
+    t
+        (n, nt) nodes of the elements.
+    tensor
+        (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the elements' own axes times their section, or (nt, nq, k, k, k,
+        k) at each point, as in `reference`. Alternatively, the Lame pair within the elements' dimensions, as numbers or decimal
+        numbers (nt,).
+    how
+        Kind of element and rule. The default is linear simplices with the number of nodes in `t`.
+    control
+        Result of `bodies.hourglass_control`, needed for mean gradients.
     """
 
     def __init__(
@@ -247,8 +252,9 @@ class Truth:
 
     Attributes
     ----------
-    exact : ids of the elements that are computed in 50 digits: those with an aspect ratio beyond `FLAT`, at most the flattest
-        ones with `MOST` points in total.
+    exact
+        Ids of the elements that are computed in 50 digits: those with an aspect ratio beyond `FLAT`, at most the flattest ones with
+        `MOST` points in total.
     """
 
     def __init__(self, shape: Shape, tensor: Array, control: Array | None = None) -> None:

@@ -33,10 +33,14 @@ class Fault:
 
     Attributes
     ----------
-    description : the fault, and where it has occurred.
-    make : function that returns a faulty model for a mesh and terms like those of its body.
-    body : name of the body in `bodies()` on which the fault has an effect.
-    named : name of the hypothesis by which a report names the fault, or "" if there is none.
+    description
+        The fault, and where it has occurred.
+    make
+        Function that returns a faulty model for a mesh and terms like those of its body.
+    body
+        Name of the body in `bodies()` on which the fault has an effect.
+    named
+        Name of the hypothesis by which a report names the fault, or "" if there is none.
     """
 
     description: str

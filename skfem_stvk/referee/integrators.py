@@ -48,10 +48,6 @@ def verify_integrator(
 ) -> Report:
     """Check a time integrator on a soft and a stiff body of two masses and a spring, whose motion is known.
 
-    `step(system, u, v, dt)` returns displacements and velocities (ndofs,) at a time `dt` later, for `M v' + F(u) = 0`.
-    `system.internal_force(u)` is F [N], `system.tangent(u)` is its derivative, and `system.mass()` is the lumped M, with `solve(f)`
-    and `multiply(v)`. The body is free in space, without loads and supports. The result may depend on the arguments alone.
-
     The spring is a bar with the energy of St. Venant-Kirchhoff. It rotates, vibrates by 15 % and drifts. The relative motion is
     that of a point in a central field, an ordinary differential equation that is solved to 13 digits.
 
@@ -68,17 +64,34 @@ def verify_integrator(
 
     Parameters
     ----------
-    density : density of the bar [kg/m^3].
-    order : the claimed order; None if there is no claim. The report states the fitted order.
-    conserves : the quantities that are claimed to be conserved: "energy", "linear momentum", "angular momentum".
-    stable : the claimed limit of `omega dt`: 2 for central differences, 1000 for integrators without a limit.
-    quiet : whether to hide the progress bar.
+    step
+        Function `step(system, u, v, dt)` that returns displacements and velocities (ndofs,) at a time `dt` later, for `M v' + F(u)
+        = 0`. `system.internal_force(u)` is F [N], `system.tangent(u)` is its derivative, and `system.mass()` is the lumped M, with
+        `solve(f)` and `multiply(v)`. The body is free in space, without loads and supports. The result may depend on the arguments
+        alone.
+    density
+        Density of the bar [kg/m^3].
+    order
+        The claimed order; None if there is no claim. The report states the fitted order.
+    conserves
+        The quantities that are claimed to be conserved: "energy", "linear momentum", "angular momentum".
+    stable
+        The claimed limit of `omega dt`: 2 for central differences, 1000 for integrators without a limit.
+    quiet
+        Whether to hide the progress bar.
+
+    Returns
+    -------
+    Report
+        Use `report.passed`, `print(report)` and `report.save("folder")`.
 
     Raises
     ------
     StvkError
         if `step` cannot be called, or a claim is out of range.
 
+    Examples
+    --------
     >>> def verlet(system, u, v, dt):
     ...     M = system.mass()
     ...     v = v - dt / 2 * M.solve(system.internal_force(u))

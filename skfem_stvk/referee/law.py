@@ -56,20 +56,33 @@ def verify_law(
 
     Parameters
     ----------
-    energy : function of F (d, d) that returns `W(F)`, one number [J/m^3].
-    stress : function of F that returns `P`, `S`, `sigma` or `tau` (d, d) [Pa], the last three also as Voigt vectors (6,) or (3,).
-    elasticity : function of F that returns `A = dP/dF` (d, d, d, d) or by rows (d^2, d^2), or `C = dS/dE` (d, d, d, d) or as a
-        Voigt matrix (6, 6) or (3, 3) [Pa].
-    at : (d, d) or (n, d, d) deformation gradients with det F > 0. By default they are sampled.
-    claims : the law that the functions claim to be, such as `StVK(young=1e5, poisson=0.3)`, with `plane=` in two dimensions. For
-        other laws of this package only the moduli at rest are compared.
-    dimension : 2 or 3. The default is the dimension of `at`, then 2 if `claims` has a plane, else 3.
-    measure, tangent, voigt, engineering : the meaning of the arrays. `measure` is "P", "S", "sigma", "tau" or "P transposed";
-        `tangent` is "A", "C" or "A transposed"; `voigt` is the order of shears "23-13-12", "12-13-23" or "12-23-13";
-        `engineering` says whether a matrix acts on engineering shear. If one is None, it is inferred at generic F, and the report
-        lists all readings that fit.
-    seed : seed of the sampled F.
-    quiet : whether to hide the progress bar.
+    energy
+        Function of F (d, d) that returns `W(F)`, one number [J/m^3].
+    stress
+        Function of F that returns `P`, `S`, `sigma` or `tau` (d, d) [Pa], the last three also as Voigt vectors (6,) or (3,).
+    elasticity
+        Function of F that returns `A = dP/dF` (d, d, d, d) or by rows (d^2, d^2), or `C = dS/dE` (d, d, d, d) or as a Voigt matrix
+        (6, 6) or (3, 3) [Pa].
+    at
+        (d, d) or (n, d, d) deformation gradients with det F > 0. By default they are sampled.
+    claims
+        The law that the functions claim to be, such as `StVK(young=1e5, poisson=0.3)`, with `plane=` in two dimensions. For other
+        laws of this package only the moduli at rest are compared.
+    dimension
+        Dimension of F, 2 or 3. The default is the dimension of `at`, then 2 if `claims` has a plane, else 3.
+    measure, tangent, voigt, engineering
+        The meaning of the arrays. `measure` is "P", "S", "sigma", "tau" or "P transposed"; `tangent` is "A", "C" or "A transposed";
+        `voigt` is the order of shears "23-13-12", "12-13-23" or "12-23-13"; `engineering` says whether a matrix acts on engineering
+        shear. If one is None, it is inferred at generic F, and the report lists all readings that fit.
+    seed
+        Seed of the sampled F.
+    quiet
+        Whether to hide the progress bar.
+
+    Returns
+    -------
+    Report
+        Use `report.passed`, `report.named`, `print(report)` and `report.save("folder")`.
 
     Raises
     ------
@@ -78,6 +91,12 @@ def verify_law(
     MaterialError
         if `claims` has no material, constants or frames per element, or an invalid Poisson's ratio.
 
+    Notes
+    -----
+    Source: Bonet, Wood, "Nonlinear Continuum Mechanics for Finite Element Analysis" (2008), chapters 5 and 6.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> def W(F):
     ...     E = (F.T @ F - np.eye(3)) / 2
@@ -90,8 +109,6 @@ def verify_law(
     >>> claims = StVK(young=4 * 19 / 7, poisson=5 / 14)   # lambda = 10, mu = 4
     >>> verify_law(stress=S, claims=claims).named.names
     ['lambda x 2.000, mu x 1.000']
-
-    Source: Bonet, Wood, "Nonlinear Continuum Mechanics for Finite Element Analysis" (2008), chapters 5 and 6.
     """
     functions = {name: f for name, f in (("W", energy), ("P", stress), ("A", elasticity)) if f is not None}
     for name, f in (("energy", energy), ("stress", stress), ("elasticity", elasticity)):

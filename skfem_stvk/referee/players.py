@@ -65,6 +65,8 @@ def users_function(argument: str, given: str) -> Callable[..., Any]:
     StvkError
         if there is no such function, or its module raises. The message contains the `argument` that named it.
 
+    Examples
+    --------
     >>> users_function("--against", "math:sin")(0.0)
     0.0
     >>> users_function("--against", "math:sine")

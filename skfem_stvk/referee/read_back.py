@@ -37,10 +37,17 @@ def verify_results(folder: str | Path, vectors: Vectors | str | Path | None = No
 
     Parameters
     ----------
-    folder : a folder with `results.txt` or `results.npz`, which holds any of `W`, `F` and `K_blocks` or `K_values` in the layout of
-        the vectors.
-    vectors : the vectors that the results were computed from, or their folder. The default is the vectors in the same folder as the
+    folder
+        A folder with `results.txt` or `results.npz`, which holds any of `W`, `F` and `K_blocks` or `K_values` in the layout of the
+        vectors.
+    vectors
+        The vectors that the results were computed from, or their folder. The default is the vectors in the same folder as the
         results, or else the published vectors with the same digest.
+
+    Returns
+    -------
+    Report
+        Use `report.passed`, `print(report)` and `report.save("folder")`.
 
     Raises
     ------
@@ -48,6 +55,8 @@ def verify_results(folder: str | Path, vectors: Vectors | str | Path | None = No
         if there are no results or no vectors, or the file is damaged, has arrays of other names or sizes, or belongs to other
         vectors.
 
+    Examples
+    --------
     >>> import tempfile
     >>> from skfem_stvk.referee.vectors import published_vectors
     >>> from skfem_stvk.referee.vector_files import write_text

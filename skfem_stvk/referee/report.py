@@ -27,7 +27,36 @@ from .shape import Shape
 
 
 class Report(Findings):
-    """Results of `verify`. See `Findings` for the attributes; `print(report)` shows the report."""
+    """Results of `verify` and of the other checks; `print(report)` shows them.
+
+    Attributes
+    ----------
+    header
+        Versions, machine, mesh, material, command line, seed.
+    results
+        Results of all checks of all quantities in all states.
+    precision
+        Rows of error against strain (`checks.precision.precision_table`).
+    speed
+        Rows of time and memory (`checks.precision.speed_table`).
+    errors
+        Errors against 50 digits, which are plotted with the speed.
+    named
+        Explanations of a candidate that does not agree, or None if no explanation was searched for.
+    interrupted
+        Whether the verification was stopped before its end.
+    seconds
+        Duration of the verification [s].
+
+    Examples
+    --------
+    >>> from skfem_stvk import verify_integrator
+    >>> def euler(system, u, v, dt):                                      # explicit Euler, which claims to conserve energy
+    ...     return u + dt * v, v - dt * system.mass().solve(system.internal_force(u))
+    >>> report = verify_integrator(euler, order=1, conserves=("energy",), quiet=True)
+    >>> report.passed, sorted({result.check for result in report.results if result.outcome.value == "failed"})
+    (False, ['drift', 'stability limit'])
+    """
 
     def __str__(self) -> str:
         return as_text(rendered(self))
@@ -35,8 +64,12 @@ class Report(Findings):
     def save(self, folder: str | Path) -> Path:
         """Write `report.json` and the self-contained `report.html` into a folder, and return its path.
 
-        The folder is created if it is missing. Each file is written under another name first and then renamed, so that no file is
-        ever half written.
+        Each file is written under another name first and then renamed, so that no file is ever half written.
+
+        Parameters
+        ----------
+        folder
+            Path of the folder, which is created if it is missing.
 
         Raises
         ------

@@ -28,16 +28,26 @@ class Result:
 
     Attributes
     ----------
-    check : name of the check, such as "agreement".
-    subject : name of the model whose W, F or K was checked.
-    quantity : "W", "F", "K" or the name of another measured quantity.
-    state : name of the state.
-    outcome : outcome of the check.
-    against : name of the reference.
-    measured, limit : error and its limit, relative to `scale`; None if nothing was measured.
-    scale : value and meaning of the scale that the error is relative to.
-    reason : reason for the limit, or the reason why the check did not run or does not apply.
-    worst : the worst locations: dof, node, component, elements.
+    check
+        Name of the check, such as "agreement".
+    subject
+        Name of the model whose W, F or K was checked.
+    quantity
+        Quantity "W", "F", "K", or the name of another measured quantity.
+    state
+        Name of the state.
+    outcome
+        Outcome of the check.
+    against
+        Name of the reference.
+    measured, limit
+        Error and its limit, relative to `scale`; None if nothing was measured.
+    scale
+        Value and meaning of the scale that the error is relative to.
+    reason
+        Reason for the limit, or the reason why the check did not run or does not apply.
+    worst
+        The worst locations: dof, node, component, elements.
     """
 
     check: str
@@ -138,10 +148,14 @@ class Naming:
 
     Attributes
     ----------
-    explanations : all hypotheses with a vanishing residual.
-    tried : number of hypotheses that were tried.
-    before : the largest relative error without a hypothesis.
-    smallest : text on the smallest failing piece if there is no explanation, or on the unexplained rest if there is a partial one.
+    explanations
+        All hypotheses with a vanishing residual.
+    tried
+        Number of hypotheses that were tried.
+    before
+        The largest relative error without a hypothesis.
+    smallest
+        Text on the smallest failing piece if there is no explanation, or on the unexplained rest if there is a partial one.
     """
 
     explanations: list[Explanation] = field(default_factory=list)
@@ -186,14 +200,22 @@ class Findings:
 
     Attributes
     ----------
-    header : versions, machine, mesh, material, command line, seed.
-    results : results of all checks of all quantities in all states.
-    precision : rows of error against strain (`checks.precision.precision_table`).
-    speed : rows of time and memory (`checks.precision.speed_table`).
-    errors : errors against 50 digits, which are plotted with the speed.
-    named : explanations of a candidate that does not agree, or None if no explanation was searched for.
-    interrupted : whether the verification was stopped before its end.
-    seconds : duration of the verification [s].
+    header
+        Versions, machine, mesh, material, command line, seed.
+    results
+        Results of all checks of all quantities in all states.
+    precision
+        Rows of error against strain (`checks.precision.precision_table`).
+    speed
+        Rows of time and memory (`checks.precision.speed_table`).
+    errors
+        Errors against 50 digits, which are plotted with the speed.
+    named
+        Explanations of a candidate that does not agree, or None if no explanation was searched for.
+    interrupted
+        Whether the verification was stopped before its end.
+    seconds
+        Duration of the verification [s].
     """
 
     header: dict[str, Any]

@@ -66,10 +66,14 @@ class SelfTest:
 
     Attributes
     ----------
-    caught : by fault and check, the quantities that failed, as in `"WFK"`.
-    named : by fault, the names that a report gives it.
-    right : by body and check, the quantities of the correct model that failed. There must be none, or the test is invalid.
-    seconds : duration of the test [s].
+    caught
+        Quantities that failed by fault and check, as in `"WFK"`.
+    named
+        Names that a report gives each fault.
+    right
+        Quantities of the correct model that failed, by body and check. There must be none, or the test is invalid.
+    seconds
+        Duration of the test [s].
     """
 
     caught: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -187,6 +191,8 @@ def self_test(*, seed: int = 0, quiet: bool = False) -> SelfTest:
     StvkError
         if an argument is invalid.
 
+    Examples
+    --------
     >>> from skfem_stvk.referee.self_test import SelfTest
     >>> SelfTest(caught={"a fault": {}}).missed
     ['a fault']

@@ -20,12 +20,18 @@ class Shape:
 
     Attributes
     ----------
-    measure : (nt, nq) length, area or volume that belongs to each point [m^k].
-    gradients : (nt, nq, n, k) gradients of the shape functions in the element's own axes [1/m].
-    orientation : (nt,) mean of the signs of the Jacobian at the points if k = d, else 1.
-    steepest : (nt,) 1/smallest height at any point [1/m].
-    longest : (nt,) longest edge at any point [m].
-    aspect : (nt,) longest edge over smallest height at the worst point: 1.22 for a regular tetrahedron, 1 for a cube.
+    measure
+        (nt, nq) length, area or volume that belongs to each point [m^k].
+    gradients
+        (nt, nq, n, k) gradients of the shape functions in the element's own axes [1/m].
+    orientation
+        (nt,) mean of the signs of the Jacobian at the points if k = d, else 1.
+    steepest
+        (nt,) 1/smallest height at any point [1/m].
+    longest
+        (nt,) longest edge at any point [m].
+    aspect
+        (nt,) longest edge over smallest height at the worst point: 1.22 for a regular tetrahedron, 1 for a cube.
     """
 
     def __init__(self, mesh: ElementMesh, how: Discretisation) -> None:

@@ -55,9 +55,12 @@ class PrescribedNodes:
 
     Attributes
     ----------
-    nodes : (m,) ids of nodes, columns of `mesh.p`.
-    values : (m, d) displacements of these nodes [m].
-    dofs : (m d,) degrees of freedom of these nodes, `d * node + component`, in the order of `values.ravel()`.
+    nodes
+        (m,) ids of nodes, columns of `mesh.p`.
+    values
+        (m, d) displacements of these nodes [m].
+    dofs
+        (m d,) degrees of freedom of these nodes, `d * node + component`, in the order of `values.ravel()`.
     """
 
     nodes: NDArray[np.int64]
@@ -109,16 +112,29 @@ def verify_solver(
 
     Parameters
     ----------
-    young, poisson : Young's modulus [Pa] and Poisson's ratio. Avoid `poisson = 0`, where lambda is 0, and 1/4, where lambda is mu.
-    dimension : 2 or 3.
-    rtol : relative tolerance to which the solver solves its equations, relative to the displacements.
-    quiet : whether to hide the progress bar.
+    solve
+        Function `solve(mesh, material, body_force, boundary)` that returns displacements, as above.
+    young, poisson
+        Young's modulus [Pa] and Poisson's ratio. Avoid `poisson = 0`, where lambda is 0, and 1/4, where lambda is mu.
+    dimension
+        Dimension of the bodies, 2 or 3.
+    rtol
+        Relative tolerance to which the solver solves its equations, relative to the displacements.
+    quiet
+        Whether to hide the progress bar.
+
+    Returns
+    -------
+    Report
+        Use `report.passed`, `report.named`, `print(report)` and `report.save("folder")`.
 
     Raises
     ------
     StvkError, MaterialError
         if `solve` cannot be called, or a number is out of range.
 
+    Examples
+    --------
     >>> from skfem_stvk import BodyForce, StVK, System, solve_static
     >>> def solve(mesh, material, body_force, boundary):
     ...     prescribed = {tuple(boundary.nodes): lambda x, t: t * boundary.values.T}

@@ -213,14 +213,21 @@ def export_vectors(
 
     Parameters
     ----------
-    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`, as in `verify`.
-    material : an isotropic material, or `StVK` terms of isotropic materials, with each element in exactly one of them.
-        Alternatively, pass `young` and `poisson`.
-    young, poisson : Young's modulus [Pa] and Poisson's ratio of one material for all elements.
-    quadrature : "exact", or None for the usual rule.
-    title : name of the set.
-    seed : seed of the random states.
-    quiet : whether to hide the progress bar.
+    mesh
+        Mesh of scikit-fem, arrays `(p, t)` of linear simplices, or `ElementMesh`, as in `verify`.
+    material
+        An isotropic material, or `StVK` terms of isotropic materials, with each element in exactly one of them. Alternatively, pass
+        `young` and `poisson`.
+    young, poisson
+        Young's modulus [Pa] and Poisson's ratio of one material for all elements.
+    quadrature
+        Integration rule, "exact", or None for the usual rule.
+    title
+        Name of the set.
+    seed
+        Seed of the random states.
+    quiet
+        Whether to hide the progress bar.
 
     Returns
     -------
@@ -234,6 +241,8 @@ def export_vectors(
     MeshError, RegionError, StvkError
         under the conditions of `verify`.
 
+    Examples
+    --------
     >>> import skfem
     >>> two = export_vectors(skfem.MeshTri().scaled((2, 1)), young=1e5, poisson=0.3, quiet=True)
     >>> two, list(two.states)[:3]
@@ -280,7 +289,7 @@ def export_vectors(
 
 
 def published_vectors(name: str) -> Vectors:
-    """Return one of the five published sets of the package, with a name from `PUBLISHED`.
+    """Return one of the five published sets of the package.
 
     - tetrahedron: one scalene tetrahedron.
     - block: tetrahedra of both orientations and two materials.
@@ -289,6 +298,27 @@ def published_vectors(name: str) -> Vectors:
     - hexahedra: two distorted hexahedra.
 
     `python -m validation.vectors` generates the sets.
+
+    Parameters
+    ----------
+    name
+        Name of the set, one of `PUBLISHED`.
+
+    Returns
+    -------
+    Vectors
+        The set, with its mesh, its states and the values in them.
+
+    Raises
+    ------
+    StvkError
+        if there is no such set.
+
+    Examples
+    --------
+    >>> block = published_vectors("block")
+    >>> block, block.arrays["W"].shape
+    (Vectors('block': 10 tetrahedra in 3D, 8 states), (8,))
     """
     choice("name", name, PUBLISHED)
     with as_file(files("skfem_stvk.referee") / "data" / f"{name}.npz") as file:

@@ -65,19 +65,27 @@ def verify(
 
     Parameters
     ----------
-    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`. A `ReducedSystem` is also accepted, with no
-        other argument than `seed` and `quiet`. It is compared with its full body.
-    material : a material, an `StVK` term, or several terms for several regions. Alternatively, pass `young` and `poisson`.
-    young, poisson : Young's modulus [Pa] and Poisson's ratio of an isotropic material.
-    degree, quadrature, hourglass : element degree, quadrature rule and hourglass coefficient, as in `System`.
-    candidate : an object with at least one of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a
-        `LinearOperator`), for the same mesh and rule, with scikit-fem's order of degrees of freedom. Alternatively, a class or
-        function that makes such an object from an `ElementMesh`. If no hypothesis explains a failure, the report then includes
-        the smallest piece of the mesh on which the candidate fails.
-    candidate_is_stvk : whether the candidate claims to be St. Venant-Kirchhoff. If not, it is not compared with that law, and its
-        derivatives get a Taylor test instead of the exact stencil.
-    seed : seed of the random numbers.
-    quiet : whether to hide the progress bar.
+    mesh
+        Mesh of scikit-fem, arrays `(p, t)` of linear simplices, or `ElementMesh`. A `ReducedSystem` is also accepted, with no other
+        argument than `seed` and `quiet`. It is compared with its full body.
+    material
+        A material, an `StVK` term, or several terms for several regions. Alternatively, pass `young` and `poisson`.
+    young, poisson
+        Young's modulus [Pa] and Poisson's ratio of an isotropic material.
+    degree, quadrature, hourglass
+        Element degree, quadrature rule and hourglass coefficient, as in `System`.
+    candidate
+        An object with at least one of `energy(u)`, `internal_force(u)`, `tangent(u)` (dense, sparse or a `LinearOperator`), for the
+        same mesh and rule, with scikit-fem's order of degrees of freedom. Alternatively, a class or function that makes such an
+        object from an `ElementMesh`. If no hypothesis explains a failure, the report then includes the smallest piece of the mesh
+        on which the candidate fails.
+    candidate_is_stvk
+        Whether the candidate claims to be St. Venant-Kirchhoff. If not, it is not compared with that law, and its derivatives get a
+        Taylor test instead of the exact stencil.
+    seed
+        Seed of the random numbers.
+    quiet
+        Whether to hide the progress bar.
 
     Returns
     -------
@@ -91,6 +99,8 @@ def verify(
     StvkError
         if the candidate has none of the three methods.
 
+    Examples
+    --------
     >>> import skfem
     >>> report = verify(skfem.MeshTet().refined(1), young=1e5, poisson=0.3, quiet=True)
     >>> report.passed

@@ -29,11 +29,16 @@ class ElementKind(NamedTuple):
 
     Attributes
     ----------
-    k : dimension of the element.
-    element : scikit-fem's scalar element.
-    mesh : scikit-fem's mesh of these elements, or of their corners.
-    curved : scikit-fem's mesh with curved edges, or None.
-    orders : order of exactness of the usual and of the exact rule. Order 1 is the rule with the centre as its only point.
+    k
+        Dimension of the element.
+    element
+        Scalar element of scikit-fem.
+    mesh
+        Mesh class of scikit-fem for these elements, or for their corners.
+    curved
+        Mesh class of scikit-fem with curved edges, or None.
+    orders
+        Order of exactness of the usual and of the exact rule. Order 1 is the rule with the centre as its only point.
     """
 
     k: int
@@ -85,6 +90,8 @@ def points_of(kind: str, rule: RuleLike = "usual") -> Points:
     StvkError
         if the rule is unknown.
 
+    Examples
+    --------
     >>> [len(points_of(kind, "usual")[1]) for kind in ("tetrahedra", "quadratic tetrahedra", "hexahedra")]
     [1, 4, 8]
     """

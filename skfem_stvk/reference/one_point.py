@@ -26,10 +26,14 @@ class ReferenceOnePoint:
 
     Parameters
     ----------
-    p : (d, nv) coordinates of the nodes [m].
-    t : (2^d, nt) nodes of the elements, in scikit-fem's local order.
-    tensor : (nt, d, d, d, d) or (1, d, d, d, d) elasticity tensor times section.
-    control : (nt,) or (1,) coefficient of the hourglass control times `lam + 2 mu` times section.
+    p
+        (d, nv) coordinates of the nodes [m].
+    t
+        (2^d, nt) nodes of the elements, in scikit-fem's local order.
+    tensor
+        (nt, d, d, d, d) or (1, d, d, d, d) elasticity tensor times section.
+    control
+        (nt,) or (1,) coefficient of the hourglass control times `lam + 2 mu` times section.
     """
 
     def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array, control: Array) -> None:

@@ -30,17 +30,24 @@ class ReferenceStVK:
 
     Parameters
     ----------
-    p : (d, nv) coordinates of the nodes [m].
-    t : (n, nt) nodes of the elements, in scikit-fem's local order.
-    tensor : (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensor in the elements' own axes times their section (`tensors`), or
-        (nt, nq, k, k, k, k) at each point.
-    kind : kind of the elements, a key of `KINDS`. The default is linear simplices with the number of nodes in `t`.
-    rule : quadrature rule: "usual", "exact", or points (k, nq) and weights (nq,).
+    p
+        (d, nv) coordinates of the nodes [m].
+    t
+        (n, nt) nodes of the elements, in scikit-fem's local order.
+    tensor
+        (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensor in the elements' own axes times their section (`tensors`), or (nt, nq,
+        k, k, k, k) at each point.
+    kind
+        Kind of the elements, a key of `KINDS`. The default is linear simplices with the number of nodes in `t`.
+    rule
+        Quadrature rule: "usual", "exact", or points (k, nq) and weights (nq,).
 
     Attributes
     ----------
-    axes : (nt, d, k) or (nt, nq, d, k) the elements' own axes.
-    measure : (nt, nq) length, area or volume that belongs to each point [m^k].
+    axes
+        (nt, d, k) or (nt, nq, d, k) the elements' own axes.
+    measure
+        (nt, nq) length, area or volume that belongs to each point [m^k].
     """
 
     def __init__(self, p: Array, t: NDArray[np.int32], tensor: Array, kind: str | None = None, rule: RuleLike = "usual") -> None:

@@ -20,21 +20,27 @@ from .table import find
 class Fields(ElasticBody):
     """Strains and stresses of a body, for any of its displacements.
 
-    Parameters
-    ----------
-    mesh : as `System` takes it.
-    terms : a term, or several; loads among them carry no stress and are skipped.
-    quadrature : as `System` takes it: the points at which elements with several points have their fields.
-
     If several terms share an element, their forces add up. The stress is that of all of them per `section`, the largest of their
     sections (the same for all in solids). A strain across that differs between terms is averaged, weighted by their sections. For
     the stress of one term use `Fields(mesh, [term])`.
 
+    Parameters
+    ----------
+    mesh
+        Mesh, as `System` takes it.
+    terms
+        Term, or several; loads among them carry no stress and are skipped.
+    quadrature
+        Integration rule, as `System` takes it: the points at which elements with several points have their fields.
+
     Attributes
     ----------
-    section : (nt,) thickness [m], area [m^2] or 1.
-    volume : (nt,) rest volume [m^3]: length, area or volume times section.
-    without_term : (nt,) whether an element is in no term, or in a term with unknown stress.
+    section
+        (nt,) thickness [m], area [m^2] or 1.
+    volume
+        (nt,) rest volume [m^3]: length, area or volume times section.
+    without_term
+        (nt,) whether an element is in no term, or in a term with unknown stress.
 
     Raises
     ------
@@ -43,6 +49,8 @@ class Fields(ElasticBody):
     StvkError
         if no term carries stress.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK
     >>> mesh = skfem.MeshTet().refined(1)
@@ -104,8 +112,10 @@ class State:
 
     Attributes
     ----------
-    v : (nv, d) velocities [m/s] of a body in motion, otherwise None.
-    `beside` : states of elements of lower dimensions on the same nodes: membranes and cables on tetrahedra.
+    v
+        (nv, d) velocities [m/s] of a body in motion, otherwise None.
+    `beside`
+        States of elements of lower dimensions on the same nodes: membranes and cables on tetrahedra.
     """
 
     def __init__(self, fields: Fields, u: Array, v: Array | None = None) -> None:

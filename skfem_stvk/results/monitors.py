@@ -27,11 +27,15 @@ class Finding:
 
     Attributes
     ----------
-    name : "locking", "inside out", "compressed" or "not elliptic".
-    elements : (n,) their ids in the mesh, ascending.
-    extreme : their most extreme value: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest
-        eigenvalue of the acoustic tensor [Pa], in the order of the names.
-    text : the fault, the number of elements, a location, the consequence and the remedy.
+    name
+        Name of the finding, "locking", "inside out", "compressed" or "not elliptic".
+    elements
+        (n,) ids of the elements in the mesh, ascending.
+    extreme
+        Most extreme value of these elements: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the
+        smallest eigenvalue of the acoustic tensor [Pa], in the order of the names.
+    text
+        The fault, the number of elements, a location, the consequence and the remedy.
     """
 
     name: str

@@ -33,12 +33,18 @@ class Row:
 
     Attributes
     ----------
-    name : name of the model.
-    force : `|F - F_StVK| / |F_StVK|`, Euclidean norms over all degrees of freedom.
-    energy : `W / W_StVK - 1`.
-    at_rest : `|K(0) - K_StVK(0)| / |K_StVK(0)|`, Frobenius norms.
-    ns : time for W and F [ns per element].
-    ratio : time relative to that of `StVK`.
+    name
+        Name of the model.
+    force
+        Error of the force `|F - F_StVK| / |F_StVK|`, Euclidean norms over all degrees of freedom.
+    energy
+        Error of the energy `W / W_StVK - 1`.
+    at_rest
+        Error of the stiffness at rest `|K(0) - K_StVK(0)| / |K_StVK(0)|`, Frobenius norms.
+    ns
+        Time for W and F [ns per element].
+    ratio
+        Time relative to that of `StVK`.
     """
 
     name: str
@@ -55,10 +61,13 @@ class NetworkComparison:
 
     Attributes
     ----------
-    shares : the fractions of the strain energy in `edges`, `adjacent` and `opposite` pairs of edges, of sum 1; fractions of pairs
-        can be negative.
-    rows : a `Row` for each model, `StVK` first.
-    strain : the largest elongation of an edge, `|l/L - 1|`.
+    shares
+        The fractions of the strain energy in `edges`, `adjacent` and `opposite` pairs of edges, of sum 1; fractions of pairs can be
+        negative.
+    rows
+        A `Row` for each model, `StVK` first.
+    strain
+        The largest elongation of an edge, `|l/L - 1|`.
     """
 
     shares: dict[str, float]
@@ -102,9 +111,17 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
 
     Parameters
     ----------
-    mesh : mesh of linear simplices.
-    law : the material.
-    u : displacements (ndofs,) [m], with strain.
+    mesh
+        Mesh of linear simplices.
+    law
+        Law of the body, with its material.
+    u
+        Displacements (ndofs,) [m], with strain.
+
+    Returns
+    -------
+    NetworkComparison
+        One `Row` for each model, the shares of the energy and the largest strain; it prints itself as a table.
 
     Raises
     ------
@@ -115,6 +132,8 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
     StateError
         if `u` does not have one finite entry for each degree of freedom.
 
+    Examples
+    --------
     >>> import skfem
     >>> mesh = skfem.MeshTet().refined(2)
     >>> found = compare_networks(mesh, StVK(young=1.0, poisson=0.25), 0.1 * (mesh.p[[1, 2, 0]] ** 2).ravel("F"))

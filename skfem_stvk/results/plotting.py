@@ -48,19 +48,26 @@ def plot(
 
     Parameters
     ----------
-    field : name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves,
-        one per element or one per node. Numbers by element are averaged to the nodes, within each material. Grey means no value.
-    scale : factor for the displacements, 1 for the true shape.
-    label : label of the colour bar; by default the field's name and unit.
-    length_unit : unit of coordinates, on the axes of bodies in a plane.
-    path : path of a .png, .pdf or .svg file to write.
-    backend : "matplotlib", or "pyvista" for a scene that the mouse rotates and that PyVista exports (`pip install
+    field
+        Name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves, one
+        per element or one per node. Numbers by element are averaged to the nodes, within each material. Grey means no value.
+    scale
+        Factor for the displacements, 1 for the true shape.
+    label
+        Label of the colour bar; by default the field's name and unit.
+    length_unit
+        Unit of coordinates, on the axes of bodies in a plane.
+    path
+        Path of a .png, .pdf or .svg file to write.
+    backend
+        Package that draws, "matplotlib", or "pyvista" for a scene that the mouse rotates and that PyVista exports (`pip install
         'skfem-stvk[plot]'`).
 
     Returns
     -------
-    matplotlib's `Figure`, which `pyplot.show()` shows; or PyVista's `Plotter`, which `.show()` shows and `.export_gltf(...)`
-    exports.
+    matplotlib.figure.Figure or pyvista.Plotter
+        Matplotlib's `Figure`, which `pyplot.show()` shows; or PyVista's `Plotter`, which `.show()` shows and `.export_gltf(...)`
+        exports.
 
     Raises
     ------
@@ -96,14 +103,21 @@ def animate(
 
     Parameters
     ----------
-    series : a .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
-    path : path of a .gif file, or of an .mp4 file, which requires ffmpeg.
-    field : name of a field with one number per element, or "displacement" or "velocity" for its length. From a .pvd, a field in its
+    series
+        A .pvd file with the .vtu files it lists, as `Series` writes them; or pairs of times and states.
+    path
+        Path of a .gif file, or of an .mp4 file, which requires ffmpeg.
+    field
+        Name of a field with one number per element, or "displacement" or "velocity" for its length. From a .pvd, a field in its
         files, averaged to the nodes there.
-    scale : factor for the displacements, 1 for the true shape.
-    label : label of the colour bar; by default the field's name and unit.
-    length_unit : unit of coordinates, on the axes of bodies in a plane.
-    fps : frames per second. A .gif counts in hundredths of a second.
+    scale
+        Factor for the displacements, 1 for the true shape.
+    label
+        Label of the colour bar; by default the field's name and unit.
+    length_unit
+        Unit of coordinates, on the axes of bodies in a plane.
+    fps
+        Frames per second. A .gif counts in hundredths of a second.
 
     Raises
     ------

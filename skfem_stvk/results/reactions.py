@@ -24,10 +24,15 @@ class Reaction:
 
     Attributes
     ----------
-    vertices : (n,) ids of the nodes, ascending.
-    by_node : (n, d) force on each [N].
-    rest, u : (n, d) their positions at rest, and their displacements [m].
+    vertices
+        (n,) ids of the nodes, ascending.
+    by_node
+        (n, d) force on each node [N].
+    rest, u
+        (n, d) positions of the nodes at rest, and their displacements [m].
 
+    Examples
+    --------
     >>> mesh = ElementMesh(p=[[0, 2, 2, 0], [0, 0, 1, 1]], t=[[0, 0], [1, 2], [2, 3]])
     >>> force = np.array([[0, 0], [3.0, 1], [-3, 1], [0, 0]])
     >>> right = Reaction.of(mesh, np.zeros(8), force, [1, 2])

@@ -34,15 +34,20 @@ class Series(OneWriter):
 
     Parameters
     ----------
-    path : path of the .pvd file, in a folder that exists.
-    fields : names of the fields of each step, see `write_vtu`; None for the usual ones.
-    resume : continue an existing series: its steps before the first new step are retained. By default the first step replaces an
-        older series. The .vtu files of discarded steps are removed, if the older .pvd lists them under this series' name; other
-        files stay.
-    until : for a resumed series, steps after this one are discarded too.
-    problem : the problem of the states. The .pvd holds its signature, and the series of another problem is neither resumed nor
-        replaced.
-    overwrite : replace even the series of another problem.
+    path
+        Path of the .pvd file, in a folder that exists.
+    fields
+        Names of the fields of each step, see `write_vtu`; None for the usual ones.
+    resume
+        Continue an existing series: its steps before the first new step are retained. By default the first step replaces an older
+        series. The .vtu files of discarded steps are removed, if the older .pvd lists them under this series' name; other files
+        stay.
+    until
+        Last step of a resumed series; steps after this one are discarded too.
+    problem
+        The problem of the states. The .pvd holds its signature, and the series of another problem is neither resumed nor replaced.
+    overwrite
+        Replace even the series of another problem.
 
     Raises
     ------

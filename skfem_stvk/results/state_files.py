@@ -51,18 +51,23 @@ class StateInCheckpoint(Header):
 
 
 def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:
-    """Return displacements [m] and velocities [m/s] of a state written by `write_vtu`, `save=...`, `result.save` or
-    `checkpoint=...`.
+    """Return displacements [m] and velocities [m/s] of a state from a file.
+
+    The file is written by `write_vtu`, `save=...`, `result.save` or `checkpoint=...`.
 
     Parameters
     ----------
-    path : path of a .vtu file; or of a .pvd file or the folder of a checkpoint, from which one state is taken.
-    mesh : mesh of the result, equal to that of the file.
-    time : time or load factor of the state in a .pvd file or a checkpoint; by default the last one.
+    path
+        Path of a .vtu file; or of a .pvd file or the folder of a checkpoint, from which one state is taken.
+    mesh
+        Mesh of the result, equal to that of the file.
+    time
+        Time or load factor of the state in a .pvd file or a checkpoint; by default the last one.
 
     Returns
     -------
-    u, v : (ndofs,) each, as `solve_static` and `simulate` take them for `u0` and `v0`; `v` is None without velocities.
+    u, v
+        Arrays (ndofs,) each, as `solve_static` and `simulate` take them for `u0` and `v0`; `v` is None without velocities.
 
     Raises
     ------
@@ -74,6 +79,8 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
     StvkWarning
         for elements that were removed from the body.
 
+    Examples
+    --------
     >>> from tempfile import TemporaryDirectory
     >>> import skfem
     >>> from skfem_stvk import StVK

@@ -165,6 +165,18 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     Sets are read back in ascending order, facets of boundaries in their own. Empty sets are left out, and control characters in
     their names are escaped. The file is renamed to its final name when it is complete.
 
+    Parameters
+    ----------
+    path
+        Path of the file, ending in .vtu.
+    mesh
+        The mesh, with its subdomains, boundaries, node sets and lines.
+
+    Returns
+    -------
+    pathlib.Path
+        Path of the file.
+
     Raises
     ------
     StvkError
@@ -172,6 +184,8 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     MeshError
         for anything other than an `ElementMesh`, and for nodes without an element, which the file would lose.
 
+    Examples
+    --------
     >>> from tempfile import TemporaryDirectory
     >>> from skfem_stvk import read_mesh
     >>> from skfem_stvk.mesh import box

@@ -107,10 +107,14 @@ class Built:
 
     Attributes
     ----------
-    sections, source : the scene, and its text with the lines of its keys.
-    system : the body, loads and supports.
-    probes, reactions : locations by name, as `simulate` takes them.
-    u0, v0 : (ndofs,) first displacements and velocities; None without any.
+    sections, source
+        The scene, and its text with the lines of its keys.
+    system
+        The body, loads and supports.
+    probes, reactions
+        Locations by name, as `simulate` takes them.
+    u0, v0
+        (ndofs,) first displacements and velocities; None without any.
     """
 
     sections: SceneTables

@@ -23,10 +23,14 @@ class PartCost(NamedTuple):
 
     Attributes
     ----------
-    name : name of the part, such as "terms[0] stvk".
-    nbytes : bytes of its arrays after the analysis has computed F, and K and the mass matrix if it needs them.
-    elements : number of elements on which it acts; None if it has no region.
-    packages : names of the packages that are imported for it alone.
+    name
+        Name of the part, such as "terms[0] stvk".
+    nbytes
+        Bytes of its arrays after the analysis has computed F, and K and the mass matrix if it needs them.
+    elements
+        Number of elements on which it acts; None if it has no region.
+    packages
+        Names of the packages that are imported for it alone.
     """
 
     name: str

@@ -76,11 +76,16 @@ class Inspection:
 
     Attributes
     ----------
-    units : the system of units.
-    facts : tables of facts, by title.
-    extremes : the worst elements, by measure.
-    remarks : faults and doubts, refusals first.
-    k : dimension of the elements.
+    units
+        The system of units.
+    facts
+        Tables of facts, by title.
+    extremes
+        The worst elements, by measure.
+    remarks
+        Faults and doubts, refusals first.
+    k
+        Dimension of the elements.
     """
 
     units: str
@@ -165,11 +170,12 @@ def inspect_mesh(
 ) -> Inspection:
     """Inspect a mesh, and the free body of one material on it, without supports and loads.
 
+    A mesh that cannot carry a body raises no error: the remarks say why.
+
     Parameters
     ----------
-    young, poisson, density : of the material [Pa, -, kg/m^3]; without them only the mesh is inspected.
-
-    A mesh that cannot carry a body raises no error: the remarks say why.
+    young, poisson, density
+        Constants of the material [Pa, -, kg/m^3]; without them only the mesh is inspected.
     """
     found = Inspection("SI")
     _mesh(found, mesh)

@@ -40,9 +40,12 @@ class NamedSystem:
 
     Attributes
     ----------
-    data : the tables of the scene, whose mesh is in a file.
-    mesh : mesh that the file must hold: the system's mesh, with sets of nodes and elements for places and regions without a name.
-    left_out : the parts that a scene cannot name, in words.
+    data
+        The tables of the scene, whose mesh is in a file.
+    mesh
+        Mesh that the file must hold: the system's mesh, with sets of nodes and elements for places and regions without a name.
+    left_out
+        The parts that a scene cannot name, in words.
     """
 
     data: dict[str, Any]

@@ -41,14 +41,22 @@ class SceneOutcome:
 
     Attributes
     ----------
-    built : the scene with its system.
-    result : a `StaticResult`, `Run` or `Modes`.
-    success, status, message : whether it succeeded, its status in a word, and the full message.
-    curves : probes and reactions by name, over the times or load factors.
-    values : results at the end by dotted name, such as `energy.strain` and `tip.z`. NaN for an energy that does not exist.
-    judged : results with their expectations.
-    seconds : duration of the analysis.
-    folder : folder of results, if they were written.
+    built
+        The scene with its system.
+    result
+        Result of the analysis, a `StaticResult`, `Run` or `Modes`.
+    success, status, message
+        Whether the analysis succeeded, its status in a word, and the full message.
+    curves
+        Probes and reactions by name, over the times or load factors.
+    values
+        Results at the end by dotted name, such as `energy.strain` and `tip.z`. NaN for an energy that does not exist.
+    judged
+        Results with their expectations.
+    seconds
+        Duration of the analysis.
+    folder
+        Folder of results, if they were written.
     """
 
     built: Built

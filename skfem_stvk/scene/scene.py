@@ -38,12 +38,28 @@ class Scene:
 
     A scene holds only the objects that its file names; nothing else is imported or computed. All keys are in `docs/scene-keys.md`.
 
+    Parameters
+    ----------
+    sections
+        Tables and keys of the scene, checked.
+    source
+        Text of the scene, and the lines of its keys.
+    mesh
+        Mesh of a scene that was made from a system; None for a mesh that the scene describes.
+    left_out
+        Parts of the system that a scene made by `of` cannot name, in words.
+
     Attributes
     ----------
-    sections : its tables and keys, checked.
-    source : its text, and the lines of its keys.
-    left_out : the parts of the system that a scene made by `of` cannot name, in words.
+    sections
+        Tables and keys of the scene, checked.
+    source
+        Text of the scene, and the lines of its keys.
+    left_out
+        The parts of the system that a scene made by `of` cannot name, in words.
 
+    Examples
+    --------
     >>> scene = Scene.of_data({
     ...     "mesh": {"type": "box", "size": [4.0, 1.0, 1.0], "cells": [8, 2, 2]},
     ...     "materials": {"rubber": {"model": "isotropic", "young": 1e6, "poisson": 0.45}},
@@ -67,7 +83,14 @@ class Scene:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], set: Sequence[str] = ()) -> Scene:
-        """Read the scene in a TOML file, with keys replaced by `set`, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
+        """Return the scene in a TOML file.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        set
+            Replacements of keys, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
 
         Raises
         ------
@@ -79,7 +102,18 @@ class Scene:
 
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> Scene:
-        """Return the scene in tables and lists as a TOML file has them; paths are relative to the folder of the process."""
+        """Return the scene in tables and lists as a TOML file has them.
+
+        Parameters
+        ----------
+        data
+            Tables of the scene by name; paths are relative to the folder of the process.
+
+        Raises
+        ------
+        SceneError
+            with all faults in it, each with its key.
+        """
         return cls._checked(SceneSource.of(data))
 
     @classmethod
@@ -92,8 +126,10 @@ class Scene:
 
         Parameters
         ----------
-        system : a body with its loads and supports.
-        analysis : a table such as {"type": "static", "steps": 10}, or an analysis of `skfem_stvk.scene.schema.analyses`.
+        system
+            A body with its loads and supports.
+        analysis
+            Table such as {"type": "static", "steps": 10}, or an analysis of `skfem_stvk.scene.schema.analyses`.
 
         Raises
         ------
@@ -107,6 +143,8 @@ class Scene:
         StvkWarning
             with all parts that are left out.
 
+        Examples
+        --------
         >>> from skfem_stvk import Gravity, Ramp, StVK, System, Traction
         >>> from skfem_stvk.mesh import box
         >>> law = StVK(young=1e6, poisson=0.45, density=1e3)
@@ -136,11 +174,23 @@ class Scene:
 
     @cached_property
     def built(self) -> Built:
-        """System and first state. Raises SceneError with all faults that the mesh reveals."""
+        """System and first state.
+
+        Raises
+        ------
+        SceneError
+            with all faults that the mesh reveals.
+        """
         return build(self.sections, self.source, self._mesh)
 
     def system(self) -> System:
-        """Return the body with its loads and supports. Raises as `built`."""
+        """Return the body with its loads and supports.
+
+        Raises
+        ------
+        SceneError
+            as `built`.
+        """
         return self.built.system
 
     @property
@@ -159,10 +209,14 @@ class Scene:
 
         Parameters
         ----------
-        out : folder of results, made if it is missing: summary.json, resolved.toml, report.html, pictures, states and a checkpoint.
-        resume : continue from the checkpoint in it.
-        force : replace the results of another run in it.
-        quiet : print nothing.
+        out
+            Folder of results, made if it is missing: summary.json, resolved.toml, report.html, pictures, states and a checkpoint.
+        resume
+            Continue from the checkpoint in it.
+        force
+            Replace the results of another run in it.
+        quiet
+            Print nothing.
 
         Raises
         ------
@@ -193,7 +247,13 @@ class Scene:
         return outcome
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return the data of the scene with the choice of "auto", and with paths that are relative to another folder."""
+        """Return the data of the scene with the choice of "auto".
+
+        Parameters
+        ----------
+        folder
+            Folder to which paths are relative; None for that of the scene.
+        """
         data, built = self.data, self.built
         data["threads"] = threads() if self.sections.threads is None else self.sections.threads
         if built.solver:
@@ -215,6 +275,11 @@ class Scene:
         """Write the scene with every default filled in and "auto" resolved: a valid scene that gives the same results.
 
         The mesh of a scene `of` a system is written next to it, as .vtu of the same name.
+
+        Parameters
+        ----------
+        path
+            Path of the TOML file.
         """
         target = checked_path("path", path, "the path of a scene file such as 'resolved.toml'")
         data = self.resolved(target.parent)

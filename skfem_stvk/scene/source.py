@@ -27,11 +27,16 @@ class SceneSource:
 
     Attributes
     ----------
-    data : tables and lists.
-    name : name of the file, for messages.
-    folder : folder to which the paths of inputs are relative.
-    text : text of the file; empty if there is none.
-    settings : settings by the path of their key, as the user wrote them.
+    data
+        Tables and lists.
+    name
+        Name of the file, for messages.
+    folder
+        Folder to which the paths of inputs are relative.
+    text
+        Text of the file; empty if there is none.
+    settings
+        Settings by the path of their key, as the user wrote them.
     """
 
     data: dict[str, Any]

@@ -63,12 +63,18 @@ class SweepRow:
 
     Attributes
     ----------
-    values : values of the swept keys.
-    status, message : its status in a word, and the error; the message of a run that is done is empty.
-    exit_code : exit code of `skfem-stvk solve`; None if its process crashed.
-    seconds : duration of the run.
-    folder : folder of its results.
-    results : results by dotted name, such as `energy.strain`.
+    values
+        Values of the swept keys.
+    status, message
+        Status of the run in a word, and the error; the message of a run that is done is empty.
+    exit_code
+        Exit code of `skfem-stvk solve`; None if its process crashed.
+    seconds
+        Duration of the run.
+    folder
+        Folder of its results.
+    results
+        Results by dotted name, such as `energy.strain`.
     """
 
     values: dict[str, Any]
@@ -101,17 +107,23 @@ def sweep(
 
     Parameters
     ----------
-    path : path of the scene file.
-    settings : values by key, {"materials.steel.young": [1e9, 2e9]}, or texts such as "materials.steel.young=1e9,2e9".
-    out : folder of table.csv, sweep.png and a folder for each run; by default next to the scene, named `SCENE-sweep`.
-    jobs : number of runs at a time, by default one for each core; their kernels share the cores.
-    force : replace runs in `out` that belong to another scene, and solve failed runs again.
-    quiet : print nothing.
+    path
+        Path of the scene file.
+    settings
+        Values by key, {"materials.steel.young": [1e9, 2e9]}, or texts such as "materials.steel.young=1e9,2e9".
+    out
+        Folder of table.csv, sweep.png and a folder for each run; by default next to the scene, named `SCENE-sweep`.
+    jobs
+        Number of runs at a time, by default one for each core; their kernels share the cores.
+    force
+        Replace runs in `out` that belong to another scene, and solve failed runs again.
+    quiet
+        Print nothing.
 
     Returns
     -------
     list of SweepRow
-        in the order of the product; the last key changes fastest.
+        Rows in the order of the product; the last key changes fastest.
 
     Raises
     ------

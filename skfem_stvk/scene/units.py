@@ -53,10 +53,15 @@ class UnitSystem:
 
     Attributes
     ----------
-    name : its name in scenes.
-    length, mass, time : base units in m, kg and s.
-    symbols : symbols of length, mass, time, force, stress, energy and frequency.
+    name
+        Name of the system in scenes.
+    length, mass, time
+        Base units in m, kg and s.
+    symbols
+        Symbols of length, mass, time, force, stress, energy and frequency.
 
+    Examples
+    --------
     >>> UNITS["mm-N-MPa"].symbol("density"), UNITS["mm-N-MPa"].factor("density")
     ('t/mm^3', 1000000000000.0)
     """

@@ -43,13 +43,17 @@ class CriticalPoint:
 
     Attributes
     ----------
-    kind : "limit point": the load factor reverses, and under more load the body snaps. "bifurcation": another path crosses this
-        path, and the body buckles into it.
-    t, u : load factor and displacements (ndofs,) [m].
-    mode : (ndofs,) eigenvector of K for the eigenvalue zero, scaled to a largest entry of 1: the motion in which the body gives
-        way. A small multiple of it, added to the mesh, is the imperfection that leads to the other path.
-    resolved : whether the point was located to 1e-8 of its step. If not, `t` and `u` are interpolated linearly between two states
-        of the path. The interpolation uses the zero of the lowest eigenvalue, where that is known.
+    kind
+        Kind of the point. "limit point": the load factor reverses, and under more load the body snaps. "bifurcation": another path
+        crosses this path, and the body buckles into it.
+    t, u
+        Load factor and displacements (ndofs,) [m].
+    mode
+        (ndofs,) eigenvector of K for the eigenvalue zero, scaled to a largest entry of 1: the motion in which the body gives way. A
+        small multiple of it, added to the mesh, is the imperfection that leads to the other path.
+    resolved
+        Whether the point was located to 1e-8 of its step. If not, `t` and `u` are interpolated linearly between two states of the
+        path. The interpolation uses the zero of the lowest eigenvalue, where that is known.
     """
 
     kind: str

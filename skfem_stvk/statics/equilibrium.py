@@ -40,11 +40,13 @@ class Equilibrium(Equation):
 
     Parameters
     ----------
-    solver : the linear solver; None for a body on a basis, whose factors are dense.
+    solver
+        The linear solver; None for a body on a basis, whose factors are dense.
 
     Attributes
     ----------
-    largest : largest force scale on the path so far [N].
+    largest
+        Largest force scale on the path so far [N].
     """
 
     def __init__(self, body: System | Coordinates, solver: LinearSolver | None, watch: Stopwatch) -> None:

@@ -25,22 +25,34 @@ class Step:
 
     Attributes
     ----------
-    t : load factor.
-    u : (ndofs,) displacements [m].
-    status : status of this state. Unstable and inverted states are equilibria too.
-    end : reason why Newton's method ended.
-    iterations : residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's
-        method.
-    strain_energy : [J]; NaN if a term has no energy.
-    potential : strain energy less the work of the loads [J]; NaN if a term has no energy, or a load no potential.
-    smallest_volume_ratio : smallest volume ratio J of an element. An element with J below 0 is inverted.
-    lowest : the lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
-    jump : distance of the state from the extrapolation of the two states before it, as a multiple of the extrapolated distance.
-        Above 5 the body has snapped or buckled. Then the value refers to the part of the step with the jump, and to its
-        extrapolation by the tangent. None if there is no extrapolation.
-    findings : elements in which the model is not reliable, with their ids.
-    critical : limit points and bifurcations between the previous state and this one.
-    seconds : duration of the step [s], including failed attempts.
+    t
+        Load factor.
+    u
+        (ndofs,) displacements [m].
+    status
+        Status of this state. Unstable and inverted states are equilibria too.
+    end
+        Reason why Newton's method ended.
+    iterations
+        Residuals (relative to loads and reactions), line-search factors, tangents and linear iterations of Newton's method.
+    strain_energy
+        Strain energy [J]; NaN if a term has no energy.
+    potential
+        Strain energy less the work of the loads [J]; NaN if a term has no energy, or a load no potential.
+    smallest_volume_ratio
+        Smallest volume ratio J of an element. An element with J below 0 is inverted.
+    lowest
+        The lowest eigenvalue of K [N/m], with an iterative solver and `stability=True`; otherwise None.
+    jump
+        Distance of the state from the extrapolation of the two states before it, as a multiple of the extrapolated distance. Above
+        5 the body has snapped or buckled. Then the value refers to the part of the step with the jump, and to its extrapolation by
+        the tangent. None if there is no extrapolation.
+    findings
+        Elements in which the model is not reliable, with their ids.
+    critical
+        Limit points and bifurcations between the previous state and this one.
+    seconds
+        Duration of the step [s], including failed attempts.
     """
 
     t: float
@@ -101,8 +113,10 @@ class History(Sequence[Step]):
 
     Attributes
     ----------
-    attempts : failed steps, which were cut back.
-    ends_in_failure : whether the last outcome was a failed attempt.
+    attempts
+        Failed steps, which were cut back.
+    ends_in_failure
+        Whether the last outcome was a failed attempt.
     """
 
     def __init__(self) -> None:

@@ -32,14 +32,32 @@ class StaticResult:
 
     Attributes
     ----------
-    u : (ndofs,) displacements [m] of the last state of equilibrium.
-    t : load factor of this state; 1 where load steps reached the full load.
-    status, message : outcome, and its full description.
-    history : states on the path, with iterations, residuals, line-search factors and tangents; `history.attempts` are the failed
-        steps.
-    solver : name of the linear solver.
-    seconds : seconds by part: assemble, factor, solve, other.
-    projected : whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Then reactions need a linear solve.
+    system
+        Body with its loads and supports.
+    u
+        (ndofs,) displacements [m] of the last state of equilibrium.
+    t
+        Load factor of this state; 1 where load steps reached the full load.
+    status, message
+        Outcome, and its full description.
+    history
+        States on the path, with iterations, residuals, line-search factors and tangents; `history.attempts` are the failed steps.
+    solver
+        Name of the linear solver.
+    seconds
+        Seconds by part: assemble, factor, solve, other.
+    projected
+        Whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Then reactions need a linear solve.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import NodalLoad, StVK, System, solve_static
+    >>> bar = System(skfem.MeshLine(), [StVK(young=1.0, poisson=0.3), NodalLoad([1], [1.0])], fixed={(0,): "x"})
+    >>> result = solve_static(bar, quiet=True)
+    >>> s = float(1 + result.u[1])                                        # stretch, with the force (s^3 - s)/2
+    >>> result.success, result.t, round((s**3 - s) / 2, 6), result.reaction().resultant.round(6)
+    (True, 1.0, 1.0, array([-1.]))
     """
 
     system: System
@@ -65,8 +83,12 @@ class StaticResult:
     def reaction(self, where: Where | None = None) -> Reaction:
         """Return the force of the ground on the body at a location: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
 
-        The force is that of supports and foundations. The sum of all reactions and loads is zero. `where` is a boundary, a node
-        set, vertex ids or a predicate; None for the whole body.
+        The force is that of supports and foundations. The sum of all reactions and loads is zero.
+
+        Parameters
+        ----------
+        where
+            Boundary, node set, vertex ids or a predicate; None for the whole body.
 
         Raises
         ------
@@ -85,9 +107,14 @@ class StaticResult:
         return Fields.of(self.system).at(self.u)
 
     def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
-        """Return the stress [Pa] of a measure: "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,).
+        """Return the stress [Pa] of a measure, (nt, 3, 3) or (nt,).
 
-        With `at="nodes"` the stress is averaged over the elements around each node.
+        Parameters
+        ----------
+        measure
+            Measure of the stress, "cauchy", "pk1", "pk2" (nt, 3, 3) or "von_mises" (nt,).
+        at
+            Location of the values, "elements"; or "nodes", where the stress is averaged over the elements around each node.
 
         Raises
         ------
@@ -106,7 +133,19 @@ class StaticResult:
         """Write displacements and fields of the last state to a .vtu file, or of the whole path to a .pvd file.
 
         A .pvd file has one .vtu file per state. All files are written under temporary names and then renamed, so that either all or
-        none change. Errors as in `results.write_vtu`.
+        none change.
+
+        Parameters
+        ----------
+        path
+            Path of the file, ending in .vtu or .pvd.
+        fields
+            Names of the fields in it, see `skfem_stvk.results.names()`; by default stresses and strains.
+
+        Raises
+        ------
+        StvkError
+            as `results.write_vtu`.
         """
         if arguments.path("path", path, "the path of a .vtu or of a .pvd file").suffix != ".pvd":
             return write_vtu(path, self.state, fields)
@@ -118,7 +157,15 @@ class StaticResult:
         return save_series(path, fields, ((float(t), at(step.u)) for t, step in zip(times, self.history, strict=True)))
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
-        """Draw the deformed body, coloured by a field; options as in `results.plot`."""
+        """Draw the deformed body, coloured by a field.
+
+        Parameters
+        ----------
+        field
+            Name of a field, or values (nv,) at nodes or (nt,) of elements.
+        **options
+            Options of `results.plot`.
+        """
         return plot(self.state, field, **options)
 
     def __repr__(self) -> str:
@@ -132,9 +179,26 @@ class StaticResult:
 class SolveError(AnalysisError):
     """Error of a static solve that did not end successfully.
 
+    Parameters
+    ----------
+    result
+        The result so far, with the last good state.
+
     Attributes
     ----------
-    result : the result so far, with the last good state.
+    result
+        The result so far, with the last good state.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_stvk import NodalLoad, StVK, System, solve_static
+    >>> bar = System(skfem.MeshLine(), [StVK(young=1.0, poisson=0.3), NodalLoad([1], [-1.0])], fixed={(0,): "x"})
+    >>> try:
+    ...     solve_static(bar, quiet=True)
+    ... except SolveError as error:                                       # limit point, 1/(3 sqrt(3)) of the load
+    ...     print(error.result.success, round(error.result.t, 2))
+    False 0.19
     """
 
     def __init__(self, result: StaticResult) -> None:

@@ -61,37 +61,57 @@ def solve_static(
     quiet: bool = False,
     raise_on_failure: bool = True,
 ) -> StaticResult:
-    """Find the equilibrium `F(u) = f_ext(u, t)` on the path from t = 0, along which loads and prescribed displacements grow.
+    """Find the equilibrium `F(u) = f_ext(u, t)` on a path from t = 0, along which the loads grow.
 
-    The method is Newton's method. It uses the exact tangent where this gives a direction of descent, and the tangent without
-    negative tensions elsewhere. The line search is exact where W is a quartic along lines. Steps grow after success and are cut
-    back after failure. A step in which elements would invert is cut back, too.
+    Prescribed displacements grow with the loads. The method is Newton's method. It uses the exact tangent where this gives a
+    direction of descent, and the tangent without negative tensions elsewhere. The line search is exact where W is a quartic along
+    lines. Steps grow after success and are cut back after failure. A step in which elements would invert is cut back, too.
 
     Parameters
     ----------
-    system : body with `fixed` and `prescribed` supports that leave no rigid motion; or a `ReducedSystem` of such a body. A reduced
+    system
+        Body with `fixed` and `prescribed` supports that leave no rigid motion; or a `ReducedSystem` of such a body. A reduced
         system has few coordinates, and takes no `solver` and no `checkpoint`.
-    steps : the first load step is 1/steps of the load; later steps adapt.
-    method : "load-steps" to t = 1; or "arc-length", up to `stop`. Arc length follows the path through limit points, where the load
-        reverses and the body would snap, and through bifurcations. Unstable states on this path are expected results and raise no
-        error.
-    stop : end of an arc-length path, by default `Stop(load=1.0)`.
-    solver : "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg", or an object of `skfem_stvk.linear`; see "how to
-        choose a solver". Arc length needs a direct solver.
-    rtol : relative tolerance: 2-norm of the residual over the sum of the 2-norms of loads and reactions.
-    u0, t0 : initial displacements (ndofs,) [m] and their load factor; by default zero displacements at 0.
-    stability : find the lowest eigenvalue of K at each state where the solver does not count negative eigenvalues. Direct solvers
-        always count them.
-    ellipticity : check each state for elements that have lost strong ellipticity.
-    save : a .pvd file that is written as the states are found, with one .vtu file each.
-    fields : fields in these files in addition to displacements, see `skfem_stvk.results.names()`; by default stresses and strains.
-    checkpoint : a folder to which each state is written as it is found.
-    resume : continue from the states in `checkpoint`, if any; `stop` may differ. Otherwise the states are replaced.
-    overwrite : allow `save` and `checkpoint` to replace files of another problem, with another mesh, other terms, supports or
-        options.
-    quiet : print nothing.
-    raise_on_failure : raise an error if the result is no success; otherwise check `result.status`. An interruption of the path,
-        such as Ctrl-C or a full disk, is raised in any case.
+    steps
+        Number of load steps: the first is 1/steps of the load; later steps adapt.
+    method
+        Method that follows the path: "load-steps" to t = 1; or "arc-length", up to `stop`. Arc length follows the path through
+        limit points, where the load reverses and the body would snap, and through bifurcations. Unstable states on this path are
+        expected results and raise no error.
+    stop
+        End of an arc-length path, by default `Stop(load=1.0)`.
+    solver
+        Linear solver: "auto", "superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg", or an object of `skfem_stvk.linear`;
+        see "how to choose a solver". Arc length needs a direct solver.
+    rtol
+        Relative tolerance: 2-norm of the residual over the sum of the 2-norms of loads and reactions.
+    u0, t0
+        Initial displacements (ndofs,) [m] and their load factor; by default zero displacements at 0.
+    stability
+        Find the lowest eigenvalue of K at each state where the solver does not count negative eigenvalues. Direct solvers always
+        count them.
+    ellipticity
+        Check each state for elements that have lost strong ellipticity.
+    save
+        Path of a .pvd file that is written as the states are found, with one .vtu file each.
+    fields
+        Fields in these files in addition to displacements, see `skfem_stvk.results.names()`; by default stresses and strains.
+    checkpoint
+        Path of a folder to which each state is written as it is found.
+    resume
+        Continue from the states in `checkpoint`, if any; `stop` may differ. Otherwise the states are replaced.
+    overwrite
+        Allow `save` and `checkpoint` to replace files of another problem, with another mesh, other terms, supports or options.
+    quiet
+        Print nothing.
+    raise_on_failure
+        Raise an error if the result is no success; otherwise check `result.status`. An interruption of the path, such as Ctrl-C or
+        a full disk, is raised in any case.
+
+    Returns
+    -------
+    StaticResult
+        The last state, the path to it, and its `status`.
 
     Raises
     ------
@@ -109,6 +129,8 @@ def solve_static(
         if the model is not reliable in some elements: they lock, or are compressed beyond the point where the material softens; see
         `step.findings`.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK, System, Traction, solve_static
     >>> beam = skfem.MeshTet.init_tensor(np.linspace(0, 4, 17), np.linspace(0, 1, 5), np.linspace(0, 1, 5))

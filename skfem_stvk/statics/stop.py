@@ -31,13 +31,19 @@ class Stop:
 
     Parameters
     ----------
-    load : a load factor, reached exactly. If it is below the load factor at the start, the path begins with a falling load.
-    displacement : a location, a component and a value such as `("apex", "z", -0.2)` [m]. The mean of this displacement over the
-        vertices there reaches the value exactly. Without a load, the path begins in its direction.
-    turns : number of limit points that have been passed.
-    states : number of states that have been found. If nothing else is reached after 1000 states, the path counts as stopped before
-        its end.
+    load
+        Load factor, reached exactly. If it is below the load factor at the start, the path begins with a falling load.
+    displacement
+        Location, component and value such as `("apex", "z", -0.2)` [m]. The mean of this displacement over the vertices there
+        reaches the value exactly. Without a load, the path begins in its direction.
+    turns
+        Number of limit points that have been passed.
+    states
+        Number of states that have been found. If nothing else is reached after 1000 states, the path counts as stopped before its
+        end.
 
+    Examples
+    --------
     >>> Stop(displacement=("apex", "z", -0.2), turns=2)
     Stop(displacement=('apex', 'z', -0.2), turns=2)
     """

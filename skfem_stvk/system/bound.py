@@ -204,6 +204,8 @@ class BoundTerms:
         The result is exact, because `J` is a cubic in `s`. Triangles in space and segments in more than one dimension have no
         orientation and give no limit. StateError as in `energy`, for `v` too.
 
+        Examples
+        --------
         >>> import skfem
         >>> from skfem_stvk import StVK, System
         >>> mesh = skfem.MeshTet().refined(1)

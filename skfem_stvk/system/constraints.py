@@ -60,10 +60,15 @@ def free_motions(blocks: Sequence[Block], count: int, r: int) -> tuple[NDArray[n
 
     Returns
     -------
-    free : (count,) numbers of free unknowns, whose sum is the dimension of the null space.
-    samples : (count, r, 8) random vectors of the null space.
-    at_rest : (count,) whether a body is assumed at rest.
+    free
+        (count,) numbers of free unknowns, whose sum is the dimension of the null space.
+    samples
+        (count, r, 8) random vectors of the null space.
+    at_rest
+        (count,) whether a body is assumed at rest.
 
+    Examples
+    --------
     >>> equal = Block((0, 1), np.array([[1.0, -1.0]]))
     >>> free, samples, _ = free_motions([equal], count=2, r=1)
     >>> int(free.sum()), bool(np.allclose(samples[0], samples[1]))

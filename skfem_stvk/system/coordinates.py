@@ -43,10 +43,14 @@ class Coordinates(ABC):
 
     Attributes
     ----------
-    system : the body with all its displacements; results are on its mesh.
-    columns : (ndofs, m) displacements of the coordinates; the first `size` are orthonormal in the masses.
-    masses : (ndofs,) lumped masses.
-    free : `FreeCoordinates`.
+    system
+        The body with all its displacements; results are on its mesh.
+    columns
+        (ndofs, m) displacements of the coordinates; the first `size` are orthonormal in the masses.
+    masses
+        (ndofs,) lumped masses [kg].
+    free
+        `FreeCoordinates`.
     """
 
     constant_tangent: ClassVar[bool] = False

@@ -26,9 +26,12 @@ class Equation:
 
     Attributes
     ----------
-    states, space : spaces of the states and of the unknowns.
-    unlimited : whether steps are taken without a limit by the inversion of elements.
-    blind : whether checks for inverted elements are skipped.
+    states, space
+        Spaces of the states and of the unknowns.
+    unlimited
+        Whether steps are taken without a limit by the inversion of elements.
+    blind
+        Whether checks for inverted elements are skipped.
     """
 
     #: Largest relative tolerance of linear solves.

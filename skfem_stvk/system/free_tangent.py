@@ -37,8 +37,10 @@ class FreeTangent:
 
     Attributes
     ----------
-    space, held : spaces of the free and of the constrained degrees of freedom.
-    position : (ndofs,) current displacements of the body [m], for solvers that use its rigid motions; `at` sets it.
+    space, held
+        Spaces of the free and of the constrained degrees of freedom.
+    position
+        (ndofs,) current displacements of the body [m], for solvers that use its rigid motions; `at` sets it.
     """
 
     def __init__(self, system: System, solver: LinearSolver, kind: Kind) -> None:

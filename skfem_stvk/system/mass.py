@@ -42,10 +42,15 @@ class Mass(ABC):
 
     Attributes
     ----------
-    kind : "lumped" or "consistent".
-    vertex : (nv,) lumped masses of the nodes [kg]; unless elements are quadratic, the row sums of either kind.
-    free : (nv, d) whether a degree of freedom is free and its node has elements.
+    kind
+        Kind of the mass, "lumped" or "consistent".
+    vertex
+        (nv,) lumped masses of the nodes [kg]; unless elements are quadratic, the row sums of either kind.
+    free
+        (nv, d) whether a degree of freedom is free and its node has elements.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK, System
     >>> body = System(skfem.MeshTri(), StVK(young=1.0, poisson=0.3, density=6.0), fixed={(0,): "xy"})

@@ -30,7 +30,8 @@ class TangentOperator(LinearOperator):
 
     Attributes
     ----------
-    nodal_shape : (nv, d), the internal shape of vectors.
+    nodal_shape
+        Internal shape of vectors, (nv, d).
     """
 
     def __init__(
@@ -164,11 +165,16 @@ class FreeOperator(LinearOperator):
 
     Parameters
     ----------
-    tangent : operator of all degrees of freedom.
-    held : the free and the constrained degrees of freedom.
-    shift : (n,) stiffness against the ground that is added at the free degrees of freedom [N/m]; none by default. It is not copied,
-        so a later change in place takes effect from the next product on.
+    tangent
+        Operator of all degrees of freedom.
+    held
+        The free and the constrained degrees of freedom.
+    shift
+        (n,) stiffness against the ground that is added at the free degrees of freedom [N/m]; none by default. It is not copied, so
+        a later change in place takes effect from the next product on.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTet().refined(2)

@@ -72,16 +72,23 @@ class Pattern(Structure):
 
     Parameters
     ----------
-    pairs : (2, n) vertices `a < b` of each term.
-    version : number of earlier changes of the pairs by terms.
+    pairs
+        (2, n) vertices `a < b` of each term.
+    version
+        Number of earlier changes of the pairs by terms.
 
     Attributes
     ----------
-    version : as passed in; data computed for a pattern are valid for its version only.
-    indptr, indices : int32 arrays of scipy's CSR format, columns sorted; read only.
-    shape : (ndofs, ndofs).
-    nnz : number of values.
-    strides : (nv,) number of values between the rows of a vertex.
+    version
+        Version, as passed in; data computed for a pattern are valid for its version only.
+    indptr, indices
+        Int32 arrays of scipy's CSR format, columns sorted; read only.
+    shape
+        Shape of K, (ndofs, ndofs).
+    nnz
+        Number of values.
+    strides
+        (nv,) number of values between the rows of a vertex.
 
     Raises
     ------
@@ -146,18 +153,23 @@ class FreeDofs:
 
     Parameters
     ----------
-    system : system of the degrees of freedom.
-    fixed : constrained degrees of freedom; `System.free_dofs` also takes locations.
+    system
+        System of the degrees of freedom.
+    fixed
+        Constrained degrees of freedom; `System.free_dofs` also takes locations.
 
     Attributes
     ----------
-    free, fixed : numbers of the degrees of freedom, ascending; scikit-fem's `I` and `D`.
+    free, fixed
+        Numbers of the degrees of freedom, ascending; scikit-fem's `I` and `D`.
 
     Raises
     ------
     StvkError
         if a number is out of range, or none is free.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTet().refined(2)

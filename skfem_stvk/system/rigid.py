@@ -197,11 +197,16 @@ class Pieces(NamedTuple):
 
     Attributes
     ----------
-    part : (nv,) part number of each node.
-    bare : (nv,) whether a node has lost all its elements.
-    held : (parts,) whether a support or a foundation acts on a part.
-    element : (nt,) part number of each element, -1 if it was removed.
-    word : name of a node in messages.
+    part
+        (nv,) part number of each node.
+    bare
+        (nv,) whether a node has lost all its elements.
+    held
+        (parts,) whether a support or a foundation acts on a part.
+    element
+        (nt,) part number of each element, -1 if it was removed.
+    word
+        Name of a node in messages.
     """
 
     part: NDArray[Any]

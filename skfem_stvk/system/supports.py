@@ -26,17 +26,22 @@ class Supports:
 
     Parameters
     ----------
-    mesh : mesh of the body.
-    fixed : components that do not move, by location: `{"wall": "xyz", "symmetry": "y"}`; bare integers as a location are nodes. Or
-        the result of scikit-fem's `basis.get_dofs(...)`, one or several by name: exactly those degrees of freedom.
-    prescribed : displacements [m], by location and component: `{"handle": {"x": 0.01}}`. A value is a number, a function of t or of
-        (x, t), or (n,) values for the nodes there. The values are in the order of the ids as passed in, otherwise ascending. For
-        all components of a location use one function of (x, t) that returns (d, n). Constants ramp with the load factor.
+    mesh
+        Mesh of the body.
+    fixed
+        Components that do not move, by location: `{"wall": "xyz", "symmetry": "y"}`; bare integers as a location are nodes. Or the
+        result of scikit-fem's `basis.get_dofs(...)`, one or several by name: exactly those degrees of freedom.
+    prescribed
+        Displacements [m], by location and component: `{"handle": {"x": 0.01}}`. A value is a number, a function of t or of (x, t),
+        or (n,) values for the nodes there. The values are in the order of the ids as passed in, otherwise ascending. For all
+        components of a location use one function of (x, t) that returns (d, n). Constants ramp with the load factor.
 
     Attributes
     ----------
-    fixed, prescribed, held : degrees of freedom `d * node + component`, ascending; `held` is the union of the other two.
-    steady : whether all displacements are constants, not functions.
+    fixed, prescribed, held
+        Degrees of freedom `d * node + component`, ascending; `held` is the union of the other two.
+    steady
+        Whether all displacements are constants, not functions.
 
     Raises
     ------
@@ -46,6 +51,8 @@ class Supports:
         if the mesh does not have a component; if a value has the wrong shape or is not finite; if a degree of freedom is both fixed
         and prescribed, or prescribed twice with different values; or if none is free.
 
+    Examples
+    --------
     >>> mesh = ElementMesh(p=[[0, 1, 0], [0, 0, 1]], t=[[0], [1], [2]])
     >>> supports = Supports(mesh, {(0,): "xy"}, {(1,): {"y": 0.1}})
     >>> supports.fixed, supports.prescribed, supports.values(0.5)

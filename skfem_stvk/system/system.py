@@ -54,6 +54,8 @@ Torn = TypeVar("Torn", bound="System")
 class System(BoundTerms):
     """Elastic body: its strain energy W, internal force F and tangent stiffness K, with its loads and supports.
 
+    ::
+
         W = 1/4 sum L_ij zeta_i zeta_j        F = dW/du        K = d2W/du2
 
     The sum is over edges and pairs of edges that share a tetrahedron, with the squared elongations `zeta` of the edges. For
@@ -66,32 +68,42 @@ class System(BoundTerms):
 
     Parameters
     ----------
-    mesh : scikit-fem mesh, arrays `(p, t)` of linear simplices, or `ElementMesh`; or bare points (d, n), if terms have elements of
+    mesh
+        Mesh of scikit-fem, arrays `(p, t)` of linear simplices, or `ElementMesh`; or bare points (d, n), if terms have elements of
         their own: `StVK(..., simplices=...)`. Then the elements of the highest dimension become `mesh`, and names and ids of
         elements refer to them. Elements of lower dimensions, such as membranes and cables, are stored separately on the same nodes.
-    terms : a term, or several to be added: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`,
-        `NodalLoad`, `Traction`, `Pressure`.
-    fixed : components that do not move, by location: `{"wall": "xyz", "symmetry": "y"}`. A location is the name of a boundary or of
-        a node set, node ids, or a predicate of the coordinates, as in scikit-fem. The result of `basis.get_dofs(...)` as a location
+    terms
+        Term, or several to be added: `StVK`, `VolumePenalty`, `ElasticFoundation`; the loads `Gravity`, `BodyForce`, `NodalLoad`,
+        `Traction`, `Pressure`.
+    fixed
+        Components that do not move, by location: `{"wall": "xyz", "symmetry": "y"}`. A location is the name of a boundary or of a
+        node set, node ids, or a predicate of the coordinates, as in scikit-fem. The result of `basis.get_dofs(...)` as a location
         means its nodes. The whole argument `fixed=basis.get_dofs(...)` means exactly its degrees of freedom. Bare integers are
         always nodes.
-    prescribed : displacements by location and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
-    degree : degree of the shape functions of simplices, by default that of the mesh. 2 makes linear simplices quadratic, with
-        straight edges, and 1 makes quadratic ones linear.
-    quadrature : "exact" integrates W exactly on elements with straight edges. By default quadratic segments, triangles and
+    prescribed
+        Displacements by location and component: `{"handle": {"x": 0.01}}` [m], reached at t = 1; or functions of (x, t).
+    degree
+        Degree of the shape functions of simplices, by default that of the mesh. 2 makes linear simplices quadratic, with straight
+        edges, and 1 makes quadratic ones linear.
+    quadrature
+        Integration rule. "exact" integrates W exactly on elements with straight edges. By default quadratic segments, triangles and
         tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.elements.rule_of`). "one-point" is for
         quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean gradients.
-    hourglass : coefficient for "one-point", by default 0.05. The energy
-        `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is added. Here `g_a` are the mean gradients, and `gamma_k`
-        are the signs +-1 of the mode at the nodes without their affine part.
-    dtype : float64; or float32, with half the memory and more speed on large meshes. Errors of float32 are 1e-6 instead of 1e-15,
-        relative to the largest entry and on elements that are not flat.
+    hourglass
+        Coefficient for "one-point", by default 0.05. The energy `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is
+        added. Here `g_a` are the mean gradients, and `gamma_k` are the signs +-1 of the mode at the nodes without their affine
+        part.
+    dtype
+        Type of results and coefficients, float64; or float32, with half the memory and more speed on large meshes. Errors of
+        float32 are 1e-6 instead of 1e-15, relative to the largest entry and on elements that are not flat.
 
     Raises
     ------
     MeshError, MaterialError, RegionError, LoadError, SupportError
         if mesh, terms, loads or supports are invalid for an elastic body, before any computation, with ids.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK
     >>> mesh = skfem.MeshTet().refined(2)
@@ -151,8 +163,9 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        elements : ids, a mask (nt,), or the name of a subdomain. Elements that are removed already may be named again. If no other
-            elements are named, the method returns this system.
+        elements
+            Ids of elements, a mask (nt,), or the name of a subdomain. Elements that are removed already may be named again. If no
+            other elements are named, the method returns this system.
 
         Raises
         ------
@@ -166,6 +179,8 @@ class System(BoundTerms):
         StvkWarning
             if parts become loose, without a support or foundation: a static solve refuses them, and in a motion they fly freely.
 
+        Examples
+        --------
         >>> import skfem
         >>> from skfem_stvk import StVK
         >>> bar = System(skfem.MeshLine(np.linspace(0, 1, 5)), StVK(young=2.0, poisson=0.3, density=1.0), fixed={(0, 4): "x"})
@@ -197,7 +212,18 @@ class System(BoundTerms):
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
     def remove(self, elements: str | ArrayLike) -> NoReturn:
-        """Raise StvkError that refers to `without`: systems do not change."""
+        """Raise StvkError that refers to `without`: systems do not change.
+
+        Parameters
+        ----------
+        elements
+            Elements, as in `without`.
+
+        Raises
+        ------
+        StvkError
+            always.
+        """
         raise StvkError(
             "System.remove(elements) took elements out in place; systems do not change any more. Expected "
             "torn = system.without(elements), which returns the torn body and leaves this one whole."
@@ -225,7 +251,15 @@ class System(BoundTerms):
         return Space(self.ndofs)
 
     def prescribe(self, u: Array, t: Time) -> Array:
-        """Write the displacements of supports at load factor `t`, or at a `Moment`, to `u` (ndofs,) in place; return `u`."""
+        """Write the displacements of supports to `u` in place; return `u`.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m]; those of the supports are overwritten.
+        t
+            Load factor in statics, time [s] in motions; or a `Moment`.
+        """
         u[self.supports.held] = self.supports.values(t)
         return u
 
@@ -262,6 +296,11 @@ class System(BoundTerms):
     def energy(self, u: ArrayLike) -> float:
         """Return the strain energy `W(u)` [J].
 
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+
         Raises
         ------
         StvkError
@@ -275,7 +314,15 @@ class System(BoundTerms):
     def internal_force(self, u: ArrayLike) -> Array:
         """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
 
-        StateError as in `energy`.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+
+        Raises
+        ------
+        StateError
+            as `energy`.
         """
         x = self._state(u)
         _, force = self._energy_and_force(x)
@@ -285,8 +332,19 @@ class System(BoundTerms):
     def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
 
-        F is written to `out`, by default a new array. Errors as in `energy`, and StvkError if `out` is not a contiguous array of
-        floats of that shape.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        out
+            Array (ndofs,) to which F is written; by default a new array.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        StvkError
+            as `energy`, and if `out` is not a contiguous array of floats of that shape.
         """
         self._refuse_without_energy()
         x = self._state(u)
@@ -296,11 +354,26 @@ class System(BoundTerms):
         return energy, force.reshape(-1) if out is None else out
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
-        """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m]. The pattern is always the same, and zeros are stored.
+        """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m].
 
-        `out` is a matrix that this method returned before, and is overwritten; by default K is a new matrix. With `free`, a result
-        of `free_dofs`, K has only the rows and columns of the free degrees of freedom. If only elements contribute, this part is
-        assembled directly. StateError as in `energy`, and StvkError if `out` has another pattern.
+        The pattern is always the same, and zeros are stored.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        out
+            Matrix that this method returned before, which is overwritten; by default K is a new matrix.
+        free
+            Result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements contribute,
+            this part is assembled directly.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        StvkError
+            if `out` has another pattern.
         """
         x = self._state(u)
         if free is not None:
@@ -310,9 +383,23 @@ class System(BoundTerms):
         return K
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
-        """Return `W(u)`, `F(u)` and `K(u)` from one pass over the elements, at little more than the cost of K.
+        """Return `W(u)` [J], `F(u)` (ndofs,) [N] and `K(u)` (ndofs, ndofs) [N/m] from one pass over the elements.
 
-        `out` as in `tangent`, errors as in `energy`.
+        The cost is little more than that of K.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        out
+            Matrix that is overwritten with K, as in `tangent`; by default K is a new matrix.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        StvkError
+            as `energy`, and if `out` has another pattern.
         """
         self._refuse_without_energy()
         x = self._state(u)
@@ -324,10 +411,22 @@ class System(BoundTerms):
 
     @locked
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """Return `K(u) v` (ndofs,) [N], without forming K. StateError as in `energy`, for `v` too.
+        """Return `K(u) v` (ndofs,) [N], without forming K.
 
         The first product at a `u` prepares data that further products at this `u` reuse. These take less time than one with an
         assembled K.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        v
+            (ndofs,) vector that K is multiplied with [m].
+
+        Raises
+        ------
+        StateError
+            as `energy`, for `v` too.
         """
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
@@ -339,8 +438,22 @@ class System(BoundTerms):
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
-        """Return the operator `v -> K(u) v` for `scipy.sparse.linalg`, with its own data; `kept` as in `jacobian`.
+        """Return the operator `v -> K(u) v` for `scipy.sparse.linalg`, with its own data.
 
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        kept
+            Tensions of edges that enter K, as in `jacobian`.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+
+        Examples
+        --------
         >>> import numpy as np, skfem
         >>> from skfem_stvk import StVK
         >>> body = System(skfem.MeshTet().refined(2), StVK(young=1e5, poisson=0.3))
@@ -356,7 +469,20 @@ class System(BoundTerms):
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
         Terms that depend on `t`, such as user-supplied frames, are set to their values at `t` by this method and by `jacobian`.
-        StateError as in `energy`, for `t` too, and LoadError if a load's function does not return finite values.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        t
+            Load factor in statics, time [s] in motions; or a `Moment`.
+
+        Raises
+        ------
+        StateError
+            as `energy`, for `t` too.
+        LoadError
+            if a load's function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
         tell(self.bound_terms, moment)
@@ -368,7 +494,19 @@ class System(BoundTerms):
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
         """Return the total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
 
-        Errors as in `energy` and `external_force`, and LoadError if a load has no potential, such as follower pressure.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        t
+            Load factor in statics, time [s] in motions; or a `Moment`.
+
+        Raises
+        ------
+        StateError, StvkError
+            as `energy` and `external_force`.
+        LoadError
+            as `external_force`, and if a load has no potential, such as follower pressure.
         """
         moment, energy = self._moment(t), self.energy(u)
         loads = zip(self.loads, self.bound_loads, strict=True)
@@ -382,7 +520,19 @@ class System(BoundTerms):
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the residual `F(u) - f_ext(u, t)` (ndofs,) [N]; in equilibrium only the reactions at the supports are not zero.
 
-        StateError as in `energy`.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        t
+            Load factor in statics, time [s] in motions; or a `Moment`.
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        LoadError
+            as `external_force`.
         """
         loads = self.external_force(u, t)
         return self.internal_force(u) - loads
@@ -393,10 +543,27 @@ class System(BoundTerms):
     ) -> csr_matrix:
         """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m].
 
-        `out`, `free` and errors are as in `tangent`.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        t
+            Load factor in statics, time [s] in motions; or a `Moment`.
+        out
+            Matrix that this method returned before, which is overwritten; by default K is a new matrix.
+        kept
+            Tensions of edges that enter K. `TENSILE` and `NONE` of `skfem_stvk.edges` omit all parts that can make K indefinite,
+            including that of the pressure of a `VolumePenalty`. Then K is positive semi-definite, apart from the loads.
+        free
+            Result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements contribute,
+            this part is assembled directly.
 
-        `kept` are the tensions of edges that enter K. `TENSILE` and `NONE` of `skfem_stvk.edges` omit all parts that can make K
-        indefinite, including that of the pressure of a `VolumePenalty`. Then K is positive semi-definite, apart from the loads.
+        Raises
+        ------
+        StateError
+            as `energy`.
+        StvkError
+            if `out` has another pattern.
         """
         moment, factors, x = self._moment(t), _factors(kept), self._state(u)
         tell(self.bound_terms, moment)
@@ -411,7 +578,19 @@ class System(BoundTerms):
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
         """Return `-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead.
 
-        Return None if there are none. Errors as in `jacobian`.
+        Return None if there are none.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        t
+            Load factor in statics, time [s] in motions; or a `Moment`.
+
+        Raises
+        ------
+        StateError, StvkError
+            as `jacobian`.
         """
         x, moment = self._state(u), self._moment(t)
         turning = [of for load, of in self._turning if load.symmetric]
@@ -424,9 +603,16 @@ class System(BoundTerms):
         return K
 
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
-        """Return the energy [J] by term, named by type and number: strain energies, and potentials of the loads that have one.
+        """Return the energy [J] by term: strain energies, and potentials of the loads that have one.
 
-        An elastic term without an energy has NaN.
+        Terms are named by type and number. An elastic term without an energy has NaN.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        t
+            Load factor in statics, time [s] in motions; or a `Moment`.
         """
         x, moment = self._state(u), self._moment(t)
         elastic = iter(self.elastic_energies(u))
@@ -435,7 +621,18 @@ class System(BoundTerms):
         return {name: value for name, value in values.items() if value is not None}
 
     def elastic_energies(self, u: ArrayLike) -> list[float]:
-        """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy. StateError as in `energy`."""
+        """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
         x = self._state(u)
         energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
         refuse_overflow(sum(energies), "W", x)
@@ -443,9 +640,19 @@ class System(BoundTerms):
 
     @locked
     def mass(self, kind: str = "lumped") -> Mass:
-        """Return the mass of the body from the densities: "lumped" at its nodes, or "consistent" with its shape functions.
+        """Return the mass of the body from the densities.
 
-        MaterialError if a material has no density, or a node that can move has no mass; StvkError if `kind` is unknown.
+        Parameters
+        ----------
+        kind
+            Kind of the mass, "lumped" at the nodes, or "consistent" with the shape functions.
+
+        Raises
+        ------
+        MaterialError
+            if a material has no density, or a node that can move has no mass.
+        StvkError
+            if `kind` is unknown.
         """
         if choice("mass", kind, KINDS) not in self._masses:
             self._masses[kind] = KINDS[kind](self, self.body, self.supports.held)
@@ -459,7 +666,15 @@ class System(BoundTerms):
     def foundation_force(self, u: ArrayLike) -> Array:
         """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force.
 
-        StateError as in `energy`.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+
+        Raises
+        ------
+        StateError
+            as `energy`.
         """
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in self.bound_terms:
@@ -476,9 +691,23 @@ class System(BoundTerms):
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """Return the coefficients (5,) of the strain energy [J] along `u + s v`, which are exact.
 
+        ::
+
             W(u + s v) = c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4
 
-        StateError as in `energy`, for `v` too, and StvkError if the energy is not a quartic, see `quartic`.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+        v
+            (ndofs,) direction [m].
+
+        Raises
+        ------
+        StateError
+            as `energy`, for `v` too.
+        StvkError
+            if the energy is not a quartic, see `quartic`.
         """
         quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
         if len(quartics) < len(self.bound_terms):
@@ -492,9 +721,18 @@ class System(BoundTerms):
     def round_off(self, u: ArrayLike) -> Array:
         """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
 
-        The sums times eps estimate the round-off of F.
+        The sums times eps estimate the round-off of F. The round-off of the displacements is included, because no `u` can be more
+        precise.
 
-        The round-off of the displacements is included, because no `u` can be more precise. Errors as in `internal_force`.
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+
+        Raises
+        ------
+        StateError
+            as `internal_force`.
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
         for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
@@ -505,10 +743,13 @@ class System(BoundTerms):
         return sums.ravel()
 
     def check_held(self) -> None:
-        """Raise SupportError if supports and foundations let the body move without strain.
+        """Check that supports and foundations leave the body no motion without strain.
 
-        The message gives the number and the names of the rigid modes of each part. It also names the pieces that can rotate about
-        the nodes or edges that join them.
+        Raises
+        ------
+        SupportError
+            if they leave such a motion. The message gives the number and the names of the rigid modes of each part. It also names
+            the pieces that can rotate about the nodes or edges that join them.
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.body.terms:
@@ -528,18 +769,25 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        fixed : the result of scikit-fem's `basis.get_dofs(...)`; the name of a boundary or node set, or a predicate, for all
-            components there; components by location as in `System(fixed=...)`; or bare integers. Here bare integers are degrees of
-            freedom `d * node + component`. As locations in `System(fixed=...)` they are nodes.
+        fixed
+            The result of scikit-fem's `basis.get_dofs(...)`; the name of a boundary or node set, or a predicate, for all components
+            there; components by location as in `System(fixed=...)`; or bare integers. Here bare integers are degrees of freedom
+            `d * node + component`. As locations in `System(fixed=...)` they are nodes.
 
-        RegionError or SupportError if a location has no nodes, or the mesh does not have a component. StvkError if a degree of
-        freedom is out of range, or none is free.
+        Raises
+        ------
+        RegionError, SupportError
+            if a location has no nodes, or the mesh does not have a component.
+        StvkError
+            if a degree of freedom is out of range, or none is free.
         """
         return FreeDofs(self, dofs_at(self.mesh, fixed))
 
     def memory(self) -> dict[str, int]:
         """Return the bytes that the system uses now, by part; data that are not computed yet count as 0.
 
+        Examples
+        --------
         >>> import skfem
         >>> from skfem_stvk import StVK
         >>> body = System(skfem.MeshTet().refined(3), StVK(young=1e5, poisson=0.3))

@@ -21,11 +21,16 @@ class Connected(NamedTuple):
 
     Attributes
     ----------
-    mesh : elements of the highest dimension, with all nodes.
-    `beside` : meshes of lower dimensions on the same nodes, the higher dimension first.
-    terms : the user's terms, with a region of their mesh in place of simplices.
-    of : for each term 0 if it is on `mesh`, or i + 1 if it is on `beside[i]`.
-    given : the mesh that terms were added to, or the bare points.
+    mesh
+        Elements of the highest dimension, with all nodes.
+    `beside`
+        Meshes of lower dimensions on the same nodes, the higher dimension first.
+    terms
+        The user's terms, with a region of their mesh in place of simplices.
+    of
+        Number of the mesh of each term: 0 if it is on `mesh`, or i + 1 if it is on `beside[i]`.
+    given
+        The mesh that terms were added to, or the bare points.
     """
 
     mesh: ElementMesh
@@ -46,6 +51,8 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
     MeshError
         if simplices do not fit the points or the mesh; if there are only points and an elastic law has no simplices.
 
+    Examples
+    --------
     >>> from skfem_stvk import StVK
     >>> bag = [StVK(young=1.0, poisson=0.3, simplices=[[0], [1], [2]]), StVK(young=1.0, area=0.1, simplices=[[2], [3]])]
     >>> found = connected(np.array([[0.0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 0]]), bag)

@@ -31,32 +31,37 @@ ORTHONORMAL = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Corotated(ElasticLaw):
-    """Linear elasticity in frames that turn with the elements: `W = integral of mu |S - 1|^2 + lam/2 tr(S - 1)^2`, `F = R S`.
+    """Linear elasticity in frames that rotate with the elements: `W = integral of mu |S - 1|^2 + lam/2 tr(S - 1)^2`, `F = R S`.
 
     `R` is the rotation nearest to `F`, also where `F` is singular or mirrored. In a mirrored element the smallest stretch counts as
-    negative, and the element is pushed back. Isotropic. The law is exact under rotation, and equals linear elasticity for small
-    strains. In plane stress `lam* = 2 mu lam/(lam + 2 mu)` is exact. In compression the tangent is not positive definite
+    negative, and the element is pushed back. The law is isotropic. It is exact under rotation, and equals linear elasticity for
+    small strains. In plane stress `lam* = 2 mu lam/(lam + 2 mu)` is exact. In compression the tangent is not positive definite
     (`kept=TENSILE` is semi-definite). Where two stretches of a mirrored element sum to zero, its nearest rotation jumps.
 
     Parameters
     ----------
-    rotation : source of the frames.
-        "element": from F at each point of an element, with the energy above;
-        "vertex": one for each node, from the mean of F around it, `F_a = R_a sum_b K_ab (R_a' x_b - X_b)` with K at rest. This form
-        has no energy, and its torques do not balance;
-        a function of time, or of the load factor in statics: `rotation(t)` returns (n, 3, 3) for the elements of the region, `f = R
-        K0 (R'x - X)`. Energy that the body gains as the frames rotate is external work: this form has no energy of its own.
-    material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
-
-    Source: Mueller et al., "Stable real-time deformations" (2002), for frames at nodes. Capell et al., "Interactive skeleton-driven
-    dynamic deformations" (2002), for user-supplied frames. McAdams et al., "Efficient elasticity for character skinning" (2011),
-    for the energy and its exact tangent. Mueller and Gross, "Interactive virtual materials" (2004), for the warped tangent.
+    material, region, plane, thickness, area, young, poisson, density, simplices
+        Arguments of `StVK`, as there, of an isotropic material.
+    rotation
+        Source of the frames. "element": from F at each point of an element, with the energy above. "vertex": one frame for each
+        node, from the mean of F around it, `F_a = R_a sum_b K_ab (R_a' x_b - X_b)` with K at rest. This form has no energy, and its
+        torques do not balance. A function of time, or of the load factor in statics: `rotation(t)` returns (n, 3, 3) for the
+        elements of the region, `f = R K0 (R'x - X)`. Energy that the body gains as the frames rotate is external work: this form
+        has no energy of its own.
 
     Raises
     ------
     MaterialError
         as `StVK`, and if the material is not isotropic.
 
+    Notes
+    -----
+    Source: Mueller et al., "Stable real-time deformations" (2002), for frames at nodes. Capell et al., "Interactive skeleton-driven
+    dynamic deformations" (2002), for user-supplied frames. McAdams et al., "Efficient elasticity for character skinning" (2011),
+    for the energy and its exact tangent. Mueller and Gross, "Interactive virtual materials" (2004), for the warped tangent.
+
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import System
     >>> mesh = skfem.MeshTet().refined(1)
@@ -80,7 +85,15 @@ class Corotated(ElasticLaw):
         super().__post_init__(young, poisson, density)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """Return the assembly of this law on a body's mesh."""
+        """Return the assembly of this law on a body's mesh.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
         bound, mesh = super().bind(body, dtype), body.mesh if isinstance(body, Body) else body
         if callable(self.rotation):
             bound.at(0.0)
@@ -103,7 +116,18 @@ class Corotated(ElasticLaw):
         return self.rotation == "element"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `HasResponse`, by the rotation of each element; raise MaterialError for other frames."""
+        """Return the response as in `HasResponse`, by the rotation of each element.
+
+        Parameters
+        ----------
+        at
+            Deformation of the elements at a point of each.
+
+        Raises
+        ------
+        MaterialError
+            for other frames.
+        """
         if not self.has_stress:
             raise MaterialError(
                 "Corotated: stresses are known for rotation='element' alone; with other frames there are the forces on nodes."
@@ -112,7 +136,13 @@ class Corotated(ElasticLaw):
         return response_of_stretches(at, self.material, CorotatedLaw)
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the law of the kernels, with its stored numbers of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         if callable(self.rotation):
             return FramedStiffness(*self.lame(mesh), self._frames(mesh))
         return IsotropicStiffness(*self.lame(mesh), partial(CorotatedLaw, flat=flat_of(mesh.k, mesh.d)))

@@ -29,7 +29,8 @@ class Gravity(Load):
 
     Parameters
     ----------
-    g : acceleration [m/s^2]: components, which ramp with the load factor; or a function of t or of (x, t), used without a ramp.
+    g
+        Acceleration [m/s^2]: components, which ramp with the load factor; or a function of t or of (x, t), used without a ramp.
 
     Raises
     ------
@@ -38,6 +39,8 @@ class Gravity(Load):
     LoadError
         if `g` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3, density=2700.0), Gravity(g=(0, 0, -9.81))])
@@ -61,9 +64,11 @@ class BodyForce(Load):
 
     Parameters
     ----------
-    force : `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), used
+    force
+        Force `b` per volume at rest [N/m^3]: components, which ramp with the load factor; or a function of t or of (x, t), used
         without a ramp and interpolated between nodes by their shape functions.
-    region : name of a subdomain, element ids, or None for all elements, including those of the bodies in `beside`.
+    region
+        Elements: name of a subdomain, element ids, or None for all elements, including those of the bodies in `beside`.
 
     Raises
     ------
@@ -72,6 +77,8 @@ class BodyForce(Load):
     LoadError
         if `force` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), BodyForce(lambda x, t: (t * x[2], 0, 0))])
@@ -99,8 +106,10 @@ class NodalLoad(Load):
 
     Parameters
     ----------
-    where : name of a boundary or of a node set, node ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
-    force : on *each* node [N]: components, or (d, n) with one column for each node, in the order of user-supplied ids, otherwise
+    where
+        Location: name of a boundary or of a node set, node ids or a mask, predicate of x (d, n), or scikit-fem's get_dofs(...).
+    force
+        Force on *each* node [N]: components, or (d, n) with one column for each node, in the order of user-supplied ids, otherwise
         ascending; these ramp with the load factor. Or a function of t or of (x, t), used without a ramp.
 
     Raises
@@ -110,6 +119,8 @@ class NodalLoad(Load):
     LoadError
         if `force` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> bar = System(skfem.MeshLine(), [StVK(young=1.0, poisson=0.3), NodalLoad(lambda x: x[0] == 1, [5.0])])
@@ -137,9 +148,11 @@ class Traction(Load):
 
     Parameters
     ----------
-    where : name of a boundary; or another location (name of a node set, node ids or a mask, predicate of x (d, n), scikit-fem's
-        get_dofs(...)): all boundary facets with all of their nodes there.
-    traction : `T` per area at rest [N/m^2]: components, or (d, n) with one column for each node of the facets, in the order of
+    where
+        Location: name of a boundary; or another location (name of a node set, node ids or a mask, predicate of x (d, n),
+        scikit-fem's get_dofs(...)): all boundary facets with all of their nodes there.
+    traction
+        Force `T` per area at rest [N/m^2]: components, or (d, n) with one column for each node of the facets, in the order of
         user-supplied ids, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), used without a
         ramp. Interpolated between nodes by their shape functions.
 
@@ -150,6 +163,8 @@ class Traction(Load):
     LoadError
         if `traction` is not made of finite numbers; when it is bound, if it does not have one value per component.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), Traction(lambda x: x[0] == 1, (0, 0, -2e6))])

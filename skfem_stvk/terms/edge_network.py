@@ -31,21 +31,23 @@ PAIRS = ("all", "none", "adjacent", "opposite")
 
 @dataclass(frozen=True, eq=False)
 class EdgeNetwork:
-    """The sum over edges and pairs of edges itself: `W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j`.
+    """Sum over edges and pairs of edges: `W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j`.
 
-    `zeta = |p|^2 - |P|^2` of each edge [m^2]. With the `L` of linear simplices (`EdgeNetwork.of`) the network is the finite-element
-    model, and its pairs share a simplex (TSEPs). Its first sum alone (`diagonal`) is a network of quartic springs. Any other
-    symmetric `L` is allowed, even one that is not positive semi-definite (`definite`); some states then have less energy than rest.
-    A network has edges and no elements: for volumes and stresses use `StVK`.
+    The variables are `zeta = |p|^2 - |P|^2` of each edge [m^2], and coefficients `L` of any origin. With the `L` of linear
+    simplices (`EdgeNetwork.of`) the network is the finite-element model, and its pairs share a simplex (TSEPs). Its first sum alone
+    (`diagonal`) is a network of quartic springs. Any other symmetric `L` is allowed, even one that is not positive semi-definite
+    (`definite`); some states then have less energy than rest. A network has edges and no elements: for volumes and stresses use
+    `StVK`.
 
     Parameters
     ----------
-    edges : (2, ne) vertices of the edges, each edge once.
-    L : (ne, ne) sparse symmetric matrix [J/m^4], off the diagonal the pairs of edges, each twice.
-    laws : the `StVK` laws of the coefficients, which supply mass, thickness and area to the elements of their regions; none if L
-        comes from elsewhere.
-
-    Source: Kikuuwe, Tabuchi, Yamamoto (2009), equations 12 - 14 of Kikuuwe's overview.
+    edges
+        (2, ne) vertices of the edges, each edge once.
+    L
+        (ne, ne) sparse symmetric matrix [J/m^4], off the diagonal the pairs of edges, each twice.
+    laws
+        The `StVK` laws of the coefficients, which supply mass, thickness and area to the elements of their regions; none if L comes
+        from elsewhere.
 
     Raises
     ------
@@ -54,6 +56,12 @@ class EdgeNetwork:
     MeshError
         when it is made of elements that have no edge form; when it is bound, if the mesh lacks vertices.
 
+    Notes
+    -----
+    Source: Kikuuwe, Tabuchi, Yamamoto (2009), equations 12 - 14 of Kikuuwe's overview.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh, law = skfem.MeshTet().refined(1), StVK(young=1e5, poisson=0.3)
@@ -89,7 +97,14 @@ class EdgeNetwork:
     ) -> EdgeNetwork:
         """Return the network of a St. Venant-Kirchhoff body of linear simplices, with one law or several on their regions.
 
-        `pairs` selects the pairs in the sum: "all", "none", the "adjacent" or the "opposite" ones.
+        Parameters
+        ----------
+        mesh
+            Mesh of linear simplices.
+        law
+            St. Venant-Kirchhoff law, or several on their regions.
+        pairs
+            Pairs of edges in the sum: "all", "none", the "adjacent" or the "opposite" ones.
         """
         choice("EdgeNetwork.of: pairs", pairs, PAIRS)
         body = ElementMesh.of(mesh)
@@ -128,7 +143,13 @@ class EdgeNetwork:
         return replace(self, L=csr_matrix((self.L.diagonal(), (np.arange(n), np.arange(n))), shape=(n, n)))
 
     def without(self, pairs: str) -> EdgeNetwork:
-        """Return the network without its "adjacent" or without its "opposite" pairs."""
+        """Return the network without some of its pairs.
+
+        Parameters
+        ----------
+        pairs
+            Pairs to leave out, "adjacent" or "opposite".
+        """
         choice("without: pairs", pairs, ("adjacent", "opposite"))
         upper = triu(self.L, 1).tocoo()
         kept = self.adjacent == (pairs == "opposite")
@@ -136,10 +157,14 @@ class EdgeNetwork:
         return replace(self, L=csr_matrix(self.diagonal().L + U + U.T))
 
     def definite(self) -> bool:
-        """Return whether no eigenvalue of `L` is negative, within rounding; then no state has less energy than rest, for any
-        geometry.
+        """Return whether no eigenvalue of `L` is negative, within rounding.
 
-        Raises StvkError for more than 20 000 edges, where factors of L take too long, and if no solver can decide.
+        Then no state has less energy than rest, for any geometry.
+
+        Raises
+        ------
+        StvkError
+            for more than 20 000 edges, where factors of L take too long, and if no solver can decide.
         """
         n = self.L.shape[0]
         if n > COUNTED:
@@ -155,7 +180,15 @@ class EdgeNetwork:
         return found.negative == 0
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> QuarticNetwork:
-        """Return the network on the vertices of a body's mesh."""
+        """Return the network on the vertices of a body's mesh.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
         mesh = body.mesh if isinstance(body, Body) else body
         last = int(self.edges.max(initial=-1))
         if last >= mesh.nv:
@@ -202,7 +235,20 @@ class EdgeNetwork:
         return self.laws[0].region if len(self.laws) == 1 else None
 
     def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
-        """Return the masses (n,) [kg] of the region's elements from the laws; MaterialError if a law has no density."""
+        """Return the masses (n,) [kg] of the region's elements from the laws.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        sizes
+            (n,) lengths, areas or volumes of the region's elements [m^k].
+
+        Raises
+        ------
+        MaterialError
+            if a law has no density.
+        """
 
         def masses(law: StVK, ids: NDArray[Any]) -> Array:
             return law.mass(mesh, of[ids])
@@ -212,12 +258,28 @@ class EdgeNetwork:
         return self._of_laws(mesh, masses)
 
     def section(self, mesh: ElementMesh, n: int) -> Array:
-        """Return thickness, area or 1 (n,) of the region's elements from the laws."""
+        """Return thickness, area or 1 (n,) of the region's elements from the laws.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        n
+            Number of elements of the region.
+        """
         found = self._of_laws(mesh, lambda law, ids: law.section(mesh, len(ids)))
         return np.where(found == 0, 1.0, found)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
-        """Return `lam + 2 mu` (n,) [Pa] of the region's elements from the laws; 0 without a law."""
+        """Return `lam + 2 mu` (n,) [Pa] of the region's elements from the laws; 0 without a law.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        n
+            Number of elements of the region.
+        """
         return self._of_laws(mesh, lambda law, ids: law.confined_modulus(mesh, len(ids)))
 
     def _of_laws(self, mesh: ElementMesh, value: Callable[[StVK, NDArray[Any]], Array]) -> Array:

@@ -29,8 +29,10 @@ class ElasticFoundation:
 
     Parameters
     ----------
-    where : as in `Traction`.
-    stiffness : `k` per area at rest [N/m^3], a number for all components or one for each; zero frees a component.
+    where
+        Location of the facets, as in `Traction`.
+    stiffness
+        Stiffness `k` per area at rest [N/m^3], a number for all components or one for each; zero frees a component.
 
     Raises
     ------
@@ -40,6 +42,8 @@ class ElasticFoundation:
     RegionError
         when it is bound, if there is no facet.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), ElasticFoundation(lambda x: x[2] == 0, (0, 0, 1e6))])
@@ -66,7 +70,15 @@ class ElasticFoundation:
         own(self)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Bedding:
-        """Return the bedding of a body; a mesh alone has thickness or area 1."""
+        """Return the bedding of a body; a mesh alone has thickness or area 1.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
         body = body if isinstance(body, Body) else Body(body, [])
         what, d = f"ElasticFoundation on {describe(self.where)}", body.mesh.d
         k = np.asarray(self.stiffness)

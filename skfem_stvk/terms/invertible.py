@@ -31,7 +31,7 @@ class InvertibleStVK(ElasticLaw):
     """St. Venant-Kirchhoff's law, whose energy goes on as a quadratic below a principal stretch `threshold`.
 
     With the singular values `s_i` of `F`, of which the smallest has the sign of `det F`, `c_i = max(s_i, threshold)`, `d = s - c`
-    and the energy `w` of `StVK` in principal stretches,
+    and the energy `w` of `StVK` in principal stretches::
 
         W = w(c) + sum w_i(c) d_i + sum_{i<j} w_ij(c) d_i d_j + k/2 |d|^2        k = lam + 2 mu
 
@@ -41,21 +41,28 @@ class InvertibleStVK(ElasticLaw):
 
     Parameters
     ----------
-    threshold : a stretch between 1/sqrt(3) = 0.577 and 1. Below 0.577, the stress of `StVK` falls in compression and would pull a
+    material, region, plane, thickness, area, young, poisson, density, simplices
+        Arguments of `StVK`, as there, of an isotropic material.
+    threshold
+        Principal stretch between 1/sqrt(3) = 0.577 and 1. Below 0.577, the stress of `StVK` falls in compression and would pull a
         mirrored element further in.
-    extend : what is extended below the threshold: "energy", as above, or "stress", the form of Irving, Teran and Fedkiw: each
+    extend
+        Quantity that is extended below the threshold: "energy", as above, or "stress", the form of Irving, Teran and Fedkiw: each
         principal stress is `w_i(c) + k d_i`. This form has no energy, and a tangent that is not symmetric. It is meant for
         comparison, and written in plain NumPy.
-    material, region, plane, thickness, area, young, poisson, density : as in `StVK`, of an isotropic material.
-
-    Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity" (2012); Irving, Teran,
-    Fedkiw, "Invertible finite elements for robust simulation of large deformation" (2004) for the stress.
 
     Raises
     ------
     MaterialError
         as `StVK`, and if the material is not isotropic or the threshold out of range.
 
+    Notes
+    -----
+    Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity" (2012); Irving, Teran,
+    Fedkiw, "Invertible finite elements for robust simulation of large deformation" (2004) for the stress.
+
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTet().refined(1)
@@ -83,7 +90,15 @@ class InvertibleStVK(ElasticLaw):
         object.__setattr__(self, "threshold", threshold)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """Return the assembly of this law on a body's mesh."""
+        """Return the assembly of this law on a body's mesh.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
         bound = super().bind(body, dtype)
         if self.extend == "energy":
             return bound
@@ -96,7 +111,13 @@ class InvertibleStVK(ElasticLaw):
         return StressExtension(mesh, mesh.t[:, mesh.elements(self.region)], self.lame(mesh), self.threshold, bound)
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness:
-        """Return the law of the kernels, with its stored numbers of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         law = partial(InvertibleLaw, flat=flat_of(mesh.k, mesh.d), threshold=self.threshold)
         return IsotropicStiffness(*self.lame(mesh), law)
 
@@ -106,7 +127,18 @@ class InvertibleStVK(ElasticLaw):
         return self.extend == "energy"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `HasResponse`; raise MaterialError if the stress is extended, since it has no energy."""
+        """Return the response as in `HasResponse`.
+
+        Parameters
+        ----------
+        at
+            Deformation of the elements at a point of each.
+
+        Raises
+        ------
+        MaterialError
+            if the stress is extended, since it has no energy.
+        """
         if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)

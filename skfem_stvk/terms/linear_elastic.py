@@ -44,17 +44,17 @@ LINEAR_FORCE = offering(
 
 @dataclass(frozen=True, eq=False)
 class LinearElastic(ElasticLaw):
-    """Elastic body of small strain, wrong under rotation: `W = integral of 1/2 eps : C : eps`, with `eps = (H + H')/2` of the
-    displacement gradient `H`.
+    """Elastic body of small strain, wrong under rotation: `W = integral of 1/2 eps : C : eps`, `eps = (H + H')/2`.
 
-    Its stiffness K is the same at all displacements, that of `StVK` at rest. If the whole body is linear and loads are dead, K is
-    factorised once. Then `solve_static` takes one iteration, and a run with constant step length one factorisation. The law is
-    wrong under rotation. A body that only rotates by `t` about z has the stress `s_xx = s_yy = 2 (mu + lam) (cos t - 1)`, `s_zz = 2
-    lam (cos t - 1)`, as if it had shrunk.
+    `H` is the displacement gradient. The stiffness K is the same at all displacements, that of `StVK` at rest. If the whole body is
+    linear and loads are dead, K is factorised once. Then `solve_static` takes one iteration, and a run with constant step length
+    one factorisation. The law is wrong under rotation. A body that only rotates by `t` about z has the stress `s_xx = s_yy = 2 (mu
+    + lam) (cos t - 1)`, `s_zz = 2 lam (cos t - 1)`, as if it had shrunk.
 
     Parameters
     ----------
-    material, region, plane, thickness, area, young, poisson, density : as in `StVK`.
+    material, region, plane, thickness, area, young, poisson, density, simplices
+        Arguments of `StVK`, as there.
 
     Raises
     ------
@@ -63,6 +63,8 @@ class LinearElastic(ElasticLaw):
     RegionError
         when it is bound, if the region is not in the mesh.
 
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_stvk import System
     >>> mesh = skfem.MeshTet().refined(1)
@@ -79,7 +81,13 @@ class LinearElastic(ElasticLaw):
     assembly = LINEAR_FORCE
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one."""
+        """Return the stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         found = StVK(self.material, self.region, self.plane, self.thickness, self.area).stiffness(mesh)
         found.law = LINEAR[found.law]
         return found

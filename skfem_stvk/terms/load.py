@@ -53,20 +53,28 @@ class Value:
         f(t)        a function of one argument
         f(x, t)     a function of two: reference coordinates `x` (d, n), and `t`
 
-    Parameters
-    ----------
-    given : a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of d
-        components, each a number or (n,); or a function that returns one of these.
-    shape : () for a number, (d,) for components.
-    x : (d, n) points of the values, such as nodes.
-    what : the beginning of messages.
-    error : the class of errors.
-    name : name of the user-supplied value, in messages.
-
     Errors are raised for another shape, and for values that are not finite at t = 0 or 1. An array (d, d) for d points is refused,
     since rows and columns cannot be distinguished; a function of x returns values laid out like x. `constant` are the values that
     ramp, None for functions.
 
+    Parameters
+    ----------
+    given
+        Value: a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of
+        d components, each a number or (n,); or a function that returns one of these.
+    shape
+        Shape of a value, () for a number, (d,) for components.
+    x
+        (d, n) points of the values, such as nodes.
+    what
+        The beginning of messages.
+    error
+        The class of errors.
+    name
+        Name of the user-supplied value, in messages.
+
+    Examples
+    --------
     >>> x = np.array([[0.0, 1.0], [0.0, 0.0]])
     >>> Value((0, -2), (2,), x, "Traction").at(0.5)
     array([[ 0.],

@@ -30,16 +30,24 @@ BARRIER = (
 
 @dataclass(frozen=True, eq=False)
 class NeoHookean(ElasticLaw):
-    """Elastic body with strain energy `W = integral of mu/2 (I1 - 3 - 2 ln J) + lam/2 (J - 1)^2`: it does not give way when it is
-    crushed, as St. Venant-Kirchhoff does, and no element turns inside out.
+    """Elastic body with strain energy `W = integral of mu/2 (I1 - 3 - 2 ln J) + lam/2 (J - 1)^2`, which resists crushing.
 
-    `I1 = tr F'F`, `J = det F`. At small strain the law is `StVK` with the same constants; under pressure it stiffens.
+    `I1 = tr F'F`, `J = det F`. The law does not soften under compression, as St. Venant-Kirchhoff's does, and no element becomes
+    inverted. At small strain the law is `StVK` with the same constants; under pressure it stiffens.
 
     Parameters
     ----------
-    material : `Isotropic`, with a Poisson's ratio in [0, 1/2).
-    region, plane, thickness, young, poisson, density : as in `StVK`. In plane stress, and for surfaces in space, the thickness
-        changes so that the stress across vanishes.
+    material
+        Isotropic material, with a Poisson's ratio in [0, 1/2).
+    region, plane
+        Arguments of `StVK`, as there.
+    thickness
+        Thickness of surfaces at rest [m], as in `StVK`. In plane stress, and for surfaces in space, the thickness changes so that
+        the stress across vanishes.
+    area
+        Cross-section of segments, to which this law does not apply; an argument of all laws.
+    young, poisson, density, simplices
+        Arguments of `StVK`, as there.
 
     Raises
     ------
@@ -50,6 +58,8 @@ class NeoHookean(ElasticLaw):
     StateError
         by all evaluations of the system, with the ids, for elements that are inverted or flat.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import System
     >>> mesh = skfem.MeshTet().refined(1)
@@ -63,7 +73,13 @@ class NeoHookean(ElasticLaw):
     assembly = OF_STRAIN
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the law of the kernels, with its stored numbers of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         hypothesis = self.hypothesis(mesh)
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
             raise MaterialError("NeoHookean is for solids and surfaces; the mesh has segments. Take StVK for cables and bars.")
@@ -76,7 +92,18 @@ class NeoHookean(ElasticLaw):
         return NeoHookeanStiffness(lam, mu, hypothesis.condensed)
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `HasResponse`; raise StateError for inverted or flat elements."""
+        """Return the response as in `HasResponse`.
+
+        Parameters
+        ----------
+        at
+            Deformation of the elements at a point of each.
+
+        Raises
+        ------
+        StateError
+            for inverted or flat elements.
+        """
         assert isinstance(self.material, Isotropic)
         (n, d, k), (lam, mu) = at.gradient.shape, self.material.lame(Hypothesis.SOLID)
         lam, mu, strain = np.broadcast_to(lam, n), np.broadcast_to(mu, n), embedded(at.strain)

@@ -37,12 +37,15 @@ class Pressure(Load):
 
     Parameters
     ----------
-    where : as in `Traction`; for surfaces in space the name of a subdomain, element ids or a mask, or None for all.
-    pressure : `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the nodes, in the order of
+    where
+        Location as in `Traction`; for surfaces in space the name of a subdomain, element ids or a mask, or None for all.
+    pressure
+        Force `p` per deformed area [N/m^2], positive pushes inwards: a number, or (n,) values at the nodes, in the order of
         user-supplied node ids, otherwise ascending; these ramp with the load factor. Or a function of t or of (x, t), used without
         a ramp, `x` reference coordinates. Interpolated between nodes by their shape functions.
-    simplices : for a surface in space outside the mesh, such as a membrane on tetrahedra: (3, n) nodes of its triangles, or the
-        name of a boundary. Then `where` is ids of these triangles, or None for all.
+    simplices
+        Surface in space outside the mesh, such as a membrane on tetrahedra: (3, n) nodes of its triangles, or the name of a
+        boundary. Then `where` is ids of these triangles, or None for all.
 
     Raises
     ------
@@ -54,6 +57,8 @@ class Pressure(Load):
         if `pressure` is not finite or not a number; when it is bound: for segments, which have no surface; if facets are not on
         the boundary, so that both sides are inside; if a surface in space has only one side, such as a Moebius strip.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), Pressure(lambda x: x[0] == 1, 2e6)])

@@ -78,8 +78,10 @@ class TurningLoad(Protocol):
 
     Attributes
     ----------
-    symmetric : whether its stiffness is symmetric; if not, the load supplies `K_ba` of its pairs as well.
-    balanced : whether the rows of its stiffness sum to zero; if not, the load supplies those of its `nodes` (m,).
+    symmetric
+        Whether its stiffness is symmetric; if not, the load supplies `K_ba` of its pairs as well.
+    balanced
+        Whether the rows of its stiffness sum to zero; if not, the load supplies those of its `nodes` (m,).
     """
 
     symmetric: bool
@@ -271,11 +273,16 @@ class Deformation(NamedTuple):
 
     Attributes
     ----------
-    elements : (n,) their ids, for messages.
-    hypothesis : which components of strain or stress vanish across them.
-    axes : (n, d, k) an orthonormal basis of their own line or plane at rest, as columns.
-    gradient : (n, d, k) derivatives of the displacement along those.
-    strain : (n, k, k) Green-Lagrange strain within, without cancellation.
+    elements
+        (n,) ids of the elements, for messages.
+    hypothesis
+        Components of strain or stress that vanish across them.
+    axes
+        (n, d, k) an orthonormal basis of their own line or plane at rest, as columns.
+    gradient
+        (n, d, k) derivatives of the displacement along these axes.
+    strain
+        (n, k, k) Green-Lagrange strain within the elements, without cancellation.
     """
 
     elements: NDArray[Any]
@@ -290,10 +297,14 @@ class PointResponse(NamedTuple):
 
     Attributes
     ----------
-    strain : (n, 3, 3) Green-Lagrange strain, including the strain across.
-    stress : (n, 3, 3) second Piola-Kirchhoff stress [Pa]; 0 where it is infinite.
-    density : (n,) strain energy per rest volume [J/m^3].
-    infinite : (n,) whether the stress is infinite, for example where elements have no volume left.
+    strain
+        (n, 3, 3) Green-Lagrange strain, including the strain across.
+    stress
+        (n, 3, 3) second Piola-Kirchhoff stress [Pa]; 0 where it is infinite.
+    density
+        (n,) strain energy per rest volume [J/m^3].
+    infinite
+        (n,) whether the stress is infinite, for example where elements have no volume left.
     """
 
     strain: Array

@@ -35,7 +35,8 @@ class SpringNetwork:
 
     A spring network is not the same as the elastic body that it approximates. Springs alone can only have a Poisson's ratio of 1/4
     (in plane stress 1/3), and on most elements only approximately. `compare_networks` reports the difference. The stiffness `k` of
-    an edge is the sum over the elements around it, of size `V` (thickness and cross-section included) and with edges of length `l`:
+    an edge is the sum over the elements around it, of size `V` (thickness and cross-section included) and with edges of length
+    `l`::
 
         "least-squares"    not negative, and as near to the element's stiffness at rest as such springs can be (Frobenius norm)
         "edge-diagonal"    2 L_ii l_i^2, `L` the coefficients of the edge form: its first sum alone, to first order
@@ -49,14 +50,19 @@ class SpringNetwork:
 
     Parameters
     ----------
-    material : as in `StVK`, for the stiffness, the mass, and the usual stiffness of a `VolumePenalty`. "van-gelder" and "lloyd"
+    material
+        Material as in `StVK`, for the stiffness, the mass, and the usual stiffness of a `VolumePenalty`. "van-gelder" and "lloyd"
         require an isotropic material.
-    rule : for the stiffness, by its name above.
-    stiffness : `k` [N/m] of each edge instead of a rule, not negative: in scikit-fem's order of `mesh.edges`, for triangles
+    rule
+        Rule for the stiffness, by its name above.
+    stiffness
+        Stiffness `k` [N/m] of each edge instead of a rule, not negative: in scikit-fem's order of `mesh.edges`, for triangles
         `mesh.facets`. For a region, in this order among the edges of its elements. No material is needed then.
-    region, plane, thickness, area : as in `StVK`.
-    young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`. The mass is that of the elements,
-        lumped as that of `StVK`.
+    region, plane, thickness, area
+        Arguments of `StVK`, as there.
+    young, poisson, density
+        Shorthand for `material=Isotropic(young, poisson, density=density)`. The mass is that of the elements, lumped as that of
+        `StVK`.
 
     Raises
     ------
@@ -67,6 +73,12 @@ class SpringNetwork:
     RegionError
         when it is bound, if the region is not in the mesh.
 
+    Notes
+    -----
+    Sources of the rules: Van Gelder (1998); Lloyd, Szekely, Harders (2007); Delingette (2008).
+
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import System
     >>> mesh = skfem.MeshTri().refined(1)
@@ -121,36 +133,95 @@ class SpringNetwork:
         return StVK(self.material, self.region, self.plane, self.thickness, self.area)
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the masses (n,) [kg] of the region's elements, as for `StVK`."""
+        """Return the masses (n,) [kg] of the region's elements, as for `StVK`.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        sizes
+            (n,) lengths, areas or volumes of the region's elements [m^k].
+        """
         return self.law.mass(mesh, sizes)
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,)."""
+        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,).
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        n
+            Number of elements of the region.
+        """
         return self.law.section(mesh, n)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return `lam + 2 mu` [Pa] of the material, as for `StVK`; 0 without a material."""
+        """Return `lam + 2 mu` [Pa] of the material, as for `StVK`; 0 without a material.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        n
+            Number of elements of the region.
+        """
         return np.zeros(n) if type(self.material) is Material else self.law.confined_modulus(mesh, n)
 
     def edges(self, mesh: MeshLike) -> NDArray[np.int32]:
-        """Return the vertices `a < b` (2, ne) of the springs, in the order of `stiffness`."""
+        """Return the vertices `a < b` (2, ne) of the springs, in the order of `stiffness`.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         return edge_topology(self._simplices(ElementMesh.of(mesh)))[0]
 
     def constants(self, mesh: MeshLike) -> Array:
-        """Return the stiffness `k` (ne,) of the springs [N/m], in the order of `edges`; for "triangular" without that of the pairs.
+        """Return the stiffness `k` (ne,) of the springs [N/m], in the order of `edges`.
 
-        Raises the errors of `bind`.
+        For "triangular" the stiffness of the pairs is not included.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+
+        Raises
+        ------
+        MaterialError, RegionError
+            as `bind`.
         """
         return self._springs(ElementMesh.of(mesh)).own
 
     def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
-        """Return the ids (n,) of the region's elements with a spring along each edge."""
+        """Return the ids (n,) of the region's elements with a spring along each edge.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         sprung = self._springs(mesh).own > 0
         return np.asarray(mesh.elements(self.region))[sprung[edge_topology(self._simplices(mesh))[1]].all(axis=0)]
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> HookeanNetwork:
-        """Return the springs with a stiffness on a body's mesh. A user-supplied stiffness stays as long as an element around the
-        edge does.
+        """Return the springs with a stiffness on a body's mesh.
+
+        A user-supplied stiffness stays as long as an element around the edge does.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+
+        Raises
+        ------
+        MaterialError, RegionError
+            as `SpringNetwork`, when it is bound.
         """
         mesh = body.mesh if isinstance(body, Body) else body
         whole = self._springs(mesh)
@@ -219,14 +290,21 @@ class Rest(NamedTuple):
 
     Attributes
     ----------
-    lengths : (n, m) of their edges [m].
-    stiffness : (n, m, m) `A_ij = 2 L_ij l_i l_j` [N/m]: their energy is `1/2 e' A e` for small elongations `e` of their edges.
-    crossed : (n, m, m) `d_i . d_j`, with `d_i` the derivative of the length of edge `i` by all vertices: the element has the
-        stiffness `sum A_ij d_i d_j'`, a spring along edge `i` has `k_i d_i d_i'`.
-    volumes : (n,) [m^3].
-    section : (n,) factor from their size to their volume: thickness [m], area [m^2] or 1.
-    hypothesis : which components of strain or stress vanish across them.
-    young, poisson : (n,) Young's modulus [Pa] and Poisson's ratio; empty where the material has none.
+    lengths
+        (n, m) lengths of their edges [m].
+    stiffness
+        (n, m, m) `A_ij = 2 L_ij l_i l_j` [N/m]: their energy is `1/2 e' A e` for small elongations `e` of their edges.
+    crossed
+        (n, m, m) `d_i . d_j`, with `d_i` the derivative of the length of edge `i` by all vertices: the element has the stiffness
+        `sum A_ij d_i d_j'`, a spring along edge `i` has `k_i d_i d_i'`.
+    volumes
+        (n,) volumes [m^3].
+    section
+        (n,) factor from their size to their volume: thickness [m], area [m^2] or 1.
+    hypothesis
+        Components of strain or stress that vanish across them.
+    young, poisson
+        (n,) Young's modulus [Pa] and Poisson's ratio; empty where the material has none.
     """
 
     lengths: Array

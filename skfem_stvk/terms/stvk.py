@@ -27,24 +27,32 @@ from .protocols import Deformation, PointResponse
 class StVK(ElasticLaw):
     """Elastic body with strain energy `W = integral of 1/2 E : C : E`, `E` the Green-Lagrange strain.
 
-    A specification without a mesh, usable in many systems; `System` binds it.
+    It is a specification without a mesh, usable in many systems; `System` binds it.
 
     Parameters
     ----------
-    material : `Isotropic`, `Orthotropic`, `TransverselyIsotropic` or `Anisotropic`.
-    region : name of a subdomain of the mesh, element ids, or None for all elements. Arrays of material constants follow the
-        order of the region's elements.
-    plane : "strain" or "stress" for triangles in the plane, by default "strain". Triangles in space are in plane stress.
-    thickness : of triangles [m], by default 1; a number or one value per element.
-    area : cross-section of segments [m^2], by default 1; a number or one value per element.
-    simplices : (k + 1, n) nodes of the term's own elements on the nodes of the body, in addition to those of a mesh or instead of
-        one; or the name of a boundary, whose facets they are: a skin. See `System`.
-    wrinkling : whether surfaces and cables carry no compression, as thin ones do: the relaxed energy of tension fields, for
-        isotropic materials of triangles and quadrilaterals in space, in plane stress, or of segments. With the principal strains
-        `E1 >= E2` the energy per volume is `1/2 E : C : E` where `E2 >= -nu E1` (taut). It is `E E1^2/2` below (wrinkled, uniaxial
-        tension), and 0 where `E1 <= 0` (slack). Wrinkles have no size. The energy is not a quartic along lines. K is positive
-        semi-definite and jumps between the three; it is that of the present state.
-    young, poisson, density : shorthand for `material=Isotropic(young, poisson, density=density)`.
+    material
+        Material, as `Isotropic`, `Orthotropic`, `TransverselyIsotropic` or `Anisotropic`.
+    region
+        Name of a subdomain of the mesh, element ids, or None for all elements. Arrays of material constants follow the order of the
+        region's elements.
+    plane
+        Assumption "strain" or "stress" for triangles in the plane, by default "strain". Triangles in space are in plane stress.
+    thickness
+        Thickness of triangles [m], by default 1; a number or one value per element.
+    area
+        Cross-section of segments [m^2], by default 1; a number or one value per element.
+    young, poisson, density
+        Shorthand for `material=Isotropic(young, poisson, density=density)`.
+    simplices
+        Nodes (k + 1, n) of the term's own elements on the nodes of the body, in addition to those of a mesh or instead of one; or
+        the name of a boundary, whose facets they are: a skin. See `System`.
+    wrinkling
+        Whether surfaces and cables carry no compression, as thin ones do: the relaxed energy of tension fields, for isotropic
+        materials of triangles and quadrilaterals in space, in plane stress, or of segments. With the principal strains `E1 >= E2`
+        the energy per volume is `1/2 E : C : E` where `E2 >= -nu E1` (taut). It is `E E1^2/2` below (wrinkled, uniaxial tension),
+        and 0 where `E1 <= 0` (slack). Wrinkles have no size. The energy is not a quartic along lines. K is positive semi-definite
+        and jumps between the three; it is that of the present state.
 
     Raises
     ------
@@ -54,10 +62,14 @@ class StVK(ElasticLaw):
     RegionError
         when it is bound, if the region is not in the mesh.
 
+    Notes
+    -----
+    Source of the relaxed energy: Pipkin, "The relaxed energy density for isotropic elastic membranes" (1986).
+
+    Examples
+    --------
     >>> StVK(young=1e5, poisson=0.3).material.poisson
     array(0.3)
-
-    Source of the relaxed energy: Pipkin, "The relaxed energy density for isotropic elastic membranes" (1986).
     """
 
     wrinkling: Annotated[bool, Quantity(None, "Whether surfaces and cables give way to compression: tension fields.")] = field(
@@ -84,7 +96,13 @@ class StVK(ElasticLaw):
         return self._relaxed if self.wrinkling else None
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness | AnisotropicStiffness:
-        """Return the stiffness of each simplex of the region, in the form that stores least."""
+        """Return the stiffness of each simplex of the region, in the form that stores least.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         hypothesis = self.hypothesis(mesh)
         if self.wrinkling and not hypothesis.condensed:
             flat = mesh.k == 2
@@ -103,7 +121,13 @@ class StVK(ElasticLaw):
         raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
 
     def coefficients(self, mesh: ElementMesh) -> NDArray[np.float64]:
-        """Return the coefficients `L` (n, m, m) of each linear simplex of the region, for the pairs of its edges [J/m^4]."""
+        """Return the coefficients `L` (n, m, m) of each linear simplex of the region, for the pairs of its edges [J/m^4].
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
         if self.wrinkling:
             raise MaterialError(
                 "StVK(wrinkling=True) has no coefficients of edges: where a membrane wrinkles, its energy is not quadratic in "

@@ -45,19 +45,26 @@ class InTime(ABC):
 class Ramp(InTime):
     """A value that grows from 0 to its full size at a constant rate, and keeps it.
 
+    ::
+
         f(t) = value min(1, max(0, (t - start)/(until - start)))
 
     Parameters
     ----------
-    value : a number, or one to three components.
-    until : time at which it reaches its full size [s].
-    start : time until which it is 0 [s], before `until`.
+    value
+        Value, a number or one to three components.
+    until
+        Time at which it reaches its full size [s].
+    start
+        Time until which it is 0 [s], before `until`.
 
     Raises
     ------
     LoadError
         for values that are not finite numbers, and for `until` that is not after `start`.
 
+    Examples
+    --------
     >>> push = Ramp((0, 0, -2e6), until=0.1)
     >>> push(0.05), push(1.0)
     ((0.0, 0.0, -1000000.0), (0.0, 0.0, -2000000.0))
@@ -85,15 +92,20 @@ class Sine(InTime):
 
     Parameters
     ----------
-    value : the amplitude, a number, or one to three components.
-    frequency : cycles per time [Hz], positive.
-    phase : angle at t = 0 [rad]; pi/2 makes it a cosine.
+    value
+        Amplitude, a number, or one to three components.
+    frequency
+        Number of cycles per time [Hz], positive.
+    phase
+        Angle at t = 0 [rad]; pi/2 makes it a cosine.
 
     Raises
     ------
     LoadError
         for values that are not finite numbers, and a frequency that is not positive.
 
+    Examples
+    --------
     >>> shake = Sine(0.01, frequency=2.0)
     >>> shake(0.125), round(shake(0.25), 12)
     (0.01, 0.0)
@@ -117,15 +129,20 @@ class Table(InTime):
 
     Parameters
     ----------
-    value : a number, or one to three components.
-    times : (n,) ascending, n >= 1 [s].
-    factors : (n,) factors of the value at these times.
+    value
+        Value, a number or one to three components.
+    times
+        (n,) ascending times, n >= 1 [s].
+    factors
+        (n,) factors of the value at these times.
 
     Raises
     ------
     LoadError
         for values that are not finite numbers, times that do not ascend, and a number of factors other than that of times.
 
+    Examples
+    --------
     >>> knock = Table(5.0, times=[0.0, 1e-3, 2e-3], factors=[0, 1, 0])
     >>> knock(5e-4), knock(2.0)
     (2.5, 0.0)

@@ -17,14 +17,20 @@ class VolumeEnergy:
 
     Attributes
     ----------
-    number : its number in the kernels.
-    density, slope, curvature : `psi`, `psi'` and `psi''`.
-    least : smallest stiffness over `lam + 2 mu` for which confined compression has no limit point.
-    usual : the default stiffness over `lam + 2 mu`. With the least stiffness, a cube with both ends constrained still buckles in
+    number
+        Number of the energy in the kernels.
+    density, slope, curvature
+        Functions `psi`, `psi'` and `psi''` of `e`.
+    least
+        Smallest stiffness over `lam + 2 mu` for which confined compression has no limit point.
+    usual
+        The default stiffness over `lam + 2 mu`. With the least stiffness, a cube with both ends constrained still buckles in
         crushing. With this one it is stable to 60 % (except "quadratic" at nu = 0; `docs/volume-penalty.md`).
 
+    Notes
+    -----
     In uniaxial strain `s` the nominal stress of a St. Venant-Kirchhoff material is `H/2 (s^3 - s)` with `H = lam + 2 mu`, and `J =
-    s`. With the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if
+    s`. With the penalty it is `H/2 (s^3 - s) + k psi'(s)`, which rises with `s` for all `0 < s < 1` if::
 
         k/H >= least = max over s of (1 - 3 s^2) / (2 psi''(s))
 

@@ -24,7 +24,7 @@ class VolumePenalty:
     """Resistance to the loss of volume: `W = integral of psi(J) dV` over elements at rest, `J` the ratio of their signed volumes.
 
     A St. Venant-Kirchhoff material softens in compression, and an inverted element has the same energy as its mirror image. With
-    this term the element resists. `J` is 1 at rest for both orientations, and below zero for inverted elements.
+    this term the element resists. `J` is 1 at rest for both orientations, and below zero for inverted elements::
 
         "barrier"        psi = -k (J - 1)^2 ln J for J < 1, otherwise 0    unbounded as J falls to 0; no state has J <= 0
         "compression"    psi = k/3 (1 - J)^3 for J < 1, otherwise 0        also for J <= 0
@@ -38,13 +38,16 @@ class VolumePenalty:
 
     Parameters
     ----------
-    stiffness : `k` [Pa], a number or one value per element of the region. By default the usual `c (lam + 2 mu)` of the material on
-        each element: c = 0.15 ("barrier"), 0.8 ("compression"), 1 ("quadratic"). The least for which confined compression has no
+    stiffness
+        Stiffness `k` [Pa], a number or one value per element of the region. By default the usual `c (lam + 2 mu)` of the material
+        on each element: c = 0.15 ("barrier"), 0.8 ("compression"), 1 ("quadratic"). The least for which confined compression has no
         limit point is 0.025802, 0.27526 and 1/2. For anisotropic materials `lam + 2 mu` is the largest of `C_1111, C_2222, C_3333`
         in material axes.
-    kind : kind of the energy. "barrier" keeps elements from inverting, whatever the load; "compression" also pushes inverted
-        elements back.
-    region : as in `StVK`.
+    kind
+        Kind of the energy. "barrier" keeps elements from inverting, whatever the load; "compression" also pushes inverted elements
+        back.
+    region
+        Elements on which the penalty acts, as in `StVK`.
 
     Raises
     ------
@@ -57,6 +60,8 @@ class VolumePenalty:
     StateError
         by all evaluations of the system, with the ids, if "barrier" meets inverted or flat elements.
 
+    Examples
+    --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTet().refined(1)
@@ -81,7 +86,15 @@ class VolumePenalty:
         own(self)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
-        """Return the penalty of a body; a mesh alone has thickness or area 1, and requires a stiffness."""
+        """Return the penalty of a body; a mesh alone has thickness or area 1, and requires a stiffness.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
         body = body if isinstance(body, Body) else Body(body, [])
         mesh = body.mesh
         elements, k = mesh.elements(self.region), self.moduli(body)
@@ -89,7 +102,18 @@ class VolumePenalty:
         return PENALTY(mesh.p, mesh.t[:, elements], stiffness, body.quadrature, dtype, elements=elements)
 
     def moduli(self, body: Body) -> Array:
-        """Return the stiffness (n,) of the elements of the region [Pa]. Raises the errors of `bind`."""
+        """Return the stiffness (n,) of the elements of the region [Pa].
+
+        Parameters
+        ----------
+        body
+            Body with its materials.
+
+        Raises
+        ------
+        MaterialError, RegionError
+            as `VolumePenalty`, when it is bound.
+        """
         mesh = body.mesh
         if mesh.k < mesh.d:
             raise MaterialError(
@@ -112,7 +136,17 @@ class VolumePenalty:
     def density_and_slope(self, e: Array, elements: NDArray[Any]) -> tuple[Array, Array]:
         """Return `psi` and `psi'` (n,) for a stiffness of 1 at `e = J - 1` of these elements.
 
-        Raises StateError for inverted or flat elements, where the barrier is infinite.
+        Parameters
+        ----------
+        e
+            (n,) volume ratios minus 1.
+        elements
+            (n,) ids of the elements, for messages.
+
+        Raises
+        ------
+        StateError
+            for inverted or flat elements, where the "barrier" is infinite.
         """
         energy = ENERGIES[self.kind]
         if self.kind == "barrier" and e.min() <= -1:

@@ -22,8 +22,9 @@ class Explicit(Integrator):
 
     Parameters
     ----------
-    dt : time step [s]. By default it is 0.85 of the critical step, updated as the body deforms, and shorter after a motion has
-        blown up.
+    dt
+        Time step [s]. By default it is 0.85 of the critical step, updated as the body deforms, and shorter after a motion has blown
+        up.
     """
 
     explicit: ClassVar[bool] = True
@@ -78,11 +79,25 @@ class ExplicitStepper(Stepper):
 class ForwardEuler(Explicit):
     """Forward Euler as in Kikuuwe (2009), eq. 4: the new velocity moves the body.
 
+    ::
+
         v <- v + T M^-1 (h - D v - F(p))        p <- p + T v
 
     Other authors call it semi-implicit or symplectic Euler. The error of its energy is O(T), but does not drift. It is stable below
     `T = 2 / omega_max`.
 
+    Parameters
+    ----------
+    dt
+        Time step [s]. By default it is 0.85 of the critical step, updated as the body deforms, and shorter after a motion has blown
+        up.
+
+    Notes
+    -----
+    Source: Kikuuwe (2009), eq. 4.
+
+    Examples
+    --------
     >>> ForwardEuler(dt=1e-4).order, sorted(ForwardEuler.conserves)
     (1, ['angular momentum', 'linear momentum'])
     """
@@ -117,12 +132,22 @@ class ForwardEulerStepper(ExplicitStepper):
 class VelocityVerlet(Explicit):
     """Velocity Verlet, the central differences of structural dynamics (Newmark's beta = 0, gamma = 1/2).
 
+    ::
+
         v(1/2) = v + T/2 a        u <- u + T v(1/2)        a <- M^-1 (h - D (v + T a) - F(u))        v <- v(1/2) + T/2 a
 
     It needs one force per step, is symplectic, and is reversible without damping. It is stable below `T = 2 / omega_max`. With
     damping, which is evaluated at a predicted velocity, the limit is `2/omega (sqrt(1 + 4 xi^2) - 2 xi)`, because damping counts
     twice.
 
+    Parameters
+    ----------
+    dt
+        Time step [s]. By default it is 0.85 of the critical step, updated as the body deforms, and shorter after a motion has blown
+        up.
+
+    Examples
+    --------
     >>> VelocityVerlet().order, VelocityVerlet.reversible
     (2, True)
     """

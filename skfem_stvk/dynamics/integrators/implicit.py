@@ -30,10 +30,14 @@ class Implicit(Integrator):
 
     Parameters
     ----------
-    dt : time step [s].
-    tangent : tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
-    solver : linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
-    rtol : tolerance of the residual, relative to the forces, including those of inertia.
+    dt
+        Time step [s].
+    tangent
+        Tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
+    solver
+        Linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
+    rtol
+        Tolerance of the residual, relative to the forces, including those of inertia.
     """
 
     explicit: ClassVar[bool] = False

@@ -23,9 +23,12 @@ class Stepper(ABC):
 
     Attributes
     ----------
-    energy : strain energy of the last state [J], of the terms that have one.
-    counts : iterations of its steps so far.
-    watch : stopwatch of its steps.
+    energy
+        Strain energy of the last state [J], of the terms that have one.
+    counts
+        Iterations of its steps so far.
+    watch
+        Stopwatch of its steps.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -62,14 +65,20 @@ class Integrator(ABC):
 
     Attributes
     ----------
-    dt : time step [s].
-    order : order in `dt` of the error of displacements and velocities.
-    conserves : those of "linear momentum", "angular momentum" and "energy" that a free body conserves, to round-off or to the
+    dt
+        Time step [s].
+    order
+        Order in `dt` of the error of displacements and velocities.
+    conserves
+        Quantities among "linear momentum", "angular momentum" and "energy" that a free body conserves, to round-off or to the
         tolerance of the solves.
-    reversible : whether a step with opposite velocities leads back.
-    explicit : whether it needs forces only, at steps below a limit.
-    conserves_reduced : `conserves` for a motion on the basis of a `ReducedSystem`, which is constrained and does not conserve
-        momenta; None if the integrator does not support such motions.
+    reversible
+        Whether a step with opposite velocities leads back.
+    explicit
+        Whether it needs forces only, at steps below a limit.
+    conserves_reduced
+        Value of `conserves` for a motion on the basis of a `ReducedSystem`, which is constrained and does not conserve momenta;
+        None if the integrator does not support such motions.
     """
 
     order: ClassVar[int]

@@ -24,11 +24,14 @@ class Section(NamedTuple):
 
     Attributes
     ----------
-    head : expression for its first lines. The groups `nodes`, `cells` and `others` are numbers of entries, in this order.
-    widths : numbers of an entry for each of these groups.
-    by_first : numbers per cell by its first number, instead of a width; all cells may be followed by the same number of other
-        numbers.
-    repeats : whether the section may occur several times; the group `repeated` of another head states the number.
+    head
+        Expression for its first lines. The groups `nodes`, `cells` and `others` are numbers of entries, in this order.
+    widths
+        Numbers of an entry for each of these groups.
+    by_first
+        Numbers per cell by its first number, instead of a width; all cells may be followed by the same number of other numbers.
+    repeats
+        Whether the section may occur several times; the group `repeated` of another head states the number.
     """
 
     head: str
@@ -42,10 +45,14 @@ class Text(NamedTuple):
 
     Attributes
     ----------
-    comments : beginnings of lines that are left out.
-    needed : first words of heads that must be there.
-    sections : all allowed sections, in any order.
-    numbered : whether the entries of nodes and cells begin with 0, 1, ... or 1, 2, ...
+    comments
+        Beginnings of lines that are left out.
+    needed
+        First words of heads that must be there.
+    sections
+        All allowed sections, in any order.
+    numbered
+        Whether the entries of nodes and cells begin with 0, 1, ... or 1, 2, ...
     """
 
     comments: tuple[str, ...]

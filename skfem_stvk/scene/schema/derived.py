@@ -42,9 +42,12 @@ def derived(
 
     Parameters
     ----------
-    tag, kind : the key that distinguishes this table from others, and its value: "type", "gravity".
-    base : class with the methods of the table.
-    keys : types and defaults of its keys, by default those of the declared parameters.
+    tag, kind
+        The key that distinguishes this table from others, and its value: "type", "gravity".
+    base
+        Class with the methods of the table.
+    keys
+        Types and defaults of its keys, by default those of the declared parameters.
     """
     name = "".join(word.capitalize() for word in kind.split("-")) + base.__name__.removeprefix("Any")
     keys = keys_of(library) if keys is None else keys

@@ -1,0 +1,102 @@
+"""Public docstrings follow numpydoc: sections, all parameters with shapes and units, and examples."""
+
+import inspect
+import re
+from functools import cached_property
+from itertools import pairwise
+from types import FunctionType
+
+import pytest
+from numpydoc.validate import validate
+
+import skfem_stvk
+
+LEFT_OUT = {
+    "PR04": "types are annotations, which mypy checks",
+    "SA01": "pages of the docs link to related names",
+    "ES01": "a summary that says everything needs no extended summary",
+}
+LEFT_OUT_OF_MEMBERS = {
+    "EX01": "the example of the class calls them",
+    "RT01": 'the summary says "Return ...", with shape and unit',
+}
+LEFT_OUT_OF_RESULTS = {"PR01": "no user calls the constructor of a class that documents Attributes alone"}
+
+
+def members(cls):
+    """Public functions and properties that a class defines itself."""
+    kinds = (FunctionType, property, cached_property, classmethod, staticmethod)
+    return [name for name, member in vars(cls).items() if name[0] != "_" and isinstance(member, kinds)]
+
+
+PUBLIC = [name for name in skfem_stvk.__all__ if callable(getattr(skfem_stvk, name))]
+CLASSES = [name for name in PUBLIC if inspect.isclass(getattr(skfem_stvk, name))]
+MEMBERS = [f"{name}.{member}" for name in CLASSES for member in members(getattr(skfem_stvk, name))]
+
+
+def documented_in_a_base_class(name):
+    """Whether a member without a docstring of its own overrides a documented one, so that tools show that docstring."""
+    owner, member = name.split(".")
+    family = getattr(skfem_stvk, owner).__mro__
+    docs = [getattr(vars(cls)[member], "__doc__", None) for cls in family if member in vars(cls)]
+    return not docs[0] and any(docs)
+
+
+def faults(name):
+    """Complaints about a public name or a member, as "code: message", without those that are left out."""
+    found = validate(f"skfem_stvk.{name}")
+    left_out = {**LEFT_OUT, **(LEFT_OUT_OF_MEMBERS if "." in name else {})}
+    titles = re.findall(r"^(\w+)\n-+$", found["docstring"], re.MULTILINE)
+    if "Attributes" in titles and "Parameters" not in titles:
+        left_out |= LEFT_OUT_OF_RESULTS
+    return [f"{code}: {text}" for code, text in found["errors"] if code not in left_out] + unmarked_blocks(found["docstring"])
+
+
+def unmarked_blocks(docstring):
+    """Indented paragraphs outside lists and sections that do not follow `::`, which Sphinx would show as quotations."""
+    paragraphs = re.split(r"\n\s*\n", re.split(r"\n(?=\w+\n-+\n)", docstring)[0])
+    indented = [(before, block) for before, block in pairwise(paragraphs) if block.startswith("    ")]
+    return [f"no '::' before {block}" for before, block in indented if not before.endswith("::") and not before.startswith("    ")]
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_docstrings_of_public_names_follow_numpydoc(name):
+    assert not faults(name)
+
+
+@pytest.mark.parametrize("name", [name for name in MEMBERS if not documented_in_a_base_class(name)])
+def test_docstrings_of_members_follow_numpydoc(name):
+    assert not faults(name)
+
+
+def test_most_public_names_have_members_that_are_checked():
+    assert len(PUBLIC) == len(set(PUBLIC)) > 70 and len(MEMBERS) > 150
+    assert "System.energy" in MEMBERS and not documented_in_a_base_class("System.energy")
+    assert documented_in_a_base_class("Ramp.factor")
+
+
+def toy(a, b):
+    """Return a sum::
+
+        a + b
+
+    Of two numbers
+
+        a b
+
+    Parameters
+    ----------
+    a
+        First number [m].
+    """
+    return a + b
+
+
+def test_faults_of_a_toy_docstring_are_reported(monkeypatch):
+    monkeypatch.setattr(skfem_stvk, "toy", toy, raising=False)
+    assert [fault.split(":")[0] for fault in faults("toy")] == ["SS03", "PR01", "RT01", "EX01", "no '"]
+
+
+def test_a_name_that_is_not_public_fails():
+    with pytest.raises(AttributeError):
+        faults("Nobody")
