@@ -27,7 +27,7 @@ Array = NDArray[Any]
 #: Longest path that operating systems accept [characters], and longest name of a file or folder in it [bytes].
 LONGEST_PATH, LONGEST_NAME = 4096, 255
 #: Largest integer of 64 bits.
-MOST = int(np.iinfo(np.int64).max)
+LARGEST_INT64 = int(np.iinfo(np.int64).max)
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
@@ -110,7 +110,12 @@ def number(
 
 
 def whole(
-    name: str, given: Any, expected: str = "a whole number", least: int = 0, most: int = MOST, error: type[StvkError] = StvkError
+    name: str,
+    given: Any,
+    expected: str = "a whole number",
+    least: int = 0,
+    most: int = LARGEST_INT64,
+    error: type[StvkError] = StvkError,
 ) -> int:
     """Return a whole number from `least` to `most`; a bool or 2.5 is refused.
 
@@ -237,7 +242,7 @@ def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, ki
         raise StateError(f"{name} {what}; expected ({n},) real numbers, one for each {each}{masked}.{of_result}")
     if values.shape != (n,):
         flat = f"Flatten it: {name}.ravel(), if its rows are vertices."
-        hint = flat if values.ndim > 1 and values.size == n else "Is it of another mesh or of second order?"
+        hint = flat if values.ndim > 1 and values.size == n else "The mesh or its degree may differ."
         raise StateError(f"{name} has shape {values.shape}; expected ({n},), one number for each {each}. {hint}")
     precision = values.dtype.newbyteorder("=") if values.dtype.char in "fdFD" else np.float64  # single and double, real and complex
     return np.ascontiguousarray(values, precision)

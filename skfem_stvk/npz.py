@@ -45,10 +45,10 @@ def arrays_of(file: Path | IO[bytes], wanted: Callable[[str], bool] = lambda nam
     {'u': array([1., 1.])}
     >>> arrays_of(io.BytesIO(b"hello"))
     Traceback (most recent call last):
-    skfem_stvk.npz.NotArrays: it is no whole .npz file (BadZipFile: File is not a zip file)
+    skfem_stvk.npz.NotArrays: it is not a complete .npz file (BadZipFile: File is not a zip file)
     """
     if isinstance(file, Path) and not file.is_file():
-        raise NotArrays("it is no regular file or not there")
+        raise NotArrays("it is missing or not a regular file")
     try:
         with ZipFile(file) as archive:
             return {
@@ -59,7 +59,7 @@ def arrays_of(file: Path | IO[bytes], wanted: Callable[[str], bool] = lambda nam
     except StvkError:
         raise
     except Exception as error:  # zipfile, its decoders, NumPy and Python's tokenizer raise many types for damaged bytes
-        raise NotArrays(f"it is no whole .npz file ({type(error).__name__}: {error})") from error
+        raise NotArrays(f"it is not a complete .npz file ({type(error).__name__}: {error})") from error
 
 
 def _array(archive: ZipFile, member: Any, largest: int) -> Array:

@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from .referee import Report
 
 MARKS = (
-    "stvk(**arguments): judged by skfem-stvk; the arguments are those of stvk_referee's assertions that they are not given. "
+    "stvk(**arguments): checked by skfem-stvk; the arguments are defaults of stvk_referee's assertions. "
     "Every test that uses stvk_referee has this mark: -m stvk, -m 'not stvk'.",
-    "stvk_meshes(*kinds): the kinds of elements of the fixture stvk_mesh, a test each; without it all that there are.",
+    "stvk_meshes(*kinds): the kinds of elements of the fixture stvk_mesh, one test for each; by default all kinds.",
 )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add `--stvk-report FOLDER`."""
     parser.getgroup("skfem-stvk").addoption(
-        "--stvk-report", metavar="FOLDER", help="write report.json and report.html of all that stvk_referee judges there"
+        "--stvk-report", metavar="FOLDER", help="write report.json and report.html of each check by stvk_referee to this folder"
     )
 
 

@@ -17,7 +17,7 @@ WIDTH = 124
 #: expected results; Ctrl-C.
 DONE, NOT_PASSED, BAD_INPUT, NOT_AS_EXPECTED, INTERRUPTED = 0, 1, 2, 3, 130
 #: Interval between lines of progress without a terminal [s].
-LINES = 5.0
+LINE_INTERVAL = 5.0
 
 Entered = TypeVar("Entered", bound="Progress")
 

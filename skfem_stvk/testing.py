@@ -19,7 +19,7 @@ from .materials import Material
 from .mesh import MeshLike
 from .referee import Report
 from .referee.law import verify_law
-from .referee.rendering import badness, story
+from .referee.rendering import error_over_limit, failure_in_words
 from .referee.results import CheckOutcome
 from .referee.verification import claimed_terms, verify_candidate
 from .terminal import as_text, printable
@@ -39,18 +39,18 @@ class Inconsistent(AssertionError):
     def __init__(self, report: Report, candidate: Any) -> None:
         self.report = report
         name = candidate if isinstance(candidate, str) else getattr(candidate, "__name__", type(candidate).__name__)
-        super().__init__(_story(report, name))
+        super().__init__(_failure_message(report, name))
 
 
-def _story(report: Report, name: str) -> str:
+def _failure_message(report: Report, name: str) -> str:
     """Return the message of a candidate that did not pass.
 
     The first line has the number of checks that did not pass. Then follow the identified bug, if identification was requested, and
     the worst failure of each check and quantity. The last lines have the first reason of each check that could not run somewhere.
     """
     failed, missed = report.counts[CheckOutcome.FAILED], report.counts[CheckOutcome.COULD_NOT_RUN]
-    asked = len(report.results) - report.counts[CheckOutcome.NOT_APPLICABLE]
-    numbers = f"{failed} of {asked} checks failed, {missed} could not run" if asked else "no check applies to it"
+    applicable = len(report.results) - report.counts[CheckOutcome.NOT_APPLICABLE]
+    numbers = f"{failed} of {applicable} checks failed, {missed} could not run" if applicable else "no check applies to it"
     lines = [f"{name} is not consistent: {numbers} (seed {report.header.get('seed', 0)})"]
     if report.named is not None:  # first, since JUnit's message has only the first lines
         lines += report.named.lines()
@@ -58,7 +58,7 @@ def _story(report: Report, name: str) -> str:
     for results in report.groups().values():
         worst = [result for result in results if result.outcome is CheckOutcome.FAILED]
         if worst:
-            lines.append(f"failed {len(worst)} of {len(results)}: {story(max(worst, key=badness))}")
+            lines.append(f"failed {len(worst)} of {len(results)}: {failure_in_words(max(worst, key=error_over_limit))}")
     reasons: dict[str, str] = {}
     for result in report.results:
         if result.outcome is CheckOutcome.COULD_NOT_RUN:
@@ -134,9 +134,9 @@ def assert_consistent(
     """
     __tracebackhide__ = True  # pytest shows the line of the test
     seed, homogeneous = whole("seed", seed, "a whole number from 0"), flag("homogeneous", homogeneous)
-    another = material is None and young is None and poisson is None
+    other_law = material is None and young is None and poisson is None
     given = {"degree": degree, "quadrature": quadrature, "hourglass": hourglass}
-    terms = None if another else claimed_terms(material, young, poisson)
+    terms = None if other_law else claimed_terms(material, young, poisson)
     report = verify_candidate(model, mesh, terms, homogeneous=homogeneous, given=given, seed=seed)
     if not report.passed:
         raise Inconsistent(report, model)

@@ -231,7 +231,7 @@ def test_options_of_an_integrator_are_keys_as_soon_as_it_is_registered(package):
     dense = {"steel": BAR["materials"]["steel"] | {"density": 1e3}}
     scene = Scene.of_data(BAR | {"materials": dense, "terms": terms, "analysis": motion})
     assert scene.built.integrator == Slowed(dt=1e-6, drag=0.25)
-    assert re.search(r"`drag` \| number >= 0 \|.*Of slowed: lost fraction of the velocity, by default 0.5", page())
+    assert re.search(r"`drag` \| number >= 0 \|.*For slowed: lost fraction of the velocity, by default 0.5", page())
     for wrong, said in (({"drag": -1.0}, "greater than or equal to 0"), ({"integrator": "drift-kick"}, "is an option of slowed")):
         with pytest.raises(SceneError, match=rf"analysis\.drag: .*{said}"):
             Scene.of_data(BAR | {"materials": dense, "terms": terms, "analysis": motion | wrong})

@@ -113,7 +113,7 @@ def with_negative_stiffness(K, u):
         "doubled F",
         "K",
         "skew K",
-        "energy of a location",
+        "energy of position",
         "lone force",
         "self-balanced forces on neighbours",
         "nan",

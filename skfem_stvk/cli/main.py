@@ -77,18 +77,22 @@ def _parser() -> argparse.ArgumentParser:
 COMMANDS = {
     "init": Command(scenes.init, "print a commented example of a scene", scenes.init_arguments),
     "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments),
-    "sweep": Command(scenes.solve_product, "solve a scene with the product of values, in processes", scenes.sweep_arguments),
-    "verify": Command(referee.check, "hold W, F and K against scikit-fem's on a mesh", referee.verify_arguments),
+    "sweep": Command(
+        scenes.solve_product, "solve a scene for all combinations of values, in parallel processes", scenes.sweep_arguments
+    ),
+    "verify": Command(referee.check, "check W, F and K against scikit-fem's on a mesh", referee.verify_arguments),
     "verify-law": Command(
         referee.check_law, "check W(F), stress and tangent of a law, without a mesh", referee.verify_law_arguments
     ),
     "export": Command(referee.export, "write test vectors for codes that are not Python", referee.export_arguments),
     "bench": Command(
-        referee.name_the_benchmark, "the command of the benchmark, which is in a checkout of the project", referee.bench_arguments
+        referee.name_the_benchmark,
+        "print the command of the benchmark, which needs a checkout of the project",
+        referee.bench_arguments,
     ),
     "warm-up": Command(warm_up.warm_up, "compile kernels ahead, on all cores", warm_up.add_arguments),
     "info": Command(
-        scenes.info, "what would be built of a scene or a mesh, and what is wrong with it; alone: versions", scenes.info_arguments
+        scenes.info, "inspect a scene or a mesh, and report its faults; without a file: versions", scenes.info_arguments
     ),
 }
 

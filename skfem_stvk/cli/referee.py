@@ -17,10 +17,10 @@ from ..arguments import path
 from ..errors import StvkError
 from ..mesh import ElementMesh, embedded_mesh, read_mesh
 from ..peers import PEERS
-from ..referee.against import opponent
+from ..referee.against import peer_candidate
+from ..referee.implementations import users_function
 from ..referee.law import verify_law
 from ..referee.law_readings import MEASURES, ORDERS, TANGENTS
-from ..referee.players import users_function
 from ..referee.read_back import folders_of_results, verify_results
 from ..referee.rendering import rendered
 from ..referee.report import Report
@@ -39,27 +39,31 @@ def _add_body(parser: argparse.ArgumentParser, without: str) -> None:
     parser.add_argument("mesh", nargs="?", help=f"mesh file; by default {without}")
     parser.add_argument("--young", type=float, help="Young's modulus [Pa]")
     parser.add_argument("--poisson", type=float, help="Poisson's ratio")
-    parser.add_argument("--degree", type=int, help="1 or 2: of the shape functions of simplices, by default the mesh's")
-    parser.add_argument("--seed", type=int, default=0, help="of the random states, 0 by default")
+    parser.add_argument(
+        "--degree", type=int, help="degree of the shape functions of simplices, 1 or 2; by default that of the mesh"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random states; 0 by default")
 
 
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk verify`."""
-    _add_body(parser, "an embedded bracket of two materials")
+    _add_body(parser, "a built-in bracket of two materials")
     parser.add_argument("--quadrature", help="exact, or one-point for quadrilaterals and hexahedra; by default the usual rule")
     parser.add_argument("--hourglass", type=float, help="coefficient of the hourglass control of one-point elements")
     parser.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
     parser.add_argument(
         "--self-test",
         action="store_true",
-        help="hold the referee itself against planted faults, and print which check catches which",
+        help="test the referee itself with planted faults, and print which check detects which fault",
     )
     parser.add_argument(
-        "--against", metavar="CODE", help=f"judge another code as well: {', '.join(PEERS)}, module:function, or jax:module:function"
+        "--against", metavar="CODE", help=f"check another code as well: {', '.join(PEERS)}, module:function, or jax:module:function"
     )
     parser.add_argument("--python", metavar="PATH", help="Python of another environment, which has the peer of --against")
-    parser.add_argument("--results", metavar="FOLDER", help="judge what another program computed from test vectors (export)")
-    parser.add_argument("--vectors", metavar="FOLDER", help="the vectors of --results, if they are not in the same folder")
+    parser.add_argument(
+        "--results", metavar="FOLDER", help="check results that another program computed from test vectors (export)"
+    )
+    parser.add_argument("--vectors", metavar="FOLDER", help="the vectors of --results, if they are in another folder")
 
 
 def check(options: argparse.Namespace) -> int:
@@ -71,46 +75,46 @@ def check(options: argparse.Namespace) -> int:
     if options.results is not None:
         return _check_results(options)
     if options.vectors is not None:
-        raise StvkError("--vectors are those of --results; add --results FOLDER, the folder of what was computed from them.")
+        raise StvkError("--vectors needs --results; add --results FOLDER, the folder of the results that were computed from them.")
     mesh, terms = _body(options)
-    how = {name: getattr(options, name) for name in ("degree", "quadrature", "hourglass")}
+    options_of_elements = {name: getattr(options, name) for name in ("degree", "quadrature", "hourglass")}
     if options.against is None and options.python is not None:
-        raise StvkError("--python is that of --against; add --against NAME, one of " + ", ".join(PEERS) + ".")
+        raise StvkError("--python needs --against; add --against NAME, one of " + ", ".join(PEERS) + ".")
     if options.against is not None and options.degree is not None:
-        mesh, how["degree"] = mesh.with_degree(options.degree), None
-    with _opponent(options, mesh) as (candidate, line):
-        report = verify(mesh, terms, **how, candidate=candidate, seed=options.seed)
+        mesh, options_of_elements["degree"] = mesh.with_degree(options.degree), None
+    with _candidate_of_option(options, mesh) as (candidate, line):
+        report = verify(mesh, terms, **options_of_elements, candidate=candidate, seed=options.seed)
     report.header["candidate"] = [line] if line else []
     report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
-    return _given(report, options.out)
+    return _print_report(report, options.out)
 
 
-def _opponent(options: argparse.Namespace, mesh: ElementMesh) -> AbstractContextManager[tuple[Any, str]]:
+def _candidate_of_option(options: argparse.Namespace, mesh: ElementMesh) -> AbstractContextManager[tuple[Any, str]]:
     """Return the peer that `--against` names, and a line on it; None without this option."""
     if options.against is None:
         return nullcontext((None, ""))
     if options.young is None or options.poisson is None:
-        raise StvkError("--against needs --young (Pa) and --poisson: other codes are given one material everywhere.")
+        raise StvkError("--against needs --young (Pa) and --poisson: other codes get one material everywhere.")
     if options.quadrature is not None:
-        raise StvkError("--quadrature beside --against: other codes have the usual rule. Leave it out.")
-    return opponent(options.against, mesh, options.young, options.poisson, options.python)
+        raise StvkError("--quadrature with --against: other codes use the usual rule. Leave --quadrature out.")
+    return peer_candidate(options.against, mesh, options.young, options.poisson, options.python)
 
 
 def _check_the_referee(options: argparse.Namespace) -> int:
     """Run the referee's own test."""
-    _refuse_a_body(options, "--self-test: faults are planted in small bodies of its own", "results", "vectors", "against", "python")
+    _refuse_a_body(options, "--self-test: it uses small bodies of its own", "results", "vectors", "against", "python")
     found = self_test(seed=options.seed)
-    give(found.rendered, WIDTH, found.save, options.out, "self-test.json and self-test.html")
+    print_and_save(found.rendered, WIDTH, found.save, options.out, "self-test.json and self-test.html")
     return DONE if found.passed else NOT_PASSED
 
 
-def _refuse_a_body(options: argparse.Namespace, beside: str, *others: str) -> None:
+def _refuse_a_body(options: argparse.Namespace, option: str, *others: str) -> None:
     """Refuse a mesh, a material and options of elements, and others."""
     names = ("young", "poisson", "degree", "quadrature", "hourglass", *others)
     given = [f"--{name}" for name in names if getattr(options, name) is not None]
     given += ["a mesh"] if options.mesh is not None else []
     if given:
-        raise StvkError(f"{', '.join(given)} beside {beside}. Leave them out.")
+        raise StvkError(f"{', '.join(given)} with {option}. Leave them out.")
 
 
 def _check_results(options: argparse.Namespace) -> int:
@@ -120,17 +124,17 @@ def _check_results(options: argparse.Namespace) -> int:
     for folder in folders:
         vectors = None
         if options.vectors is not None:
-            own = Path(options.vectors) / folder.name
-            vectors = own if own.is_dir() else options.vectors
+            subfolder = Path(options.vectors) / folder.name
+            vectors = subfolder if subfolder.is_dir() else options.vectors
         report = verify_results(folder, vectors)
         out = options.out if options.out is None or len(folders) == 1 else str(Path(options.out) / folder.name)
-        passed = _given(report, out) == DONE and passed
+        passed = _print_report(report, out) == DONE and passed
     return DONE if passed else NOT_PASSED
 
 
-def _given(report: Report, folder: str | None) -> int:
+def _print_report(report: Report, folder: str | None) -> int:
     """Write a report and print it; exit code 0 if all passed."""
-    give(partial(rendered, report), WIDTH, report.save, folder, "report.json and report.html")
+    print_and_save(partial(rendered, report), WIDTH, report.save, folder, "report.json and report.html")
     return DONE if report.passed else NOT_PASSED
 
 
@@ -139,18 +143,18 @@ def verify_law_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("energy", nargs="?", help="module:function or file.py:function: the energy density W(F), one number")
     parser.add_argument("--stress", metavar="FUNCTION", help="module:function of the stress")
     parser.add_argument("--elasticity", metavar="FUNCTION", help="module:function of the tangent")
-    parser.add_argument("--young", type=float, help="Young's modulus [Pa] of the St. Venant-Kirchhoff law that it claims to be")
+    parser.add_argument("--young", type=float, help="Young's modulus [Pa] of the claimed St. Venant-Kirchhoff law")
     parser.add_argument("--poisson", type=float, help="its Poisson's ratio")
     parser.add_argument("--plane", choices=("strain", "stress"), help="its hypothesis in two dimensions")
     parser.add_argument("--dimension", type=int, help="2 or 3; by default 3, or 2 with --plane")
-    parser.add_argument("--measure", choices=MEASURES, help="which stress it is; by default guessed")
-    parser.add_argument("--tangent", choices=TANGENTS, help="which tangent it is; by default guessed")
+    parser.add_argument("--measure", choices=MEASURES, help="stress measure; by default guessed")
+    parser.add_argument("--tangent", choices=TANGENTS, help="kind of tangent; by default guessed")
     parser.add_argument("--voigt", choices=(*ORDERS, "12"), help="the order of shear in Voigt arrays; by default guessed")
     parser.add_argument(
         "--engineering", action=argparse.BooleanOptionalAction, help="a Voigt matrix acts on engineering shear; by default guessed"
     )
     parser.add_argument("--out", metavar="FOLDER", help="write report.json and report.html there")
-    parser.add_argument("--seed", type=int, default=0, help="of the deformation gradients, 0 by default")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the deformation gradients; 0 by default")
 
 
 def check_law(options: argparse.Namespace) -> int:
@@ -161,12 +165,12 @@ def check_law(options: argparse.Namespace) -> int:
     if options.young is not None or options.poisson is not None:
         claims = StVK(young=options.young, poisson=options.poisson, plane=options.plane)
     elif options.plane is not None:
-        raise StvkError("--plane is that of the law that is claimed; add --young (Pa) and --poisson, or say --dimension 2.")
+        raise StvkError("--plane needs a claimed law; add --young (Pa) and --poisson, or use --dimension 2.")
     named = {"energy": options.energy, "stress": options.stress, "elasticity": options.elasticity}
     functions: dict[str, Any] = {name: users_function(name, given) for name, given in named.items() if given is not None}
     how = {name: getattr(options, name) for name in ("dimension", "measure", "tangent", "voigt", "engineering", "seed")}
     report = verify_law(**functions, **how, claims=claims)
-    return _given(report, options.out)
+    return _print_report(report, options.out)
 
 
 def export_arguments(parser: argparse.ArgumentParser) -> None:
@@ -183,7 +187,7 @@ def export(options: argparse.Namespace) -> int:
         given = [f"--{name}" for name in ("young", "poisson", "degree", "quadrature") if getattr(options, name) is not None]
         if given:
             raise StvkError(
-                f"{', '.join(given)} without a mesh: the published sets have theirs. Name a mesh file, or leave them out."
+                f"{', '.join(given)} without a mesh: the published sets have their own. Add a mesh file, or leave them out."
             )
         folders = [published_vectors(name).save(Path(options.out) / name) for name in PUBLISHED]
     else:
@@ -221,7 +225,7 @@ def _body(options: argparse.Namespace) -> tuple[ElementMesh, list[StVK]]:
 Rendering = Callable[[int], RenderableType]
 
 
-def give(rendering: Rendering, width: int, save: Callable[[str], object], folder: str | None, files: str) -> None:
+def print_and_save(rendering: Rendering, width: int, save: Callable[[str], object], folder: str | None, files: str) -> None:
     """Write results before anything is printed, as a closed pipe ends the program; errors of writing are raised after printing.
 
     Standard output is as wide as the terminal, or `width` if it is not a terminal.

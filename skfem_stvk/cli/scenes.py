@@ -37,15 +37,13 @@ OPTIONAL = {
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of all commands that take a scene."""
     parser.add_argument("scene", help="scene file (.toml)")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="another value, as analysis.dt=1e-5")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value, such as analysis.dt=1e-5")
 
 
 def init_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk init`."""
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument(
-        "--type", choices=list(templates.EXAMPLES), help="a commented example of this kind, which solves as it stands"
-    )
+    what.add_argument("--type", choices=list(templates.EXAMPLES), help="a commented example of this kind, ready to solve")
     what.add_argument("--keys", action="store_true", help="all keys of a scene: types, defaults, units, a sentence each (Markdown)")
     what.add_argument("--schema", action="store_true", help="JSON Schema, by which editors complete and check scenes")
 
@@ -60,10 +58,10 @@ def init(options: argparse.Namespace) -> int:
 def solve_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk solve`."""
     add_scene(parser)
-    parser.add_argument("--out", metavar="FOLDER", help="folder of results; by default beside the scene, named after it")
-    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in the folder of results")
+    parser.add_argument("--out", metavar="FOLDER", help="folder of results; by default next to the scene, with its name")
+    parser.add_argument("--resume", action="store_true", help="continue from the checkpoint in the folder of results")
     parser.add_argument("--force", action="store_true", help="replace the results of another run")
-    parser.add_argument("--threads", type=int, help="threads that kernels run on; by default one for each core")
+    parser.add_argument("--threads", type=int, help="number of threads of kernels; by default one for each core")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
@@ -81,7 +79,7 @@ def solve(options: argparse.Namespace) -> int:
     if outcome.exit_code == INTERRUPTED:
         settings = [part for one in changed for part in ("--set", one)]
         again = shlex.join(["skfem-stvk", "solve", options.scene, *settings, "--out", str(out), "--resume"])
-        text = f"{outcome.message.rstrip('.')}. Results so far are in {out}; go on with: {again}"
+        text = f"{outcome.message.rstrip('.')}. Results so far are in {out}; continue with: {again}"
         notes.print(f"[yellow]interrupted[/] {printable(text)}", soft_wrap=True)
     return outcome.exit_code
 
@@ -105,13 +103,13 @@ def sweep_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUES",
-        help="values of a key, as analysis.steps=5,10; several make a product",
+        help="values of a key, such as analysis.steps=5,10; several keys give all combinations",
     )
     parser.add_argument(
-        "--out", metavar="FOLDER", help="folder of all runs, the table and the plot; by default SCENE-sweep beside it"
+        "--out", metavar="FOLDER", help="folder of all runs, the table and the plot; by default SCENE-sweep next to it"
     )
     parser.add_argument("--jobs", type=int, help="runs at a time, each in a process; by default one for each core")
-    parser.add_argument("--force", action="store_true", help="replace runs of another scene, and solve again what failed")
+    parser.add_argument("--force", action="store_true", help="replace runs of another scene, and repeat failed runs")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
@@ -129,7 +127,7 @@ def info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--young", type=float, help="Young's modulus of the mesh's material [Pa]")
     parser.add_argument("--poisson", type=float, help="its Poisson's ratio")
     parser.add_argument("--density", type=float, help="its mass density [kg/m^3]")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="another value in a scene")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value in a scene")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     parser.add_argument("--footprint", action="store_true", help="elements, bytes and packages of each part of a scene")
 
@@ -175,9 +173,9 @@ def _caches() -> dict[str, str]:
     """Return the folder of compiled kernels, and whether it is writable."""
     folder = getattr(getattr(expand, "_cache", None), "cache_path", None)
     if folder is None:
-        return {"kernels kept in": "no folder: every process compiles. Set NUMBA_CACHE_DIR to one that can be written to"}
+        return {"kernels kept in": "no folder, so every process compiles. Set NUMBA_CACHE_DIR to a writable folder"}
     nearest = next(parent for parent in (Path(folder), *Path(folder).parents) if parent.exists())
-    writable = "writable" if os.access(nearest, os.W_OK | os.X_OK) else "NOT writable; set NUMBA_CACHE_DIR to a folder that is"
+    writable = "writable" if os.access(nearest, os.W_OK | os.X_OK) else "NOT writable; set NUMBA_CACHE_DIR to a writable folder"
     kept = len(list(Path(folder).glob("*.nbc")))
     return {"kernels kept in": f"{folder} ({kept} files, {writable})"}
 
@@ -185,14 +183,14 @@ def _caches() -> dict[str, str]:
 def _scene(options: argparse.Namespace) -> Scene:
     given = [f"--{name}" for name in MATERIAL if getattr(options, name) is not None]
     if given:
-        raise StvkError(f"{', '.join(given)}: a scene has materials of its own. Change them by --set materials.NAME.young=...")
+        raise StvkError(f"{', '.join(given)}: a scene defines its materials. Change them with --set materials.NAME.young=...")
     return Scene.read(options.file, options.set)
 
 
 def _footprint(options: argparse.Namespace) -> int:
     """Print elements, bytes and packages of each part of a scene."""
     if not (options.file or "").endswith(".toml"):
-        raise StvkError(f"--footprint is of a scene: got {options.file or 'no file'}; expected a scene file (.toml).")
+        raise StvkError(f"--footprint: got {options.file or 'no file'}; expected a scene file (.toml).")
     rows = footprint(_scene(options).built)
     if options.json:
         print(json.dumps([row._asdict() for row in rows], indent=1))

@@ -105,7 +105,7 @@ def warm_up(options: argparse.Namespace) -> int:
             for (element, law, work), found in in_processes(compile_kernels, waiting, min(len(waiting), jobs), 1):
                 progress.step(f"{element}, {law}: {work}")
                 if isinstance(found, Crashed):
-                    raise StvkError(f"The process that compiled {work} of {element}, {law}, ended at once. Is there memory left?")
+                    raise StvkError(f"The process that compiled {work} of {element}, {law}, ended at once. The memory may be full.")
                 if isinstance(found, str):
                     left_out.append((element, law))
                     progress.print(f"{element}, {law}: {found}")

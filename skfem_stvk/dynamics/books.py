@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, shown
 from ..errors import StvkError
 from ..mesh.locations import Where, vertices_at
-from ..results.reactions import held_vertices
+from ..results.reactions import constrained_vertices
 from ..system import System
 from ..system.coordinates import Coordinates
 from .ledger import Ledger
@@ -152,7 +152,7 @@ class LedgerPlaces(NamedTuple):
         """
         places, supports = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
         moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in places.items()}
-        held_up = {name: held_vertices(system, where, f"reaction {name!r}") for name, where in supports.items()}
+        held_up = {name: constrained_vertices(system, where, f"reaction {name!r}") for name, where in supports.items()}
         columns = column_names(system, moving, held_up)
         twice = sorted({name for name in columns if columns.count(name) > 1})
         if twice:

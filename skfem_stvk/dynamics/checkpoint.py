@@ -14,7 +14,7 @@ from pydantic import AllowInfNan, Field, NonNegativeFloat, NonNegativeInt, Posit
 from ..arguments import Array
 from ..errors import StvkError, name_ids, warn
 from ..nonlinear.problem import Tangent
-from ..results.files import NotOurs, output_folder, output_path
+from ..results.files import ForeignFile, output_folder, output_path
 from ..results.state_files import MOTION, MOTION_FILE
 from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
@@ -265,7 +265,7 @@ def load(file: Path) -> Saved:
             raise ValueError(f"numbers of the type {rows.dtype}")
         return Saved(header, method, arrays, Ledger(header.columns, rows))
     except (StvkError, KeyError, ValueError, TypeError) as error:
-        raise NotOurs(f"{file} is damaged: its ledger is missing, or none ({error}). {ANEW}") from None
+        raise ForeignFile(f"{file} is damaged: its ledger is missing, or none ({error}). {ANEW}") from None
 
 
 def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) -> LedgerPlaces:

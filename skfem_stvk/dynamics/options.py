@@ -15,7 +15,7 @@ from ..errors import StvkError
 from ..linear.choose import is_auto
 from ..mesh.displacements import by_vertex
 from ..mesh.locations import Where
-from ..results.files import Outlets
+from ..results.files import OutputFiles
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint, sums
@@ -48,7 +48,7 @@ class Options:
     probes: Mapping[str, Where] | None
     reactions: Mapping[str, Where] | None
     remove: Rule | None
-    outlets: Outlets
+    outlets: OutputFiles
     checkpoint: MotionCheckpoint | None
 
     def start(self, system: System) -> dict[str, list[float]]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.progress import BarColumn
 
-from ..terminal import LINES, Progress, duration
+from ..terminal import LINE_INTERVAL, Progress, duration
 
 #: Interval between two updates on a terminal [s], and number of updates over which steps/s are averaged.
 REFRESH, WINDOW = 0.25, 10
@@ -25,7 +25,7 @@ class MotionProgress(Progress):
 
     def __init__(self, header: str, ledger: Mapping[str, Any], done: int, quiet: bool) -> None:
         super().__init__("dynamics", quiet, (BarColumn(24),), auto_refresh=False)
-        self._header, self._ledger, self._every = header, ledger, LINES if self._bar is None else REFRESH
+        self._header, self._ledger, self._every = header, ledger, LINE_INTERVAL if self._bar is None else REFRESH
         self._number = self._steps = self._done = done
         self._next = float("inf")
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import StvkError, StvkWarning, name_ids
 from ..linear.choose import solver_names
-from ..results.files import NotOurs
+from ..results.files import ForeignFile
 from ..results.store import refusing_damage
 from ..system import System
 from ..system.coordinates import Coordinates
@@ -42,7 +42,7 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
     start |= ({BASIS: []} if BASIS in then else {}) | basis_of(motion)
     removed, removed_at = saved.removed
     if not (removed.ndim == removed_at.ndim == 1 and removed.dtype.kind == "i" and np.unique(removed).size == removed_at.size):
-        raise NotOurs(f"{file} is damaged: the elements that it took out are none. {ANEW}")
+        raise ForeignFile(f"{file} is damaged: the elements that it took out are none. {ANEW}")
     first = system_at_first(system, removed, removed_at, file)
     problem = Fingerprint("motion", first, described(motion, integrator, options.remove), header.problem.moments, start)
     again = "Give the same again, or leave it out, to resume it. To start anew: overwrite=True, without resume."
@@ -94,4 +94,4 @@ def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
             raise ValueError(f"solver = {options['solver']!r}")
         return INTEGRATORS[kept.name](**options)
     except (KeyError, TypeError, ValueError) as error:
-        raise NotOurs(f"{file} is damaged: there is no integrator {kept.name!r} with its options ({error}). {ANEW}") from None
+        raise ForeignFile(f"{file} is damaged: there is no integrator {kept.name!r} with its options ({error}). {ANEW}") from None

@@ -17,7 +17,7 @@ from ..mesh.locations import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.monitors import Finding
-from ..results.reactions import held_vertices
+from ..results.reactions import constrained_vertices
 from ..results.vtu import DEFAULT
 from ..system import System
 from .guards import from_nowhere
@@ -132,7 +132,7 @@ class Run:
         SupportError
             if there is no support and no foundation at this location.
         """
-        vertices = held_vertices(self.system, where)
+        vertices = constrained_vertices(self.system, where)
         since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
         return Reaction.of(self.system.mesh, self.u, self.motion.ground_forces(self.u, self.v, self.t, since), vertices)
 

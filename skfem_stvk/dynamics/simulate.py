@@ -13,7 +13,7 @@ from ..arguments import Array, flag, number, path
 from ..errors import LoadError, StvkError, SupportError, name_ids
 from ..mesh.displacements import by_vertex
 from ..mesh.locations import Where
-from ..results.files import Outlets
+from ..results.files import OutputFiles
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.protocol import ReducedLike, checked_system
@@ -159,7 +159,7 @@ def simulate(
         raise StvkError(f"The system is in {body.dtype}; expected float64: System(..., dtype=np.float64).")
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
     older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # supported until 1.0
-    outlets = Outlets.checked(
+    outlets = OutputFiles.checked(
         save=save,
         fields=fields,
         checkpoint=older if checkpoint is None else checkpoint,

@@ -161,11 +161,14 @@ class Elsewhere:
         return answer
 
     def _is_no_peer(self, error: Exception) -> StvkError:
-        return StvkError(f"The process of {self._python} answers what no peer does ({shown(error)}). Is it a Python?")
+        return StvkError(
+            f"The process of {self._python} gave an invalid answer ({shown(error)}). Check that it is a "
+            "Python interpreter with this package."
+        )
 
     def _last_words(self) -> str:
         self._said.seek(0)
-        return " ".join(self._said.read()[-2000:].decode("utf-8", "replace").split())[-500:] or "it said nothing"
+        return " ".join(self._said.read()[-2000:].decode("utf-8", "replace").split())[-500:] or "it printed nothing"
 
 
 def _introduced(answer: dict[str, Array]) -> tuple[str, str, list[str]]:

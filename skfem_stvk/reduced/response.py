@@ -26,7 +26,7 @@ from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.protocol import checked_system
 from ..system.signature import Fingerprint, sums
-from ..terminal import LINES, Progress, duration
+from ..terminal import LINE_INTERVAL, Progress, duration
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
 
 if TYPE_CHECKING:
@@ -394,7 +394,7 @@ class _GridProgress(Progress):
 
     def __init__(self, header: str, total: int, quiet: bool) -> None:
         super().__init__("response", quiet, (BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()))
-        self._total, self._begin, self._next = total, time.perf_counter(), time.perf_counter() + LINES
+        self._total, self._begin, self._next = total, time.perf_counter(), time.perf_counter() + LINE_INTERVAL
         self.print(header)
         self.show(total=total)
 
@@ -404,7 +404,7 @@ class _GridProgress(Progress):
         self.show(completed=done)
         if self._bar is None and now >= self._next:
             self.print(f"{done} of {self._total} solves, {duration(now - self._begin)}")
-            self._next = now + LINES
+            self._next = now + LINE_INTERVAL
 
 
 def _solved(solves: HandleSolves, kept: PointsCheckpoint | None, jobs: int, quiet: bool) -> Mapping[int, HandleState]:

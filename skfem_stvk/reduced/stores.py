@@ -53,7 +53,7 @@ class PointsCheckpoint(FolderStore[PointHeader]):
 
     def opened(self) -> None:
         for file in self.existing():
-            header, arrays = self.read_ours(file, "Name another folder, or remove what is there.")
+            header, arrays = self.read_own(file, "Name another folder, or remove what is there.")
             with refusing_damage(file, self.remedy):
                 if header.number > self._last or file != self.numbered(header.number):
                     raise ValueError(f"it is of point {header.number}, of {self._last + 1}")

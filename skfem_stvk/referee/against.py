@@ -14,7 +14,7 @@ from ..mesh.diagnostics import check_mesh
 from ..peers import PEERS, load
 from ..peers.elsewhere import Elsewhere
 from ..terms import StVK
-from .players import made, users_function
+from .implementations import make_candidate, users_function
 
 ARGUMENT = "--against"
 #: Peers that take the user's own energy density.
@@ -22,7 +22,9 @@ OF_DENSITIES = ("JAX", "PyTorch")
 
 
 @contextmanager
-def opponent(name: str, mesh: ElementMesh, young: float, poisson: float, python: str | None = None) -> Iterator[tuple[Any, str]]:
+def peer_candidate(
+    name: str, mesh: ElementMesh, young: float, poisson: float, python: str | None = None
+) -> Iterator[tuple[Any, str]]:
     """Yield another code on this body as a candidate, with a line that describes the code and its known deviations.
 
     The candidate is a function of a mesh, so that the smallest piece on which it fails can be found. A peer of another environment
@@ -58,15 +60,16 @@ def opponent(name: str, mesh: ElementMesh, young: float, poisson: float, python:
     package = PEERS[peer]
     if mesh.element.name not in package.elements or mesh.d != 3:
         raise StvkError(
-            f"{ARGUMENT} {peer}: the mesh has {mesh.kind}; {peer} is judged on {' or '.join(package.elements)} in 3D. Take another "
+            f"{ARGUMENT} = {peer}: the mesh has {mesh.kind}; expected {' or '.join(package.elements)} in 3D. Use another "
             f"mesh{', or --degree 1' if mesh.element.degree == 2 else ''}."
         )
     if function and (peer not in OF_DENSITIES or python is not None):
-        where = "in another environment" if peer in OF_DENSITIES else peer
+        where = "for another environment" if peer in OF_DENSITIES else f"for {peer}"
         raise StvkError(
-            f"{ARGUMENT} = {name[:80]!r}; a function is taken by {' and '.join(OF_DENSITIES)} of this environment, not {where}."
+            f"{ARGUMENT} = {name[:80]!r}; expected no function {where}: only {' and '.join(OF_DENSITIES)} of this environment take "
+            "one."
         )
-    known = f"known of it: {package.deviates}; tried {package.tried}" + (f"; {package.why}" if package.why else "")
+    known = f"known differences: {package.deviates}; tried {package.tried}" + (f"; {package.why}" if package.why else "")
     if python is not None:
         with Elsewhere(python, peer, mesh.p, mesh.t, young, poisson) as model:
             yield model, f"{model.name} {model.version} of {python}, {package.gives}; {known}"
@@ -76,8 +79,11 @@ def opponent(name: str, mesh: ElementMesh, young: float, poisson: float, python:
         options["density"] = users_function(ARGUMENT, function)
     make: Any = load(peer)
     of = partial(make, young=young, poisson=poisson, **options)
-    model = _made(peer, of, mesh)
-    yield _on(mesh, model, of), f"{f'{function} in ' if function else ''}{model.name} {model.version}, {package.gives}; {known}"
+    model = _make(peer, of, mesh)
+    yield (
+        _adapted(mesh, model, of),
+        f"{f'{function} in ' if function else ''}{model.name} {model.version}, {package.gives}; {known}",
+    )
 
 
 def _users(name: str, mesh: ElementMesh, young: float, poisson: float, python: str | None) -> tuple[Any, str]:
@@ -88,10 +94,10 @@ def _users(name: str, mesh: ElementMesh, young: float, poisson: float, python: s
     def of(p: Array, t: Array) -> Any:
         return make(p, t, young, poisson)
 
-    return _on(mesh, _made(name, of, mesh), of), f"what {name} gives"
+    return _adapted(mesh, _make(name, of, mesh), of), f"the result of {name}"
 
 
-def _on(mesh: ElementMesh, model: Any, of: Callable[[Array, Array], Any]) -> Callable[[ElementMesh], Any]:
+def _adapted(mesh: ElementMesh, model: Any, of: Callable[[Array, Array], Any]) -> Callable[[ElementMesh], Any]:
     """Return a function of a mesh that returns `model` for the whole mesh, and a new candidate for a piece of it.
 
     Pieces are needed if no hypothesis explains a failure.
@@ -99,6 +105,6 @@ def _on(mesh: ElementMesh, model: Any, of: Callable[[Array, Array], Any]) -> Cal
     return lambda piece: model if piece is mesh else of(piece.p.copy(), piece.t.copy())
 
 
-def _made(name: str, of: Callable[[Array, Array], Any], mesh: ElementMesh) -> Any:
+def _make(name: str, of: Callable[[Array, Array], Any], mesh: ElementMesh) -> Any:
     """Return the candidate that `of` makes from copies of `p` and `t`, because `of` may change them."""
-    return made(name, lambda: of(mesh.p.copy(), mesh.t.copy()), " It is to be made of (p, t, young, poisson).")
+    return make_candidate(name, lambda: of(mesh.p.copy(), mesh.t.copy()), " Expected a function of (p, t, young, poisson).")

@@ -34,13 +34,13 @@ def is_condensed(mesh: ElementMesh, term: StVK) -> bool:
     return mesh.k == 1 or (mesh.k == 2 and (mesh.d == 3 or term.plane == "stress"))
 
 
-def elasticity(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation | None = None) -> Array:
+def elasticity(mesh: ElementMesh, terms: Sequence[StVK], discretisation: Discretisation | None = None) -> Array:
     """Return the sum of the elasticity tensors of each element's terms, in its own axes, times its section (nt or 1, k, k, k, k).
 
     For surfaces and lines in space whose axes change within an element, the shape is (nt, nq, k, k, k, k), one tensor per point.
     """
-    how = Discretisation(mesh.element.name) if how is None else how
-    axes = element_axes(mesh.p, mesh.t, how.kind, how.points)
+    discretisation = Discretisation(mesh.element.name) if discretisation is None else discretisation
+    axes = element_axes(mesh.p, mesh.t, discretisation.kind, discretisation.points)
     if len(terms) == 1 and terms[0].region is None:
         return tensor_of(terms[0], mesh, axes)
     total = np.zeros((*axes.shape[:-2], *4 * (mesh.k,)))
@@ -50,7 +50,7 @@ def elasticity(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation | N
     return total
 
 
-def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation) -> Array:
+def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], discretisation: Discretisation) -> Array:
     """Return the hourglass coefficient times `lam + 2 mu` times section of each element, summed over all terms, (nt,).
 
     `lam + 2 mu` is taken within the elements' dimensions. For a material that is not isotropic, it is replaced by the largest of
@@ -63,7 +63,7 @@ def hourglass_control(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisat
         else:
             section = section_of(mesh, term)
             modulus = np.einsum("nii->ni", voigt_matrix(term.material))[:, :3].max(axis=1) * (1.0 if section is None else section)
-        total[mesh.elements(term.region)] += how.hourglass * modulus
+        total[mesh.elements(term.region)] += discretisation.hourglass * modulus
     return total
 
 
@@ -127,16 +127,16 @@ def section_of(mesh: ElementMesh, term: StVK) -> Array | None:
 
 
 def reference_on(
-    p: Array, t: NDArray[np.int32], tensor: Array, how: Discretisation, control: Array | None = None
+    p: Array, t: NDArray[np.int32], tensor: Array, discretisation: Discretisation, control: Array | None = None
 ) -> ReferenceStVK | ReferenceOnePoint:
     """Return the reference model of elements with these elasticity tensors.
 
     `control` is the result of `hourglass_control`, needed for one-point elements with mean gradients.
     """
-    if how.is_one_point:
+    if discretisation.is_one_point:
         assert control is not None
         return ReferenceOnePoint(p, t, tensor, control)
-    return ReferenceStVK(p, t, tensor, how.kind, how.points)
+    return ReferenceStVK(p, t, tensor, discretisation.kind, discretisation.points)
 
 
 @dataclass(frozen=True)
@@ -151,10 +151,10 @@ class Homogeneous:
     tensor: Array
     same: bool
 
-    def control(self, how: Discretisation) -> Array:
+    def control(self, discretisation: Discretisation) -> Array:
         """Return the hourglass coefficient `h (lambda + 2 mu)` [Pa] of this body, times its section, (1,)."""
         lam, mu = self.lame
-        return np.array([how.hourglass * (lam + 2 * mu)])
+        return np.array([discretisation.hourglass * (lam + 2 * mu)])
 
 
 def homogeneous_copy(mesh: ElementMesh, terms: Sequence[StVK], shape: Shape) -> Homogeneous:

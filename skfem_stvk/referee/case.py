@@ -19,8 +19,8 @@ from ..system import System
 from ..terms import StVK
 from .bodies import Homogeneous
 from .discretisation import Discretisation
+from .implementations import Implementation
 from .judgement import Limits, largest_component, largest_rows
-from .players import Player
 from .results import NotApplicable
 from .shape import Shape
 
@@ -31,11 +31,11 @@ STRETCH = "100 % stretch"
 INVERTED = ("large random", "reflected random")
 
 
-def built(mesh: ElementMesh, terms: Sequence[StVK], how: Discretisation) -> System:
+def built(mesh: ElementMesh, terms: Sequence[StVK], discretisation: Discretisation) -> System:
     """Return a body of this package without warnings, because they have been issued already or the mesh is only a piece."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
-        return System(mesh, terms, **how.options)
+        return System(mesh, terms, **discretisation.options)
 
 
 @dataclass
@@ -43,7 +43,7 @@ class Case:
     """Input of all checks.
 
     This package (`ours`) and a candidate are compared with the reference (`Truth`). `scikit_fem` is the assembly of all elements by
-    scikit-fem, used for timings. `states` are displacements (ndofs,) [m]. `bare` is the number of elements without a term.
+    scikit-fem, used for timings. `states` are displacements (ndofs,) [m]. `elements_without_term` counts elements.
     `precision` holds the rows of error against strain, which the check of precision fills. `candidate_is_homogeneous` matters only
     for laws other than St. Venant-Kirchhoff's. `build` makes the model of this package on other meshes: homogeneous copies and
     patches.
@@ -53,17 +53,17 @@ class Case:
     """
 
     shape: Shape
-    ours: Player
-    reference: Player
-    scikit_fem: Player
-    candidate: Player | None
+    ours: Implementation
+    reference: Implementation
+    scikit_fem: Implementation
+    candidate: Implementation | None
     states: dict[str, Array]
     seed: int
     homogeneous: Homogeneous
     candidate_is_stvk: bool = True
     candidate_is_homogeneous: bool = False
-    bare: int = 0
-    network: Player | None = None
+    elements_without_term: int = 0
+    network: Implementation | None = None
     by_edges: bool = False
     build: Callable[[ElementMesh, Sequence[StVK], Discretisation], Any] = built
     precision: list[dict[str, Any]] = field(default_factory=list)
@@ -77,12 +77,12 @@ class Case:
         return self.shape.mesh
 
     @property
-    def how(self) -> Discretisation:
+    def discretisation(self) -> Discretisation:
         """Kind of element and integration rule."""
-        return self.shape.how
+        return self.shape.discretisation
 
     @property
-    def players(self) -> list[Player]:
+    def implementations(self) -> list[Implementation]:
         """Models that are checked: this package, and the candidate if there is one."""
         return [self.ours] + ([self.candidate] if self.candidate else [])
 
@@ -90,26 +90,29 @@ class Case:
         """Return the case that compares the network with the reference, with the limits of the edge form, or None."""
         return None if self.network is None else replace(self, ours=self.network, candidate=None, by_edges=True)
 
-    def is_stvk(self, player: Player) -> bool:
-        """Return whether the player claims to be St. Venant-Kirchhoff."""
-        return player is not self.candidate or self.candidate_is_stvk
+    def is_stvk(self, implementation: Implementation) -> bool:
+        """Return whether the implementation claims to be St. Venant-Kirchhoff."""
+        return implementation is not self.candidate or self.candidate_is_stvk
 
-    def refuse_undefined(self, player: Player, state: str) -> None:
-        """Raise NotApplicable for states with possibly inverted elements, unless the player claims to be St. Venant-Kirchhoff.
+    def refuse_undefined(self, implementation: Implementation, state: str) -> None:
+        """Raise NotApplicable for states with possibly inverted elements, unless the implementation claims to be StVK.
 
         Other laws may be undefined there.
         """
-        if state in INVERTED and not self.is_stvk(player):
-            raise NotApplicable("elements may be inside out, where the candidate's law may not be defined")
+        if state in INVERTED and not self.is_stvk(implementation):
+            raise NotApplicable("elements may be inverted, where the candidate's law may be undefined")
 
-    def value(self, player: Player, quantity: str, state: str) -> Any:
-        """Return W, F or K of a player in a named state. Values of the latest state are cached, because several checks use them."""
+    def value(self, implementation: Implementation, quantity: str, state: str) -> Any:
+        """Return W, F or K of an implementation in a named state.
+
+        Values of the latest state are cached, because several checks use them.
+        """
         if state != self._state:
             self._state = state
             self._values.clear()
-        key = player.name, quantity
+        key = implementation.name, quantity
         if key not in self._values:
-            self._values[key] = getattr(player, quantity)(self.states[state])
+            self._values[key] = getattr(implementation, quantity)(self.states[state])
         return self._values[key]
 
     def random(self, name: str) -> np.random.Generator:
@@ -136,42 +139,42 @@ class Case:
         """Coordinates relative to the centre of the body [m], (nv, d). Rotations about the centre lose the fewest digits."""
         return (self.mesh.p - self.mesh.p.mean(axis=1, keepdims=True)).T
 
-    def stiffness(self, player: Player) -> Array:
+    def stiffness(self, implementation: Implementation) -> Array:
         """Return the largest entry of K at rest in the rows of each node [N/m], (nv,).
 
-        K is that of the reference, or for another law that of the player. If there is no matrix, one value for all nodes is
+        K is that of the reference, or for another law that of the implementation. If there is no matrix, one value for all nodes is
         estimated.
         """
-        judge = self.reference if self.is_stvk(player) else player
+        judge = self.reference if self.is_stvk(implementation) else implementation
         if judge.name not in self._stiffness:
             self._stiffness[judge.name] = self._at_rest(judge)
         return self._stiffness[judge.name]
 
-    def _at_rest(self, player: Player) -> Array:
+    def _at_rest(self, implementation: Implementation) -> Array:
         ndofs = self.mesh.p.size
-        if player.has("K"):
-            K = player.K(np.zeros(ndofs))
+        if implementation.has("K"):
+            K = implementation.K(np.zeros(ndofs))
             if issparse(K):
                 return largest_rows(K, self.mesh.d)
             estimate = float(np.abs(K @ self.random("scale").choice([-1.0, 1.0], size=ndofs)).max())
-        elif player.has("F"):
-            estimate = float(np.abs(player.F(self.states[STRETCH])).max()) / self.median_edge
+        elif implementation.has("F"):
+            estimate = float(np.abs(implementation.F(self.states[STRETCH])).max()) / self.median_edge
         else:
-            estimate = abs(player.W(self.states[STRETCH])) / self.median_edge**2
+            estimate = abs(implementation.W(self.states[STRETCH])) / self.median_edge**2
         return np.full(self.mesh.nv, estimate)
 
-    def force_floor(self, player: Player) -> Array:
+    def force_floor(self, implementation: Implementation) -> Array:
         """Return stiffness at rest x shortest edge of each node [N], (nv,). This is the scale of forces where F = 0."""
-        return self.stiffness(player) * self.node_size
+        return self.stiffness(implementation) * self.node_size
 
-    def force_scale(self, player: Player, *forces: Array) -> Array:
+    def force_scale(self, implementation: Implementation, *forces: Array) -> Array:
         """Return the largest of these forces (ndofs,) at each node and its neighbours, at least `force_floor` [N], (nv,)."""
         largest = np.max([largest_component(force, self.mesh.d) for force in forces], axis=0)
-        return np.maximum(self.limits.around(largest), self.force_floor(player))
+        return np.maximum(self.limits.around(largest), self.force_floor(implementation))
 
-    def energy_floor(self, player: Player) -> float:
+    def energy_floor(self, implementation: Implementation) -> float:
         """Return the median over nodes of stiffness at rest x shortest edge squared [J], the scale of energy where W = 0."""
-        floor = self.force_floor(player) * self.node_size
+        floor = self.force_floor(implementation) * self.node_size
         return float(np.median(floor[floor > 0])) if (floor > 0).any() else 0.0
 
     @cached_property
@@ -211,7 +214,7 @@ def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[s
     Random displacements are multiples of `node_size` (nv,).
     """
     d = X.shape[1]
-    turn = random_rotation(d, rng)
+    Q = random_rotation(d, rng)
     shift = np.ptp(X, axis=0).max() * rng.standard_normal(d)
     along = np.linalg.svd(X, full_matrices=False)[2][0]  # the direction in which the body is longest
 
@@ -226,8 +229,8 @@ def named_states(X: Array, node_size: Array, rng: np.random.Generator) -> dict[s
     states = {
         "rest": np.zeros_like(X),
         "small random strain": noise(1e-3),
-        "rigid rotation": X @ turn.T - X + shift,
-        "rotated strained": (X + strained) @ turn.T - X + shift,
+        "rigid rotation": X @ Q.T - X + shift,
+        "rotated strained": (X + strained) @ Q.T - X + shift,
         STRETCH: stretched(2.0),
         "35 % compression": stretched(0.65),
         "large random": noise(0.3),

@@ -136,10 +136,10 @@ class ElementModel:
 
 def model_of(mesh: ElementMesh, terms: Sequence[StVK]) -> ElementModel:
     """Return the correct model of a body, by the usual rule. The elements must have the dimension of the space."""
-    how = Discretisation(mesh.element.name)
-    points, weights = how.points
-    table = derivatives(how.kind, points).astype(float)
-    return ElementModel(mesh.p, mesh.p.T[mesh.t], mesh.t, table, weights, elasticity(mesh, terms, how))
+    discretisation = Discretisation(mesh.element.name)
+    points, weights = discretisation.points
+    table = derivatives(discretisation.kind, points).astype(float)
+    return ElementModel(mesh.p, mesh.p.T[mesh.t], mesh.t, table, weights, elasticity(mesh, terms, discretisation))
 
 
 def of_model(model: Any) -> Callable[[Array, str], dict[str, Any]]:
@@ -178,12 +178,12 @@ def of_left_stretch(D: Array) -> Array:
     return np.asarray((D + np.swapaxes(D, -1, -2) + D @ np.swapaxes(D, -1, -2)) / 2)
 
 
-def times_F_on_the_right(F: Array, S: Array) -> Array:
+def stress_times_gradient(F: Array, S: Array) -> Array:
     """Return `P = S F`."""
     return np.asarray(S @ F)
 
 
-def S_alone(F: Array, S: Array) -> Array:
+def second_piola(F: Array, S: Array) -> Array:
     """Return `P = S`."""
     return S
 

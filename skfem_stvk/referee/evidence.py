@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator
 from ..arguments import Array
 from ..errors import StvkError
 from .case import STRETCH, Case
-from .players import Foul, Player
+from .implementations import ContractViolation, Implementation
 
 #: States in which hypotheses are compared with the candidate. All have large strains; the last one has inverted elements.
 STATES = ("rotated strained", STRETCH, "35 % compression", "large random")
@@ -38,15 +38,15 @@ class Evidence:
         Quantities, for each of all states, including rest and rotation, with an entry that is not finite.
     """
 
-    def __init__(self, case: Case, player: Player) -> None:
-        self.case, self.player = case, player
+    def __init__(self, case: Case, implementation: Implementation) -> None:
+        self.case, self.implementation = case, implementation
         self.found: dict[str, Values] = {}
         self.not_finite: dict[str, list[str]] = {}
         self._by_products = False
-        asked = [quantity for quantity in "WFK" if player.has(quantity)]
+        available = [quantity for quantity in "WFK" if implementation.has(quantity)]
         states = [*STATES, *(state for state in case.states if state not in STATES)]
-        answers = {state: self._answers(asked, case.states[state]) for state in states}
-        self.quantities = [quantity for quantity in asked if any(quantity in answers[state] for state in STATES)]
+        answers = {state: self._answers(available, case.states[state]) for state in states}
+        self.quantities = [quantity for quantity in available if any(quantity in answers[state] for state in STATES)]
         for state, values in answers.items():
             if len(values) < max(len(self.quantities), 1):
                 continue
@@ -56,17 +56,22 @@ class Evidence:
             elif state in STATES:
                 self.found[state] = values
 
-    def _answers(self, asked: list[str], u: Array) -> Values:
+    def _answers(self, available: list[str], u: Array) -> Values:
         """Return the candidate's values of the quantities that do not raise."""
         values: Values = {}
-        for quantity in asked:
-            with suppress(Foul):
-                values[quantity] = self.value(getattr(self.player, quantity)(u))
+        for quantity in available:
+            with suppress(ContractViolation):
+                values[quantity] = self.value(getattr(self.implementation, quantity)(u))
         return values
 
-    def values(self, player: Player, u: Array, quantities: str = "WFK") -> Values:
-        """Return the requested values of W, F and K of a player that the candidate has too. An operator is replaced by products."""
-        return {quantity: self.value(getattr(player, quantity)(u)) for quantity in self.quantities if quantity in quantities}
+    def values(self, implementation: Implementation, u: Array, quantities: str = "WFK") -> Values:
+        """Return the requested values of W, F and K of an implementation, if the candidate has them too.
+
+        An operator is replaced by products.
+        """
+        return {
+            quantity: self.value(getattr(implementation, quantity)(u)) for quantity in self.quantities if quantity in quantities
+        }
 
     def value(self, value: Any) -> Any:
         """Return a value in the form in which it is compared.
@@ -115,13 +120,13 @@ class Evidence:
                     claimed = model(self.case.states[state], quantities)
                 except (StvkError, ArithmeticError, np.linalg.LinAlgError, ValueError, IndexError, AssertionError):
                     return np.inf
-                apart = self.apart(values[quantities], claimed[quantities])
-                largest = max(largest, apart if np.isfinite(apart) else np.inf)
+                error = self.relative_difference(values[quantities], claimed[quantities])
+                largest = max(largest, error if np.isfinite(error) else np.inf)
                 if largest > most:
                     return largest
         return largest
 
-    def apart(self, value: Any, claimed: Any) -> float:
+    def relative_difference(self, value: Any, claimed: Any) -> float:
         """Return the largest difference of two values, relative to the largest entry of the second value."""
         claimed = csr_matrix(claimed) if issparse(value) and not issparse(claimed) else self.value(claimed)
         scale, off = np.abs(flat(claimed)).max(initial=0.0), np.abs(flat(value - claimed)).max(initial=0.0)

@@ -42,7 +42,7 @@ CONTEXT = Context(prec=DIGITS)
 #: Longest edge over smallest height beyond which round-off may cost more than 1e-12.
 FLAT = 20.0
 #: Largest number of points of such elements that are computed in 50 digits.
-MOST = 200
+MOST_FLAT = 200
 
 
 class ExactStVK:
@@ -58,7 +58,7 @@ class ExactStVK:
         (nt, k, k, k, k) or (1, k, k, k, k) elasticity tensors in the elements' own axes times their section, or (nt, nq, k, k, k,
         k) at each point, as in `reference`. Alternatively, the Lame pair within the elements' dimensions, as numbers or decimal
         numbers (nt,).
-    how
+    discretisation
         Kind of element and rule. The default is linear simplices with the number of nodes in `t`.
     control
         Result of `bodies.hourglass_control`, needed for mean gradients.
@@ -69,23 +69,25 @@ class ExactStVK:
         p: Array,
         t: NDArray[np.int32],
         tensor: Array | tuple[float, float] | tuple[Exact, Exact],
-        how: Discretisation | None = None,
+        discretisation: Discretisation | None = None,
         control: Array | None = None,
     ) -> None:
         self.d, self.t, self.ndofs = len(p), t, p.size
-        how = Discretisation.of_simplices(len(t)) if how is None else how
-        xi, weights = how.points
+        discretisation = Discretisation.of_simplices(len(t)) if discretisation is None else discretisation
+        xi, weights = discretisation.points
         with localcontext(CONTEXT):
-            self._tables, X = derivatives(how.kind, xi), _straightened(p, t, how.kind)
+            self._tables, X = derivatives(discretisation.kind, xi), _straightened(p, t, discretisation.kind)
             self._rest = self._base_vectors(X)
             metric = np.einsum("ix...,jx...->ij...", self._rest, self._rest)
             inverse, determinant = _inverse(metric)
-            exactly = np.array([1 / Decimal(factorial(len(xi)))]) if KINDS[how.kind].is_linear_simplex else _decimal(weights)
+            exactly = (
+                np.array([1 / Decimal(factorial(len(xi)))]) if KINDS[discretisation.kind].is_linear_simplex else _decimal(weights)
+            )
             self._metric, self._volume = metric, _root(determinant) * exactly[:, None]
             self._control: tuple[Exact, Exact] | None = None
-            if how.is_one_point:
+            if discretisation.is_one_point:
                 assert control is not None
-                self._take_means(X, KINDS[how.kind].nodes, _decimal(control))
+                self._take_means(X, KINDS[discretisation.kind].nodes, _decimal(control))
                 inverse = np.broadcast_to(self._metric, (self.d, self.d, 1, t.shape[1]))
             self._moduli = _isotropic(inverse, *tensor) if isinstance(tensor, tuple) else _general(self._rest, tensor)
 
@@ -110,8 +112,8 @@ class ExactStVK:
             energy = (self._volume * (s * e).sum(axis=(0, 1))).sum() / 2
             F = self._to_nodes(self._volume * np.einsum("ij...,jx...->ix...", s, d))
             if self._control is not None:
-                held = self._held(x)
-                energy, F = energy + (np.swapaxes(x, 0, 1) * held).sum() / 2, F + held
+                hourglass = self._hourglass_force(x)
+                energy, F = energy + (np.swapaxes(x, 0, 1) * hourglass).sum() / 2, F + hourglass
             return float(energy), self._summed(F)
 
     def energy(self, u: Array) -> float:
@@ -195,7 +197,7 @@ class ExactStVK:
             (d, _, s), dd = self._state(self._at_nodes(u)), self._base_vectors(y)
             ds = np.einsum("ijmp...,mx...,px...->ij...", self._moduli, d, dd)
             f = self._to_nodes(self._volume * (np.einsum("ij...,jx...->ix...", ds, d) + np.einsum("ij...,jx...->ix...", s, dd)))
-            return self._summed(f if self._control is None else f + self._held(y))
+            return self._summed(f if self._control is None else f + self._hourglass_force(y))
 
     def _at_nodes(self, u: Array) -> Exact:
         """Return the values (d, n, nt) of a vector (ndofs,) at the nodes of the elements."""
@@ -210,7 +212,7 @@ class ExactStVK:
         e = (np.einsum("ix...,jx...->ij...", d, d) - self._metric) / 2
         return d, e, np.einsum("ijmp...,mp...->ij...", self._moduli, e)
 
-    def _held(self, x: Exact) -> Exact:
+    def _hourglass_force(self, x: Exact) -> Exact:
         """Return the forces (n, d, nt) of the hourglass control at displacements (d, n, nt)."""
         assert self._control is not None
         gamma, stiffness = self._control
@@ -254,19 +256,21 @@ class Truth:
     ----------
     exact
         Ids of the elements that are computed in 50 digits: those with an aspect ratio beyond `FLAT`, at most the flattest ones with
-        `MOST` points in total.
+        `MOST_FLAT` points in total.
     """
 
     def __init__(self, shape: Shape, tensor: Array, control: Array | None = None) -> None:
-        mesh, how = shape.mesh, shape.how
-        flattest = np.argsort(-shape.aspect, kind="stable")[: MOST // shape.measure.shape[1]]
+        mesh, discretisation = shape.mesh, shape.discretisation
+        flattest = np.argsort(-shape.aspect, kind="stable")[: MOST_FLAT // shape.measure.shape[1]]
         self.exact = flattest[shape.aspect[flattest] > FLAT]
         others = np.setdiff1d(np.arange(mesh.nt), self.exact)
         self._models: list[Any] = []
         for make, elements in ((reference_on, others), (ExactStVK, self.exact)):
             if len(elements):
                 own = tensor if len(tensor) == 1 else tensor[elements]
-                self._models.append(make(mesh.p, mesh.t[:, elements], own, how, None if control is None else control[elements]))
+                self._models.append(
+                    make(mesh.p, mesh.t[:, elements], own, discretisation, None if control is None else control[elements])
+                )
 
     def described(self) -> str:
         """Return a description of the computation, for the head of a report."""

@@ -76,7 +76,9 @@ def bodies() -> dict[str, FaultBody]:
     return {
         "isotropic": FaultBody(tets, isotropic),
         "two materials": FaultBody(tets, [StVK(young=2.0, poisson=0.45, region=left), StVK(young=1.0, poisson=0.2, region=right)]),
-        "a material each": FaultBody(tets, [StVK(young=rng.uniform(1, 3, tets.nt), poisson=rng.uniform(0.1, 0.45, tets.nt))]),
+        "a material per element": FaultBody(
+            tets, [StVK(young=rng.uniform(1, 3, tets.nt), poisson=rng.uniform(0.1, 0.45, tets.nt))]
+        ),
         "frames": FaultBody(tets, [StVK(Anisotropic(root @ root.T + 3 * np.eye(6), frame=frames))]),
         "curved": FaultBody(ElementMesh(p, quadratic.t, element=quadratic.element), isotropic),
         "one point": FaultBody(
@@ -108,29 +110,31 @@ FAULTS: dict[str, Fault] = {
         named="bulk modulus for lambda",
     ),
     "half mu": Fault(
-        "engineering shear strain taken for the tensor's",
+        "engineering shear strain used as the tensor's",
         partial(systems.with_lame, lambda lam, mu: (lam, mu / 2)),
         named="mu halved",
     ),
     "twice mu": Fault("2 G taken for mu", partial(systems.with_lame, lambda lam, mu: (lam, 2 * mu)), named="mu doubled"),
     "lambda and mu exchanged": Fault(
-        "the two constants in each other's place",
+        "each constant is used as the other",
         partial(systems.with_lame, lambda lam, mu: (mu, lam)),
         named="lambda and mu exchanged",
     ),
     "engineering shear doubled": Fault(
-        "shear strains doubled, and the tensor's modulus with them",
+        "shear strains and the shear modulus doubled",
         partial(elements.altered, partial(elements.with_shear, factor=2.0)),
         named="shear stresses doubled",
     ),
     "no half in E": Fault("E = F'F - I in energy, force and tangent", partial(systems.times, 4, 4, 4), named="W, F, K x 4"),
     "doubled stress": Fault("S = 2 C : E in force and tangent alone", partial(systems.times, 1, 2, 2), named="F, K x 2"),
-    "doubled volume": Fault("|det| over 3 in the place of 6, in all three", partial(systems.times, 2, 2, 2), named="W, F, K x 2"),
+    "doubled volume": Fault("|det|/3 instead of |det|/6 in W, F and K", partial(systems.times, 2, 2, 2), named="W, F, K x 2"),
     "deformed volume": Fault(
         "integrals over the deformed body", partial(elements.altered, elements.deformed_volume), named="volume of the deformed body"
     ),
     "signed volume": Fault(
-        "elements that are turned round count negatively", partial(elements.altered, elements.signed_volume), named="signed volumes"
+        "elements of negative orientation count negatively",
+        partial(elements.altered, elements.signed_volume),
+        named="signed volumes",
     ),
     "linear strain": Fault("small-strain elasticity", systems.linear, named="linear strain"),
     "Biot strain": Fault(
@@ -153,25 +157,27 @@ FAULTS: dict[str, Fault] = {
         named="Almansi strain",
     ),
     "b for C": Fault(
-        "E of F F' in the place of F'F in every formula",
+        "E from F F' instead of F'F in every formula",
         partial(elements.strained, strains.of_left_stretch, np.matmul, False),
         named="b for C",
     ),
     "S F for F S": Fault(
         "P = S F in the force, and K derived from it",
-        partial(elements.strained, strains.green_lagrange, strains.times_F_on_the_right, True),
+        partial(elements.strained, strains.green_lagrange, strains.stress_times_gradient, True),
         named="S F for F S",
     ),
     "P = S": Fault(
         "the second Piola-Kirchhoff stress taken for the first in the force, and K derived from it",
-        partial(elements.strained, strains.green_lagrange, strains.S_alone, True),
+        partial(elements.strained, strains.green_lagrange, strains.second_piola, True),
         named="P = S",
     ),
     "one tet skipped": Fault(
-        "an element is left out", partial(elements.middle, partial(elements.counted, times=0.0)), named="one element x 0"
+        "an element is left out", partial(elements.middle_element, partial(elements.counted, times=0.0)), named="one element x 0"
     ),
     "one tet twice": Fault(
-        "an element is summed twice", partial(elements.middle, partial(elements.counted, times=2.0)), named="one element x 2"
+        "an element is summed twice",
+        partial(elements.middle_element, partial(elements.counted, times=2.0)),
+        named="one element x 2",
     ),
     "no pairs": Fault(
         "the spring network: the diagonal of L alone",
@@ -179,18 +185,20 @@ FAULTS: dict[str, Fault] = {
         named="edges without pairs",
     ),
     "no opposite pairs": Fault(
-        "pairs of edges that do not meet are forgotten",
+        "pairs of edges without a common vertex are left out",
         partial(systems.with_coefficients, systems.drop_opposite),
         named="no opposite pairs",
     ),
-    "one wrong sign": Fault("one opposite pair of one tetrahedron", partial(systems.with_coefficients, systems.flip_one_opposite)),
+    "one wrong sign": Fault(
+        "wrong sign of one opposite pair of one tetrahedron", partial(systems.with_coefficients, systems.flip_one_opposite)
+    ),
     "one pair dropped": Fault(
-        "one pair of edges of one tetrahedron", partial(systems.with_coefficients, systems.drop_one_adjacent)
+        "one pair of edges of one tetrahedron is left out", partial(systems.with_coefficients, systems.drop_one_adjacent)
     ),
     "edges permuted": Fault(
-        "the third and fourth edge exchanged in elements that are turned round",
+        "the third and fourth edge exchanged in elements of negative orientation",
         partial(systems.with_coefficients, systems.permute_negative),
-        named="edges permuted where turned round",
+        named="edges permuted in mirrored elements",
     ),
     "no geometric term": Fault(
         "K without the edge tensions (initial stress)", systems.no_geometric_term, named="no initial stress in K"
@@ -201,7 +209,7 @@ FAULTS: dict[str, Fault] = {
         named="no initial stress in some elements",
     ),
     "geometric term clamped": Fault(
-        "K with tensile edge tensions alone, without a word",
+        "K with tensile edge tensions alone, passed off as exact",
         partial(systems.with_tangent, lambda body, u: body.jacobian(u, kept=TENSILE)),
         named="tensile edge tensions alone in K",
     ),
@@ -214,53 +222,53 @@ FAULTS: dict[str, Fault] = {
         named="diagonal of K doubled",
     ),
     "upper half of K": Fault(
-        "only the upper half is stored", partial(systems.with_tangent, systems.upper_alone), named="upper half of K alone"
+        "only the upper half is stored", partial(systems.with_tangent, systems.upper_half), named="upper half of K alone"
     ),
     "half a diagonal": Fault(
-        "the diagonal shared between two halves",
-        partial(systems.with_tangent, systems.of_one_sided_rows),
+        "each entry of the diagonal is halved",
+        partial(systems.with_tangent, systems.half_diagonal),
         named="diagonal of K halved",
     ),
     "wrong sign of K": Fault(
         "the derivative of the external instead of the internal force", partial(systems.times, 1, 1, -1), named="K x -1"
     ),
-    "wrong sign of F": Fault("the force on the surroundings", partial(systems.times, 1, -1, -1), named="F, K x -1"),
+    "wrong sign of F": Fault("the force of the body on its surroundings", partial(systems.times, 1, -1, -1), named="F, K x -1"),
     "components first": Fault(
         "degrees of freedom component by component", systems.components_first, named="results component by component"
     ),
-    "stale K": Fault("K of the state before", systems.StaleTangent, named="K of the state before"),
-    "K kept nearby": Fault("K is kept while u is nearly the same", systems.KeptTangent, named="K kept while u is nearly the same"),
-    "stale rest shape": Fault("the mesh as it was before it was moved", systems.stale_rest_shape),
+    "stale K": Fault("K of the previous call's state", systems.StaleTangent, named="K of the state before"),
+    "K cached nearby": Fault(
+        "K is cached while u is nearly the same", systems.CachedTangent, named="K cached while u is nearly the same"
+    ),
+    "stale rest shape": Fault("the mesh before its nodes were moved", systems.stale_rest_shape),
     "single precision": Fault(
         "sums in float32", lambda mesh, terms: System(mesh, terms, dtype=np.float32), named="single precision"
     ),
     "textbook cancellation": Fault("F from squared lengths of positions", systems.FromPositions),
     "wrong origin": Fault("displacements relative to a node, in part", systems.wrong_origin),
     "NaN at inversion": Fault(
-        "not a number where an element is inside out", systems.blind_to_inversion, named="not a number at inversion"
+        "values are not a number if an element is inverted", systems.nan_at_inversion, named="not a number at inversion"
     ),
     "inverted tets skipped": Fault(
-        "an element that is inside out costs nothing, and pulls no more", partial(elements.altered, elements.inverted_skipped)
+        "an inverted element has neither energy nor force", partial(elements.altered, elements.inverted_skipped)
     ),
     "unsymmetric moduli": Fault(
-        "C_1122 of the table is off by a hundredth, C_2211 is right", partial(elements.altered, elements.unsymmetric_moduli)
+        "C_1122 is wrong by 1 %, C_2211 is correct", partial(elements.altered, elements.unsymmetric_moduli)
     ),
-    "lone force": Fault("a constant force on one vertex: a boundary term left in", systems.lone_force, named="a constant force"),
-    "couple": Fault("two opposite forces that do not pull along their line", systems.couple, named="a constant force"),
-    "skew K": Fault("one entry of K that its mirror does not have", systems.skew_tangent),
+    "lone force": Fault("a constant force on one vertex, such as a boundary term", systems.lone_force, named="a constant force"),
+    "couple": Fault("two opposite forces that form a couple", systems.couple, named="a constant force"),
+    "skew K": Fault("two entries of K are skew-symmetric", systems.skew_tangent),
     "sign of a node's force": Fault(
-        "the force on one vertex has the other sign", systems.force_of_a_node_turned, named="force of one node x -1"
+        "the force on one vertex has the wrong sign", systems.wrong_sign_of_one_force, named="force of one node x -1"
     ),
-    "another zero of energy": Fault(
-        "an energy that is off by a constant", systems.another_zero_of_energy, named="a constant energy"
-    ),
-    "anchored": Fault("a weak spring from every vertex to its rest position; W, F and K fit each other", systems.anchored),
-    "energy of a place": Fault("an energy that knows where the body is", systems.energy_of_a_place),
-    "a mode for nothing": Fault("one mode too many costs nothing at rest", systems.soft_mode),
+    "energy offset": Fault("a constant is added to the energy", systems.energy_offset, named="a constant energy"),
+    "anchored": Fault("a weak spring from every vertex to its rest position; W, F and K are consistent", systems.anchored),
+    "energy of position": Fault("the energy depends on the location of the body", systems.energy_of_position),
+    "extra zero mode": Fault("one additional mode has no energy at rest", systems.extra_zero_mode),
     "materials shifted": Fault(
         "each element has its neighbour's material",
         partial(elements.altered, elements.shifted_materials),
-        "a material each",
+        "a material per element",
         "materials of the next element",
     ),
     "materials exchanged": Fault(
@@ -300,16 +308,16 @@ FAULTS: dict[str, Fault] = {
     "one point dropped": Fault(
         "the last quadrature point is left out", partial(elements.altered, elements.point_dropped), "curved", "one point left out"
     ),
-    "a wrong weight": Fault("the first weight is off by a millionth", partial(elements.altered, elements.wrong_weight), "curved"),
+    "a wrong weight": Fault("the first weight is wrong by 1e-6", partial(elements.altered, elements.wrong_weight), "curved"),
     "one-point rule": Fault("integrals by the value at the centroid", elements.one_point, "curved", "one-point rule"),
-    "middles in a cycle": Fault(
-        "the last three middles are each in the place of the next",
-        partial(elements.altered, elements.middles_in_a_cycle),
+    "midside nodes in a cycle": Fault(
+        "the last three midside nodes are permuted in a cycle",
+        partial(elements.altered, elements.midside_nodes_in_a_cycle),
         "curved",
         "nodes in another order",
     ),
-    "middles exchanged": Fault(
-        "the last two middles are exchanged, as between the orders of Gmsh and VTK",
+    "midside nodes exchanged": Fault(
+        "the last two midside nodes are exchanged, as between the orders of Gmsh and VTK",
         partial(elements.altered, elements.last_two_exchanged),
         "curved",
         "nodes in another order",
@@ -320,9 +328,7 @@ FAULTS: dict[str, Fault] = {
         "curved",
         "curved edges taken as straight",
     ),
-    "no hourglass control": Fault(
-        "modes that the mean gradients do not see cost nothing", elements.without_control, "one point", "no hourglass control"
-    ),
+    "no hourglass control": Fault("hourglass modes have no energy", elements.without_control, "one point", "no hourglass control"),
     "gradients at the centre": Fault(
         "gradients and volume of the centre instead of their means", elements.gradients_at_the_centre, "one point"
     ),

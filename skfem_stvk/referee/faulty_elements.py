@@ -22,8 +22,8 @@ Terms = Sequence[StVK]
 
 
 def altered(change: Callable[[ElementModel], dict[str, Any]], mesh: ElementMesh, terms: Terms) -> ElementModel:
-    right = model_of(mesh, terms)
-    return replace(right, **change(right))
+    correct = model_of(mesh, terms)
+    return replace(correct, **change(correct))
 
 
 def with_shear(model: ElementModel, factor: float) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def counted(element: int, model: ElementModel, times: float) -> dict[str, Any]:
     return {"counted": lambda F: np.broadcast_to(factors, F.shape[:2])}
 
 
-def middle(change: Callable[[int, ElementModel], dict[str, Any]], mesh: ElementMesh, terms: Terms) -> ElementModel:
+def middle_element(change: Callable[[int, ElementModel], dict[str, Any]], mesh: ElementMesh, terms: Terms) -> ElementModel:
     """Return a model in which only the element in the middle of the list is changed."""
     return altered(partial(change, mesh.nt // 2), mesh, terms)
 
@@ -96,29 +96,33 @@ def last_two_exchanged(model: ElementModel) -> dict[str, Any]:
     return {"X": model.X[order], "t": model.t[order]}
 
 
-def middles_in_a_cycle(model: ElementModel) -> dict[str, Any]:
+def midside_nodes_in_a_cycle(model: ElementModel) -> dict[str, Any]:
     order = [*range(len(model.t) - 3), len(model.t) - 2, len(model.t) - 1, len(model.t) - 3]
     return {"X": model.X[order], "t": model.t[order]}
 
 
 def straightened(mesh: ElementMesh, terms: Terms) -> ElementModel:
-    right = model_of(mesh, terms)
-    X = right.X.copy()
+    correct = model_of(mesh, terms)
+    X = correct.X.copy()
     for middle, (a, b) in middles(mesh.element.name):
         X[middle] = (X[a] + X[b]) / 2
-    return replace(right, X=X)
+    return replace(correct, X=X)
 
 
 def without_control(mesh: ElementMesh, terms: Terms) -> ReferenceOnePoint:
-    how = Discretisation(mesh.element.name, "one-point", 0.0)
-    return ReferenceOnePoint(mesh.p, mesh.t, elasticity(mesh, terms, how), hourglass_control(mesh, terms, how))
+    discretisation = Discretisation(mesh.element.name, "one-point", 0.0)
+    return ReferenceOnePoint(
+        mesh.p, mesh.t, elasticity(mesh, terms, discretisation), hourglass_control(mesh, terms, discretisation)
+    )
 
 
 def one_point(mesh: ElementMesh, terms: Terms) -> ElementModel:
     """Return a model whose integrals use the centroid as the only point."""
-    of, right = KINDS[mesh.element.name], model_of(mesh, terms)
+    of, correct = KINDS[mesh.element.name], model_of(mesh, terms)
     centroid = np.mean(of.nodes[: of.corners], axis=0, dtype=float)[:, None]
-    return replace(right, table=derivatives(mesh.element.name, centroid).astype(float), weights=right.weights.sum(keepdims=True))
+    return replace(
+        correct, table=derivatives(mesh.element.name, centroid).astype(float), weights=correct.weights.sum(keepdims=True)
+    )
 
 
 def gradients_at_the_centre(mesh: ElementMesh, terms: Terms) -> ElementModel:

@@ -57,10 +57,10 @@ def times(W: float, F: float, K: float, mesh: ElementMesh, terms: Terms) -> Faul
     )
 
 
-def with_tangent(of: Callable[[System, Array], Any], mesh: ElementMesh, terms: Terms) -> FaultyModel:
+def with_tangent(tangent: Callable[[System, Array], Any], mesh: ElementMesh, terms: Terms) -> FaultyModel:
     """Return the correct model with another K."""
     body = System(mesh, terms)
-    return FaultyModel(body.energy, body.internal_force, lambda u: csr_matrix(of(body, u)))
+    return FaultyModel(body.energy, body.internal_force, lambda u: csr_matrix(tangent(body, u)))
 
 
 @dataclass(frozen=True)
@@ -199,8 +199,8 @@ def geometric(mesh: ElementMesh, terms: Terms) -> Callable[[Array], csr_matrix]:
         for form in forms:
             tension, (a, b) = form.tensions(u.reshape(-1, mesh.d)), form.edges
             entries = np.concatenate([tension, tension, -tension, -tension])
-            places = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
-            total = total + coo_matrix((entries, places), shape=total.shape)
+            indices = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
+            total = total + coo_matrix((entries, indices), shape=total.shape)
         return csr_matrix(kron(total, identity(mesh.d)))
 
     return matrix
@@ -223,11 +223,11 @@ def symmetrised_wrongly(body: System, u: Array) -> csr_matrix:
     return csr_matrix(upper + upper.T)
 
 
-def upper_alone(body: System, u: Array) -> csr_matrix:
+def upper_half(body: System, u: Array) -> csr_matrix:
     return csr_matrix(triu(body.tangent(u)))
 
 
-def of_one_sided_rows(body: System, u: Array) -> csr_matrix:
+def half_diagonal(body: System, u: Array) -> csr_matrix:
     """Return K with half of its diagonal."""
     K = body.tangent(u)
     return csr_matrix(tril(K, -1) + diags(K.diagonal()) / 2 + triu(K, 1))
@@ -254,22 +254,22 @@ class StaleTangent:
         return self._body.tangent(before)
 
 
-class KeptTangent:
+class CachedTangent:
     """Model that reuses K as long as the displacements are nearly the same."""
 
     def __init__(self, mesh: ElementMesh, terms: Terms) -> None:
         body = System(mesh, terms)
         self.energy, self.internal_force = body.energy, body.internal_force
-        self._body, self._at, self._kept = body, np.zeros(body.ndofs), body.tangent(np.zeros(body.ndofs))
+        self._body, self._at, self._cached = body, np.zeros(body.ndofs), body.tangent(np.zeros(body.ndofs))
 
     def tangent(self, u: Array) -> csr_matrix:
         """Return the cached K if `u` is close to the cached state, else compute K at `u`."""
         if not np.allclose(u, self._at):
-            self._at, self._kept = u.copy(), self._body.tangent(u)
-        return self._kept
+            self._at, self._cached = u.copy(), self._body.tangent(u)
+        return self._cached
 
 
-def blind_to_inversion(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+def nan_at_inversion(mesh: ElementMesh, terms: Terms) -> FaultyModel:
     """Return a model whose values are nan if an element is inverted, as with the logarithm or the root of J."""
     body = System(mesh, terms)
 
@@ -330,24 +330,24 @@ def anchored(mesh: ElementMesh, terms: Terms) -> FaultyModel:
     )
 
 
-def another_zero_of_energy(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+def energy_offset(mesh: ElementMesh, terms: Terms) -> FaultyModel:
     body, force, _ = units(mesh, terms)
     return disturbed(body, energy=lambda u: force * float(np.ptp(mesh.p)))
 
 
-def force_of_a_node_turned(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+def wrong_sign_of_one_force(mesh: ElementMesh, terms: Terms) -> FaultyModel:
     """Return a model in which the force on the vertex in the middle of the list has the wrong sign."""
     body, sign = System(mesh, terms), np.ones(mesh.p.size)
     sign[mesh.d * (mesh.nv // 2) :][: mesh.d] = -1
     return FaultyModel(body.energy, lambda u: sign * body.internal_force(u), body.tangent)
 
 
-def energy_of_a_place(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+def energy_of_position(mesh: ElementMesh, terms: Terms) -> FaultyModel:
     body, _, stiffness = units(mesh, terms)
     return disturbed(body, energy=lambda u: stiffness / 2 * float(u[0]) ** 2)
 
 
-def soft_mode(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+def extra_zero_mode(mesh: ElementMesh, terms: Terms) -> FaultyModel:
     """Return a model whose K at rest has one more zero mode: the softest mode that is not rigid is removed symmetrically."""
     body = System(mesh, terms)
     K0 = body.tangent(np.zeros(body.ndofs)).toarray()

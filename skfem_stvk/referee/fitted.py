@@ -21,16 +21,16 @@ from ..terms import StVK
 from .bodies import elasticity, reference_on
 from .element_model import model_of, of_model
 from .evidence import VANISHES, Evidence, Model, Values, flat
+from .implementations import Implementation
 from .judgement import largest_component
 from .moduli import number
-from .players import Player
 
 READINGS = {
     4.0: "E without its 1/2 in all of them, E doubled, or moduli four times too large",
     2.0: "Young's modulus, the stress, the volume, or E in the stress alone is doubled (a missing 1/2)",
     0.5: "Young's modulus, the stress or the volume is halved",
     0.25: "moduli or E are halved twice",
-    -1.0: "the sign is turned",
+    -1.0: "the sign is reversed",
     6.0: "the determinant is taken for the volume of a tetrahedron, without 1/6",
     3.0: "1/2 in the place of 1/6 in the volume of a tetrahedron",
     1 / 6: "1/6 counts twice in the volume of a tetrahedron",
@@ -71,7 +71,7 @@ def _product(a: Any, b: Any) -> float:
 
 def _reading(factor: float) -> str:
     if abs(factor) < 1e-14:
-        return "nothing is added up"
+        return "it is zero"
     near = [words for value, words in READINGS.items() if abs(factor / value - 1) < 1e-5]
     return near[0] if near else "a factor without a usual cause"
 
@@ -82,7 +82,7 @@ def single_elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple
     The suspects are the elements with a wrong force, or K, on all their nodes. There may be at most five.
     """
     case = evidence.case
-    if case.how.is_one_point or not set("FK") & set(evidence.quantities):
+    if case.discretisation.is_one_point or not set("FK") & set(evidence.quantities):
         return
     quantity = "F" if "F" in evidence.quantities else "K"
     mesh, state = case.mesh, next(iter(evidence.found), None)
@@ -95,9 +95,13 @@ def single_elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple
     suspects = np.flatnonzero(bad[mesh.t].all(axis=0))
     if not 0 < len(suspects) <= 5 or len(suspects) == mesh.nt:
         return
-    tensor = elasticity(mesh, terms, case.how)
+    tensor = elasticity(mesh, terms, case.discretisation)
     single = [
-        Player("part", reference_on(mesh.p, mesh.t[:, [e]], tensor if len(tensor) == 1 else tensor[[e]], case.how), mesh.p.size)
+        Implementation(
+            "part",
+            reference_on(mesh.p, mesh.t[:, [e]], tensor if len(tensor) == 1 else tensor[[e]], case.discretisation),
+            mesh.p.size,
+        )
         for e in suspects
     ]
     A = np.stack([evidence.column(evidence.values(one, u, quantity)[quantity]) for one in single], axis=1)
@@ -112,7 +116,7 @@ def single_elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple
 
     numbers = ", ".join(f"element {suspects[i]} counts {1 + change[i] + 0.0:.3f} x" for i in there)
     name = f"one element x {1 + change[there[0]] + 0.0:.3g}" if len(there) == 1 else "some elements"
-    usual = {0: ": it is left out", 2: ": it is summed twice", -1: ": its sign is turned"}
+    usual = {0: ": it is left out", 2: ": it is summed twice", -1: ": its sign is reversed"}
     yield name, numbers + (usual.get(round(1 + change[there[0]], 6), "") if len(there) == 1 else ""), model
 
 
@@ -159,7 +163,13 @@ def initial_stresses(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tupl
     """Yield the hypothesis that K lacks the initial stress of some elements, found by a sparse least-squares problem."""
     case, mesh = evidence.case, evidence.case.mesh
     others = [q for q in evidence.quantities if q != "K" and evidence.of(q).error(evidence.truth) > VANISHES]
-    if "K" not in evidence.quantities or others or case.how.is_one_point or case.how.quadrature is not None or mesh.k != mesh.d:
+    if (
+        "K" not in evidence.quantities
+        or others
+        or case.discretisation.is_one_point
+        or case.discretisation.quadrature is not None
+        or mesh.k != mesh.d
+    ):
         return
     right = model_of(mesh, terms)
     rows, columns = [], []

@@ -16,8 +16,8 @@ from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..system import System
 from ..terms import StVK
+from .implementations import ContractViolation, Implementation, guarded
 from .manufactured import fitted_order
-from .players import Foul, Player, fairly
 from .report import Report, judge
 from .results import CheckOutcome, Explanation, Naming, Task, largest
 
@@ -126,7 +126,7 @@ def _tasks(step: Step, density: float, order: int | None, conserves: Sequence[st
 
 
 def _tasks_of(name: str, body: _Body, order: int | None, conserves: Sequence[str], stable: float | None) -> Iterator[Task]:
-    task = partial(Task, player=body.player, needs="", state=name)
+    task = partial(Task, implementation=body.implementation, needs="", state=name)
     yield task("memory", quantity="u, v", measure=partial(_memory, body))
     yield task("order", quantity="u, v", measure=partial(_order, body, order))
     for quantity in QUANTITIES:
@@ -138,7 +138,7 @@ class _Body:
     """Two masses and a bar in space, with their known motion and the integrator under test."""
 
     def __init__(self, step: Step, young: float, density: float) -> None:
-        self.step, self.player = step, Player("integrator", None, 6)
+        self.step, self.implementation = step, Implementation("integrator", None, 6)
         along = np.array([2.0, -1.0, 2.0]) / 3
         self.X = np.stack([np.zeros(3), LENGTH * along])
         mesh = ElementMesh(np.ascontiguousarray(self.X.T), np.array([[0], [1]]))
@@ -167,13 +167,16 @@ class _Body:
         x = np.stack([centre - r / 2, centre + r / 2])
         return (x - self.X).ravel(), np.concatenate([self.drift - rate / 2, self.drift + rate / 2])
 
-    def ask(self, u: Array, v: Array, dt: float) -> tuple[Array, Array]:
-        """Return one step of the integrator, called with copies. Raise `Foul` if the result does not have the right form."""
-        found = fairly("step", lambda: self.step(self.system, u.copy(), v.copy(), dt))
-        pair = fairly("What step returned", lambda: [np.array(one) for one in found])
-        if len(pair) != 2 or any(one.shape != (6,) or one.dtype.kind not in "fiu" for one in pair):
-            told = ", ".join(f"{one.shape} of {one.dtype}" for one in pair)
-            raise Foul(f"step returned {told}; expected u and v, two arrays of 6 real numbers.")
+    def step_once(self, u: Array, v: Array, dt: float) -> tuple[Array, Array]:
+        """Return one step of the integrator, called with copies.
+
+        Raise `ContractViolation` if the result does not have the right form.
+        """
+        found = guarded("step", lambda: self.step(self.system, u.copy(), v.copy(), dt))
+        pair = guarded("The result of step", lambda: [np.array(array) for array in found])
+        if len(pair) != 2 or any(array.shape != (6,) or array.dtype.kind not in "fiu" for array in pair):
+            arrays = ", ".join(f"{array.shape} of {array.dtype}" for array in pair)
+            raise ContractViolation(f"step returned {arrays}; expected u and v, two arrays of 6 real numbers.")
         return pair[0].astype(float), pair[1].astype(float)
 
     def run(self, steps: int) -> tuple[Array, Array]:
@@ -181,7 +184,7 @@ class _Body:
         if steps not in self._runs:
             states = [self.state(0.0)]
             for _ in range(steps):
-                states.append(self.ask(*states[-1], self.until / steps))
+                states.append(self.step_once(*states[-1], self.until / steps))
             us, vs = zip(*states, strict=True)
             self._runs[steps] = np.array(us), np.array(vs)
         return self._runs[steps]
@@ -206,10 +209,10 @@ def _memory(body: _Body) -> dict[str, Any]:
     """Compare a step with the same step after a step from another state."""
     u, v = body.state(0.0)
     dt = body.until / STEPS[0]
-    first = np.concatenate(body.ask(u, v, dt))
-    body.ask(*body.state(body.until / 3), dt)
-    again = np.concatenate(body.ask(u, v, dt))
-    reason = "the same arguments give the same step; if not, a force or a state of an earlier call was kept and is stale"
+    first = np.concatenate(body.step_once(u, v, dt))
+    body.step_once(*body.state(body.until / 3), dt)
+    again = np.concatenate(body.step_once(u, v, dt))
+    reason = "the same arguments must give the same step; if not, a force or state of an earlier call is cached and stale"
     size = np.repeat([np.abs(first[:6]).max(), np.abs(first[6:]).max()], 6)
     off = float(np.abs((again - first) / size).max())
     return {"measured": off, "limit": 1e-12, "scale": f"{size[0]:.3e} (largest displacement)", "reason": reason}
@@ -221,15 +224,15 @@ def _order(body: _Body, claimed: int | None) -> dict[str, Any]:
     for steps in STEPS:
         us, vs = body.run(steps)
         errors.append(float(np.hypot(np.linalg.norm(us[-1] - u), np.linalg.norm(vs[-1] - v) / body.omega) / LENGTH))
-    told = " -> ".join(f"{error:.1e}" for error in errors)
+    values = " -> ".join(f"{error:.1e}" for error in errors)
     if not np.isfinite(errors).all() or min(errors) == 0:
-        return {"measured": np.nan, "limit": SLACK, "scale": f"order; errors {told}", "reason": "the motion is not a number"}
+        return {"measured": np.nan, "limit": SLACK, "scale": f"order; errors {values}", "reason": "the motion is not finite"}
     order = float(np.log2(errors[-2] / errors[-1]))
     expected = claimed or max(round(order), 1)
-    why = "a whole order; 0 is a motion of something else: masses, the sign or size of the force" if claimed is None else (
-        "the claimed order; one less is most often a force or velocity of the wrong end of the step, or a mean of one end only"
+    why = "a whole order; order 0 means wrong masses, or a force of the wrong sign or size" if claimed is None else (
+        "the claimed order; one order less usually means a force or velocity at the wrong end of the step, or at one end only"
     )  # fmt: skip
-    scale = f"order {expected}; fitted {order:.2f}, errors {told} of the length"
+    scale = f"order {expected}; fitted {order:.2f}, errors {values} of the length"
     return {
         "measured": max(expected - order, 0.0) if claimed else abs(expected - order),
         "limit": SLACK,
@@ -240,13 +243,18 @@ def _order(body: _Body, claimed: int | None) -> dict[str, Any]:
 
 def _drift(body: _Body, quantity: str, claimed: bool) -> dict[str, Any]:
     drifts = [body.drifts(quantity, steps) for steps in STEPS]
-    told = " -> ".join(f"{drift:.1e}" for drift in drifts)
+    values = " -> ".join(f"{drift:.1e}" for drift in drifts)
     if claimed or max(drifts) <= NO_DRIFT:
-        reason = "claimed to be conserved" if claimed else "no drift is seen"
-        return {"measured": float(np.max(drifts)), "limit": NO_DRIFT, "scale": f"what there is of it; {told}", "reason": reason}
+        reason = "claimed to be conserved" if claimed else "no drift"
+        return {
+            "measured": float(np.max(drifts)),
+            "limit": NO_DRIFT,
+            "scale": f"initial magnitude; drifts {values}",
+            "reason": reason,
+        }
     order = fitted_order(1 / np.array(STEPS), drifts)
-    reason = "a drift that does not fall with the step is damping, or a force that is not the energy's derivative"
-    scale = f"order 1 at least; fitted {order:.2f}, drifts {told}"
+    reason = "a drift that does not decrease with the step means damping, or a force that is not the derivative of the energy"
+    scale = f"order 1 at least; fitted {order:.2f}, drifts {values}"
     return {"measured": np.maximum(1 - order, 0.0), "limit": SLACK, "scale": scale, "reason": reason}
 
 
@@ -265,7 +273,7 @@ def _amplification(body: _Body, omega_dt: float) -> Array:
     dt, eps = omega_dt / body.omega, AMPLITUDE * LENGTH
     A = np.zeros((2, 2))
     for column, (a, b) in enumerate(((eps, 0.0), (0.0, eps * body.omega))):
-        (u, v), (w, z) = (body.ask(sign * a * along, sign * b * along, dt) for sign in (1, -1))
+        (u, v), (w, z) = (body.step_once(sign * a * along, sign * b * along, dt) for sign in (1, -1))
         A[:, column] = (u - w) @ along / (2 * eps), (v - z) @ along / (2 * eps * body.omega)
     return A
 
@@ -276,19 +284,19 @@ def _stability(body: _Body, claimed: float | None) -> dict[str, Any]:
         *(float(x) for x in SCAN[1:] if claimed is None or x < claimed),
         *([0.99 * claimed] if claimed else []),
     ]
-    found = 0.0
+    stable_limit = 0.0
     growth = {omega_dt: _growth(body, omega_dt) for omega_dt in tried}
     for below, above in pairwise([0.0, *tried]):
         if growth[above] > NO_GROWTH:
-            found = below
+            stable_limit = below
             break
-        found = above
-    asked = (
+        stable_limit = above
+    worst = (
         max(growth[x] for x in tried if x <= (claimed or SCAN[0])) if claimed is None or claimed > SCAN[0] else growth[tried[-1]]
     )
-    reason = "small vibrations must not grow; growth at any step is that of explicit Euler, or of a force of the wrong sign"
-    scale = f"amplification per step, less 1, up to omega dt = {claimed or SCAN[0]:g}; stable up to {found:.3g} at least"
-    return {"measured": max(asked, 0.0), "limit": NO_GROWTH, "scale": scale, "reason": reason}
+    reason = "small vibrations must not grow; growth at every step size means explicit Euler, or a force of the wrong sign"
+    scale = f"amplification per step, less 1, up to omega dt = {claimed or SCAN[0]:g}; stable up to {stable_limit:.3g} at least"
+    return {"measured": max(worst, 0.0), "limit": NO_GROWTH, "scale": scale, "reason": reason}
 
 
 def _explain(step: Step, density: float, claims: tuple[int | None, Sequence[str], float | None], report: Report) -> None:
@@ -299,15 +307,15 @@ def _explain(step: Step, density: float, claims: tuple[int | None, Sequence[str]
     naming, soft = Naming(before=largest(failures)), _Body(step, YOUNG["soft"], density)
 
     def repaired() -> Iterator[Explanation]:
-        for (name, words), repair in (*_of_size(step, soft), *_OF_PLACE.items()):
+        for (name, words), repair in (*_repairs_of_size(step, soft), *_REPAIRS_OF_STATE.items()):
             results = [task.run() for task in _tasks(partial(repair, step), density, *claims)]
             passed = all(result.outcome is CheckOutcome.PASSED for result in results)
             yield Explanation(name, words, largest(results) if passed else np.inf)
 
-    with suppress(Foul, np.linalg.LinAlgError):  # no repair is known for a step that cannot be measured
+    with suppress(ContractViolation, np.linalg.LinAlgError):  # no repair is known for a step that cannot be measured
         naming.explain(repaired())
     if not naming.explanations and any(result.check == "stability limit" for result in failures):
-        naming.explain(_of_beta(soft))
+        naming.explain(_newmark_beta(soft))
     if not naming.explanations:
         least = {result.check: result.reason for result in failures}
         naming.smallest = " ".join(f"By {check}: {reason}." for check, reason in least.items())
@@ -317,7 +325,7 @@ def _explain(step: Step, density: float, claims: tuple[int | None, Sequence[str]
 Repair = Callable[[Step, System, Array, Array, float], Any]
 
 
-class _Scaled:
+class _ScaledSystem:
     """System whose energy, forces and tangent are multiplied by a factor."""
 
     def __init__(self, system: System, factor: float) -> None:
@@ -336,31 +344,31 @@ class _Scaled:
         return self._factor * self._system.tangent(u)
 
 
-def _of_size(step: Step, body: _Body) -> Iterator[tuple[tuple[str, str], Repair]]:
+def _repairs_of_size(step: Step, body: _Body) -> Iterator[tuple[tuple[str, str], Repair]]:
     """Yield repairs of the size of the time step and of the force.
 
     The time step is measured by the path of a drifting body, the force by the frequency of small vibrations at small steps.
     """
     dt = 0.02 / body.omega
     drift = np.tile(body.drift, 2)
-    moved, _ = body.ask(np.zeros(6), drift, dt)
+    moved, _ = body.step_once(np.zeros(6), drift, dt)
     b = float(moved @ drift / (drift @ drift) / dt)
     if abs(b - 1) > 1e-3 and np.isfinite(b) and abs(b) > 1e-3:
 
         def of_another_time(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
             return step(system, u, v, dt / b)
 
-        yield (f"dt x {b:.3f}", f"the body moves on by {b:.3f} dt"), of_another_time
+        yield (f"dt x {b:.3f}", f"a free body moves by {b:.3f} dt in one step"), of_another_time
     coarse, fine = (_stiffness(body, omega_dt) for omega_dt in (0.04, 0.02))
     c = (4 * fine - coarse) / 3
     if abs(c - 1) > 1e-3 and np.isfinite(c) and abs(c) > 1e-3:
 
         def of_another_force(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
-            return step(_Scaled(system, 1 / c), u, v, dt)  # type: ignore[arg-type]  # a stand-in
+            return step(_ScaledSystem(system, 1 / c), u, v, dt)  # type: ignore[arg-type]  # a stand-in
 
-        words = f"your force is {c:.3f} x what it should be, or your mass {1 / c:.3f} x"
-        words += " (3 x is that of the consistent mass for the lumped one)" if abs(c - 3) < 1e-2 else ""
-        yield (f"force x {c:.3f}", words if c > 0 else "your force has the wrong sign"), of_another_force
+        words = f"the force is {c:.3f} x the correct one, or the mass {1 / c:.3f} x"
+        words += " (3 x: the consistent mass in place of the lumped one)" if abs(c - 3) < 1e-2 else ""
+        yield (f"force x {c:.3f}", words if c > 0 else "the force has the wrong sign"), of_another_force
 
 
 def _stiffness(body: _Body, omega_dt: float) -> float:
@@ -372,7 +380,7 @@ def _stiffness(body: _Body, omega_dt: float) -> float:
     return float(((angles[0] - angles[1]) ** 2).real / -4)
 
 
-def _of_beta(body: _Body) -> Iterator[Explanation]:
+def _newmark_beta(body: _Body) -> Iterator[Explanation]:
     """Yield Newmark's beta of an implicit step with gamma = 1/2.
 
     For such a step, `cos(theta) = 1 - x^2/2 / (1 + beta x^2)` with `x = omega dt`.
@@ -386,7 +394,7 @@ def _of_beta(body: _Body) -> Iterator[Explanation]:
     beta, off = found[0], abs(found[1] - found[0])
     if off < EXACT and EXACT < beta < 0.25 - EXACT:
         limit = 2 / np.sqrt(1 - 4 * beta)
-        words = f"small vibrations are those of Newmark's beta = {beta:.4f}, stable up to omega dt = {limit:.3g}; 1/4 has no limit"
+        words = f"small vibrations follow Newmark's beta = {beta:.4f}, stable up to omega dt = {limit:.3g}; beta = 1/4 has no limit"
         yield Explanation(f"beta = {beta:.3f}", words, off)
 
 
@@ -394,37 +402,37 @@ def _accelerated(system: System, u: Array) -> Array:
     return -system.mass().solve(system.internal_force(u))
 
 
-def _by_new_force(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+def _with_new_force(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
     moved, rate = step(system, u, v, dt)
     return moved, rate + dt / 2 * (_accelerated(system, moved) - _accelerated(system, u))
 
 
-def _by_other_half(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+def _with_second_half(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
     moved, rate = step(system, u, v, dt)
     return moved, rate + dt / 2 * _accelerated(system, moved)
 
 
-def _by_new_velocity(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+def _with_new_velocity(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
     moved, rate = step(system, u, v, dt)
     return moved + dt * (rate - v), rate
 
 
-def _by_first_half(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
-    short, rate = step(system, u, v, dt)
-    moved = short + dt**2 / 2 * _accelerated(system, u)
-    return moved, rate + dt / 2 * (_accelerated(system, moved) - _accelerated(system, short))
+def _with_first_half(step: Step, system: System, u: Array, v: Array, dt: float) -> Any:
+    half_moved, rate = step(system, u, v, dt)
+    moved = half_moved + dt**2 / 2 * _accelerated(system, u)
+    return moved, rate + dt / 2 * (_accelerated(system, moved) - _accelerated(system, half_moved))
 
 
 #: Name and words of each repair that takes a force or a velocity at another state.
-_OF_PLACE: dict[tuple[str, str], Repair] = {
+_REPAIRS_OF_STATE: dict[tuple[str, str], Repair] = {
     (
         "old force",
-        "the second half of the velocity's change is by the force of the start; it should be that of the end",
-    ): _by_new_force,
-    ("velocity of the middle", "the velocity that is returned is that of the middle of the step"): _by_other_half,
+        "the second half of the velocity update uses the force at the start of the step; expected the force at the end",
+    ): _with_new_force,
+    ("velocity of the middle", "the returned velocity is the one at the middle of the step"): _with_second_half,
     (
         "old velocity",
-        "displacements are moved by the velocity of the start, as by explicit Euler; expected that of the end",
-    ): _by_new_velocity,
-    ("no dt^2/2 a", "displacements lack dt^2/2 times the acceleration of the start"): _by_first_half,
+        "displacements are updated with the velocity at the start of the step, as in explicit Euler; expected that at the end",
+    ): _with_new_velocity,
+    ("no dt^2/2 a", "displacements lack dt^2/2 times the acceleration at the start of the step"): _with_first_half,
 }

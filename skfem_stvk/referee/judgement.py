@@ -22,7 +22,7 @@ Measurement = dict[str, Any]
 
 LIMIT, LIMIT_BY_ASPECT, HIGHEST = 1e-12, 20 * float(np.finfo(float).eps), 1e-6
 #: Largest number of elements that a message names.
-MOST = 5
+MOST_NAMED = 5
 FLAT = "20 eps x (longest edge + displacement)/smallest height of the flattest or farthest moved element"
 
 
@@ -39,7 +39,7 @@ def by_node(mesh: ElementMesh, error: Array, scale: Array, limit: Array, words: 
         "limit": float(limit[node]),
         "scale": f"{scale[node]:.3e} ({words})",
         "reason": _why(reason, limit),
-        "worst": worst_places(mesh, _over(np.abs(error), np.repeat(limit * scale, mesh.d)), 1.0),
+        "worst": worst_locations(mesh, _over(np.abs(error), np.repeat(limit * scale, mesh.d)), 1.0),
     }
 
 
@@ -60,17 +60,17 @@ def by_entry(mesh: ElementMesh, difference: spmatrix, rows: Array, limits: csr_m
     worst = int(np.argmax(relative / limit))
     by_row = np.zeros(mesh.p.size)
     np.maximum.at(by_row, entries.row, relative / limit)
-    place = {"entry": [int(entries.row[worst]), int(entries.col[worst])]}
+    entry = {"entry": [int(entries.row[worst]), int(entries.col[worst])]}
     return {
         "measured": float(relative[worst]),
         "limit": float(limit[worst]),
         "scale": f"{scale[worst]:.3e} ({words}, geometric mean)",
         "reason": _why(reason, limit),
-        "worst": worst_places(mesh, by_row, 1.0) | place,
+        "worst": worst_locations(mesh, by_row, 1.0) | entry,
     }
 
 
-def as_a_whole(error: float, scale: float, limit: float, words: str, reason: str) -> Measurement:
+def of_whole_body(error: float, scale: float, limit: float, words: str, reason: str) -> Measurement:
     """Return the measurement of one number of the whole body."""
     return relative(error, scale, limit, words, reason + (f"; up to {limit:.0e}, {FLAT}" if limit > LIMIT else ""))
 
@@ -106,11 +106,11 @@ def _why(reason: str, limit: Array) -> str:
     looser = limit > LIMIT
     if not looser.any():
         return reason
-    where = f"in {looser.sum()} of {len(limit)} places"
+    where = f"in {looser.sum()} of {len(limit)} locations"
     return f"{reason}; up to {limit.max():.0e} {where}, {FLAT}"
 
 
-def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) -> dict[str, Any]:
+def worst_locations(mesh: ElementMesh, error: NDArray[np.float64], limit: float) -> dict[str, Any]:
     """Return the location of the largest error (ndofs,), and the nodes and elements that exceed the limit.
 
     `suspects` are the elements with all nodes beyond the limit. A fault in single elements gives exactly these elements.
@@ -121,29 +121,35 @@ def worst_places(mesh: ElementMesh, error: NDArray[np.float64], limit: float) ->
     dof = int(np.argmax(error))
     node = dof // mesh.d
     around = np.flatnonzero((mesh.t == node).any(axis=0))
-    places: dict[str, Any] = {"dof": dof, "node": node, "component": "xyz"[dof % mesh.d], "elements": around[:MOST].tolist()}
+    locations: dict[str, Any] = {
+        "dof": dof,
+        "node": node,
+        "component": "xyz"[dof % mesh.d],
+        "elements": around[:MOST_NAMED].tolist(),
+    }
     off: NDArray[np.bool_] = np.any((error > limit).reshape(-1, mesh.d), axis=1)
     if off.any():
         suspects = np.flatnonzero(off[mesh.t].all(axis=0))
-        places |= {"nodes_off": int(off.sum()), "elements_off": len(suspects), "suspects": suspects[:MOST].tolist()}
-    return places
+        locations |= {"nodes_off": int(off.sum()), "elements_off": len(suspects), "suspects": suspects[:MOST_NAMED].tolist()}
+    return locations
 
 
-def in_words(places: dict[str, Any]) -> str:
-    """Return the result of `worst_places` as one line of text.
+def location_in_words(locations: dict[str, Any]) -> str:
+    """Return the result of `worst_locations` as one line of text.
 
-    >>> in_words({"dof": 7, "node": 2, "component": "y", "elements": [1], "nodes_off": 4, "elements_off": 1, "suspects": [1]})
+    >>> worst = {"dof": 7, "node": 2, "component": "y", "elements": [1], "nodes_off": 4, "elements_off": 1, "suspects": [1]}
+    >>> location_in_words(worst)
     'worst at dof 7 (node 2, y); 4 nodes off, all nodes of 1 element: 1'
     """
-    if "dof" not in places:
-        return "; ".join(f"{name} {value}" for name, value in places.items())
-    words = f"worst at dof {places['dof']} (node {places['node']}, {places['component']})"
-    if places.get("elements_off"):
-        count = places["elements_off"]
-        ids = ", ".join(map(str, places["suspects"])) + (", ..." if count > len(places["suspects"]) else "")
-        words += f"; {places['nodes_off']} nodes off, all nodes of {count} element{'s' if count > 1 else ''}: {ids}"
-    elif "nodes_off" in places:
-        words += f"; {places['nodes_off']} nodes off"
+    if "dof" not in locations:
+        return "; ".join(f"{name} {value}" for name, value in locations.items())
+    words = f"worst at dof {locations['dof']} (node {locations['node']}, {locations['component']})"
+    if locations.get("elements_off"):
+        count = locations["elements_off"]
+        ids = ", ".join(map(str, locations["suspects"])) + (", ..." if count > len(locations["suspects"]) else "")
+        words += f"; {locations['nodes_off']} nodes off, all nodes of {count} element{'s' if count > 1 else ''}: {ids}"
+    elif "nodes_off" in locations:
+        words += f"; {locations['nodes_off']} nodes off"
     return words
 
 

@@ -17,7 +17,7 @@ from .bodies import tensor_in, voigt_matrix
 from .case import random_rotation
 from .checks.law import LawChecks
 from .law_naming import named_law
-from .law_readings import MEASURES, ORDERS, TANGENTS, JudgedLaw, Told
+from .law_readings import MEASURES, ORDERS, TANGENTS, Declared, JudgedLaw
 from .report import Report, judge
 
 Measurement = dict[str, Any]
@@ -129,13 +129,13 @@ def verify_law(
     rng = np.random.default_rng(whole("seed", seed, "a whole number from 0"))
     law = JudgedLaw(functions, d, rng)
     states = _samples(d, rng) if gradients is None else {f"F {i}": F for i, F in enumerate(gradients)}
-    told: Told = {"P": (measure, voigt, None), "A": (tangent, voigt, engineering)}
-    lines = law.read(told, tensor, isinstance(claims, StVK))
+    declared: Declared = {"P": (measure, voigt, None), "A": (tangent, voigt, engineering)}
+    lines = law.read(declared, tensor, isinstance(claims, StVK))
     checks = LawChecks(law, states, tensor, claims, rng)
     lines = [f"a law in {d} dimensions: {', '.join(functions)} of F", *lines]
 
     def explain(report: Report) -> None:
-        report.named = named_law(law, checks, told, report.results)
+        report.named = named_law(law, checks, declared, report.results)
         lines.extend(checks.facts())
 
     return judge("verify law", {"seed": seed, "lines": lines}, list(checks.tasks()), quiet, explain)

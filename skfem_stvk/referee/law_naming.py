@@ -12,12 +12,13 @@ from ..arguments import Array
 from ..errors import StvkError
 from ..reference import lame_tensor
 from .checks.law import LawChecks
+from .implementations import ContractViolation
 from .law_readings import (
+    ARGUMENT,
     FITS,
-    WORD,
+    Declared,
     JudgedLaw,
     Reading,
-    Told,
     fitted,
     full_tensor,
     geometric_part,
@@ -26,7 +27,6 @@ from .law_readings import (
     stvk_energy,
     stvk_stress,
 )
-from .players import Foul
 from .results import CheckOutcome, Explanation, Naming, Result, largest
 
 #: Relative distance below which moduli are equal. Differences of sixth order, taken twice, are accurate to 1e-8.
@@ -34,7 +34,7 @@ SAME = 1e-6
 SELF_EXPLAINING = {"inversion", "strong ellipticity"}  # the names of these checks state the fault
 
 
-def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Result]) -> Naming | None:
+def named_law(law: JudgedLaw, checks: LawChecks, declared: Declared, results: list[Result]) -> Naming | None:
     """Return the explanation of all failures, or None if no failure needs a name.
 
     Moduli at rest are compared with the claims first. Then the repaired stress and tangent are read again. The repairs are an
@@ -44,10 +44,10 @@ def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Resul
     if not failures:
         return None
     naming = Naming(tried=law.tried, before=largest(failures))
-    repair = _Repair(law, checks, told)
+    repair = _Repair(law, checks, declared)
     try:
         after = repair.results()
-    except (Foul, StvkError, np.linalg.LinAlgError):  # the repaired law may fail in the same ways as the law
+    except (ContractViolation, StvkError, np.linalg.LinAlgError):  # the repaired law may fail in the same ways as the law
         after = []
     naming.tried += len(law.functions) * (checks.isotropic + checks.stvk)
     if repair.found and after and not any(result.outcome is CheckOutcome.FAILED for result in after):
@@ -56,19 +56,23 @@ def named_law(law: JudgedLaw, checks: LawChecks, told: Told, results: list[Resul
         naming.explain([Explanation("; ".join(names), "; ".join(words), residual)])
         return naming
     size = {name: float(np.abs(F.T @ F - np.eye(law.d)).max()) for name, F in checks.states.items()}
-    least = min((result.state for result in failures), key=lambda name: size.get(name, np.inf))
-    blind = any(result.state == least and np.isnan(result.measured) for result in failures if result.measured is not None)
+    mildest_state = min((result.state for result in failures), key=lambda name: size.get(name, np.inf))
+    not_finite = any(
+        result.state == mildest_state and np.isnan(result.measured) for result in failures if result.measured is not None
+    )
     part = "; ".join(words for _, words in repair.found)
-    naming.smallest = f"Nearest to rest it fails in the state {least!r}{', where it is not a number' if blind else ''}."
-    naming.smallest += f" In part: {part}." if part else ""
+    naming.smallest = (
+        f"The failing state nearest to rest is {mildest_state!r}{', where the law is not finite' if not_finite else ''}."
+    )
+    naming.smallest += f" A part is explained: {part}." if part else ""
     return naming
 
 
 class _Repair:
     """Law whose functions are repaired one by one, with a description of each repair."""
 
-    def __init__(self, law: JudgedLaw, checks: LawChecks, told: Told) -> None:
-        self.law, self.checks, self.told = law, checks, dict(told)
+    def __init__(self, law: JudgedLaw, checks: LawChecks, declared: Declared) -> None:
+        self.law, self.checks, self.declared = law, checks, dict(declared)
         self.functions: dict[str, Callable[[Array], Any]] = dict(law.functions)
         self.tensor = checks.tensor
         self.found: list[tuple[str, str]] = []
@@ -81,10 +85,10 @@ class _Repair:
             self._linear(self.tensor)
         for _ in range(3):  # the stress, the tangent, and a final check
             law = JudgedLaw(self.functions, self.law.d, np.random.default_rng(1))
-            law.read(self.told, self.tensor, self.checks.stvk)
-            if not law.would_fit:
+            law.read(self.declared, self.tensor, self.checks.stvk)
+            if not law.fitting_readings:
                 break
-            self._reading(law, next(iter(law.would_fit)))
+            self._reading(law, next(iter(law.fitting_readings)))
         checks = LawChecks(law, self.checks.states, self.tensor, self.checks.claims, np.random.default_rng(2))
         return [task.run() for task in checks.tasks()]
 
@@ -92,9 +96,13 @@ class _Repair:
         """Repair moduli at rest that differ from the claims, either of all functions by other claims, or of each function."""
         assert self.tensor is not None
         lam, mu, _ = lame_of(self.tensor)
-        found = {what: lame_of(self.checks.moduli(what)) for what in self.functions}
-        found = {what: one for what, one in found.items() if one[2] < SAME and abs(one[1]) > SAME * mu}
-        wrong = {what: one[:2] for what, one in found.items() if max(abs(one[0] - lam), abs(one[1] - mu)) > SAME * (abs(lam) + mu)}
+        found = {quantity: lame_of(self.checks.moduli(quantity)) for quantity in self.functions}
+        found = {quantity: one for quantity, one in found.items() if one[2] < SAME and abs(one[1]) > SAME * mu}
+        wrong = {
+            quantity: one[:2]
+            for quantity, one in found.items()
+            if max(abs(one[0] - lam), abs(one[1] - mu)) > SAME * (abs(lam) + mu)
+        }
         if not wrong:
             return
         first = next(iter(wrong.values()))
@@ -103,76 +111,76 @@ class _Repair:
             self.found.append(_moduli_in_words("", *first, lam, mu))
             self.tensor = lame_tensor(*first, self.law.d)
             return
-        for what, (other, shear) in wrong.items():
+        for quantity, (other, shear) in wrong.items():
             c = shear / mu
             if abs(other - c * lam) < SAME * (abs(other) + mu):
-                self._scaled(what, c)
+                self._scaled(quantity, c)
             elif self.checks.stvk:
-                self._of_other_constants(what, lame_tensor(other, shear, self.law.d))
-            self.found.append(_moduli_in_words(WORD[what], other, shear, lam, mu))
+                self._of_other_constants(quantity, lame_tensor(other, shear, self.law.d))
+            self.found.append(_moduli_in_words(ARGUMENT[quantity], other, shear, lam, mu))
 
     def _linear(self, tensor: Array) -> None:
         """Repair an energy or stress that is that of linear elasticity."""
         found = []
-        for what in self.functions.keys() & {"W", "P"}:
-            at = [(self._raw(what, F), *linear(tensor, F)) for F in self.law.generic]
+        for quantity in self.functions.keys() & {"W", "P"}:
+            at = [(self._raw(quantity, F), *linear(tensor, F)) for F in self.law.generic]
             given = np.array([raw for raw, *_ in at])
-            fit = fitted(given, np.array([W if what == "W" else sigma for _, W, sigma in at]))
+            fit = fitted(given, np.array([W if quantity == "W" else sigma for _, W, sigma in at]))
             if fit.residual < FITS:
-                found.append(what)
-        for what in found:
-            self.functions[what] = partial(stvk_energy if what == "W" else stvk_stress, tensor)
+                found.append(quantity)
+        for quantity in found:
+            self.functions[quantity] = partial(stvk_energy if quantity == "W" else stvk_stress, tensor)
         if "P" in found:
-            self.told["P"] = "P", None, None
+            self.declared["P"] = "P", None, None
         if found:
-            words = " and ".join(WORD[what] for what in sorted(found, reverse=True))
+            words = " and ".join(ARGUMENT[quantity] for quantity in sorted(found, reverse=True))
             self.found.append(("linear strain", f"the {words} {'are those' if len(found) > 1 else 'is that'} of linear elasticity"))
 
-    def _raw(self, what: str, F: Array) -> Array:
+    def _raw(self, quantity: str, F: Array) -> Array:
         """Return the number, or the full (d, d) matrix, that the function returned, without conversion to P."""
-        value = self.law.value(what, F)
-        return value.reshape(()) if what == "W" else nominal_stress(value, F, Reading("P", self.law.reading["P"].order))
+        value = self.law.value(quantity, F)
+        return value.reshape(()) if quantity == "W" else nominal_stress(value, F, Reading("P", self.law.reading["P"].order))
 
-    def _scaled(self, what: str, c: float) -> None:
-        raw = partial(self.law.value, what)
-        self.functions[what] = lambda F: raw(F) / c
-        if what != "W":
-            self._tell(what, self.law.reading[what])
+    def _scaled(self, quantity: str, c: float) -> None:
+        raw = partial(self.law.value, quantity)
+        self.functions[quantity] = lambda F: raw(F) / c
+        if quantity != "W":
+            self._declare(quantity, self.law.reading[quantity])
 
-    def _tell(self, what: str, reading: Reading) -> None:
-        self.told[what] = reading.kind, reading.order, reading.engineering
+    def _declare(self, quantity: str, reading: Reading) -> None:
+        self.declared[quantity] = reading.kind, reading.order, reading.engineering
 
-    def _of_other_constants(self, what: str, other: Array) -> None:
+    def _of_other_constants(self, quantity: str, other: Array) -> None:
         """Repair a function: subtract St. Venant-Kirchhoff with its own constants, and add that with the claimed constants."""
         law, tensor = self.law, self.tensor
         assert tensor is not None
-        if what == "W":
-            self.functions[what] = lambda F: law.W(F) + stvk_energy(tensor - other, F)
-        elif what == "P":
-            self.functions[what] = lambda F: law.P(F) + stvk_stress(tensor - other, F)
-            self.told[what] = "P", None, None
-        elif law.reading[what].kind == "C":
-            self.functions[what] = lambda F: full_tensor(law.value(what, F), law.reading[what], law.d) + tensor - other
-            self.told[what] = "C", None, None
+        if quantity == "W":
+            self.functions[quantity] = lambda F: law.W(F) + stvk_energy(tensor - other, F)
+        elif quantity == "P":
+            self.functions[quantity] = lambda F: law.P(F) + stvk_stress(tensor - other, F)
+            self.declared[quantity] = "P", None, None
+        elif law.reading[quantity].kind == "C":
+            self.functions[quantity] = lambda F: full_tensor(law.value(quantity, F), law.reading[quantity], law.d) + tensor - other
+            self.declared[quantity] = "C", None, None
         else:
             more = tensor - other
-            self.functions[what] = lambda F: (
+            self.functions[quantity] = lambda F: (
                 law.A(F) + material_part(more, F, Reading("C")) + geometric_part(stvk_stress(more, F), F)
             )
-            self.told[what] = "A", None, None
+            self.declared[quantity] = "A", None, None
 
-    def _reading(self, law: JudgedLaw, what: str) -> None:
+    def _reading(self, law: JudgedLaw, quantity: str) -> None:
         """Repair a stress or tangent that fits by another reading, by a factor, or with its geometric part added."""
-        reading, fit = law.would_fit[what]
+        reading, fit = law.fitting_readings[quantity]
         if fit.lacks_geometric:
-            law.reading[what] = reading
-            self.functions[what] = lambda F: law.A(F) + geometric_part(law.any_stress(F), F)
-            self.told[what] = "A", None, None
+            law.reading[quantity] = reading
+            self.functions[quantity] = lambda F: law.A(F) + geometric_part(law.any_stress(F), F)
+            self.declared[quantity] = "A", None, None
         else:
-            raw = partial(law.value, what)
-            self.functions[what] = lambda F: raw(F) / fit.factor
-            self._tell(what, reading)
-        word = WORD[what]
+            raw = partial(law.value, quantity)
+            self.functions[quantity] = lambda F: raw(F) / fit.factor
+            self._declare(quantity, reading)
+        word = ARGUMENT[quantity]
         short = "without its geometric term" if fit.lacks_geometric else f"x {fit.factor:.3f}" if fit.words else f"is {reading}"
         self.found.append((f"{word} {short}", f"the {word} fits as {reading}" + (f": {fit.words}" if fit.words else "")))
 
@@ -182,11 +190,11 @@ def _moduli_in_words(word: str, lam: float, mu: float, true: float, shear: float
     of = f"at rest the moduli of the {word} are" if word else "at rest the moduli are"
     if abs(true) < SAME * shear:
         return (
-            f"{word} lambda for 0".strip(),
-            f"{of} lambda = {lam:.4g}, which should be 0, and mu {mu / shear:.3f} x that of the claim",
+            f"{word} lambda instead of 0".strip(),
+            f"{of} lambda = {lam:.4g}, expected 0, and mu {mu / shear:.3f} x that of the claim",
         )
     if word and abs(lam / true - mu / shear) < SAME:
-        return f"{word} x {mu / shear:.3f}", f"the {word} is {mu / shear:.3f} x what the claim says"
+        return f"{word} x {mu / shear:.3f}", f"the {word} is {mu / shear:.3f} x the claimed one"
     name = f"lambda x {lam / true:.3f}, mu x {mu / shear:.3f}"
     return f"{word}: {name}" if word else name, f"{of} lambda {lam / true:.3f} x and mu {mu / shear:.3f} x those of the claim"
 

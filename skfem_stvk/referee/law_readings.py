@@ -15,7 +15,7 @@ import numpy as np
 from ..arguments import Array, real_array, shown
 from ..errors import StvkError
 from .case import random_rotation
-from .players import Foul, fairly
+from .implementations import ContractViolation, guarded
 
 MEASURES = ("P", "S", "sigma", "tau", "P transposed")
 TANGENTS = ("A", "C", "A transposed")
@@ -24,8 +24,8 @@ ORDERS = {"23-13-12": ((1, 2), (0, 2), (0, 1)), "12-13-23": ((0, 1), (0, 2), (1,
 #: Largest relative residual of a reading that fits. Differences of sixth order are accurate to about 1e-10, taken twice to 1e-8.
 FITS = 1e-6
 SIXTH = ((1, 45 / 60), (2, -9 / 60), (3, 1 / 60))  # antisymmetric weights of the derivative of sixth order
-WORD = {"W": "energy", "P": "stress", "A": "elasticity"}
-Told = dict[str, tuple[str | None, str | None, bool | None]]
+ARGUMENT = {"W": "energy", "P": "stress", "A": "elasticity"}
+Declared = dict[str, tuple[str | None, str | None, bool | None]]
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def material_part(value: Array, F: Array, reading: Reading) -> Array:
     return np.einsum("im,kn,mjnl->ijkl", F, F, full_tensor(value, reading, len(F)))
 
 
-def second_of(A: Array, F: Array, P: Array) -> Array:
+def material_tangent(A: Array, F: Array, P: Array) -> Array:
     """Return `C_MJNL` (d, d, d, d) for A: subtract the geometric part, and pull back the first index of each pair."""
     inverse = np.linalg.inv(F)
     return np.einsum("mi,nk,ijkl->mjnl", inverse, inverse, A - geometric_part(P, F))
@@ -149,7 +149,7 @@ class Fit(NamedTuple):
         """Description of the correction, empty if there is none."""
         if self.lacks_geometric:
             return "the geometric term is missing"
-        return "" if self.factor == 1 else f"it is {self.factor:.3f} x what it should be"
+        return "" if self.factor == 1 else f"it is {self.factor:.3f} x the expected value"
 
 
 class JudgedLaw:
@@ -159,22 +159,27 @@ class JudgedLaw:
         self.functions, self.d = dict(functions), d
         self.reading: dict[str, Reading] = {}
         #: For a stress or tangent that does not fit as declared, a reading that would fit, with its residual.
-        self.would_fit: dict[str, tuple[Reading, Fit]] = {}
+        self.fitting_readings: dict[str, tuple[Reading, Fit]] = {}
         self.before: dict[str, float] = {}
         self.tried = 0
         one = np.eye(d)
         self.generic = [random_rotation(d, rng) @ (one + 0.3 * rng.uniform(-1, 1, (d, d))) for _ in range(3)]
-        self.turn = random_rotation(d, rng, 70.0)
+        self.rotation = random_rotation(d, rng, 70.0)
 
     def value(self, name: str, F: Array) -> Array:
-        """Return the function's result as a new array of real numbers. Raise `Foul` if it has another type or shape."""
+        """Return the function's result as a new array of real numbers.
+
+        Raise `ContractViolation` if it has another type or shape.
+        """
         with np.errstate(all="ignore"):  # the law may take the logarithm of a negative det F
-            returned = fairly(f"{name}(F)", lambda: self.functions[name](F.copy()))
-        values = real_array(fairly(f"{name}(F)", lambda: np.array(returned, dtype=None)))
+            returned = guarded(f"{name}(F)", lambda: self.functions[name](F.copy()))
+        values = real_array(guarded(f"{name}(F)", lambda: np.array(returned, dtype=None)))
         if values is None or (name == "W" and values.size != 1):
-            raise Foul(f"{name}(F) returned {shown(returned)}; expected {'one number' if name == 'W' else 'real numbers'}.")
+            raise ContractViolation(
+                f"{name}(F) returned {shown(returned)}; expected {'one number' if name == 'W' else 'real numbers'}."
+            )
         if name != "W" and name in self.reading and values.shape != self.shape[name]:
-            raise Foul(f"{name}(F) returned shape {values.shape}; before it was {self.shape[name]}.")
+            raise ContractViolation(f"{name}(F) returned shape {values.shape}; before it was {self.shape[name]}.")
         return np.array(values)
 
     def W(self, F: Array) -> float:
@@ -199,7 +204,7 @@ class JudgedLaw:
 
     claimed: Callable[[Array], Array] | None = None
     shape: dict[str, tuple[int, ...]]
-    _true: list[Array] | None = None
+    _reference_tangents: list[Array] | None = None
 
     def tangent_by_differences(self, F: Array) -> Array | None:
         """Return A (d, d, d, d) by differences of P, or else of W. Return None if there is neither."""
@@ -207,60 +212,64 @@ class JudgedLaw:
             return differences(self.P, F, 2e-3)
         return differences(lambda G: differences(self.W, G, 1e-2), F, 1e-2) if "W" in self.functions else None
 
-    def read(self, told: Told, tensor: Array | None, stvk: bool) -> list[str]:
+    def read(self, declared: Declared, tensor: Array | None, stvk: bool) -> list[str]:
         """Choose the readings of stress and tangent, and return lines that describe them.
 
-        Raise StvkError if a function fails, or its result has no reading that agrees with `told`.
+        Raise StvkError if a function fails, or its result has no reading that agrees with `declared`.
         """
         self.shape, lines = {}, []
         if tensor is not None and stvk:
             self.claimed = lambda F: stvk_stress(tensor, F)
-        for name, all_of, fits in (("P", readings_of_stress, self._stress_fits), ("A", readings_of_tangent, self._tangent_fits)):
+        for name, readings_of, fits in (
+            ("P", readings_of_stress, self._stress_fits),
+            ("A", readings_of_tangent, self._tangent_fits),
+        ):
             if name not in self.functions:
                 continue
-            word = WORD[name]
+            word = ARGUMENT[name]
             try:
                 self.shape[name] = self.value(name, self.generic[0]).shape
-            except Foul as foul:
-                raise StvkError(f"{word}: {foul}") from foul
-            known = all_of(self.shape[name], self.d)
+            except ContractViolation as violation:
+                raise StvkError(f"{word}: {violation}") from violation
+            known = readings_of(self.shape[name], self.d)
             if not known:
                 raise StvkError(f"{word} returned an array of shape {self.shape[name]}; expected {_EXPECTED[name][self.d]}.")
-            kind, order, engineering = told[name]
-            asked = [
+            kind, order, engineering = declared[name]
+            allowed = [
                 r
                 for r in known
                 if kind in (None, r.kind) and (order in (None, r.order) or r.order in (None, "12")) and
                 (engineering is None or r.engineering in (None, engineering))
             ]  # fmt: skip
-            if not asked:
+            if not allowed:
                 raise StvkError(
-                    f"{word} of shape {self.shape[name]} cannot be what is told; it may be: {'; '.join(map(str, known))}."
+                    f"{word} returned an array of shape {self.shape[name]}; expected one that fits the declared measure, tangent, "
+                    f"voigt and engineering. This shape may be: {'; '.join(map(str, known))}."
                 )
-            lines.append(self._chosen(name, known, asked, fits))
+            lines.append(self._chosen(name, known, allowed, fits))
         return lines
 
-    def _chosen(self, name: str, known: list[Reading], asked: list[Reading], fits: Callable[[Reading], Fit]) -> str:
+    def _chosen(self, name: str, known: list[Reading], allowed: list[Reading], fits: Callable[[Reading], Fit]) -> str:
         found: dict[Reading, Fit] = {}
         for reading in known:
             self.reading[name] = reading
             try:
                 found[reading] = fits(reading)
-            except Foul:
+            except ContractViolation:
                 found[reading] = Fit(np.inf)
         self.tried += len(known)
         good = [r for r in known if found[r].residual < FITS]
-        right = [r for r in asked if r in good]
-        named = [r for r in asked if found[r].words]
-        self.reading[name] = (right or named or sorted(asked, key=lambda r: found[r].residual))[0]
-        if right:
-            how = "told" if len(asked) == 1 else "guessed"
-            return f"{WORD[name]} read as {right[0]} ({how})" + "".join(f"; or {r}" for r in right[1:])
+        agreeing = [r for r in allowed if r in good]
+        named = [r for r in allowed if found[r].words]
+        self.reading[name] = (agreeing or named or sorted(allowed, key=lambda r: found[r].residual))[0]
+        if agreeing:
+            origin = "declared" if len(allowed) == 1 else "guessed"
+            return f"{ARGUMENT[name]} read as {agreeing[0]} ({origin})" + "".join(f"; or {r}" for r in agreeing[1:])
         fitting = good or named or [r for r in known if found[r].words]
         if fitting:
-            self.would_fit[name] = fitting[0], found[fitting[0]]
+            self.fitting_readings[name] = fitting[0], found[fitting[0]]
         self.before[name] = found[self.reading[name]].residual
-        return f"{WORD[name]} read as {self.reading[name]}, which does not fit"
+        return f"{ARGUMENT[name]} read as {self.reading[name]}, which does not fit"
 
     def _stress_fits(self, reading: Reading) -> Fit:
         """Return the fit of a reading to the derivative of W.
@@ -275,7 +284,7 @@ class JudgedLaw:
             scale = np.abs(P).max() or 1.0
             moments, A = P @ F.T, differences(self.P, F, 2e-3)
             worst = max(worst, float(np.abs(moments - moments.T).max() / scale))
-            worst = max(worst, float(np.abs(self.P(self.turn @ F) - self.turn @ P).max() / scale))
+            worst = max(worst, float(np.abs(self.P(self.rotation @ F) - self.rotation @ P).max() / scale))
             worst = max(worst, float(np.abs(A - A.transpose(2, 3, 0, 1)).max() / (np.abs(A).max() or 1.0)))
         return Fit(worst if np.isfinite(worst) else np.inf)
 
@@ -285,39 +294,39 @@ class JudgedLaw:
             P, value = self.any_stress(F), self.value("A", F)
             given.append(nominal_tangent(value, F, P, reading))
             geometric.append(geometric_part(P, F))
-        true = self._true_tangents()
+        true = self._tangents_in_generic_states()
         if not true:
-            return Fit(self._objective(reading))
+            return Fit(self._objectivity_error(reading))
         A, B, G = np.array(given), np.array(true), np.array(geometric)
         fit = fitted(A, B) if reading.kind != "C" else fitted(A - G, B - G)
         if reading.kind != "C" and not fit.words and fit.residual > FITS and fitted(A, B - G).residual < FITS:
             return Fit(fit.residual, lacks_geometric=True)
         return fit
 
-    def _true_tangents(self) -> list[Array]:
+    def _tangents_in_generic_states(self) -> list[Array]:
         """Return A in the generic states by differences of P, W or the claimed stress, or an empty list without them."""
-        if self._true is None:
-            self._true = []
+        if self._reference_tangents is None:
+            self._reference_tangents = []
             for F in self.generic:
                 A = self.tangent_by_differences(F)
                 if A is None and self.claimed is not None:
                     A = differences(self.claimed, F, 2e-3)
                 if A is not None:
-                    self._true.append(A)
-        return self._true
+                    self._reference_tangents.append(A)
+        return self._reference_tangents
 
-    def _objective(self, reading: Reading) -> float:
+    def _objectivity_error(self, reading: Reading) -> float:
         """Return the largest violation of symmetry and objectivity by a tangent without stress and energy."""
         worst, d = 0.0, self.d
         for F in self.generic:
             if reading.kind == "C":
                 one = np.eye(d)
-                first, turned = (material_part(self.value("A", G), one, reading) for G in (F, self.turn @ F))
+                first, rotated = (material_part(self.value("A", G), one, reading) for G in (F, self.rotation @ F))
                 first_symmetric = np.abs(first - first.transpose(1, 0, 2, 3)).max()
             else:
-                first, turned = (nominal_tangent(self.value("A", G), G, 0 * F, reading) for G in (F, self.turn @ F))
-                turned, first_symmetric = np.einsum("ai,bk,ijkl->ajbl", self.turn.T, self.turn.T, turned), 0.0
-            errors = np.abs(turned - first).max(), np.abs(first - first.transpose(2, 3, 0, 1)).max(), first_symmetric
+                first, rotated = (nominal_tangent(self.value("A", G), G, 0 * F, reading) for G in (F, self.rotation @ F))
+                rotated, first_symmetric = np.einsum("ai,bk,ijkl->ajbl", self.rotation.T, self.rotation.T, rotated), 0.0
+            errors = np.abs(rotated - first).max(), np.abs(first - first.transpose(2, 3, 0, 1)).max(), first_symmetric
             worst = max(worst, float(max(errors) / (np.abs(first).max() or 1.0)))
         return worst if np.isfinite(worst) else np.inf
 

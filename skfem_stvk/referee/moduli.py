@@ -17,10 +17,10 @@ from ..terms import StVK
 from .bodies import is_condensed, reference_on, tensor_of
 from .case import Case
 from .evidence import Evidence, Model, Values
-from .players import Foul, Player
+from .implementations import ContractViolation, Implementation
 
 #: Largest number of regions of equal constants whose factors are fitted.
-MOST = 10
+MOST_REGIONS = 10
 
 LAME_WORDS = {
     "lambda of plane strain": ": lam = E nu/((1 + nu) (1 - 2 nu)) is for plane strain and solids",
@@ -34,14 +34,14 @@ LAME_WORDS = {
 def lame_factors(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """Yield hypotheses on factors of lambda and mu in each region.
 
-    If there are more than MOST regions, or too few data, the factors are fitted for each term instead. Then the usual causes are
-    also tried in every element.
+    If there are more than MOST_REGIONS regions, or too few data, the factors are fitted for each term instead. Then the usual
+    causes are also tried in every element.
     """
     case = evidence.case
     if not all(isinstance(term.material, Isotropic) for term in terms) or case.mesh.k == 1:
         return
     regions = [region for term in terms for region in regions_of(case.mesh, term)]
-    fit = _fit(evidence, regions) if len(regions) <= MOST else None
+    fit = _fit(evidence, regions) if len(regions) <= MOST_REGIONS else None
     if fit is None:  # as many unknowns as values of W would fit any values
         regions, fit = list(terms), _fit(evidence, terms)
     if fit is not None:
@@ -76,8 +76,8 @@ def _fit(evidence: Evidence, regions: Sequence[StVK]) -> Array | None:
     # additional states are needed to separate the regions by W, and a candidate may raise in some states
     for u in [*_homogeneous(case), *(case.states[state] for state in evidence.found)]:
         try:
-            rows.append(evidence.column(evidence.values(evidence.player, u, quantity)[quantity]))
-        except Foul:
+            rows.append(evidence.column(evidence.values(evidence.implementation, u, quantity)[quantity]))
+        except ContractViolation:
             continue
         columns.append(np.stack([evidence.column(evidence.values(part, u, quantity)[quantity]) for part in parts], axis=1))
     if not rows:
@@ -177,23 +177,23 @@ def _scaled(evidence: Evidence, terms: Sequence[StVK], pairs: Sequence[tuple[Arr
     return model
 
 
-def _part(case: Case, term: StVK, of_lam: float | Array, of_mu: float | Array) -> Player:
+def _part(case: Case, term: StVK, of_lam: float | Array, of_mu: float | Array) -> Implementation:
     """Return the reference of a term with lambda and mu multiplied by factors."""
     assert isinstance(term.material, Isotropic)
-    mesh, how, ids = case.mesh, case.how, case.mesh.elements(term.region)
+    mesh, discretisation, ids = case.mesh, case.discretisation, case.mesh.elements(term.region)
     tensor, eye = tensor_of(term, mesh), np.eye(case.mesh.k)
     lam = tensor[:, :1, :1, 1:2, 1:2] * np.einsum("ij,kl->ijkl", eye, eye)
     lam_factor, mu_factor = (np.reshape(factor, (-1, 1, 1, 1, 1)) for factor in (of_lam, of_mu))
     scaled = lam_factor * lam + mu_factor * (tensor - lam)
-    control = how.hourglass * scaled[:, 0, 0, 0, 0] * np.ones(len(ids)) if how.is_one_point else None
-    return Player("part", reference_on(mesh.p, mesh.t[:, ids], scaled, how, control), mesh.p.size)
+    control = discretisation.hourglass * scaled[:, 0, 0, 0, 0] * np.ones(len(ids)) if discretisation.is_one_point else None
+    return Implementation("part", reference_on(mesh.p, mesh.t[:, ids], scaled, discretisation, control), mesh.p.size)
 
 
 def _homogeneous(case: Case) -> Iterator[Array]:
     """Yield six homogeneous states, each with a different strain of 10 to 20 % and a rotation."""
     d = case.mesh.d
-    turn = np.linalg.qr(case.random("homogeneous").standard_normal((d, d)))[0]
+    Q = np.linalg.qr(case.random("homogeneous").standard_normal((d, d)))[0]
     for number in range(6):
         strain = 0.1 * case.random(f"homogeneous {number}").standard_normal((d, d))
-        F = turn @ (np.eye(d) + strain + strain.T)
+        F = Q @ (np.eye(d) + strain + strain.T)
         yield (case.centred @ (F - np.eye(d)).T).ravel()

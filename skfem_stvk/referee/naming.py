@@ -22,7 +22,7 @@ from .case import INVERTED, STRETCH, Case
 from .checks.agreement import NEARBY
 from .evidence import COARSE, VANISHES, Evidence, flat
 from .hypotheses import models
-from .players import Foul, Player
+from .implementations import ContractViolation, Implementation
 from .results import Explanation, Naming
 
 INVERSION, SINGLE = "not a number at inversion", "single precision"
@@ -42,53 +42,55 @@ def name_the_fault(case: Case, terms: Sequence[StVK], make: Callable[[ElementMes
         return Naming(explanations=[Explanation("not repeatable", differing, np.inf)], tried=1)
     evidence = Evidence(case, case.candidate)
     if not evidence.found:
-        values = "values that are numbers" if evidence.not_finite else "values"
-        return Naming(smallest=f"It has no {values} in strained states.")
+        values = "finite values" if evidence.not_finite else "values"
+        return Naming(smallest=f"The candidate returns no {values} in strained states.")
     naming = Naming(before=evidence.error(evidence.truth, np.inf), smallest=_not_finite(evidence))
-    naming.explain(Explanation(name, words, naming.before if holds else np.inf) for holds, (name, words) in _in_words(evidence))
+    naming.explain(
+        Explanation(name, words, naming.before if holds else np.inf) for holds, (name, words) in _direct_explanations(evidence)
+    )
     if naming.explanations or naming.before <= VANISHES:  # if all values are right, every model that does not change them fits
         if naming.names == [INVERSION]:
             naming.smallest = ""
         elif naming.smallest and not naming.explanations:
-            naming.smallest += " Elsewhere its values are right to eight digits of the body's largest."
+            naming.smallest += " In the other states its values are correct to eight digits of the largest value of the body."
         elif not naming.explanations:
             naming.smallest = (
-                "In strained states its values are right to eight digits of the body's largest: what failed is in the digits "
-                "behind them, in a part that is far softer, or in another state, such as rest."
+                "In strained states its values are correct to eight digits of the largest value of the body. The failure is in "
+                "further digits, in a much softer part, or in another state, such as rest."
             )
         return naming
     unexplained: list[str] = []
     if not naming.explain(_hypotheses(evidence, terms), VANISHES) and len(evidence.quantities) > 1:
-        unexplained = _one_by_one(naming, evidence, terms)
+        unexplained = _explain_each_quantity(naming, evidence, terms)
     if not naming.explanations:
         unexplained.append(_fewest_nodes(evidence) if make is None else smallest_piece(make, case, terms))
     naming.smallest = " ".join(filter(None, (naming.smallest, *unexplained)))
     return naming
 
 
-def _not_repeatable(case: Case, player: Player) -> str:
+def _not_repeatable(case: Case, implementation: Implementation) -> str:
     """Return a text on the quantities that change from call to call at one state, or "" if none changes by more than VANISHES."""
-    u, told = case.states[STRETCH], []
+    u, differing = case.states[STRETCH], []
     v = case.random("repeated").standard_normal(len(u))
-    for quantity in filter(player.has, "WFK"):
-        ask = getattr(player, quantity)
+    for quantity in filter(implementation.has, "WFK"):
+        call = getattr(implementation, quantity)
         begin = time.perf_counter()
         values: list[Array] = []
         try:
-            ask(u)  # this call may return the values of the previous state, a fault with its own explanation
+            call(u)  # this call may return the values of the previous state, a fault with its own explanation
             while len(values) < REPEATED and (len(values) < 2 or time.perf_counter() - begin < LONGEST):
-                values.append(np.ravel(ask(u) @ v if quantity == "K" else ask(u)))
-        except Foul:
+                values.append(np.ravel(call(u) @ v if quantity == "K" else call(u)))
+        except ContractViolation:
             continue
         size = max(np.abs(value).max(initial=0.0) for value in values)
         off = [np.abs(value - values[0]).max(initial=0.0) > VANISHES * size for value in values]
         if any(off):
-            told.append(f"{quantity} in {sum(off)} of {len(off) - 1} calls")
-    if not told:
+            differing.append(f"{quantity} in {sum(off)} of {len(off) - 1} calls")
+    if not differing:
         return ""
     return (
-        f"at one u it returns other values from call to call ({', '.join(told)}): threads that write to the same array, or an "
-        "array that is not filled. Mend that first: all other checks judge values of chance"
+        f"repeated calls at one u return different values ({', '.join(differing)}). Threads may write to the same array, or an "
+        "array may be uninitialised. Correct this first: all other checks judge random values"
     )
 
 
@@ -98,13 +100,13 @@ def _hypotheses(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[Explanati
         yield Explanation(name, words, evidence.error(model))
 
 
-def _one_by_one(naming: Naming, evidence: Evidence, terms: Sequence[StVK]) -> list[str]:
+def _explain_each_quantity(naming: Naming, evidence: Evidence, terms: Sequence[StVK]) -> list[str]:
     """Explain each of W, F and K separately, store this as one explanation, and return sentences on the unexplained quantities."""
-    right, found, unexplained = [], {}, []
+    correct, found, unexplained = [], {}, []
     for quantity in evidence.quantities:
         single, fit = evidence.of(quantity), Naming()
         if single.error(single.truth) <= VANISHES:
-            right.append(quantity)
+            correct.append(quantity)
         elif fit.explain(_hypotheses(single, terms), VANISHES):
             found[quantity] = fit
         else:
@@ -112,17 +114,17 @@ def _one_by_one(naming: Naming, evidence: Evidence, terms: Sequence[StVK]) -> li
         naming.tried += fit.tried
     fits = list(found.values())
     common = [name for name in fits[0].names if all(name in fit.names for fit in fits)] if fits else []
-    said = {quantity: common or fit.names for quantity, fit in found.items()} | {quantity: ["right"] for quantity in right}
-    names = [f"{quantity}: {' or '.join(said[quantity])}" for quantity in evidence.quantities if quantity in said]
+    names_of = {quantity: common or fit.names for quantity, fit in found.items()} | {quantity: ["right"] for quantity in correct}
+    names = [f"{quantity}: {' or '.join(names_of[quantity])}" for quantity in evidence.quantities if quantity in names_of]
     if found:
         words = "; ".join(
-            f"of {quantity}, {next(one.words for one in fit.explanations if one.name in said[quantity])}"
+            f"{quantity}: {next(one.words for one in fit.explanations if one.name in names_of[quantity])}"
             for quantity, fit in found.items()
         )
         residual = max(one.residual for fit in fits for one in fit.explanations)
         naming.explanations = [Explanation("; ".join(names), words, residual)]
         return [f"{quantity} has a further fault, which no hypothesis explains." for quantity in unexplained]
-    return [f"{' and '.join(right)} {'are' if len(right) > 1 else 'is'} right."] if right else []
+    return [f"{' and '.join(correct)} {'are' if len(correct) > 1 else 'is'} correct."] if correct else []
 
 
 def _not_finite(evidence: Evidence) -> str:
@@ -139,25 +141,25 @@ def _not_finite(evidence: Evidence) -> str:
 # explanations that need no model
 
 
-def _in_words(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
+def _direct_explanations(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, str]]]:
     """Yield whether an explanation holds, with its name and words, for explanations that follow from the values themselves.
 
     These are: values that are not finite, single precision, and a K that belongs to the previous state.
     """
     error = evidence.error(evidence.truth)
     inverted = [state for state in INVERTED if state in evidence.not_finite]
-    words = "values are not finite where elements are inside out, as by a logarithm or a root of J; elsewhere they are right"
+    words = "values are not finite if elements are inverted, as with a logarithm or a root of J; elsewhere they are correct"
     yield bool(inverted) and len(inverted) == len(evidence.not_finite) and error <= VANISHES, (INVERSION, words)
-    few = VANISHES < error < COARSE and _has_few_digits(evidence)
-    how = "in values of nine digits at most" if few else "that change from state to state like rounding"
-    rounded = few or (VANISHES < error < COARSE and _is_rounding(evidence))
-    yield rounded, (SINGLE, f"errors of {error:.0e} {how}: sums, positions or what is written in float32")
+    decimal = VANISHES < error < COARSE and _has_few_digits(evidence)
+    evidence_of_rounding = "in values of nine digits at most" if decimal else "that change from state to state like rounding"
+    rounded = decimal or (VANISHES < error < COARSE and _is_rounding(evidence))
+    yield rounded, (SINGLE, f"errors of {error:.0e} {evidence_of_rounding}: sums, positions or output in float32")
     others = [quantity for quantity in evidence.quantities if quantity != "K"]
     if "K" in evidence.quantities and all(evidence.of(quantity).error(evidence.truth) <= VANISHES for quantity in others):
-        words = "K is that of the state that was asked for before: what is kept is not made anew"
+        words = "K is that of the previous call's state: the cached K is not updated"
         yield _is_stale(evidence), ("K of the state before", words)
-        words = "K is not computed anew where u has hardly changed, as by `numpy.allclose` with the state before"
-        yield _is_kept(evidence), ("K kept while u is nearly the same", words)
+        words = "K is not recomputed if u has hardly changed, for example because of `numpy.allclose`"
+        yield _is_cached(evidence), ("K cached while u is nearly the same", words)
 
 
 def _has_few_digits(evidence: Evidence) -> bool:
@@ -177,44 +179,48 @@ def _is_rounding(evidence: Evidence) -> bool:
     """Return whether the errors change by their own size under a tiny change of the state, as round-off does."""
     u = evidence.case.states[STRETCH]
     try:
-        there, beside = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
-    except Foul:  # precomputed values exist in no other state
+        first, nearby = (_differences(evidence, v) for v in (u, (1 + 1e-4) * u))
+    except ContractViolation:  # precomputed values exist in no other state
         return False
-    large = [quantity for quantity in evidence.quantities if there[quantity][1] > VANISHES]
-    return bool(large) and all(np.max(abs(beside[q][0] - there[q][0])) > 0.1 * np.max(abs(there[q][0])) for q in large)
+    large = [quantity for quantity in evidence.quantities if first[quantity][1] > VANISHES]
+    return bool(large) and all(np.max(abs(nearby[q][0] - first[q][0])) > 0.1 * np.max(abs(first[q][0])) for q in large)
 
 
 def _differences(evidence: Evidence, u: Array) -> dict[str, tuple[Any, float]]:
     """Return for each quantity the difference of candidate and reference at `u`, and its relative size."""
-    values, truth = evidence.values(evidence.player, u), evidence.truth(u)
-    return {q: (values[q] - truth[q], evidence.apart(values[q], truth[q])) for q in evidence.quantities}
+    values, truth = evidence.values(evidence.implementation, u), evidence.truth(u)
+    return {q: (values[q] - truth[q], evidence.relative_difference(values[q], truth[q])) for q in evidence.quantities}
 
 
 def _is_stale(evidence: Evidence) -> bool:
-    case, player = evidence.case, evidence.player
+    case, implementation = evidence.case, evidence.implementation
     a, b = (case.states[state] for state in (STRETCH, "35 % compression"))
     try:
-        player.K(a)
-        late = evidence.value(player.K(b))
-    except Foul:
+        implementation.K(a)
+        late = evidence.value(implementation.K(b))
+    except ContractViolation:
         return False
-    return evidence.apart(late, case.reference.K(a)) <= VANISHES < evidence.apart(late, case.reference.K(b))
+    return (
+        evidence.relative_difference(late, case.reference.K(a))
+        <= VANISHES
+        < evidence.relative_difference(late, case.reference.K(b))
+    )
 
 
-def _is_kept(evidence: Evidence) -> bool:
+def _is_cached(evidence: Evidence) -> bool:
     """Return whether the candidate returns a bitwise identical K at a nearby state, that is, caches it.
 
     K must be right at the first state, and the reference must return different values in the two states.
     """
-    u, player, truth = evidence.case.states[STRETCH], evidence.player, evidence.case.reference
-    beside = (1 + NEARBY) * u
+    u, implementation, truth = evidence.case.states[STRETCH], evidence.implementation, evidence.case.reference
+    nearby = (1 + NEARBY) * u
     try:
-        player.K(evidence.case.states["35 % compression"])
-        here, there = (evidence.value(player.K(v)) for v in (u, beside))
-    except Foul:
+        implementation.K(evidence.case.states["35 % compression"])
+        first, second = (evidence.value(implementation.K(v)) for v in (u, nearby))
+    except ContractViolation:
         return False
-    right = evidence.apart(here, truth.K(u)) <= VANISHES
-    return right and evidence.apart(there, here) == 0.0 < evidence.apart(truth.K(beside), truth.K(u))
+    right = evidence.relative_difference(first, truth.K(u)) <= VANISHES
+    return right and evidence.relative_difference(second, first) == 0.0 < evidence.relative_difference(truth.K(nearby), truth.K(u))
 
 
 # the smallest failing displacement and the smallest failing mesh
@@ -227,36 +233,38 @@ def _fewest_nodes(evidence: Evidence) -> str:
         u = np.zeros(mesh.p.size)
         u[mesh.d * node : mesh.d * (node + 1)] = 0.2 * case.node_size[node] * np.array([1.0, 0.7, -0.4])[: mesh.d]
         try:
-            values, truth = evidence.values(evidence.player, u), evidence.truth(u)
-        except Foul:
+            values, truth = evidence.values(evidence.implementation, u), evidence.truth(u)
+        except ContractViolation:
             continue
         called = True
-        if any(evidence.apart(values[q], truth[q]) > VANISHES for q in evidence.quantities):
+        if any(evidence.relative_difference(values[q], truth[q]) > VANISHES for q in evidence.quantities):
             around = np.flatnonzero((mesh.t == node).any(axis=0))
             ids = ", ".join(map(str, around[:5])) + (", ..." if len(around) > 5 else "")
-            return f"It is enough to move node {node} alone, in the elements {ids}."
-    return "No displacement of a single node among the first ones shows it." if called else ""
+            return f"Moving node {node} alone, in the elements {ids}, makes it fail."
+    return "Moving a single node, one of the first 60, does not make it fail." if called else ""
 
 
 def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequence[StVK]) -> str:
     """Return a text on the fewest elements on which a candidate, made for this piece, still disagrees with the reference."""
     mesh = case.mesh
     if any(not isinstance(term.material, Isotropic) or np.ndim(term.material.young) for term in terms) or len(terms) > 1:
-        return "Pieces of bodies of several materials are not tried."
+        return "The smallest failing mesh is searched only for bodies of one material."
 
     def fails(ids: Array) -> bool:
         used, t = np.unique(mesh.t[:, ids], return_inverse=True)
         piece = ElementMesh(mesh.p[:, used], t.reshape(len(mesh.t), -1).astype(np.int32), element=mesh.element)
-        tensor = elasticity(piece, terms, case.how)
-        control = hourglass_control(piece, terms, case.how) if case.how.is_one_point else None
-        truth = Player("reference", reference_on(piece.p, piece.t, tensor, case.how, control), piece.p.size)
+        tensor = elasticity(piece, terms, case.discretisation)
+        control = hourglass_control(piece, terms, case.discretisation) if case.discretisation.is_one_point else None
+        truth = Implementation("reference", reference_on(piece.p, piece.t, tensor, case.discretisation, control), piece.p.size)
         try:
-            player = Player("candidate", make(piece), piece.p.size)
+            implementation = Implementation("candidate", make(piece), piece.p.size)
             u = 0.1 * case.median_edge * case.random("piece").standard_normal(piece.p.size)
             for quantity in "WFK":
-                if player.has(quantity):
-                    value, right = getattr(player, quantity)(u), getattr(truth, quantity)(u)
-                    if not np.abs(flat(value - right)).max(initial=0.0) <= VANISHES * np.abs(flat(right)).max(initial=0.0):
+                if implementation.has(quantity):
+                    value, truth_value = getattr(implementation, quantity)(u), getattr(truth, quantity)(u)
+                    if not np.abs(flat(value - truth_value)).max(initial=0.0) <= VANISHES * np.abs(flat(truth_value)).max(
+                        initial=0.0
+                    ):
                         return True
         except Exception:  # the candidate cannot be made or evaluated on this piece
             return False
@@ -274,6 +282,6 @@ def smallest_piece(make: Callable[[ElementMesh], Any], case: Case, terms: Sequen
             break
         failing = smaller
     if failing is None:
-        return "A candidate that is made anew on this mesh does not fail."
+        return "A new candidate on this mesh does not fail."
     ids = ", ".join(map(str, failing[:8])) + (", ..." if len(failing) > 8 else "")
     return f"The smallest mesh found that fails has {len(failing)} elements: {ids}."

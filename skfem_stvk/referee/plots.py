@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from .case import OURS, REFERENCE
 from .checks.precision import TEXTBOOK
-from .judgement import in_words
+from .judgement import location_in_words
 from .results import Findings
 
 COLOURS = {OURS: "#0072B2", REFERENCE: "#D55E00", TEXTBOOK: "#009E73"}
@@ -67,7 +67,7 @@ def as_svg(figure: Figure) -> str:
 def page(report: Findings) -> str:
     """Return the report as the text of a self-contained HTML file, including the pictures."""
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["in_words"] = in_words
+    environment.filters["in_words"] = location_in_words
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
     measured = "lines" not in report.header
     pictures = [as_svg(error_against_strain(report)), as_svg(speed_against_error(report))] if measured else []

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from ..arguments import Array, path
 from ..errors import StvkError, name_known
-from ..results.files import NotOurs
+from ..results.files import ForeignFile
 from .bodies import elasticity, homogeneous_copy
 from .case import CANDIDATE, REFERENCE, Case
 from .checks.agreement import agreement
 from .checks.rigid_motions import balance
 from .exact import Truth
-from .players import Player
+from .implementations import Implementation
 from .report import Report, header
 from .results import Task
 from .shape import Shape
@@ -74,7 +74,7 @@ def verify_results(folder: str | Path, vectors: Vectors | str | Path | None = No
     vectors = _vectors_of(file, returned) if vectors is None else vectors
     _refuse_wrong(file, returned, vectors)
     case = _case(vectors, returned)
-    program = str(returned["program"][0])[:200] if "program" in returned else "a program that is not named"
+    program = str(returned["program"][0])[:200] if "program" in returned else "a program without a name"
     head = header(case.shape, [vectors.term], f"test vectors {vectors.title!r}", 0)
     report = Report(head | {"reference": f"{EXACT}, rounded once", "candidate": [f"{file}, by {program}"]})
     report.results += [task.run() for task in _tasks(case)]
@@ -91,16 +91,16 @@ def folders_of_results(folder: str | Path) -> list[Path]:
     StvkError
         if there are no results.
     """
-    place = path("folder", folder, "the path of a folder")
-    if not place.is_dir():
-        raise StvkError(f"{place} is no folder; expected one with {' or '.join(FILES)}, or with folders that have them.")
-    found = [one for one in (place, *sorted(place.iterdir())) if any((one / name).is_file() for name in FILES)]
+    folder = path("folder", folder, "the path of a folder")
+    if not folder.is_dir():
+        raise StvkError(f"{folder} is no folder; expected one with {' or '.join(FILES)}, or with folders that have them.")
+    found = [one for one in (folder, *sorted(folder.iterdir())) if any((one / name).is_file() for name in FILES)]
     if not found:
         raise StvkError(
-            f"{place} has neither {' nor '.join(FILES)}, and none of its folders has. Write them as README.txt beside the vectors "
+            f"{folder} has neither {' nor '.join(FILES)}, and none of its folders has. Write them as README.txt beside the vectors "
             "says."
         )
-    return found[:1] if found[0] == place else found
+    return found[:1] if found[0] == folder else found
 
 
 def _file_of(folder: Path) -> Path:
@@ -128,31 +128,33 @@ def _vectors_of(file: Path, returned: dict[str, Array]) -> Vectors:
 
 
 def _refuse_wrong(file: Path, returned: dict[str, Array], vectors: Vectors) -> None:
-    """Raise NotOurs for results of other vectors, or of other sizes. Values that are not finite are left to the checks."""
+    """Raise ForeignFile for results of other vectors, or of other sizes. Values that are not finite are left to the checks."""
     arrays, sizes = vectors.arrays, sizes_of(vectors.arrays)
     if not {"W", "F", "K_blocks", "K_values"} & set(returned):
-        raise NotOurs(f"{file} has none of W, F, K_blocks and K_values.")
+        raise ForeignFile(f"{file} has none of W, F, K_blocks and K_values.")
     if {"K_blocks", "K_values"} <= set(returned):
-        raise NotOurs(f"{file} has both K_blocks and K_values; expected one of them, as it could not be told which is meant.")
+        raise ForeignFile(f"{file} has both K_blocks and K_values; expected one of them.")
     for name, array in returned.items():
         if type_of(array) != RESULTS[name].type and not (type_of(array) == "int" and RESULTS[name].type == "real"):
-            raise NotOurs(f"{file}: {name} is of type {type_of(array)}; expected {RESULTS[name].type}.")
+            raise ForeignFile(f"{file}: {name} is of type {type_of(array)}; expected {RESULTS[name].type}.")
     if "digest" in returned and returned["digest"].tolist() != arrays["digest"].tolist():
-        raise NotOurs(f"{file} belongs to other vectors than {vectors.title!r}: its digest is another. Compute it anew from these.")
+        raise ForeignFile(
+            f"{file} was computed from other vectors than {vectors.title!r}: the digests differ. Compute it again from these."
+        )
     known = arrays["states"].tolist()
     names = returned["states"].tolist() if "states" in returned else known
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise NotOurs(f"{file}: states has {unknown[0][:80]!r}; {name_known(unknown[0][:80], known)}")
+        raise ForeignFile(f"{file}: states has {unknown[0][:80]!r}; {name_known(unknown[0][:80], known)}")
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice or not names:
-        raise NotOurs(f"{file}: states {f'has {twice[0]!r} more than once' if twice else 'is empty'}.")
+        raise ForeignFile(f"{file}: states {f'has {twice[0]!r} more than once' if twice else 'is empty'}.")
     for name in ("program", "W", "F", "K_blocks", "K_values"):
         if name in returned:
             sized = sizes | {"ns": len(names), "1": 1}
             shape = tuple(sized[size] for size in LAYOUT.get(name, RESULTS[name]).sizes)
             if returned[name].shape != shape:
-                raise NotOurs(
+                raise ForeignFile(
                     f"{file}: {name} has the sizes {returned[name].shape}; expected {shape}, {' x '.join(RESULTS[name].sizes)}. "
                     "If not all states were computed, say which in states."
                 )
@@ -160,8 +162,8 @@ def _refuse_wrong(file: Path, returned: dict[str, Array], vectors: Vectors) -> N
 
 def _case(vectors: Vectors, returned: dict[str, Array]) -> Case:
     mesh, term, ndofs = vectors.mesh, vectors.term, vectors.mesh.p.size
-    shape = Shape(mesh, vectors.how)
-    truth = Player(EXACT, vectors.model(), ndofs)
+    shape = Shape(mesh, vectors.discretisation)
+    truth = Implementation(EXACT, vectors.model(), ndofs)
     names = returned["states"].tolist() if "states" in returned else list(vectors.states)
     as_real = {name: array.astype(float) if RESULTS[name].type == "real" else array for name, array in returned.items()}
     return Case(
@@ -169,7 +171,7 @@ def _case(vectors: Vectors, returned: dict[str, Array]) -> Case:
         ours=truth,
         reference=truth,
         scikit_fem=truth,
-        candidate=Player(CANDIDATE, vectors.model(as_real), ndofs),
+        candidate=Implementation(CANDIDATE, vectors.model(as_real), ndofs),
         states={name: u for name, u in vectors.states.items() if name in names},
         seed=0,
         homogeneous=homogeneous_copy(mesh, [term], shape),
@@ -179,8 +181,8 @@ def _case(vectors: Vectors, returned: dict[str, Array]) -> Case:
 
 def _of_all_states(case: Case, vectors: Vectors) -> Case:
     """Return the case with a reference that can be evaluated in any state, which hypotheses need."""
-    tensor = elasticity(vectors.mesh, [vectors.term], vectors.how)
-    reference = Player(REFERENCE, Truth(case.shape, tensor), case.mesh.p.size)
+    tensor = elasticity(vectors.mesh, [vectors.term], vectors.discretisation)
+    reference = Implementation(REFERENCE, Truth(case.shape, tensor), case.mesh.p.size)
     return replace(case, reference=reference, states=vectors.states)
 
 
@@ -190,6 +192,6 @@ def _tasks(case: Case) -> Iterator[Task]:
     for check in (agreement, balance):
         for task in check(case):
             key = task.check, task.quantity, task.state
-            if task.player is case.candidate and task.state in case.states and key not in seen:
+            if task.implementation is case.candidate and task.state in case.states and key not in seen:
                 seen.add(key)
                 yield task

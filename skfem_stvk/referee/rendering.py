@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from ..terminal import WIDTH, grid, printable
-from .judgement import in_words
+from .judgement import location_in_words
 from .results import CheckOutcome, Findings, Result
 
 STYLE = {
@@ -27,7 +27,7 @@ def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
     A narrow console gets fewer columns.
     """
     tables = [table(report, width) for table, rows in ((_precision, report.precision), (_speed, report.speed)) if rows]
-    lines = [*_reasons(report), *_troubles(report), *_named(report)]
+    lines = [*_reasons(report), *_failures(report), *_named(report)]
     return Group(_head(report), _checks(report, width), *lines, *tables, _verdict(report))
 
 
@@ -52,7 +52,7 @@ def _on_the_body(header: dict[str, Any]) -> list[str]:
         f"integrated by {mesh['rule']}",
         *header["material"],
         *(f"candidate: {line}" for line in header.get("candidate", [])),
-        f"held against {header['reference']}",
+        f"compared with {header['reference']}",
     ]
 
 
@@ -62,7 +62,7 @@ def _checks(report: Findings, width: int) -> Table:
     table = grid("Checks, the worst state of each", *shown, right=("error", "limit"))
     for (check, subject, against, quantity), results in report.groups().items():
         outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
-        worst = max((r for r in results if r.outcome is outcome), key=badness)
+        worst = max((r for r in results if r.outcome is outcome), key=error_over_limit)
         row = {
             "check": check,
             "of": subject,
@@ -83,12 +83,12 @@ def _reasons(report: Findings) -> list[RenderableType]:
     for (check, _, _, quantity), results in report.groups().items():
         judged = [r for r in results if r.limit is not None]
         if judged:
-            reasons.setdefault(max(judged, key=badness).reason, {})[f"{check} ({quantity})"] = None
+            reasons.setdefault(max(judged, key=error_over_limit).reason, {})[f"{check} ({quantity})"] = None
     lines = [f"[dim]{printable(', '.join(names))}: {printable(reason)}[/]" for reason, names in reasons.items()]
     return ["[bold]Why these limits[/]", *lines, ""] if lines else []
 
 
-def badness(result: Result) -> float:
+def error_over_limit(result: Result) -> float:
     """Return the error of a result over its limit, infinity if the error is not finite, or -1 if nothing was measured."""
     if result.measured is None:
         return -1.0
@@ -97,10 +97,10 @@ def badness(result: Result) -> float:
 
 def _tally(results: list[Result], outcome: CheckOutcome) -> str:
     passed = sum(r.outcome is CheckOutcome.PASSED for r in results)
-    asked = sum(r.outcome is not CheckOutcome.NOT_APPLICABLE for r in results)
+    run = sum(r.outcome is not CheckOutcome.NOT_APPLICABLE for r in results)
     if not passed:
         return outcome.value
-    return f"{passed}/{asked}" if outcome is CheckOutcome.PASSED else f"{passed}/{asked} {outcome.value}"
+    return f"{passed}/{run}" if outcome is CheckOutcome.PASSED else f"{passed}/{run} {outcome.value}"
 
 
 def _number(value: float | None) -> str:
@@ -109,13 +109,15 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.0f}" if value == int(value) and abs(value) < 1e6 else f"{value:.1e}"
 
 
-def _troubles(report: Findings) -> list[RenderableType]:
+def _failures(report: Findings) -> list[RenderableType]:
     """Return lines on the worst failure of each group, and on checks that did not run or do not apply, one line per reason."""
     parts: list[RenderableType] = []
     for results in report.groups().values():
         failed = [r for r in results if r.outcome is CheckOutcome.FAILED]
         if failed:
-            parts.append(f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(story(max(failed, key=badness)))}")
+            parts.append(
+                f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(failure_in_words(max(failed, key=error_over_limit)))}"
+            )
     for outcome in (CheckOutcome.COULD_NOT_RUN, CheckOutcome.NOT_APPLICABLE):
         reasons: dict[str, dict[str, None]] = {}
         for result in report.results:
@@ -126,12 +128,14 @@ def _troubles(report: Findings) -> list[RenderableType]:
     return [*parts, ""] if parts else []
 
 
-def story(result: Result) -> str:
+def failure_in_words(result: Result) -> str:
     """Return a sentence on a failure with its state, size and worst location, or the reason why the check did not run."""
     what = f"{result.check}, {result.quantity} of {result.subject}" + (f" against {result.against}" if result.against else "")
     if result.measured is None:
         return f"{what}, {result.state}: {result.reason}"
-    return f"{what}, {result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {in_words(result.worst)}"
+    return (
+        f"{what}, {result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {location_in_words(result.worst)}"
+    )
 
 
 def _named(report: Findings) -> list[RenderableType]:
@@ -139,7 +143,7 @@ def _named(report: Findings) -> list[RenderableType]:
     if report.named is None:
         return []
     first, *others = report.named.lines()
-    return [f"[bold]What it is[/] {printable(first)}", *(f"  [bold]{printable(line)}[/]" for line in others), ""]
+    return [f"[bold]Fault[/] {printable(first)}", *(f"  [bold]{printable(line)}[/]" for line in others), ""]
 
 
 def _precision(report: Findings, width: int) -> Table:

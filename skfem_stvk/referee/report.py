@@ -115,7 +115,7 @@ def carry_out(
     with CountedProgress(command, len(tasks) + len(steps), quiet) as progress:
         try:
             for task in tasks:
-                progress.step(f"{task.check}: {task.player.name}, {task.quantity}, {task.state}")
+                progress.step(f"{task.check}: {task.implementation.name}, {task.quantity}, {task.state}")
                 report.results.append(task.run())
             for name, step in steps.items():
                 progress.step(name)
@@ -153,7 +153,7 @@ def mesh_facts(shape: Shape) -> dict[str, Any]:
         "sha256": hashlib.sha256(mesh.p.tobytes() + mesh.t.tobytes()).hexdigest()[:16],
         "elements": f"{mesh.nt} {mesh.kind}",
         "curved elements": int(shape.curved.sum()),
-        "rule": shape.how.described(),
+        "rule": shape.discretisation.described(),
         "nodes": mesh.nv,
         "dofs": mesh.p.size,
         "size": [float(extent) for extent in np.ptp(mesh.p, axis=1)],

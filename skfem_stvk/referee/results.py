@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any
 
 from .. import arguments
-from .players import METHODS, Foul, Player
+from .implementations import METHODS, ContractViolation, Implementation
 
 
 class CheckOutcome(Enum):
@@ -89,20 +89,20 @@ class NotApplicable(Exception):
     """Exception of a check that does not apply. The message gives the reason."""
 
 
-class CannotTell(Exception):
+class CannotDecide(Exception):
     """Exception of a check that ran but could not decide. The message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Check of one quantity of one player in one state.
+    """Check of one quantity of one implementation in one state.
 
-    `needs` names the quantities among W, F and K that the player must have. `measure` returns the keyword arguments of `judged`, at
-    least `measured` and `limit`.
+    `needs` names the quantities among W, F and K that the implementation must have. `measure` returns the keyword arguments of
+    `judged`, at least `measured` and `limit`.
     """
 
     check: str
-    player: Player
+    implementation: Implementation
     quantity: str
     state: str
     needs: str
@@ -110,24 +110,24 @@ class Task:
     against: str = ""
 
     @property
-    def _who(self) -> dict[str, Any]:
-        same = {name: getattr(self, name) for name in ("check", "quantity", "state", "against")}
-        return same | {"subject": self.player.name}
+    def _labels(self) -> dict[str, Any]:
+        labels = {name: getattr(self, name) for name in ("check", "quantity", "state", "against")}
+        return labels | {"subject": self.implementation.name}
 
     def missed(self, reason: str, outcome: CheckOutcome = CheckOutcome.COULD_NOT_RUN) -> Result:
         """Return the result of a task that could not run or does not apply."""
-        return Result(outcome=outcome, reason=reason, **self._who)
+        return Result(outcome=outcome, reason=reason, **self._labels)
 
     def run(self) -> Result:
         """Return the result of the measurement. Exceptions become results."""
-        lacking = [f"{METHODS[quantity]}(u)" for quantity in self.needs if not self.player.has(quantity)]
+        lacking = [f"{METHODS[quantity]}(u)" for quantity in self.needs if not self.implementation.has(quantity)]
         if lacking:
-            return self.missed(f"{self.player.name} has no {' and no '.join(lacking)}", CheckOutcome.NOT_APPLICABLE)
+            return self.missed(f"{self.implementation.name} has no {' and no '.join(lacking)}", CheckOutcome.NOT_APPLICABLE)
         try:
-            return judged(**self._who, **self.measure())
+            return judged(**self._labels, **self.measure())
         except NotApplicable as why:
             return self.missed(str(why), CheckOutcome.NOT_APPLICABLE)
-        except (Foul, CannotTell) as why:
+        except (ContractViolation, CannotDecide) as why:
             return self.missed(str(why))
         except Exception as error:
             return self.missed(f"{type(error).__name__}: {error}")
@@ -180,8 +180,8 @@ class Naming:
         """Return the lines of a report."""
         if not self.explanations:
             smallest = f" {self.smallest}" if self.smallest else ""
-            return [f"No hypothesis explains it: {self.tried} were tried.{smallest}"]
-        one = "This explains" if len(self.explanations) == 1 else "These are one thing on this body, and explain"
+            return [f"No hypothesis explains the failure: {self.tried} were tried.{smallest}"]
+        one = "This explains" if len(self.explanations) == 1 else "These are equivalent on this body, and explain"
         after = max(explanation.residual for explanation in self.explanations)
         falls = f"; the error falls from {self.before:.1e} to {after:.1e}" if after < self.before else ""
         much, rest = ("a part of it", [self.smallest]) if self.smallest else ("all of it", [])

@@ -33,7 +33,7 @@ CHECKS = {
     "patch test": "F",
     "precision": "F",
 }
-SHORT = {
+SHORT_NAMES = {
     "agreement": "agree",
     "derivatives": "deriv.",
     "memory": "mem.",
@@ -49,14 +49,14 @@ LETTERS = {"sum of forces": "f", "sum of torques": "t"}
 #: Checks that need not detect a fault alone, with the checks that they replace where these cannot decide, and the situation.
 #: Without the replaced checks, each must detect at least one fault alone.
 BACKS_UP: dict[str, tuple[tuple[str, ...], str]] = {
-    "derivatives": (("agreement",), "of other laws, which have no reference"),
-    "invariance": (("agreement", "derivatives", "closed forms", "precision"), "where W of another law is all there is"),
-    "balance": (("agreement", "derivatives", "invariance", "closed forms", "precision"), "it says what is wrong with F"),
-    "symmetry": (("agreement", "derivatives", "invariance", "rigid modes"), "where K of another law is all there is"),
-    "rigid modes": (("agreement", "derivatives", "invariance"), "where K at rest is all there is"),
-    "no further zero mode": (("agreement", "derivatives", "invariance"), "where K at rest is all there is"),
-    "closed forms": (("agreement", "precision"), "which need other code"),
-    "patch test": (("agreement", "closed forms", "precision"), "of other laws, whose closed forms are not known"),
+    "derivatives": (("agreement",), "for other laws, which have no reference"),
+    "invariance": (("agreement", "derivatives", "closed forms", "precision"), "if only W of another law is known"),
+    "balance": (("agreement", "derivatives", "invariance", "closed forms", "precision"), "it identifies the fault of F"),
+    "symmetry": (("agreement", "derivatives", "invariance", "rigid modes"), "if only K of another law is known"),
+    "rigid modes": (("agreement", "derivatives", "invariance"), "if only K at rest is known"),
+    "no further zero mode": (("agreement", "derivatives", "invariance"), "if only K at rest is known"),
+    "closed forms": (("agreement", "precision"), "which need a reference"),
+    "patch test": (("agreement", "closed forms", "precision"), "for other laws, whose closed forms are not known"),
 }
 
 
@@ -70,14 +70,14 @@ class SelfTest:
         Quantities that failed by fault and check, as in `"WFK"`.
     named
         Names that a report gives each fault.
-    right
+    false_alarms
         Quantities of the correct model that failed, by body and check. There must be none, or the test is invalid.
     seconds
         Duration of the test [s].
     """
 
     caught: dict[str, dict[str, str]] = field(default_factory=dict)
-    right: dict[str, dict[str, str]] = field(default_factory=dict)
+    false_alarms: dict[str, dict[str, str]] = field(default_factory=dict)
     named: dict[str, list[str]] = field(default_factory=dict)
     seconds: float = 0.0
 
@@ -109,7 +109,7 @@ class SelfTest:
     @property
     def passed(self) -> bool:
         """Whether every fault is detected and named, no check is idle, and correct models pass."""
-        wrong = self.missed or self.idle or any(self.right.values()) or self.unnamed or self.wrong_names
+        wrong = self.missed or self.idle or any(self.false_alarms.values()) or self.unnamed or self.wrong_names
         return bool(self.caught) and not wrong
 
     def __str__(self) -> str:
@@ -118,24 +118,26 @@ class SelfTest:
     def rendered(self, width: int = 124) -> RenderableType:
         """Return the matrix of faults and checks for a rich console."""
         table = grid(
-            "Planted faults, and what fails of each check", "fault", "body", *(SHORT.get(check, check) for check in CHECKS)
+            "Planted faults, and what fails of each check", "fault", "body", *(SHORT_NAMES.get(check, check) for check in CHECKS)
         )
         for name, checks in self.caught.items():
             table.add_row(name, FAULTS[name].body, *(checks.get(check, "") for check in CHECKS))
         lines = [f"[bold]{check}[/] ({letters}): {printable(self._use(check))}" for check, letters in CHECKS.items()]
-        right = [f"[bold red]the right model fails[/] on {body}: {checks}" for body, checks in self.right.items() if checks]
+        false_alarms = [
+            f"[bold red]the correct model fails[/] on {body}: {checks}" for body, checks in self.false_alarms.items() if checks
+        ]
         missed = [f"[bold red]not caught[/]: {printable(name)}" for name in self.missed]
         named = [f"[bold red]not named[/]: {printable(name)}" for name in self.unnamed]
         wrong = [f"[bold red]wrong name[/]: {printable(f'{fault}: {names}')}" for fault, names in self.wrong_names.items()]
-        return Group(table, *lines, *right, *missed, *named, *wrong, self._names(), self._verdict())
+        return Group(table, *lines, *false_alarms, *missed, *named, *wrong, self._names(), self._verdict())
 
     def _names(self) -> str:
-        with_one = [fault for fault in self.named if FAULTS[fault].named]
-        others = len(self.named) - len(with_one)
+        nameable = [fault for fault in self.named if FAULTS[fault].named]
+        others = len(self.named) - len(nameable)
         wrong = sum(map(len, self.wrong_names.values()))
         return (
-            f"[bold]names[/]: {len(with_one) - len(self.unnamed)} of {len(with_one)} faults get the name that they have; "
-            f"{others} have none; wrong names: {wrong}"
+            f"[bold]names[/]: {len(nameable) - len(self.unnamed)} of {len(nameable)} faults get their name; "
+            f"{others} have no name; wrong names: {wrong}"
         )
 
     def _use(self, check: str) -> str:
@@ -165,7 +167,7 @@ class SelfTest:
             for name, checks in self.caught.items()
         }
         uses = {check: {"letters": letters, "use": self._use(check)} for check, letters in CHECKS.items()}
-        return {"passed": self.passed, "seconds": self.seconds, "faults": faults, "checks": uses, "right": self.right}
+        return {"passed": self.passed, "seconds": self.seconds, "faults": faults, "checks": uses, "right": self.false_alarms}
 
     def save(self, folder: str | Path) -> Path:
         """Write `self-test.json` and `self-test.html` into a folder, and return its path.
@@ -198,14 +200,16 @@ def self_test(*, seed: int = 0, quiet: bool = False) -> SelfTest:
     ['a fault']
     """
     seed, quiet = whole("seed", seed, "a whole number from 0"), flag("quiet", quiet)
-    started, found, places = time.perf_counter(), SelfTest(), bodies()
-    with CountedProgress("verify --self-test", len(FAULTS) + len(places), quiet) as progress:
-        for name, body in places.items():
-            progress.step(f"right model, {name}")
-            found.right[name] = _letters(failures_of(partial(System, **body.options), body.mesh, body.terms, body.options, seed))
+    started, found, test_bodies = time.perf_counter(), SelfTest(), bodies()
+    with CountedProgress("verify --self-test", len(FAULTS) + len(test_bodies), quiet) as progress:
+        for name, body in test_bodies.items():
+            progress.step(f"correct model, {name}")
+            found.false_alarms[name] = _letters(
+                failures_of(partial(System, **body.options), body.mesh, body.terms, body.options, seed)
+            )
         for name, fault in FAULTS.items():
             progress.step(name)
-            body = places[fault.body]
+            body = test_bodies[fault.body]
             found.caught[name] = _letters(failures_of(fault.make, body.mesh, body.terms, body.options, seed))
             found.named[name] = name_of(fault.make, body.mesh, body.terms, body.options, seed).names
     found.seconds = time.perf_counter() - started

@@ -34,10 +34,10 @@ class Shape:
         (nt,) longest edge over smallest height at the worst point: 1.22 for a regular tetrahedron, 1 for a cube.
     """
 
-    def __init__(self, mesh: ElementMesh, how: Discretisation) -> None:
-        self.mesh, self.how = mesh, how
-        xi, weights = how.points
-        table = derivatives(how.kind, xi).astype(float)
+    def __init__(self, mesh: ElementMesh, discretisation: Discretisation) -> None:
+        self.mesh, self.discretisation = mesh, discretisation
+        xi, weights = discretisation.points
+        table = derivatives(discretisation.kind, xi).astype(float)
         corners = mesh.p.T[mesh.t]
         base_vectors = np.einsum("qai,atc->tqci", table, corners - corners[:1])
         R = np.linalg.qr(base_vectors, mode="r")
@@ -47,7 +47,7 @@ class Shape:
         own = inverse if mesh.k < mesh.d else np.linalg.inv(base_vectors)  # in global axes if k = d
         self.gradients = np.einsum("qai,tqij->tqaj", table, own)
         edges, duals = [*np.moveaxis(base_vectors, 3, 0)], [*np.moveaxis(own, 2, 0)]
-        if not KINDS[how.kind].is_box:
+        if not KINDS[discretisation.kind].is_box:
             edges += [edges[i] - edges[j] for i in range(mesh.k) for j in range(i)]
             duals.append(-sum(duals))
         longest, steepest = (np.linalg.norm(np.stack(of), axis=-1).max(axis=0) for of in (edges, duals))
@@ -81,7 +81,7 @@ class Shape:
     @cached_property
     def curved(self) -> Array:
         """Whether each element has curved edges, (nt,)."""
-        return curved_elements(self.mesh.p, self.mesh.t, self.how.kind)
+        return curved_elements(self.mesh.p, self.mesh.t, self.discretisation.kind)
 
 
 def facet_ids(mesh: ElementMesh) -> NDArray[np.int64]:

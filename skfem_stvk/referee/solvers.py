@@ -20,10 +20,10 @@ from ..reference import lame_tensor
 from ..terms import StVK
 from .case import rotation
 from .discretisation import Discretisation
-from .element_model import S_alone, model_of, small_strain
+from .element_model import model_of, second_piola, small_strain
+from .implementations import ContractViolation, Implementation, guarded
 from .judgement import relative
 from .manufactured import Manufactured, fitted_order, moved_box
-from .players import Foul, Player, fairly
 from .report import Report, judge
 from .results import Explanation, Naming, Task
 from .shape import Shape
@@ -172,11 +172,11 @@ class _Trial:
         self.solve, self.material, self.d, self.rtol = solve, material, d, rtol
         self.lam, self.mu = (float(value) for value in material.lame(Hypothesis.SOLID))
         self.young = float(np.asarray(material.young))
-        self.player = Player("solver", None, 0)
+        self.implementation = Implementation("solver", None, 0)
         self.exact = Manufactured(self.lam, self.mu)
         self.small = self.box(SMALL[d])
         self.strained = STRAINED[:d, :d]
-        self._answers: dict[str, Array | Foul] = {}
+        self._answers: dict[str, Array | ContractViolation] = {}
 
     def box(self, n: int) -> Any:
         """Return a scikit-fem mesh of the unit cube or square with displaced inner nodes and `n` cells along each side."""
@@ -202,8 +202,8 @@ class _Trial:
     def problem(self, mesh: Any, moved: BodyForceOf, force: BodyForceOf | None = None, free: bool = False) -> _Problem:
         """Return the problem of a body whose surface is displaced by `moved(X)`. If `free`, the face x = 1 is free."""
         X = mesh.p
-        held = ((X == 0) | (X == 1))[free:].any(axis=0) | (X[0] == 0)
-        nodes = np.flatnonzero(held)
+        constrained = ((X == 0) | (X == 1))[free:].any(axis=0) | (X[0] == 0)
+        nodes = np.flatnonzero(constrained)
         boundary = PrescribedNodes(nodes, np.array(moved(X[:, nodes]).T))
         return _Problem(mesh, boundary, self.constant(np.zeros(self.d)) if force is None else force)
 
@@ -211,23 +211,23 @@ class _Trial:
         """Return the displacements that the solver found, (nv, d). The solver is called once for each name."""
         if name not in self._answers:
             try:
-                self._answers[name] = self._ask(problem)
-            except Foul as foul:
-                self._answers[name] = foul
+                self._answers[name] = self._solve(problem)
+            except ContractViolation as violation:
+                self._answers[name] = violation
         answer = self._answers[name]
-        if isinstance(answer, Foul):
+        if isinstance(answer, ContractViolation):
             raise answer
         return answer
 
-    def _ask(self, problem: _Problem) -> Array:
+    def _solve(self, problem: _Problem) -> Array:
         p, t = problem.mesh.p.copy(), problem.mesh.t.copy()
         given = PrescribedNodes(problem.boundary.nodes.copy(), problem.boundary.values.copy())
         mesh = type(problem.mesh)(p, t)
-        found = fairly("solve", lambda: self.solve(mesh, self.material, problem.force, given))
-        nv, kind = problem.mesh.p.shape[1], type(found).__name__
-        u = fairly("What solve returned", lambda: np.array(found))
+        returned = guarded("solve", lambda: self.solve(mesh, self.material, problem.force, given))
+        nv, kind = problem.mesh.p.shape[1], type(returned).__name__
+        u = guarded("The result of solve", lambda: np.array(returned))
         if u.dtype.kind not in "fiu" or u.shape not in ((nv, self.d), (nv * self.d,)):
-            raise Foul(
+            raise ContractViolation(
                 f"solve returned a {kind} of shape {u.shape} and {u.dtype}; expected the displacements of all nodes, real numbers "
                 f"({nv}, {self.d}) or ({nv * self.d},) with {self.d} * node + component."
             )
@@ -236,11 +236,11 @@ class _Trial:
 
 def _tasks(trial: _Trial) -> Iterator[Task]:
     d = trial.d
-    task = partial(Task, player=trial.player, needs="")
+    task = partial(Task, implementation=trial.implementation, needs="")
     yield task("boundary values", quantity="u", state="constant load", measure=partial(_boundary, trial))
     for angle in ANGLES:
         gradient = rotation(d, angle, AXIS[d]) - np.eye(d)
-        measure = partial(_affine, trial, f"turned by {angle:g} degrees", gradient, True)
+        measure = partial(_affine, trial, f"rotated by {angle:g} degrees", gradient, True)
         yield task("rigid motion", quantity="u", state=f"{angle:g} degrees", measure=measure)
     for free, gradient in ((False, trial.strained), (True, _free_at_x(trial))):
         state = "one face free" if free else "homogeneous strain"
@@ -271,7 +271,7 @@ def _equilibrium(trial: _Trial) -> dict[str, Any]:
     evidence = _Evidence(trial)
     off = np.abs((evidence.force() - evidence.load)[evidence.free]).max()
     size = np.abs(evidence.force()).max()
-    words = "largest force at a node; a solver's rtol counts 10 times, as forces are stiffer than displacements"
+    words = "largest force at a node; the limit is at least 10 rtol, because forces are more sensitive than displacements"
     return _relative(off, size, 10 * trial.rtol, words)
 
 
@@ -281,8 +281,8 @@ def _symmetric(trial: _Trial, name: str, Q: Array) -> dict[str, Any]:
     u = trial.answer("loaded", problem)
     mesh = type(problem.mesh)(Q @ (problem.mesh.p - c) + c, problem.mesh.t)
     boundary = PrescribedNodes(problem.boundary.nodes, problem.boundary.values @ Q.T)
-    turned = trial.answer(name, _Problem(mesh, boundary, trial.constant(Q @ LOAD[:d])))
-    return _relative(np.abs(turned - u @ Q.T).max(), np.abs(u).max(), 2 * trial.rtol, "largest displacement")
+    rotated = trial.answer(name, _Problem(mesh, boundary, trial.constant(Q @ LOAD[:d])))
+    return _relative(np.abs(rotated - u @ Q.T).max(), np.abs(u).max(), 2 * trial.rtol, "largest displacement")
 
 
 def _reciprocal(trial: _Trial) -> dict[str, Any]:
@@ -309,11 +309,11 @@ def _order(trial: _Trial, norm: str) -> dict[str, Any]:
         errors.append(trial.exact.errors(problem.mesh, trial.answer(f"manufactured {n}", problem).ravel()))
     of_norm = [error[list(ORDERS).index(norm)] for error in errors]
     order = fitted_order(1 / np.array(LADDER[trial.d]), of_norm)
-    told = " -> ".join(f"{error:.1e}" for error in of_norm)
+    values = " -> ".join(f"{error:.1e}" for error in of_norm)
     return {
         "measured": np.maximum(ORDERS[norm] - order, 0.0),
         "limit": SLACK,
-        "scale": f"order {ORDERS[norm]:g}; fitted {order:.2f}, relative errors {told}",
+        "scale": f"order {ORDERS[norm]:g}; fitted {order:.2f}, relative errors {values}",
         "reason": "the order of linear elements; meshes are too coarse for the last quarter",
     }
 
@@ -338,7 +338,7 @@ def _free_at_x(trial: _Trial) -> Array:
 def _symmetries(d: int) -> dict[str, Array]:
     mirror = np.diag([-1.0, *[1.0] * (d - 1)])
     if d == 2:
-        return {"mirrored": mirror, "turned by 90 degrees": np.array([[0.0, -1.0], [1.0, 0.0]])}
+        return {"mirrored": mirror, "rotated by 90 degrees": np.array([[0.0, -1.0], [1.0, 0.0]])}
     return {"mirrored": mirror, "axes in turn": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])}
 
 
@@ -392,7 +392,7 @@ def _explain(trial: _Trial, report: Report) -> None:
         return
     bad = {result.check for result in report.failures()}
     naming, limit = Naming(), max(VANISHES, 100 * trial.rtol)
-    with suppress(Foul, np.linalg.LinAlgError):
+    with suppress(ContractViolation, np.linalg.LinAlgError):
         evidence = _Evidence(trial)
         if np.isfinite(evidence.u).all():
             off = (evidence.force() - evidence.load)[evidence.free]
@@ -415,7 +415,7 @@ WORDS = {
     "boundary values": "prescribed displacements are ignored or applied in part: their values, or load steps that do not reach 1",
     "rigid motion": "the strain is not objective: linear strain, or updates that add up small rotations",
     "patch test": "gradients of shape functions, orientation or numbering of elements; with a free face alone: a traction there",
-    "equilibrium": "the equations that were solved are others, or the solver stopped early: loosen rtol if that is meant",
+    "equilibrium": "other equations were solved, or the solver stopped early: pass a larger rtol if this is intended",
     "symmetry": "axes are confused, or the answer depends on the orientation of the elements",
     "reciprocity": "the force is no derivative of an energy: terms that are lagged, explicit or not symmetric",
     "order": "the load where it varies: evaluated at displaced points, at wrong ones, or per deformed volume",
@@ -432,15 +432,15 @@ def _by_forces(e: _Evidence, limit: float) -> Iterator[list[Explanation]]:
     (c,), rest = e.fitted([e.load], inner)
     if rest <= limit and abs(c - 1) <= limit:
         return
-    words = f"the load is {c:.3f} x what was asked for, or lambda and mu are both {1 / c:.3f} x"
+    words = f"the load is {c:.3f} x the requested one, or lambda and mu are both {1 / c:.3f} x"
     yield [Explanation(f"load x {c:.3f}", words, rest)]
     (lam, mu), rest = e.fitted([e.force(mu=0.0), e.force(lam=0.0)], e.load)
-    words = f"your lambda is {lam:.3f} x and your mu {mu:.3f} x what was asked for"
+    words = f"your lambda is {lam:.3f} x and your mu {mu:.3f} x the requested ones"
     yield [Explanation(f"lambda x {lam:.3f}, mu x {mu:.3f}", words, rest)]
     others = []
     for name, words, force, right in (
-        ("linear strain", "the solution is that of linear elasticity", e.force(strain=small_strain, stress=S_alone), e.load),
-        ("S for P", "the force lacks the deformation gradient: S stands in the place of P = F S", e.force(stress=S_alone), e.load),
+        ("linear strain", "the solution is that of linear elasticity", e.force(strain=small_strain, stress=second_piola), e.load),
+        ("S for P", "the force lacks the deformation gradient: S is used instead of P = F S", e.force(stress=second_piola), e.load),
         ("load per deformed volume", "it is integrated over the deformed body, or follows it", inner, e.per_deformed_volume()),
     ):
         (c,), rest = e.fitted([right], force)
@@ -459,7 +459,7 @@ def _other_equilibria(trial: _Trial) -> Iterator[Explanation]:
         rest, rounded = (float(np.linalg.norm((fine - other)[e.free]) / size) for other in (inner, coarse))
         if far > FAR and rest <= max(rounded, VANISHES, 100 * trial.rtol):
             words = (
-                f"on {n} cells per side the solution is in balance with the load, but its gradient is off the exact one by "
+                f"on {n} cells per side the solution is in balance with the load, but its gradient differs from the exact one by "
                 f"{far:.0%}: start from rest and raise load and prescribed displacements in steps"
             )
             yield Explanation("another equilibrium", words, rest)
@@ -491,6 +491,6 @@ def _of_boundary(trial: _Trial, e: _Evidence, limit: float) -> Iterator[Explanat
     elif scaled <= limit and abs(c) <= limit:
         yield Explanation("boundary ignored", "prescribed displacements are taken as zero", scaled)
     elif scaled <= limit:
-        yield Explanation(f"boundary x {c:.3f}", f"prescribed displacements are {c:.3f} x what they should be", scaled)
+        yield Explanation(f"boundary x {c:.3f}", f"prescribed displacements are {c:.3f} x the requested ones", scaled)
     else:
         yield Explanation("boundary not kept", "prescribed nodes move", off)

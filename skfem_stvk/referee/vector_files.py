@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import name_known
 from ..npz import NotArrays, arrays_of
-from ..results.files import NotOurs, content_of, replacing
+from ..results.files import ForeignFile, content_of, replacing
 
 FIRST_LINE = "skfem-stvk vectors 1"
 TYPES = {"real": np.dtype(np.float64), "int": np.dtype(np.int64), "text": np.dtype(str)}
@@ -56,16 +56,16 @@ def read(path: Path, wanted: Iterable[str]) -> dict[str, Array]:
 
     Raises
     ------
-    NotOurs
+    ForeignFile
         if the file is damaged, of another format, or has an array of another name. The message gives the line, the fault and the
         expected content.
     """
     try:
         return _read_npz(path, list(wanted)) if path.suffix == ".npz" else _read_text(path, list(wanted))
     except OSError as error:
-        raise NotOurs(f"{path} cannot be read: {error.strerror or error}.") from error
+        raise ForeignFile(f"{path} cannot be read: {error.strerror or error}.") from error
     except MemoryError as error:
-        raise NotOurs(f"{path} holds more than fits into memory.") from error
+        raise ForeignFile(f"{path} holds more than fits into memory.") from error
 
 
 def _read_npz(path: Path, wanted: list[str]) -> dict[str, Array]:
@@ -76,13 +76,13 @@ def _read_npz(path: Path, wanted: list[str]) -> dict[str, Array]:
     try:
         return {name: _plain(path, name, array) for name, array in arrays_of(path, known, LARGEST).items()}
     except NotArrays as error:
-        raise NotOurs(f"{path} is no NPZ file of numbers and texts: {error}. Write it again.") from error
+        raise ForeignFile(f"{path} is no NPZ file of numbers and texts: {error}. Write it again.") from error
 
 
 def _plain(path: Path, name: str, array: Array) -> Array:
     kind = {"f": "real", "i": "int", "u": "int", "U": "text"}.get(array.dtype.kind)
     if kind is None:
-        raise NotOurs(f"{path}: {name} is of {array.dtype}; expected real numbers, whole numbers or text.")
+        raise ForeignFile(f"{path}: {name} is of {array.dtype}; expected real numbers, whole numbers or text.")
     return array if kind == "text" else array.astype(TYPES[kind])
 
 
@@ -90,7 +90,7 @@ def _read_text(path: Path, wanted: list[str]) -> dict[str, Array]:
     lines = content_of(path, LARGEST).decode(errors="replace").splitlines()
     if not lines or lines[0].split() != FIRST_LINE.split():
         got = repr(lines[0][:80]) if lines else "an empty file"
-        raise NotOurs(f"{path}: the first line is {FIRST_LINE!r}; got {got}. Is it another file, or of another version?")
+        raise ForeignFile(f"{path}: the first line is {FIRST_LINE!r}; got {got}. Is it another file, or of another version?")
     arrays: dict[str, Array] = {}
     at = 1
     while at < len(lines):
@@ -99,7 +99,7 @@ def _read_text(path: Path, wanted: list[str]) -> dict[str, Array]:
             continue
         name, kind, shape = _header(f"{path}, line {at + 1}", lines[at], wanted)
         if name in arrays:
-            raise NotOurs(f"{path}, line {at + 1}: {name} is there twice.")
+            raise ForeignFile(f"{path}, line {at + 1}: {name} is there twice.")
         start, count = at + 1, math.prod(shape)
         if kind == "text":
             entries, at = lines[start : start + count], start + count
@@ -110,7 +110,7 @@ def _read_text(path: Path, wanted: list[str]) -> dict[str, Array]:
                 at += 1
         if len(entries) != count:
             few = len(entries) < count
-            raise NotOurs(
+            raise ForeignFile(
                 f"{path}, line {start}: {name} has {len(entries)} values, expected {count}, {' x '.join(map(str, shape))}. "
                 + ("Did the program end before the file was whole?" if few else "Begin each array on a line of its own.")
             )
@@ -119,25 +119,25 @@ def _read_text(path: Path, wanted: list[str]) -> dict[str, Array]:
 
 
 def _header(where: str, line: str, wanted: list[str]) -> tuple[str, str, tuple[int, ...]]:
-    """Return name, type and shape from the first line of an array. Raise NotOurs if the line is invalid."""
+    """Return name, type and shape from the first line of an array. Raise ForeignFile if the line is invalid."""
     name, *words = line.split()
     kind, numbers = (words[0], words[1:]) if words else ("", [])
     whole = all(word.isascii() and word.isdigit() and len(word) < 12 for word in numbers)
     shape = tuple(map(int, numbers[1:])) if whole else ()
     if kind not in TYPES or not whole or not numbers or int(numbers[0]) != len(shape) or not 1 <= len(shape) <= RANKS:
-        raise NotOurs(
+        raise ForeignFile(
             f"{where}: got {line[:80]!r}; expected an array: its name, one of {', '.join(TYPES)}, its number of dimensions (1 to "
             f"{RANKS}), and as many sizes. Has the array before it more values than its sizes say?"
         )
     if kind == "text" and len(shape) != 1:
-        raise NotOurs(f"{where}: {name} is a text of {len(shape)} dimensions; expected 1.")
+        raise ForeignFile(f"{where}: {name} is a text of {len(shape)} dimensions; expected 1.")
     _refuse_unknown(where, name, wanted)
     return name, kind, shape
 
 
 def _refuse_unknown(where: str, name: str, wanted: list[str]) -> None:
     if name not in wanted:
-        raise NotOurs(f"{where}: there is an array {name[:80]!r}; {name_known(name[:80], wanted)}")
+        raise ForeignFile(f"{where}: there is an array {name[:80]!r}; {name_known(name[:80], wanted)}")
 
 
 def _values(where: str, entries: list[str], kind: str) -> Array:
@@ -147,7 +147,7 @@ def _values(where: str, entries: list[str], kind: str) -> Array:
         return np.array(entries, dtype=str).astype(TYPES[kind])
     except (ValueError, OverflowError):
         number = {"real": float, "int": int}[kind]
-        raise NotOurs(f"{where}: {_first_wrong(entries, number)!r} is no {kind} number that C would read.") from None
+        raise ForeignFile(f"{where}: {_first_wrong(entries, number)!r} is no {kind} number that C would read.") from None
 
 
 def _first_wrong(entries: list[str], number: type[float] | type[int]) -> str:

@@ -28,14 +28,14 @@ from ..errors import MaterialError, StvkError, name_ids
 from ..materials import Isotropic, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
-from ..results.files import NotOurs
+from ..results.files import ForeignFile
 from ..terminal import CountedProgress
 from ..terms import StVK
 from .bodies import is_condensed, section_of
 from .case import named_states
 from .discretisation import Discretisation, Exact, derivatives
 from .exact import CONTEXT, ExactStVK, of_blocks
-from .players import METHODS
+from .implementations import METHODS
 from .report import folder_for, write
 from .shape import Shape
 from .vector_files import TYPES, read, type_of, write_npz, write_text
@@ -131,7 +131,7 @@ class Vectors:
         return ElementMesh(self.arrays["nodes"].T, self.arrays["elements"].T, element=ELEMENTS[str(self.arrays["kind"][0])])
 
     @property
-    def how(self) -> Discretisation:
+    def discretisation(self) -> Discretisation:
         """Kind of element and integration rule."""
         rule = str(self.arrays["rule"][0])
         return Discretisation(str(self.arrays["kind"][0]), None if rule == "usual" else rule)
@@ -168,7 +168,7 @@ class Vectors:
         model = SimpleNamespace()
         for name, take in make.items():
             if name in values:
-                setattr(model, METHODS[name[0]], partial(_looked_up, of, values[name], take))
+                setattr(model, METHODS[name[0]], partial(_value_of_state, of, values[name], take))
         return model
 
     def save(self, folder: str | Path) -> Path:
@@ -188,7 +188,7 @@ class Vectors:
         return folder
 
 
-def _looked_up(of: dict[bytes, int], values: Array, take: Callable[[Array], Any], u: Array) -> Any:
+def _value_of_state(of: dict[bytes, int], values: Array, take: Callable[[Array], Any], u: Array) -> Any:
     """Return the value in the state `u`. Raise StvkError if there is no value for this state."""
     i = of.get(u.tobytes())
     if i is None:
@@ -255,10 +255,10 @@ def export_vectors(
     laws, quiet = claimed_terms(material, young, poisson), flag("quiet", quiet)
     body = ElementMesh.of(mesh)
     check_mesh(body)
-    how = Discretisation(body.element.name, None if rule == "usual" else rule)
-    shape = Shape(body, how)
+    discretisation = Discretisation(body.element.name, None if rule == "usual" else rule)
+    shape = Shape(body, discretisation)
     facts, exact_lame = _material(body, laws)
-    exact = ExactStVK(body.p, body.t, exact_lame, how)
+    exact = ExactStVK(body.p, body.t, exact_lame, discretisation)
     centred = (body.p - body.p.mean(axis=1, keepdims=True)).T
     states = named_states(centred, shape.node_size, np.random.default_rng([seed, *b"states"]))
     arrays: dict[str, Any] = {
@@ -269,7 +269,7 @@ def export_vectors(
         "nodes": body.p.T,
         "elements": body.t.T,
         **facts,
-        **(_edge_form(body, exact) if body.element.is_linear_simplex else _points(how, exact)),
+        **(_edge_form(body, exact) if body.element.is_linear_simplex else _points(discretisation, exact)),
         "states": list(states),
         "u": np.stack(list(states.values())),
     }
@@ -325,7 +325,7 @@ def published_vectors(name: str) -> Vectors:
         return read_vectors(file)
 
 
-def read_vectors(place: str | Path) -> Vectors:
+def read_vectors(source: str | Path) -> Vectors:
     """Return the vectors of a folder, or of a file `.npz` or `.txt`. The digest is checked, so that any change is detected.
 
     Raises
@@ -333,7 +333,7 @@ def read_vectors(place: str | Path) -> Vectors:
     StvkError
         if there are no vectors, or the file is damaged or was changed.
     """
-    file = path("place", place, "the path of a folder or a file of vectors")
+    file = path("vectors", source, "the path of a folder or a file of vectors")
     if file.is_dir():
         found = [file / f"{NAME}{suffix}" for suffix in (".npz", ".txt") if (file / f"{NAME}{suffix}").is_file()]
         if not found:
@@ -342,9 +342,9 @@ def read_vectors(place: str | Path) -> Vectors:
     arrays = read(file, LAYOUT)
     missing = [name for name, of in LAYOUT.items() if of.of == "all elements" and name not in arrays]
     if missing:
-        raise NotOurs(f"{file} lacks {', '.join(missing[:5])}; expected the vectors of `skfem-stvk export`.")
+        raise ForeignFile(f"{file} lacks {', '.join(missing[:5])}; expected the vectors of `skfem-stvk export`.")
     if arrays["digest"].tolist() != [digest(arrays)]:
-        raise NotOurs(f"{file} has been changed since it was written: its digest is another. Export the vectors anew.")
+        raise ForeignFile(f"{file} has been changed since it was written: its digest differs. Export the vectors again.")
     return Vectors(arrays)
 
 
@@ -447,16 +447,16 @@ def _edge_form(mesh: ElementMesh, exact: ExactStVK) -> dict[str, Any]:
         found: dict[str, Any] = {"edges": edges, "edge_coefficients": own.astype(float)}
         first, second = np.array(list(combinations(range(len(local)), 2)), dtype=np.int64).reshape(-1, 2).T
         both = np.sort(np.stack([of[:, first], of[:, second]], axis=2).reshape(-1, 2), axis=1)
-        pairs, place = np.unique(both, axis=0, return_inverse=True)
+        pairs, index = np.unique(both, axis=0, return_inverse=True)
         between = np.full(len(pairs), Decimal(0), dtype=object)
-        np.add.at(between, place.ravel(), L[first, second].T.ravel())
+        np.add.at(between, index.ravel(), L[first, second].T.ravel())
         return found | {"pairs": pairs, "pair_coefficients": between.astype(float)}
 
 
-def _points(how: Discretisation, exact: ExactStVK) -> dict[str, Any]:
-    xi, weights = how.points
+def _points(discretisation: Discretisation, exact: ExactStVK) -> dict[str, Any]:
+    xi, weights = discretisation.points
     inverse, volumes = exact.inverse_triangles()
-    dN = derivatives(how.kind, xi).astype(float)
+    dN = derivatives(discretisation.kind, xi).astype(float)
     return {"points": xi.T, "weights": weights, "dN": dN, "R_inverse": inverse, "volumes": volumes}
 
 

@@ -26,8 +26,8 @@ from .checks.precision import error_table, precision, speed_table
 from .checks.rigid_motions import balance, invariance, zero_modes
 from .discretisation import Discretisation
 from .exact import Truth
+from .implementations import METHODS, Implementation, make_candidate
 from .naming import name_the_fault
-from .players import METHODS, Player, made
 from .report import Report, carry_out, header
 from .results import CheckOutcome, Naming, NotApplicable, Result, Task
 from .shape import Shape
@@ -145,8 +145,8 @@ def verify_candidate(
     case.candidate_is_stvk, case.candidate_is_homogeneous = terms is not None, homogeneous
     head = header(case.shape, terms or [], type(mesh).__name__, seed) | {"reference": case.reference.model.described()}
     if terms is None:
-        head |= {"material": ["another law: the candidate's"], "reference": "what is true of every elastic law"}
-    report = Report(head, [task.run() for check in CHECKS for task in check(case) if task.player is case.candidate])
+        head |= {"material": ["another law: the candidate's"], "reference": "properties of every elastic law"}
+    report = Report(head, [task.run() for check in CHECKS for task in check(case) if task.implementation is case.candidate])
     name_what_failed(report, case, terms or [], candidate)
     report.seconds = time.perf_counter() - started
     return report
@@ -175,10 +175,10 @@ def failures_of(
     All checks run, the checks of precision included. Only the checks of the edge form are left out.
     """
     case = _case(mesh, terms, given, None, seed)
-    case.ours = Player(OURS, make(mesh, terms), case.ours.ndofs)
+    case.ours = Implementation(OURS, make(mesh, terms), case.ours.ndofs)
     if case.homogeneous.same:
-        case.build = lambda mesh, terms, how: make(mesh, terms)
-    results = [task.run() for check in CHECKS for task in check(case) if task.player.name == OURS]
+        case.build = lambda mesh, terms, discretisation: make(mesh, terms)
+    results = [task.run() for check in CHECKS for task in check(case) if task.implementation.name == OURS]
     return [result for result in results if result.outcome in (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN)]
 
 
@@ -192,11 +192,13 @@ def name_of(
 def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet: bool) -> Report:
     """Return the report on a reduced body. Raise StvkError if `others` names arguments that the reduced body already defines."""
     if others:
-        raise StvkError(f"{', '.join(others)} beside a reduced body, which has them; expected verify(reduced).")
+        raise StvkError(f"{', '.join(others)}: a reduced body defines these; expected verify(reduced) without them.")
     started, body = time.perf_counter(), reduced.body
-    how = Discretisation(body.mesh.element.name, body.quadrature, body.rule.hourglass or 0.0)
+    discretisation = Discretisation(body.mesh.element.name, body.quadrature, body.rule.hourglass or 0.0)
     laws = [term for term in body.elastic_terms if hasattr(term, "material")]
-    report = Report(header(Shape(body.mesh, how), laws, repr(reduced), seed) | {"reference": "the body in the span of its fields"})
+    report = Report(
+        header(Shape(body.mesh, discretisation), laws, repr(reduced), seed) | {"reference": "the body in the span of its fields"}
+    )
     tasks = list(checks_of_reduced(reduced, np.random.default_rng(seed)))
     carry_out(report, "verify", tasks, quiet)
     report.seconds = time.perf_counter() - started
@@ -211,11 +213,11 @@ def _tasks(case: Case) -> Iterator[Task]:
         if of_edges is not None and check in OF_EDGES:
             yield from check(of_edges)
     if of_edges is None:
-        yield Task("agreement", Player(EDGES, None, case.ours.ndofs), "W, F, K", "rest", "", partial(_no_edge_form, case))
+        yield Task("agreement", Implementation(EDGES, None, case.ours.ndofs), "W, F, K", "rest", "", partial(_no_edge_form, case))
 
 
 def _no_edge_form(case: Case) -> dict[str, Any]:
-    raise NotApplicable(f"{case.mesh.element.name}: their strain is not the same everywhere, so the lengths of edges do not say it")
+    raise NotApplicable(f"{case.mesh.element.name}: their strain is not uniform, so edge lengths do not determine it")
 
 
 def _measure_speed(report: Report, case: Case) -> None:
@@ -245,11 +247,11 @@ def claimed_terms(
     terms = [material] if isinstance(material, StVK) else list(material)
     for term in terms:
         if not isinstance(term, StVK):
-            raise MaterialError(f"material holds an object of type {type(term).__name__}; {expected}")
+            raise MaterialError(f"material contains an object of type {type(term).__name__}; {expected}")
         if term.wrinkling:
             raise MaterialError(
-                "material holds StVK(wrinkling=True), whose energy is not the one that verify knows; expected StVK without "
-                "wrinkling. What wrinkles is checked by its derivatives."
+                "material contains StVK(wrinkling=True); expected StVK without wrinkling: verify has no reference for this energy. "
+                "Its derivatives can be checked with skfem_stvk.testing.assert_consistent."
             )
     if not terms:
         raise MaterialError("material is an empty list; expected at least one StVK term.")
@@ -263,23 +265,25 @@ def _case(mesh: MeshLike, terms: Sequence[StVK], given: dict[str, Any], candidat
     """
     system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
     if candidate is not None and _makes_candidates(candidate):
-        candidate = made("candidate(mesh)", partial(candidate, system.mesh))
+        candidate = make_candidate("candidate(mesh)", partial(candidate, system.mesh))
     hourglass = given.get("hourglass")  # already validated by System
-    how = Discretisation(system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else float(hourglass))
-    shape, ndofs = Shape(system.mesh, how), system.ndofs
-    body, tensor = system.mesh, elasticity(system.mesh, terms, how)
-    control = hourglass_control(body, terms, how) if how.is_one_point else None
+    discretisation = Discretisation(
+        system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else float(hourglass)
+    )
+    shape, ndofs = Shape(system.mesh, discretisation), system.ndofs
+    body, tensor = system.mesh, elasticity(system.mesh, terms, discretisation)
+    control = hourglass_control(body, terms, discretisation) if discretisation.is_one_point else None
     case = Case(
         shape=shape,
-        ours=Player(OURS, system, ndofs),
-        reference=Player(REFERENCE, Truth(shape, tensor, control), ndofs),
-        scikit_fem=Player(REFERENCE, reference_on(body.p, body.t, tensor, how, control), ndofs),
-        candidate=None if candidate is None else Player(CANDIDATE, candidate, ndofs),
+        ours=Implementation(OURS, system, ndofs),
+        reference=Implementation(REFERENCE, Truth(shape, tensor, control), ndofs),
+        scikit_fem=Implementation(REFERENCE, reference_on(body.p, body.t, tensor, discretisation, control), ndofs),
+        candidate=None if candidate is None else Implementation(CANDIDATE, candidate, ndofs),
         states={},
         seed=seed,
         homogeneous=homogeneous_copy(body, terms, shape),
-        network=Player(EDGES, _network(body, terms), ndofs) if body.element.is_linear_simplex else None,
-        bare=body.nt - len(np.unique(np.concatenate([body.elements(term.region) for term in terms]))),
+        network=Implementation(EDGES, _network(body, terms), ndofs) if body.element.is_linear_simplex else None,
+        elements_without_term=body.nt - len(np.unique(np.concatenate([body.elements(term.region) for term in terms]))),
     )
     if case.candidate is not None and not any(case.candidate.has(quantity) for quantity in METHODS):
         raise StvkError(f"candidate, of type {type(candidate).__name__}, has none of {', '.join(METHODS.values())}.")

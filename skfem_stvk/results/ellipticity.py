@@ -31,12 +31,12 @@ Ids = NDArray[np.int64]
 #: Number of starting directions, on half a circle and half a sphere.
 DIRECTIONS = {2: 24, 3: 150}
 #: Minimum angle between the best direction and the second one [rad].
-APART = 0.5
+MIN_ANGLE = 0.5
 #: Number of elements at a time: their data fit into the cache.
 CHUNK = 256
 #: Newton steps from the best directions, the longest step [rad], and the tolerance of the value over the largest number of the
 #: form.
-MOST_STEPS, LONGEST, ENOUGH = 30, 0.3, 1e-13
+MAX_STEPS, LONGEST_STEP, TOLERANCE = 30, 0.3, 1e-13
 
 
 def smallest_acoustic_eigenvalue(state: Response) -> Masked:
@@ -60,8 +60,8 @@ def refuse_other_laws(fields: ElasticBody) -> None:
         if part.law is not None or part.linear:
             law = "LinearElastic" if part.linear else type(part.law).__name__
             raise StvkError(
-                f"{name_ids(part.elements, 'element')} in {law}: strong ellipticity is looked at for StVK "
-                "alone. Leave out ellipticity=True, or the field smallest_acoustic_eigenvalue."
+                f"{name_ids(part.elements, 'element')} in {law}: expected StVK, the only law with a check of strong "
+                "ellipticity. Leave out ellipticity=True, or the field smallest_acoustic_eigenvalue."
             )
 
 
@@ -77,10 +77,10 @@ def without_ellipticity(responses: Sequence[Response]) -> tuple[Ids, Array]:
     (x) N`: `|B|^2 >= |F'a|^2/2`.
     """
     found = [_lost(response) for response in responses]
-    every, lowest = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-    ids, place = np.unique(every, return_inverse=True)
+    all_ids, lowest = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    ids, index = np.unique(all_ids, return_inverse=True)
     least = np.full(len(ids), np.inf)
-    np.minimum.at(least, place, lowest)
+    np.minimum.at(least, index, lowest)
     return ids, least
 
 
@@ -116,11 +116,11 @@ def _response(state: Response) -> tuple[Array, Array, Array, Array]:
             unit = np.zeros((len(ids), k, k))
             unit[:, i[column], j[column]] = unit[:, j[column], i[column]] = 1.0 if i[column] == j[column] else 0.5
             C[ids, :, column] += (
-                share * strain_and_stress(part.material, part.hypothesis, unit, state.place.frames[ids])[1][:, i, j]
+                share * strain_and_stress(part.material, part.hypothesis, unit, state.point.frames[ids])[1][:, i, j]
             )
     E = state.strain[:, i, j] * multiplicity(k)
     S = (C @ E[..., None])[..., 0]
-    return state.place.geometry.axes + state.gradient, S[:, voigt_indices(k)], C, _curvature(state)
+    return state.point.geometry.axes + state.gradient, S[:, voigt_indices(k)], C, _curvature(state)
 
 
 def _curvature(state: Response) -> Array:
@@ -145,8 +145,8 @@ def acoustic_form(F: Array, S: Array, C: Array, curvature: Array) -> Array:
     (n,).
     """
     n, k, _ = F.shape
-    place = voigt_indices(k)
-    tensor = C[:, place[:, :, None, None], place].reshape(n, k, -1)  # M JNL
+    index = voigt_indices(k)
+    tensor = C[:, index[:, :, None, None], index].reshape(n, k, -1)  # M JNL
     half = (F @ tensor).reshape(n, k, k, k, k)  # i J N L
     M = np.moveaxis(F[:, None, None] @ half, 3, 2)  # i k J L
     if curvature.any():
@@ -170,8 +170,8 @@ def smallest(form: Array) -> Array:
     (i, j), N = np.array(VOIGT[k]).T, directions(k)
     values = _lowest_eigenvalue(form[:, i, j][:, :, i, j] @ (N[:, i] * N[:, j] * multiplicity(k)).T)
     best = values.argmin(axis=1)
-    elsewhere = np.where(np.abs(N @ N.T)[best] < np.cos(APART), values, np.inf).argmin(axis=1)
-    return np.minimum(_improved(form, N[best]), _improved(form, N[elsewhere]))
+    second_best = np.where(np.abs(N @ N.T)[best] < np.cos(MIN_ANGLE), values, np.inf).argmin(axis=1)
+    return np.minimum(_improved(form, N[best]), _improved(form, N[second_best]))
 
 
 def directions(k: int) -> Array:
@@ -208,11 +208,11 @@ def _improved(form: Array, N: Array) -> Array:
 
         g = T' G N    G_JL = M_ik,JL a_i a_k        H = T' G T - q I - sum_b c_b c_b'/(q_b - q)    c_b = 2 T' (M_ik,JL b_i a_k N_L)
     """
-    k, todo = N.shape[1], np.arange(len(N))
+    k, ids = N.shape[1], np.arange(len(N))
     size = np.abs(form).max(axis=(1, 2, 3, 4))
     q, V = np.linalg.eigh(_acoustic_tensor(form, N))
-    radius, lowest = np.full(len(N), LONGEST), q[:, 0].copy()
-    for _ in range(MOST_STEPS):
+    radius, lowest = np.full(len(N), LONGEST_STEP), q[:, 0].copy()
+    for _ in range(MAX_STEPS):
         T = _across(N)
         with_a = np.einsum("nikJL,nk->niJL", form, V[:, :, 0])
         G = np.einsum("niJL,ni->nJL", with_a, V[:, :, 0])
@@ -232,11 +232,11 @@ def _improved(form: Array, N: Array) -> Array:
         radius = np.where(better, radius, np.minimum(radius, length) / 4)
         N, q = np.where(better[:, None], moved, N), np.where(better[:, None], q_moved, q)
         V = np.where(better[:, None, None], V_moved, V)
-        lowest[todo] = q[:, 0]
-        on = -(along * d).sum(axis=1) > ENOUGH * size
-        if not on.any():
+        lowest[ids] = q[:, 0]
+        active = -(along * d).sum(axis=1) > TOLERANCE * size
+        if not active.any():
             break
-        todo, form, size, radius, N, q, V = (array[on] for array in (todo, form, size, radius, N, q, V))
+        ids, form, size, radius, N, q, V = (array[active] for array in (ids, form, size, radius, N, q, V))
     return lowest
 
 

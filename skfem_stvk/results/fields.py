@@ -128,7 +128,7 @@ class State:
     @cached_property
     def responses(self) -> list[Response]:
         """Strains and stresses at each point of the elements."""
-        return [Response(self.fields, self.u, place) for place in self.fields.points]
+        return [Response(self.fields, self.u, point) for point in self.fields.points]
 
     def __getitem__(self, name: str) -> Array:
         """Return the values (nt, ...) by element of the field of this name; `results.names()` lists the names.

@@ -19,7 +19,7 @@ class WriteError(StvkError, OSError):
     """Error for a file that could not be written, for example because the disk is full. An earlier file still exists."""
 
 
-class NotOurs(StvkError):
+class ForeignFile(StvkError):
     """Error for a file that is not of the expected format."""
 
 
@@ -28,25 +28,22 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
 
     >>> output_path("missing/bracket.vtu", ".vtu")
     Traceback (most recent call last):
-    skfem_stvk.errors.StvkError: The folder missing of bracket.vtu does not exist. Make it first, or is the path relative to
-    another one?
+    skfem_stvk.errors.StvkError: The folder missing of bracket.vtu does not exist. Create it first, or correct the path.
     """
     path = arguments.path("path", path, f"the path of a file that ends in {' or '.join(suffixes)}")
     if path.suffix.lower() not in suffixes:
         named = path.with_suffix(suffixes[0]).name if path.name else f"result{suffixes[0]}"
         raise StvkError(
-            f"{arguments.shown(str(path))} does not end in {' or '.join(suffixes)}, which is what is written here. Name it {named}."
+            f"path = {arguments.shown(str(path))}; expected a path that ends in {' or '.join(suffixes)}, such as {named}."
         )
     if not path.name.isprintable():
         raise StvkError(
-            f"{ascii(path.name)[:200]} has characters that cannot be printed, and that lists of files cannot hold. Rename it."
+            f"{ascii(path.name)[:200]} contains characters that cannot be printed or stored in lists of files. Rename it."
         )
     if not path.parent.is_dir():
-        raise StvkError(
-            f"The folder {path.parent} of {path.name} does not exist. Make it first, or is the path relative to another one?"
-        )
+        raise StvkError(f"The folder {path.parent} of {path.name} does not exist. Create it first, or correct the path.")
     if path.exists() and not path.is_file():
-        raise StvkError(f"{path} is {'a folder' if path.is_dir() else 'no regular file'}; expected the path of a file.")
+        raise StvkError(f"{path} is {'a folder' if path.is_dir() else 'not a regular file'}; expected the path of a file.")
     try:
         try_to_write(path.parent, f".{path.name}.part")
     except OSError as error:
@@ -57,7 +54,7 @@ def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
 def content_of(path: Path, largest: int) -> bytes:
     """Return the content of a regular file of at most `largest` bytes; raise an OSError for a larger one, a pipe or a device."""
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is no regular file")
+        raise OSError(errno.EINVAL, "it is not a regular file")
     with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         if size > largest:
@@ -94,11 +91,11 @@ def cannot_write(path: Path, error: OSError) -> WriteError:
     if isinstance(error, WriteError) and isinstance(error.__cause__, OSError):
         error = error.__cause__
     why = error.strerror or str(error) or type(error).__name__
-    said = WriteError(
-        f"{path} could not be written: {why}. What was there before is still there. Make room, or choose another folder."
+    failure = WriteError(
+        f"{path} could not be written: {why}. Its previous content is unchanged. Free disk space, or choose another folder."
     )
-    said.errno = error.errno
-    return said
+    failure.errno = error.errno
+    return failure
 
 
 def try_to_write(folder: Path, name: str = "") -> None:
@@ -129,13 +126,13 @@ def output_folder(path: Path) -> Path:
         try_to_write(path)
     except OSError as error:
         raise StvkError(
-            f"The checkpoint {path} cannot be written: {error.strerror}. Does its parent exist, and is it a folder?"
+            f"The checkpoint {path} cannot be written: {error.strerror}. Its parent must be an existing folder."
         ) from error
     return path
 
 
 @dataclass(frozen=True)
-class Outlets:
+class OutputFiles:
     """Options of `solve_static` and `simulate` for their files."""
 
     save: Path | None  # the .pvd file of a series of states
@@ -146,7 +143,7 @@ class Outlets:
     every: int | None = None  # steps from one state of the series to the next, None for the usual number
 
     @classmethod
-    def checked(cls, *, save: Any, fields: Any, checkpoint: Any, resume: Any, overwrite: Any, every: Any = None) -> Outlets:
+    def checked(cls, *, save: Any, fields: Any, checkpoint: Any, resume: Any, overwrite: Any, every: Any = None) -> OutputFiles:
         """Return the options of these keywords: paths that can be written, and a checkpoint if it is to be resumed."""
         if every is not None:
             every = arguments.whole("every", every, "a whole number of steps, at least 1", least=1)
@@ -155,5 +152,5 @@ class Outlets:
         if checkpoint is not None:
             checkpoint = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'flag'")
         if arguments.flag("resume", resume) and checkpoint is None:
-            raise StvkError("resume=True without a checkpoint: from which folder? checkpoint='...'.")
+            raise StvkError("resume = True; expected a checkpoint to resume: pass checkpoint='FOLDER'.")
         return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields, every)

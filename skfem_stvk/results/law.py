@@ -30,9 +30,9 @@ def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array,
         return _isotropic(material, hypothesis, strain)
     if not isinstance(material, FramedMaterial):
         name = type(material).__name__
-        raise MaterialError(f"{name} is neither Isotropic nor a FramedMaterial, which has a stiffness() in its frame.")
-    turn = frames if material.frame is None else np.swapaxes(np.asarray(material.frame), -1, -2) @ frames
-    return (_condensed if hypothesis.condensed else _framed)(material.stiffness(), strain, turn)
+        raise MaterialError(f"material = {name}(...); expected Isotropic, or a FramedMaterial with a stiffness() in its frame.")
+    rotation = frames if material.frame is None else np.swapaxes(np.asarray(material.frame), -1, -2) @ frames
+    return (_condensed if hypothesis.condensed else _framed)(material.stiffness(), strain, rotation)
 
 
 def dilation(gradient: Array) -> Array:
@@ -40,13 +40,13 @@ def dilation(gradient: Array) -> Array:
     k, trace = gradient.shape[1], np.trace(gradient, axis1=1, axis2=2)
     if k == 1:
         return trace
-    found = trace + np.linalg.det(gradient)
+    value = trace + np.linalg.det(gradient)
     if k == 3:
-        found = found + (trace**2 - np.einsum("nij,nji->n", gradient, gradient)) / 2
-    return found
+        value = value + (trace**2 - np.einsum("nij,nji->n", gradient, gradient)) / 2
+    return value
 
 
-def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def volume_stress(slope: Array, gradient: Array, constrained_across: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Return `S = psi' J C^-1 = psi' A A'/J` (n, 3, 3), `A` the adjugate of `I + H`, and a mask where it is infinite; 0 there.
 
     The inputs are the slope `psi'(J)` [Pa] and the displacement gradients `H` (n, k, k) of elements that fill their space. The
@@ -58,7 +58,7 @@ def volume_stress(slope: Array, gradient: Array, held_across: NDArray[np.bool_])
     J = (A[:, 0] * F[:, :, 0]).sum(axis=1)
     lost = (J == 0) & (slope != 0)
     S: Array = (slope / np.where(J == 0, 1.0, J))[:, None, None] * (A @ np.swapaxes(A, 1, 2))
-    S[:, range(k, 3), range(k, 3)] *= held_across[:, None]
+    S[:, range(k, 3), range(k, 3)] *= constrained_across[:, None]
     S[lost] = 0
     return S, lost
 
@@ -80,23 +80,23 @@ def _isotropic(material: Isotropic, hypothesis: Hypothesis, strain: Array) -> tu
     return E, S
 
 
-def _framed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
-    """Return `E` and `S = C : E`, computed in material axes; `turn` are the frames in these axes."""
-    E, back = embedded(strain), np.swapaxes(turn, 1, 2)
-    own = turn @ E @ back
-    stress = np.squeeze(C @ (own[:, FIRST, SECOND] * multiplicity(3))[..., None], axis=-1)
-    return E, back @ stress[:, voigt_indices(3)] @ turn
+def _framed(C: Array, strain: Array, rotation: Array) -> tuple[Array, Array]:
+    """Return `E` and `S = C : E`, computed in material axes; `rotation` are the frames in these axes."""
+    E, transposed = embedded(strain), np.swapaxes(rotation, 1, 2)
+    local = rotation @ E @ transposed
+    stress = np.squeeze(C @ (local[:, FIRST, SECOND] * multiplicity(3))[..., None], axis=-1)
+    return E, transposed @ stress[:, voigt_indices(3)] @ rotation
 
 
-def _condensed(C: Array, strain: Array, turn: Array) -> tuple[Array, Array]:
+def _condensed(C: Array, strain: Array, rotation: Array) -> tuple[Array, Array]:
     """Return the full strain `C^-1 N s` and the stress `s` within, from `(N' C^-1 N) s = e` with the dyads `N` of the axes."""
     k, compliance = strain.shape[1], np.linalg.inv(C)
     i, j = np.array(VOIGT[k]).T
-    N = unit_stresses(turn[:, :, :k])
+    N = unit_stresses(rotation[:, :, :k])
     within = (strain[:, i, j] * multiplicity(k))[..., None]
     s = np.linalg.solve(N @ compliance @ N.swapaxes(1, 2), within)
-    own = np.squeeze(compliance @ (N.swapaxes(1, 2) @ s), axis=-1) / multiplicity(3)
-    E, S = np.swapaxes(turn, 1, 2) @ own[:, voigt_indices(3)] @ turn, np.zeros((len(strain), 3, 3))
+    local = np.squeeze(compliance @ (N.swapaxes(1, 2) @ s), axis=-1) / multiplicity(3)
+    E, S = np.swapaxes(rotation, 1, 2) @ local[:, voigt_indices(3)] @ rotation, np.zeros((len(strain), 3, 3))
     E[:, :k, :k] = strain
     S[:, i, j] = S[:, j, i] = s[..., 0]
     return E, S
@@ -145,12 +145,12 @@ def current_normals(frames: Array, tangents: Array, d: int) -> Array:
     length = np.linalg.norm(tangents[..., 0], axis=1, keepdims=True)
     old, first = frames[..., 0], frames[..., 1]
     new = np.where(length > 0, tangents[..., 0] / np.where(length > 0, length, 1.0), old)
-    turned = _turned(first, old, new)
-    first = _unit(turned - (turned * new).sum(axis=1, keepdims=True) * new)
+    rotated = _rotated_with(first, old, new)
+    first = _unit(rotated - (rotated * new).sum(axis=1, keepdims=True) * new)
     return np.stack([first, np.cross(new, first)], axis=2)
 
 
-def _turned(normal: Array, old: Array, new: Array) -> Array:
+def _rotated_with(normal: Array, old: Array, new: Array) -> Array:
     """Return the normal rotated by the smallest rotation from `t0` to `t`: `R n = n - (t . n)/(1 + t0 . t) (t0 + t)`.
 
     For opposite directions it is a rotation by 180 degrees in the plane of `t0` and `n`.

@@ -35,7 +35,7 @@ SIZE, DPI = (7.0, 4.5), 120
 def draw(picture: Picture, path: Path | None) -> Figure:
     """Return the figure; it is written to `path` if there is one, else pyplot can show it."""
     figure = new_figure(SIZE, interactive=path is None)
-    Stage(figure, picture, View.of([picture])).show(picture)
+    PictureAxes(figure, picture, View.of([picture])).show(picture)
     if path is not None:
         figure.savefig(path, dpi=200, bbox_inches="tight")
     return figure
@@ -50,7 +50,7 @@ def new_figure(size: tuple[float, float], interactive: bool) -> Figure:
     return pyplot.figure(figsize=size, layout="constrained")
 
 
-class Stage:
+class PictureAxes:
     """Axes and a colour bar on an empty figure, with one view for all pictures of a body, which are shown one after the other."""
 
     def __init__(self, figure: Figure, picture: Picture, view: View) -> None:
@@ -200,18 +200,18 @@ def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:
 
 def _shown(figure: Figure, film: Film) -> Iterator[Picture]:
     """Yield the pictures one after the other, shown on a figure with the layout of the first."""
-    view, pictures = film.developed()
+    view, pictures = film.view_and_pictures()
     title = figure.suptitle(" ", fontsize=11, color=EDGE)
-    stage = None
+    picture_axes = None
     for words, picture in pictures:
         title.set_text(words)
-        if stage is None:
-            stage = Stage(figure, picture, view)
-            stage.show(picture)
+        if picture_axes is None:
+            picture_axes = PictureAxes(figure, picture, view)
+            picture_axes.show(picture)
             figure.draw_without_rendering()
             figure.set_layout_engine("none")
         else:
-            stage.show(picture)
+            picture_axes.show(picture)
         yield picture
 
 

@@ -92,25 +92,25 @@ class Monitors:
             return ()
         remedy = 'one point to an element (quadrature="one-point")' if element.shape.one_point else "quadratic elements (degree=2)"
         what = (
-            f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies come out too "
-            f"stiff, and pressures jump from element to element. Take {remedy}, or a smaller Poisson's ratio; otherwise compare "
+            f"Poisson's ratio above {LOCKING} (up to {largest:.4g}), so that these linear elements lock: bodies are too "
+            f"stiff, and pressures oscillate between elements. Use {remedy}, or a smaller Poisson's ratio; otherwise compare "
             "with a finer mesh."
         )
         return (self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what),)
 
     def at(self, u: Array) -> tuple[Finding, ...]:
         """Return the findings at displacements `u` (ndofs,), a state that the system accepts."""
-        return tuple(self._found(u))
+        return tuple(self._findings_at(u))
 
-    def _found(self, u: Array) -> Iterator[Finding]:
+    def _findings_at(self, u: Array) -> Iterator[Finding]:
         system = self._system
-        if len(turned := system.inside_out(u)):
+        if len(inverted := system.inside_out(u)):
             J = system.smallest_volume_ratio(u)
-            yield self._finding("inside out", turned, J, f"inside out or flat (J down to {J:.3g}). {self._if_inside_out()}")
+            yield self._finding("inside out", inverted, J, f"inverted or flat (J down to {J:.3g}). {self._inversion_remedy()}")
         if (stretch := system.smallest_stretch(u)) < SOFTENING:
             what = (
                 f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff "
-                f"body softens. {self._if_compressed()}"
+                f"body softens. {self._compression_remedy()}"
             )
             yield self._finding("compressed", system.compressed(u, SOFTENING), stretch, what)
         if self._fields is not None:
@@ -118,22 +118,22 @@ class Monitors:
             if len(ids):
                 what = (
                     f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest.min():.3g} Pa): the "
-                    "material gives way in bands as narrow as an element, so that what follows depends on the mesh. Compare with "
-                    "a finer one; a material that is made for such compression is not in this package."
+                    "material may localise in bands as narrow as an element, so that further results depend on the mesh. Compare "
+                    "with a finer mesh. This package has no material for such compression."
                 )
                 yield self._finding("not elliptic", ids, float(lowest.min()), what)
 
-    def _if_inside_out(self) -> str:
-        remedy = "" if self._system.resists_inversion else ", or a VolumePenalty among the terms, which resists"
-        return f"No body can do that, so the state means nothing there. Take smaller steps, a finer mesh{remedy}."
+    def _inversion_remedy(self) -> str:
+        remedy = "" if self._system.resists_inversion else ", or add a VolumePenalty, which resists inversion"
+        return f"No real body can invert, so the state has no meaning there. Use smaller steps, a finer mesh{remedy}."
 
-    def _if_compressed(self) -> str:
+    def _compression_remedy(self) -> str:
         if self._system.mesh.k < self._system.mesh.d:
-            return "Membranes and cables wrinkle and go slack long before: is it pushed where it should be pulled?"
+            return "Membranes and cables wrinkle or become slack much earlier. Check that the loads pull and do not push."
         if self._system.resists_inversion:
-            return "The VolumePenalty carries it: what is computed there is a body with that penalty more than a StVK one."
-        local = "At a corner or under a load on few vertices refine the mesh or spread the load"
-        return f"More compression takes less force. {local}; elsewhere add a VolumePenalty, or take less load."
+            return "The VolumePenalty carries the load there, so the result depends on the penalty more than on the StVK law."
+        local = "At a corner, or under a load on few vertices, refine the mesh or distribute the load"
+        return f"Beyond this, more compression needs less force. {local}; elsewhere add a VolumePenalty, or reduce the load."
 
     def _finding(self, name: str, ids: NDArray[np.int64], extreme: float, what: str) -> Finding:
         where = point_of(self._system.mesh, ids[0])

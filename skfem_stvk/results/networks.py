@@ -78,7 +78,9 @@ class NetworkComparison:
         for row in self.rows:
             if row.name == name:
                 return row
-        raise StvkError(f"No model {shown(name)} was compared; there are {', '.join(repr(row.name) for row in self.rows)}.")
+        raise StvkError(
+            f"name = {shown(name)}; expected the name of a compared model: {', '.join(repr(row.name) for row in self.rows)}."
+        )
 
     def __str__(self) -> str:
         width = max(len(row.name) for row in self.rows)
@@ -146,7 +148,9 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
     if not hasattr(law, "coefficients"):
         raise StvkError(f"law = {shown(law)}; expected StVK(young=..., poisson=...).")
     if not body.element.is_linear_simplex:
-        raise MeshError(f"Networks lie along the edges of linear simplices; the mesh has {body.kind}. Take degree=1.")
+        raise MeshError(
+            f"The mesh has {body.kind}; expected linear simplices, because networks lie along their edges. Use degree=1."
+        )
     network = EdgeNetwork.of(body, law)
     models: dict[str, Any] = {"StVK": law, "edges and pairs": network}
     if body.k == 3:
@@ -165,7 +169,7 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
         systems = {name: System(body, term) for name, term in models.items()}
     W0, F0 = systems["StVK"].energy_and_force(u)
     if not W0 > 0:
-        raise StvkError("The state u has no strain energy, so nothing can be compared. Give displacements that strain the body.")
+        raise StvkError("u has no strain energy; expected displacements that strain the body, so that energies can be compared.")
     rest, K0 = np.zeros(body.p.size), systems["StVK"].tangent(np.zeros(body.p.size))
     rows, times = [], _times(systems, np.asarray(u, dtype=float))
     for name, system in systems.items():
@@ -224,12 +228,12 @@ def _draw(found: NetworkComparison, path: Path | None) -> Any:
     rows = sorted(found.rows[1:], key=lambda row: -row.force)
     right.barh([row.name for row in rows], [100 * row.force for row in rows], color="#0072B2", alpha=0.8)
     for i, row in enumerate(rows):
-        said = "exact" if row.force < EXACT else f"{row.force:.1%}"
+        label = "exact" if row.force < EXACT else f"{row.force:.1%}"
         right.annotate(
-            f"{said}, {row.ratio:.2f} x", (100 * row.force, i), (4, 0), textcoords="offset points", va="center", fontsize=8
+            f"{label}, {row.ratio:.2f} x", (100 * row.force, i), (4, 0), textcoords="offset points", va="center", fontsize=8
         )
     right.margins(x=0.22)
-    right.set(xlabel="error of F [%]", title="networks beside it: error of F, time for W and F (StVK 1 x)")
+    right.set(xlabel="error of F [%]", title="networks: error of F, time for W and F (StVK 1 x)")
     figure.suptitle(f"A state with edges elongated by up to {found.strain:.1%}", fontsize=11)
     if path is not None:
         figure.savefig(path, dpi=150)

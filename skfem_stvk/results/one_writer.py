@@ -61,29 +61,29 @@ class OneWriter:
         from filelock import FileLock, Timeout  # imported only for writing
 
         path = self.path
-        place, name = Path(os.path.realpath(path if path.is_dir() else path.parent)), "." if path.is_dir() else f".{path.name}."
-        self._said, self._file = place / f"{name}writer", place / f"{name}lock"
+        folder, name = Path(os.path.realpath(path if path.is_dir() else path.parent)), "." if path.is_dir() else f".{path.name}."
+        self._holder_file, self._file = folder / f"{name}writer", folder / f"{name}lock"
         self._lock = FileLock(self._file, thread_local=False, fallback_to_soft=False)
         try:
             self._lock.acquire(blocking=False)
             self._process = os.getpid()
             with suppress(OSError):  # only the lock decides
-                self._said.unlink(missing_ok=True)  # a symbolic link would have its target overwritten
+                self._holder_file.unlink(missing_ok=True)  # a symbolic link would have its target overwritten
                 now = time.strftime("%Y-%m-%d %H:%M:%S")
-                self._said.write_text(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": now}))
+                self._holder_file.write_text(json.dumps({"host": socket.gethostname(), "process": os.getpid(), "since": now}))
         except Timeout:
-            remedy = "Wait until that has ended, or name another."
+            remedy = "Wait until it has ended, or choose another path."
             raise StvkError(f"{path} is being written by {self._holder()}. {remedy}") from None
         except OSError as error:
             if error.errno not in NO_LOCKS:
                 remedy = "Choose another folder, or change its permissions."
                 raise StvkError(f"{path} cannot be locked: {error.strerror}. {remedy}") from error
-            warn(f"The disk of {path} has no locks: see to it that no other run writes there at the same time.")
+            warn(f"The disk of {path} has no locks. Make sure that no other run writes there at the same time.")
             self._process = os.getpid()
 
     def _release(self) -> None:
         if self._lock is not None and (self.held or self._lock.is_locked):
-            for file in (self._said, self._file):  # while the lock is held: the next writer makes a new one
+            for file in (self._holder_file, self._file):  # while the lock is held: the next writer makes a new one
                 with suppress(OSError):
                     file.unlink()
             self._lock.release(force=True)
@@ -92,9 +92,13 @@ class OneWriter:
     def _holder(self) -> str:
         """Return the name of the holder, as far as it has written it."""
         try:
-            holder = json.loads(content_of(self._said, 600))
-            here = holder["process"] == os.getpid() and holder["host"] == socket.gethostname()
-            process = "another run in this process" if here else f"process {int(holder['process'])} on {str(holder['host'])[:99]!r}"
+            holder = json.loads(content_of(self._holder_file, 600))
+            same_process = holder["process"] == os.getpid() and holder["host"] == socket.gethostname()
+            process = (
+                "another run in this process"
+                if same_process
+                else f"process {int(holder['process'])} on {str(holder['host'])[:99]!r}"
+            )
             return f"{process} since {str(holder['since'])[:20]}"
         except (OSError, ValueError, KeyError, TypeError):
             return "another process"

@@ -82,7 +82,7 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
     """
     scale, label = checked_scale(scale), checked_label(label)
     _, named, unit = corner_values(checked_state(state), field)
-    picture = Sights(state).picture(state, field, named if label is None else label, scale)
+    picture = VisibleBody(state).picture(state, field, named if label is None else label, scale)
     return picture.in_unit(*prefixed(picture.largest, unit)) if label is None else picture
 
 
@@ -105,7 +105,7 @@ class Film:
     unit: str  # of the values; empty if they are not converted
     length_unit: str = "m"  # of the coordinates
 
-    def developed(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
+    def view_and_pictures(self) -> tuple[View, Iterator[tuple[str, Picture]]]:
         """Return the view that all pictures share, and an iterator of each picture with its time in words.
 
         Pictures have as many axes as the motion needs, in a unit that suits all values.
@@ -116,8 +116,10 @@ class Film:
         moving = np.flatnonzero(np.ptp(raw.box, axis=0) > 0)
         d = int(max(moving, default=0)) + 1
         length = self.length_unit
-        shots = (replace(self.picture(number).in_unit(factor, unit), d=d, length_unit=length) for number in range(len(self.times)))
-        return View(raw.box, (factor * low, factor * high)), zip(_in_words(self.times), shots, strict=True)
+        pictures = (
+            replace(self.picture(number).in_unit(factor, unit), d=d, length_unit=length) for number in range(len(self.times))
+        )
+        return View(raw.box, (factor * low, factor * high)), zip(_in_words(self.times), pictures, strict=True)
 
 
 def _in_words(times: list[float]) -> list[str]:
@@ -127,21 +129,21 @@ def _in_words(times: list[float]) -> list[str]:
     return [f"t = {t:.{digits}f}" for t in times]
 
 
-class Sight:
+class VisibleMesh:
     """Visible part of a mesh, for pictures at any displacements.
 
-    Faces of quadratic elements and of boxes are cut by a lattice, so that curved faces are drawn curved. Removed elements `gone`
-    (nt,) are not drawn.
+    Faces of quadratic elements and of boxes are cut by a lattice, so that curved faces are drawn curved. Elements in the mask
+    `removed` (nt,) are not drawn.
     """
 
-    def __init__(self, mesh: MeshArrays, gone: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, mesh: MeshArrays, removed: NDArray[np.bool_] | None = None) -> None:
         self._d, x = mesh.d, in_space(mesh.p.T)
         self._lattice: Lattice | None = None
-        left, kept = mesh, np.arange(mesh.nt)
-        if gone is not None and gone.any():
-            left, kept = Cells(mesh.p, mesh.t[:, ~gone], mesh.element), np.flatnonzero(~gone)
-        (nodes, elements), face = visible_faces(left)
-        self._seen = nodes, kept[elements]
+        remaining, retained = mesh, np.arange(mesh.nt)
+        if removed is not None and removed.any():
+            remaining, retained = Cells(mesh.p, mesh.t[:, ~removed], mesh.element), np.flatnonzero(~removed)
+        (nodes, elements), face = visible_faces(remaining)
+        self._seen = nodes, retained[elements]
         self._nodes = mesh.t[self._seen]  # (m, n)
         if mesh.element.is_linear_simplex:
             self._rest: Array = x
@@ -163,20 +165,20 @@ class Sight:
         return Picture(self._d, self._rest, moved, self._cells, seen, self._lines, label, scale)
 
 
-class Sights:
+class VisibleBody:
     """Visible parts of a body and of its bodies of lower dimensions, with the elements of a state."""
 
     def __init__(self, state: State) -> None:
-        self._every = [Sight(one.fields.mesh, one.fields.gone) for one in (state, *state.beside)]
+        self._parts = [VisibleMesh(part.fields.mesh, part.fields.removed) for part in (state, *state.beside)]
 
     def picture(self, state: State, field: str | ArrayLike, label: str, scale: float) -> Picture:
         """Return the picture of a state with the same elements, coloured by a field."""
         values = [corner_values(state, field)[0]]
-        for one in state.beside:
-            mesh = one.fields.mesh
+        for lower in state.beside:
+            mesh = lower.fields.mesh
             known = isinstance(field, str) or np.shape(field) == (mesh.nv,) != (state.fields.mesh.nt,)
-            values.append(corner_values(one, field)[0] if known else masked(np.zeros(mesh.t.shape), np.ones(mesh.nt, bool)))
-        return joined([sight.picture(state.u, own, label, scale) for sight, own in zip(self._every, values, strict=True)])
+            values.append(corner_values(lower, field)[0] if known else masked(np.zeros(mesh.t.shape), np.ones(mesh.nt, bool)))
+        return joined([part.picture(state.u, colours, label, scale) for part, colours in zip(self._parts, values, strict=True)])
 
 
 def joined(pictures: Sequence[Picture]) -> Picture:
@@ -187,19 +189,19 @@ def joined(pictures: Sequence[Picture]) -> Picture:
         rest, moved = np.concatenate([first.rest, other.rest]), np.concatenate([first.moved, other.moved])
         first = replace(first, rest=rest, moved=moved, lines=np.concatenate([first.lines, begin + other.lines], axis=1))
         if len(other.cells) == len(first.cells):
-            new = ~_among(other.rest[other.cells], first.rest[first.cells])
+            new = ~_with_same_centre(other.rest[other.cells], first.rest[first.cells])
             cells = np.concatenate([first.cells, begin + other.cells[:, new]], axis=1)
             first = replace(first, cells=cells, values=np.ma.concatenate([first.values, other.values[:, new]], axis=1))
     return first
 
 
-def _among(some: Array, every: Array) -> NDArray[np.bool_]:
+def _with_same_centre(some: Array, every: Array) -> NDArray[np.bool_]:
     """Return a mask of the cells (m, n, 3) with the same centre as another cell."""
-    middles = np.concatenate([some, every], axis=1).mean(axis=0)
-    keys = np.round(middles / (np.abs(middles).max(initial=0.0) or 1.0), 9)
-    _, place = np.unique(keys, axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    return np.isin(place[: some.shape[1]], place[some.shape[1] :])
+    centres = np.concatenate([some, every], axis=1).mean(axis=0)
+    keys = np.round(centres / (np.abs(centres).max(initial=0.0) or 1.0), 9)
+    _, index = np.unique(keys, axis=0, return_inverse=True)
+    index = index.reshape(-1)
+    return np.isin(index[: some.shape[1]], index[some.shape[1] :])
 
 
 class Lattice:
@@ -222,9 +224,9 @@ class Lattice:
         return masked(found.reshape(len(self._local), -1).T, np.tile(missing, self._local.shape[1])).T
 
     def lines(self, x: Array, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
-        """Return pieces (2, n) of the edges that outline faces with `nodes` (m, n) at `x` (m, n, 3), see `drawn`."""
+        """Return pieces (2, n) of the edges that outline faces with `nodes` (m, n) at `x` (m, n, 3), see `outline_edges`."""
         face, count = self._face, len(self._N)
-        of_face, edge = drawn(face, nodes, x)
+        of_face, edge = outline_edges(face, nodes, x)
         s = np.linspace(0, 1, self._cuts + 1)[:, None]
         along = [
             [np.abs(self._grid - ((1 - r) * face.nodes[a] + r * face.nodes[b])).sum(axis=1).argmin() for r in s]
@@ -239,10 +241,10 @@ def subdivided(face: Element, cuts: int) -> tuple[Array, NDArray[np.integer]]:
     if face.k == 1:
         return np.arange(cuts + 1)[:, None] / cuts, np.array([np.arange(cuts), np.arange(1, cuts + 1)])
     grid = [(i, j) for i in range(cuts + 1) for j in range(cuts + 1 - i if face.is_simplex else cuts + 1)]
-    number = {place: k for k, place in enumerate(grid)}
+    number = {indices: k for k, indices in enumerate(grid)}
     low = [[(i, j), (i + 1, j), (i, j + 1)] for i, j in grid]
     high = [[(i + 1, j), (i + 1, j + 1), (i, j + 1)] for i, j in grid]
-    cells = [[number[place] for place in cell] for cell in low + high if number.keys() >= set(cell)]
+    cells = [[number[indices] for indices in cell] for cell in low + high if number.keys() >= set(cell)]
     return np.array(grid) / cuts, np.array(cells).T
 
 
@@ -257,7 +259,7 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
     if found.shape:
         scalars = ", ".join([*state.vectors, *(other.name for other in FIELDS if not other.shape)])
         raise StvkError(
-            f"{found.name} has {'3 x 3' if len(found.shape) == 2 else 3} components; a picture shows one number. Take one of "
+            f"{found.name} has {'3 x 3' if len(found.shape) == 2 else 3} components; expected a field with one component, such as "
             f"{scalars}, or hand "
             f'in a component and its label: field=state["{field}"][:, 0{", 0" if len(found.shape) == 2 else ""}], label="...".'
         )
@@ -269,7 +271,9 @@ def _given(state: State, values: Any) -> Array:
     mesh, given = state.fields.mesh, real_array(np.ma.getdata(values) if isinstance(values, np.ma.MaskedArray) else values)
     if given is None or given.shape not in ((mesh.nt,), (mesh.nv,)):
         what = f"has shape {given.shape}" if given is not None else f"= {shown(values)}"
-        raise StvkError(f"field {what}; expected a name, or a number for each of the {mesh.nt} elements or {mesh.nv} {mesh.words}.")
+        raise StvkError(
+            f"field {what}; expected a name, or one number for each of the {mesh.nt} elements or {mesh.nv} {mesh.words}."
+        )
     missing = np.ma.getmaskarray(values) | ~np.isfinite(given)
     known = np.where(missing, 0.0, given)
     return masked(known, missing)[mesh.t] if len(known) == mesh.nv != mesh.nt else _by_material(state, known, missing)
@@ -304,7 +308,7 @@ def visible_faces(mesh: MeshArrays) -> tuple[tuple[NDArray[Any], NDArray[Any]], 
     return ((mesh.t[:, elements] == facets[:, None]).argmax(axis=1), elements), mesh.facet
 
 
-def drawn(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+def outline_edges(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
     """Return face (n,) and local edge (n,) of each edge that outlines faces with `nodes` (m, nf) at `x` (m, nf, 3), each once.
 
     At these edges faces end, branch or bend by more than 30 degrees.
@@ -315,8 +319,8 @@ def drawn(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals /= np.where(length > 0, length, 1.0)
     pairs = np.sort(nodes[ends.T].transpose(0, 2, 1).reshape(2, -1), axis=0)  # face by face
-    _, place, count = np.unique(pairs, axis=1, return_inverse=True, return_counts=True)
-    by_edge = np.argsort(place.reshape(-1), kind="stable")
+    _, index, count = np.unique(pairs, axis=1, return_inverse=True, return_counts=True)
+    by_edge = np.argsort(index.reshape(-1), kind="stable")
     start = np.cumsum(count) - count
     one, other = by_edge[start], by_edge[start + (count == 2)]
     flat = np.abs((normals[one] * normals[other]).sum(axis=1)) > SHARP
@@ -324,9 +328,9 @@ def drawn(face: Element, nodes: NDArray[np.integer], x: Array) -> tuple[NDArray[
 
 
 def outline(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return edges (2, n) that outline triangles of `points` (nv, 3), see `drawn`; segments are returned unchanged."""
+    """Return edges (2, n) that outline triangles of `points` (nv, 3), see `outline_edges`; segments are returned unchanged."""
     if len(cells) == 2:
         return cells
     triangle = linear_simplex(2)
-    of_face, edge = drawn(triangle, cells, points[cells])
+    of_face, edge = outline_edges(triangle, cells, points[cells])
     return cells[np.array(triangle.edges)[edge].T, of_face]

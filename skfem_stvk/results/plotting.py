@@ -22,7 +22,7 @@ from ..mesh.facets import Cells
 from ..mesh.groups import from_cells
 from .fields import State, checked_state, masked
 from .files import output_path, replacing
-from .picture import Film, Picture, Sight, Sights, checked_label, checked_scale, corner_values, joined, picture_of
+from .picture import Film, Picture, VisibleBody, VisibleMesh, checked_label, checked_scale, corner_values, joined, picture_of
 from .series import listed_states
 from .table import FIELDS, VECTORS
 from .vtu import read_vtu
@@ -131,7 +131,7 @@ def animate(
     if path.suffix.lower() == ".mp4" and not _ffmpeg():
         raise StvkError(
             "ffmpeg, which writes .mp4 files, is not installed: apt install ffmpeg, brew install ffmpeg or conda install ffmpeg. "
-            "Or name a .gif file."
+            "Or write a .gif file."
         )
     if isinstance(series, str | os.PathLike):
         film = _of_files(series, field, scale, label)
@@ -159,18 +159,18 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
     pairs = [(arguments.number("series: a time", t), checked_state(state)) for t, state in states]
     mesh = pairs[0][1].fields.mesh
     for number, (_, state) in enumerate(pairs):
-        own = state.fields.mesh
-        if own is not mesh and not (np.array_equal(own.p, mesh.p) and np.array_equal(own.t, mesh.t)):
-            raise StvkError(f"series: state {number} is of another mesh than state 0; expected states of one mesh.")
-    sights: dict[bytes, Sights] = {}
+        other = state.fields.mesh
+        if other is not mesh and not (np.array_equal(other.p, mesh.p) and np.array_equal(other.t, mesh.t)):
+            raise StvkError(f"series: state {number} belongs to another mesh than state 0; expected states of one mesh.")
+    bodies: dict[bytes, VisibleBody] = {}
     _, named, unit = corner_values(pairs[0][1], field)
 
     def picture(number: int) -> Picture:
         state = pairs[number][1]
-        gone = b"".join(one.fields.gone.tobytes() for one in (state, *state.beside))
-        if gone not in sights:
-            sights[gone] = Sights(state)
-        return sights[gone].picture(state, field, label or named, scale)
+        removed = b"".join(one.fields.removed.tobytes() for one in (state, *state.beside))
+        if removed not in bodies:
+            bodies[removed] = VisibleBody(state)
+        return bodies[removed].picture(state, field, label or named, scale)
 
     return Film([t for t, _ in pairs], picture, "" if label else unit)
 
@@ -180,22 +180,24 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
     files = [file for _, file in listed]
     first = read_vtu(files[0])
     _, named, unit = _described(first, field, files[0])
-    seen: dict[tuple[tuple[str, bytes], ...], list[tuple[NDArray[Any], Sight]]] = {}
+    cache: dict[tuple[tuple[str, bytes], ...], list[tuple[NDArray[Any], VisibleMesh]]] = {}
 
-    def look(mesh: meshio.Mesh, file: Path) -> list[tuple[NDArray[Any], Sight]]:
+    def visible_parts(mesh: meshio.Mesh, file: Path) -> list[tuple[NDArray[Any], VisibleMesh]]:
         """Return nodes of the elements in a file, and their visible part; these change once elements are removed."""
         if not np.array_equal(mesh.points, first.points):
-            raise StvkError(f"{file} is of another mesh than {files[0].name}: other nodes. Expected states of one mesh.")
+            raise StvkError(f"{file} belongs to another mesh than {files[0].name}: its nodes differ. Expected states of one mesh.")
         key = tuple((block.type, block.data.tobytes()) for block in mesh.cells)
         try:
-            if key not in seen:
-                every = [from_cells(block.type, block.data) for block in mesh.cells]
-                if not every:
+            if key not in cache:
+                parts = [from_cells(block.type, block.data) for block in mesh.cells]
+                if not parts:
                     raise KeyError("none")
-                seen[key] = [(t, Sight(Cells(np.ascontiguousarray(mesh.points.T), t, element))) for t, element in every]
-            return seen[key]
+                cache[key] = [(t, VisibleMesh(Cells(np.ascontiguousarray(mesh.points.T), t, element))) for t, element in parts]
+            return cache[key]
         except KeyError as error:
-            raise StvkError(f"{file} has no cells that are drawn here ({error}): is it where the .pvd file says?") from error
+            raise StvkError(
+                f"{file} has no cells that can be drawn ({error}). Check that the .pvd file lists the right path."
+            ) from error
 
     def picture(number: int) -> Picture:
         read, file = read_vtu(files[number]), files[number]
@@ -203,8 +205,8 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
         data = read.point_data
         values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
         missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
-        u, every = _described(read, "displacement", file)[0], look(read, file)
-        return joined([sight.picture(data[u], masked(values, missing)[t], label or named, scale) for t, sight in every])
+        u, parts = _described(read, "displacement", file)[0], visible_parts(read, file)
+        return joined([part.picture(data[u], masked(values, missing)[t], label or named, scale) for t, part in parts])
 
     return Film([t for t, _ in listed], picture, "" if label else unit)
 
@@ -219,7 +221,7 @@ def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str
         if name in scalars:
             units = {one.name: (one.words, one.unit.replace("-", "")) for one in FIELDS}
             return name, *units.get(name, (name.replace("_", " "), ""))
-    raise StvkError(f"{file.name} holds no numbers {field!r}; {name_known(field, [*vectors, *scalars])}")
+    raise StvkError(f"{file.name} has no field {field!r}; {name_known(field, [*vectors, *scalars])}")
 
 
 def _scene(picture: Picture) -> Any:
@@ -236,10 +238,10 @@ def _scene(picture: Picture) -> Any:
     body[picture.label] = np.ma.filled(np.ma.MaskedArray(picture.values, dtype=float).T, np.nan).ravel()
     bar = {"title": picture.label + "\n", "color": "black", "vertical": True, "height": 0.6, "position_x": 0.85, "position_y": 0.2}
     bar |= {"title_font_size": 22, "label_font_size": 20, "fmt": "%.3g", "n_labels": 5}
-    look = {"cmap": COLOURS, "nan_color": MISSING, "clim": picture.limits, "scalar_bar_args": bar}
+    appearance = {"cmap": COLOURS, "nan_color": MISSING, "clim": picture.limits, "scalar_bar_args": bar}
     if m == 2:
         plotter.add_mesh(body.copy(), color=EDGE, line_width=10)
-    plotter.add_mesh(body, line_width=8, lighting=m == picture.d == 3, ambient=0.6, diffuse=0.45, **look)
+    plotter.add_mesh(body, line_width=8, lighting=m == picture.d == 3, ambient=0.6, diffuse=0.45, **appearance)
     plotter.add_mesh(pyvista.PolyData(picture.rest, lines=lines), color=REST, line_width=1)
     if m == 3:
         plotter.add_mesh(pyvista.PolyData(picture.moved, lines=lines), color=EDGE, line_width=1.5)

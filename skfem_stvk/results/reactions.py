@@ -103,14 +103,14 @@ def ground_forces_at_rest(system: System, u: Array, t: float, projected: bool = 
     `projected`: the displacements are in equilibrium only on a basis. The tangent there carries the remaining forces at free
     degrees of freedom to the ground, as after one more step of Newton's method. With them the reactions balance the loads.
     """
-    held, forces, residual = system.supports.held, system.foundation_force(u), system.residual(u, t)
+    constrained, forces, residual = system.supports.held, system.foundation_force(u), system.residual(u, t)
     if projected:
-        K, free = system.jacobian(u, t), system.free_dofs(held)
+        K, free = system.jacobian(u, t), system.free_dofs(constrained)
         factors = direct(len(free.free)).analyse(unknowns_of(free, system.mesh.d)).factorise(free.matrix(K), Kind.GENERAL)
         du = free.vector(factors.solve(-residual[free.free]).x)
         residual += K @ du
         forces = system.foundation_force(u + du)
-    forces[held] += residual[held]
+    forces[constrained] += residual[constrained]
     return forces
 
 
@@ -119,23 +119,22 @@ def unknowns_of(free: FreeDofs, d: int) -> Unknowns:
     return Unknowns(*np.divmod(free.free, d), free.structure.indptr, free.structure.indices)
 
 
-def held_vertices(system: System, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
+def constrained_vertices(system: System, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
     """Return the ascending ids of the vertices at a location that supports constrain or foundations tie to the ground; None means
     everywhere.
 
     Raises SupportError if there are none. Messages begin with the purpose `what`.
     """
-    held = np.union1d(system.supports.held, system.grounded)
-    vertices = np.unique(held // system.mesh.d).astype(np.int64)
+    constrained = np.union1d(system.supports.held, system.grounded)
+    vertices = np.unique(constrained // system.mesh.d).astype(np.int64)
     if where is None:
         if not len(vertices):
-            raise SupportError(f"{what}: the body has no supports and no foundations, so there is no reaction.")
+            raise SupportError(f"{what}: the body has no supports and no foundations, so it has no reactions.")
         return vertices
     vertices = np.intersect1d(vertices, vertices_at(system.mesh, where, what))
     if not len(vertices):
         raise SupportError(
-            f"{what}: nothing is held at {describe(where)}, so there is no reaction: no support and no foundation is there. Is it "
-            "held somewhere else?"
+            f"{what}: no support and no foundation acts at {describe(where)}, so there is no reaction. Check the location."
         )
     return vertices
 

@@ -46,10 +46,10 @@ class VolumePart:
     elements: NDArray[np.int64]
     term: HasPressure
     stiffness: Array
-    held_across: NDArray[np.bool_]
+    constrained_across: NDArray[np.bool_]
 
 
-class Place(NamedTuple):
+class ElementPoint(NamedTuple):
     """Point of all elements: their rest geometry there, and (nt, 3, 3) their axes and normals at rest."""
 
     geometry: Geometry | PointGeometry
@@ -65,10 +65,10 @@ class ElasticBody:
     def __init__(self, mesh: MeshLike, terms: Any, quadrature: str | None = None) -> None:
         self.mesh = ElementMesh.of(mesh)
         self.kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
-        every = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
-        carrying = [term for term in every if isinstance(term, HasStress)]
-        penalties = [term for term in every if isinstance(term, HasPressure)]
-        if all(is_load(term) or not hasattr(term, "bind") for term in every):
+        all_terms = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
+        carrying = [term for term in all_terms if isinstance(term, HasStress)]
+        penalties = [term for term in all_terms if isinstance(term, HasPressure)]
+        if all(is_load(term) or not hasattr(term, "bind") for term in all_terms):
             raise StvkError("None of the terms carries stress; expected at least one StVK(...).")
         self.parts = [self._part(term) for term in carrying]
         self.section, self.total_section = np.zeros(self.mesh.nt), np.zeros(self.mesh.nt)
@@ -77,18 +77,18 @@ class ElasticBody:
             self.total_section[part.elements] += part.section
         self.without_term: NDArray[np.bool_] = self.total_section == 0
         self.section[self.without_term] = 1.0
-        body = Body(self.mesh, every)
+        body = Body(self.mesh, all_terms)
         self.volume_parts = [self._volume_part(term, body) for term in penalties]
         for penalty in self.volume_parts:
             self.without_term[penalty.elements] = False
         for part in self.parts:
             self.without_term[part.elements] |= not part.known
-        self.gone = np.zeros(self.mesh.nt, dtype=bool)
+        self.removed = np.zeros(self.mesh.nt, dtype=bool)
 
     def leave_out(self, elements: NDArray[np.int64]) -> None:
         """Leave out elements that are removed from the body: they have no fields, and are neither drawn nor written."""
-        self.gone[elements] = True
-        self.without_term = self.without_term | self.gone
+        self.removed[elements] = True
+        self.without_term = self.without_term | self.removed
 
     def _part(self, term: HasStress) -> ElasticPart:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
@@ -101,11 +101,11 @@ class ElasticBody:
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
         """Return a penalty on its elements; elements without another term are in plane strain."""
-        held = (self.total_section == 0) & (self.mesh.k > 1)
+        constrained = (self.total_section == 0) & (self.mesh.k > 1)
         for part in self.parts:
-            held[part.elements] |= not part.hypothesis.condensed
+            constrained[part.elements] |= not part.hypothesis.condensed
         elements = self.mesh.elements(term.region)
-        return VolumePart(elements, term, term.moduli(body), held[elements])
+        return VolumePart(elements, term, term.moduli(body), constrained[elements])
 
     @cached_property
     def linear(self) -> NDArray[np.bool_]:
@@ -118,9 +118,9 @@ class ElasticBody:
         return linear & ~others
 
     @cached_property
-    def points(self) -> list[Place]:
+    def points(self) -> list[ElementPoint]:
         """Points of the elements by the rule of this kind; linear simplices have one."""
-        return [Place(geometry, rest_frames(geometry.axes)) for geometry in geometries(self.mesh, self.kind)]
+        return [ElementPoint(geometry, rest_frames(geometry.axes)) for geometry in geometries(self.mesh, self.kind)]
 
     @cached_property
     def volume(self) -> Array:
@@ -131,15 +131,15 @@ class ElasticBody:
     @cached_property
     def weights(self) -> Array:
         """Fraction (nq, nt) of the volume of an element at each point, with the sum 1."""
-        volumes = np.array([place.geometry.volume for place in self.points])
+        volumes = np.array([point.geometry.volume for point in self.points])
         return np.asarray(volumes / volumes.sum(axis=0))
 
     @cached_property
     def material_of(self) -> NDArray[np.int64]:
         """Index (nt,) of each combination of terms on elements: stress jumps between them."""
-        every = [part.elements for part in self.parts] + [part.elements for part in self.volume_parts]
-        covered = np.zeros((len(every), self.mesh.nt), dtype=bool)
-        for row, elements in zip(covered, every, strict=True):
+        element_sets = [part.elements for part in self.parts] + [part.elements for part in self.volume_parts]
+        covered = np.zeros((len(element_sets), self.mesh.nt), dtype=bool)
+        for row, elements in zip(covered, element_sets, strict=True):
             row[elements] = True
         return np.unique(covered, axis=1, return_inverse=True)[1].reshape(-1)
 
@@ -147,30 +147,30 @@ class ElasticBody:
 class Response:
     """Strain and stress of a body at displacements `u` (nv, d) [m] at one point of each element, in its frame there.
 
-    Each is computed at first use. `place` is the point, by default the first, the only one of linear simplices.
+    Each is computed at first use. `point` is the point, by default the first, the only one of linear simplices.
     """
 
-    def __init__(self, fields: ElasticBody, u: Array, place: Place | None = None) -> None:
-        self.fields, self.u, self.place = fields, u, place or fields.points[0]
-        self._known: dict[Any, Masked] = {}
+    def __init__(self, fields: ElasticBody, u: Array, point: ElementPoint | None = None) -> None:
+        self.fields, self.u, self.point = fields, u, point or fields.points[0]
+        self._cache: dict[Any, Masked] = {}
 
     def value(self, function: Callable[[Response], Masked]) -> Masked:
         """Return the finite values by element from a function of this response, and a mask of invalid ones; computed once."""
-        if function not in self._known:
-            self._known[function] = function(self)
-        return self._known[function]
+        if function not in self._cache:
+            self._cache[function] = function(self)
+        return self._cache[function]
 
     @property
     def without_strain(self) -> NDArray[np.bool_]:
         """Whether (nt,) an element has no strain: below three dimensions the strain across follows from the material."""
-        return self.fields.without_term if self.fields.mesh.k < 3 else self.fields.gone
+        return self.fields.without_term if self.fields.mesh.k < 3 else self.fields.removed
 
     @cached_property
     def gradient(self) -> Array:
         """Derivatives (nt, d, k) of the displacement along the elements' axes; 0 for removed elements, as at rest."""
         corners = self.u[self.fields.mesh.t.T]
-        found = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ self.place.geometry.gradients[:, 1:]  # sum (u_a - u_0) (x) g_a
-        found[self.fields.gone] = 0
+        found = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ self.point.geometry.gradients[:, 1:]  # sum (u_a - u_0) (x) g_a
+        found[self.fields.removed] = 0
         return found
 
     @property
@@ -199,15 +199,15 @@ class Response:
         to 0.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            strain, stress, density, shrunk = self._added_up()
+            strain, stress, density, shrunk = self._summed_over_terms()
         if not np.isfinite(stress).all() or not np.isfinite(density).all():
             largest = np.abs(self.u).max()
-            raise StateError(f"Stresses overflow at displacements of up to {largest:.1e}: did the step before diverge?")
+            raise StateError(f"Stresses overflow at displacements of up to {largest:.1e}: the previous step may have diverged.")
         return strain, stress, density, shrunk
 
-    def _added_up(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    def _summed_over_terms(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         fields, k = self.fields, self.fields.mesh.k
-        axes, frames = self.place.geometry.axes, self.place.frames
+        axes, frames = self.point.geometry.axes, self.point.frames
         along = np.swapaxes(axes, 1, 2) @ self.gradient
         small = (along + np.swapaxes(along, 1, 2)) / 2  # (A'H + H'A)/2 in the axes A: the strain of linear elasticity
         within = small + np.swapaxes(self.gradient, 1, 2) @ self.gradient / 2  # Green-Lagrange's, without cancellation
@@ -216,12 +216,12 @@ class Response:
         for part in (part for part in fields.parts if part.known):
             ids = part.elements
             if part.law is None:
-                taken = small if part.linear else within
-                E, S = strain_and_stress(part.material, part.hypothesis, taken[ids], frames[ids])
+                small_or_green = small if part.linear else within
+                E, S = strain_and_stress(part.material, part.hypothesis, small_or_green[ids], frames[ids])
                 W = (S * E).sum(axis=(1, 2)) / 2
             else:
-                there = ~fields.gone[ids, None, None]  # removed elements may be anywhere
-                deformed = axes[ids], there * self.gradient[ids], there * within[ids]
+                present = ~fields.removed[ids, None, None]  # removed elements may be anywhere
+                deformed = axes[ids], present * self.gradient[ids], present * within[ids]
                 E, S, W, lost = part.law.response(Deformation(ids, part.hypothesis, *deformed))
                 shrunk[ids] |= lost
             share = part.section / fields.section[ids]
@@ -232,7 +232,7 @@ class Response:
         for penalty in fields.volume_parts:
             ids, gradient = penalty.elements, self.gradient[penalty.elements]
             psi, slope = penalty.term.density_and_slope(dilation(gradient), ids)
-            S, lost = volume_stress(penalty.stiffness * slope, gradient, penalty.held_across)
+            S, lost = volume_stress(penalty.stiffness * slope, gradient, penalty.constrained_across)
             stress[ids] += S
             density[ids] += penalty.stiffness * psi
             shrunk[ids] |= lost
@@ -241,5 +241,5 @@ class Response:
 
     def globally(self, tensor: Array) -> Array:
         """Return a tensor (nt, 3, 3) from the elements' frames in global axes."""
-        frames, mesh = self.place.frames, self.fields.mesh
+        frames, mesh = self.point.frames, self.fields.mesh
         return tensor if mesh.k == mesh.d else frames @ tensor @ np.swapaxes(frames, 1, 2)

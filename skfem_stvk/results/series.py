@@ -79,7 +79,7 @@ class Series(OneWriter):
     def opened(self) -> None:
         self._refuse_other()
         if self.resume:
-            self.steps = self._kept()
+            self.steps = self._retained_steps()
 
     def add(self, state: State, t: float) -> Path:
         """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
@@ -113,15 +113,15 @@ class Series(OneWriter):
         if not isinstance(t, float) or np.isnan(t):
             t = number("t", t, "a time")
         if self._begun:
-            self._keep(self.steps, [step for step in self.steps if step[0] < t])
+            self._retain(self.steps, [step for step in self.steps if step[0] < t])
 
     def _begin(self, t: float) -> None:
         """Remove the steps of an older run, from `t` on or all; first from the list, so that it never names a missing file."""
-        kept = [step for step in self._kept() if step[0] < t] if self.resume else []
-        self._keep(self._former(), kept)
+        retained = [step for step in self._retained_steps() if step[0] < t] if self.resume else []
+        self._retain(self._previous_steps(), retained)
         self._begun = True
 
-    def _former(self) -> list[tuple[float, Path]]:
+    def _previous_steps(self) -> list[tuple[float, Path]]:
         """Return the steps of an older run; none if they are to be replaced and cannot be read."""
         try:
             return self._read()
@@ -130,59 +130,58 @@ class Series(OneWriter):
                 raise
             return []
 
-    def _kept(self) -> list[tuple[float, Path]]:
+    def _retained_steps(self) -> list[tuple[float, Path]]:
         """Return the steps of a resumed series whose files exist."""
         if self.steps:
             return self.steps
         listed = [step for step in self._read() if step[0] <= self._until]
-        there = [step for step in listed if step[1].is_file()]
-        if len(there) < len(listed):
-            gone = next(file.name for _, file in listed if not file.is_file())
-            warn(
-                f"{self.path} lists {len(listed) - len(there)} files that are not there, the first of them {gone}. They are left "
-                "out."
-            )
-        return there
+        existing = [step for step in listed if step[1].is_file()]
+        if len(existing) < len(listed):
+            missing = next(file.name for _, file in listed if not file.is_file())
+            warn(f"{self.path} lists {len(listed) - len(existing)} missing files, the first of them {missing}. They are left out.")
+        return existing
 
-    def _keep(self, former: list[tuple[float, Path]], kept: list[tuple[float, Path]]) -> None:
+    def _retain(self, previous: list[tuple[float, Path]], retained: list[tuple[float, Path]]) -> None:
         """Retain these steps of the former ones, and remove the others."""
-        if kept:
-            self._write(kept)
+        if retained:
+            self._write(retained)
         else:
             self.path.unlink(missing_ok=True)
-        self.steps = kept
-        for _, file in former:
-            if file not in {file for _, file in kept}:
+        self.steps = retained
+        for _, file in previous:
+            if file not in {file for _, file in retained}:
                 file.unlink(missing_ok=True)
 
     def _read(self) -> list[tuple[float, Path]]:
         """Return times and files that the .pvd lists and that this series may have written; none if there is no .pvd."""
         if not self.path.exists():
             return []
-        ours = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.vtu")
+        own_files = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.vtu")
         try:
             listed = read_list(self.path)
         except (ET.ParseError, KeyError, ValueError, OSError) as error:
-            raise StvkError(f"{self.path} is no series that can be resumed ({error}). Start a new one without resume.") from error
-        return sorted((t, self.path.with_name(name)) for t, name in listed if ours.fullmatch(name))
+            raise StvkError(f"{self.path} cannot be resumed as a series ({error}). Start a new one without resume.") from error
+        return sorted((t, self.path.with_name(name)) for t, name in listed if own_files.fullmatch(name))
 
     def _refuse_other(self) -> None:
         """Refuse the series of another problem."""
         if self._problem is None or not self.path.exists() or (self._overwrite and not self.resume):
             return
         try:
-            then = read_problem(self.path)
+            written = read_problem(self.path)
         except (ET.ParseError, ValueError, OSError) as error:
             raise StvkError(
-                f"{self.path} is there already, and does not say of which problem it is: another program or release wrote it, or "
-                "result.save(...). Name another series, or replace it with overwrite=True."
+                f"{self.path} exists, but does not name its problem: another program or release wrote it, or "
+                "result.save(...). Choose another path, or replace it with "
+                "overwrite=True."
             ) from error
-        if differences := self._problem.differences(then):
+        if differences := self._problem.differences(written):
             raise StvkError(
-                f"{self.path} is the series of another problem: {differences}. Name another one, or replace it with overwrite=True."
+                f"{self.path} is the series of another problem: {differences}. Choose another path, or replace it with "
+                "overwrite=True."
             )
 
-    def _write(self, steps: list[tuple[float, Path]], place: Path | None = None) -> None:
+    def _write(self, steps: list[tuple[float, Path]], target: Path | None = None) -> None:
         """Write the list, to its own path or another one."""
         root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
         collection = ET.SubElement(root, "Collection")
@@ -191,7 +190,7 @@ class Series(OneWriter):
         for t, file in steps:
             ET.SubElement(collection, "DataSet", timestep=repr(t), group="", part="0", file=file.name)
         ET.indent(root)
-        with replacing(place or self.path) as part:
+        with replacing(target or self.path) as part:
             ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
 
 
@@ -207,8 +206,8 @@ def save_series(path: str | os.PathLike[str], fields: Sequence[str], states: Ite
             steps = [(t, series.path.with_name(f"{series.path.stem}_{file.name}")) for t, file in written]
             series._write(steps, aside / series.path.name)
             series._begin(-np.inf)  # after this line files are only renamed
-            for (_, file), (_, place) in zip(written, steps, strict=True):
-                file.replace(place)
+            for (_, file), (_, target) in zip(written, steps, strict=True):
+                file.replace(target)
             (aside / series.path.name).replace(series.path)
         except OSError as error:
             raise cannot_write(series.path, error) from error
@@ -223,16 +222,16 @@ def listed_states(path: Path) -> list[tuple[float, Path]]:
     try:
         listed = [(t, path.with_name(name)) for t, name in read_list(path)]
     except (OSError, ET.ParseError, KeyError, ValueError) as error:
-        raise StvkError(f"{path} is no series of results ({error}); expected a .pvd file, as save=... writes it.") from error
+        raise StvkError(f"{path} is not a series of results ({error}); expected a .pvd file, as save=... writes it.") from error
     if not listed:
-        raise StvkError(f"{path} lists no states. Was the run stopped before its first one?")
+        raise StvkError(f"{path} lists no states: the run may have stopped before its first one.")
     return listed
 
 
 def read_list(path: Path) -> list[tuple[float, str]]:
     """Return finite times and files that a .pvd lists; raise ParseError, KeyError or ValueError if it is invalid."""
     if path.exists() and not path.is_file():
-        raise ValueError("it is no regular file")
+        raise ValueError("it is not a regular file")
     listed = [(float(item.attrib["timestep"]), item.attrib["file"]) for item in ET.parse(path).iter("DataSet")]
     if strange := [f"{t} of {file}" for t, file in listed if not np.isfinite(t)]:
         raise ValueError(f"{len(strange)} times are not finite, the first of them {strange[0][:80]}")

@@ -17,7 +17,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.groups import from_cells
 from ..mesh.locations import SAME_POINT
 from ..system.signature import SAME, sums
-from .files import NotOurs
+from .files import ForeignFile
 from .series import listed_states
 from .store import Header, Record, expect, pattern, read_archive, refusing_damage
 from .vtu import read_vtu
@@ -31,7 +31,7 @@ SAME_TIME = 1e-9
 MOTION, PATH = ("motion of skfem-stvk", 4), ("path of skfem-stvk", 2)
 MOTION_FILE, PATH_FILE = "motion.npz", "state_{:05d}.npz"
 #: Remedy for an unreadable checkpoint.
-OTHER = "Take another file of the run, such as its .pvd."
+OTHER = "Use another file of the run, such as its .pvd."
 
 
 class StateTime(Record):
@@ -100,20 +100,20 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
         return _of_checkpoint(path, mesh, time)
     if not path.is_file():
         raise StvkError(
-            f"There is no file {path}; expected the .vtu or .pvd file of a run. Is the path relative to another folder?"
+            f"path = {path}: there is no such file; expected the .vtu or .pvd file of a run. Check the folder of the path."
         )
     file = _listed(path, time) if path.suffix.lower() == ".pvd" else path
     if file is path and time is not None:
-        raise StvkError(
-            f"time = {time:g}, but {path} holds one state, without its time. Give the .pvd file, or leave the time out."
-        )
+        raise StvkError(f"time = {time:g}, but {path} has one state and no time. Pass the .pvd file, or leave out time.")
     if file.suffix.lower() != ".vtu":
-        raise StvkError(f"{file} is no file of states; expected a .vtu or .pvd file, as write_vtu or save=... writes it.")
+        raise StvkError(f"{file} is not a file of states; expected a .vtu or .pvd file, as write_vtu or save=... writes it.")
     read = read_vtu(file)
     _refuse_other(file, read, mesh)
     u = _vectors(file, read, mesh, "displacement")
     if u is None:
-        raise StvkError(f"{file} holds no displacements, so it is no result of this package: it has {sorted(read.point_data)}.")
+        raise StvkError(
+            f"{file} has no displacements; expected a result of this package. Its fields are {sorted(read.point_data)}."
+        )
     return u, _vectors(file, read, mesh, "velocity")
 
 
@@ -141,7 +141,7 @@ def _chosen(path: Path, ascending: list[float], time: float | None) -> int:
     if abs(times[nearest] - time) > SAME_TIME * max(1e-300, float(np.abs(times).max())):
         raise StvkError(
             f"{path} has no state at time = {time:.12g}: of its {len(times)} states from {times[0]:.12g} to {times[-1]:.12g} the "
-            f"nearest is at {times[nearest]:.12g}. Take that, or leave the time out for the last."
+            f"nearest is at {times[nearest]:.12g}. Use that time, or leave out time for the last state."
         )
     return nearest
 
@@ -150,19 +150,19 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
     """Return displacements, and velocities for a motion."""
     files = [path] if path.is_file() else [*path.glob(MOTION_FILE)] or sorted(path.glob(pattern(PATH_FILE)))
     if not files:
-        raise StvkError(f"The folder {path} is no checkpoint: it has neither {MOTION_FILE} nor {pattern(PATH_FILE)}. {OTHER}")
+        raise StvkError(f"The folder {path} is not a checkpoint: it has neither {MOTION_FILE} nor {pattern(PATH_FILE)}. {OTHER}")
     known = PATH if files[0].match(pattern(PATH_FILE)) else MOTION
     headers = [read_archive(file, StateInCheckpoint, known, OTHER, True)[0] for file in files]
     chosen = _chosen(path, [header.moment.t for header in headers], time)
     header, arrays = read_archive(files[chosen], StateInCheckpoint, known, OTHER)
-    then, now = header.problem.numbers.get("the mesh", []), [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)]
-    if len(then) != len(now):
-        raise NotOurs(f"{files[chosen]} is damaged: it does not say of which mesh it is. {OTHER}")
-    if then[:2] != now[:2]:
-        was = f"it has {then[0]:.0f} {mesh.words} and {then[1]:.0f} elements, this one {mesh.nv} and {mesh.nt}"
-        raise StvkError(f"{files[chosen]} is of another mesh: {was}.")
-    if not np.allclose(then, now, rtol=SAME, atol=0.0):
-        raise StvkError(f"{files[chosen]} is of another mesh: its {mesh.words} are elsewhere, or its elements have others.")
+    written, expected = header.problem.numbers.get("the mesh", []), [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)]
+    if len(written) != len(expected):
+        raise ForeignFile(f"{files[chosen]} is damaged: it does not identify its mesh. {OTHER}")
+    if written[:2] != expected[:2]:
+        was = f"it has {written[0]:.0f} {mesh.words} and {written[1]:.0f} elements, this one {mesh.nv} and {mesh.nt}"
+        raise StvkError(f"{files[chosen]} belongs to another mesh: {was}.")
+    if not np.allclose(written, expected, rtol=SAME, atol=0.0):
+        raise StvkError(f"{files[chosen]} belongs to another mesh: its {mesh.words} or its elements differ.")
     with refusing_damage(path, OTHER):
         u = expect(arrays, "u", (mesh.p.size,))
         v = expect(arrays, "v", (mesh.p.size,)) if known == MOTION else None
@@ -173,30 +173,28 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
 def _warn_of_lost(path: Path, lost: int, mesh: ElementMesh) -> None:
     """Warn that the body of the state had lost elements."""
     if lost:
-        warn(
-            f"{path} is of a body that had lost {lost} of its {mesh.nt} elements; the one that begins with its state has them all."
-        )
+        warn(f"{path} is the state of a body from which {lost} of {mesh.nt} elements were removed. The new body has all of them.")
 
 
 def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
     """Refuse the file of another mesh, and warn if its body had lost elements."""
-    what = f"{file} is of another mesh"
-    hint = "Its states are of the mesh that they were computed on, with the same degree: give that one."
+    what = f"{file} belongs to another mesh"
+    hint = "Pass the mesh on which its states were computed, with the same degree."
     if len(read.points) != mesh.nv:
         raise StvkError(f"{what}: it has {len(read.points)} {mesh.words}, this one {mesh.nv}. {hint}")
     p, size = np.zeros((3, mesh.nv)), float(np.ptp(mesh.p, axis=1).max())
     p[: mesh.d] = mesh.p
     if len(bad := np.flatnonzero((np.abs(read.points.T - p) > SAME_POINT * size).any(axis=0))):
-        raise StvkError(f"{what}: {name_ids(bad, mesh.word)} of {mesh.nv} are elsewhere. {hint}")
+        raise StvkError(f"{what}: {name_ids(bad, mesh.word)} of {mesh.nv} have other coordinates. {hint}")
     try:
         t, element = from_cells(read.cells[0].type, read.cells[0].data)
     except (KeyError, IndexError) as error:
-        raise StvkError(f"{what}: it has no elements that are known here. {hint}") from error
+        raise StvkError(f"{what}: it has no supported elements. {hint}") from error
     if element.name != mesh.element.name:
         raise StvkError(f"{what}: it has {element.name}, this one {mesh.element.name}. {hint}")
-    there = np.isin(_rows(t), _rows(mesh.t))
-    if others := np.count_nonzero(~there):
-        raise StvkError(f"{what}: {others} of its {t.shape[1]} elements are none of this one. {hint}")
+    known = np.isin(_rows(t), _rows(mesh.t))
+    if others := np.count_nonzero(~known):
+        raise StvkError(f"{what}: {others} of its {t.shape[1]} elements are not in this mesh. {hint}")
     _warn_of_lost(file, mesh.nt - t.shape[1], mesh)
 
 

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ..arguments import Array
 from ..npz import arrays_of
 from ..system.signature import Fingerprint, Signature
-from .files import NotOurs, replacing
+from .files import ForeignFile, replacing
 from .one_writer import OneWriter
 
 
@@ -55,7 +55,7 @@ class Store(Generic[OfHeader]):
 
     @classmethod
     def read_file(cls, file: Path) -> tuple[OfHeader, dict[str, Array]]:
-        """Return header and arrays of a file; raise NotOurs if it is not one of this format."""
+        """Return header and arrays of a file; raise ForeignFile if it is not one of this format."""
         return read_archive(file, cls.schema, cls.known, cls.remedy)
 
 
@@ -80,7 +80,7 @@ class FolderStore(Store[OfHeader], OneWriter):
         """Return the path of the file of a number."""
         return self.folder / self.name.format(number)
 
-    def read_ours(self, file: Path, remedy: str) -> tuple[OfHeader, dict[str, Array]]:
+    def read_own(self, file: Path, remedy: str) -> tuple[OfHeader, dict[str, Array]]:
         """Return header and arrays of a file; refuse one of another problem with the remedy."""
         header, arrays = self.read_file(file)
         self.problem.refuse_other(header.problem, file, remedy)
@@ -88,7 +88,7 @@ class FolderStore(Store[OfHeader], OneWriter):
 
     def refuse_to_replace(self, file: Path) -> None:
         """Refuse to replace a file of another problem, or of another format."""
-        remedy = "Name another folder, or replace it with overwrite=True."
+        remedy = "Choose another folder, or replace it with overwrite=True."
         header, _ = read_archive(file, self.schema, self.known, remedy, only_header=True)
         self.problem.refuse_other(header.problem, file, remedy)
 
@@ -119,33 +119,33 @@ def read_archive(
 ) -> tuple[OfRecord, dict[str, Array]]:
     """Return header and arrays of a file of the `known` format and version; without arrays if `only_header`.
 
-    Raises NotOurs, with the remedy, if it is incomplete, was not written here or has impossible entries.
+    Raises ForeignFile, with the remedy, if it is incomplete, was not written here or has impossible entries.
     """
     try:
         text, digest, arrays = _unpacked(path, only_header)
         _check_known(json.loads(text), known)
         if not only_header and digest != _digest(text, arrays):
-            raise NotOurs("was changed after it was written.")
-    except NotOurs as error:
-        raise NotOurs(f"{path} {error} {remedy}") from None
+            raise ForeignFile("was changed after it was written.")
+    except ForeignFile as error:
+        raise ForeignFile(f"{path} {error} {remedy}") from None
     except (OSError, ValueError, KeyError, TypeError, MemoryError, RuntimeError) as error:
-        why = f"it is incomplete, or was not written here ({type(error).__name__}: {error})"
-        raise NotOurs(f"{path} cannot be read as a {known[0]}: {why}. {remedy}") from error
+        why = f"it is incomplete, or was not written by this package ({type(error).__name__}: {error})"
+        raise ForeignFile(f"{path} cannot be read as a {known[0]}: {why}. {remedy}") from error
     with refusing_damage(path, remedy):
         return schema.model_validate_json(text), arrays
 
 
 @contextmanager
 def refusing_damage(file: Path, remedy: str) -> Iterator[None]:
-    """Raise NotOurs with file and remedy if the block raises a ValueError or a KeyError, or entries violate their schema."""
+    """Raise ForeignFile with file and remedy if the block raises a ValueError or a KeyError, or entries violate their schema."""
     try:
         yield
-    except NotOurs:
+    except ForeignFile:
         raise
     except ValidationError as error:
-        raise NotOurs(f"{file} is damaged: {_in_words(error)}. {remedy}") from error
+        raise ForeignFile(f"{file} is damaged: {_in_words(error)}. {remedy}") from error
     except (ValueError, KeyError) as error:
-        raise NotOurs(f"{file} is damaged: {error.args[0]}. {remedy}") from None
+        raise ForeignFile(f"{file} is damaged: {error.args[0]}. {remedy}") from None
 
 
 def expect(arrays: Mapping[str, Array], name: str, shape: tuple[int | None, ...], types: tuple[type, ...] = (np.float64,)) -> Array:
@@ -185,7 +185,7 @@ def _check_known(header: Any, known: tuple[str, int]) -> None:
     if not isinstance(header, dict) or header.get("format") != kind:
         raise ValueError(f"the format is {header.get('format')!r}" if isinstance(header, dict) else "it has no header")
     if header.get("version") != version:
-        raise NotOurs(
+        raise ForeignFile(
             f"is of version {header.get('version')!r} of the format '{kind}'; this release reads version {version}: resume it "
             "with the release that wrote it."
         )

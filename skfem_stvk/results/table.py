@@ -41,7 +41,7 @@ def deformation_gradient(state: Response) -> Masked:
     normals: `F_33 = sqrt(1 + 2 E_33)` without shear across. If `1 + 2 E_33 <= 0`, the law gives no thickness and `F` does not
     exist; such elements are masked, with a warning.
     """
-    frames, k = state.place.frames, state.fields.mesh.k
+    frames, k = state.point.frames, state.fields.mesh.k
     gradient = in_space(state.gradient)
     if k == 3:
         return gradient + np.eye(3), state.without_strain
@@ -49,9 +49,9 @@ def deformation_gradient(state: Response) -> Masked:
     across, solid = _across(tangents, state)
     if len(thin := np.flatnonzero(~solid & ~state.without_strain)):
         warn(
-            f"{name_ids(thin, 'element')}: stretched so far that zero stress across leaves no thickness (1 + 2 E <= 0 there). F, "
-            "J, principal stretches and Cauchy stress are masked; pk2_stress, pk1_stress and green_strain are not. Were loads or "
-            "moduli meant in other units?"
+            f"{name_ids(thin, 'element')}: stretched so far that zero transverse stress leaves no thickness (1 + 2 E <= 0). F, J, "
+            "principal stretches and Cauchy stress are masked there; pk2_stress, pk1_stress and green_strain are not. Check the "
+            "units of loads and moduli."
         )
     F = tangents @ np.swapaxes(frames[..., :k], 1, 2) + across @ np.swapaxes(frames[..., k:], 1, 2)
     return F, state.without_strain | ~solid
@@ -67,7 +67,7 @@ def _across(tangents: Array, state: Response) -> tuple[Array, NDArray[np.bool_]]
     B, solved = _solve(np.swapaxes(tangents, 1, 2) @ tangents, C[:, :k, k:])
     squares, directions = np.linalg.eigh(C[:, k:, k:] - C[:, k:, :k] @ B)
     U = (directions * np.sqrt(np.maximum(squares, 0.0))[:, None]) @ np.swapaxes(directions, 1, 2)
-    normals = current_normals(state.place.frames, tangents, state.fields.mesh.d)
+    normals = current_normals(state.point.frames, tangents, state.fields.mesh.d)
     return tangents @ B + normals @ U, solved & (squares.min(axis=1) > 0)
 
 
@@ -147,8 +147,8 @@ def cauchy_stress(state: Response) -> Masked:
 
 def _warn_of_shrunk(ids: NDArray[np.int64], what: str) -> None:
     warn(
-        f"{name_ids(ids, 'element')}: shrunk to nothing (J = 0), so that {what}; it is masked there. Did the solve converge, and "
-        "do prescribed displacements put vertices in one place?"
+        f"{name_ids(ids, 'element')}: shrunk to zero volume (J = 0), so that {what}; it is masked there. Check "
+        "that the solve converged, and that no prescribed displacements move vertices to the same point."
     )
 
 
@@ -222,7 +222,7 @@ def find(name: str, others: Iterable[str] = ()) -> Field:
         if name in (field.name, field.name.removesuffix("_stress")):
             return field
     known = name_known(name if isinstance(name, str) else "", (*others, *names()))
-    raise StvkError(f"There is no field {shown(name)}; {known} Stresses go without '_stress' too.")
+    raise StvkError(f"There is no field {shown(name)}; {known} Names of stresses may omit '_stress'.")
 
 
 def find_all(given: Sequence[str]) -> list[Field]:

@@ -68,12 +68,12 @@ def read_vtu(file: Path) -> meshio.Mesh:
     """Return the content of a file that this package wrote; StvkError if it is missing or damaged."""
     try:
         if file.exists() and not file.is_file():
-            raise OSError("it is no regular file")
+            raise OSError("it is not a regular file")
         from meshio import vtu
 
         return vtu.read(file)
     except Exception as error:  # meshio raises many kinds of errors for damaged files
-        raise StvkError(f"{file} cannot be read ({error}): is it where the .pvd file says?") from error
+        raise StvkError(f"{file} cannot be read ({error}). Check that the .pvd file lists the right path.") from error
 
 
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
@@ -82,14 +82,14 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     points: Arrays = {name: in_space(vectors) for name, vectors in state.vectors.items()}
     for field in fields:
         points |= _arrays(field, _at_nodes(state, field.name))
-    kinds = [(one, ~one.fields.gone) for one in (state, *state.beside)]
-    parts = [_by_cell(one, fields) for one, _ in kinds]
-    elements = [as_cells(one.fields.mesh.t[:, there], one.fields.mesh.element) for one, there in kinds]
+    kinds = [(body_state, ~body_state.fields.removed) for body_state in (state, *state.beside)]
+    parts = [_by_cell(body_state, fields) for body_state, _ in kinds]
+    elements = [as_cells(body_state.fields.mesh.t[:, present], body_state.fields.mesh.element) for body_state, present in kinds]
     cells: dict[str, list[NDArray[Any]]] = {}
     for name, values in {name: values for part in reversed(parts) for name, values in part.items()}.items():
         cells[name] = [
-            part[name][there] if name in part else np.zeros((np.count_nonzero(there), *values.shape[1:]), dtype=values.dtype)
-            for part, (_, there) in zip(parts, kinds, strict=True)
+            part[name][present] if name in part else np.zeros((np.count_nonzero(present), *values.shape[1:]), dtype=values.dtype)
+            for part, (_, present) in zip(parts, kinds, strict=True)
         ]
     return meshio.Mesh(in_space(state.fields.mesh.p.T), elements, points, cells)
 
@@ -198,18 +198,18 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     path = output_path(path, ".vtu")
     if not isinstance(mesh, ElementMesh):
         raise MeshError(f"mesh = {shown(mesh)}; expected an ElementMesh: ElementMesh.of(mesh) makes one.")
-    brought = [np.ravel(ids) for groups in (mesh.boundaries, mesh.lines) if mesh.element.degree == 1 for ids in groups.values()]
-    if len(unused := np.setdiff1d(np.arange(mesh.nv), np.concatenate([mesh.t.ravel(), *brought]))):
-        raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so they would not be read back. Remove them.")
+    of_groups = [np.ravel(ids) for groups in (mesh.boundaries, mesh.lines) if mesh.element.degree == 1 for ids in groups.values()]
+    if len(unused := np.setdiff1d(np.arange(mesh.nv), np.concatenate([mesh.t.ravel(), *of_groups]))):
+        raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so the file would lose them. Remove them.")
     from meshio import vtu
 
-    content = _mesh_alone(mesh)
+    content = _mesh_content(mesh)
     with replacing(path) as part:
         vtu.write(part, content, compression=None)
     return path
 
 
-def _mesh_alone(mesh: ElementMesh) -> meshio.Mesh:
+def _mesh_content(mesh: ElementMesh) -> meshio.Mesh:
     from meshio import Mesh
 
     facets = {name: checked_facets(mesh, name) for name in mesh.boundaries if np.size(mesh.boundaries[name])}

@@ -140,15 +140,15 @@ class Built:
     @cached_property
     def solver(self) -> str:
         """Name of the linear solver, with "auto" resolved; empty for explicit integrators. With few unknowns it stays "auto"."""
-        analysis, system, asked = self.sections.analysis, self.system, self.sections.solver.name
+        analysis, system, requested = self.sections.analysis, self.system, self.sections.solver.name
         if self.sections.reduced is not None:
-            return asked
+            return requested
         if self.integrator is not None:
             if self.integrator.explicit:
                 return ""
             motion = Motion(system, analysis.mass, None)
             return str(self.integrator.linear_solver(motion).name)  # type: ignore[attr-defined]
-        return str(solver_for(system, asked, isinstance(analysis, ArcLengthAnalysis | ModesAnalysis)).name)
+        return str(solver_for(system, requested, isinstance(analysis, ArcLengthAnalysis | ModesAnalysis)).name)
 
 
 def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> None:
@@ -164,7 +164,10 @@ def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     complaints = Complaints(source)
     most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     if sections.threads is not None and sections.threads > most:
-        complaints.add(("threads",), f"{sections.threads} are more than the {most} of this process; NUMBA_NUM_THREADS sets these")
+        complaints.add(
+            ("threads",),
+            f"{sections.threads}; expected at most {most}, the number of threads of this process, which NUMBA_NUM_THREADS sets",
+        )
     _check_files(sections, source, complaints, mesh)
     for complain in (_check_materials, _check_analysis, _check_reduced, _check_outputs):
         complain(sections, source, complaints)
@@ -180,11 +183,19 @@ def _check_files(sections: SceneTables, source: SceneSource, complaints: Complai
         with complaints.at(*loc):
             path = checked_path("path", source.folder / name, "the path of a file")
             if not path.is_file():
-                what = "is a folder" if path.is_dir() else "is no regular file" if path.exists() else "does not exist"
-                there = path.parent.is_dir()
-                near = get_close_matches(path.name, {one.name for one in path.parent.iterdir()} - {path.name} if there else [], n=1)
-                hint = f" Did you mean {near[0]!r}?" if near else "" if there else f" There is no folder {path.parent} either."
-                complaints.add(loc, f"the file {path} {what}; paths are relative to the scene file.{hint}")
+                fault = "is a folder" if path.is_dir() else "is not a regular file" if path.exists() else "does not exist"
+                folder_names = path.parent.is_dir()
+                similar = get_close_matches(
+                    path.name, {one.name for one in path.parent.iterdir()} - {path.name} if folder_names else [], n=1
+                )
+                hint = (
+                    f" Did you mean {similar[0]!r}?"
+                    if similar
+                    else ""
+                    if folder_names
+                    else f" There is no folder {path.parent} either."
+                )
+                complaints.add(loc, f"the file {path} {fault}; paths are relative to the scene file.{hint}")
 
 
 def _check_materials(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
@@ -218,12 +229,12 @@ def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Comp
             complaints.add(("analysis", "dt"), f"is missing; {analysis.integrator} needs a time step")
         if analysis.explicit:
             for name in sorted(solver.model_fields_set):
+                complaints.add(("solver", name), f"{analysis.integrator} solves no linear systems; remove this key")
+        for name, integrators_with in sorted(options().items()):
+            if name in analysis.model_fields_set and analysis.integrator not in integrators_with:
                 complaints.add(
-                    ("solver", name), f"{analysis.integrator} solves no linear systems, so it has no use for it; remove it"
+                    ("analysis", name), f"is an option of {', '.join(integrators_with)}, not of {analysis.integrator}; remove it"
                 )
-        for name, having in sorted(options().items()):
-            if name in analysis.model_fields_set and analysis.integrator not in having:
-                complaints.add(("analysis", name), f"is an option of {', '.join(having)}, not of {analysis.integrator}; remove it")
         return
     if solver.tangent is not None:
         complaints.add(("solver", "tangent"), f"is for implicit integrators, not for type = {analysis.type!r}; remove it")
@@ -239,43 +250,45 @@ def _check_reduced(sections: SceneTables, source: SceneSource, complaints: Compl
     if sections.reduced is None:
         return
     if isinstance(analysis, ModesAnalysis):
-        complaints.add(("reduced",), "is for statics, arc length and motion; modes are of the whole body. Remove it")
+        complaints.add(("reduced",), "is for statics, arc length and motion; modes need the whole body. Remove it")
     if solver.name != "auto":
         complaints.add(
-            ("solver", "name"), "a reduced body has a few unknowns and full matrices, with a solver of their own; remove it"
+            ("solver", "name"), "a reduced body has few unknowns and dense matrices with their own solver; remove this key"
         )
     if solver.tangent not in (None, "exact"):
-        complaints.add(("solver", "tangent"), "the tangent of a reduced body is exact; remove it")
+        complaints.add(("solver", "tangent"), "the tangent of a reduced body is always exact; remove this key")
     if not isinstance(analysis, DynamicAnalysis):
         return
     if analysis.explicit:
-        complaints.add(("analysis", "integrator"), f"{analysis.integrator} does not work on a reduced body; take an implicit one")
+        complaints.add(
+            ("analysis", "integrator"), f"{analysis.integrator} does not support reduced bodies; use an implicit integrator"
+        )
     if analysis.mass != "lumped":
-        complaints.add(("analysis", "mass"), "the basis of a reduced body is orthonormal in lumped masses; remove it")
+        complaints.add(("analysis", "mass"), "the basis of a reduced body is orthonormal with lumped masses; remove this key")
     if analysis.damping.tau:
-        complaints.add(("analysis", "damping", "tau"), "acts at each edge, which a reduced body does not see; take alpha or beta")
+        complaints.add(("analysis", "damping", "tau"), "acts on edges, which a reduced body does not have; use alpha or beta")
     if analysis.remove is not None:
-        complaints.add(("analysis", "remove"), "a reduced body is made of all its elements; remove it")
+        complaints.add(("analysis", "remove"), "a reduced body cannot lose elements; remove this key")
 
 
 def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
     output, dynamic = sections.output, isinstance(sections.analysis, DynamicAnalysis)
     followed = [*output.probes, *output.reactions]
     for name in sorted(output.probes.keys() & output.reactions.keys()):
-        complaints.add(("output", "reactions", name), "is the name of a probe as well; rename one of them")
+        complaints.add(("output", "reactions", name), "is also the name of a probe; rename one of them")
     known = [*followed, "ledger" if dynamic else "path"]
     taken = {known[-1], "critical", *(name.partition(".")[0] for name in RESULTS[sections.analysis.type])}
     for table in ("probes", "reactions"):
         for name in sorted(taken.intersection(getattr(output, table))):
-            complaints.add(("output", table, name), "is the name of results or of a plot as well; choose another name")
+            complaints.add(("output", table, name), "is also the name of a result or plot; choose another name")
     if isinstance(sections.analysis, ModesAnalysis):
         known = []
         for name in ("probes", "reactions"):
             if getattr(output, name):
-                complaints.add(("output", name), "modes have no course in time to follow; remove it")
+                complaints.add(("output", name), "modes have no history in time; remove this key")
     for number, name in enumerate(output.plots):
         if name not in known:
-            complaints.add(("output", "plots", number), f"there is nothing to plot by the name {name!r}; {name_known(name, known)}")
+            complaints.add(("output", "plots", number), f"unknown plot {name!r}; {name_known(name, known)}")
     for number, name in enumerate(output.fields or ()):
         with complaints.at("output", "fields", number):
             find(name)
@@ -284,9 +297,9 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
         with complaints.at("output", name):
             checked_path("name", f".{given}_0000.part", "the name of a file")  # name of the files of its states
         if given is not None and (Path(given).name != given or "\\" in given):
-            complaints.add(("output", name), f"{given!r} is no name in the folder of results; give one alone, such as 'body.pvd'")
+            complaints.add(("output", name), f"{given!r} is not a file name; expected a name without folders, such as 'body.pvd'")
     if output.animation is not None and not (output.file or "").endswith(".pvd"):
-        complaints.add(("output", "animation"), 'shows the states that are saved; add file = "....pvd"')
+        complaints.add(("output", "animation"), 'needs saved states; add file = "NAME.pvd"')
     results = {*(f"{name}.{axis}" for name in followed for axis in "xyz"), *RESULTS[sections.analysis.type]}
     for loc, one in expectations(sections.expect).items():
         name = ".".join(loc)
@@ -325,7 +338,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     for name in sections.places:
         with complaints.at("places", name):
             if name in {*mesh.boundaries, *mesh.node_sets}:
-                raise StvkError("the mesh has a boundary or a node set of this name as well; rename it.")
+                raise StvkError("the mesh has a boundary or a node set of the same name; rename the place.")
             if not isinstance(names.place(name), Box):  # a box may be a region of elements
                 vertices_at(mesh, names.place(name), f"place {name!r}")
     terms: list[Any] = []
@@ -338,19 +351,19 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     prescribed: list[Any] = []
     for name, components in sections.fixed.items():
         with complaints.at("fixed", name):
-            held = names.place(name), components
-            fixed_dofs(mesh, [held])
-            fixed.append(held)
+            constraint = names.place(name), components
+            fixed_dofs(mesh, [constraint])
+            fixed.append(constraint)
     for name, motion in sections.prescribed.items():
         with complaints.at("prescribed", name):
-            moved = names.place(name), _displacements(motion)
-            Supports(mesh, fixed, [*prescribed, moved])
-            prescribed.append(moved)
+            prescription = names.place(name), _displacements(motion)
+            Supports(mesh, fixed, [*prescribed, prescription])
+            prescribed.append(prescription)
     complaints.refuse()
     system = None
     with complaints.at(), _naming_terms(complaints, mesh, terms):
-        how = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
-        system = System(mesh, terms, fixed or None, prescribed or None, **how)
+        options = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
+        system = System(mesh, terms, fixed or None, prescribed or None, **options)
     complaints.refuse()
     assert system is not None
     _check_energies(complaints, sections, system)

@@ -28,14 +28,14 @@ EXPECTED = {
 #: Expected texts by their pattern.
 PATTERNS = {
     "^[xyz]+$": 'letters of components, such as "xyz" or "y"',
-    r"\.(pvd|vtu)$": "a name that ends in .pvd (states on the way) or .vtu (the last one)",
+    r"\.(pvd|vtu)$": "a name that ends in .pvd (series of states) or .vtu (last state)",
     r"\.(gif|mp4)$": "a name that ends in .gif or .mp4",
 }
 #: Pydantic's words for an expected value, a comparison, or a number of entries.
 SHOULD = re.compile(r"\w+ should (?:be|have) (.*?)(?: after validation.*)?")
 
 
-class Spot(NamedTuple):
+class SchemaLocation(NamedTuple):
     """Location of an error in the data, with the model of the table there and the type of the key."""
 
     loc: Loc
@@ -59,8 +59,8 @@ class Complaints:
 
     def add(self, loc: Sequence[str | int], message: str) -> None:
         """Complain about a key, in words of a scene (`IN_TOML`); a repeated complaint is added once."""
-        for said, in_toml in IN_TOML.items():
-            message = message.replace(said, in_toml)
+        for advice, in_toml in IN_TOML.items():
+            message = message.replace(advice, in_toml)
         self._found[tuple(loc), message] = None
 
     @contextmanager
@@ -76,13 +76,13 @@ class Complaints:
 
     def of_pydantic(self, error: ValidationError, schema: type[BaseModel]) -> None:
         """Complain about all that pydantic found in data of this schema."""
-        said: dict[Loc, list[str]] = {}
+        messages_at: dict[Loc, list[str]] = {}
         for one in error.errors(include_url=False):
-            loc, message = _in_words(one, schema)
-            said.setdefault(loc, [])
-            if message not in said[loc]:
-                said[loc].append(message)
-        for loc, messages in said.items():
+            loc, message = _location_and_message(one, schema)
+            messages_at.setdefault(loc, [])
+            if message not in messages_at[loc]:
+                messages_at[loc].append(message)
+        for loc, messages in messages_at.items():
             self.add(loc, "; or ".join(messages))
 
     def refuse(self) -> None:
@@ -96,19 +96,19 @@ class Complaints:
         refuse_all(texts, self._source.name, [(path, line, message) for path, line, _, message in rows])
 
 
-def _in_words(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:
+def _location_and_message(error: Any, schema: type[BaseModel]) -> tuple[Loc, str]:
     """Return the location of a pydantic error in the data, and its message."""
-    spot, kind, given = _spot(schema, error["loc"]), error["type"], error.get("input")
+    location, kind, given = _locate(schema, error["loc"]), error["type"], error.get("input")
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        return _kind_is_wrong(spot, error)
+        return _kind_is_wrong(location, error)
     if kind == "missing":
-        return spot.loc, f"is missing{_sentence(spot)}"
+        return location.loc, f"is missing{_description(location)}"
     if kind == "extra_forbidden":
-        return spot.loc, _unknown(spot)
+        return location.loc, _unknown(location)
     if kind == "literal_error":
-        known = error["ctx"].get("names", literals(spot.annotation))
-        return spot.loc, _none_of(given, list(map(str, known)))
-    return spot.loc, f"got {shown(given)}; expected {_expected(error, given)}"
+        known = error["ctx"].get("names", literals(location.annotation))
+        return location.loc, _unknown_value(given, list(map(str, known)))
+    return location.loc, f"got {shown(given)}; expected {_expected(error, given)}"
 
 
 def _expected(error: Any, given: Any) -> str:
@@ -118,37 +118,37 @@ def _expected(error: Any, given: Any) -> str:
         return EXPECTED[error["type"]] + (" without quotation marks" if number else "")
     if error["type"] == "string_pattern_mismatch":
         return PATTERNS.get(error["ctx"]["pattern"], "a name without blanks at its ends")
-    said = SHOULD.fullmatch(error["msg"])
-    words = said[1] if said else str(error["msg"])
+    match = SHOULD.fullmatch(error["msg"])
+    words = match[1] if match else str(error["msg"])
     return f"a value {words}" if words.startswith(("greater", "less")) else words
 
 
-def _kind_is_wrong(spot: Spot, error: Any) -> tuple[Loc, str]:
+def _kind_is_wrong(location: SchemaLocation, error: Any) -> tuple[Loc, str]:
     """Return the message that lists the kinds of a table, which its key `type` or `model` selects."""
     context, given = error.get("ctx", {}), error.get("input")
     name = str(context.get("discriminator", "'type'")).strip("'")
     name = name if name.isidentifier() else "type"
-    known = [tag for tag in _tags(spot) if tag != "file"]
-    of_file = ", or file = the path of a mesh file" if "file" in _tags(spot) else ""  # which has no type
+    known = [tag for tag in _kinds(location) if tag != "file"]
+    of_file = ", or file = the path of a mesh file" if "file" in _kinds(location) else ""  # which has no type
     if not isinstance(given, Mapping):
-        return spot.loc, f"got {shown(given)}; expected a table with {name} = one of {_listed(known)}"
+        return location.loc, f"got {shown(given)}; expected a table with {name} = one of {_listed(known)}"
     if name not in given:
         near = get_close_matches(name, map(str, given), n=1)
         if near:
-            return (*spot.loc, near[0]), f"unknown key; did you mean {name!r}? It says what it is: one of {_listed(known)}"
-        return spot.loc, f"the key {name!r} is missing, which says what it is: one of {_listed(known)}{of_file}"
-    return (*spot.loc, name), _none_of(given[name], known)
+            return (*location.loc, near[0]), f"unknown key; did you mean {name!r}? It selects the kind: one of {_listed(known)}"
+        return location.loc, f"the key {name!r} is missing, which selects the kind: one of {_listed(known)}{of_file}"
+    return (*location.loc, name), _unknown_value(given[name], known)
 
 
-def _unknown(spot: Spot) -> str:
-    known = sorted(spot.model.model_fields) if spot.model is not None else []
-    name = str(spot.loc[-1])
+def _unknown(location: SchemaLocation) -> str:
+    known = sorted(location.model.model_fields) if location.model is not None else []
+    name = str(location.loc[-1])
     near = get_close_matches(name.lower(), known, n=1)
     meant = f"; did you mean {near[0]!r}?" if near else "."
     return f"unknown key{meant} Known here: {', '.join(known)}."
 
 
-def _none_of(given: Any, known: Sequence[str]) -> str:
+def _unknown_value(given: Any, known: Sequence[str]) -> str:
     near = get_close_matches(str(given).lower().replace("_", "-"), known, n=1)
     meant = f"; did you mean {near[0]!r}?" if near else "."
     return f"{shown(given)} is not known here{meant} Known: {_listed(known)}."
@@ -174,16 +174,16 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names)
 
 
-def _sentence(spot: Spot) -> str:
+def _description(location: SchemaLocation) -> str:
     """Return the sentence of a key."""
-    found = spot.model.model_fields.get(str(spot.loc[-1])) if spot.model is not None and spot.loc else None
+    found = location.model.model_fields.get(str(location.loc[-1])) if location.model is not None and location.loc else None
     return f": {found.description.rstrip('.')}" if found is not None and found.description else ""
 
 
 # conversion from the location of an error to the data: pydantic includes the members of unions in it
 
 
-def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
+def _locate(schema: type[BaseModel], loc: Sequence[str | int]) -> SchemaLocation:
     """Return the location of an error in the data and the model of its table, by following the types of the schema."""
     annotation: Any = schema
     model: type[BaseModel] | None = None
@@ -207,7 +207,7 @@ def _spot(schema: type[BaseModel], loc: Sequence[str | int]) -> Spot:
             annotation, model = get_args(annotation)[-1], None
         else:
             break
-    return Spot(tuple(data), model, annotation)
+    return SchemaLocation(tuple(data), model, annotation)
 
 
 def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
@@ -226,7 +226,7 @@ def _member(annotation: Any, label: str | int) -> tuple[Any, int] | None:
     return None
 
 
-def _tags(spot: Spot) -> list[str]:
+def _kinds(location: SchemaLocation) -> list[str]:
     """Return the kinds of a table that are allowed at a location."""
-    annotation = spot.annotation
+    annotation = location.annotation
     return [tag for tags, _ in members(annotation) for tag in tags] if annotation is not None else []

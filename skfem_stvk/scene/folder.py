@@ -18,7 +18,7 @@ from ..about import machine, versions
 from ..errors import AnalysisError, SceneError, StvkError
 from ..results.files import content_of, replacing, try_to_write
 from ..terminal import BAD_INPUT
-from .outcome import Judged, SceneOutcome
+from .outcome import ComparedResult, SceneOutcome
 from .report import plot_files
 from .schema import SceneTables
 from .schema.analyses import ModesAnalysis
@@ -43,13 +43,13 @@ class Summary(BaseModel):
     message: str = ""
     seconds: float | None = None
     results: dict[str, float | None] = {}
-    expectations: list[Judged] = []
+    expectations: list[ComparedResult] = []
 
 
-class Former(NamedTuple):
+class PreviousRun(NamedTuple):
     """Contents of a folder before a run writes into it."""
 
-    said: dict[str, bytes]  # the summary and the resolved scene of a run with results
+    content: dict[str, bytes]  # the summary and the resolved scene of a run with results
     files: dict[str, tuple[int, int]]  # inode and time of the last change of every other file
     written: list[str]  # pictures, states and the report of the run that --force replaces
 
@@ -84,24 +84,26 @@ class Folder:
         """
         path, names = self.path, names_with(self.path, SUMMARY, "results")
         if self.resume:
-            self._refuse_nothing(sections, names)
+            self._refuse_resume(sections, names)
         elif names and not self.force and self.summary()["status"] != REFUSED:
             raise StvkError(
-                f"{path} holds the results of a run that {self.summary()['status']}. --force replaces them, --resume goes on from "
-                "its checkpoint, --out names another folder."
+                f"{path} holds the results of a run that {self.summary()['status']}. --force replaces them, --resume continues "
+                "from its checkpoint, and --out selects another folder."
             )
 
-    def _refuse_nothing(self, sections: SceneTables, names: list[str]) -> None:
+    def _refuse_resume(self, sections: SceneTables, names: list[str]) -> None:
         if isinstance(sections.analysis, ModesAnalysis):
-            raise StvkError(
-                "--resume: modes are found at once and have no checkpoint. Leave --resume out; --force replaces results."
+            raise StvkError("--resume: modes have no checkpoint. Leave --resume out; --force replaces results.")
+        checkpoints = list((self.path / CHECKPOINT).glob("*.npz")) if CHECKPOINT in names else []
+        if not checkpoints:
+            why = (
+                "the folder does not exist."
+                if not names
+                else "it has no checkpoint, for example because of output.checkpoint = false."
             )
-        kept = list((self.path / CHECKPOINT).glob("*.npz")) if CHECKPOINT in names else []
-        if not kept:
-            why = "there is no such folder" if not names else "it has no checkpoint: was it written with output.checkpoint = false?"
             raise StvkError(f"--resume: nothing to resume in {self.path}: {why} Start without --resume.")
 
-    def outlets(self, sections: SceneTables) -> dict[str, Any]:
+    def output_arguments(self, sections: SceneTables) -> dict[str, Any]:
         """Return the arguments of `simulate` and `solve_static` for files in the folder."""
         output = sections.output
         found: dict[str, Any] = {"resume": self.resume, "overwrite": self.force}
@@ -114,17 +116,17 @@ class Folder:
     def summary(self) -> dict[str, Any]:
         """Return the summary of the run that wrote the folder; a damaged summary has a status that says so."""
         try:
-            said = json.loads(content_of(self.path / SUMMARY, LARGEST))
-            return dict(Summary.model_validate(said))
+            content = json.loads(content_of(self.path / SUMMARY, LARGEST))
+            return dict(Summary.model_validate(content))
         except (OSError, ValueError, RecursionError):
             return {"status": "has no readable summary"}
 
-    def former(self) -> Former:
+    def previous_run(self) -> PreviousRun:
         """Return what the folder holds before a run."""
-        there = [name for name in (SUMMARY, RESOLVED) if (self.path / name).is_file()]
-        held = SUMMARY in there and self.summary()["status"] != REFUSED
-        said = {name: (self.path / name).read_bytes() for name in there} if held else {}
-        return Former(said, self._files(), _written_names(self.path) if self.force else [])
+        existing = [name for name in (SUMMARY, RESOLVED) if (self.path / name).is_file()]
+        has_results = SUMMARY in existing and self.summary()["status"] != REFUSED
+        content = {name: (self.path / name).read_bytes() for name in existing} if has_results else {}
+        return PreviousRun(content, self._files(), _written_names(self.path) if self.force else [])
 
     def _files(self) -> dict[str, tuple[int, int]]:
         """Return inode and time of the last change of all files except the summary and the resolved scene."""
@@ -134,26 +136,28 @@ class Folder:
 
     def begun(self, known: str) -> None:
         """Record that a run began; a killed run leaves this status."""
-        self._say({"status": "was killed or is running", "scene_hash": known, "begun": _now()})
+        self._write_summary({"status": "was killed or is running", "scene_hash": known, "begun": _now()})
 
-    def failed(self, known: str, error: BaseException, former: Former) -> None:
+    def failed(self, known: str, error: BaseException, previous_run: PreviousRun) -> None:
         """Restore the former summary and scene if no result has changed; otherwise write why the run was refused, or failed."""
-        unchanged = self._files() == former.files
-        if former.said and unchanged:
-            for name, content in former.said.items():
+        unchanged = self._files() == previous_run.files
+        if previous_run.content and unchanged:
+            for name, content in previous_run.content.items():
                 with replacing(self.path / name) as part:
                     part.write_bytes(content)
         elif isinstance(error, StvkError) and not isinstance(error, AnalysisError):
             status = REFUSED if unchanged else FAILED
-            self._say({"status": status, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()})
+            self._write_summary(
+                {"status": status, "exit_code": BAD_INPUT, "message": str(error), "scene_hash": known, "ended": _now()}
+            )
 
-    def ended(self, known: str, outcome: SceneOutcome, former: Former) -> None:
+    def ended(self, known: str, outcome: SceneOutcome, previous_run: PreviousRun) -> None:
         """Write the summary of a run, and remove the files of the replaced run that this run has not replaced."""
         now = self._files()
-        for name in former.written:
-            if now.get(name) == former.files.get(name):
+        for name in previous_run.written:
+            if now.get(name) == previous_run.files.get(name):
                 (self.path / name).unlink(missing_ok=True)
-        self._say(
+        self._write_summary(
             {
                 "status": outcome.status,
                 "exit_code": outcome.exit_code,
@@ -170,9 +174,9 @@ class Folder:
             }
         )
 
-    def _say(self, said: dict[str, Any]) -> None:
+    def _write_summary(self, content: dict[str, Any]) -> None:
         with replacing(self.path / SUMMARY) as part:
-            part.write_text(json.dumps(said, indent=1, default=str) + "\n", encoding="utf-8")
+            part.write_text(json.dumps(content, indent=1, default=str) + "\n", encoding="utf-8")
 
 
 def visible(folder: Path) -> list[str]:
@@ -189,8 +193,8 @@ def names_with(folder: Path, wanted: str, what: str) -> list[str]:
     names = visible(folder)
     if names and wanted not in names:
         raise StvkError(
-            f"--out {folder}: it holds {len(names)} files (such as {names[0]}), and no {wanted}: it is no folder of {what}. Name "
-            "another, or empty it."
+            f"--out {folder}: it has {len(names)} files (such as {names[0]}) but no {wanted}, so it is not a folder of {what}. "
+            "Choose another folder, or empty it."
         )
     return names
 
@@ -218,8 +222,8 @@ def _written_names(path: Path) -> list[str]:
 
 def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:
     """Return the hash of a scene with the contents of its files, whatever the order of its keys, its comments and its title."""
-    kept = {name: value for name, value in data.items() if name != "title"}
-    digest = hashlib.sha256(json.dumps(kept, sort_keys=True).encode())
+    hashed = {name: value for name, value in data.items() if name != "title"}
+    digest = hashlib.sha256(json.dumps(hashed, sort_keys=True).encode())
     for content in contents:
         digest.update(hashlib.sha256(content).digest())
     return digest.hexdigest()[:16]

@@ -62,17 +62,17 @@ def footprint(built: Built) -> list[PartCost]:
         system.jacobian(u)
     if isinstance(analysis, DynamicAnalysis | ModesAnalysis):
         system.mass(analysis.mass)
-    held = system.memory()
-    rows = [PartCost("mesh", held["mesh"], packages=("meshio",) if hasattr(sections.mesh, "file") else ())]
+    arrays = system.memory()
+    rows = [PartCost("mesh", arrays["mesh"], packages=("meshio",) if hasattr(sections.mesh, "file") else ())]
     elastic, loads = iter(system.bound_terms), iter(system.bound_loads)
     for number, (section, term) in enumerate(zip(sections.terms, system.terms, strict=True)):
         bound = next(loads if is_load(term) else elastic)
         nbytes = sum(bound.memory().values()) if isinstance(bound, HasMemory) else 0
-        on = next((body.mesh for body in system.body.beside if any(term is one for one in body.terms)), system.mesh)
-        elements = len(on.elements(term.region)) if hasattr(term, "region") else None
+        mesh = next((body.mesh for body in system.body.beside if any(term is one for one in body.terms)), system.mesh)
+        elements = len(mesh.elements(term.region)) if hasattr(term, "region") else None
         rows.append(PartCost(f"terms[{number}] {section.type}", nbytes, elements))
     made = ("blocks of pairs", "pattern of K", "rows of K", "mass")
-    rows += [PartCost(part, held[part]) for part in made if held.get(part)]
+    rows += [PartCost(part, arrays[part]) for part in made if arrays.get(part)]
     rows.append(PartCost(f"analysis {analysis.type}", packages=OF_SOLVERS.get(built.solver, ())))
     return [*rows, PartCost("results", packages=OF_RESULTS)]
 

@@ -42,15 +42,15 @@ from .schema.terms import material_table
 from .units import UNITS, implausible
 
 #: Bodies with more rigid motions than this, such as bodies in many pieces, get no eigenfrequencies.
-LOOSE = 60
+MOST_FREE_MOTIONS = 60
 #: Frequencies below this part of the largest one found are those of mechanisms.
 MECHANISM = 1e-6
 #: Unknowns up to which eigenfrequencies are computed; those of larger bodies are bounded from above.
-FEW = 6_000
+MOST_UNKNOWNS = 6_000
 #: Numbers in the stiffnesses of all elements above which the elements that shorten the step are not searched: some 2 GB.
 MOST_NUMBERS = 8e7
 #: A remark names elements that allow less than this part of the step that usual elements allow.
-SHORT = 0.2
+SHORT_STEP = 0.2
 #: Degree of the polynomials whose span bounds eigenfrequencies.
 DEGREE = 3
 
@@ -117,8 +117,8 @@ class Inspection:
             try:
                 yield
             except Exception as error:  # a fault in one part must not stop the inspection of the others
-                said = str(error) if isinstance(error, StvkError) else f"{type(error).__name__}: {error}"
-                self.remark(name, said if refused else f"{name} could not be looked at: {said}", refused)
+                message = str(error) if isinstance(error, StvkError) else f"{type(error).__name__}: {error}"
+                self.remark(name, message if refused else f"{name} could not be inspected: {message}", refused)
         for warning in noted:
             if issubclass(warning.category, StvkWarning):
                 self.remark(name, str(warning.message))
@@ -157,7 +157,7 @@ class Inspection:
             style, word = ("bold red", "refused") if remark.refused else ("yellow", "note")
             parts.append(f"[{style}]{word}[/] {printable(remark.text)}")
         if not self.remarks:
-            parts.append("[green]nothing wrong was found[/]")
+            parts.append("[green]no problem was found[/]")
         return Group(*parts)
 
     def _unit(self, one: Extreme) -> str:
@@ -186,7 +186,7 @@ def inspect_mesh(
         for text in implausible(given, mesh):
             found.remark("implausible", text.replace("materials.given.", "--"))
     if young is None:
-        found.remark("material", "Without a material the mesh alone is looked at; add --young, --poisson and --density.")
+        found.remark("material", "Without a material only the mesh is inspected; add --young, --poisson and --density.")
     elif not found.refused:
         with found.part("body", refused=True):
             system = System(mesh, StVK(young=young, poisson=poisson, density=density))
@@ -254,23 +254,23 @@ def _quality(found: Inspection, quality: MeshQuality) -> None:
 
 def _body(found: Inspection, system: System, terms: list[str], built: Built | None = None) -> None:
     """Add unknowns, mass, frequencies, the critical step, and the costs of an analysis."""
-    held, has_mass = len(system.supports.held), True
-    found.add("body", Fact("unknowns", system.ndofs - held, "free", f"and {held} held"))
+    constrained, has_mass = len(system.supports.held), True
+    found.add("body", Fact("unknowns", system.ndofs - constrained, "free", f"and {constrained} held"))
     found.add("body", *(Fact(f"terms[{number}]", term) for number, term in enumerate(terms)))
-    beside = [body.mesh for body in system.body.beside]
-    found.add("body", *(Fact(f"{one.element.name} beside the mesh", one.nt) for one in beside))
+    other_meshes = [body.mesh for body in system.body.beside]
+    found.add("body", *(Fact(f"{one.element.name} beside the mesh", one.nt) for one in other_meshes))
     try:
         found.add("body", Fact("mass", system.mass().total, found.symbol("mass")))
     except MaterialError as error:
         has_mass = False
-        why_not = str(error).partition(". ")[0]
-        found.add("body", Fact("mass", "unknown", "", f"and eigenfrequencies and explicit steps: {why_not}"))
-    loose = 0
+        reason = str(error).partition(". ")[0]
+        found.add("body", Fact("mass", "unknown", "", f"and no eigenfrequencies and explicit steps: {reason}"))
+    free_motions = 0
     with found.part("supports"):
-        loose = _loose(found, system, built)
+        free_motions = _free_motions(found, system, built)
     if has_mass:
         with found.part("eigenfrequencies"):
-            _frequencies(found, system, loose)
+            _frequencies(found, system, free_motions)
         with found.part("critical step"):
             _critical(found, system, built)
     if built is not None and isinstance(built.sections.analysis, DynamicAnalysis):
@@ -280,26 +280,28 @@ def _body(found: Inspection, system: System, terms: list[str], built: Built | No
         _costs(found, system, built)
 
 
-def _loose(found: Inspection, system: System, built: Built | None) -> int:
+def _free_motions(found: Inspection, system: System, built: Built | None) -> int:
     """Add and return the number of free rigid motions of the parts of the body."""
-    held = np.union1d(system.supports.held, system.grounded)
-    left = rigid_modes_left(system.mesh.p, system.parts(), held, system.mesh.word)
-    count = sum(one.count for one in left)
+    constrained = np.union1d(system.supports.held, system.grounded)
+    remaining = rigid_modes_left(system.mesh.p, system.parts(), constrained, system.mesh.word)
+    count = sum(one.count for one in remaining)
     found.add("body", Fact("rigid motions left", count))
-    if left and built is not None and built.sections.analysis.type in ("static", "arc-length"):
-        found.remark("supports", f"Statics need a body that is held: {'; '.join(map(str, left[:3]))}. Hold it there.", True)
+    if remaining and built is not None and built.sections.analysis.type in ("static", "arc-length"):
+        found.remark(
+            "supports", f"Static analyses need a constrained body: {'; '.join(map(str, remaining[:3]))}. Add supports there.", True
+        )
     return count
 
 
-def _frequencies(found: Inspection, system: System, loose: int) -> None:
+def _frequencies(found: Inspection, system: System, free_motions: int) -> None:
     """Add the lowest eigenfrequencies, or bounds on those of a large body."""
     free = system.ndofs - len(system.supports.held)
-    if loose > LOOSE:
+    if free_motions > MOST_FREE_MOTIONS:
         return
-    if free <= FEW:
-        result = modes(system, min(loose + 4, free))
+    if free <= MOST_UNKNOWNS:
+        result = modes(system, min(free_motions + 4, free))
         if result.unstable.any():
-            found.remark("eigenfrequencies", "At rest K has negative eigenvalues: a material or a load is not stable there.")
+            found.remark("eigenfrequencies", "At rest K has negative eigenvalues: a material or a load makes it unstable.")
         elastic = result.frequencies[~result.rigid & ~result.unstable]
         elastic = elastic[elastic > MECHANISM * elastic.max(initial=0.0)]
         note = "the lowest ones"
@@ -307,7 +309,7 @@ def _frequencies(found: Inspection, system: System, loose: int) -> None:
         elastic, note = _ritz_frequencies(system), "upper bounds on the lowest ones, by polynomials"
     if len(elastic):
         values, unit = [float(one) for one in elastic[:3]], found.symbol("frequency")
-        found.add("body", Fact("eigenfrequencies", values, unit, f"{note}; are they plausible?"))
+        found.add("body", Fact("eigenfrequencies", values, unit, f"{note}; check that they are plausible"))
 
 
 def _critical(found: Inspection, system: System, built: Built | None) -> None:
@@ -323,8 +325,10 @@ def _critical(found: Inspection, system: System, built: Built | None) -> None:
     if motion is not None and motion.dt is None:
         _steps(found, built, SAFETY * step)
     elif motion is not None and motion.dt > step:
-        text = f"analysis.dt = {motion.dt:g} {unit} is above the critical step, {step:.4g} {unit}: the motion will blow up. "
-        found.remark("critical step", f"{text}Take {SAFETY * step:.2g}, leave dt out to have it found, or an implicit integrator.")
+        text = f"analysis.dt = {motion.dt:g} {unit} is above the critical step, {step:.4g} {unit}: the motion will be unstable. "
+        found.remark(
+            "critical step", f"{text}Use {SAFETY * step:.2g}, leave dt out for an automatic step, or an implicit integrator."
+        )
     _short_elements(found, system)
 
 
@@ -345,7 +349,7 @@ def _short_elements(found: Inspection, system: System) -> None:
         Fact("elements that set it", worst.elements.tolist(), "", f"the first allows {_shown(steps[0])} {unit} at most"),
         Fact("usual elements allow", usual, unit, "at most, the median"),
     )
-    bad = np.flatnonzero(worst.every < SHORT * usual)
+    bad = np.flatnonzero(worst.every < SHORT_STEP * usual)
     if len(bad):
         named = name_ids(bad[np.argsort(worst.every[bad], kind="stable")], "element")
         found.remark(
@@ -389,8 +393,14 @@ def _linear_solver(system: System, built: Built | None) -> Fact:
     """Return the linear solver of an analysis, or of statics, and why."""
     if built is not None and (built.integrator is not None or built.sections.reduced is not None):
         return Fact("linear solver", built.solver, "", "of the integrator" if built.sections.solver.name == "auto" else "")
-    asked, kind = ("auto", "static") if built is None else (built.sections.solver.name, built.sections.analysis.type)
-    choice = asked, system.ndofs - len(system.supports.held), kind_of(system), kind in ("arc-length", "modes"), entries_of(system)
+    requested, kind = ("auto", "static") if built is None else (built.sections.solver.name, built.sections.analysis.type)
+    choice = (
+        requested,
+        system.ndofs - len(system.supports.held),
+        kind_of(system),
+        kind in ("arc-length", "modes"),
+        entries_of(system),
+    )
     return Fact("linear solver", with_loads(choose(*choice), system).name, "", why(*choice))
 
 
@@ -401,12 +411,12 @@ def _ritz_frequencies(system: System) -> Array:
     size = float(np.abs(x).max())
     x = x / size
     powers = [one for one in itertools.product(range(DEGREE + 1), repeat=d) if sum(one) <= DEGREE]
-    held = np.zeros((mesh.nv, d), dtype=bool)
-    held.ravel()[system.supports.held] = True
+    constrained = np.zeros((mesh.nv, d), dtype=bool)
+    constrained.ravel()[system.supports.held] = True
     vectors = []
     for component in range(d):
-        there = held[:, component]
-        weight = cKDTree(x[there]).query(x)[0] if there.any() else np.ones(mesh.nv)
+        present = constrained[:, component]
+        weight = cKDTree(x[present]).query(x)[0] if present.any() else np.ones(mesh.nv)
         for power in powers:
             v = np.zeros((mesh.nv, d))
             v[:, component] = weight * np.prod(x ** np.array(power), axis=1)

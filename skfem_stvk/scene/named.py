@@ -30,7 +30,7 @@ SHAPES = {"frame": (3, 3), "voigt": (6, 6)}
 MESH = "mesh.vtu"
 
 
-class Nameless(StvkError):
+class NotExpressible(StvkError):
     """Error for an object that a program can build and a scene cannot name."""
 
 
@@ -64,19 +64,19 @@ class NamedSystem:
         data: dict[str, Any] = {"mesh": {"file": MESH}}
         data["mesh"] |= {name: made[name] for name in ("quadrature", "hourglass") if made[name] is not None}
         given = made["terms"] if isinstance(made["terms"], list | tuple) else [made["terms"]]
-        beside = [id(term) for body in system.body.beside for term in body.terms]
+        lower_terms = [id(term) for body in system.body.beside for term in body.terms]
         named = []
-        for number, (own, bound) in enumerate(zip(given, system.terms, strict=True)):
-            term = own if id(bound) in beside else bound  # terms with simplices have regions on the meshes `beside`
+        for number, (user_term, bound) in enumerate(zip(given, system.terms, strict=True)):
+            term = user_term if id(bound) in lower_terms else bound  # terms with simplices have regions on lower-dimensional meshes
             with names.leaving_out(f"terms[{number}], {type(term).__name__}"):
                 named.append(names.term(term))
         if not any("material" in term for term in named):
-            raise StvkError(f"No law of this system can be named in a scene: {'; '.join(names.left_out)}.")
+            raise StvkError(f"No law of this system can be expressed in a scene: {'; '.join(names.left_out)}.")
         fixed, prescribed = names.fixed(made["fixed"]), names.prescribed(made["prescribed"])
         if np.dtype(made["dtype"]) != np.float64:
             names.left_out.append(f"dtype = {np.dtype(made['dtype']).name}: scenes compute in double precision")
         if len(system.removed):
-            names.left_out.append(f"{name_ids(system.removed, 'element')} that were taken out: the scene has the whole body")
+            names.left_out.append(f"{name_ids(system.removed, 'element')}: removed from the system; the scene has the whole body")
         tables = {"places": names.places, "materials": names.materials, "terms": named, "fixed": fixed, "prescribed": prescribed}
         data |= {name: table for name, table in tables.items() if table}
         data["analysis"] = deepcopy(dict(analysis)) if isinstance(analysis, Mapping) else analysis.model_dump(exclude_none=True)
@@ -84,7 +84,7 @@ class NamedSystem:
 
 
 class SceneNames:
-    """Names and tables of terms, materials, places and supports on a mesh; Nameless if a scene cannot express them."""
+    """Names and tables of terms, materials, places and supports on a mesh; NotExpressible if a scene cannot express them."""
 
     def __init__(self, mesh: ElementMesh) -> None:
         self.mesh = mesh
@@ -101,14 +101,14 @@ class SceneNames:
         """Skip what a scene cannot express, and report it."""
         try:
             yield
-        except Nameless as error:
+        except NotExpressible as error:
             self.left_out.append(f"{what}: {error}")
 
     def marked(self) -> ElementMesh:
         """Return the mesh with the sets of nodes and elements that were named."""
         kinds = ("node_sets", "subdomains", "boundaries", "lines")
         named = {kind: getattr(self, f"_{kind}") for kind in kinds}
-        new: dict[str, Any] = {kind: {**getattr(self.mesh, kind), **own} for kind, own in named.items() if own}
+        new: dict[str, Any] = {kind: {**getattr(self.mesh, kind), **groups} for kind, groups in named.items() if groups}
         return replace(self.mesh, **new) if new else self.mesh
 
     def term(self, term: Any) -> dict[str, Any]:
@@ -126,7 +126,7 @@ class SceneNames:
     def _entry(self, model: Any, name: str, value: Any) -> dict[str, Any]:
         """Return the key of a term with its value, and the keys that belong to it."""
         if name not in model.model_fields:
-            raise Nameless(f"{name} has no key in a scene")
+            raise NotExpressible(f"{name} has no key in a scene")
         if name == "material":
             return {name: self.material(value)}
         if name == "region":
@@ -150,13 +150,13 @@ class SceneNames:
     def _network(self, network: Any, model: Any) -> dict[str, Any]:
         """Return the table of a network of edges of one law, with all its pairs of edges or with one kind of them."""
         if len(network.laws) != 1:
-            raise Nameless(f"it is made of {len(network.laws)} laws, not of one")
+            raise NotExpressible(f"it is made of {len(network.laws)} laws, not of one")
         (law,) = network.laws
         for pairs in literals(model.model_fields["pairs"].annotation):
             other = EdgeNetwork.of(self.mesh, law, pairs)
             if np.array_equal(other.edges, network.edges) and not (other.L != network.L).nnz:
                 return self.term(law) | {"type": _kind(model, "type"), "pairs": pairs}
-        raise Nameless("its coefficients are not those of its law")
+        raise NotExpressible("its coefficients are not those of its law")
 
     def material(self, material: Any) -> str:
         """Return the name of a material, the same for the same constants."""
@@ -195,9 +195,9 @@ class SceneNames:
     def place(self, where: Any) -> Any:
         """Return a place as a scene has it: a name, coordinates or a shape; others get a name for their nodes."""
         shape = shape_of(where)
-        return self._place_by_name(where) if shape is None else shape
+        return self._shape_or_name(where) if shape is None else shape
 
-    def _place_by_name(self, where: Any) -> str:
+    def _shape_or_name(self, where: Any) -> str:
         """Return the name of a place, which is made if there is none."""
         if isinstance(where, str):
             return checked_name(where)
@@ -215,13 +215,13 @@ class SceneNames:
     def fixed(self, given: Any) -> dict[str, str]:
         """Return the components that do not move, by the name of their place."""
         table: dict[str, str] = {}
-        for where, letters in [(None, given)] if isinstance(given, DofsView) else _pairs(given):
-            parts = [(where, letters)]
-            if isinstance(letters, DofsView):
-                parts = self._by_components(fixed_dofs(self.mesh, letters))
+        for where, components in [(None, given)] if isinstance(given, DofsView) else _pairs(given):
+            parts = [(where, components)]
+            if isinstance(components, DofsView):
+                parts = self._by_components(fixed_dofs(self.mesh, components))
             for place, those in parts:
                 with self.leaving_out(f"fixed on {describe(place)}"):
-                    name = self._place_by_name(place)
+                    name = self._shape_or_name(place)
                     table[name] = "".join(sorted({*table.get(name, ""), *those}))
         return table
 
@@ -231,20 +231,20 @@ class SceneNames:
         has = np.zeros((self.mesh.nv, d), dtype=bool)
         has[dofs // d, dofs % d] = True
         kinds, which = np.unique(has, axis=0, return_inverse=True)
-        letters = ["".join(np.array(list("xyz"[:d]))[kind]) for kind in kinds]
-        return [(np.flatnonzero(which.ravel() == number), name) for number, name in enumerate(letters) if name]
+        components = ["".join(np.array(list("xyz"[:d]))[kind]) for kind in kinds]
+        return [(np.flatnonzero(which.ravel() == number), name) for number, name in enumerate(components) if name]
 
     def prescribed(self, given: Any) -> dict[str, dict[str, Any]]:
         """Return displacements by the name of their place. Displacements with another function of time get a separate place."""
         table: dict[str, dict[str, Any]] = {}
         for where, motions in _pairs(given):
             what, entries = f"prescribed on {describe(where)}", list[dict[str, Any]]()
-            for letters, value in motions.items() if isinstance(motions, Mapping) else [("xyz"[: self.mesh.d], motions)]:
-                with self.leaving_out(f"{what}, component {letters}"):
-                    entries += _moved(letters, value, isinstance(motions, Mapping))
+            for components, value in motions.items() if isinstance(motions, Mapping) else [("xyz"[: self.mesh.d], motions)]:
+                with self.leaving_out(f"{what}, component {components}"):
+                    entries += _displacement(components, value, isinstance(motions, Mapping))
             for entry in _joined(entries):
                 with self.leaving_out(what):
-                    name = self._place_by_name(where)
+                    name = self._shape_or_name(where)
                     table[self._another_name(where) if name in table else name] = entry
         return table
 
@@ -260,16 +260,16 @@ class SceneNames:
     def _free(self, kind: str) -> str:
         mesh = self.mesh
         kinds = (mesh.boundaries, mesh.lines, mesh.node_sets, mesh.subdomains, self.places, self.materials)
-        own = (self._node_sets, self._subdomains, self._boundaries, self._lines)
-        taken = {name for names in (*kinds, *own) for name in names}
+        own_groups = (self._node_sets, self._subdomains, self._boundaries, self._lines)
+        taken = {name for names in (*kinds, *own_groups) for name in names}
         return next(name for number in count(1) if (name := f"{kind}-{number}") not in taken)
 
 
 def _model(tables: Sequence[Any], given: Any, what: str) -> Any:
-    """Return the table for an object of the library; Nameless for an object of another class."""
+    """Return the table for an object of the library; NotExpressible for an object of another class."""
     model = next((one for one in tables if one.library is type(given)), None)
     if model is None:
-        raise Nameless(f"{type(given).__name__} is a {what} that scenes do not have")
+        raise NotExpressible(f"{type(given).__name__} is a {what} that scenes cannot express")
     return model
 
 
@@ -278,9 +278,9 @@ def _kind(model: type[BaseModel], key: str) -> str:
 
 
 def checked_name(name: str) -> str:
-    """Return a name as scenes and mesh files have it; Nameless for one that they cannot hold."""
+    """Return a name as scenes and mesh files have it; NotExpressible for one that they cannot hold."""
     if not name.isprintable() or name != name.strip() or not 1 <= len(name) <= 100:
-        raise Nameless(f"the name {shown(name)} is not of 1 to 100 characters that can be printed, without blanks around")
+        raise NotExpressible(f"the name {shown(name)} is not of 1 to 100 characters that can be printed, without blanks around")
     return name
 
 
@@ -297,7 +297,7 @@ def shape_of(where: Any) -> Any:
 
 
 def in_time(value: Any, name: str, *shapes: tuple[int, ...]) -> tuple[Any, dict[str, Any] | None]:
-    """Return constants of these shapes, and the function of time that multiplies them. Raise Nameless for other functions."""
+    """Return constants of these shapes, and the function of time that multiplies them. Raise NotExpressible for other functions."""
     time: dict[str, Any] | None = None
     if type(value) in (Ramp, Sine, Table):
         others = {one.name: getattr(value, one.name) for one in fields(value) if one.name != "value"}
@@ -305,17 +305,17 @@ def in_time(value: Any, name: str, *shapes: tuple[int, ...]) -> tuple[Any, dict[
         time = {"type": type(value).__name__.lower(), **plainly}
         value = value.value
     elif callable(value):
-        raise Nameless(f"{name} is a function that is no Ramp, Sine or Table")
+        raise NotExpressible(f"{name} is a function other than Ramp, Sine or Table")
     return plain(value, name, *shapes), time
 
 
 def plain(value: Any, name: str, *shapes: tuple[int, ...]) -> Any:
-    """Return a number, or numbers of one of the `shapes` in lists. Raise Nameless for one for each element or node."""
+    """Return a number, or numbers of one of the `shapes` in lists. Raise NotExpressible for one for each element or node."""
     if callable(value):
-        raise Nameless(f"{name} is a function")
+        raise NotExpressible(f"{name} is a function")
     given = real_array(value)
     if given is None or given.shape not in (shapes or ((),)):
-        raise Nameless(f"{name} has one value for each element or node")
+        raise NotExpressible(f"{name} has one value for each element or node")
     return given.tolist()
 
 
@@ -323,11 +323,11 @@ def _pairs(given: Any) -> list[tuple[Any, Any]]:
     return list(given.items()) if isinstance(given, Mapping) else list(given or [])
 
 
-def _moved(letters: str, value: Any, alike: bool) -> list[dict[str, Any]]:
+def _displacement(components: str, value: Any, alike: bool) -> list[dict[str, Any]]:
     """Return displacements by component, with their function of time: `alike`, or one after another."""
-    constants, time = in_time(value, "it", () if alike else (len(letters),))
-    each = [constants] * len(letters) if alike else constants
-    return [{letter: one} | ({} if time is None else {"time": time}) for letter, one in zip(letters, each, strict=True)]
+    constants, time = in_time(value, "it", () if alike else (len(components),))
+    each = [constants] * len(components) if alike else constants
+    return [{letter: one} | ({} if time is None else {"time": time}) for letter, one in zip(components, each, strict=True)]
 
 
 def _joined(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:

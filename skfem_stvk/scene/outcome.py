@@ -20,7 +20,7 @@ class Curve(NamedTuple):
     dimension: str  # "length" or "force"
 
 
-class Judged(NamedTuple):
+class ComparedResult(NamedTuple):
     """Result with its expectation."""
 
     name: str  # as `tip.z`
@@ -66,7 +66,7 @@ class SceneOutcome:
     message: str
     curves: dict[str, Curve]
     values: dict[str, float]
-    judged: tuple[Judged, ...]
+    judged: tuple[ComparedResult, ...]
     seconds: float
     folder: Path | None = None
     warnings: tuple[str, ...] = field(default=())

@@ -77,17 +77,17 @@ def write_report(folder: Path, outcome: SceneOutcome) -> Path:
     StvkError
         if the last state or the page cannot be written: the disk is full, for example.
     """
-    troubles: list[str] = []
-    drawings = [*_drawn(folder, outcome, troubles), *_filmed(folder, outcome, troubles)]
+    problems: list[str] = []
+    drawings = [*_save_drawings(folder, outcome, problems), *_save_animation(folder, outcome, problems)]
     failure = None
     try:
         _save_last_state(folder, outcome)
     except Exception as error:
-        troubles.append(f"{outcome.built.sections.output.file} is not written: {error}")
+        problems.append(f"{outcome.built.sections.output.file} is not written: {error}")
         failure = error
     path = folder / "report.html"
     with replacing(path) as part:
-        part.write_text(_page(folder, outcome, drawings, troubles), encoding="utf-8", errors="backslashreplace")
+        part.write_text(_page(folder, outcome, drawings, problems), encoding="utf-8", errors="backslashreplace")
     if failure is not None:
         raise failure
     return path
@@ -107,8 +107,8 @@ def _save_last_state(folder: Path, outcome: SceneOutcome) -> None:
         result.save(folder / output.file, fields)
 
 
-def _drawn(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator[Drawing]:
-    """Draw and write the requested pictures; failures are added to the troubles."""
+def _save_drawings(folder: Path, outcome: SceneOutcome, problems: list[str]) -> Iterator[Drawing]:
+    """Draw and write the requested pictures; failures are added to `problems`."""
     for title, name, drawing in _wanted(outcome):
         try:
             figure = drawing()
@@ -116,7 +116,7 @@ def _drawn(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator
                 figure.savefig(part, format="png", dpi=DOTS_PER_INCH, bbox_inches="tight")
             yield Drawing(title, folder / f"{name}.png")
         except Exception as error:  # matplotlib fails in many ways, and results matter more than their pictures
-            troubles.append(f"{title} is not drawn: {error}")
+            problems.append(f"{title} is not drawn: {error}")
 
 
 def _wanted(outcome: SceneOutcome) -> Iterator[tuple[str, str, Callable[[], Any]]]:
@@ -152,7 +152,7 @@ def plot_files(names: Sequence[str]) -> dict[str, str]:
     return files
 
 
-def _filmed(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterator[Drawing]:
+def _save_animation(folder: Path, outcome: SceneOutcome, problems: list[str]) -> Iterator[Drawing]:
     output = outcome.built.sections.output
     if output.animation is None or output.file is None:
         return
@@ -165,7 +165,7 @@ def _filmed(folder: Path, outcome: SceneOutcome, troubles: list[str]) -> Iterato
         if target.suffix == ".gif":
             yield Drawing(f"The states in {output.file}{_times(scale)}", target)
     except Exception as error:
-        troubles.append(f"{output.animation} is not made: {error}")
+        problems.append(f"{output.animation} is not made: {error}")
 
 
 def _largest_saved(series: Path) -> float:
@@ -198,10 +198,10 @@ def _mode(outcome: SceneOutcome, number: int) -> Any:
 
 
 def _body(outcome: SceneOutcome, picture: Picture, title: str) -> Any:
-    from ..results.matplotlib_plot import SIZE, Stage, new_figure  # matplotlib is imported only when something is drawn
+    from ..results.matplotlib_plot import SIZE, PictureAxes, new_figure  # matplotlib is imported only when something is drawn
 
     figure, picture = new_figure(SIZE, interactive=False), replace(picture, length_unit=_symbol(outcome, "length"))
-    Stage(figure, picture, View.of([picture])).show(picture)
+    PictureAxes(figure, picture, View.of([picture])).show(picture)
     for text in list(figure.texts):
         text.remove()  # the title states the factor of displacements
     figure.suptitle(title, fontsize=11)
@@ -321,7 +321,7 @@ def _unit_of_result(outcome: SceneOutcome, name: str) -> str:
 # the page
 
 
-def _page(folder: Path, outcome: SceneOutcome, drawings: list[Drawing], troubles: list[str]) -> str:
+def _page(folder: Path, outcome: SceneOutcome, drawings: list[Drawing], problems: list[str]) -> str:
     from jinja2 import Environment  # only when a page is made
 
     template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
@@ -335,16 +335,16 @@ def _page(folder: Path, outcome: SceneOutcome, drawings: list[Drawing], troubles
         as_printed=as_printed,
         verdict=f"{failed} of {len(outcome.judged)} not as expected" if outcome.success and failed else outcome.status,
         drawings=drawings,
-        troubles=troubles,
+        problems=problems,
         values=[(name, value, _unit_of_result(outcome, name)) for name, value in outcome.values.items()],
-        built=list(_what_was_built(outcome)),
+        built=list(_built_facts(outcome)),
         commands=list(_commands(resolved.exists())),
         scene=resolved.read_text(encoding="utf-8") if resolved.exists() else "",
         circumstances=versions() | machine(),
     )
 
 
-def _what_was_built(outcome: SceneOutcome) -> Iterator[tuple[str, str]]:
+def _built_facts(outcome: SceneOutcome) -> Iterator[tuple[str, str]]:
     sections, system, result = outcome.built.sections, outcome.built.system, outcome.result
     mesh, held = system.mesh, len(system.supports.held)
     yield "mesh", f"{mesh.nt} {mesh.kind}, {mesh.nv} nodes"

@@ -18,12 +18,12 @@ from ..dynamics.loop import WORTH_SAYING
 from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError, warn
 from ..mesh.locations import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
-from ..results.reactions import ground_forces_at_rest, held_vertices
+from ..results.reactions import constrained_vertices, ground_forces_at_rest
 from ..statics import SolveError, StaticResult, solve_static
 from .build import ENERGIES, Built, expectations
 from .complaints import Complaints
 from .folder import Folder
-from .outcome import Curve, Judged, SceneOutcome
+from .outcome import ComparedResult, Curve, SceneOutcome
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, StaticAnalysis, stop_of
 
@@ -47,12 +47,12 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         for a motion that diverged on the way, or whose steps gained energy.
     """
     sections, begin = built.sections, time.perf_counter()
-    with on_threads(sections.threads), _noted() as noted, finishing_steps():
-        with _at_its_key(built):
-            result = _analysed(built, folder, quiet)
+    with on_threads(sections.threads), _recorded_warnings() as warned, finishing_steps():
+        with _with_key(built):
+            result = _run_analysis(built, folder, quiet)
         if isinstance(result, Run) and result.success and (result.blow_ups or result.gained > WORTH_SAYING):
-            warn(_gained(result))
-    curves = {} if isinstance(result, Modes) else _followed(built, result)
+            warn(_energy_message(result))
+    curves = {} if isinstance(result, Modes) else _curves(built, result)
     values = _values(result) | {
         f"{name}.{axis}": float(value)
         for name, curve in curves.items()
@@ -72,16 +72,16 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         judged=judged,
         seconds=time.perf_counter() - begin,
         folder=None if folder is None else folder.path,
-        warnings=tuple(noted),
+        warnings=tuple(warned),
     )
 
 
-def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult | Run | Modes:
+def _run_analysis(built: Built, folder: Folder | None, quiet: bool) -> StaticResult | Run | Modes:
     """Return the result of the analysis, or its states so far if it was interrupted or failed."""
     analysis, solver, initial = built.sections.analysis, built.sections.solver, built.sections.initial
-    files: dict[str, Any] = {} if folder is None else folder.outlets(built.sections)
+    files: dict[str, Any] = {} if folder is None else folder.output_arguments(built.sections)
     basis, system = built.sections.reduced, built.system
-    with _at_its_key(built, "reduced"):
+    with _with_key(built, "reduced"):
         body = system if basis is None else basis.of_body(system, quiet)
     if basis is not None and not isinstance(analysis, DynamicAnalysis):
         files = {name: value for name, value in files.items() if name not in ("checkpoint", "resume")}  # it starts again
@@ -131,7 +131,7 @@ def _analysed(built: Built, folder: Folder | None, quiet: bool) -> StaticResult 
 
 
 @contextmanager
-def _at_its_key(built: Built, *loc: str) -> Iterator[None]:
+def _with_key(built: Built, *loc: str) -> Iterator[None]:
     """Complain about a key of the scene where supports, loads or the table at `loc` are refused."""
     try:
         yield
@@ -153,12 +153,12 @@ def _at_its_key(built: Built, *loc: str) -> Iterator[None]:
         complaints.refuse()
 
 
-def _gained(run: Run) -> str:
+def _energy_message(run: Run) -> str:
     """Return the message on the energy that a completed motion gained."""
     times = "once" if run.blow_ups == 1 else f"{run.blow_ups} times"
-    up = f"The motion blew up {times} on the way, and its steps" if run.blow_ups else "The steps"
+    up = f"The motion blew up {times}, and its steps" if run.blow_ups else "The steps"
     part = f"{'gained' if run.gained > 0 else 'lost'} {abs(run.gained) * 100:.2g} % of the energy"
-    return f"{up} {part}. Take a smaller dt or an implicit integrator. [expect] can limit energy_gained and blow_ups."
+    return f"{up} {part}. Use a smaller dt or an implicit integrator. [expect] can limit energy_gained and blow_ups."
 
 
 def _stop(built: Built, analysis: StaticAnalysis | ArcLengthAnalysis) -> Any:
@@ -174,7 +174,7 @@ def _success(sections: SceneTables, result: StaticResult | Run) -> bool:
     return result.success or unstable
 
 
-def _followed(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
+def _curves(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
     """Return displacements of the probes and forces at the reactions, over the times or load factors."""
     d = built.mesh.d
     if isinstance(result, Run):
@@ -195,7 +195,7 @@ def _followed(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
     if built.reactions:
         forces = [ground_forces_at_rest(built.system, u, one, result.projected).reshape(-1, built.mesh.d) for one, u in states]
         for name, where in built.reactions.items():
-            at = held_vertices(built.system, where, name)
+            at = constrained_vertices(built.system, where, name)
             curves[name] = Curve(t, np.array([each[at].sum(axis=0) for each in forces]), "force")
     return curves
 
@@ -222,14 +222,14 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
     return {"load": result.t, "steps": float(len(result.history))} | energy | critical | common
 
 
-def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[Judged, ...]:
+def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[ComparedResult, ...]:
     """Return results with expectations; a result that does not exist is NaN, and not as expected."""
     judged = []
     for loc, one in expectations(sections.expect).items():
         name = ".".join(loc)
         got = values.get(name, float("nan"))
         allowed = one.atol if one.atol is not None else (one.rtol or 0.0) * abs(one.value)
-        judged.append(Judged(name, got, one.value, allowed, bool(abs(got - one.value) <= allowed)))
+        judged.append(ComparedResult(name, got, one.value, allowed, bool(abs(got - one.value) <= allowed)))
     return tuple(judged)
 
 
@@ -246,16 +246,16 @@ def on_threads(count: int | None) -> Iterator[None]:
 
 
 @contextmanager
-def _noted() -> Iterator[list[str]]:
+def _recorded_warnings() -> Iterator[list[str]]:
     """Collect the texts of this package's warnings; all warnings are still shown."""
-    noted: list[str] = []
+    warned: list[str] = []
     show: Callable[..., None] = warnings.showwarning
 
     def note(message: Warning | str, category: type[Warning], *more: Any, **details: Any) -> None:
         if issubclass(category, StvkWarning):
-            noted.append(str(message))
+            warned.append(str(message))
         show(message, category, *more, **details)
 
     with warnings.catch_warnings():
         warnings.showwarning = note
-        yield noted
+        yield warned

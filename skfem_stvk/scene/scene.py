@@ -156,7 +156,7 @@ class Scene:
         """
         named = NamedSystem.of(system, analysis)
         if named.left_out:
-            warn(f"What has no name in a scene is left out: {'; '.join(named.left_out)}.")
+            warn(f"The scene leaves out parts that it cannot express: {'; '.join(named.left_out)}.")
         return cls._checked(SceneSource.of(named.data), named.mesh, named.left_out)
 
     @classmethod
@@ -228,21 +228,21 @@ class Scene:
         """
         if out is None:
             if resume or force:
-                raise StvkError("resume and force are for a folder of results: give out=...")
+                raise StvkError("resume and force need a folder of results; pass out=...")
             return solve(self.built, quiet=quiet)
         folder = Folder(checked_path("out", out, "the path of a folder"), resume, force)
         folder.open(self.sections)
         with OneWriter(folder.path):
             folder.refuse_other(self.sections)  # check again: another run may have ended between the first check and the lock
-            built, former = self.built, folder.former()
+            built, previous_run = self.built, folder.previous_run()
             try:
                 folder.begun(self.hash)
                 self.write(folder.path / RESOLVED)
                 outcome = solve(built, folder, quiet=quiet)
             except BaseException as error:
-                folder.failed(self.hash, error, former)
+                folder.failed(self.hash, error, previous_run)
                 raise
-            folder.ended(self.hash, outcome, former)
+            folder.ended(self.hash, outcome, previous_run)
             write_report(folder.path, outcome)
         return outcome
 

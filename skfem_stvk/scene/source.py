@@ -52,20 +52,22 @@ class SceneSource:
             raise _not_read(f"{path} is a folder; expected a scene file such as {path / 'scene.toml'}.")
         if not path.exists():
             near = [one.name for one in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-            raise _not_read(f"There is no file {path}; in its folder are these scenes, {name_known(path.name, near)}")
+            raise _not_read(f"There is no file {path}; scenes in its folder: {name_known(path.name, near)}")
         try:
             size = path.stat().st_size
             raw = content_of(path, LARGEST) if size <= LARGEST else b"\0"
         except OSError as error:
             raise _not_read(f"{path} cannot be read: {error.strerror}.") from error
         if b"\0" in raw:
-            raise _not_read(f"{path} ({size} bytes) is no text. A mesh file? It is named in a scene: [mesh] file = {path.name!r}.")
+            raise _not_read(
+                f"{path} ({size} bytes) is not a text file; expected a scene, which names its mesh: [mesh] file = {path.name!r}."
+            )
         try:
             text = raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             line = raw.count(b"\n", 0, error.start) + 1
             raise _not_read(
-                f"{path}, line {line}: byte {raw[error.start]:#x} is no UTF-8, which TOML is written in. Save the file as UTF-8."
+                f"{path}, line {line}: byte {raw[error.start]:#x} is not UTF-8, the encoding of TOML. Save the file as UTF-8."
             ) from error
         if not text.strip():
             raise _not_read(f"{path} is empty. `skfem-stvk init --type static > {path}` writes an example.")
@@ -106,7 +108,7 @@ class SceneSource:
         data, made = deepcopy(self.data), dict(self.settings)
         for given in settings:
             loc, value = setting_of(given)
-            made |= dict.fromkeys(_put(data, loc, value, given), given)
+            made |= dict.fromkeys(_set_at(data, loc, value, given), given)
         return replace(self, data=data, settings=made)
 
 
@@ -121,20 +123,20 @@ def setting_of(given: str) -> tuple[Loc, Any]:
     if not path or not text:
         raise _not_set(given, "expected KEY=VALUE, such as analysis.dt=1e-5 or 'terms[1].g=[0,0,-1]'")
     loc: list[str | int] = []
-    place = 0
-    while place < len(path):
-        step = STEP.match(path, place)
-        if step is None or (path[place] not in ".[" if loc else path[place] in ".["):
-            raise _not_set(given, f"{shown(path)} is no key; expected names and [numbers], such as terms[1].g")
+    position = 0
+    while position < len(path):
+        step = STEP.match(path, position)
+        if step is None or (path[position] not in ".[" if loc else path[position] in ".["):
+            raise _not_set(given, f"{shown(path)} is not a key; expected names and [numbers], such as terms[1].g")
         loc.append(int(step["index"]) if step["index"] is not None else step["bare"] or step["quoted"] or step["literal"] or "")
-        place = step.end()
+        position = step.end()
         if len(loc) > DEEPEST:
             raise _not_set(given, f"the key has more than {DEEPEST} parts")
     try:
         found = parsed(f"value = {text}", given)
     except SceneError as error:
         if text[0] in "[{\"'":
-            raise _not_set(given, f"the value {shown(text)} is not one: {error.complaints[0][2].rstrip('.')}") from None
+            raise _not_set(given, f"the value {shown(text)} is not valid: {error.complaints[0][2].rstrip('.')}") from None
         return tuple(loc), text
     if len(found) > 1:
         raise _not_set(
@@ -143,34 +145,36 @@ def setting_of(given: str) -> tuple[Loc, Any]:
     return tuple(loc), found["value"]
 
 
-def _put(data: dict[str, Any], loc: Loc, value: Any, given: str) -> list[Loc]:
+def _set_at(data: dict[str, Any], loc: Loc, value: Any, given: str) -> list[Loc]:
     """Set the value at a key path. Missing tables are made; entries of lists must exist.
 
     Returns the key paths of the value and of the new tables, with the entries of lists counted from 0.
     """
-    at: Any = data
-    place: Loc = ()
+    table: Any = data
+    key_path: Loc = ()
     new: list[Loc] = []
-    for depth, one in enumerate(loc):
-        above = path_of(loc[:depth])
-        if isinstance(one, int):
-            if not isinstance(at, list):
-                raise _not_set(given, f"{above} is no list, and has no entry {one}")
-            if not -len(at) <= one < len(at):
-                raise _not_set(given, f"{above} has {len(at)} entries, counted from 0; there is none of the number {one}")
-            one %= len(at)
-        elif not isinstance(at, dict):
-            hint = f"; entries of a list have a number, as in {above}[0].{one}" if isinstance(at, list) else ""
-            raise _not_set(given, f"{above} is no table, and has no key {one!r}{hint}")
-        place = (*place, one)
+    for depth, key in enumerate(loc):
+        parent = path_of(loc[:depth])
+        if isinstance(key, int):
+            if not isinstance(table, list):
+                raise _not_set(given, f"{parent} is not a list, so it has no entry {key}")
+            if not -len(table) <= key < len(table):
+                raise _not_set(
+                    given, f"{parent} has {len(table)} entries, counted from 0; expected a number below {len(table)}, not {key}"
+                )
+            key %= len(table)
+        elif not isinstance(table, dict):
+            hint = f"; entries of a list need a number, as in {parent}[0].{key}" if isinstance(table, list) else ""
+            raise _not_set(given, f"{parent} is not a table, so it has no key {key!r}{hint}")
+        key_path = (*key_path, key)
         if depth == len(loc) - 1:
-            new.append(place)
-            at[one] = value
+            new.append(key_path)
+            table[key] = value
             continue
-        if isinstance(at, dict) and one not in at:
-            new.append(place)
-            at[one] = {}
-        at = at[one]
+        if isinstance(table, dict) and key not in table:
+            new.append(key_path)
+            table[key] = {}
+        table = table[key]
     return new
 
 
@@ -248,7 +252,7 @@ def _given(settings: Mapping[str, Iterable[Any]] | Sequence[str], wrong: list[st
         key, *rest = split(given, "=", 1)
         texts = split("".join(rest), ",")
         if not all(texts):
-            wrong.append(f"--set {given}: expected KEY=VALUE,VALUE,..., such as analysis.steps=5,10, and no value that is empty")
+            wrong.append(f"--set {given}: expected KEY=VALUE,VALUE,..., such as analysis.steps=5,10, without empty values")
         else:
             yield key, texts
 
@@ -261,7 +265,7 @@ def split(text: str, mark: str, most: int | None = None) -> list[str]:
     """
     parts: list[str] = []
     begin, depth, quote, skipped = 0, 0, "", False
-    for place, one in enumerate(text):
+    for position, one in enumerate(text):
         if skipped:
             skipped = False
         elif quote:
@@ -274,8 +278,8 @@ def split(text: str, mark: str, most: int | None = None) -> list[str]:
         elif one in "]}":
             depth -= 1
         elif one == mark and depth == 0 and len(parts) != most:
-            parts.append(text[begin:place].strip())
-            begin = place + 1
+            parts.append(text[begin:position].strip())
+            begin = position + 1
     return [*parts, text[begin:].strip()]
 
 

@@ -48,7 +48,7 @@ LONGEST = 120
 #: Maximum number of results in a plot, and of lines for each.
 MOST_PANELS, MOST_LINES = 6, 10
 #: Ratio of the largest to the smallest value from which the abscissa is logarithmic.
-WIDE = 30
+LOGARITHMIC = 30
 #: Fractions of the largest component below which two values are equal, and below which a component is zero.
 SAME, ZERO = 1e-9, 1e-6
 #: Bytes of the largest table that is read.
@@ -135,46 +135,52 @@ def sweep(
         after Ctrl-C, when runs have ended after their current step and the table is written; at once after a second one.
     """
     if is_started_for_work():
-        raise StvkError('sweep() runs in a process that was started for it. Call it under `if __name__ == "__main__":` alone.')
+        raise StvkError('sweep() was called in a worker process of a sweep. Call it only under `if __name__ == "__main__":`.')
     axes, runs = planned(path, settings)
-    sections, beside = runs[0].scene.sections, runs[0].scene.folder_of_results
-    folder = beside.with_name(f"{beside.name}-sweep") if out is None else checked_path("out", out, "the path of a folder")
-    cores, each = threads(), max((run.scene.sections.threads or 1 for run in runs), default=1)
-    jobs = cores if jobs is None else whole("jobs", jobs, "how many runs go on at a time, from 1", least=1)
+    sections, default_folder = runs[0].scene.sections, runs[0].scene.folder_of_results
+    folder = (
+        default_folder.with_name(f"{default_folder.name}-sweep")
+        if out is None
+        else checked_path("out", out, "the path of a folder")
+    )
+    cores, threads_per_run = threads(), max((run.scene.sections.threads or 1 for run in runs), default=1)
+    jobs = cores if jobs is None else whole("jobs", jobs, "a number of simultaneous runs, from 1", least=1)
     terminal = console(quiet=quiet)
     _open(folder)
     with OneWriter(folder):
-        how = _what_there_is(folder, runs, force)
-        rows = {run.name: _row(run, folder) for run in runs if how[run.name] is None}
+        start = _start_of_each(folder, runs, force)
+        rows = {run.name: _row(run, folder) for run in runs if start[run.name] is None}
         table = _Table(folder, runs, rows)
-        missing = [run for run in runs if how[run.name] is not None]
-        jobs = max(1, min(jobs, cores // each, len(missing)))
-        each = max(each, cores // jobs)
-        kept = f", {len(rows)} of them there already" if rows else ""
-        how_many = f"; {jobs} at a time on {each} thread{'s' * (each > 1)} each" if missing else ""
-        terminal.print(f"{len(runs)} runs{kept}{how_many}", soft_wrap=True)
-        for text, times in Counter(text for run in missing for text in implausible(run.scene.sections)).items():
-            how_many = f" (in {times} of {len(missing)} runs)" if times < len(missing) else ""
-            terminal.print(f"[yellow]note[/] {printable(text)}{how_many}", soft_wrap=True)
-        tasks = {_Task(Path(path), run.settings, folder / run.name, how[run.name] or "new"): run for run in missing}
+        missing = [run for run in runs if start[run.name] is not None]
+        jobs = max(1, min(jobs, cores // threads_per_run, len(missing)))
+        threads_per_run = max(threads_per_run, cores // jobs)
+        finished = f", {len(rows)} of them already done" if rows else ""
+        suffix = f"; {jobs} at a time on {threads_per_run} thread{'s' * (threads_per_run > 1)} each" if missing else ""
+        terminal.print(f"{len(runs)} runs{finished}{suffix}", soft_wrap=True)
+        for text, count in Counter(text for run in missing for text in implausible(run.scene.sections)).items():
+            suffix = f" (in {count} of {len(missing)} runs)" if count < len(missing) else ""
+            terminal.print(f"[yellow]note[/] {printable(text)}{suffix}", soft_wrap=True)
+        tasks = {_Task(Path(path), run.settings, folder / run.name, start[run.name] or "new"): run for run in missing}
         try:
-            for task, failure in in_processes(_solve, deque(tasks), jobs, each):
+            for task, failure in in_processes(_solve, deque(tasks), jobs, threads_per_run):
                 row = _row(tasks[task], folder, _crashed(task) if isinstance(failure, Crashed) else failure)
                 table.add(row)
                 terminal.print(printable(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}"), soft_wrap=True)
         except KeyboardInterrupt:
-            terminal.print(f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; the same again does the rest")
+            terminal.print(
+                f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; run the same command again for the rest"
+            )
             raise
-        trouble = _plot(folder, axes, list(rows.values()), sections)
-        if trouble:
-            terminal.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(trouble)}", soft_wrap=True)
+        plot_error = _plot(folder, axes, list(rows.values()), sections)
+        if plot_error:
+            terminal.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(plot_error)}", soft_wrap=True)
         return [rows[run.name] for run in runs]
 
 
 # the scenes of a sweep and their names
 
 
-class Planned(NamedTuple):
+class PlannedRun(NamedTuple):
     """One scene of a sweep: its values, its settings, and the name of its folder."""
 
     values: dict[str, Any]
@@ -185,7 +191,7 @@ class Planned(NamedTuple):
 
 def planned(
     path: str | os.PathLike[str], settings: Mapping[str, Iterable[Any]] | Sequence[str]
-) -> tuple[list[Axis], list[Planned]]:
+) -> tuple[list[Axis], list[PlannedRun]]:
     """Return the axes of a sweep, and the product of their values, the last axis fastest. Every scene is checked.
 
     Raises
@@ -204,7 +210,7 @@ def planned(
         try:
             scenes.append(Scene.read(path, _settings(axes, numbers)))
         except SceneError as error:
-            wrong.update(_each(error, source.name))
+            wrong.update(_messages(error, source.name))
     refuse_all([text + (f" (in {times} of {count} runs)" if times < count else "") for text, times in wrong.items()], source.name)
     names = _names(axes, combinations)
     first: dict[str, int] = {}
@@ -216,14 +222,14 @@ def planned(
     refuse_all(twice, source.name)
     values = [{axis.path: axis.values[k] for axis, k in zip(axes, numbers, strict=True)} for numbers in combinations]
     texts = [_settings(axes, numbers) for numbers in combinations]
-    return axes, [Planned(*one) for one in zip(values, texts, names, scenes, strict=True)]
+    return axes, [PlannedRun(*one) for one in zip(values, texts, names, scenes, strict=True)]
 
 
 def _settings(axes: Sequence[Axis], numbers: Sequence[int]) -> tuple[str, ...]:
     return tuple(f"{axis.path}={axis.texts[k]}" for axis, k in zip(axes, numbers, strict=True))
 
 
-def _each(error: SceneError, name: str) -> list[str]:
+def _messages(error: SceneError, name: str) -> list[str]:
     """Return the complaints of a scene's error."""
     head, *complaints = str(error).split("\n  ")
     return complaints or [head.removeprefix(f"{name}: ")]
@@ -234,15 +240,15 @@ def _names(axes: Sequence[Axis], combinations: Sequence[Sequence[int]]) -> list[
 
     Names that would be equal, or that are cut, end with a hash of their values.
     """
-    short = [_plain(_dotted(_last(axis.loc))) for axis in axes]
-    keys = [one if short.count(one) == 1 else _plain(_dotted(axis.loc)) for one, axis in zip(short, axes, strict=True)]
-    whole = [
-        ",".join(f"{key}={_plain(in_short(axis.values[k]))}" for key, axis, k in zip(keys, axes, numbers, strict=True))
+    short_keys = [_plain(_dotted(_last(axis.loc))) for axis in axes]
+    keys = [one if short_keys.count(one) == 1 else _plain(_dotted(axis.loc)) for one, axis in zip(short_keys, axes, strict=True)]
+    names_in_full = [
+        ",".join(f"{key}={_plain(value_in_name(axis.values[k]))}" for key, axis, k in zip(keys, axes, numbers, strict=True))
         for numbers in combinations
     ]
-    times = Counter(name.lower() for name in whole)  # some file systems ignore case
+    times = Counter(name.lower() for name in names_in_full)  # some file systems ignore case
     names = []
-    for name, numbers in zip(whole, combinations, strict=True):
+    for name, numbers in zip(names_in_full, combinations, strict=True):
         if times[name.lower()] > 1 or len(name) > LONGEST:
             hashed = hashlib.sha256(repr(_settings(axes, numbers)).encode()).hexdigest()[:8]
             name = f"{name[: LONGEST - 9]}-{hashed}"
@@ -263,16 +269,16 @@ def _plain(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", text)
 
 
-def in_short(value: Any) -> str:
+def value_in_name(value: Any) -> str:
     """Return a value in few characters: numbers as a person writes them, lists without brackets.
 
-    >>> in_short(1e9), in_short(0.25), in_short([0.0, 0.0, -9.81]), in_short(True)
+    >>> value_in_name(1e9), value_in_name(0.25), value_in_name([0.0, 0.0, -9.81]), value_in_name(True)
     ('1e9', '0.25', '0_0_-9.81', 'true')
     """
     if isinstance(value, Mapping):
-        return "_".join(f"{name}_{in_short(one)}" for name, one in value.items())
+        return "_".join(f"{name}_{value_in_name(one)}" for name, one in value.items())
     if isinstance(value, list | tuple):
-        return "_".join(map(in_short, value))
+        return "_".join(map(value_in_name, value))
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, float):
@@ -291,39 +297,41 @@ def _open(folder: Path) -> None:
             lines = content_of(folder / TABLE, LARGEST_TABLE).decode(errors="replace").splitlines()
             head = next(csv.reader(lines), [])
         except (OSError, csv.Error) as error:
-            raise StvkError(f"--out {folder}: its {TABLE} cannot be read ({error}). Name another.") from error
+            raise StvkError(f"--out {folder}: its {TABLE} cannot be read ({error}). Choose another folder.") from error
         if not set(COLUMNS) <= set(head):
-            raise StvkError(f"--out {folder}: its {TABLE} is not one of a sweep, as its columns are {shown(head)}. Name another.")
+            raise StvkError(
+                f"--out {folder}: its {TABLE} is not the table of a sweep: its columns are {shown(head)}. Choose another folder."
+            )
     make(folder)
 
 
-def _what_there_is(folder: Path, runs: Sequence[Planned], force: bool) -> dict[str, str | None]:
+def _start_of_each(folder: Path, runs: Sequence[PlannedRun], force: bool) -> dict[str, str | None]:
     """Return by run how it starts: "new", with "force", or with "resume"; None if it is done."""
-    how: dict[str, str | None] = {}
-    others, strange = [], []
+    start: dict[str, str | None] = {}
+    other_scene, foreign = [], []
     for run in runs:
         path = folder / run.name
         names = visible(path)
         if not names:
-            how[run.name] = "new"
+            start[run.name] = "new"
         elif SUMMARY not in names:
-            strange.append(run.name)
-        elif (said := Folder(path).summary()).get("scene_hash") != run.scene.hash:
-            how[run.name] = "force"
-            others.append(run.name)
-        elif said.get("exit_code") in ENDED:
-            how[run.name] = None if said["exit_code"] == DONE or not force else "force"
+            foreign.append(run.name)
+        elif (summary := Folder(path).summary()).get("scene_hash") != run.scene.hash:
+            start[run.name] = "force"
+            other_scene.append(run.name)
+        elif summary.get("exit_code") in ENDED:
+            start[run.name] = None if summary["exit_code"] == DONE or not force else "force"
         else:
             resumable = run.scene.sections.analysis.type != "modes" and any((path / CHECKPOINT).glob("*.npz"))
-            how[run.name] = "resume" if resumable else "force"
-    if strange:
-        raise StvkError(f"{folder}: {_counted(strange)} hold other files than results. Move them away, or name another --out.")
-    if others and not force:
+            start[run.name] = "resume" if resumable else "force"
+    if foreign:
+        raise StvkError(f"{folder}: {_counted(foreign)} have files other than results. Move them away, or choose another --out.")
+    if other_scene and not force:
         raise StvkError(
-            f"{folder}: {_counted(others)} are of another scene: was it changed since? --force replaces them, --out names another "
-            "folder."
+            f"{folder}: {_counted(other_scene)} belong to another scene, or the scene has changed. --force replaces them, --out "
+            "selects another folder."
         )
-    return how
+    return start
 
 
 def _counted(names: Sequence[str]) -> str:
@@ -341,18 +349,18 @@ class _Failure(NamedTuple):
     message: str
 
 
-def _row(run: Planned, folder: Path, error: _Failure | None = None) -> SweepRow:
+def _row(run: PlannedRun, folder: Path, error: _Failure | None = None) -> SweepRow:
     """Return the row of a run from its folder, or with its error."""
     path = folder / run.name
     if error is not None:
         return SweepRow(run.values, path, error.status, error.exit_code, message=error.message)
-    said = Folder(path).summary()
-    code, message = said.get("exit_code"), str(said.get("message", ""))
+    summary = Folder(path).summary()
+    code, message = summary.get("exit_code"), str(summary.get("message", ""))
     if code == NOT_AS_EXPECTED:
-        failed = [one for one in said["expectations"] if not one.passed]
+        failed = [one for one in summary["expectations"] if not one.passed]
         message = "; ".join(f"{one.name} = {as_printed(one.got)}, expected {one.expected:.9g}" for one in failed)
-    results = {name: value for name, value in said.get("results", {}).items() if value is not None}
-    return SweepRow(run.values, path, said["status"], code, said.get("seconds"), "" if code == DONE else message, results)
+    results = {name: value for name, value in summary.get("results", {}).items() if value is not None}
+    return SweepRow(run.values, path, summary["status"], code, summary.get("seconds"), "" if code == DONE else message, results)
 
 
 def _in_a_line(row: SweepRow) -> str:
@@ -363,7 +371,7 @@ def _in_a_line(row: SweepRow) -> str:
 class _Table:
     """Table on disk: rows of runs that ended, in the order of the product."""
 
-    def __init__(self, folder: Path, runs: Sequence[Planned], rows: dict[str, SweepRow]) -> None:
+    def __init__(self, folder: Path, runs: Sequence[PlannedRun], rows: dict[str, SweepRow]) -> None:
         self._path, self._order, self._rows = folder / TABLE, [run.name for run in runs], rows
         self._keys = list(runs[0].values)
         self.write()
@@ -381,9 +389,9 @@ class _Table:
             writer = csv.writer(file)
             writer.writerow([*self._keys, *COLUMNS, *results])
             for row in rows:
-                said = row.status, row.exit_code, row.seconds, row.folder.name, row.message
+                status = row.status, row.exit_code, row.seconds, row.folder.name, row.message
                 values = (one if isinstance(one, str | int | float) else json.dumps(one) for one in row.values.values())
-                writer.writerow([*values, *said, *(row.results.get(name) for name in results)])
+                writer.writerow([*values, *status, *(row.results.get(name) for name in results)])
 
 
 # the plot
@@ -398,11 +406,11 @@ def _plot(folder: Path, axes: Sequence[Axis], rows: Sequence[SweepRow], sections
     (folder / PLOT).unlink(missing_ok=True)
     rows = [row for row in rows if row.exit_code in (DONE, NOT_AS_EXPECTED)]
     axis = next((one for one in axes if one.of_numbers), None)
-    names = list(_worth_drawing(rows, sections))[:MOST_PANELS]
+    names = list(_results_to_plot(rows, sections))[:MOST_PANELS]
     if axis is None or not names or len({row.values[axis.path] for row in rows}) < 2:
         return ""
     try:
-        figure = _drawn(axis, [one for one in axes if one is not axis], rows, names, sections)
+        figure = _figure(axis, [one for one in axes if one is not axis], rows, names, sections)
         with replacing(folder / PLOT) as part:
             figure.savefig(part, format="png", dpi=DOTS_PER_INCH, bbox_inches="tight")
     except Exception as error:  # matplotlib fails in many ways, and the table matters more
@@ -410,15 +418,15 @@ def _plot(folder: Path, axes: Sequence[Axis], rows: Sequence[SweepRow], sections
     return ""
 
 
-def _worth_drawing(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[str]:
+def _results_to_plot(rows: Sequence[SweepRow], sections: SceneTables) -> Iterator[str]:
     """Yield names of results: expected ones, then probes, reactions, frequencies and critical points, else all that differ."""
     found = list(dict.fromkeys(name for row in rows for name in row.results))
     expected = [name for name in (".".join(loc) for loc in expectations(sections.expect)) if name in found]
     yield from expected
     others = [name for name in found if name not in expected and name not in COUNTED and _differs(name, rows)]
     followed = (*sections.output.probes, *sections.output.reactions, "frequency", "critical")
-    asked = [name for name in others if name.startswith(tuple(f"{one}." for one in followed))]
-    yield from asked or ([] if expected else others)
+    followed_results = [name for name in others if name.startswith(tuple(f"{one}." for one in followed))]
+    yield from followed_results or ([] if expected else others)
 
 
 def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
@@ -429,27 +437,27 @@ def _differs(name: str, rows: Sequence[SweepRow]) -> bool:
     return max(values) - min(values) > SAME * largest and max(map(abs, values)) > ZERO * largest
 
 
-def _drawn(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: Sequence[str], sections: SceneTables) -> Any:
+def _figure(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names: Sequence[str], sections: SceneTables) -> Any:
     """Draw a panel for each result, with a line for each combination of the other values."""
     from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when something is drawn
 
     lines: dict[str, list[SweepRow]] = {}
     for row in sorted(rows, key=lambda row: row.values[axis.path]):
-        label = ", ".join(f"{one.loc[-1]} = {in_short(row.values[one.path])}" for one in others if len(one.values) > 1)
+        label = ", ".join(f"{one.loc[-1]} = {value_in_name(row.values[one.path])}" for one in others if len(one.values) > 1)
         lines.setdefault(label, []).append(row)
     output, columns = sections.output, min(len(names), 2)
     dimensions = RESULTS | dict.fromkeys(output.probes, "length") | dict.fromkeys(output.reactions, "force")
-    high = -(-len(names) // columns)
-    figure = new_figure((1.5 + 4.0 * columns, 0.6 + 2.6 * high), interactive=False)
-    panels = list(figure.subplots(high, columns, squeeze=False).flat)
+    rows_of_panels = -(-len(names) // columns)
+    figure = new_figure((1.5 + 4.0 * columns, 0.6 + 2.6 * rows_of_panels), interactive=False)
+    panels = list(figure.subplots(rows_of_panels, columns, squeeze=False).flat)
     for panel, name in zip(panels, names, strict=False):
-        for label, of_it in list(lines.items())[:MOST_LINES]:
-            held = [row for row in of_it if name in row.results]
-            panel.plot([row.values[axis.path] for row in held], [row.results[name] for row in held], ".-", lw=1.2, label=label)
+        for label, rows_of_line in list(lines.items())[:MOST_LINES]:
+            points = [row for row in rows_of_line if name in row.results]
+            panel.plot([row.values[axis.path] for row in points], [row.results[name] for row in points], ".-", lw=1.2, label=label)
         panel.spines[["top", "right"]].set_visible(False)
         panel.set_ylabel(_with_unit(name, dimensions.get(name.partition(".")[0]), sections))
         panel.set_xlabel(_with_unit(axis.path, _dimension(sections, axis.loc), sections))
-        if min(axis.values) > 0 and max(axis.values) >= WIDE * min(axis.values):
+        if min(axis.values) > 0 and max(axis.values) >= LOGARITHMIC * min(axis.values):
             panel.set_xscale("log")
     for panel in panels[len(names) :]:
         panel.set_visible(False)
@@ -486,14 +494,14 @@ class _Task(NamedTuple):
     path: Path
     settings: tuple[str, ...]
     folder: Path
-    how: str  # "new", "force" or "resume"
+    start: str  # "new", "force" or "resume"
 
 
 def _crashed(task: _Task) -> _Failure:
     return _Failure(
         "crashed",
         None,
-        "its process ended at once: memory ran out, it was killed, or a library crashed. The next call takes it up; alone: "
+        "its process ended abruptly: memory ran out, it was killed, or a library crashed. The next call repeats it; alone: "
         f"skfem-stvk solve {task.path} {' '.join(f'--set {one!r}' for one in task.settings)}",
     )
 
@@ -505,7 +513,7 @@ def _solve(task: _Task) -> _Failure | None:
             warnings.simplefilter("always")
             warnings.showwarning = _silent  # the summary contains the package's warnings
             scene = Scene.read(task.path, task.settings)
-            scene.solve(task.folder, resume=task.how == "resume", force=task.how == "force", quiet=True)
+            scene.solve(task.folder, resume=task.start == "resume", force=task.start == "force", quiet=True)
     except (StvkError, OSError) as error:
         return _failed(error) if isinstance(error, AnalysisError) else _Failure("refused", BAD_INPUT, str(error))
     except KeyboardInterrupt:

@@ -24,7 +24,7 @@ DEEPEST, MOST_ENTRIES = 50, 5_000
 #: A dotted key, among other things.
 DOTTED = re.compile(r"[^\s.=,\[\]{}#]+(?:[ \t]*\.[ \t]*[^\s.=,\[\]{}#]+)*")
 #: Maximum length of a line in a message.
-MOST = 100
+MOST_SHOWN = 100
 #: Strings, comments, and the signs and words between them.
 TOKEN = re.compile(
     r"""\"{3}(?:\\.|[^\\])*?\"{3}(?!\")|'{3}.*?'{3}(?!')|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*|[][{}=,.\n]|[^][{}=,.\n\s#"']+""",
@@ -198,34 +198,34 @@ def _bare(key: str) -> str:
 # errors for invalid TOML
 
 
-def _refusal(text: str, name: str, said: str) -> SceneError:
+def _refusal(text: str, name: str, reason: str) -> SceneError:
     """Return the error for invalid TOML: file, line, column, the parser's words, a likely cause, and the marked line."""
     rows = text.replace("\r\n", "\n").split("\n")[:-1]  # `splitlines` also splits at other characters
-    place = re.search(r"\(at line (\d+), column (\d+)\)", said)
-    line, column = (int(place[1]), int(place[2])) if place else (len(rows) + 1, 1)
+    position = re.search(r"\(at line (\d+), column (\d+)\)", reason)
+    line, column = (int(position[1]), int(position[2])) if position else (len(rows) + 1, 1)
     if line > len(rows):
         line, column = len(rows), len(rows[-1]) + 1
     row = rows[line - 1].replace("\t", " ")
-    words = re.sub(r" \(at .*\)$", "", said)
+    words = re.sub(r" \(at .*\)$", "", reason)
     message = f"{words[:1].lower()}{words[1:]}.{_cause(rows, line, column, words)}"
-    begin = max(0, min(column - MOST // 2, len(row) - MOST))
-    marked = f"    {row[begin : begin + MOST]}\n    {' ' * (column - 1 - begin)}^"
+    begin = max(0, min(column - MOST_SHOWN // 2, len(row) - MOST_SHOWN))
+    marked = f"    {row[begin : begin + MOST_SHOWN]}\n    {' ' * (column - 1 - begin)}^"
     return SceneError(f"{name}, line {line}, column {column}: {message}\n{marked}", [("", line, message)])
 
 
-def _cause(rows: list[str], line: int, column: int, said: str) -> str:
-    """Return the likely cause of a frequent fault, preceded by a blank; "" for others. `said` are the words of the parser."""
+def _cause(rows: list[str], line: int, column: int, reason: str) -> str:
+    """Return the likely cause of a frequent fault, preceded by a blank; "" for others. `reason` are the words of the parser."""
     rest = rows[line - 1][column - 1 :].partition("#")[0].strip()
-    if said.startswith(TWICE):
+    if reason.startswith(TWICE):
         return _twice("\n".join([*rows[: line - 1], rows[line - 1][: column - 1]]))
-    if "Invalid value" in said:
+    if "Invalid value" in reason:
         word = re.split(r"[,\]}]", rest, maxsplit=1)[0].strip()
         if word.lower() in TRUTH:
             return f" Write {TRUTH[word.lower()]}."
         return f" Text needs quotation marks: {quoted(word)}." if re.match(r"[^\W\d]|[./~]", word) else ""
-    if "after a statement" in said:
-        return " Numbers have a point, no comma and no unit; text needs quotation marks; several values stand in [brackets]."
-    return " A comma or a bracket is missing before this." if said.startswith("Unclosed") else ""
+    if "after a statement" in reason:
+        return " Numbers have a decimal point, no comma and no unit; text needs quotation marks; lists need [brackets]."
+    return " A comma or a bracket is missing before this." if reason.startswith("Unclosed") else ""
 
 
 def _twice(text: str) -> str:
@@ -236,8 +236,8 @@ def _twice(text: str) -> str:
         if loc in first and isinstance(loc[-1], str):
             again = loc
         first.setdefault(loc, line)
-    where = f" '{path_of(again)}' is there already, in line {first[again]}: remove one of them." if again else ""
-    return f"{where} Lists of tables have [[two brackets]] each time."
+    where = f" '{path_of(again)}' is already defined in line {first[again]}: remove one of them." if again else ""
+    return f"{where} Each entry of a list of tables needs [[two brackets]]."
 
 
 # data as text
@@ -297,4 +297,4 @@ def value_text(value: Any) -> str:
         return repr(value)
     if isinstance(value, str | os.PathLike):
         return quoted(os.fspath(value))
-    raise StvkError(f"got {shown(value)}; expected a number, a text, true or false, or a list or table of such: what TOML has.")
+    raise StvkError(f"got {shown(value)}; expected a number, a text, true or false, or a list or table of these, as in TOML.")

@@ -46,7 +46,7 @@ _WEIGHT = """
 type = "gravity"
 g = [0, 0, -9.81]
 """
-_HELD = """
+_FIXED = """
 [fixed]
 left = "xyz"
 """
@@ -59,7 +59,7 @@ units = "SI"
 type = "traction"
 on = "right"
 traction = [0, 0, -2e6]
-{_HELD}
+{_FIXED}
 [analysis]
 type = "static"
 steps = 10
@@ -116,7 +116,7 @@ tip.y = { value = 0.3, atol = 1e-9 }
 """,
     "dynamic": f"""title = "A beam that is held at one end, and let go under its weight with a kick"
 units = "SI"
-{_BEAM}{_WEIGHT}{_HELD}
+{_BEAM}{_WEIGHT}{_FIXED}
 [initial]
 velocity = [0, 0, -2.0]
 
@@ -137,7 +137,7 @@ energy.closure = {{ value = 0, atol = 1e-6 }}
 """,
     "modes": f"""title = "Natural modes of a beam that is held at one end"
 units = "SI"
-{_BEAM}{_HELD}
+{_BEAM}{_FIXED}
 [analysis]
 type = "modes"
 n = 6

@@ -117,7 +117,7 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Usual:
+class UsualRange:
     """Usual range of the values of a kind, from `low` to `high` in SI units, and the units that are often mistaken for theirs."""
 
     dimension: str
@@ -130,20 +130,20 @@ class Usual:
         return self.low <= value <= self.high
 
 
-STIFFNESS = Usual("stress", 500.0, 2e12, (("GPa", 1e9), ("MPa", 1e6), ("Pa", 1.0)))
-SIZE = Usual("length", 1e-7, 200.0, (("mm", 1e-3), ("um", 1e-6), ("m", 1.0)))
+STIFFNESS = UsualRange("stress", 500.0, 2e12, (("GPa", 1e9), ("MPa", 1e6), ("Pa", 1.0)))
+SIZE = UsualRange("length", 1e-7, 200.0, (("mm", 1e-3), ("um", 1e-6), ("m", 1.0)))
 #: Usual values of keys: soft tissue, foam, rubber, wood, metals; from parts of a micrometre to bridges.
-KEYS: dict[str, Usual] = {
+KEYS: dict[str, UsualRange] = {
     **dict.fromkeys(("young", "young_axial", "young_transverse", "shear", "shear_axial", "mu", "voigt"), STIFFNESS),
     **dict.fromkeys(("size", "length", "radius", "width"), SIZE),
-    "density": Usual("density", 10.0, 3e4, (("g/cm^3", 1e3), ("kg/m^3", 1.0))),
-    "g": Usual("acceleration", 0.1, 5e3, (("m/s^2", 1.0), ("mm/s^2", 1e-3))),
-    "velocity": Usual("velocity", 1e-9, 2e4, (("m/s", 1.0), ("mm/s", 1e-3))),
-    "thickness": Usual("length", 1e-9, 20.0, (("mm", 1e-3), ("um", 1e-6), ("m", 1.0))),
-    "area": Usual("area", 1e-16, 1e3, (("mm^2", 1e-6), ("m^2", 1.0))),
-    "force": Usual("force", 1e-12, 1e10, (("N", 1.0), ("kN", 1e3))),
-    "until": Usual("time", 1e-10, 1e7, (("s", 1.0), ("ms", 1e-3))),
-    "dt": Usual("time", 1e-15, 1e6, (("s", 1.0), ("ms", 1e-3))),
+    "density": UsualRange("density", 10.0, 3e4, (("g/cm^3", 1e3), ("kg/m^3", 1.0))),
+    "g": UsualRange("acceleration", 0.1, 5e3, (("m/s^2", 1.0), ("mm/s^2", 1e-3))),
+    "velocity": UsualRange("velocity", 1e-9, 2e4, (("m/s", 1.0), ("mm/s", 1e-3))),
+    "thickness": UsualRange("length", 1e-9, 20.0, (("mm", 1e-3), ("um", 1e-6), ("m", 1.0))),
+    "area": UsualRange("area", 1e-16, 1e3, (("mm^2", 1e-6), ("m^2", 1.0))),
+    "force": UsualRange("force", 1e-12, 1e10, (("N", 1.0), ("kN", 1e3))),
+    "until": UsualRange("time", 1e-10, 1e7, (("s", 1.0), ("ms", 1e-3))),
+    "dt": UsualRange("time", 1e-15, 1e6, (("s", 1.0), ("ms", 1e-3))),
 }
 #: Loads per area are at most a small multiple of the largest stiffness.
 LOADS = ("traction", "pressure")
@@ -164,7 +164,7 @@ def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[st
     >>> dense = create_model("Dense", density=(float, Field(json_schema_extra={"dimension": "density"})))
     >>> scene = create_model("Units", units=(str, "SI"), steel=(dense, ...))
     >>> print(*implausible(scene(steel=dense(density=7.85))))
-    steel.density = 7.85 kg/m^3 is not usual, which is from 10 to 30000 kg/m^3: 7.85 g/cm^3 is 7850 kg/m^3. It would be usual
+    steel.density = 7.85 kg/m^3 is unusual; usual are 10 to 30000 kg/m^3: 7.85 g/cm^3 is 7850 kg/m^3. It would be usual
     with units = "cm-g-s".
     """
     units = UNITS[getattr(sections, "units", "SI")]
@@ -178,8 +178,8 @@ def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[st
         if name in LOADS and 0 < stiffest < value * units.factor(dimension):
             symbol, largest = units.symbol(dimension), stiffest / units.factor(dimension)
             found[path] = (
-                f"{path} = {_shown(value)} {symbol} is more than the stiffest material is stiff, {largest:g} {symbol}: no body "
-                "carries that. Is one of them in other units, or a force where it should be a force per area?"
+                f"{path} = {_shown(value)} {symbol} exceeds the stiffness of the stiffest material, {largest:g} {symbol}, so no "
+                "body can carry it. Check the units of both, and whether a force was entered as a force per area."
             )
     found |= _steps(sections)
     if mesh is not None and not any(path.startswith("mesh.") for path in found):
@@ -194,11 +194,11 @@ def _values(part: BaseModel, path: str = "") -> Iterator[tuple[str, str, str, fl
     for name, info in type(part).model_fields.items():
         if name not in part.model_fields_set:
             continue
-        given, place = getattr(part, name), f"{path}.{name}" if path else name
+        given, key_path = getattr(part, name), f"{path}.{name}" if path else name
         dimension = dimension_of(info)
         if dimension is not None and (size := _size(given)):
-            yield place, name, dimension, size
-        for inner, deeper in _inner(given, place):
+            yield key_path, name, dimension, size
+        for inner, deeper in _inner(given, key_path):
             yield from _values(deeper, inner)
 
 
@@ -209,16 +209,16 @@ def dimension_of(found: FieldInfo) -> str | None:
     return dimension if isinstance(dimension, str) else None
 
 
-def _inner(given: Any, place: str) -> Iterator[tuple[str, BaseModel]]:
+def _inner(given: Any, key_path: str) -> Iterator[tuple[str, BaseModel]]:
     """Yield the tables in a value, with their paths."""
     if isinstance(given, BaseModel):
-        yield place, given
+        yield key_path, given
     elif isinstance(given, Mapping):
         for key, one in given.items():
-            yield from _inner(one, f"{place}.{key}")
+            yield from _inner(one, f"{key_path}.{key}")
     elif isinstance(given, list | tuple):
         for number, one in enumerate(given):
-            yield from _inner(one, f"{place}[{number}]")
+            yield from _inner(one, f"{key_path}[{number}]")
 
 
 def _parts(sections: BaseModel, name: str) -> list[tuple[str, BaseModel]]:
@@ -241,14 +241,14 @@ def _unusual(units: UnitSystem, path: str, name: str, dimension: str, value: flo
     if usual is None or usual.dimension != dimension or usual.holds(value * units.factor(dimension)):
         return ""
     factor, symbol = units.factor(dimension), units.symbol(dimension)
-    said = (
-        f"{path} = {_shown(value)} {symbol} is not usual, which is from {usual.low / factor:g} to {usual.high / factor:g} {symbol}"
+    text = f"{path} = {_shown(value)} {symbol} is unusual; usual are {usual.low / factor:g} to {usual.high / factor:g} {symbol}"
+    candidates = [(unit, si) for unit, si in usual.mistaken if unit != symbol and usual.holds(value * si)]
+    cause = (
+        "" if not candidates else f": {_shown(value)} {candidates[0][0]} is {_shown(value * candidates[0][1] / factor)} {symbol}"
     )
-    meant = [(unit, si) for unit, si in usual.mistaken if unit != symbol and usual.holds(value * si)]
-    cause = "" if not meant else f": {_shown(value)} {meant[0][0]} is {_shown(value * meant[0][1] / factor)} {symbol}"
     others = [one.name for one in UNITS.values() if one is not units and usual.holds(value * one.factor(dimension))]
     other = f" It would be usual with units = {_listed(others)}." if others else ""
-    return f"{said}{cause}.{other}"
+    return f"{text}{cause}.{other}"
 
 
 def _waves(units: UnitSystem, path: str, material: BaseModel) -> str:
@@ -262,8 +262,8 @@ def _waves(units: UnitSystem, path: str, material: BaseModel) -> str:
         return ""
     stress, dense = units.symbol("stress"), units.symbol("density")
     return (
-        f"{path}: young = {_shown(_size(young))} {stress} and density = {_shown(_size(density))} {dense} do not go together: sound "
-        f"would travel at {speed:.3g} m/s. Is one of them in other units?"
+        f"{path}: young = {_shown(_size(young))} {stress} and density = {_shown(_size(density))} {dense} are inconsistent: the "
+        f"speed of sound would be {speed:.3g} m/s. Check the units of both."
     )
 
 
@@ -275,10 +275,10 @@ def _steps(sections: BaseModel) -> dict[str, str]:
         return {}
     length = until - getattr(getattr(sections, "initial", None), "t0", 0.0)
     if dt > length > 0:
-        return {"analysis.dt": f"analysis.dt = {dt:g} is longer than the whole motion, {length:g}: not one step fits in."}
+        return {"analysis.dt": f"analysis.dt = {dt:g} is longer than the whole motion, {length:g}; expected a shorter step."}
     if length > MOST_STEPS * dt:
-        said = f"analysis.dt = {dt:g} makes {length / dt:.3g} steps until {until:g}. Is one of them in other units?"
-        return {"analysis.dt": said}
+        text = f"analysis.dt = {dt:g} makes {length / dt:.3g} steps until {until:g}. Check the units of both."
+        return {"analysis.dt": text}
     return {}
 
 

@@ -13,7 +13,7 @@ from ..arguments import Array
 from ..errors import StvkError
 from ..nonlinear.newton import End, Iterations
 from ..nonlinear.outcome import Status
-from ..results.files import Outlets, output_folder
+from ..results.files import OutputFiles, output_folder
 from ..results.monitors import Finding
 from ..results.state_files import PATH, PATH_FILE
 from ..results.store import FolderStore, Header, Record, expect, refusing_damage
@@ -114,7 +114,7 @@ class PathCheckpoint(FolderStore[StateHeader]):
     schema = StateHeader
     remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
 
-    def __init__(self, folder: Path, system: System, problem: Fingerprint, outlets: Outlets) -> None:
+    def __init__(self, folder: Path, system: System, problem: Fingerprint, outlets: OutputFiles) -> None:
         super().__init__(output_folder(folder))
         self.problem, self._system, self._outlets = problem, system, outlets
         self._count = 0
@@ -149,7 +149,7 @@ class PathCheckpoint(FolderStore[StateHeader]):
                     f"{self.folder} has {file.name}, but no {self.numbered(number).name} before it. Remove {file.name} and those "
                     "after it, and resume from the one before."
                 )
-            header, arrays = self.read_ours(file, AGAIN)
+            header, arrays = self.read_own(file, AGAIN)
             with refusing_damage(file, self.remedy):
                 self.steps.append(_unpacked(header.step, arrays, self._system))
                 _check_order(self.steps, header, number)

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, TimeElapsedColumn
 
 from ..nonlinear.newton import Iterations
 from ..results import Fields, Series
-from ..results.files import Outlets
+from ..results.files import OutputFiles
 from ..system import System
 from ..system.signature import Fingerprint
 from ..terminal import Progress
@@ -29,7 +29,7 @@ MOMENTS = 0.5, 1.0
 
 @contextmanager
 def opened(
-    outlets: Outlets, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
+    outlets: OutputFiles, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
 ) -> Iterator[tuple[Write, PathCheckpoint | None]]:
     """Yield a function that writes a state to the series, and the checkpoint; each only if requested.
 

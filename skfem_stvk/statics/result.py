@@ -18,7 +18,7 @@ from ..errors import AnalysisError, StvkError
 from ..mesh.locations import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, plot, write_vtu
-from ..results.reactions import ground_forces_at_rest, held_vertices
+from ..results.reactions import constrained_vertices, ground_forces_at_rest
 from ..results.series import save_series
 from ..results.vtu import DEFAULT
 from ..system import System
@@ -97,7 +97,7 @@ class StaticResult:
         SupportError
             if no support or foundation acts there.
         """
-        vertices = held_vertices(self.system, where)
+        vertices = constrained_vertices(self.system, where)
         forces = ground_forces_at_rest(self.system, self.u, self.t, self.projected)
         return Reaction.of(self.system.mesh, self.u, forces, vertices)
 

@@ -18,7 +18,7 @@ from ..mesh.displacements import by_vertex
 from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
 from ..nonlinear.stability import Verdict, judged
 from ..nonlinear.stopwatch import Stopwatch
-from ..results.files import Outlets
+from ..results.files import OutputFiles
 from ..results.monitors import Monitors
 from ..system import System
 from ..system.coordinates import Coordinates
@@ -152,7 +152,7 @@ def solve_static(
         t0=t0,
         stability=stability,
         ellipticity=ellipticity,
-        outlets=Outlets.checked(save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite),
+        outlets=OutputFiles.checked(save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite),
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
@@ -172,7 +172,7 @@ class StaticOptions:
     t0: float
     stability: bool
     ellipticity: bool
-    outlets: Outlets
+    outlets: OutputFiles
     quiet: bool
     raise_on_failure: bool
 

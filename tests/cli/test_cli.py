@@ -273,7 +273,7 @@ def test_an_error_in_the_check_of_precision_retains_the_other_results(call, kind
     assert (report.save(tmp_path) / "report.html").exists()
     results = [r for r in report.results if r.check == "precision"]
     assert results[0].outcome is CheckOutcome.COULD_NOT_RUN and len(results) == 2
-    assert "a line cannot turn" not in {r.reason for r in results}
+    assert "a line cannot rotate" not in {r.reason for r in results}
 
 
 def test_a_failing_measurement_of_speed_fails_the_report_and_retains_the_other_results(monkeypatch):

@@ -224,12 +224,15 @@ def test_a_real_full_device_raises(tmp_path):
 
 
 def test_unwritable_paths_are_refused_before_any_work(tmp_path):
-    for path, message in ((tmp_path / "flag.txt", "does not end in .csv"), (tmp_path / "no" / "flag.csv", "does not exist")):
+    for path, message in (
+        (tmp_path / "flag.txt", "expected a path that ends in .csv"),
+        (tmp_path / "no" / "flag.csv", "does not exist"),
+    ):
         with pytest.raises(StvkError, match=message):
             LedgerFile(path, filled(1))
         with pytest.raises(StvkError, match=message):
             filled(1).save(path)
-    with pytest.raises(StvkError, match=r"does not end in .png"):
+    with pytest.raises(StvkError, match=r"expected a path that ends in .png"):
         filled(2).plot(tmp_path / "flag.csv")
     with pytest.raises(StvkError, match="the ledger has 1"):
         filled(1).plot()

@@ -159,7 +159,7 @@ def test_invalid_files_are_named(tmp_path):
             refused(path)
     for content in (b"", b"PK", b"not a file of ours", np.arange(9.0).tobytes()):
         path.write_bytes(content)
-        with pytest.raises(StvkError, match=r"incomplete, or was not written here .*no whole .npz file") as caught:
+        with pytest.raises(StvkError, match=r"incomplete, or was not written by this package .*not a complete .npz file") as caught:
             load(path)
         assert "pickle" not in str(caught.value)
     np.save(tmp_path / "flag.npy", np.zeros(3))
@@ -233,7 +233,9 @@ def test_a_full_disk_retains_the_earlier_checkpoint(tmp_path):
     for limit in (0, 100, 900, 20_000):
         try:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
-            with pytest.raises(WriteError, match=r"motion\.npz could not be written: File too large\. What was there.*Make room"):
+            with pytest.raises(
+                WriteError, match=r"motion\.npz could not be written: File too large\. Its previous content.*Free disk space"
+            ):
                 checkpoint.write(about, {"u": np.zeros(100_000)}, ledger)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)

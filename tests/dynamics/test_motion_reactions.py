@@ -254,7 +254,7 @@ def test_a_run_without_a_step_has_reactions(tmp_path):
 
 def test_locations_without_supports_are_refused():
     run = clamped(2).run(EnergyMomentum(0.02), 0.04)
-    with pytest.raises(SupportError, match="reaction: nothing is held at 'right', so there is no reaction"):
+    with pytest.raises(SupportError, match="reaction: no support and no foundation acts at 'right', so there is no reaction"):
         run.reaction("right")
     with pytest.raises(RegionError, match=r"reaction: the mesh has no boundary .* 'lef'.*Did you mean 'left'"):
         run.reaction("lef")
@@ -266,7 +266,7 @@ def test_locations_without_supports_are_refused():
     ("error", "message", "places"),
     [
         (StvkError, r"reactions = \['left'\]; expected places by name, such as \{'clamp': 'left'\}", {"reactions": ["left"]}),
-        (SupportError, "reaction 'B': nothing is held at 'right'", {"reactions": {"B": "right"}}),
+        (SupportError, "reaction 'B': no support and no foundation acts at 'right'", {"reactions": {"B": "right"}}),
         (RegionError, r"reaction 'B': the vertices name 1 vertex \(99\) outside", {"reactions": {"B": [99]}}),
         (StvkError, "two columns 'reaction B x': rename", {"reactions": {"B": "left"}, "probes": {"reaction B": [3]}}),
     ],

@@ -570,7 +570,7 @@ MISTAKES = {
         {"u0": np.zeros((N // 2, 2))},
     ),
     "no kind of mass": (StvkError, "mass = ''; known: 'consistent', 'lumped'", {"mass": ""}),
-    "v0 too short": (StateError, r"v0 has shape \(3,\).* Is it of another mesh", {"v0": np.zeros(3)}),
+    "v0 too short": (StateError, r"v0 has shape \(3,\).* The mesh or its degree may differ", {"v0": np.zeros(3)}),
     "u0 no vector": (StateError, "u0 = 'zero'; expected .* take its .u", {"u0": "zero"}),
     "u0 ragged": (StateError, r"u0 = \[\[1\], \[1, 2\]\]; expected", {"u0": [[1], [1, 2]]}),
     "v0 not finite": (StateError, rf"v0 is not finite in {N} entries", {"v0": np.full(N, np.nan)}),
@@ -601,11 +601,11 @@ MISTAKES = {
     "every step before": (StvkError, "every = -1; expected a whole number", {"every": -1}),
     "another format": (
         StvkError,
-        "'flag.xdmf' does not end in .pvd, which is what is written here. Name it flag.pvd",
+        "'flag.xdmf'; expected a path that ends in .pvd, such as flag.pvd",
         {"save": "flag.xdmf"},
     ),
     "no such folder": (StvkError, "The checkpoint no/flag cannot be written", {"checkpoint": "no/flag"}),
-    "no such checkpoint": (StvkError, "resume=True without a checkpoint", {"resume": True, "v0": None}),
+    "no such checkpoint": (StvkError, "resume = True; expected a checkpoint", {"resume": True, "v0": None}),
     "nothing acts": (LoadError, "Nothing moves the body: .* Add Gravity", {"v0": None}),
     "a jump": (
         SupportError,
@@ -752,8 +752,6 @@ def test_unprintable_names_of_probes_and_series_are_refused(name, tmp_path):
         scene.run(VelocityVerlet(0.01), 0.1, probes={name: [1]})
     assert str(caught.value).isprintable()
     if "\0" not in name:
-        with pytest.raises(
-            StvkError, match=r"cannot be printed, and that lists of files cannot hold|names can be encoded"
-        ) as caught:
+        with pytest.raises(StvkError, match=r"cannot be printed or stored in lists of files|names can be encoded") as caught:
             scene.run(VelocityVerlet(0.01), 0.1, save=tmp_path / f"{name}.pvd")
         assert str(caught.value).isprintable() and not list(tmp_path.iterdir())

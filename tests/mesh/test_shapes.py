@@ -6,7 +6,7 @@ import pytest
 from skfem_stvk import BodyForce, Box, NearestNode, NodalLoad, Plane, RegionError, StVK, System, Traction
 from skfem_stvk.mesh import box
 from skfem_stvk.mesh.locations import describe, facets_at, vertices_at
-from skfem_stvk.results.reactions import held_vertices
+from skfem_stvk.results.reactions import constrained_vertices
 
 MESH = box((2.0, 1.0, 1.0), (4, 2, 2))
 LAW = StVK(young=2.0, poisson=0.3, density=1.0)
@@ -56,7 +56,7 @@ def test_shapes_are_accepted_wherever_a_location_is_expected():
     u = np.cos(np.arange(plain.ndofs)) / 9
     assert np.array_equal(shapes.residual(u, 1.0), plain.residual(u, 1.0))
     assert np.array_equal(shapes.supports.held, plain.supports.held)
-    assert np.array_equal(held_vertices(shapes, wall, "wall"), held_vertices(plain, "left", "wall"))
+    assert np.array_equal(constrained_vertices(shapes, wall, "wall"), constrained_vertices(plain, "left", "wall"))
 
 
 def test_a_box_as_a_region_contains_elements_by_their_centres():

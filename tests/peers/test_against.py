@@ -19,7 +19,7 @@ from skfem_stvk.cli.main import main
 from skfem_stvk.peers import PEERS, available, load
 from skfem_stvk.peers.elsewhere import Elsewhere
 from skfem_stvk.peers.peer import lame
-from skfem_stvk.referee.against import opponent
+from skfem_stvk.referee.against import peer_candidate
 from skfem_stvk.referee.checks import precision
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 
@@ -29,7 +29,7 @@ CONSTANTS = ["--young", "1e5", "--poisson", "0.3"]
 
 
 def judged(name, **given):
-    with opponent(name, MESH, YOUNG, POISSON, **given) as (candidate, line):
+    with peer_candidate(name, MESH, YOUNG, POISSON, **given) as (candidate, line):
         return verify(MESH, young=YOUNG, poisson=POISSON, candidate=candidate, quiet=True), line
 
 
@@ -52,7 +52,7 @@ def part(tmp_path, monkeypatch):
 def test_an_installed_peer_passes(name, part, capsys):
     assert main(["verify", "part.vtu", *CONSTANTS, "--against", PEERS[name].module.upper()]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert f"candidate: {name}" in out and "known of it: " in out
+    assert f"candidate: {name}" in out and "known differences: " in out
 
 
 class OldFlex:
@@ -90,7 +90,7 @@ def test_a_version_with_a_known_error_is_still_judged(version, factor, part, cap
     assert main(["verify", "part.vtu", *CONSTANTS, "--against", "mujoco", "--out", "report"]) == (1 if factor != 1 else 0)
     assert "<th>candidate</th><td>MuJoCo" in (part / "report" / "report.html").read_text()
     out = " ".join(capsys.readouterr().out.split())
-    assert f"candidate: MuJoCo {version}, F; known of it" in out and "Releases before 4.0 take lambda twice" in out
+    assert f"candidate: MuJoCo {version}, F; known differences" in out and "Releases before 4.0 take lambda twice" in out
     assert ("lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in out) == (factor != 1)
     if factor != 1:
         report, _ = judged("mujoco")
@@ -123,14 +123,14 @@ def test_a_users_function_makes_a_candidate(part, capsys):
     run = ["verify", "part.vtu", *CONSTANTS, "--against"]
     assert main([*run, "users_own_code.py:Mine"]) == 0
     assert main([*run, "users_own_code:spoiling"]) == 0
-    assert "candidate: what users_own_code:spoiling gives" in capsys.readouterr().out
+    assert "candidate: the result of users_own_code:spoiling" in capsys.readouterr().out
     assert main([*run, "users_own_code:wrong"]) == 1
     out = " ".join(capsys.readouterr().out.split())
-    assert "failed agreement, F of candidate" in out and "What it is" in out
+    assert "failed agreement, F of candidate" in out and "Fault This explains" in " ".join(out.split())
     for function, words in {
         "raising": "raised KeyError: 'no such thing'",
         "leaving": "raised SystemExit: 3",
-        "empty": "users_own_code:empty gave None; expected an object that has any of energy",
+        "empty": "users_own_code:empty returned None; expected an object with at least one of energy",
         "number": "there is no function 'number'",
         "Mein": "Did you mean 'Mine'?",
     }.items():
@@ -139,11 +139,11 @@ def test_a_users_function_makes_a_candidate(part, capsys):
     (part / "broken_code.py").write_text("import nothing_of_this_name")
     for name, words in {
         "broken_code:f": "No module named 'nothing_of_this_name'",
-        "no_file.py:f": "no_file.py is no file of Python",
+        "no_file.py:f": "no_file.py is not a Python file",
         "abaqus": "known: 'DOLFINx', 'FElupe'",
         ":f": "expected module:function",
         "f:": "known: 'DOLFINx', 'FElupe'",
-        "mujoco:a:b": "a function is taken by JAX and PyTorch",
+        "mujoco:a:b": "expected no function for MuJoCo: only JAX and PyTorch",
     }.items():
         assert main([*run, name]) == 2
         assert words in " ".join(capsys.readouterr().err.split())
@@ -217,15 +217,15 @@ def test_an_energy_density_is_differentiated_by_a_library(name, monkeypatch):
 def test_a_density_is_found_by_its_name(part, monkeypatch):
     (part / "users_density.py").write_text("def W(F): return (F * F).sum()")
     monkeypatch.setitem(sys.modules, "torch", stand_in("PyTorch"))
-    with opponent("torch:users_density.py:W", MESH, YOUNG, POISSON) as (on, line):
+    with peer_candidate("torch:users_density.py:W", MESH, YOUNG, POISSON) as (on, line):
         assert line.startswith("users_density.py:W in PyTorch 0.0") and on(MESH).energy(np.zeros(24)) == pytest.approx(3.0, rel=0.2)
 
 
 def test_peers_refuse_elements_that_are_not_in_their_row():
-    with pytest.raises(StvkError, match="the mesh has triangles in 2D; MuJoCo is judged on tetrahedra in 3D"):
-        opponent("mujoco", sheet(1), YOUNG, POISSON).__enter__()
+    with pytest.raises(StvkError, match="the mesh has triangles in 2D; expected tetrahedra in 3D"):
+        peer_candidate("mujoco", sheet(1), YOUNG, POISSON).__enter__()
     with pytest.raises(StvkError, match=r"quadratic tetrahedra in 3D; .*--degree 1"):
-        opponent("ngsolve", MESH.with_degree(2), YOUNG, POISSON).__enter__()
+        peer_candidate("ngsolve", MESH.with_degree(2), YOUNG, POISSON).__enter__()
 
 
 @pytest.mark.parametrize(
@@ -234,9 +234,9 @@ def test_peers_refuse_elements_that_are_not_in_their_row():
         (["--against", "mujoco"], "--against needs --young"),
         (["--young", "nan", "--poisson", "0.3", "--against", "mujoco"], "young = nan; expected finite values"),
         (["--young", "1", "--poisson", "0.5", "--against", "mujoco"], "poisson .*; expected values in"),
-        ([*CONSTANTS, "--python", "python3"], "--python is that of --against"),
-        ([*CONSTANTS, "--against", "felupe", "--quadrature", "exact"], "--quadrature beside --against"),
-        ([*CONSTANTS, "--against", "felupe", "--results", "x"], "--against beside --results|--young"),
+        ([*CONSTANTS, "--python", "python3"], "--python needs --against"),
+        ([*CONSTANTS, "--against", "felupe", "--quadrature", "exact"], "--quadrature with --against"),
+        ([*CONSTANTS, "--against", "felupe", "--results", "x"], "--against with --results|--young"),
         ([*CONSTANTS, "--against", "math:sin", "--python", "python3"], "--python is for peers"),
         ([*CONSTANTS, "--against", "mujoco", "--python", "no/python"], "'no/python' cannot be run"),
     ],
@@ -360,7 +360,7 @@ def test_a_program_that_is_not_python_is_an_error(words, tmp_path):
     program = tmp_path / "program"
     program.write_text(f"#!/bin/sh\n{words}\n")
     program.chmod(0o755)
-    with pytest.raises(StvkError, match=r"answers what no peer does .* Is it a Python\?"):
+    with pytest.raises(StvkError, match=r"gave an invalid answer .* Check that it is a Python"):
         Elsewhere(program, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
 
 
@@ -405,7 +405,7 @@ def program_of(answer, folder, length=None):
 
 @pytest.mark.parametrize("name", ANSWERS)
 def test_a_malformed_answer_is_refused_with_a_readable_message(name, tmp_path):
-    with pytest.raises(StvkError, match=r"answers what no peer does .* Is it a Python\?"):
+    with pytest.raises(StvkError, match=r"gave an invalid answer .* Check that it is a Python"):
         Elsewhere(program_of(ANSWERS[name], tmp_path), "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
 
 

@@ -82,7 +82,7 @@ def test_a_basis_that_is_not_orthonormal_is_noticed():
 
 
 def test_verify_refuses_options_that_a_reduced_body_defines():
-    with pytest.raises(StvkError, match="young beside a reduced body"):
+    with pytest.raises(StvkError, match="young: a reduced body defines these"):
         verify(reduced_of(cube()), young=1.0)
 
 

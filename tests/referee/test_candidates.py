@@ -10,7 +10,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from skfem_stvk import StVK, StvkError, System, verify
 from skfem_stvk.referee.faults import FAULTS
-from skfem_stvk.referee.judgement import worst_places
+from skfem_stvk.referee.judgement import worst_locations
 from skfem_stvk.referee.results import CheckOutcome
 
 MESH = box(3)
@@ -201,7 +201,7 @@ def test_a_large_operator_is_checked_for_zero_modes_on_a_piece():
     operator = Candidate(tangent=lambda u: LinearOperator((mesh.p.size,) * 2, matvec=lambda v: body.tangent(u) @ v, dtype=float))
     report = verify(mesh, TERM, candidate=operator, quiet=True)
     (result,) = [r for r in report.results if r.check == "no further zero mode" and r.subject == "candidate"]
-    assert result.outcome is CheckOutcome.PASSED and "all others held" in result.scale
+    assert result.outcome is CheckOutcome.PASSED and "all others constrained" in result.scale
 
 
 def test_a_candidate_that_reuses_its_buffer_is_judged_correctly():
@@ -270,7 +270,7 @@ def test_a_candidate_that_exits_or_has_a_raising_property_does_not_stop_the_refe
 def test_the_worst_location_has_the_largest_error():
     error = np.zeros(MESH.p.size)
     error[17], error[3] = 1.0, 0.5
-    location = worst_places(MESH, error, 0.7)
+    location = worst_locations(MESH, error, 0.7)
     assert (location["dof"], location["node"], location["component"], location["nodes_off"]) == (17, 5, "z", 1)
     assert all(5 in MESH.t[:, element] for element in location["elements"]) and location["elements_off"] == 0
 
@@ -278,7 +278,7 @@ def test_the_worst_location_has_the_largest_error():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda mesh: None, "gave None; expected an object"),
+        (lambda mesh: None, "returned None; expected an object"),
         (lambda mesh: 1 / 0, "raised ZeroDivisionError"),
         (lambda mesh: exec("raise SystemExit(3)"), "raised SystemExit"),
     ],

@@ -138,7 +138,7 @@ def test_a_right_model_passes_and_single_precision_does_not():
 ON = {
     "one point dropped": ("curved triangles", "hexahedra", "quadrilaterals"),
     "a wrong weight": ("curved triangles", "hexahedra", "quadrilaterals"),
-    "middles exchanged": ("curved triangles",),
+    "midside nodes exchanged": ("curved triangles",),
     "curved taken as straight": ("curved triangles",),
 }
 

@@ -94,7 +94,7 @@ def test_twice_lambda_is_off_in_every_closed_form():
 
 
 def test_an_energy_that_depends_on_the_location_fails_under_translation():
-    failed = checked(FAULTS["energy of a place"].make(MESH, [TERM])).failures("candidate")
+    failed = checked(FAULTS["energy of position"].make(MESH, [TERM])).failures("candidate")
     assert {r.state for r in failed if r.check == "invariance"} == {"translation", "rotation", "reflection"}
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skfem_stvk import verify
-from skfem_stvk.referee.players import Foul, Player
+from skfem_stvk.referee.implementations import ContractViolation, Implementation
 from skfem_stvk.referee.results import CheckOutcome
 from validation.hostile import candidates
 from validation.hostile.candidates import RIGHT, WRONG, Candidate, attempt, judge
@@ -23,26 +23,26 @@ NUMBERS = {
 }
 
 
-def tried(candidate):
-    """Return W, F, K and a product with K of the candidate, or the contract violation."""
+def tried(implementation):
+    """Return W, F, K and a product with K, or the violation."""
     try:
-        return [candidate.W(U), candidate.F(U), candidate.K(U) @ U]
-    except Foul as foul:
-        return foul
+        return [implementation.W(U), implementation.F(U), implementation.K(U) @ U]
+    except ContractViolation as violation:
+        return violation
 
 
 @pytest.mark.filterwarnings("ignore:Constructing a DIA matrix")
 @pytest.mark.parametrize("name", WRONG)
 def test_every_candidate_gives_a_value_or_a_described_violation(name):
-    found = tried(Player("candidate", WRONG[name](BODY), BODY.ndofs))
+    found = tried(Implementation("candidate", WRONG[name](BODY), BODY.ndofs))
     if name in NUMBERS:
         assert isinstance(found, list) and (name == "every third force is off" or not all(map(same, found, tried_right())))
     else:
-        assert isinstance(found, Foul) and "candidate." in str(found) and len(str(found)) < 600
+        assert isinstance(found, ContractViolation) and "candidate." in str(found) and len(str(found)) < 600
 
 
 def tried_right():
-    return tried(Player("right", BODY, BODY.ndofs))
+    return tried(Implementation("right", BODY, BODY.ndofs))
 
 
 def same(one, other):
@@ -79,8 +79,10 @@ def test_the_referee_keeps_no_array_of_a_candidate():
     """F and K of the referee do not change if the candidate overwrites the arrays that it returned."""
     K = BODY.tangent(U)
     F = BODY.internal_force(U)
-    candidate = Player("candidate", Candidate(BODY, tangent=lambda body, u: K, internal_force=lambda body, u: F), BODY.ndofs)
-    returned = candidate.K(U), candidate.F(U)
+    implementation = Implementation(
+        "candidate", Candidate(BODY, tangent=lambda body, u: K, internal_force=lambda body, u: F), BODY.ndofs
+    )
+    returned = implementation.K(U), implementation.F(U)
     before = returned[0].data.copy(), returned[1].copy()
     K.data[:] = F[:] = 0
     assert (

@@ -47,20 +47,20 @@ def test_the_self_test_is_saved_as_json_and_html(found, tmp_path):
 
 
 def test_an_uncaught_fault_does_not_pass():
-    missed = SelfTest(caught={"twice lambda": {}, "half mu": {"agreement": "W"}}, right={"isotropic": {}})
+    missed = SelfTest(caught={"twice lambda": {}, "half mu": {"agreement": "W"}}, false_alarms={"isotropic": {}})
     assert not missed.passed and missed.missed == ["twice lambda"] and "not caught: twice lambda" in str(missed)
 
 
 def test_a_wrong_name_does_not_pass(found):
     assert len(found.named) == len(FAULTS) and not found.unnamed and not found.wrong_names and "wrong names: 0" in str(found)
     for names in ([], ["mu halved", "lambda doubled"]):
-        wrong = SelfTest(found.caught, found.right, found.named | {"half mu": names})
+        wrong = SelfTest(found.caught, found.false_alarms, found.named | {"half mu": names})
         assert not wrong.passed and ("not named: half mu" if not names else "half mu: ['lambda doubled']") in str(wrong)
     assert SelfTest(named={"skew K": ["K x 2"]}).wrong_names == {"skew K": ["K x 2"]}
 
 
 def test_a_check_that_catches_nothing_does_not_pass():
-    idle = SelfTest(caught={"twice lambda": {check: "F" for check in CHECKS if check != "patch test"}}, right={})
+    idle = SelfTest(caught={"twice lambda": {check: "F" for check in CHECKS if check != "patch test"}}, false_alarms={})
     assert "patch test" in idle.idle and not idle.passed
 
 
@@ -69,12 +69,12 @@ def test_a_check_without_a_fault_of_its_own_must_back_up_others(found, check):
     others, _ = BACKS_UP[check]
     assert not found.alone(check) and found.alone(check, others)
     caught = {name: checks for name, checks in found.caught.items() if name not in found.alone(check, others)}
-    assert check in SelfTest(caught=caught, right=found.right).idle
+    assert check in SelfTest(caught=caught, false_alarms=found.false_alarms).idle
 
 
 def test_a_right_model_that_fails_does_not_pass(found):
-    wrong = SelfTest(caught=found.caught, right={"curved": {"symmetry": "K"}})
-    assert found.passed and not wrong.passed and "the right model fails on curved" in as_text(wrong.rendered())
+    wrong = SelfTest(caught=found.caught, false_alarms={"curved": {"symmetry": "K"}})
+    assert found.passed and not wrong.passed and "the correct model fails on curved" in as_text(wrong.rendered())
 
 
 def test_a_referee_without_a_check_does_not_pass(monkeypatch):
@@ -85,7 +85,7 @@ def test_a_referee_without_a_check_does_not_pass(monkeypatch):
 
 def test_the_command_refuses_a_body_and_returns_its_outcome(monkeypatch, capsys, tmp_path):
     assert main(["verify", "part.msh", "--self-test"]) == 2
-    assert "a mesh beside --self-test" in " ".join(capsys.readouterr().err.split())
+    assert "a mesh with --self-test" in " ".join(capsys.readouterr().err.split())
     few = dict(list(FAULTS.items())[:1])
     monkeypatch.setattr(module, "FAULTS", few)
     monkeypatch.setattr(module, "bodies", lambda: {"isotropic": bodies()["isotropic"]})

@@ -62,7 +62,7 @@ def test_a_series_on_disk_gives_the_film_of_its_states(tmp_path, name):
 
 def test_colours_and_axes_are_those_of_all_frames():
     states = motion(count=8)
-    view, shots = plotting._of_states(states, "displacement", 3.0, None).developed()
+    view, shots = plotting._of_states(states, "displacement", 3.0, None).view_and_pictures()
     shots = list(shots)
     values = np.concatenate([picture.values.ravel() for _, picture in shots])
     assert view.limits == (pytest.approx(values.min()), pytest.approx(values.max()))
@@ -86,7 +86,7 @@ def test_only_the_body_and_the_time_change_between_frames(tmp_path):
 def test_a_body_is_drawn_in_the_dimension_of_its_space(tmp_path):
     for name, d in {"segments": 1, "cable in the plane": 2, "triangles": 2, "cable": 3, "membrane": 3, "tetrahedra": 3}.items():
         film = plotting._of_files(saved(tmp_path / "body.pvd", motion(name, 2)), "displacement", 1.0, None)
-        _, shots = film.developed()
+        _, shots = film.view_and_pictures()
         assert {picture.d for _, picture in shots} == {d}, name
 
 
@@ -106,7 +106,7 @@ def test_velocities_colour_a_film_by_their_length(tmp_path):
         plotting._of_states(states, "velocity", 1.0, None),
         plotting._of_files(saved(tmp_path / "body.pvd", states), "velocity", 1.0, None),
     ):
-        shots = [picture for _, picture in film.developed()[1]]
+        shots = [picture for _, picture in film.view_and_pictures()[1]]
         assert shots[0].label == "velocity [mm/s]"
         for i, picture in enumerate(shots):
             speed = 1e3 * (1 + i) * np.linalg.norm(u[::-1].reshape(-1, 2), axis=1)
@@ -121,12 +121,12 @@ def test_fields_of_files_have_their_names_and_units(tmp_path):
         ("von_mises_stress", "von Mises stress [kPa]"),
         ("volume_ratio", "volume ratio"),
     ):
-        _, shots = plotting._of_files(series, field, 1.0, None).developed()
+        _, shots = plotting._of_files(series, field, 1.0, None).view_and_pictures()
         _, picture = next(shots)
         assert picture.label == label
         expected = np.asarray(states[0][1].at_nodes(field))[picture.cells]
         np.testing.assert_allclose(picture.values, expected * (1e-3 if "kPa" in label else 1), rtol=1e-9)
-    _, shots = plotting._of_files(series, "von_mises", 1.0, "stress [psi]").developed()
+    _, shots = plotting._of_files(series, "von_mises", 1.0, "stress [psi]").view_and_pictures()
     _, picture = next(shots)
     assert picture.label == "stress [psi]" and picture.values.max() > 1e3, "numbers stay as they are"
 
@@ -134,7 +134,7 @@ def test_fields_of_files_have_their_names_and_units(tmp_path):
 def test_missing_values_of_files_are_masked_in_the_film(tmp_path):
     right = np.flatnonzero(MESHES["triangles"].p[0, MESHES["triangles"].t].mean(axis=0) > 0.6)
     series = saved(tmp_path / "body.pvd", motion(region=right))
-    _, shots = plotting._of_files(series, "von_mises", 1.0, None).developed()
+    _, shots = plotting._of_files(series, "von_mises", 1.0, None).view_and_pictures()
     _, picture = next(shots)
     assert 0 < np.ma.getmaskarray(picture.values).mean() < 1
 
@@ -145,11 +145,11 @@ def test_invalid_films_are_refused(tmp_path):
     (tmp_path / "lost.pvd").write_text('<VTKFile><Collection><DataSet timestep="0" file="no.vtu"/></Collection></VTKFile>')
     (tmp_path / "none.pvd").write_text("hello")
     for arguments, message in (
-        ({"path": tmp_path / "body.avi"}, r"does not end in \.gif or \.mp4"),
+        ({"path": tmp_path / "body.avi"}, r"expected a path that ends in .gif or .mp4"),
         ({"path": tmp_path / "no" / "body.gif"}, "does not exist"),
-        ({"field": "volume_ratio"}, r"body_0000\.vtu holds no numbers 'volume_ratio'; known: 'displacement', 'von_mises_stress'"),
-        ({"series": tmp_path / "missing.pvd"}, r"missing\.pvd is no series of results"),
-        ({"series": tmp_path / "none.pvd"}, r"none\.pvd is no series of results"),
+        ({"field": "volume_ratio"}, r"body_0000\.vtu has no field 'volume_ratio'; known: 'displacement', 'von_mises_stress'"),
+        ({"series": tmp_path / "missing.pvd"}, r"missing\.pvd is not a series of results"),
+        ({"series": tmp_path / "none.pvd"}, r"none\.pvd is not a series of results"),
         ({"series": tmp_path / "empty.pvd"}, "lists no states"),
         ({"series": tmp_path / "lost.pvd"}, r"no\.vtu cannot be read"),
         ({"series": []}, "has no states"),
@@ -172,12 +172,12 @@ def test_frames_of_another_mesh_are_refused(tmp_path):
     others = [motion("tetrahedra")[0][1], Fields(moved, StVK(young=1.0, poisson=0.3)).at(0 * mesh.p.ravel())]
     for number, other in enumerate(others):
         states = [*motion(count=2), (0.1, other)]
-        with pytest.raises(StvkError, match="state 2 is of another mesh than state 0"):
+        with pytest.raises(StvkError, match="state 2 belongs to another mesh than state 0"):
             animate(states, tmp_path / "body.gif")
-        with pytest.raises(StvkError, match=r"_0002\.vtu is of another mesh than .*_0000\.vtu"):
+        with pytest.raises(StvkError, match=r"_0002\.vtu belongs to another mesh than .*_0000\.vtu"):
             animate(saved(tmp_path / f"{number}.pvd", states), tmp_path / "body.gif")
     half = ElementMesh(mesh.p, mesh.t[:, ::2])
-    with pytest.raises(StvkError, match="state 1 is of another mesh"):
+    with pytest.raises(StvkError, match="state 1 belongs to another mesh"):
         animate([motion()[0], (0.1, Fields(half, StVK(young=1.0, poisson=0.3)).at(0 * mesh.p.ravel()))], tmp_path / "body.gif")
     assert not list(tmp_path.glob("*.gif"))
 
@@ -186,7 +186,7 @@ def test_files_with_as_many_other_elements_are_drawn_with_their_elements(tmp_pat
     mesh, law = MESHES["triangles"], StVK(young=1.0, poisson=0.3)
     halves = [ElementMesh(mesh.p, mesh.t[:, begin : begin + mesh.nt // 2]) for begin in (0, mesh.nt // 2)]
     series = saved(tmp_path / "body.pvd", [(0.1 * k, Fields(half, law).at(0 * mesh.p.ravel())) for k, half in enumerate(halves)])
-    _, shots = plotting._of_files(series, "displacement", 1.0, None).developed()
+    _, shots = plotting._of_files(series, "displacement", 1.0, None).view_and_pictures()
     drawn = [{tuple(sorted(cell)) for cell in picture.cells.T.tolist()} for _, picture in shots]
     assert drawn == [{tuple(sorted(cell)) for cell in half.t.T.tolist()} for half in halves]
 
@@ -203,7 +203,7 @@ def test_times_that_are_not_finite_are_refused(tmp_path, time):
 def test_a_frame_without_the_field_is_refused(tmp_path):
     series = saved(tmp_path / "body.pvd", motion())
     write_vtu(tmp_path / "body_0001.vtu", motion()[1][1], ["volume_ratio"])
-    with pytest.raises(StvkError, match=r"body_0001\.vtu holds no numbers 'von_mises'"):
+    with pytest.raises(StvkError, match=r"body_0001\.vtu has no field 'von_mises'"):
         animate(series, tmp_path / "body.gif", "von_mises")
 
 
@@ -257,5 +257,5 @@ def test_a_pipe_instead_of_a_series_or_one_of_its_files_is_refused(tmp_path, kin
         os.mkfifo(tmp_path / "run.pvd")
     else:
         (tmp_path / "run.pvd").write_text(listed)
-    with pytest.raises(StvkError, match="it is no regular file"):
+    with pytest.raises(StvkError, match="it is not a regular file"):
         animate(tmp_path / "run.pvd", tmp_path / "film.gif")

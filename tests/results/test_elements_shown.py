@@ -9,7 +9,7 @@ from bodies import CURVED, EVERY_MESH, state
 from skfem_stvk import ElementMesh, StVK, read_mesh
 from skfem_stvk.mesh.points import sizes_of
 from skfem_stvk.results import Fields
-from skfem_stvk.results.picture import Lattice, Sight, picture_of, visible_faces
+from skfem_stvk.results.picture import Lattice, VisibleMesh, picture_of, visible_faces
 from skfem_stvk.results.plotting import animate, plot
 from skfem_stvk.results.series import Series
 from skfem_stvk.results.vtu import write_vtu
@@ -85,14 +85,14 @@ def test_outlines_of_curved_bodies_are_curved():
     q[:, rim] /= np.linalg.norm(q[:, rim], axis=0)
     found = []
     for mesh in (straight, ElementMesh(q, straight.t, element=straight.element)):
-        picture = Sight(mesh).picture(np.zeros((mesh.nv, 2)), np.zeros(mesh.t.shape), "", 1.0)
+        picture = VisibleMesh(mesh).picture(np.zeros((mesh.nv, 2)), np.zeros(mesh.t.shape), "", 1.0)
         found.append(np.linalg.norm(np.diff(picture.rest[picture.lines], axis=0), axis=2).sum())
     assert found[0] == pytest.approx(6, rel=1e-12) and found[1] == pytest.approx(2 * np.pi, rel=4e-3)
 
 
 def test_the_outline_of_a_box_has_twelve_edges():
     mesh = ElementMesh.of(skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3))
-    picture = Sight(mesh).picture(np.zeros((mesh.nv, 3)), np.zeros(mesh.t.shape), "", 1.0)
+    picture = VisibleMesh(mesh).picture(np.zeros((mesh.nv, 3)), np.zeros(mesh.t.shape), "", 1.0)
     assert np.linalg.norm(np.diff(picture.rest[picture.lines], axis=0), axis=2).sum() == pytest.approx(12)
 
 

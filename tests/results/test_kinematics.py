@@ -151,7 +151,7 @@ def test_only_requested_fields_are_computed():
     now = at("tetrahedra, isotropic")
     now["volume_ratio"]
     (response,) = now.responses
-    known = {function.__name__ for function in response._known}
+    known = {function.__name__ for function in response._cache}
     assert known == {"volume_ratio", "deformation_gradient"} and "_response" not in response.__dict__
     first = now["cauchy"]
     assert now["cauchy_stress"] is first

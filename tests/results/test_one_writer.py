@@ -135,7 +135,7 @@ def test_a_disk_without_locks_gives_a_warning(path, code, monkeypatch):
         raise OSError(code, os.strerror(code))
 
     monkeypatch.setattr("fcntl.flock", refuse)
-    with pytest.warns(StvkWarning, match=r"has no locks: see to it that no other run writes there"), OneWriter(path) as writer:
+    with pytest.warns(StvkWarning, match=r"has no locks. Make sure that no other run writes there"), OneWriter(path) as writer:
         assert writer.held
 
 

@@ -132,16 +132,17 @@ def test_invalid_plots_are_refused(tmp_path):
         ({"field": "displacements"}, "no field 'displacements'; known: .* Did you mean 'displacement'?"),
         (
             {"field": "cauchy"},
-            r'cauchy_stress has 3 x 3 components; a picture shows one number. Take one of displacement, .* field=state\["cauchy"\]',
+            r"cauchy_stress has 3 x 3 components; expected a field with one component, such as displacement, "
+            r'.* field=state\["cauchy"\]',
         ),
         ({"field": "principal_stretches"}, r"has 3 components.*state\[\"principal_stretches\"\]\[:, 0\], label"),
         (
             {"field": np.zeros(7)},
-            r"field has shape \(7,\); expected a name, or a number for each of the 162 elements or 64 vertices",
+            r"field has shape \(7,\); expected a name, or one number for each of the 162 elements or 64 vertices",
         ),
         ({"scale": np.inf}, "scale = inf"),
         ({"backend": "paraview"}, "backend = 'paraview'; known: 'matplotlib', 'pyvista'"),
-        ({"path": tmp_path / "body.vtu"}, "does not end in .png or .pdf or .svg"),
+        ({"path": tmp_path / "body.vtu"}, "expected a path that ends in .png or .pdf or .svg"),
         ({"path": tmp_path / "no" / "body.png"}, "does not exist"),
     ):
         with pytest.raises(StvkError, match=message):

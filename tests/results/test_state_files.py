@@ -73,11 +73,11 @@ def test_an_equilibrium_is_read_back_as_saved(tmp_path):
 @pytest.mark.parametrize(
     ("mesh", "message"),
     [
-        (box((2.0, 1.0), (4, 3)), r"is of another mesh: it has 15 vertices, this one 20\. Its states are of the mesh"),
-        (MESH.with_degree(2), r"is of another mesh: it has 15 nodes, this one 45"),
-        (box((4.0, 1.0), (4, 2)), r"is of another mesh: 12 vertices \(3, 4, 5, 6, 7, \.\.\.\) of 15 are elsewhere"),
-        (box((2.0, 1.0), (4, 2), "quadrilaterals"), r"is of another mesh: it has triangles, this one quadrilaterals"),
-        (ElementMesh(MESH.p, MESH.t[[1, 0, 2]]), r"is of another mesh: 16 of its 16 elements are none of this one"),
+        (box((2.0, 1.0), (4, 3)), r"belongs to another mesh: it has 15 vertices, this one 20\. Pass the mesh"),
+        (MESH.with_degree(2), r"belongs to another mesh: it has 15 nodes, this one 45"),
+        (box((4.0, 1.0), (4, 2)), r"belongs to another mesh: 12 vertices \(3, 4, 5, 6, 7, \.\.\.\) of 15 have other coordinates"),
+        (box((2.0, 1.0), (4, 2), "quadrilaterals"), r"belongs to another mesh: it has triangles, this one quadrilaterals"),
+        (ElementMesh(MESH.p, MESH.t[[1, 0, 2]]), r"belongs to another mesh: 16 of its 16 elements are not in this mesh"),
     ],
 )  # fmt: skip
 def test_another_mesh_is_refused(mesh, message, tmp_path):
@@ -90,9 +90,7 @@ def test_removed_elements_are_reported(tmp_path):
     fields, (_, u, _) = Fields(MESH, LAW), moving(MESH)
     fields.leave_out([0, 5])
     path = write_vtu(tmp_path / "torn.vtu", fields.at(u))
-    with pytest.warns(
-        StvkWarning, match=r"of a body that had lost 2 of its 16 elements; the one that begins with its state has them"
-    ):
+    with pytest.warns(StvkWarning, match=r"the state of a body from which 2 of 16 elements were removed. The new body has all"):
         assert np.array_equal(read_state(path, MESH)[0], u)
 
 
@@ -106,14 +104,18 @@ def test_other_files_are_refused(tmp_path):
     text = good.read_bytes()
     (tmp_path / "other.vtu").write_bytes(text.replace(b"displacement", b"deplacement_"))
     for name, time, message in (
-        ("missing.vtu", None, r"There is no file .*missing\.vtu; expected the \.vtu or \.pvd file of a run"),
+        ("missing.vtu", None, r"path = .*missing\.vtu: there is no such file; expected the \.vtu or \.pvd file of a run"),
         ("cut.vtu", None, r"cut\.vtu cannot be read"),
-        ("cut.pvd", None, r"cut\.pvd is no series of results"),
+        ("cut.pvd", None, r"cut\.pvd is not a series of results"),
         ("empty.pvd", None, r"empty\.pvd lists no states"),
-        ("notes.txt", None, r"notes\.txt is no file of states; expected a \.vtu or \.pvd file"),
-        ("good.vtu", 0.5, r"time = 0\.5, but .*good\.vtu holds one state, without its time"),
+        ("notes.txt", None, r"notes\.txt is not a file of states; expected a \.vtu or \.pvd file"),
+        ("good.vtu", 0.5, r"time = 0\.5, but .*good\.vtu has one state and no time"),
         ("good.vtu", "end", r"time = 'end'; expected a finite time or load factor"),
-        ("other.vtu", None, r"holds no displacements, so it is no result of this package: it has \['deplacement_', 'velocity'\]"),
+        (
+            "other.vtu",
+            None,
+            r"has no displacements; expected a result of this package. Its fields are \['deplacement_', 'velocity'\]",
+        ),
     ):
         with pytest.raises(StvkError, match=message):
             read_state(tmp_path / name, MESH, time)
@@ -151,13 +153,13 @@ def test_a_checkpoint_of_a_path_holds_each_of_its_states(tmp_path):
 def test_checkpoints_of_another_mesh_and_other_folders_are_refused(tmp_path):
     kicked(0.1, checkpoint=tmp_path / "kept")
     for mesh, message in (
-        (box((2.0, 1.0), (4, 3)), r"is of another mesh: it has 15 vertices and 16 elements, this one 20 and 24"),
-        (MESH.scaled(1.001), r"is of another mesh: its vertices are elsewhere, or its elements have others"),
+        (box((2.0, 1.0), (4, 3)), r"belongs to another mesh: it has 15 vertices and 16 elements, this one 20 and 24"),
+        (MESH.scaled(1.001), r"belongs to another mesh: its vertices or its elements differ"),
     ):
         with pytest.raises(StvkError, match=message):
             read_state(tmp_path / "kept", mesh)
     (tmp_path / "none").mkdir()
-    with pytest.raises(StvkError, match=r"is no checkpoint: it has neither motion\.npz nor state_\*\.npz"):
+    with pytest.raises(StvkError, match=r"is not a checkpoint: it has neither motion\.npz nor state_\*\.npz"):
         read_state(tmp_path / "none", MESH)
     file = tmp_path / "kept" / "motion.npz"
     file.write_bytes(file.read_bytes()[:-200])
@@ -169,10 +171,10 @@ def test_a_checkpoint_without_its_mesh_or_its_time_is_refused(tmp_path):
     kicked(0.1, checkpoint=tmp_path / "kept")
     file = tmp_path / "kept" / "motion.npz"
     header, arrays = read_archive(file, MotionHeader, MotionCheckpoint.known, "")
-    changes = [("the mesh", "it does not say of which mesh it is"), ("t", r"now\.t: Field required")]
+    changes = [("the mesh", "it does not identify its mesh"), ("t", r"now\.t: Field required")]
     for name, why in changes:
         other = header.model_dump()
         del (other["now"] if name == "t" else other["problem"]["numbers"])[name]
         write_archive(file, other, arrays)
-        with pytest.raises(StvkError, match=rf"motion\.npz is damaged: {why}\. Take another file of the run"):
+        with pytest.raises(StvkError, match=rf"motion\.npz is damaged: {why}\. Use another file of the run"):
             read_state(tmp_path / "kept", MESH)

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from skfem_stvk.results.files import NotOurs, content_of
+from skfem_stvk.results.files import ForeignFile, content_of
 from skfem_stvk.results.store import Header, Record, read_archive, write_archive
 
 
@@ -28,7 +28,7 @@ def test_an_array_that_declares_too_many_entries_takes_no_memory(tmp_path, versi
     assert few != member.getvalue() and len(few) == len(member.getvalue())
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("array y.npy", few)
-    with pytest.raises(NotOurs, match=r"array y.npy declares more numbers than there are") as caught:
+    with pytest.raises(ForeignFile, match=r"array y.npy declares more numbers than there are") as caught:
         read_archive(path, Plain, known, "")
     assert not isinstance(caught.value.__cause__, MemoryError)
 
@@ -42,7 +42,7 @@ def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
     write_archive(path, {"format": "test", "version": 1}, {"x": np.ones(100_000)})
     before, _, after = path.read_bytes().rpartition(b"{'descr'")
     path.write_bytes(before + b"z'descr'" + after)
-    with pytest.raises(NotOurs, match=r"incomplete, or was not written here .*(TokenError|Cannot parse header)"):
+    with pytest.raises(ForeignFile, match=r"incomplete, or was not written by this package .*(TokenError|Cannot parse header)"):
         read_archive(path, Plain, known, "")
 
 
@@ -50,7 +50,7 @@ def test_a_compressed_archive_is_refused(tmp_path):
     """A compressed archive is refused, because it may expand beyond the memory."""
     path = tmp_path / "a.npz"
     np.savez_compressed(path, header=np.array("{}"), digest=np.array(""), **{"array x": np.zeros(10_000)})
-    with pytest.raises(NotOurs, match=r"header.npy is compressed; expected arrays as np.savez writes them"):
+    with pytest.raises(ForeignFile, match=r"header.npy is compressed; expected arrays as np.savez writes them"):
         read_archive(path, Plain, ("test", 1), "")
 
 
@@ -87,5 +87,5 @@ def test_a_header_with_an_impossible_signature_is_refused_in_words(tmp_path, cha
     write_archive(path, header | {"problem": SIGNATURE}, {})
     assert asdict(read_archive(path, Header, ("test", 1), "")[0].problem) == SIGNATURE
     write_archive(path, header | {"problem": SIGNATURE | change}, {})
-    with pytest.raises(NotOurs, match=rf"a\.npz is damaged: problem.*{why}"):
+    with pytest.raises(ForeignFile, match=rf"a\.npz is damaged: problem.*{why}"):
         read_archive(path, Header, ("test", 1), "")

@@ -89,7 +89,7 @@ def test_unknown_fields_are_refused_before_anything_is_written(tmp_path):
 
 def test_paths_that_cannot_be_written_are_refused(tmp_path):
     for path, message in (
-        (tmp_path / "body.vtk", "does not end in .vtu, which is what is written here. Name it body.vtu"),
+        (tmp_path / "body.vtk", "expected a path that ends in .vtu, such as body.vtu"),
         ("", "path = ''; expected the path of a file that ends in .vtu"),
         (None, "path = None; expected the path of a file that ends in .vtu"),
         ("body\0.vtu", r"path = 'body\\x00\.vtu'; expected the path of a file"),

@@ -79,7 +79,7 @@ CASES = [
     Broken(
         "a mesh of no kind",
         [('type = "box"\nsize = [2.0', "size = [2.0")],
-        "scene.toml: mesh, line 3: the key 'type' is missing, which says what it is: one of box, cylinder, bar, or file = the "
+        "scene.toml: mesh, line 3: the key 'type' is missing, which selects the kind: one of box, cylinder, bar, or file = the "
         "path of a mesh file",
     ),
     Broken(
@@ -132,7 +132,7 @@ CASES = [
         "a misspelt type key",
         [('type = "traction"', 'tipe = "traction"')],
         (
-            "scene.toml: terms[2].tipe, line 27: unknown key; did you mean 'type'? It says what it is: one of stvk, "
+            "scene.toml: terms[2].tipe, line 27: unknown key; did you mean 'type'? It selects the kind: one of stvk, "
             "neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, "
             "elastic-foundation, gravity, body-force, nodal-load, traction, pressure"
         ),
@@ -154,16 +154,16 @@ CASES = [
         "a number with its unit",
         [("210e9", "210 GPa")],
         (
-            "scene.toml, line 14, column 13: expected newline or end of document after a statement. Numbers have a point, no comma "
-            "and no unit; text needs quotation marks; several values stand in [brackets].\n    young = 210 GPa\n                ^"
+            "scene.toml, line 14, column 13: expected newline or end of document after a statement. Numbers have a decimal point, "
+            "no comma and no unit; text needs quotation marks; lists need [brackets].\n    young = 210 GPa\n                ^"
         ),
     ),
     Broken(
         "a comma in a number",
         [("0.3", "0,3")],
         (
-            "scene.toml, line 15, column 12: expected newline or end of document after a statement. Numbers have a point, no comma "
-            "and no unit; text needs quotation marks; several values stand in [brackets].\n    poisson = 0,3\n               ^"
+            "scene.toml, line 15, column 12: expected newline or end of document after a statement. Numbers have a decimal point, "
+            "no comma and no unit; text needs quotation marks; lists need [brackets].\n    poisson = 0,3\n               ^"
         ),
     ),
     Broken(
@@ -211,8 +211,8 @@ CASES = [
         "a material twice",
         [('[[terms]]\ntype = "stvk"', '[materials.steel]\nyoung = 1e6\n\n[[terms]]\ntype = "stvk"')],
         (
-            "scene.toml, line 18, column 17: cannot declare ('materials', 'steel') twice. 'materials.steel' is there already, "
-            "in line 12: remove one of them. Lists of tables have [[two brackets]] each time.\n"
+            "scene.toml, line 18, column 17: cannot declare ('materials', 'steel') twice. 'materials.steel' is already defined "
+            "in line 12: remove one of them. Each entry of a list of tables needs [[two brackets]].\n"
             "    [materials.steel]\n                    ^"
         ),
     ),
@@ -307,46 +307,43 @@ CASES = [
             ('integrator = "energy-momentum"', 'integrator = "velocity-verlet"'),
             ("[output]", '[solver]\nname = "superlu"\n\n[output]'),
         ],
-        "scene.toml: solver.name, line 41: velocity-verlet solves no linear systems, so it has no use for it; remove it",
+        "scene.toml: solver.name, line 41: velocity-verlet solves no linear systems; remove this key",
     ),
     Broken(
         "a file outside",
         [('file = "beam.pvd"', 'file = "../beam.pvd"')],
-        ("scene.toml: output.file, line 41: '../beam.pvd' is no name in the folder of results; give one alone, such as 'body.pvd'"),
+        ("scene.toml: output.file, line 41: '../beam.pvd' is not a file name; expected a name without folders, such as 'body.pvd'"),
     ),
     Broken(
         "a file of an unknown kind",
         [('file = "beam.pvd"', 'file = "beam.vtk"')],
         (
-            "scene.toml: output.file, line 41: got 'beam.vtk'; expected a name that ends in .pvd (states on the way) "
-            "or .vtu (the last one)"
+            "scene.toml: output.file, line 41: got 'beam.vtk'; expected a name that ends in .pvd (series of states) "
+            "or .vtu (last state)"
         ),
     ),
     Broken(
         "nothing to plot",
         [('["tip", "ledger"]', '["tpi", "ledger"]')],
-        (
-            "scene.toml: output.plots[0], line 44: there is nothing to plot by the name 'tpi'; known: 'ledger', 'tip', "
-            "'wall'. Did you mean 'tip'?"
-        ),
+        ("scene.toml: output.plots[0], line 44: unknown plot 'tpi'; known: 'ledger', 'tip', 'wall'. Did you mean 'tip'?"),
     ),
     Broken(
         "one name twice",
         [("reactions = { wall", "reactions = { tip")],
-        "scene.toml: output.reactions.tip, line 43: is the name of a probe as well; rename one of them",
+        "scene.toml: output.reactions.tip, line 43: is also the name of a probe; rename one of them",
     ),
     *(
         Broken(
             f"a probe named {name}",
             [("probes = { tip", f'probes = {{ {name} = "right", tip')],
-            f"scene.toml: output.probes.{name}, line 42: is the name of results or of a plot as well; choose another name",
+            f"scene.toml: output.probes.{name}, line 42: is also the name of a result or plot; choose another name",
         )
         for name in ("energy", "ledger", "time", "displacement", "critical")
     ),
     Broken(
         "a reaction named as a plot",
         [("reactions = { wall", 'reactions = { ledger = "left", wall')],
-        "scene.toml: output.reactions.ledger, line 43: is the name of results or of a plot as well; choose another name",
+        "scene.toml: output.reactions.ledger, line 43: is also the name of a result or plot; choose another name",
     ),
     Broken(
         "an expectation of nothing",
@@ -452,7 +449,8 @@ CASES = [
     Broken(
         "too many threads",
         [('units = "SI"', 'units = "SI"\nthreads = 1000')],
-        f"scene.toml: threads, line 2: 1000 are more than the {threads()} of this process; NUMBA_NUM_THREADS sets these",
+        f"scene.toml: threads, line 2: 1000; expected at most {threads()}, the number of threads of this process, which "
+        "NUMBA_NUM_THREADS sets",
     ),
     Broken(
         "a bracket that is not closed",
@@ -467,7 +465,7 @@ CASES = [
     Broken(
         "a name of the mesh taken",
         [("edge =", "left =")],
-        "scene.toml: places.left, line 9: the mesh has a boundary or a node set of this name as well; rename it.",
+        "scene.toml: places.left, line 9: the mesh has a boundary or a node set of the same name; rename the place.",
     ),
     Broken(
         "a table of times that falls",
@@ -549,15 +547,15 @@ def test_an_error_in_a_set_value_names_its_setting(tmp_path, capsys):
     path = str(broken(tmp_path, []))
     for setting, message in (
         ("analysis.dt=0", "analysis.dt, from --set analysis.dt=0: got 0; expected a value greater than 0"),
-        ("terms[7].g=[0,0,1]", "--set terms[7].g=[0,0,1]: terms has 3 entries, counted from 0; there is none of the number 7."),
-        ("terms.g=1", "terms is no table, and has no key 'g'; entries of a list have a number, as in terms[0].g"),
+        ("terms[7].g=[0,0,1]", "--set terms[7].g=[0,0,1]: terms has 3 entries, counted from 0; expected a number below 3, not 7."),
+        ("terms.g=1", "terms is not a table, so it has no key 'g'; entries of a list need a number, as in terms[0].g"),
         ("analysis.dt", "expected KEY=VALUE"),
         ("analysis.dt=[1", "unclosed array"),
         ("analysis.dt=0.1\nuntil=5", "has several lines with keys; expected one value"),
         ("analysis.dt=0.1\n[output]\nevery = 3", "has several lines with keys; expected one value"),
-        (".analysis.dt=1", "'.analysis.dt' is no key"),
-        ("terms.[0].g=1", "'terms.[0].g' is no key"),
-        ("output.plots=['tpi']", "output.plots[0], from --set output.plots=['tpi']: there is nothing to plot"),
+        (".analysis.dt=1", "'.analysis.dt' is not a key"),
+        ("terms.[0].g=1", "'terms.[0].g' is not a key"),
+        ("output.plots=['tpi']", "output.plots[0], from --set output.plots=['tpi']: unknown plot"),
         ("terms[-1].on=3", "terms[2].on, from --set terms[-1].on=3: got 3"),
         ("matrials.steel.young=1", "matrials, from --set matrials.steel.young=1: unknown key; did you mean 'materials'?"),
         (
@@ -575,8 +573,8 @@ def test_files_that_are_not_scenes_are_refused(tmp_path, capsys):
     (tmp_path / "latin.toml").write_bytes("title = 'Träger'".encode("latin-1"))
     for name, message in (
         ("empty.toml", "is empty. `skfem-stvk init --type static"),
-        ("mesh.msh", "is no text. A mesh file? It is named in a scene"),
-        ("latin.toml", "line 1: byte 0xe4 is no UTF-8"),
+        ("mesh.msh", "is not a text file; expected a scene, which names its mesh"),
+        ("latin.toml", "line 1: byte 0xe4 is not UTF-8"),
         ("missing.toml", "There is no file"),
         (".", "is a folder; expected a scene file"),
     ):
@@ -634,7 +632,7 @@ def test_a_pipe_and_an_endless_device_are_refused(name, tmp_path, capsys):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "zero").symlink_to("/dev/zero")
     assert main(["solve", str(tmp_path / name)]) == 2
-    assert "cannot be read: it is no regular file" in words(capsys.readouterr().err)
+    assert "cannot be read: it is not a regular file" in words(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("name", [300 * "y", 5_000 * "y", "half a pair \ud800"])

@@ -72,7 +72,7 @@ def test_numbers_of_a_body_equal_those_of_the_analyses():
     K = system.tangent(np.zeros(81))
     assert facts(found, "memory")["K"] == (K.data.nbytes + K.indices.nbytes + K.indptr.nbytes) / 1e6
     assert facts(found, "memory")["pattern of K"] == system.memory()["pattern of K"] / 1e6
-    assert found.remarks == [] and "nothing wrong" in shown(found)
+    assert found.remarks == [] and "no problem" in shown(found)
 
 
 def bad_meshes():
@@ -263,7 +263,7 @@ def test_refusals_are_listed_first_and_each_remark_once():
 def test_a_failing_part_is_reported_and_the_others_are_retained(monkeypatch):
     monkeypatch.setattr(info, "critical_step", lambda *given, **more: 1 / 0)
     found = inspect_mesh(box(), **STEEL)
-    assert [one.text for one in found.remarks] == ["critical step could not be looked at: ZeroDivisionError: division by zero"]
+    assert [one.text for one in found.remarks] == ["critical step could not be inspected: ZeroDivisionError: division by zero"]
     assert "a tangent K" in facts(found, "costs")
 
 

@@ -289,7 +289,7 @@ class OwnMaterial(Isotropic):
 
 
 LEFT_OUT = {
-    "terms[1], Traction: traction is a function that is no Ramp, Sine or Table": [Traction("right", lambda t: (t, 0, 0))],
+    "terms[1], Traction: traction is a function other than Ramp, Sine or Table": [Traction("right", lambda t: (t, 0, 0))],
     "terms[1], Gravity: g is a function": [Gravity(lambda x, t: (x[0], 0, 0))],
     "terms[1], NodalLoad: force has one value for each": [NodalLoad([0, 1], np.ones((3, 2)))],
     "terms[1], Pressure: pressure has one value for each": [Pressure("top", np.ones(6))],
@@ -299,8 +299,8 @@ LEFT_OUT = {
     ],
     "terms[1], SpringNetwork: stiffness has no key": [SpringNetwork(STEEL, stiffness=np.ones(35))],
     "terms[1], Corotated: rotation is a function": [Corotated(STEEL, rotation=lambda t: np.broadcast_to(np.eye(3), (12, 3, 3)))],
-    "terms[1], OwnLaw: OwnLaw is a term that scenes do not have": [OwnLaw(STEEL)],
-    "terms[1], StVK: OwnMaterial is a material that scenes do not have": [StVK(OwnMaterial(1.0, 0.3))],
+    "terms[1], OwnLaw: OwnLaw is a term that scenes cannot express": [OwnLaw(STEEL)],
+    "terms[1], StVK: OwnMaterial is a material that scenes cannot express": [StVK(OwnMaterial(1.0, 0.3))],
     "terms[1], VolumePenalty: stiffness has one value": [VolumePenalty(np.ones(SOLID.nt))],
     "terms[1], EdgeNetwork: it is made of 2 laws": [EdgeNetwork.of(SOLID, [StVK(STEEL), StVK(STEEL)])],
 }
@@ -310,7 +310,7 @@ LEFT_OUT = {
 def test_terms_without_a_name_in_scenes_are_left_out_with_a_warning(message, tmp_path):
     edges = EdgeNetwork.of(SOLID, StVK(STEEL)).edges.shape[1]
     terms = [SpringNetwork(STEEL, stiffness=np.ones(edges)) if "SpringNetwork" in message else one for one in LEFT_OUT[message]]
-    with pytest.warns(StvkWarning, match="What has no name in a scene is left out: ") as warnings_:
+    with pytest.warns(StvkWarning, match="The scene leaves out parts that it cannot express: ") as warnings_:
         scene = Scene.of(System(SOLID, [StVK(STEEL), *terms]), STATIC)
     assert len(scene.left_out) == 1 and scene.left_out[0].startswith(message) and scene.left_out[0] in str(warnings_[0].message)
     assert [term["type"] for term in scene.data["terms"]] == ["stvk"]
@@ -320,7 +320,7 @@ def test_supports_and_precision_without_a_name_in_scenes_are_reported():
     prescribed = [("right", {"x": 0.1, "y": lambda t: t}), ([0, 1], lambda x, t: 0 * x), ([6], {"z": np.array([0.1])})]
     system = System(replace(SOLID, node_sets={"a\x1b": [2]}), StVK(STEEL), {"a\x1b": "x"}, prescribed, dtype=np.float32)
     system = system.without([1])
-    with pytest.warns(StvkWarning, match="left out"):
+    with pytest.warns(StvkWarning, match="leaves out parts"):
         scene = Scene.of(system, STATIC)
     reasons = [
         "fixed on 'a\\x1b': the name",
@@ -328,7 +328,7 @@ def test_supports_and_precision_without_a_name_in_scenes_are_reported():
         "prescribed on 2 vertices (0, 1), component xyz: it is a function",
         "prescribed on 1 vertex (6), component z: it has one value for each",
         "dtype = float32",
-        "1 element (1) that were taken out",
+        "1 element (1): removed from the system",
     ]
     assert len(scene.left_out) == len(reasons)
     assert all(one.startswith(reason) for one, reason in zip(scene.left_out, reasons, strict=True)), scene.left_out
@@ -340,7 +340,7 @@ def test_arguments_other_than_a_system_and_an_analysis_are_refused():
         Scene.of(SOLID, STATIC)
     with pytest.raises(StvkError, match=r"analysis = 'static'; expected a table such as"):
         Scene.of(System(SOLID, StVK(STEEL)), "static")
-    with pytest.raises(StvkError, match="No law of this system can be named in a scene: terms"):
+    with pytest.raises(StvkError, match="No law of this system can be expressed in a scene: terms"):
         Scene.of(System(SOLID, OwnLaw(STEEL)), STATIC)
     with pytest.raises(StvkError, match="unstatic"):
         Scene.of(System(SOLID, StVK(STEEL)), {"type": "unstatic"})

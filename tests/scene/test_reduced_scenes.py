@@ -52,13 +52,13 @@ def test_a_scene_is_written_with_its_basis_and_solved_in_a_folder(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"analysis": {"type": "modes"}}, "modes are of the whole body"),
-        ({"analysis": MOTION | {"integrator": "velocity-verlet"}}, "take an implicit one"),
+        ({"analysis": {"type": "modes"}}, "modes need the whole body"),
+        ({"analysis": MOTION | {"integrator": "velocity-verlet"}}, "use an implicit integrator"),
         ({"analysis": MOTION | {"mass": "consistent"}}, "analysis.mass: the basis"),
-        ({"analysis": MOTION | {"damping": {"tau": 0.1}}}, "take alpha or beta"),
+        ({"analysis": MOTION | {"damping": {"tau": 0.1}}}, "use alpha or beta"),
         ({"analysis": MOTION | {"remove": {"stress": 1e6}}}, "analysis.remove: a reduced body"),
-        ({"analysis": STATIC, "solver": {"name": "superlu"}}, "a solver of their own"),
-        ({"analysis": MOTION, "solver": {"tangent": "clamped"}}, "the tangent of a reduced body is exact"),
+        ({"analysis": STATIC, "solver": {"name": "superlu"}}, "dense matrices with their own solver"),
+        ({"analysis": MOTION, "solver": {"tangent": "clamped"}}, "the tangent of a reduced body is always exact"),
         ({"analysis": STATIC, "reduced": {"size": 0}}, "reduced.size"),
     ],
 )

@@ -14,7 +14,7 @@ from skfem_stvk.scene import report
 from skfem_stvk.scene.report import write_report
 
 Curve = namedtuple("Curve", "t values dimension")
-Judged = namedtuple("Judged", "name got expected allowed passed")
+ComparedResult = namedtuple("Judged", "name got expected allowed passed")
 STEEL = StVK(young=2.1e5, poisson=0.3, density=7.85e-9)  # in N, mm, t
 CLAMPED = {"left": "xyz"}
 
@@ -130,7 +130,7 @@ def test_curves_of_a_path_from_rest_begin_at_zero(bent):
 
 
 def test_results_are_listed_with_their_expected_values(tmp_path, bent):
-    judged = (Judged("tip.z", -0.125, -0.12, 1e-3, False), Judged("load", 1.0, 1.0, 0.0, True))
+    judged = (ComparedResult("tip.z", -0.125, -0.12, 1e-3, False), ComparedResult("load", 1.0, 1.0, 0.0, True))
     page = write_report(tmp_path, outcome_of(bent, kind="static", judged=judged)).read_text(encoding="utf-8")
     assert "1 of 2 not as expected" in page
     assert page.count(">not as expected<") == 1 and page.count(">as expected<") == 1

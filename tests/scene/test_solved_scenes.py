@@ -172,8 +172,8 @@ blow_ups = {{ value = 0, atol = 0 }}
 @pytest.mark.parametrize(
     ("speed", "message", "failed"),
     [
-        (20, r"^The steps gained 1\d % of the energy\. Take a smaller dt", {"energy_gained"}),
-        (25, r"^The motion blew up once on the way, and its steps (gained|lost) \S+ % of the energy", {"blow_ups"}),
+        (20, r"^The steps gained 1\d % of the energy\. Use a smaller dt", {"energy_gained"}),
+        (25, r"^The motion blew up once, and its steps (gained|lost) \S+ % of the energy", {"blow_ups"}),
     ],
 )
 def test_a_gain_of_energy_is_a_warning_and_can_fail_an_expectation(speed, message, failed, tmp_path):
@@ -427,7 +427,7 @@ def test_a_scene_of_data_is_identified_by_its_data():
         "analysis": {"type": "static"},
     }
     assert Scene.of_data(data).solve(quiet=True).success
-    with pytest.raises(StvkError, match="resume and force are for a folder"):
+    with pytest.raises(StvkError, match="resume and force need a folder"):
         Scene.of_data(data).solve(resume=True)
     assert Scene.of_data(data).hash == Scene.of_data(dict(reversed(data.items()))).hash
     assert Scene.of_data(data).hash != Scene.of_data(data | {"fixed": {"bottom": "y"}}).hash

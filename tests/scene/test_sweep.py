@@ -118,7 +118,7 @@ def test_a_second_call_solves_only_missing_runs(tmp_path, capsys):
     shutil.rmtree(out / "young=2e6")
     assert main(["sweep", str(path), "--set", f"{YOUNG}=1e6,2e6,3.5e6", "--jobs", "1"]) == 0
     out_text = capsys.readouterr().out
-    assert "3 runs, 1 of them there already" in out_text
+    assert "3 runs, 1 of them already done" in out_text
     assert "[2/3] young=2e6: converged" in out_text and "[3/3] young=3.5e6" in out_text
     assert (out / "young=1e6" / "summary.json").read_bytes() == before[out / "young=1e6" / "summary.json"]
     assert (out / "young=2e6" / "summary.json").read_bytes() != before[out / "young=2e6" / "summary.json"]
@@ -132,7 +132,7 @@ def test_runs_of_another_scene_are_replaced_only_by_force(tmp_path, capsys):
     (before,) = sweep(path, {YOUNG: [1e6]}, jobs=1, quiet=True)
     path.write_text(path.read_text().replace("-1e3", "-2e3"))
     assert main(["sweep", str(path), "--set", f"{YOUNG}=1e6"]) == 2
-    assert "1 runs (young=1e6) are of another scene" in capsys.readouterr().err
+    assert "1 runs (young=1e6) belong to another scene" in capsys.readouterr().err
     assert table(out)[0]["tip.y"] == repr(before.results["tip.y"])
     (after,) = sweep(path, {YOUNG: [1e6]}, jobs=1, quiet=True, force=True)
     assert after.results["tip.y"] == pytest.approx(2 * before.results["tip.y"], rel=0.05)
@@ -161,7 +161,7 @@ def test_implausible_values_are_reported_once(tmp_path, capsys):
     path = scene(tmp_path, STATIC)
     sweep(path, {"materials.rubber.density": [1000.0, 1.0]}, jobs=1)
     printed = capsys.readouterr().out
-    assert printed.count("note materials.rubber.density = 1 kg/m^3 is not usual") == 1 and "(in 1 of 2 runs)" in printed
+    assert printed.count("note materials.rubber.density = 1 kg/m^3 is unusual") == 1 and "(in 1 of 2 runs)" in printed
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path):
@@ -171,7 +171,7 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
     with pytest.raises(StvkError, match=r"such as thesis\.tex"):
         sweep(path, {YOUNG: [1e6]}, tmp_path / "mine")
     (tmp_path / "mine" / "table.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(StvkError, match=r"not one of a sweep"):
+    with pytest.raises(StvkError, match=r"not the table of a sweep"):
         sweep(path, {YOUNG: [1e6]}, tmp_path / "mine")
     assert (tmp_path / "mine" / "table.csv").read_text() == "a,b\n1,2\n"
     with pytest.raises(StvkError, match="it is a file"):
@@ -189,7 +189,7 @@ def test_the_table_of_another_program_is_refused(content, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     os.mkfifo(out / "table.csv") if content == "pipe" else (out / "table.csv").write_bytes(content)
-    with pytest.raises(StvkError, match=r"its table\.csv (is not one of a sweep|cannot be read)"):
+    with pytest.raises(StvkError, match=r"its table\.csv (is not the table of a sweep|cannot be read)"):
         sweep(scene(tmp_path, STATIC), {YOUNG: [1e6, 2e6]}, out, quiet=True)
 
 
@@ -201,7 +201,7 @@ def test_a_run_with_a_damaged_summary_does_not_count_as_finished(change, tmp_pat
     sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
     summary = out / "young=2e6" / "summary.json"
     summary.write_text(json.dumps(json.loads(summary.read_text()) | change))
-    with pytest.raises(StvkError, match=r"1 runs \(young=2e6\) are of another scene.* --force replaces them"):
+    with pytest.raises(StvkError, match=r"1 runs \(young=2e6\) belong to another scene.* --force replaces them"):
         sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
     assert [row.done for row in sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True, force=True)] == [True, True]
 
@@ -221,9 +221,9 @@ def test_all_values_are_checked_before_anything_runs(tmp_path):
     [
         ([], "A sweep needs values"),
         (["analysis.steps"], "expected KEY=VALUE"),
-        (["analysis.steps=1,,2"], "no value that is empty"),
+        (["analysis.steps=1,,2"], "without empty values"),
         (["analysis.steps=1,2", "analysis.steps=3"], "set twice"),
-        (["analysis.steps=[1,2"], "is not one"),
+        (["analysis.steps=[1,2"], "is not valid"),
         ([f"{YOUNG}=1e6,1.0e6"], r"runs 0 \(young=1e6-\w+\) and 1 \(young=1e6-\w+\) are the same scene; give each value once"),
         (
             [f"{YOUNG}=1e5,2e5,1e5"],
@@ -233,7 +233,7 @@ def test_all_values_are_checked_before_anything_runs(tmp_path):
         ({YOUNG: 1e6}, "expected a list of values"),
         ({YOUNG: "1e6,2e6"}, "expected a list of values"),
         ({YOUNG: []}, "expected a list of values"),
-        ({YOUNG: [object()]}, "what TOML has"),
+        ({YOUNG: [object()]}, "as in TOML"),
     ],
 )
 def test_illegal_values_of_a_sweep_are_refused(tmp_path, settings, match):

@@ -101,50 +101,50 @@ def test_real_materials_are_plausible_in_every_system(name, units):
     [
         (
             Toy(materials={"steel": Steel(density=7.85)}),
-            "materials.steel.density = 7.85 kg/m^3 is not usual, which is from 10 to 30000 kg/m^3: 7.85 g/cm^3 is 7850 kg/m^3. "
+            "materials.steel.density = 7.85 kg/m^3 is unusual; usual are 10 to 30000 kg/m^3: 7.85 g/cm^3 is 7850 kg/m^3. "
             'It would be usual with units = "cm-g-s".',
         ),
         (
             Toy(materials={"steel": Steel(young=210)}),
-            "materials.steel.young = 210 Pa is not usual, which is from 500 to 2e+12 Pa: 210 GPa is 2.1e+11 Pa. It would be usual "
+            "materials.steel.young = 210 Pa is unusual; usual are 500 to 2e+12 Pa: 210 GPa is 2.1e+11 Pa. It would be usual "
             'with units = "mm-N-MPa", "mm-kg-ms", "mm-g-ms", "um-kg-s" or "in-lbf-s".',
         ),
         (
             Toy(units="mm-N-MPa", materials={"steel": Steel(young=210e9)}),
-            "materials.steel.young = 2.1e+11 MPa is not usual, which is from 0.0005 to 2e+06 MPa: 2.1e+11 Pa is 210000 MPa. It "
+            "materials.steel.young = 2.1e+11 MPa is unusual; usual are 0.0005 to 2e+06 MPa: 2.1e+11 Pa is 210000 MPa. It "
             'would be usual with units = "SI" or "cm-g-s".',
         ),
         (
             Toy(units="mm-N-MPa", materials={"steel": Steel(density=7850)}),
-            "materials.steel.density = 7850 t/mm^3 is not usual, which is from 1e-11 to 3e-08 t/mm^3: 7850 kg/m^3 is 7.85e-09 "
+            "materials.steel.density = 7850 t/mm^3 is unusual; usual are 1e-11 to 3e-08 t/mm^3: 7850 kg/m^3 is 7.85e-09 "
             't/mm^3. It would be usual with units = "SI".',
         ),
         (
             Toy(mesh=Bar(length=300)),
-            "mesh.length = 300 m is not usual, which is from 1e-07 to 200 m: 300 mm is 0.3 m. It would be usual with units = ",
+            "mesh.length = 300 m is unusual; usual are 1e-07 to 200 m: 300 mm is 0.3 m. It would be usual with units = ",
         ),
         (
             Toy(terms=[Load(), Load(g=[0, 0, -9810])]),
-            "terms[1].g = 9810 m/s^2 is not usual, which is from 0.1 to 5000 m/s^2: 9810 mm/s^2 is 9.81 m/s^2.",
+            "terms[1].g = 9810 m/s^2 is unusual; usual are 0.1 to 5000 m/s^2: 9810 mm/s^2 is 9.81 m/s^2.",
         ),
         (
             Toy(units="mm-N-MPa", terms=[Load(g=[0, 0, -9.81])]),
-            "terms[0].g = 9.81 mm/s^2 is not usual, which is from 100 to 5e+06 mm/s^2: 9.81 m/s^2 is 9810 mm/s^2.",
+            "terms[0].g = 9.81 mm/s^2 is unusual; usual are 100 to 5e+06 mm/s^2: 9.81 m/s^2 is 9810 mm/s^2.",
         ),
         (
             Toy(materials={"steel": Steel(young=2.1e5, density=7850)}),
-            "materials.steel: young = 210000 Pa and density = 7850 kg/m^3 do not go together: sound would travel at 5.17 m/s.",
+            "materials.steel: young = 210000 Pa and density = 7850 kg/m^3 are inconsistent: the speed of sound would be 5.17 m/s.",
         ),
         (
             Toy(materials={"rubber": Steel(young=1e6)}, terms=[Load(traction=[0, 0, -2e6])]),
-            "terms[0].traction = 2e+06 Pa is more than the stiffest material is stiff, 1e+06 Pa: no body carries that.",
+            "terms[0].traction = 2e+06 Pa exceeds the stiffness of the stiffest material, 1e+06 Pa, so no body can carry it.",
         ),
         (
             Toy(analysis=Motion(dt=0.1, until=0.05)),
-            "analysis.dt = 0.1 is longer than the whole motion, 0.05: not one step fits in.",
+            "analysis.dt = 0.1 is longer than the whole motion, 0.05; expected a shorter step.",
         ),
         (Toy(analysis=Motion(dt=1e-12, until=1.0)), "analysis.dt = 1e-12 makes 1e+12 steps until 1."),
-        (Toy(materials={"ply": Steel(voigt=[[210.0, 1.0], [1.0, 80.0]])}), "materials.ply.voigt = 210 Pa is not usual"),
+        (Toy(materials={"ply": Steel(voigt=[[210.0, 1.0], [1.0, 80.0]])}), "materials.ply.voigt = 210 Pa is unusual"),
     ],
 )
 def test_values_in_other_units_are_reported_with_the_likely_cause(scene, message):
@@ -154,7 +154,7 @@ def test_values_in_other_units_are_reported_with_the_likely_cause(scene, message
 
 def test_an_implausible_size_of_the_mesh_is_reported():
     (text,) = implausible(Toy(), box((300.0, 20.0), 2))
-    assert text.startswith("the size of the mesh = 300 m is not usual") and text.endswith("can be scaled: mesh.scale.")
+    assert text.startswith("the size of the mesh = 300 m is unusual") and text.endswith("can be scaled: mesh.scale.")
     assert implausible(Toy(units="mm-N-MPa"), box((300.0, 20.0), 2)) == []
 
 
@@ -186,13 +186,16 @@ BAR = {
 @pytest.mark.parametrize(
     ("change", "beginning"),
     [
-        (["materials.steel.density=7.85"], "materials.steel.density = 7.85 kg/m^3 is not usual"),
-        (["materials.steel.young=210.0"], "materials.steel.young = 210 Pa is not usual"),
-        (["mesh.size=[300.0, 20.0, 20.0]"], "mesh.size = 300 m is not usual"),
-        (["terms[1].g=[0.0, 0.0, -9810.0]"], "terms[1].g = 9810 m/s^2 is not usual"),
-        (["analysis.until=1e9"], "analysis.until = 1e+09 s is not usual"),
+        (["materials.steel.density=7.85"], "materials.steel.density = 7.85 kg/m^3 is unusual"),
+        (["materials.steel.young=210.0"], "materials.steel.young = 210 Pa is unusual"),
+        (["mesh.size=[300.0, 20.0, 20.0]"], "mesh.size = 300 m is unusual"),
+        (["terms[1].g=[0.0, 0.0, -9810.0]"], "terms[1].g = 9810 m/s^2 is unusual"),
+        (["analysis.until=1e9"], "analysis.until = 1e+09 s is unusual"),
         (["analysis.dt=0.1"], "analysis.dt = 0.1 is longer than the whole motion"),
-        (["units=mm-N-MPa", "materials.steel.young=210e3", "materials.steel.density=7.85e-9"], "terms[1].g = 9.81 mm/s^2 is not"),
+        (
+            ["units=mm-N-MPa", "materials.steel.young=210e3", "materials.steel.density=7.85e-9"],
+            "terms[1].g = 9.81 mm/s^2 is unusual",
+        ),
     ],
 )
 def test_a_value_in_other_units_is_reported_once(change, beginning):

@@ -16,7 +16,7 @@ from skfem_stvk import Corotated, Gravity, InvertibleStVK, NodalLoad, Stop, StVK
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
-from skfem_stvk.results.files import Outlets
+from skfem_stvk.results.files import OutputFiles
 from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
 from skfem_stvk.statics.arc_length import ArcLength
@@ -139,7 +139,7 @@ def test_other_files_are_replaced_only_on_request(tmp_path):
     saved_before = (tmp_path / "path" / "state_00000.npz").read_bytes()
     with pytest.raises(StvkError, match=r"state_00000.npz cannot be read as a path of skfem-stvk.*overwrite=True"):
         solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
-    with pytest.raises(StvkError, match=r"bent.pvd is there already, and does not say of which problem it is.*overwrite=True"):
+    with pytest.raises(StvkError, match=r"bent.pvd exists, but does not name its problem.*overwrite=True"):
         solve_static(bent(), steps=3, save=tmp_path / "bent.pvd", quiet=True)
     assert (tmp_path / "path" / "state_00000.npz").read_bytes() == saved_before and "<Collection/>" in (
         tmp_path / "bent.pvd"
@@ -208,7 +208,7 @@ def test_a_folder_that_cannot_be_created_is_refused_before_the_solve(tmp_path):
 
 
 def test_resume_needs_a_folder():
-    with pytest.raises(StvkError, match="resume=True without a checkpoint"):
+    with pytest.raises(StvkError, match="resume = True; expected a checkpoint"):
         solve_static(bent(), resume=True)
     with pytest.raises(StvkError, match="checkpoint = 3"):
         solve_static(bent(), checkpoint=3)
@@ -427,14 +427,14 @@ def test_after_each_state_a_restored_continuation_has_the_same_state(tmp_path, s
     system, options = CONTINUATIONS[scene]()
     continuation, found = continuation_of(system, method, 5, **options), 0
     problem = Fingerprint("path of equilibria", system, {"method": method, "steps": 5, "rtol": 1e-8}, (0.5, 1.0), {})
-    keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, Outlets(None, None, False, False)).__enter__()
+    keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, OutputFiles(None, None, False, False)).__enter__()
     for outcome in continuation.states(resumed=False):
         if not isinstance(outcome, Step):
             continue
         keep.add(outcome, continuation.saved())
         other = continuation_of(CONTINUATIONS[scene]()[0], method, 5, **options)
         keep.__exit__(None, None, None)
-        keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, Outlets(None, None, True, False)).__enter__()
+        keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, OutputFiles(None, None, True, False)).__enter__()
         other.resume(keep.steps, keep.saved)
         (numbers, arrays), (others, other_arrays) = state_of(continuation), state_of(other)
         assert others == numbers and other_arrays.keys() == arrays.keys()

@@ -48,7 +48,7 @@ def test_energies_add_up_to_the_potential(result):
 
 def test_reactions_by_location(result):
     np.testing.assert_allclose(result.reaction().resultant, result.reaction(lambda x: x[0] == 0).resultant)
-    with pytest.raises(SupportError, match="reaction: nothing is held at 'tip'"):
+    with pytest.raises(SupportError, match="reaction: no support and no foundation acts at 'tip'"):
         result.reaction("tip")
     with pytest.raises(RegionError, match=r"'wall'"):
         result.reaction("wal")

@@ -248,5 +248,7 @@ def test_nodal_forces_are_those_of_the_stress(name):
 
 def test_ellipticity_is_refused_with_linear_elasticity():
     system = loaded()
-    with pytest.raises(StvkError, match=r"48 elements .* in LinearElastic: strong ellipticity is looked at for StVK alone"):
+    with pytest.raises(
+        StvkError, match=r"48 elements .* in LinearElastic: expected StVK, the only law with a check of strong ellipticity"
+    ):
         solve_static(system, ellipticity=True, quiet=True)

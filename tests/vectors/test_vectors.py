@@ -314,7 +314,10 @@ def test_values_that_are_not_finite_are_named_by_their_states(published, tmp_pat
     F = vectors.arrays["F"].copy()
     F[[0, 3], 5] = np.nan, np.inf
     (line,) = judged(tmp_path, vectors, {"F": F}).named.lines()
-    assert "F has entries that are not finite in: rotated strained, rest. Elsewhere its values are right to eight digits" in line
+    assert (
+        "F has entries that are not finite in: rotated strained, rest. In the other states its values are correct to eight digits"
+        in line
+    )
     first, name, last = judged(tmp_path, vectors, {"F": 2 * F}).named.lines()
     assert first.startswith("This explains a part of it") and name.startswith("F x 2") and last.startswith("F has entries")
     F[[0, 3]] = vectors.arrays["F"][[0, 3]]
@@ -327,7 +330,7 @@ def test_errors_without_an_explanation_are_reported_with_their_location(publishe
     vectors = published["block"]
     F = vectors.arrays["F"].copy()
     F[:, 5] *= 1.5
-    assert judged(tmp_path, vectors, {"F": F}).named.lines()[0].startswith("No hypothesis explains it")
+    assert judged(tmp_path, vectors, {"F": F}).named.lines()[0].startswith("No hypothesis explains the failure")
     rest = {"states": np.array(["rest"]), "F": np.ones((1, F.shape[1]))}
     report = judged(tmp_path, vectors, rest)
     assert not report.passed and report.named is not None
@@ -357,7 +360,7 @@ BAD = {
     "an unknown state": ("skfem-stvk vectors 1\nstates text 1 1\nrust\nW real 1 1\n0\n", "'rust'.*Did you mean 'rest'"),
     "a state twice": ("skfem-stvk vectors 1\nstates text 1 2\nrest\nrest\nW real 1 2\n0 0\n", "'rest' more than once"),
     "no state": ("skfem-stvk vectors 1\nstates text 1 0\nW real 1 0\n", "states is empty"),
-    "another digest": ("skfem-stvk vectors 1\ndigest text 1 1\nabc\nW real 1 8\n0 0 0 0 0 0 0 0\n", "belongs to other vectors"),
+    "another digest": ("skfem-stvk vectors 1\ndigest text 1 1\nabc\nW real 1 8\n0 0 0 0 0 0 0 0\n", "computed from other vectors"),
     "bytes": ("skfem-stvk vectors 1\n\x00\x01 real 1 1\n1\n", "there is an array"),
 }
 

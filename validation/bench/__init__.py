@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from functools import partial
 
-from skfem_stvk.cli.referee import give, refuse_unwritable
+from skfem_stvk.cli.referee import print_and_save, refuse_unwritable
 from skfem_stvk.errors import StvkError
 
 from . import page
@@ -29,5 +29,5 @@ def main(quick: bool = False, out: str | None = None) -> int:
 def _measure(plan: Plan, out: str | None) -> int:
     results = bench(plan)
     files = "benchmark.md, its pictures and benchmark.json"
-    give(lambda width: page.rendered(results), page.WIDTH, partial(page.save, results), out, files)
+    print_and_save(lambda width: page.rendered(results), page.WIDTH, partial(page.save, results), out, files)
     return 130 if results.interrupted else 1 if results.failures else 0

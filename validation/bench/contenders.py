@@ -21,7 +21,7 @@ from skfem_stvk.peers.peer import lame
 from skfem_stvk.referee.checks.precision import Textbook, patch, relative_error
 from skfem_stvk.referee.discretisation import Discretisation
 from skfem_stvk.referee.exact import ExactStVK
-from skfem_stvk.referee.players import METHODS
+from skfem_stvk.referee.implementations import METHODS
 from skfem_stvk.referee.shape import Shape
 from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
 from skfem_stvk.system import System

@@ -33,7 +33,7 @@ from skfem_stvk import (
 )  # fmt: skip
 from skfem_stvk.cli.referee import EMBEDDED
 from skfem_stvk.dynamics.integrators import INTEGRATORS
-from skfem_stvk.referee.against import opponent
+from skfem_stvk.referee.against import peer_candidate
 from skfem_stvk.referee.self_test import self_test
 from skfem_stvk.referee.vectors import PUBLISHED
 
@@ -202,7 +202,7 @@ def ngsolve(quick: bool) -> Iterator[Number]:
 
 def _peer(name: str) -> Number:
     mesh = embedded_mesh()
-    with opponent(name, mesh, 1e5, 0.3) as (candidate, line):
+    with peer_candidate(name, mesh, 1e5, 0.3) as (candidate, line):
         report = verify(mesh, young=1e5, poisson=0.3, candidate=candidate, quiet=True)
     return _of_checks(name, report, "docs/peers.md", "another code", line)
 

@@ -23,44 +23,44 @@ from scipy.sparse import csr_matrix, issparse
 from ...arguments import Array
 from ...system import System
 from ..case import EPS, STRETCH, Case
-from ..judgement import LIMIT, as_a_whole, by_entry, by_node, largest_component, largest_rows
+from ..implementations import Implementation
+from ..judgement import LIMIT, by_entry, by_node, largest_component, largest_rows, of_whole_body
 from ..manufactured import fitted_order
-from ..players import Player
-from ..results import CannotTell, NotApplicable, Task
+from ..results import CannotDecide, NotApplicable, Task
 
-AGREEMENT = "1e-12 is for round-off of two orders of summation, 1e-15 is usual"
-DERIVATIVES = "1e-12 is for round-off, all that the five-point stencil leaves of this law; 1e-15 is usual"
+AGREEMENT = "1e-12 allows for round-off of another order of summation; 1e-15 is usual"
+DERIVATIVES = "1e-12 allows for round-off: the five-point stencil is exact for this law; 1e-15 is usual"
 STENCIL = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 ORDER, DIRECTIONS = 1.9, 2
 #: Relative distance of the nearby state of `memory`. `numpy.allclose` treats both states as equal; the values differ by about 1e-6.
 NEARBY = 1e-6
-MEMORY = "1e-12 is for sums in another order; what is kept while u is nearly the same is off by 1e-6"
+MEMORY = "1e-12 allows for sums in another order; a value that is cached for a nearby u differs by 1e-6"
 REDUCED, FULL = "the reduced body", "the body"
 #: Largest displacements of the states of reduced bodies, relative to the size of the body.
 STATES = {"at rest, nearly": 1e-4, "small": 0.02, "large": 0.3}
 
 
 def agreement(case: Case) -> Iterator[Task]:
-    """Yield the comparisons of each player with each reference that it must agree with, in every state."""
+    """Yield the comparisons of each implementation with each reference that it must agree with, in every state."""
     pairs = [(case.ours, case.reference)]
     if case.candidate is not None:
         pairs += [(case.candidate, case.reference), (case.candidate, case.ours)]
     for state in case.states:
         for quantity in "WFK":
-            for player, reference in pairs:
-                measure = partial(_difference, case, player, reference, quantity, state)
-                yield Task("agreement", player, quantity, state, quantity, measure, against=reference.name)
+            for implementation, reference in pairs:
+                measure = partial(_difference, case, implementation, reference, quantity, state)
+                yield Task("agreement", implementation, quantity, state, quantity, measure, against=reference.name)
 
 
-def _difference(case: Case, player: Player, reference: Player, quantity: str, state: str) -> dict[str, Any]:
-    if not case.is_stvk(player):
+def _difference(case: Case, implementation: Implementation, reference: Implementation, quantity: str, state: str) -> dict[str, Any]:
+    if not case.is_stvk(implementation):
         raise NotApplicable("the candidate does not claim to be St. Venant-Kirchhoff")
-    truth, value = case.value(reference, quantity, state), case.value(player, quantity, state)
+    truth, value = case.value(reference, quantity, state), case.value(implementation, quantity, state)
     u = case.states[state]
     if quantity == "W":
         floor = case.energy_floor(reference)
         words = "W_ref" if truth >= floor else "K at rest x edge squared, median"
-        return as_a_whole(abs(value - truth), max(truth, floor), case.limits.of_body(u), words, AGREEMENT)
+        return of_whole_body(abs(value - truth), max(truth, floor), case.limits.of_body(u), words, AGREEMENT)
     if quantity == "F":
         words, scale = "largest |F_ref| around, or K at rest x edge", case.force_scale(reference, truth)
         return by_node(case.mesh, value - truth, scale, case.limits.of_nodes(u), words, AGREEMENT)
@@ -81,35 +81,37 @@ def _matrix_difference(case: Case, K: Any, truth: csr_matrix, u: Array) -> dict[
 
 
 def derivatives(case: Case) -> Iterator[Task]:
-    """Yield the tests of `dW/du = F` and `dF/du = K` for every player in every state."""
-    for player in case.players:
-        test = _stencil if case.is_stvk(player) else _taylor
+    """Yield the tests of `dW/du = F` and `dF/du = K` for every implementation in every state."""
+    for implementation in case.implementations:
+        test = _stencil if case.is_stvk(implementation) else _taylor
         for state in case.states:
             for quantity, needs in (("F", "WF"), ("K", "FK")):
-                yield Task("derivatives", player, quantity, state, needs, partial(test, case, player, quantity, state))
+                yield Task(
+                    "derivatives", implementation, quantity, state, needs, partial(test, case, implementation, quantity, state)
+                )
 
 
 def memory(case: Case) -> Iterator[Task]:
     """Yield the tests that W, F and K at u do not depend on earlier calls, for example at a state nearly equal to u."""
-    for player in case.players:
+    for implementation in case.implementations:
         for quantity in "WFK":
-            yield Task("memory", player, quantity, STRETCH, quantity, partial(_remembered, case, player, quantity))
+            yield Task("memory", implementation, quantity, STRETCH, quantity, partial(_remembered, case, implementation, quantity))
 
 
-def _remembered(case: Case, player: Player, quantity: str) -> dict[str, Any]:
-    u, far, ask = case.states[STRETCH], case.states["35 % compression"], getattr(player, quantity)
+def _remembered(case: Case, implementation: Implementation, quantity: str) -> dict[str, Any]:
+    u, far_state, call = case.states[STRETCH], case.states["35 % compression"], getattr(implementation, quantity)
     v = case.random("memory").standard_normal(len(u))
 
     def value(u: Array) -> Array:
-        return np.atleast_1d(ask(u) @ v if quantity == "K" else ask(u))
+        return np.atleast_1d(call(u) @ v if quantity == "K" else call(u))
 
-    value(far)  # any cached value now belongs to a distant state
-    alone = value((1 + NEARBY) * u)
-    value(far)
+    value(far_state)  # any cached value now belongs to a distant state
+    from_start = value((1 + NEARBY) * u)
+    value(far_state)
     value(u)
     after = value((1 + NEARBY) * u)
-    scale, words = float(np.abs(alone).max()) or 1.0, "largest entry of K v" if quantity == "K" else f"largest |{quantity}|"
-    return as_a_whole(float(np.abs(after - alone).max()), scale, case.limits.of_body(u), words, MEMORY)
+    scale, words = float(np.abs(from_start).max()) or 1.0, "largest entry of K v" if quantity == "K" else f"largest |{quantity}|"
+    return of_whole_body(float(np.abs(after - from_start).max()), scale, case.limits.of_body(u), words, MEMORY)
 
 
 class Line(NamedTuple):
@@ -121,10 +123,10 @@ class Line(NamedTuple):
     claimed: Array
 
 
-def _lines(case: Case, player: Player, quantity: str, state: str) -> Iterator[Line]:
+def _lines(case: Case, implementation: Implementation, quantity: str, state: str) -> Iterator[Line]:
     """Yield W or F along random lines scaled to the state."""
     u, rng = case.states[state], case.random(f"derivatives {state}")
-    primitive, derivative = (player.W, player.F) if quantity == "F" else (player.F, player.K)
+    primitive, derivative = (implementation.W, implementation.F) if quantity == "F" else (implementation.F, implementation.K)
     for _ in range(DIRECTIONS):
         v = case.direction(u, rng)
         yield Line(u, v, partial(_at, primitive, u, v), np.atleast_1d(derivative(u) @ v))
@@ -134,30 +136,32 @@ def _at(function: Callable[[Array], Any], u: Array, v: Array, s: float) -> Array
     return np.atleast_1d(function(u + s * v))
 
 
-def _stencil(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
-    return max((_along(case, player, quantity, line) for line in _lines(case, player, quantity, state)), key=_badness)
+def _stencil(case: Case, implementation: Implementation, quantity: str, state: str) -> dict[str, Any]:
+    return max(
+        (_along(case, implementation, quantity, line) for line in _lines(case, implementation, quantity, state)), key=_badness
+    )
 
 
-def _along(case: Case, player: Player, quantity: str, line: Line) -> dict[str, Any]:
+def _along(case: Case, implementation: Implementation, quantity: str, line: Line) -> dict[str, Any]:
     u, change = line.u, case.amplitude(line.u)
     terms = np.array([weight * line.function(s) for s, weight in STENCIL])
     error, words = np.abs(terms.sum(axis=0) - line.claimed), "largest term of the stencil"
     d = case.mesh.d
     if quantity == "F":
-        return as_a_whole(float(error[0]), float(np.abs(terms).max()), case.limits.of_body(u, change=change), words, DERIVATIVES)
+        return of_whole_body(float(error[0]), float(np.abs(terms).max()), case.limits.of_body(u, change=change), words, DERIVATIVES)
     scale = case.limits.around(largest_component(np.abs(terms).max(axis=0), d))
     return by_node(case.mesh, error, scale, case.limits.of_nodes(u, change), f"{words} around", DERIVATIVES)
 
 
-def _taylor(case: Case, player: Player, quantity: str, state: str) -> dict[str, Any]:
-    case.refuse_undefined(player, state)
-    return max((taylor_order(line.function, line.claimed) for line in _lines(case, player, quantity, state)), key=_badness)
+def _taylor(case: Case, implementation: Implementation, quantity: str, state: str) -> dict[str, Any]:
+    case.refuse_undefined(implementation, state)
+    return max((taylor_order(line.function, line.claimed) for line in _lines(case, implementation, quantity, state)), key=_badness)
 
 
 def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
     """Return the measurement of a Taylor test: `|f(s) - f(0) - s f'(0)|` must fall with order 2.
 
-    The measured value is 2 minus the fitted order. Raise CannotTell if round-off hides the derivative.
+    The measured value is 2 minus the fitted order. Raise CannotDecide if round-off hides the derivative.
     """
     start, steps = function(0.0), 0.5 ** np.arange(2, 16)
     remainders = np.array([np.abs(function(s) - start - s * claimed).max() for s in steps])
@@ -170,7 +174,7 @@ def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str
     elif round_off < 1e-6 * steps[0] * float(np.abs(claimed).max()):
         order, words = 2.0, "linear along the line: no remainder above round-off"
     else:
-        raise CannotTell(
+        raise CannotDecide(
             "round-off hides the derivative along the line: the values are too large for their changes, or never change"
         )
     return {
@@ -178,7 +182,7 @@ def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str
         "limit": 2 - ORDER,
         "scale": f"order {order:.2f}, {words}",
         "reason": "Taylor test: the remainder of a right derivative falls with order 2, that of a wrong one with 1; "
-        f"at least {ORDER} asked",
+        f"at least {ORDER} is required",
     }
 
 
@@ -209,17 +213,19 @@ class OfFewUnknowns(Protocol):
 
 def checks_of_reduced(reduced: OfFewUnknowns, rng: np.random.Generator) -> Iterator[Task]:
     """Yield the tasks of a reduced body."""
-    player = Player(REDUCED, reduced, reduced.size)
-    yield Task("orthonormality", player, "V' M V", "", "", partial(_orthonormal, reduced), against="the identity")
+    implementation = Implementation(REDUCED, reduced, reduced.size)
+    yield Task("orthonormality", implementation, "V' M V", "", "", partial(_orthonormal, reduced), against="the identity")
     size = float(np.linalg.norm(np.ptp(reduced.body.mesh.p, axis=1)))
     for state, amount in STATES.items():
         z, v = (_amounts(reduced, amount * size, rng) for _ in range(2))
         for number, quantity in enumerate("WFK"):
-            yield Task("agreement", player, quantity, state, "", partial(_projected_difference, reduced, z, number), against=FULL)
+            yield Task(
+                "agreement", implementation, quantity, state, "", partial(_projected_difference, reduced, z, number), against=FULL
+            )
         for number, quantity in enumerate("FK"):
             test = partial(_reduced_stencil if reduced.quartic else _reduced_taylor, reduced, z, v, number)
-            yield Task("derivatives", player, quantity, state, "", test)
-        yield Task("symmetry", player, "K", state, "", partial(_symmetry, reduced, z))
+            yield Task("derivatives", implementation, quantity, state, "", test)
+        yield Task("symmetry", implementation, "K", state, "", partial(_symmetry, reduced, z))
 
 
 def _amounts(reduced: OfFewUnknowns, largest: float, rng: np.random.Generator) -> Array:
@@ -232,7 +238,7 @@ def _amounts(reduced: OfFewUnknowns, largest: float, rng: np.random.Generator) -
 def _orthonormal(reduced: OfFewUnknowns) -> dict[str, Any]:
     V = reduced.columns[:, : reduced.size]
     error = np.abs(V.T @ (reduced.masses[:, None] * V) - np.eye(reduced.size)).max()
-    return {"measured": float(error), "limit": LIMIT, "scale": "1", "reason": "1e-12 is for round-off of a sum over all nodes"}
+    return {"measured": float(error), "limit": LIMIT, "scale": "1", "reason": "1e-12 allows for round-off of a sum over all nodes"}
 
 
 def _projected_difference(reduced: OfFewUnknowns, z: Array, number: int) -> dict[str, Any]:
@@ -266,8 +272,8 @@ def _reduced_taylor(reduced: OfFewUnknowns, z: Array, v: Array, number: int) -> 
 
 def _symmetry(reduced: OfFewUnknowns, z: Array) -> dict[str, Any]:
     K = np.asarray(reduced.response(z)[2])
-    return _relative(K - K.T, K, "largest entry of K", "1e-12 is for round-off")
+    return _relative(K - K.T, K, "largest entry of K", "1e-12 allows for round-off")
 
 
 def _relative(error: Array, truth: Array, words: str, reason: str) -> dict[str, Any]:
-    return as_a_whole(float(np.abs(error).max()), float(np.abs(truth).max()), LIMIT, words, reason)
+    return of_whole_body(float(np.abs(error).max()), float(np.abs(truth).max()), LIMIT, words, reason)

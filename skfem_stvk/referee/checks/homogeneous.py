@@ -26,8 +26,8 @@ import numpy as np
 from ...arguments import Array
 from ..bodies import reference_on
 from ..case import REFERENCE, Case
-from ..judgement import LIMIT_BY_ASPECT, as_a_whole, by_node
-from ..players import Player
+from ..implementations import Implementation
+from ..judgement import LIMIT_BY_ASPECT, by_node, of_whole_body
 from ..results import NotApplicable, Task
 from ..shape import boundary_nodes
 
@@ -103,12 +103,12 @@ def _young_and_poisson(k: int, lam: float, mu: float) -> tuple[float, float]:
 def homogeneous_states(case: Case) -> Iterator[Task]:
     """Yield the closed forms and the patch test on the homogeneous copy. A candidate is tested only if the body is its own copy."""
     copy = _of_the_copy(case)
-    for player in copy.players:
+    for implementation in copy.implementations:
         for name in CLOSED_FORMS:
             for quantity, needs in (("W", "W"), ("P", "F")):
-                measure = partial(_closed_form, copy, player, quantity, name)
-                yield Task("closed forms", player, quantity, name, needs, measure)
-        yield Task("patch test", player, "F", "affine", "F", partial(_patch_test, copy, player))
+                measure = partial(_closed_form, copy, implementation, quantity, name)
+                yield Task("closed forms", implementation, quantity, name, needs, measure)
+        yield Task("patch test", implementation, "F", "affine", "F", partial(_patch_test, copy, implementation))
 
 
 def _of_the_copy(case: Case) -> Case:
@@ -116,54 +116,56 @@ def _of_the_copy(case: Case) -> Case:
     body = case.homogeneous
     if body.same:
         return case
-    mesh, how, ndofs = case.mesh, case.how, case.ours.ndofs
-    ours = Player("homogeneous copy", case.build(mesh, [body.term], how), ndofs)
-    reference = Player(REFERENCE, reference_on(mesh.p, mesh.t, body.tensor, how, body.control(how)), ndofs)
+    mesh, discretisation, ndofs = case.mesh, case.discretisation, case.ours.ndofs
+    ours = Implementation("homogeneous copy", case.build(mesh, [body.term], discretisation), ndofs)
+    reference = Implementation(
+        REFERENCE, reference_on(mesh.p, mesh.t, body.tensor, discretisation, body.control(discretisation)), ndofs
+    )
     return replace(case, ours=ours, reference=reference)
 
 
-def _refuse(case: Case, player: Player) -> None:
+def _refuse(case: Case, implementation: Implementation) -> None:
     if case.mesh.k < case.mesh.d:
         raise NotApplicable("on membranes and cables in space an affine motion is no homogeneous state")
-    if player is case.candidate and not case.homogeneous.same:
+    if implementation is case.candidate and not case.homogeneous.same:
         raise NotApplicable("closed forms are for homogeneous isotropic bodies; the candidate's is not")
 
 
-def _closed_form(case: Case, player: Player, quantity: str, name: str) -> dict[str, Any]:
-    _refuse(case, player)
-    if not case.is_stvk(player):
+def _closed_form(case: Case, implementation: Implementation, quantity: str, name: str) -> dict[str, Any]:
+    _refuse(case, implementation)
+    if not case.is_stvk(implementation):
         raise NotApplicable("the candidate does not claim to be St. Venant-Kirchhoff")
     form, dimensions = CLOSED_FORMS[name]
     k = case.mesh.k
     if k not in dimensions:
-        raise NotApplicable(f"in {k}D this is no state of its own")
+        raise NotApplicable(f"in {k}D this state is the same as another one")
     F, P, density = form(k, *case.homogeneous.lame)
     X = case.centred
     u = (X @ (F - np.eye(k)).T).ravel()
     volume, (lam, mu) = float(case.shape.volume.sum()), case.homogeneous.lame
     E = (F.T @ F - np.eye(k)) / 2
     strain = float(np.abs(E).max())
-    reason = "1e-12 is for round-off of a sum over all nodes of a closed form, which every mesh meets"
+    reason = "1e-12 allows for round-off of a sum over all nodes: every mesh represents the closed form exactly"
     if quantity == "W":
         stress, parts = lam * np.trace(E) * np.eye(k) + 2 * mu * E, abs(lam) / 2 * np.trace(E) ** 2 + mu * (E * E).sum()
         lost = float(np.linalg.norm(stress)) * strain / (2 * density)  # dW = S : dE, where W = S : E/2
         limit = max(case.limits.of_body(u, max(1.0, lost)), LIMIT_BY_ASPECT * parts / density)  # parts cancel if lambda < 0
-        return as_a_whole(abs(player.W(u) / volume - density), density, limit, "energy density", reason)
-    mean = player.F(u).reshape(-1, k).T @ X / volume  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
+        return of_whole_body(abs(implementation.W(u) / volume - density), density, limit, "energy density", reason)
+    mean = implementation.F(u).reshape(-1, k).T @ X / volume  # first moment of the nodal forces: sum f_a (x) X_a = integral of P
     largest = float(np.abs(P).max())
     limit = case.limits.of_body(u, max(1.0, (lam + 2 * mu) * strain / largest))  # lam tr E and 2 mu E may nearly cancel
-    return as_a_whole(float(np.abs(mean - P).max()), largest, limit, "largest entry of the nominal stress", reason)
+    return of_whole_body(float(np.abs(mean - P).max()), largest, limit, "largest entry of the nominal stress", reason)
 
 
-def _patch_test(case: Case, player: Player) -> dict[str, Any]:
-    _refuse(case, player)
-    if not case.is_stvk(player) and not case.candidate_is_homogeneous:
+def _patch_test(case: Case, implementation: Implementation) -> dict[str, Any]:
+    _refuse(case, implementation)
+    if not case.is_stvk(implementation) and not case.candidate_is_homogeneous:
         raise NotApplicable("the candidate does not claim to be a homogeneous body")
     k = case.mesh.k
     inner = np.setdiff1d(np.arange(case.mesh.nv), boundary_nodes(case.mesh))
     if not len(inner):
         raise NotApplicable("the mesh has no inner nodes")
-    if case.how.kind == "quadratic tetrahedra" and case.how.quadrature is None:
+    if case.discretisation.kind == "quadratic tetrahedra" and case.discretisation.quadrature is None:
         inner = np.setdiff1d(inner, case.mesh.t[:, case.shape.curved])
         if not len(inner):
             raise NotApplicable(
@@ -172,18 +174,18 @@ def _patch_test(case: Case, player: Player) -> dict[str, Any]:
             )
     F = AFFINE[:k, :k]
     u = (case.centred @ (F - np.eye(k)).T).ravel()
-    forces, error = player.F(u).reshape(-1, k), np.zeros_like(case.centred)
+    forces, error = implementation.F(u).reshape(-1, k), np.zeros_like(case.centred)
     error[inner] = np.abs(forces[inner])
-    reason = "1e-12 is for round-off: under constant stress no force is left on inner nodes"
+    reason = "1e-12 allows for round-off: under constant stress no force is left on inner nodes"
     facets = np.tile(case.shape.volume * case.shape.steepest, len(case.mesh.t))  # the largest of each element
-    scale = _stress(case, player, F, forces) * np.bincount(case.mesh.t.ravel(), weights=facets, minlength=case.mesh.nv)
+    scale = _stress(case, implementation, F, forces) * np.bincount(case.mesh.t.ravel(), weights=facets, minlength=case.mesh.nv)
     words = f"stress on the facets around, {len(inner)} inner nodes"
     return by_node(case.mesh, error.ravel(), scale, case.limits.of_nodes(u), words, reason)
 
 
-def _stress(case: Case, player: Player, F: Array, forces: Array) -> float:
+def _stress(case: Case, implementation: Implementation, F: Array, forces: Array) -> float:
     """Return the largest nominal stress under an affine motion. For another law, use the mean stress from nodal forces (nv, k)."""
-    if not case.is_stvk(player):
+    if not case.is_stvk(implementation):
         return float(np.abs(forces.T @ case.centred).max() / case.shape.volume.sum())
     (lam, mu), E = case.homogeneous.lame, (F.T @ F - np.eye(len(F))) / 2
     return float(np.abs(F @ (lam * np.trace(E) * np.eye(len(F)) + 2 * mu * E)).max())

@@ -12,6 +12,7 @@ from ...arguments import Array
 from ...materials import Isotropic
 from ...terms import StVK
 from ..case import random_rotation
+from ..implementations import ContractViolation, Implementation
 from ..judgement import relative
 from ..law_readings import (
     SIXTH,
@@ -20,13 +21,12 @@ from ..law_readings import (
     differences,
     geometric_part,
     material_part,
+    material_tangent,
     second_differences,
-    second_of,
     stvk_energy,
     stvk_stress,
 )
-from ..players import Foul, Player
-from ..results import CannotTell, NotApplicable, Task
+from ..results import CannotDecide, NotApplicable, Task
 from .agreement import taylor_order
 
 LAW = "law"
@@ -41,8 +41,8 @@ class LawChecks:
     ) -> None:
         self.law, self.states, self.tensor, self.claims = law, states, tensor, claims
         d = law.d
-        self.player = Player(LAW, law, d * d)
-        self.turn = random_rotation(d, rng, 110.0)
+        self.implementation = Implementation(LAW, law, d * d)
+        self.rotation = random_rotation(d, rng, 110.0)
         self.along = rng.uniform(-1, 1, (d, d))
         self.has = law.functions.keys()
         self.scales: dict[str, float] = {}
@@ -53,83 +53,83 @@ class LawChecks:
         """Yield every check in every state."""
         one = np.eye(self.law.d)
         for name, F in self.states.items():
-            for what in ("P", "A"):
-                if what in self.has and ("W" in self.has or (what == "A" and "P" in self.has)):
-                    yield self._task("derivatives", what, name, self._taylor, what, F)
-                    yield self._task("exact derivatives", what, name, self._exactly, what, F)
-            for what in self.has:
-                yield self._task("objectivity", what, name, self._rotated, what, F, self.turn, one)
+            for quantity in ("P", "A"):
+                if quantity in self.has and ("W" in self.has or (quantity == "A" and "P" in self.has)):
+                    yield self._task("derivatives", quantity, name, self._taylor, quantity, F)
+                    yield self._task("exact derivatives", quantity, name, self._exactly, quantity, F)
+            for quantity in self.has:
+                yield self._task("objectivity", quantity, name, self._rotated, quantity, F, self.rotation, one)
                 if self.isotropic:
-                    yield self._task("isotropy", what, name, self._rotated, what, F, one, self.turn)
+                    yield self._task("isotropy", quantity, name, self._rotated, quantity, F, one, self.rotation)
                 if self.stvk:
-                    yield self._task("agreement", what, name, self._agreement, what, F)
+                    yield self._task("agreement", quantity, name, self._agreement, quantity, F)
             if "P" in self.has:
                 yield self._task("balance of moments", "P", name, self._moments, F)
             if "A" in self.has:
                 yield self._task("major symmetry", "A", name, self._major, F)
                 yield self._task("minor symmetries", "C", name, self._minor, F)
-        for what in self.has:
-            if what != "A":
-                yield self._task("rest", what, "rest", self._rest, what)
+        for quantity in self.has:
+            if quantity != "A":
+                yield self._task("rest", quantity, "rest", self._rest, quantity)
             if self.tensor is not None:
-                yield self._task("moduli at rest", what, "rest", self._moduli, what)
-            yield self._task("inversion", what, "mirrored", self._inversion, what)
+                yield self._task("moduli at rest", quantity, "rest", self._moduli, quantity)
+            yield self._task("inversion", quantity, "mirrored", self._inversion, quantity)
         yield self._task("strong ellipticity", "A", "rest", self._elliptic, one)
 
     def _task(self, check: str, quantity: str, state: str, measured: Callable[..., Measurement], *arguments: Any) -> Task:
         against = "St. Venant-Kirchhoff" if check == "agreement" else ""
-        return Task(check, self.player, quantity, state, "", partial(measured, *arguments), against)
+        return Task(check, self.implementation, quantity, state, "", partial(measured, *arguments), against)
 
-    def _value(self, what: str, F: Array) -> Array:
-        return np.asarray({"W": self.law.W, "P": self.law.P, "A": self.law.A}[what](F))
+    def _value(self, quantity: str, F: Array) -> Array:
+        return np.asarray({"W": self.law.W, "P": self.law.P, "A": self.law.A}[quantity](F))
 
-    def _scale(self, what: str) -> float:
+    def _scale(self, quantity: str) -> float:
         """Return the largest value in the generic states."""
-        if what not in self.scales:
-            self.scales[what] = max(float(np.abs(self._value(what, F)).max()) for F in self.law.generic) or np.inf
-        return self.scales[what]
+        if quantity not in self.scales:
+            self.scales[quantity] = max(float(np.abs(self._value(quantity, F)).max()) for F in self.law.generic) or np.inf
+        return self.scales[quantity]
 
-    def _relative(self, what: str, error: Array, limit: float, reason: str) -> Measurement:
-        scale = self._scale(what)
+    def _relative(self, quantity: str, error: Array, limit: float, reason: str) -> Measurement:
+        scale = self._scale(quantity)
         measured = float(np.abs(error).max()) / scale if np.isfinite(scale) else float("nan")  # a law that is zero everywhere fails
         return {
             "measured": measured,
             "limit": limit,
-            "scale": f"{scale:.3e} (largest |{what}| in strained states)",
+            "scale": f"{scale:.3e} (largest |{quantity}| in strained states)",
             "reason": reason,
         }
 
-    def _lower(self, what: str) -> str:
-        return "P" if what == "A" and "P" in self.has else "W"
+    def _lower(self, quantity: str) -> str:
+        return "P" if quantity == "A" and "P" in self.has else "W"
 
-    def _derivative(self, what: str, F: Array) -> tuple[Callable[[float], Array], Array]:
+    def _derivative(self, quantity: str, F: Array) -> tuple[Callable[[float], Array], Array]:
         """Return the function along a line whose derivative is tested, and the claimed derivative."""
-        lower, D = self._lower(what), self.along
-        if what == "A" and lower == "W":
+        lower, D = self._lower(quantity), self.along
+        if quantity == "A" and lower == "W":
 
             def slope(s: float) -> Array:
                 steps = ((n, w * (self.law.W(F + (s + 1e-2 * n) * D) - self.law.W(F + (s - 1e-2 * n) * D))) for n, w in SIXTH)
                 return np.asarray(sum(difference for _, difference in steps) / 1e-2)
 
             return slope, np.asarray(np.einsum("ij,ijkl,kl", D, self.law.A(F), D))
-        if what == "P":
+        if quantity == "P":
             return lambda s: self._value("W", F + s * D), np.asarray(np.sum(self.law.P(F) * D))
         return lambda s: self._value("P", F + s * D), np.einsum("ijkl,kl->ij", self.law.A(F), D)
 
-    def _taylor(self, what: str, F: Array) -> Measurement:
+    def _taylor(self, quantity: str, F: Array) -> Measurement:
         """Return the Taylor test for steps of at most 0.02: the measured value is 2 minus the order of the remainders."""
-        line, slope = self._derivative(what, F)
+        line, slope = self._derivative(quantity, F)
         return taylor_order(lambda s: line(0.08 * s), 0.08 * slope)
 
-    def _exactly(self, what: str, F: Array) -> Measurement:
+    def _exactly(self, quantity: str, F: Array) -> Measurement:
         """Return the test of the derivative by the five-point stencil, which is exact if the function is a quartic along lines."""
-        if what == "A" and "P" not in self.has:
-            raise NotApplicable("a second derivative of W has no five-point stencil of its own; its Taylor test is held")
-        line, slope = self._derivative(what, F)
+        if quantity == "A" and "P" not in self.has:
+            raise NotApplicable("the second derivative of W has no five-point stencil; the Taylor test checks it")
+        line, slope = self._derivative(quantity, F)
         try:
             at = {n: line(0.5 * n) for n in range(-4, 5)}
-        except Foul as foul:
-            raise NotApplicable(f"the law is no polynomial: {foul}") from foul
+        except ContractViolation as violation:
+            raise NotApplicable(f"the law is no polynomial: {violation}") from violation
         largest = max(float(np.abs(value).max()) for value in at.values())
         fifth = [at[n + 3] - 5 * at[n + 2] + 10 * at[n + 1] - 10 * at[n] + 5 * at[n - 1] - at[n - 2] for n in (-2, -1, 0, 1)]
         if not np.isfinite(largest) or not np.abs(fifth).max() <= 1e-11 * largest:
@@ -142,27 +142,27 @@ class LawChecks:
             "reason": "round-off of a stencil that is exact for polynomials of degree four",
         }
 
-    def _rotated(self, what: str, F: Array, Q: Array, R: Array) -> Measurement:
+    def _rotated(self, quantity: str, F: Array, Q: Array, R: Array) -> Measurement:
         """Compare the value at `Q F R` with the value at F, with its first indices rotated by `Q` and the others by `R`."""
-        rotated, value = self._value(what, Q @ F @ R), self._value(what, F)
-        if what != "W":
-            value = Q @ value @ R if what == "P" else np.einsum("ai,bk,ijkl,jc,ld->acbd", Q, Q, value, R, R)
-        return self._relative(what, rotated - value, self._limit(what), _ROUND)
+        rotated, value = self._value(quantity, Q @ F @ R), self._value(quantity, F)
+        if quantity != "W":
+            value = Q @ value @ R if quantity == "P" else np.einsum("ai,bk,ijkl,jc,ld->acbd", Q, Q, value, R, R)
+        return self._relative(quantity, rotated - value, self._limit(quantity), _ROUND)
 
-    def _limit(self, what: str) -> float:
+    def _limit(self, quantity: str) -> float:
         """Return the limit for round-off. It is larger for a C without P, whose geometric part is computed by differences."""
-        return 1e-7 if what == "A" and self.law.reading["A"].kind == "C" and "P" not in self.has else 1e-10
+        return 1e-7 if quantity == "A" and self.law.reading["A"].kind == "C" and "P" not in self.has else 1e-10
 
-    def _agreement(self, what: str, F: Array) -> Measurement:
+    def _agreement(self, quantity: str, F: Array) -> Measurement:
         assert self.tensor is not None
-        return self._relative(what, self._value(what, F) - self._claimed(what, F), self._limit(what), _ROUND)
+        return self._relative(quantity, self._value(quantity, F) - self._claimed(quantity, F), self._limit(quantity), _ROUND)
 
-    def _claimed(self, what: str, F: Array) -> Array:
+    def _claimed(self, quantity: str, F: Array) -> Array:
         assert self.tensor is not None
-        if what == "W":
+        if quantity == "W":
             return np.asarray(stvk_energy(self.tensor, F))
         P = stvk_stress(self.tensor, F)
-        return P if what == "P" else material_part(self.tensor, F, Reading("C")) + geometric_part(P, F)
+        return P if quantity == "P" else material_part(self.tensor, F, Reading("C")) + geometric_part(P, F)
 
     def _moments(self, F: Array) -> Measurement:
         moments = self.law.P(F) @ F.T
@@ -173,46 +173,48 @@ class LawChecks:
         return self._relative("A", A - A.transpose(2, 3, 0, 1), self._limit("A"), "A is a second derivative, to round-off")
 
     def _minor(self, F: Array) -> Measurement:
-        C = second_of(self.law.A(F), F, self.law.any_stress(F))
+        C = material_tangent(self.law.A(F), F, self.law.any_stress(F))
         error = np.maximum(np.abs(C - C.transpose(1, 0, 2, 3)), np.abs(C - C.transpose(0, 1, 3, 2)))
         limit = 1e-10 if "P" in self.has else 1e-7
         if not self.has & {"W", "P"} and not self.stvk:
-            raise CannotTell("C is what remains of A without the stress, which is not given. Give stress= or energy=.") \
-                if self.law.reading["A"].kind != "C" else NotApplicable("without a stress C stands as it is given")  # fmt: skip
+            raise CannotDecide("C is A without the geometric part, which needs a stress. Pass stress= or energy=.") \
+                if self.law.reading["A"].kind != "C" else NotApplicable("without a stress, C is used as returned")  # fmt: skip
         return self._relative("A", error, limit, _ROUND)
 
-    def _rest(self, what: str) -> Measurement:
-        return self._relative(what, self._value(what, np.eye(self.law.d)), 1e-10, "a body at rest has neither energy nor stress")
+    def _rest(self, quantity: str) -> Measurement:
+        return self._relative(
+            quantity, self._value(quantity, np.eye(self.law.d)), 1e-10, "a body at rest has neither energy nor stress"
+        )
 
-    def moduli(self, what: str) -> Array:
+    def moduli(self, quantity: str) -> Array:
         """Return the moduli at rest (d, d, d, d) of W, P or A."""
         one = np.eye(self.law.d)
-        if what == "A":
+        if quantity == "A":
             return self.law.A(one)
-        return differences(self.law.P if what == "P" else partial(differences, self.law.W, h=1e-2), one, 1e-2)
+        return differences(self.law.P if quantity == "P" else partial(differences, self.law.W, h=1e-2), one, 1e-2)
 
-    def _moduli(self, what: str) -> Measurement:
+    def _moduli(self, quantity: str) -> Measurement:
         assert self.tensor is not None
-        error, scale = float(np.abs(self.moduli(what) - self.tensor).max()), float(np.abs(self.tensor).max())
-        reason = "differences of sixth order" if what != "A" else "round-off, and of a C stresses by differences"
+        error, scale = float(np.abs(self.moduli(quantity) - self.tensor).max()), float(np.abs(self.tensor).max())
+        reason = "differences of sixth order" if quantity != "A" else "round-off; for C, stresses by differences"
         return relative(error, scale, 1e-7, "largest modulus of the claim", reason)
 
-    def _inversion(self, what: str) -> Measurement:
+    def _inversion(self, quantity: str) -> Measurement:
         """Check the law at det F < 0.
 
         St. Venant-Kirchhoff must agree with the claim there. For another law, W, P and A must be all defined or all undefined.
         """
         mirrored = self.law.generic[0] @ np.diag([-1.0, *[1.0] * (self.law.d - 1)])
         if self.stvk:
-            return self._agreement(what, mirrored)
+            return self._agreement(quantity, mirrored)
         defined = {other: self._defined(other, mirrored) for other in self.has}
         reason = "W, P and A are all defined where det F < 0, or none is"
         return {"measured": float(len(set(defined.values())) - 1), "limit": 0.0, "scale": "1", "reason": reason}
 
-    def _defined(self, what: str, F: Array) -> bool:
+    def _defined(self, quantity: str, F: Array) -> bool:
         try:
-            return bool(np.isfinite(self._value(what, F)).all())
-        except Foul:
+            return bool(np.isfinite(self._value(quantity, F)).all())
+        except ContractViolation:
             return False
 
     def _tangent(self, F: Array) -> Array:
@@ -240,7 +242,7 @@ class LawChecks:
             try:
                 W = self.law.W(F)
                 words.append(f"W = {W:.4g} when {state}")
-            except Foul:
+            except ContractViolation:
                 words.append(f"W is not defined when {state}")
         return "inversion: " + ", ".join(words)
 
@@ -250,7 +252,7 @@ class LawChecks:
             steps = np.linspace(0, 1, 31)[1:]
             waves = [least_wave(self._tangent(path(s, self.law.d))) for s in steps]
             if not np.isfinite(waves).all():
-                return [f"strong ellipticity in {name} is not known: the tangent is not a number somewhere on the way"]
+                return [f"strong ellipticity in {name} is unknown: the tangent is not finite at a state of this path"]
             signs = [wave > 0 for wave in waves]
             if all(signs):
                 return [f"strong ellipticity is kept in {name} to a stretch of {path(1.0, self.law.d)[0, 0]:.2f}"]
@@ -260,7 +262,7 @@ class LawChecks:
                 middle = (low + high) / 2
                 low, high = (middle, high) if least_wave(self._tangent(path(middle, self.law.d))) > 0 else (low, middle)
             return [f"strong ellipticity is lost in {name} at a stretch of {path(high, self.law.d)[0, 0]:.4f}"]
-        except (Foul, np.linalg.LinAlgError):
+        except (ContractViolation, np.linalg.LinAlgError):
             return []
 
 
@@ -280,8 +282,8 @@ def least_wave(A: Array) -> float:
         angles = np.linspace(0, np.pi, 48, endpoint=False)
         N = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     else:
-        z, turn = np.linspace(-1, 1, 15), np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        z, angle = np.linspace(-1, 1, 15), np.linspace(0, 2 * np.pi, 24, endpoint=False)
         r = np.sqrt(1 - z**2)
-        N = np.array([(a * np.cos(t), a * np.sin(t), b) for a, b in zip(r, z, strict=True) for t in turn] + [*np.eye(3)])
+        N = np.array([(a * np.cos(t), a * np.sin(t), b) for a, b in zip(r, z, strict=True) for t in angle] + [*np.eye(3)])
     Q = np.einsum("ijkl,nj,nl->nik", A, N, N)
     return float(np.linalg.eigvalsh((Q + Q.transpose(0, 2, 1)) / 2).min())

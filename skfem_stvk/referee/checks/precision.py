@@ -26,8 +26,8 @@ from ..bodies import Homogeneous, reference_on
 from ..case import EPS, OURS, REFERENCE, STRETCH, Case, built, random_rotation
 from ..discretisation import Discretisation, derivatives
 from ..exact import ExactStVK
+from ..implementations import METHODS, ContractViolation
 from ..judgement import HIGHEST, LIMIT_BY_ASPECT
-from ..players import METHODS, Foul
 from ..results import NotApplicable, Task
 from ..shape import Shape
 
@@ -48,7 +48,7 @@ def precision(case: Case) -> Iterator[Task]:
 
 def _worst(case: Case, degrees: int) -> dict[str, Any]:
     if degrees and case.mesh.d == 1:
-        raise NotApplicable("a line cannot turn")
+        raise NotApplicable("a line cannot rotate")
     if not case.precision:
         case.precision += list(
             precision_table(case.shape, case.homogeneous, case.random("precision"), case.build)
@@ -57,9 +57,9 @@ def _worst(case: Case, degrees: int) -> dict[str, Any]:
     flat = min(LIMIT_BY_ASPECT * float(patch(case.shape).aspect.max()), HIGHEST)
     errors = np.array([row["error"] * (row["strain"] if degrees else 1.0) for row in rows])
     worst = rows[int(np.argmax(errors))]  # argmax selects a nan if there is one
-    reason = "1e-13 is for round-off, whatever the strain and the offset: 2 E_ij = q_i . h_j + h_i . Q_j has no cancellation"
+    reason = "1e-13 allows for round-off at any strain and offset: 2 E_ij = q_i . h_j + h_i . Q_j has no cancellation"
     if degrees:
-        reason = "50 eps/strain: a rotated body's displacement leaves no more to any form"
+        reason = "50 eps/strain: rounding of the displacement of a rotated body limits every form"
     if flat > LIMIT:
         reason += f"; flat elements of the patch cost 20 eps x longest edge/height = {flat:.0e}"
     return {
@@ -79,16 +79,16 @@ def precision_table(
     The error is max |F - F_exact| / max |F_exact|.
     """
     piece, d = patch(shape), shape.mesh.d
-    mesh, how, sizes = piece.mesh, piece.how, piece.node_size
+    mesh, discretisation, sizes = piece.mesh, piece.discretisation, piece.node_size
     lowest = float(sizes.min() / piece.aspect.max())
-    turn = random_rotation(d, rng)
+    R = random_rotation(d, rng)
     noise = sizes * rng.standard_normal(mesh.p.shape)
     for offset in (offset for offset in OFFSETS if EPS * offset < 1e-4 * lowest):  # larger offsets flatten elements
-        x = _representable(mesh.p, how.kind, mesh.t, offset)
+        x = _representable(mesh.p, discretisation.kind, mesh.t, offset)
         p = x + offset
-        forms = forms_on(ElementMesh(p, mesh.t, element=mesh.element), how, body, build)
-        exact = ExactStVK(p, mesh.t, body.lame, how, np.broadcast_to(body.control(how), mesh.nt))
-        for degrees, Q in ((0, np.eye(d)), (170, turn)):
+        forms = forms_on(ElementMesh(p, mesh.t, element=mesh.element), discretisation, body, build)
+        exact = ExactStVK(p, mesh.t, body.lame, discretisation, np.broadcast_to(body.control(discretisation), mesh.nt))
+        for degrees, Q in ((0, np.eye(d)), (170, R)):
             if degrees and d == 1:
                 continue
             for strain in STRAINS.tolist():
@@ -119,19 +119,21 @@ def patch(shape: Shape) -> Shape:
     used, t = np.unique(mesh.t[:, near], return_inverse=True)
     p = mesh.p[:, used]
     own: NDArray[np.int32] = t.reshape(len(mesh.t), -1).astype(np.int32)
-    return Shape(ElementMesh(p - p.mean(axis=1, keepdims=True), own, element=mesh.element), shape.how)
+    return Shape(ElementMesh(p - p.mean(axis=1, keepdims=True), own, element=mesh.element), shape.discretisation)
 
 
 def forms_on(
-    mesh: ElementMesh, how: Discretisation, body: Homogeneous, build: Callable[..., Any] = built
+    mesh: ElementMesh, discretisation: Discretisation, body: Homogeneous, build: Callable[..., Any] = built
 ) -> dict[str, Callable[[Array], Array]]:
     """Return functions F(u) by name: this package's form, the textbook form and scikit-fem's."""
-    forms: dict[str, Callable[[Array], Array]] = {OURS: build(mesh, [body.term], how).internal_force}
+    forms: dict[str, Callable[[Array], Array]] = {OURS: build(mesh, [body.term], discretisation).internal_force}
     if mesh.element.is_linear_simplex:
         forms[TEXTBOOK] = Textbook(body.term.bind(mesh).form).internal_force
-    elif not how.is_one_point:
-        forms[TEXTBOOK] = TextbookAtPoints(mesh, how, body.lame).internal_force
-    return forms | {REFERENCE: reference_on(mesh.p, mesh.t, body.tensor, how, body.control(how)).internal_force}
+    elif not discretisation.is_one_point:
+        forms[TEXTBOOK] = TextbookAtPoints(mesh, discretisation, body.lame).internal_force
+    return forms | {
+        REFERENCE: reference_on(mesh.p, mesh.t, body.tensor, discretisation, body.control(discretisation)).internal_force
+    }
 
 
 class Textbook:
@@ -160,9 +162,9 @@ class Textbook:
 class TextbookAtPoints:
     """F of any elements from positions: `2 E_ij = x_,i . x_,j - X_,i . X_,j` in the oblique axes at each point."""
 
-    def __init__(self, mesh: ElementMesh, how: Discretisation, lame: tuple[float, float]) -> None:
-        (xi, weights), (self._lam, self._mu) = how.points, lame
-        self._table, self._mesh = derivatives(how.kind, xi).astype(float), mesh
+    def __init__(self, mesh: ElementMesh, discretisation: Discretisation, lame: tuple[float, float]) -> None:
+        (xi, weights), (self._lam, self._mu) = discretisation.points, lame
+        self._table, self._mesh = derivatives(discretisation.kind, xi).astype(float), mesh
         self._metric = self._squares(mesh.p.T)[1]
         self._inverse = np.linalg.inv(self._metric)
         self._weight = np.sqrt(np.linalg.det(self._metric)) * weights
@@ -187,25 +189,25 @@ def speed_table(case: Case) -> Iterator[dict[str, Any]]:
     """Yield rows of times and memory.
 
     Their keys are player, quantity, method, ns_per_element (best), median_ns_per_element, ratio, peak_bytes_per_element and
-    repetitions. The ratio is the reference's best time over the player's. A player that lacks the method or raises has no row. The
-    check of agreement reports such a player.
+    repetitions. The ratio is the reference's best time over the implementation's. An implementation that lacks the method or raises
+    has no row. The check of agreement reports such an implementation.
     """
     u = case.states[STRETCH]
     for quantity, method in METHODS.items():
         reference_best = None
-        for player in [case.scikit_fem, *case.players]:
-            if not player.has(quantity):
+        for implementation in [case.scikit_fem, *case.implementations]:
+            if not implementation.has(quantity):
                 continue
-            call = partial(player.call, quantity, u)
+            call = partial(implementation.call, quantity, u)
             try:
-                getattr(player, quantity)(u)  # raises Foul if the result is invalid
+                getattr(implementation, quantity)(u)  # raises ContractViolation if the result is invalid
                 seconds, peak = _timed(call), _peak(call)
-            except Foul:
+            except ContractViolation:
                 continue
             best = min(seconds)
             reference_best = best if reference_best is None else reference_best
             yield {
-                "player": player.name,
+                "player": implementation.name,
                 "quantity": quantity,
                 "method": method,
                 "ns_per_element": 1e9 * best / case.mesh.nt,
@@ -241,13 +243,13 @@ def _peak(call: Callable[[], Any]) -> int:
 
 def error_table(case: Case) -> dict[str, dict[str, float]]:
     """Return errors of W, F and K v against 50 digits on a patch of the body, strained by 0.1 %. Plots show speed against these."""
-    piece, body, how = patch(case.shape), case.homogeneous, case.how
-    mesh, control = piece.mesh, body.control(how)
-    ours = built(mesh, [body.term], how)
-    reference = reference_on(mesh.p, mesh.t, body.tensor, how, control)
+    piece, body, discretisation = patch(case.shape), case.homogeneous, case.discretisation
+    mesh, control = piece.mesh, body.control(discretisation)
+    ours = built(mesh, [body.term], discretisation)
+    reference = reference_on(mesh.p, mesh.t, body.tensor, discretisation, control)
     noise = 1e-3 * piece.node_size[:, None] * case.random("speed").standard_normal((2, mesh.nv, mesh.d))
     u, v = noise.reshape(2, -1)
-    exact = ExactStVK(mesh.p, mesh.t, body.lame, how, np.broadcast_to(control, mesh.nt))
+    exact = ExactStVK(mesh.p, mesh.t, body.lame, discretisation, np.broadcast_to(control, mesh.nt))
     (W, F), Kv = exact.energy_and_force(u), exact.product(u, v)
     errors = {
         name: {
@@ -257,7 +259,7 @@ def error_table(case: Case) -> dict[str, dict[str, float]]:
         }
         for name, model in ((OURS, ours), (REFERENCE, reference))
     }
-    textbook = forms_on(mesh, how, body).get(TEXTBOOK)
+    textbook = forms_on(mesh, discretisation, body).get(TEXTBOOK)
     return errors if textbook is None else errors | {TEXTBOOK: {"F": relative_error(textbook(u), F)}}
 
 

@@ -21,12 +21,12 @@ from scipy.sparse.linalg import splu
 from ...arguments import Array
 from ...mesh import ElementMesh
 from ..case import EPS, STRETCH, Case, random_rotation
-from ..judgement import as_a_whole, by_entry, by_node, largest_component, largest_rows
-from ..players import Player
-from ..results import CannotTell, NotApplicable, Task
+from ..implementations import Implementation
+from ..judgement import by_entry, by_node, largest_component, largest_rows, of_whole_body
+from ..results import CannotDecide, NotApplicable, Task
 from ..shape import facet_ids
 
-REASON = "1e-12 is for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
+REASON = "1e-12 allows for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
 #: For a larger body, zero modes are checked on a piece of this size, with all other nodes constrained. A factorisation of 60 000
 #: unknowns takes 15 s. For an operator, the columns of the piece are computed one by one.
 LARGEST, LARGEST_OPERATOR = 60_000, 600
@@ -41,90 +41,90 @@ def invariance(case: Case) -> Iterator[Task]:
     rng = case.random("invariance")
     mirror = np.eye(d) - 2 * np.outer(np.eye(d)[0], np.eye(d)[0])
     shift = np.ptp(case.centred, axis=0).max() * rng.standard_normal(d)
-    turn = random_rotation(d, rng, degrees=115.0)
-    motions = {"translation": (np.eye(d), shift), "rotation": (turn, 0 * shift), "reflection": (turn @ mirror, 0 * shift)}
-    for player in case.players:
+    Q = random_rotation(d, rng, degrees=115.0)
+    motions = {"translation": (np.eye(d), shift), "rotation": (Q, 0 * shift), "reflection": (Q @ mirror, 0 * shift)}
+    for implementation in case.implementations:
         for motion, (Q, c) in motions.items():
             for quantity in "WFK":
-                measure = partial(_change, case, player, quantity, motion, Q, c)
-                yield Task("invariance", player, quantity, motion, quantity, measure)
+                measure = partial(_change, case, implementation, quantity, motion, Q, c)
+                yield Task("invariance", implementation, quantity, motion, quantity, measure)
 
 
-def _change(case: Case, player: Player, quantity: str, motion: str, Q: Array, c: Array) -> dict[str, Any]:
+def _change(case: Case, implementation: Implementation, quantity: str, motion: str, Q: Array, c: Array) -> dict[str, Any]:
     d = case.mesh.d
-    if np.linalg.det(Q) < 0 and not case.is_stvk(player):
+    if np.linalg.det(Q) < 0 and not case.is_stvk(implementation):
         raise NotApplicable("a law may tell a body from its mirror image; the candidate does not claim to be St. Venant-Kirchhoff")
     if case.mesh.d == 1 and motion == "rotation":
-        raise NotApplicable("a line cannot turn")
+        raise NotApplicable("a line cannot rotate")
     u = case.states[STRETCH]
     moved = (case.centred @ (Q - np.eye(d)).T + u.reshape(-1, d) @ Q.T + c).ravel()
 
-    def turned(f: Array) -> Array:
+    def rotated(f: Array) -> Array:
         return (f.reshape(-1, d) @ Q.T).ravel()
 
     if quantity == "W":
-        W, words = player.W(u), "W before, or K at rest x edge squared, median"
-        scale = max(abs(W), case.energy_floor(player))
-        return as_a_whole(abs(player.W(moved) - W), scale, case.limits.of_body(moved), words, REASON)
+        W, words = implementation.W(u), "W before, or K at rest x edge squared, median"
+        scale = max(abs(W), case.energy_floor(implementation))
+        return of_whole_body(abs(implementation.W(moved) - W), scale, case.limits.of_body(moved), words, REASON)
     if quantity == "F":
-        F, after = turned(player.F(u)), player.F(moved)
+        F, after = rotated(implementation.F(u)), implementation.F(moved)
         words = "largest |F| around before, or K at rest x edge"
-        return by_node(case.mesh, after - F, case.force_scale(player, F), case.limits.of_nodes(moved), words, REASON)
+        return by_node(case.mesh, after - F, case.force_scale(implementation, F), case.limits.of_nodes(moved), words, REASON)
     v = case.direction(u, case.random("invariance K"))
-    Kv, after = turned(np.asarray(player.K(u) @ v)), np.asarray(player.K(moved) @ turned(v))
-    scale = np.maximum(case.limits.around(largest_component(Kv, d)), case.stiffness(player) * largest_component(v, d))
+    Kv, after = rotated(np.asarray(implementation.K(u) @ v)), np.asarray(implementation.K(moved) @ rotated(v))
+    scale = np.maximum(case.limits.around(largest_component(Kv, d)), case.stiffness(implementation) * largest_component(v, d))
     words = "largest |K v| around before, or K at rest x |v|"
     return by_node(case.mesh, after - Kv, scale, case.limits.of_nodes(moved), words, REASON)
 
 
 def balance(case: Case) -> Iterator[Task]:
     """Yield the sums of forces and torques and the symmetry of K in every state, and the rigid modes at rest."""
-    for player in case.players:
+    for implementation in case.implementations:
         for state in case.states:
-            yield Task("balance", player, "sum of forces", state, "F", partial(_forces, case, player, state))
-            yield Task("balance", player, "sum of torques", state, "F", partial(_torques, case, player, state))
-            yield Task("symmetry", player, "K", state, "K", partial(_symmetry, case, player, state))
-        yield Task("rigid modes", player, "K", "rest", "K", partial(_rigid_modes, case, player))
+            yield Task("balance", implementation, "sum of forces", state, "F", partial(_forces, case, implementation, state))
+            yield Task("balance", implementation, "sum of torques", state, "F", partial(_torques, case, implementation, state))
+            yield Task("symmetry", implementation, "K", state, "K", partial(_symmetry, case, implementation, state))
+        yield Task("rigid modes", implementation, "K", "rest", "K", partial(_rigid_modes, case, implementation))
 
 
-def _forces(case: Case, player: Player, state: str) -> dict[str, Any]:
-    case.refuse_undefined(player, state)
-    F = case.value(player, "F", state).reshape(-1, case.mesh.d)
-    return _resultant(case, player, state, F.sum(axis=0), 1.0, "sum of |F|, or K at rest x edge")
+def _forces(case: Case, implementation: Implementation, state: str) -> dict[str, Any]:
+    case.refuse_undefined(implementation, state)
+    F = case.value(implementation, "F", state).reshape(-1, case.mesh.d)
+    return _resultant(case, implementation, state, F.sum(axis=0), 1.0, "sum of |F|, or K at rest x edge")
 
 
-def _torques(case: Case, player: Player, state: str) -> dict[str, Any]:
-    case.refuse_undefined(player, state)
+def _torques(case: Case, implementation: Implementation, state: str) -> dict[str, Any]:
+    case.refuse_undefined(implementation, state)
     d = case.mesh.d
     if d == 1:
         raise NotApplicable("there are no torques on a line")
-    F = case.value(player, "F", state).reshape(-1, d)
+    F = case.value(implementation, "F", state).reshape(-1, d)
     x = case.centred + case.states[state].reshape(-1, d)
     x = x - x.mean(axis=0)
     torque = np.array([(x[:, i] * F[:, j] - x[:, j] * F[:, i]).sum() for i, j in combinations(range(d), 2)])
     reach = float(np.abs(x).max())
-    return _resultant(case, player, state, torque, reach, "sum of |F| x size of the body")
+    return _resultant(case, implementation, state, torque, reach, "sum of |F| x size of the body")
 
 
-def _resultant(case: Case, player: Player, state: str, total: Array, reach: float, words: str) -> dict[str, Any]:
-    scale = max(float(np.abs(case.value(player, "F", state)).sum()), float(case.force_floor(player).max())) * reach
+def _resultant(case: Case, implementation: Implementation, state: str, total: Array, reach: float, words: str) -> dict[str, Any]:
+    scale = max(float(np.abs(case.value(implementation, "F", state)).sum()), float(case.force_floor(implementation).max())) * reach
     limit = case.limits.of_body(case.states[state])
-    reason = "1e-12 is for round-off: forces between the nodes of an element cancel"
-    return as_a_whole(float(np.abs(total).max()), scale, limit, words, reason)
+    reason = "1e-12 allows for round-off: forces between the nodes of an element cancel"
+    return of_whole_body(float(np.abs(total).max()), scale, limit, words, reason)
 
 
-def _symmetry(case: Case, player: Player, state: str) -> dict[str, Any]:
-    case.refuse_undefined(player, state)
-    K, u = case.value(player, "K", state), case.states[state]
-    reason = "1e-12 is for round-off of the diagonal blocks: second derivatives commute"
+def _symmetry(case: Case, implementation: Implementation, state: str) -> dict[str, Any]:
+    case.refuse_undefined(implementation, state)
+    K, u = case.value(implementation, "K", state), case.states[state]
+    reason = "1e-12 allows for round-off of the diagonal blocks: second derivatives commute"
     if issparse(K):
-        rows = np.maximum(largest_rows(K, case.mesh.d), case.stiffness(player))
+        rows = np.maximum(largest_rows(K, case.mesh.d), case.stiffness(implementation))
         return by_entry(case.mesh, K - K.T, rows, case.limits.of_pairs(u), "largest |K| of the rows, now or at rest", reason)
     rng = case.random("symmetry")
     x, y = rng.standard_normal((2, K.shape[0]))
     Kx, Ky = K @ x, K @ y
     scale, limit = float(np.abs(y * Kx).sum()), case.limits.of_body(u)
-    return as_a_whole(abs(float(y @ Kx - x @ Ky)), scale, limit, "sum of |y K x|, random x and y", reason)
+    return of_whole_body(abs(float(y @ Kx - x @ Ky)), scale, limit, "sum of |y K x|, random x and y", reason)
 
 
 def rigid_motions(X: Array) -> Array:
@@ -141,32 +141,34 @@ def rigid_motions(X: Array) -> Array:
     return np.stack([mode.ravel() for mode in modes], axis=1)
 
 
-def _rigid_modes(case: Case, player: Player) -> dict[str, Any]:
+def _rigid_modes(case: Case, implementation: Implementation) -> dict[str, Any]:
     u = np.zeros(case.mesh.p.size)
-    K = player.K(u)
+    K = implementation.K(u)
     error = np.max([np.abs(K @ mode) for mode in rigid_motions(case.centred).T], axis=0)
-    reason = "1e-12 is for round-off: translations and rotations strain nothing to first order"
+    reason = "1e-12 allows for round-off: translations and rotations strain nothing to first order"
     return by_node(
-        case.mesh, error, case.stiffness(player), case.limits.of_nodes(u), "largest |K| of the row, modes of size 1", reason
+        case.mesh, error, case.stiffness(implementation), case.limits.of_nodes(u), "largest |K| of the row, modes of size 1", reason
     )
 
 
 def zero_modes(case: Case) -> Iterator[Task]:
     """Yield the check that all pivots of K at rest are positive, so that only rigid motions have no energy."""
-    for player in case.players:
-        yield Task("no further zero mode", player, "K", "rest", "K", partial(_count, case, player))
+    for implementation in case.implementations:
+        yield Task("no further zero mode", implementation, "K", "rest", "K", partial(_count, case, implementation))
 
 
-def _count(case: Case, player: Player) -> dict[str, Any]:
+def _count(case: Case, implementation: Implementation) -> dict[str, Any]:
     mesh = case.mesh
     if mesh.k < mesh.d:
         raise NotApplicable("membranes and cables in space resist no bending: K has further zero modes at rest")
-    if case.bare:
-        raise NotApplicable(f"{case.bare} elements belong to no term, so the body has holes that the mesh does not show")
+    if case.elements_without_term:
+        raise NotApplicable(
+            f"{case.elements_without_term} elements belong to no term, so the body has holes that the mesh does not show"
+        )
     if facet_connected_parts(mesh) > 1:
-        raise NotApplicable("the body is in parts that share no facet, which can move or turn against each other")
-    K = player.K(np.zeros(mesh.p.size))
-    free, how = _supported(case, LARGEST if issparse(K) else LARGEST_OPERATOR)
+        raise NotApplicable("the body has parts that share no facet and can move or rotate against each other")
+    K = implementation.K(np.zeros(mesh.p.size))
+    free, supports = _supported(case, LARGEST if issparse(K) else LARGEST_OPERATOR)
     pivots, diagonal = _pivots(csc_matrix(K[free][:, free] if issparse(K) else _columns(K, free)))
     relative = pivots / np.maximum(diagonal, np.finfo(float).tiny)
     bad = np.flatnonzero(~(relative > ZERO))
@@ -175,7 +177,7 @@ def _count(case: Case, player: Player) -> dict[str, Any]:
     return {
         "measured": float(len(bad)),
         "limit": 0.0,
-        "scale": f"pivots, the smallest {np.min(relative):.1e} of its diagonal entry ({how})",
+        "scale": f"pivots, the smallest {np.min(relative):.1e} of its diagonal entry ({supports})",
         "reason": f"a mode without energy leaves a pivot that is zero (here: below {ZERO:g} of the diagonal entry) or negative",
         "worst": worst,
     }
@@ -187,7 +189,7 @@ def _supported(case: Case, largest: int) -> tuple[NDArray[np.int64], str]:
     if ndofs > largest:
         centre = case.centred[case.random("zero modes").integers(case.mesh.nv)]
         near = np.argsort(((case.centred - centre) ** 2).sum(axis=1))[: largest // (2 * d)]
-        return np.sort((d * near[:, None] + np.arange(d)).ravel()), f"{len(near)} nodes around one, all others held"
+        return np.sort((d * near[:, None] + np.arange(d)).ravel()), f"{len(near)} nodes around one node, all others constrained"
     motions = rigid_motions(case.centred)
     grounded = qr(motions.T, mode="r", pivoting=True)[1][: motions.shape[1]]
     return np.setdiff1d(np.arange(ndofs), grounded), f"dofs {', '.join(map(str, sorted(grounded.tolist())))} grounded"
@@ -207,7 +209,7 @@ def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the pivots of a factorisation with diagonal pivoting, and the diagonal entries, in the order of K.
 
     A shift of the diagonal prevents an error for an exactly singular matrix. The pivot of a mode that involves all degrees of
-    freedom grows by their number times the shift. It must stay far below ZERO. Raise CannotTell if the factorisation fails.
+    freedom grows by their number times the shift. It must stay far below ZERO. Raise CannotDecide if the factorisation fails.
     """
     diagonal = np.abs(K.diagonal())
     part = max(0.01 * ZERO / max(len(diagonal), 1), EPS)
@@ -216,9 +218,9 @@ def _pivots(K: csc_matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         shifted, symmetric = K + diags(shift, format="csc"), {"SymmetricMode": True}
         lu = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
     except RuntimeError as error:
-        raise CannotTell(f"the factorisation of K at rest stopped: {error}") from error
+        raise CannotDecide(f"the factorisation of K at rest stopped: {error}") from error
     if not np.array_equal(lu.perm_r, lu.perm_c):
-        raise CannotTell("the factorisation of K at rest left the diagonal: K is not symmetric, or has a zero pivot")
+        raise CannotDecide("the factorisation of K at rest pivoted off the diagonal: K is not symmetric, or has a zero pivot")
     return lu.U.diagonal()[lu.perm_c], np.maximum(diagonal, shift / (0.1 * ZERO))
 
 

@@ -27,13 +27,11 @@ class Solver(Part):
     name: Annotated[Annotated[str, OneOf(solver_names)], key("Linear solver.")] = "auto"
     rtol: Annotated[
         float | None,
-        key(
-            "Part of the forces below which a residual is small enough; by default 1e-8, or what the integrator needs.", gt=0, lt=1
-        ),
+        key("Relative tolerance of the residual; by default 1e-8, or what the integrator needs.", gt=0, lt=1),
     ] = None
     tangent: Annotated[
         Literal[tuple(one.value for one in StepTangent)] | None,  # type: ignore[valid-type]
-        key("What implicit integrators solve with; by default the exact tangent."),
+        key("Tangent that implicit integrators use; by default the exact tangent."),
     ] = None
 
 
@@ -41,10 +39,8 @@ class ReducedBasis(Part):
     """Few unknowns: the amounts of some fields of displacements, made of vibration modes. For statics, arc length and motion."""
 
     size: Annotated[int | None, key("Number of unknowns; by default 30, or as many as there are independent fields.", ge=1)] = None
-    modes: Annotated[
-        int | None, key("How many of the lowest modes the fields are made of; by default 20, or all that there are.", ge=1)
-    ] = None
-    derivatives: Annotated[bool, key("Whether of the derivatives of the modes, too: without them nothing can turn far.")] = True
+    modes: Annotated[int | None, key("Number of the lowest modes in the basis; by default 20, or all modes.", ge=1)] = None
+    derivatives: Annotated[bool, key("Whether modal derivatives are added; without them large rotations are not possible.")] = True
 
     def of_body(self, body: System, quiet: bool) -> ReducedSystem:
         """Return the body on this basis."""
@@ -58,8 +54,8 @@ class StaticAnalysis(Part):
 
     type: Literal["static"]
     steps: Annotated[int, key("The first step is this part of the load: 1/steps.", ge=1)] = 10
-    stability: Annotated[bool, key("Find the lowest eigenvalue of K at each state where the solver does not tell.")] = False
-    ellipticity: Annotated[bool, key("Look at each state for elements that have lost strong ellipticity.")] = False
+    stability: Annotated[bool, key("Compute the lowest eigenvalue of K at each state if the solver does not give it.")] = False
+    ellipticity: Annotated[bool, key("Check each state for elements without strong ellipticity.")] = False
 
 
 class DisplacementLevel(Part):
@@ -85,16 +81,16 @@ class ArcLengthAnalysis(Part):
     type: Literal["arc-length"]
     steps: Annotated[int, key("The first step is this part of the load: 1/steps.", ge=1)] = 10
     stop: Annotated[StopRule, key("The end of the path; by default load factor 1.")] = StopRule(load=1.0)
-    stability: Annotated[bool, key("Find the lowest eigenvalue of K at each state where the solver does not tell.")] = False
-    ellipticity: Annotated[bool, key("Look at each state for elements that have lost strong ellipticity.")] = False
+    stability: Annotated[bool, key("Compute the lowest eigenvalue of K at each state if the solver does not give it.")] = False
+    ellipticity: Annotated[bool, key("Check each state for elements without strong ellipticity.")] = False
 
 
 class Damping(Part):
     """Damping by mass, by the stiffness at rest, and by the rate of strain."""
 
     alpha: Annotated[float, key("Rayleigh's by mass.", "rate", ge=0)] = 0.0
-    beta: Annotated[float, key("Rayleigh's by the stiffness at rest.", "time", ge=0)] = 0.0
-    tau: Annotated[float, key("Of the edges: time of retardation.", "time", ge=0)] = 0.0
+    beta: Annotated[float, key("Rayleigh damping by the stiffness at rest.", "time", ge=0)] = 0.0
+    tau: Annotated[float, key("Retardation time of edge damping.", "time", ge=0)] = 0.0
 
     def of_library(self) -> list[Rayleigh | EdgeDamping]:
         """Return the damping that `simulate` takes."""
@@ -105,7 +101,7 @@ class Tearing(Part):
     """Elements leave the body where their largest principal stress is above a limit."""
 
     stress: Annotated[float, key("The limit.", "stress", gt=0)]
-    every: Annotated[int, key("Steps from one look to the next.", ge=1)] = 1
+    every: Annotated[int, key("Number of steps between checks.", ge=1)] = 1
 
     def rule(self) -> PrincipalStressLimit:
         """Return the rule that `simulate` takes."""
@@ -134,7 +130,7 @@ class MotionAnalysis(Part):
     """Motion from a first state."""
 
     type: Literal["dynamic"]
-    integrator: Annotated[Annotated[str, OneOf(integrators)], key("How steps are made.")] = "energy-momentum"
+    integrator: Annotated[Annotated[str, OneOf(integrators)], key("Time integrator.")] = "energy-momentum"
     dt: Annotated[float | None, key("Time step; explicit integrators can do without: 0.85 of the critical one.", "time", gt=0)] = (
         None
     )
@@ -163,7 +159,7 @@ def with_options(analysis: type[MotionAnalysis]) -> type[MotionAnalysis]:
         for parameter, annotation, quantity in declared(integrator):
             if parameter.name not in analysis.model_fields:
                 said = quantity.sentence[0].lower() + quantity.sentence[1:].rstrip(".")
-                sentence = f"Of {' and '.join(options()[parameter.name])}: {said}, by default {parameter.default}."
+                sentence = f"For {' and '.join(options()[parameter.name])}: {said}, by default {parameter.default}."
                 kind, limits = type_of(parameter.name, annotation, quantity)
                 more[parameter.name] = Annotated[kind | None, key(sentence, quantity.dimension, **limits)], None
     if not more:
@@ -185,7 +181,7 @@ class ModesAnalysis(Part):
     type: Literal["modes"]
     n: Annotated[int, key("How many, rigid ones included.", ge=1)] = 10
     mass: Annotated[Literal["lumped", "consistent"], key("Mass matrix.")] = "lumped"
-    load: Annotated[float, key("Load factor of the first state, for loads that depend on where the body goes.")] = 1.0
+    load: Annotated[float, key("Load factor of the first state, for loads that depend on the displacements.")] = 1.0
 
 
 def analyses() -> list[Any]:

@@ -17,7 +17,9 @@ from .quantities import Components, Part, key
 #: The key of the number of coordinates, for meshes that may be flat.
 Dimension = Annotated[
     int | None,
-    key("Number of coordinates: 3 keeps a flat mesh in space, as a membrane; by default no more than needed.", ge=1, le=3),
+    key(
+        "Number of coordinates: 3 keeps a flat mesh in space, as a membrane; by default the fewest that the mesh needs.", ge=1, le=3
+    ),
 ]
 Cells = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_length=3)]
 
@@ -30,7 +32,7 @@ class AnyMesh(Part):
     )
     quadrature: Annotated[
         Literal["exact", "one-point"] | None,
-        key("Rule of integration: exact, or one point of quadrilaterals and hexahedra; by default the usual one."),
+        key("Quadrature rule: exact, or one-point for quadrilaterals and hexahedra; by default the usual rule."),
     ] = None
     hourglass: Annotated[
         float | None, key("Coefficient of the hourglass control of elements with one point; by default 0.05.", ge=0)

@@ -30,7 +30,7 @@ class PlanePlace(Part):
     point: Annotated[Components, key("A point of the plane.", "length")]
     normal: Annotated[Components, key("Its normal, of any length.")]
     within: Annotated[
-        float | None, key("How far from it nodes may be; by default 1e-6 of the size of the mesh.", "length", gt=0)
+        float | None, key("Largest distance of nodes from the plane; by default 1e-6 of the size of the mesh.", "length", gt=0)
     ] = None
 
     def where(self) -> Plane:
@@ -53,14 +53,14 @@ class ElementsRegion(Part):
     """Elements by their numbers, from 0."""
 
     type: Literal["elements"]
-    ids: Annotated[list[Annotated[int, Field(ge=0)]], key("Numbers of elements.", min_length=1)]
+    ids: Annotated[list[Annotated[int, Field(ge=0)]], key("Ids of elements.", min_length=1)]
 
     def where(self) -> list[int]:
         """Return the region as terms take it."""
         return self.ids
 
 
-def _told(otherwise: str, words: str) -> Discriminator:
+def _kind_selector(otherwise: str, words: str) -> Discriminator:
     """Return the rule that selects the kind of a value by the `type` of a table, or by its own type; `words` name all kinds."""
 
     def kind(given: Any) -> str:
@@ -79,16 +79,18 @@ Shape: TypeAlias = Annotated[BoxPlace, Tag("box")] | Annotated[PlanePlace, Tag("
 #: Words for a shape in messages.
 SHAPES = f"a table with type = one of {', '.join(tag for tags, _ in members(Shape) for tag in tags)}"
 #: A value of `[places]`.
-Place = Annotated[Annotated[Components, Tag("coordinates")] | Shape, _told("no place", f"coordinates [x, y, z], or {SHAPES}")]
+Place = Annotated[
+    Annotated[Components, Tag("coordinates")] | Shape, _kind_selector("no place", f"coordinates [x, y, z], or {SHAPES}")
+]
 #: A location: a name of the mesh or of `[places]`, coordinates of the nearest node, or a shape.
 PlaceOrName = Annotated[
     Annotated[Name, Tag("name")] | Annotated[Components, Tag("coordinates")] | Shape,
-    _told("name", f"a name, coordinates [x, y, z], or {SHAPES}"),
+    _kind_selector("name", f"a name, coordinates [x, y, z], or {SHAPES}"),
 ]
 #: A set of elements: a subdomain of the mesh or a box of `[places]` by name, a box, or numbers.
 Region = Annotated[
     Annotated[Name, Tag("name")] | Annotated[BoxPlace, Tag("box")] | Annotated[ElementsRegion, Tag("elements")],
-    _told("name", "a name, or a table with type = one of box, elements"),
+    _kind_selector("name", "a name, or a table with type = one of box, elements"),
 ]
 
 #: Elements that a term brings on the nodes of the mesh: a boundary or lines of the mesh by name, or the nodes of each element.

@@ -38,20 +38,22 @@ class Initial(Part):
         str | None, key("Result file (.vtu, .pvd) whose displacements and velocities are the first ones, relative to the scene.")
     ] = None
     at: Annotated[float | None, key("Which state of a .pvd file, by its time or load factor; by default the last.", "time")] = None
-    velocity: Annotated[Components | None, key("Velocity of all nodes, in place of those of the file.", "velocity")] = None
+    velocity: Annotated[Components | None, key("Velocity of all nodes, instead of those of the file.", "velocity")] = None
     t0: Annotated[float, key("Time, or load factor of a path, of the first state.", "time")] = 0.0
 
 
 class Output(Part):
     """Files in the folder of results, in addition to summary.json, resolved.toml and report.html."""
 
-    file: Annotated[str | None, key("States on the way (.pvd), or the last one (.vtu), for ParaView.", pattern=r"\.(pvd|vtu)$")] = (
-        None
-    )
-    every: Annotated[int, key("Steps of a motion from one saved state to the next.", ge=1)] = 10
-    fields: Annotated[list[Name] | None, key("Fields in these files beside displacements; by default stresses and strains.")] = None
-    probes: Annotated[dict[Name, PlaceOrName], key("Places by name whose mean displacements are followed.")] = {}
-    reactions: Annotated[dict[Name, PlaceOrName], key("Places by name whose forces of supports are followed.")] = {}
+    file: Annotated[
+        str | None, key("File of all saved states (.pvd), or of the last state (.vtu), for ParaView.", pattern=r"\.(pvd|vtu)$")
+    ] = None
+    every: Annotated[int, key("Number of time steps between saved states of a motion.", ge=1)] = 10
+    fields: Annotated[
+        list[Name] | None, key("Fields in these files in addition to displacements; by default stresses and strains.")
+    ] = None
+    probes: Annotated[dict[Name, PlaceOrName], key("Places by name whose mean displacements are recorded.")] = {}
+    reactions: Annotated[dict[Name, PlaceOrName], key("Places by name whose support forces are recorded.")] = {}
     plots: Annotated[
         list[Name], key("Curves to draw: names of probes and reactions, `ledger` (energies of a motion), `path` (load and size).")
     ] = []
@@ -59,14 +61,14 @@ class Output(Part):
     animation: Annotated[str | None, key("Animated picture (.gif or .mp4) of the states in `file`.", pattern=r"\.(gif|mp4)$")] = (
         None
     )
-    checkpoint: Annotated[bool, key("Keep what --resume needs.")] = True
+    checkpoint: Annotated[bool, key("Write the checkpoint that --resume needs.")] = True
 
 
 class Expectation(Part):
     """A result that the scene is expected to give."""
 
     value: Annotated[float, key("The value.")]
-    rtol: Annotated[float | None, key("Largest difference, as a part of the value.", ge=0)] = None
+    rtol: Annotated[float | None, key("Largest allowed difference, relative to the value.", ge=0)] = None
     atol: Annotated[float | None, key("Largest difference.", ge=0)] = None
 
 
@@ -87,26 +89,26 @@ class SceneTables(Part):
     """A scene: the tables and keys of its file."""
 
     # the types of materials, terms and analysis are filled in by `scene_tables`
-    title: Annotated[str, key("What it is, for reports.")] = ""
+    title: Annotated[str, key("Title of the reports.")] = ""
     units: Annotated[
         Literal[tuple(UNITS)],  # type: ignore[valid-type]
-        key("System of units that all values are in: said in outputs, and used to judge whether values are plausible."),
+        key("System of units of all values: shown in outputs, and used to check whether values are plausible."),
     ] = "SI"
-    threads: Annotated[int | None, key("Threads that kernels run on; by default one for each core.", ge=1)] = None
+    threads: Annotated[int | None, key("Number of threads of kernels; by default one for each core.", ge=1)] = None
     mesh: Annotated[Mesh, key("The mesh: a file, or one that is generated.")]
-    places: Annotated[dict[Name, Place], key("Places by name, beside the boundaries and node sets of the mesh.")] = {}
+    places: Annotated[dict[Name, Place], key("Places by name, in addition to the boundaries and node sets of the mesh.")] = {}
     materials: Annotated[dict[Name, Any], key("Materials by name.")] = {}
-    terms: Annotated[list[Any], key("What the body is made of, and what acts on it.")]
+    terms: Annotated[list[Any], key("Laws, loads and foundations of the body.")]
     fixed: Annotated[
-        dict[Name, Annotated[str, Field(pattern="^[xyz]+$")]], key("Components that do not move, by name of the place.")
+        dict[Name, Annotated[str, Field(pattern="^[xyz]+$")]], key("Constrained components, by name of the place.")
     ] = {}
-    prescribed: Annotated[dict[Name, Prescribed], key("Displacements, by name of the place.")] = {}
+    prescribed: Annotated[dict[Name, Prescribed], key("Prescribed displacements, by name of the place.")] = {}
     initial: Annotated[Initial, key("The first state; by default rest.")] = Initial()
     analysis: Annotated[Any, key("What is solved.")]
-    reduced: Annotated[ReducedBasis | None, key("A basis of few unknowns, on which that is solved; by default none.")] = None
-    solver: Annotated[Solver, key("How linear systems are solved, and to which residual.")] = Solver()
+    reduced: Annotated[ReducedBasis | None, key("Reduced basis on which the analysis is solved; by default none.")] = None
+    solver: Annotated[Solver, key("Linear solver, and tolerance of the residual.")] = Solver()
     output: Annotated[Output, key("What is written.")] = Output()
-    expect: Annotated[Expect, key("Results that the scene is expected to give; the command fails if it does not.")] = {}
+    expect: Annotated[Expect, key("Expected results; the command fails if they are not met.")] = {}
 
 
 def scene_tables() -> type[SceneTables]:

@@ -1,4 +1,4 @@
-"""Players: models under test with W, F and K behind one interface, which validates all that they return."""
+"""Implementations: models under test with W, F and K behind one interface, which validates all that they return."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ COMPRESSED = {"csr": csr_matrix, "csc": csc_matrix, "bsr": bsr_matrix}
 METHODS = {"W": "energy", "F": "internal_force", "K": "tangent"}
 
 
-class Foul(Exception):
-    """Error of a player that raised an exception, or returned a value of the wrong kind or shape."""
+class ContractViolation(Exception):
+    """Error of an implementation that raises an exception, or returns a value of the wrong kind or shape."""
 
 
-def fairly(name: str, call: Callable[[], Value]) -> Value:
-    """Return the value of a call into a candidate. Raise `Foul` for every exception of the candidate.
+def guarded(name: str, call: Callable[[], Value]) -> Value:
+    """Return the value of a call into a candidate. Raise `ContractViolation` for every exception of the candidate.
 
     Only `KeyboardInterrupt` passes through, because Ctrl-C cannot be distinguished from a candidate that raises it.
     """
     try:
         return call()
-    except (KeyboardInterrupt, Foul):
+    except (KeyboardInterrupt, ContractViolation):
         raise
     except BaseException as error:  # including SystemExit and exceptions of the candidate's own
-        raise Foul(f"{name} raised {type(error).__name__}: {_words(error)}") from error
+        raise ContractViolation(f"{name} raised {type(error).__name__}: {_words(error)}") from error
 
 
-def made(name: str, make: Callable[[], Any], more: str = "") -> Any:
+def make_candidate(name: str, make: Callable[[], Any], more: str = "") -> Any:
     """Return the candidate that a user's class or function makes.
 
     Raises
@@ -49,11 +49,13 @@ def made(name: str, make: Callable[[], Any], more: str = "") -> Any:
         if `make` raised it, failed otherwise, or returned None. `more` states what was expected.
     """
     try:
-        candidate = fairly(name, make)
-    except Foul as foul:
-        raise (foul.__cause__ if isinstance(foul.__cause__, StvkError) else StvkError(f"{foul}.{more}")) from foul
+        candidate = guarded(name, make)
+    except ContractViolation as violation:
+        raise (
+            violation.__cause__ if isinstance(violation.__cause__, StvkError) else StvkError(f"{violation}.{more}")
+        ) from violation
     if candidate is None:
-        raise StvkError(f"{name} gave None; expected an object that has any of {', '.join(METHODS.values())}.")
+        raise StvkError(f"{name} returned None; expected an object with at least one of {', '.join(METHODS.values())}.")
     return candidate
 
 
@@ -73,29 +75,31 @@ def users_function(argument: str, given: str) -> Callable[..., Any]:
     Traceback (most recent call last):
     skfem_stvk.errors.StvkError: --against = 'math:sine': there is no function 'sine' in math; known: ... Did you mean 'sin'?
     """
-    place, _, name = given.rpartition(":")
-    what = f"{argument} = {shown(given)}"
-    if not place or not name:
-        raise StvkError(f"{what}; expected module:function, or file.py:function.")
+    module_path, _, name = given.rpartition(":")
+    argument_text = f"{argument} = {shown(given)}"
+    if not module_path or not name:
+        raise StvkError(f"{argument_text}; expected module:function, or file.py:function.")
     try:
-        module = fairly(place, lambda: _module(place))
-    except Foul as foul:
-        raise StvkError(f"{what}: {foul}. Expected module:function, or file.py:function, which can be imported.") from foul
+        module = guarded(module_path, lambda: _module(module_path))
+    except ContractViolation as violation:
+        raise StvkError(
+            f"{argument_text}: {violation}. Expected module:function, or file.py:function, which can be imported."
+        ) from violation
     known = [other for other in vars(module) if not other.startswith("_") and callable(getattr(module, other, None))]
     function = getattr(module, name, None)
     if not callable(function):
-        raise StvkError(f"{what}: there is no function {name!r} in {place}; {name_known(name, known)}")
+        raise StvkError(f"{argument_text}: there is no function {name!r} in {module_path}; {name_known(name, known)}")
     return function
 
 
-def _module(place: str) -> Any:
-    if not place.endswith(".py"):
+def _module(module_path: str) -> Any:
+    if not module_path.endswith(".py"):
         if "" not in sys.path:
             sys.path.insert(0, "")
-        return import_module(place)
-    spec = spec_from_file_location(Path(place).stem, place)
-    if spec is None or spec.loader is None or not Path(place).is_file():
-        raise ImportError(f"{place} is no file of Python")
+        return import_module(module_path)
+    spec = spec_from_file_location(Path(module_path).stem, module_path)
+    if spec is None or spec.loader is None or not Path(module_path).is_file():
+        raise ImportError(f"{module_path} is not a Python file")
     module = sys.modules[spec.name] = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -105,10 +109,10 @@ def _words(error: BaseException) -> str:
     try:
         return str(error)[:500]
     except BaseException:  # so that no error of a candidate ends the report
-        return "(its message cannot be had)"
+        return "(its message cannot be read)"
 
 
-class Player:
+class Implementation:
     """Wrapper of a candidate with any of `energy`, `internal_force`, `tangent`: `W(u)`, `F(u)` and `K(u)` for `u` (ndofs,)."""
 
     def __init__(self, name: str, model: Any, ndofs: int) -> None:
@@ -117,8 +121,8 @@ class Player:
     def has(self, quantity: str) -> bool:
         """Return whether the candidate has the method for W, F or K."""
         try:
-            return callable(fairly(self.name, lambda: getattr(self.model, METHODS[quantity], None)))
-        except Foul:  # a property that raises; the later call reports it
+            return callable(guarded(self.name, lambda: getattr(self.model, METHODS[quantity], None)))
+        except ContractViolation:  # a property that raises; the later call reports it
             return True
 
     def W(self, u: Array) -> float:
@@ -132,7 +136,7 @@ class Player:
     def K(self, u: Array) -> Any:
         """Return the tangent stiffness [N/m] as a copy in `csr_matrix` form, or as an operator whose products are checked."""
         returned = self.call("K", u)
-        return fairly(f"What {self.name}.tangent(u) returned", lambda: self._matrix(returned))
+        return guarded(f"The result of {self.name}.tangent(u)", lambda: self._matrix(returned))
 
     def _matrix(self, returned: Any) -> Any:
         kind, size = type(returned).__name__, (self.ndofs, self.ndofs)
@@ -141,12 +145,12 @@ class Player:
             returned = _as_array(returned)
         shape = getattr(returned, "shape", None)
         if shape != size:
-            raise Foul(
+            raise ContractViolation(
                 f"{self.name}.tangent(u) returned {kind} of shape {shown(shape)}; expected a dense or sparse matrix or a "
                 f"LinearOperator of shape {size}."
             )
         if np.dtype(getattr(returned, "dtype", float) or float).kind not in "fiu":
-            raise Foul(f"{self.name}.tangent(u) returned a matrix of {returned.dtype}; expected real numbers.")
+            raise ContractViolation(f"{self.name}.tangent(u) returned a matrix of {returned.dtype}; expected real numbers.")
         if issparse(returned):
             return self._sparse(returned)
         if dense:
@@ -168,39 +172,41 @@ class Player:
                 own = coo_matrix((entries.data, (entries.row, entries.col)), shape=K.shape)  # raises if an index is out of range
             return csr_matrix(own, dtype=float)
         except (ValueError, TypeError, IndexError) as error:
-            raise Foul(f"{self.name}.tangent(u) returned a {type(K).__name__} that contradicts itself: {error}.") from error
+            raise ContractViolation(
+                f"{self.name}.tangent(u) returned a {type(K).__name__} that is inconsistent: {error}."
+            ) from error
 
     def _product(self, operator: Any, v: Array) -> Array:
         name = f"The product of {self.name}.tangent(u) with a vector"
-        product = fairly(name, lambda: np.array(operator @ v.copy()))
+        product = guarded(name, lambda: np.array(operator @ v.copy()))
         if product.dtype.kind not in "fiu" or product.shape != v.shape:
-            raise Foul(f"{name} is of shape {product.shape} and {product.dtype}; expected {v.shape} real numbers.")
+            raise ContractViolation(f"{name} has shape {product.shape} and dtype {product.dtype}; expected {v.shape} real numbers.")
         return product.astype(float, copy=False)
 
     def _numbers(self, quantity: str, u: Array, shape: tuple[int, ...], expected: str) -> Array:
         """Return the candidate's result as a copy, because the candidate may reuse its buffer.
 
-        Raise `Foul` for a wrong shape or type.
+        Raise `ContractViolation` for a wrong shape or type.
         """
         returned, name = self.call(quantity, u), f"{self.name}.{METHODS[quantity]}(u)"
 
         def copied() -> NDArray[Any]:
             if isinstance(returned, np.ndarray) and not _fits(returned.shape, shape):  # check before the copy, which may be huge
-                raise Foul(f"{name} returned shape {returned.shape}; expected {expected}.")
+                raise ContractViolation(f"{name} returned shape {returned.shape}; expected {expected}.")
             return _as_array(returned)
 
-        array = fairly(f"What {name} returned", copied)
+        array = guarded(f"The result of {name}", copied)
         if array.dtype.kind not in "fiu":
             kind = type(returned).__name__ if array.dtype == object else f"{type(returned).__name__} of {array.dtype}"
-            raise Foul(f"{name} returned a {kind}; expected real numbers.")
+            raise ContractViolation(f"{name} returned a {kind}; expected real numbers.")
         if not _fits(array.shape, shape):
-            raise Foul(f"{name} returned shape {array.shape}; expected {expected}.")
+            raise ContractViolation(f"{name} returned shape {array.shape}; expected {expected}.")
         return array.astype(float, copy=False)
 
     def call(self, quantity: str, u: Array) -> Any:
         """Return the unchecked result of the candidate."""
         name = METHODS[quantity]
-        return fairly(f"{self.name}.{name}(u)", lambda: getattr(self.model, name)(u.copy()))
+        return guarded(f"{self.name}.{name}(u)", lambda: getattr(self.model, name)(u.copy()))
 
 
 def _fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:
