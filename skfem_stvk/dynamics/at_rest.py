@@ -48,8 +48,8 @@ class AtRest:
         solution = self._factors.solve(force, PRECISION / 100)
         if not usable(solution):
             raise SupportError(
-                f"The linear solver '{self.solver.name}' failed with K at rest: {solution.outcome.value}. Expected a body that is "
-                "held so that nothing moves without strain; is a part of it held too little?"
+                f"The linear solver '{self.solver.name}' failed with K at rest: {solution.outcome.value}. Expected "
+                "supports that leave no motion without strain. Does a part need more supports?"
             )
         return solution.x
 

@@ -19,16 +19,16 @@ from ..results.state_files import MOTION, MOTION_FILE
 from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
 from ..system.signature import Fingerprint
-from .books import REMOVED, LedgerPlaces, column_names, columns_without_value, known_strain, known_total
 from .integrators import Integrator
 from .ledger import Ledger
+from .ledger_rows import REMOVED, LedgerLocations, column_names, columns_without_value, known_strain, known_total
 from .motion import Motion
 from .record import FEWEST, HALVINGS, MOST, Clock, Counts, HierarchyOrigin, MotionState, Reviews, RunRecord, Snapshot
 
 #: Shortest time between two checkpoints [s], and largest share of the run time that writing them may take.
 EVERY, SHARE = 5.0, 0.05
 #: Remedy for a file that cannot be resumed.
-ANEW = "Start anew: overwrite=True, without resume."
+START_AGAIN = "Start again: overwrite=True, without resume."
 #: Arrays of a state that a checkpoint holds.
 ARRAYS = ("u", "v", "a", "reaction")
 #: Arrays of the origin of a hierarchy.
@@ -129,7 +129,7 @@ class MotionHeader(Header):
     probes: list[str]
     reactions: list[str]
     columns: list[str]
-    save: str | None  # series as the user named it; a resumed run uses its file name alone, see `outputs._beside`
+    save: str | None  # series as the user named it; a resumed run uses its file name alone, see `outputs._series_next_to`
     every: PositiveInt  # steps from one saved state to the next
     hierarchy: OriginRecord | None = None  # origin of multigrid's hierarchy
 
@@ -137,22 +137,22 @@ class MotionHeader(Header):
 class MotionCheckpoint(FolderStore[MotionHeader]):
     """File `motion.npz` in a folder, replaced as a motion proceeds. If the run is killed, the previous file remains intact.
 
-    Until version 1.0, `place` may be a .npz file in an existing folder, and a motion may continue from another path, `older`.
+    Until version 1.0, `path` may be a .npz file in an existing folder, and a motion may continue from another path, `older`.
     """
 
     known = MOTION
     schema = MotionHeader
-    remedy = ANEW
+    remedy = START_AGAIN
 
-    def __init__(self, place: Path, resume: bool = False, older: Path | None = None) -> None:
-        self.file, self._next = _file_of(place), -np.inf
-        super().__init__(output_path(place, ".npz") if self.file == place else output_folder(place))
+    def __init__(self, path: Path, resume: bool = False, older: Path | None = None) -> None:
+        self.file, self._next = _file_of(path), -np.inf
+        super().__init__(output_path(path, ".npz") if self.file == path else output_folder(path))
         #: File to continue from; None to begin with the initial state.
         self.source = _file_of(older) if older else self.file if resume and self.file.exists() else None
         if older:
             _warn_of_old_form("resume", older)
-        if self.file == place != older:
-            _warn_of_old_form("checkpoint", place)
+        if self.file == path != older:
+            _warn_of_old_form("checkpoint", path)
 
     def belongs_to(self, problem: Fingerprint, overwrite: bool) -> None:
         """Set the signature of the problem for the files to be written. Refuse to replace a file of another problem."""
@@ -176,15 +176,15 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
         self._next = end + max(EVERY, (end - begin) / SHARE)
 
 
-def _file_of(place: Path) -> Path:
-    """Return the file of a checkpoint: `motion.npz` in the folder `place`, or `place` itself if it is a .npz file."""
-    return place if place.suffix.lower() == ".npz" and not place.is_dir() else place / MOTION_FILE
+def _file_of(path: Path) -> Path:
+    """Return the file of a checkpoint: `motion.npz` in the folder `path`, or `path` itself if it is a .npz file."""
+    return path if path.suffix.lower() == ".npz" and not path.is_dir() else path / MOTION_FILE
 
 
-def _warn_of_old_form(named: str, place: Path) -> None:
-    folder = str(place.with_suffix("") if _file_of(place) == place else place)
+def _warn_of_old_form(named: str, path: Path) -> None:
+    folder = str(path.with_suffix("") if _file_of(path) == path else path)
     form = f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}"
-    warn(f"{named} = {str(place)!r} is taken until 1.0. Name a folder: {form}; what it holds is {MOTION_FILE}.")
+    warn(f"{named} = {str(path)!r} is supported until version 1.0; expected a folder: {form}. Its file is {MOTION_FILE}.")
 
 
 class Saved(NamedTuple):
@@ -199,8 +199,8 @@ class Saved(NamedTuple):
         """Return the record of the run that the file stores."""
         now, good = self.header.now, self.header.good
         then = self._snapshot(now, "")
-        kept = None if good is None else self._snapshot(good, "good ")
-        record = RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, kept)
+        last_good = None if good is None else self._snapshot(good, "good ")
+        record = RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, last_good)
         record.removed, record.removed_at = self.removed
         if self.header.hierarchy is not None:
             u0, w = (self.arrays[name] for name in HIERARCHY)
@@ -220,7 +220,7 @@ class Saved(NamedTuple):
         return Snapshot(state, clock, reviews, moment.steps, moment.cuts, moment.rows)
 
 
-def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[str, Any], dict[str, Array]]:
+def packed(record: RunRecord, locations: LedgerLocations, found: bool) -> tuple[dict[str, Any], dict[str, Array]]:
     """Return the part of the header that JSON can write, and the arrays.
 
     Include the last good state if the step length is `found` from the critical step and not user-supplied.
@@ -237,7 +237,7 @@ def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[s
         arrays |= dict(zip(HIERARCHY, (u0, w), strict=True))
     if len(record.removed):
         arrays |= {"removed": record.removed, "removed at": record.removed_at}
-    for kind, vertices in places._asdict().items():
+    for kind, vertices in locations._asdict().items():
         about[kind] = list(vertices)
         arrays |= {f"{kind} {name}": ids for name, ids in vertices.items()}
     return about, arrays
@@ -245,8 +245,8 @@ def packed(record: RunRecord, places: LedgerPlaces, found: bool) -> tuple[dict[s
 
 def _moment(then: RunRecord | Snapshot, rows: int) -> dict[str, Any]:
     """Return the fields of a `MomentRecord`, as JSON can write them."""
-    clock, looks = vars(then.clock).copy(), vars(then.reviews).copy()
-    return {"t": then.state.t, "clock": clock, "looks": looks, "steps": then.steps, "cuts": then.cuts, "rows": rows}
+    clock, reviews = vars(then.clock).copy(), vars(then.reviews).copy()
+    return {"t": then.state.t, "clock": clock, "looks": reviews, "steps": then.steps, "cuts": then.cuts, "rows": rows}
 
 
 def load(file: Path) -> Saved:
@@ -255,9 +255,11 @@ def load(file: Path) -> Saved:
     Raises an error if the file is missing, incomplete, or not written by this package.
     """
     if not file.exists():
-        raise StvkError(f"There is no checkpoint {file}. Is the path relative to another folder? To begin anew, leave out resume.")
+        raise StvkError(
+            f"There is no checkpoint {file}. Is the path relative to another folder? To start a new motion, leave resume out."
+        )
     header, arrays = MotionCheckpoint.read_file(file)
-    with refusing_damage(file, ANEW):
+    with refusing_damage(file, START_AGAIN):
         method = MethodRecord.model_validate(header.problem.method)
     try:
         rows = arrays.pop("ledger")
@@ -265,19 +267,19 @@ def load(file: Path) -> Saved:
             raise ValueError(f"numbers of the type {rows.dtype}")
         return Saved(header, method, arrays, Ledger(header.columns, rows))
     except (StvkError, KeyError, ValueError, TypeError) as error:
-        raise ForeignFile(f"{file} is damaged: its ledger is missing, or none ({error}). {ANEW}") from None
+        raise ForeignFile(f"{file} is damaged: its ledger is missing or invalid ({error}). {START_AGAIN}") from None
 
 
-def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) -> LedgerPlaces:
+def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) -> LedgerLocations:
     """Return the locations that a checkpoint records.
 
     Raises ValueError or KeyError with a message if the checkpoint contradicts itself or the system.
     """
     header, ledger, system = saved.header, saved.ledger, motion.system
     probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
-    places = LedgerPlaces.checked(system, probes, reactions)
+    locations = LedgerLocations.checked(system, probes, reactions)
     removing = saved.method.remove is not None
-    if ledger.names != column_names(motion.body, *places, removing=removing):
+    if ledger.names != column_names(motion.body, *locations, removing=removing):
         raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")
     if ledger.steps != header.now.rows:
         raise ValueError(f"its ledger has {ledger.steps} rows for {header.now.rows}")
@@ -294,16 +296,18 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
         if integrator.dt is not None or not header.good.steps < header.now.steps:
             raise ValueError(f"its last good state is that of step {header.good.steps} of {header.now.steps}")
         _check_moment(saved, header.good, "good ", motion, integrator)
-    return places
+    return locations
 
 
 def _check_removed(removed: Array, removed_at: Array, system: System, ledger: Ledger) -> None:
     """Check that the removed elements are those of the system, and that the times are in the ledger; raises ValueError."""
     during = removed_at[~np.isnan(removed_at)]
     if not np.array_equal(np.sort(removed), system.removed) or removed_at.shape != removed.shape:
-        raise ValueError(f"it took out {name_ids(removed, 'element')}, the system has lost {name_ids(system.removed, 'element')}")
+        raise ValueError(
+            f"it lacks {name_ids(removed, 'element')}; expected those that the system lacks, {name_ids(system.removed, 'element')}"
+        )
     if not np.isin(during, ledger["time"]).all() or (np.diff(during) < 0).any() or (len(during) and REMOVED not in ledger):
-        raise ValueError("the times at which it took out elements are not those of its ledger")
+        raise ValueError("the times at which elements were removed are not in its ledger")
 
 
 def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
@@ -312,15 +316,15 @@ def _vertices(saved: Saved, kind: str, names: list[str]) -> dict[str, Array]:
     wrong = [name for name, ids in found.items() if ids.ndim != 1 or ids.dtype.kind != "i"]
     if wrong or len(found) < len(names):
         listed = ", ".join(map(repr, wrong or names))
-        raise ValueError(f"the vertices of its {kind} {listed} are missing, or are none, or come twice")
+        raise ValueError(f"the vertices of its {kind} {listed} are missing, invalid or repeated")
     return found
 
 
 def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motion, integrator: Integrator) -> None:
     """Check that the parts of a stored state are consistent; raises ValueError or KeyError with a message."""
-    clock, looks, times = moment.clock, moment.looks, saved.ledger["time"][: moment.rows]
+    clock, reviews, times = moment.clock, moment.looks, saved.ledger["time"][: moment.rows]
     if moment.rows != moment.steps + 1 or moment.cuts > moment.steps or clock.count > moment.steps:
-        raise ValueError(f"{moment.steps} steps, {moment.cuts} of them cut and {clock.count} of one length, for {moment.rows} rows")
+        raise ValueError(f"it has {moment.rows} rows for {moment.steps} steps, {moment.cuts} cut and {clock.count} of one length")
     if moment.t != clock.start + clock.count * clock.dt or moment.t != times[-1]:
         raise ValueError(
             f"t = {moment.t!r}, but its clock has {clock.count} steps of {clock.dt!r} from {clock.start!r}, its ledger ends at "
@@ -330,10 +334,10 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
         raise ValueError("the times of its ledger are not those of its clock")
     if integrator.dt is not None and clock.dt != integrator.dt:
         raise ValueError(f"its steps are of {clock.dt!r}, those of its integrator of {integrator.dt!r}")
-    if integrator.dt is None and not SHORTEST * looks.largest <= clock.dt <= looks.largest:
-        raise ValueError(f"its steps are of {clock.dt:g} s, and were {looks.largest:g} s at first")
-    if looks.next > moment.steps + looks.interval:
-        raise ValueError(f"after {moment.steps} steps it would look at the critical step after {looks.next} at first")
+    if integrator.dt is None and not SHORTEST * reviews.largest <= clock.dt <= reviews.largest:
+        raise ValueError(f"its steps are of {clock.dt:g} s, and were {reviews.largest:g} s at first")
+    if reviews.next > moment.steps + reviews.interval:
+        raise ValueError(f"after {moment.steps} steps its next review is at step {reviews.next}, later than its interval allows")
     state = {name: expect(saved.arrays, prefix + name, (motion.states.n,)) for name in ARRAYS}
     last = moment.rows - 1
     row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}

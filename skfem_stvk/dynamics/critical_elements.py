@@ -106,7 +106,9 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
     chosen = [good and isinstance(term, HasStress | HasPressure) for term, good in zip(system.elastic_terms, on_mesh, strict=True)]
     names = zip(system.elastic_names, chosen, strict=True)
     if not any(chosen):
-        raise StvkError(f"{', '.join(system.elastic_names)}: no term is of elements, so that none has a step of its own.")
+        raise StvkError(
+            f"{', '.join(system.elastic_names)}: expected at least one term on elements, because the steps are those of elements."
+        )
     terms = [term for term, good in zip(system.elastic_terms, chosen, strict=True) if good]
     every = _steps(system, terms, x)
     order = np.argsort(every, kind="stable")[: min(n, int(np.isfinite(every).sum()))]

@@ -131,16 +131,18 @@ class LargestFrequency:
 
         `(1 + c) 2 J'LJ + tensions` is computed as `1 + c` times a K whose tensions are divided by `1 + c`.
         """
-        more, share = 2 * self._damping.tau / step, 2 * self._damping.beta / step
-        kept = Tensions(1 / (1 + more), 1 / (1 + more)) if more else ALL
+        tau_share, beta_share = 2 * self._damping.tau / step, 2 * self._damping.beta / step
+        retained = Tensions(1 / (1 + tau_share), 1 / (1 + tau_share)) if tau_share else ALL
         if self._operator is None:
-            self._operator = self._system.linear_operator(u, kept=kept)
+            self._operator = self._system.linear_operator(u, kept=retained)
         else:
-            self._operator.prepare(u, kept=kept)
-        if share and self._at_rest is None:
+            self._operator.prepare(u, kept=retained)
+        if beta_share and self._at_rest is None:
             self._at_rest = self._system.linear_operator(np.zeros(self._system.ndofs))
-        if more or share:
-            self._operator.scale_and_add(1 + more, [(share, self._at_rest)] if share and self._at_rest is not None else [])
+        if tau_share or beta_share:
+            self._operator.scale_and_add(
+                1 + tau_share, [(beta_share, self._at_rest)] if beta_share and self._at_rest is not None else []
+            )
         return self._operator
 
     def _of_loads(self, u: ArrayLike, t: float) -> float:

@@ -114,12 +114,12 @@ def damping_factors(damping: Damping | None) -> DampingFactors:
     DampingFactors(alpha=0.5, beta=0.0, tau=0.003)
     """
     several = isinstance(damping, Sequence) and not isinstance(damping, str)
-    given: Any = () if damping is None else damping if several else (damping,)
-    for one in given:
+    kinds: Any = () if damping is None else damping if several else (damping,)
+    for one in kinds:
         if not isinstance(one, Rayleigh | EdgeDamping):
             raise StvkError(f"damping = {shown(one)}; expected Rayleigh(alpha=..., beta=...), EdgeDamping(tau), or a list of them.")
-    rayleigh = [one for one in given if isinstance(one, Rayleigh)]
-    edges = [one for one in given if isinstance(one, EdgeDamping)]
+    rayleigh = [one for one in kinds if isinstance(one, Rayleigh)]
+    edges = [one for one in kinds if isinstance(one, EdgeDamping)]
     sums = sum(r.alpha for r in rayleigh), sum(r.beta for r in rayleigh), sum(e.tau for e in edges)
     return DampingFactors(*map(float, sums))
 

@@ -110,31 +110,31 @@ class StartTensions:
         self._system, self._u0 = system, np.zeros(system.ndofs)
         self._matrices: list[csr_matrix | None] = [None, None]
         self._operators: list[TangentOperator] = []
-        self._valued: Tensions | None = None
-        self._prepared: Tensions | None = None
+        self._matrices_for: Tensions | None = None
+        self._operators_for: Tensions | None = None
 
     def begin(self, u0: Array) -> None:
         """Begin a step from `u0` (ndofs,)."""
         np.copyto(self._u0, u0)
-        self._valued = self._prepared = None
+        self._matrices_for = self._operators_for = None
 
-    def values(self, t: Time, kept: Tensions) -> Array:
-        """Return the values of a matrix of the system's pattern, with the tensions that `kept` retains."""
+    def values(self, t: Time, retained: Tensions) -> Array:
+        """Return the values of a matrix of the system's pattern, with the tensions that `retained` retains."""
         difference, without = self._matrices
-        if self._valued != kept or difference is None:
-            difference = self._system.jacobian(self._u0, t, out=difference, kept=kept)
+        if self._matrices_for != retained or difference is None:
+            difference = self._system.jacobian(self._u0, t, out=difference, kept=retained)
             without = self._system.jacobian(self._u0, t, out=without, kept=NONE)
             difference.data -= without.data
-            self._matrices, self._valued = [difference, without], kept
+            self._matrices, self._matrices_for = [difference, without], retained
         values: Array = difference.data
         return values
 
-    def operators(self, kept: Tensions) -> list[tuple[float, TangentOperator]]:
+    def operators(self, retained: Tensions) -> list[tuple[float, TangentOperator]]:
         """Return factors and operators, in the form that `TangentOperator.scale_and_add` takes."""
         if not self._operators:
-            self._operators = [self._system.linear_operator(self._u0, kept=which) for which in (kept, NONE)]
-        elif self._prepared != kept:
-            for operator, which in zip(self._operators, (kept, NONE), strict=True):
+            self._operators = [self._system.linear_operator(self._u0, kept=which) for which in (retained, NONE)]
+        elif self._operators_for != retained:
+            for operator, which in zip(self._operators, (retained, NONE), strict=True):
                 operator.prepare(self._u0, kept=which)
-        self._prepared = kept
+        self._operators_for = retained
         return list(zip((1.0, -1.0), self._operators, strict=True))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import name_ids, warn
-from .books import INSIDE_OUT, known_strain
 from .ledger import Ledger
+from .ledger_rows import INSIDE_OUT, known_strain
 from .motion import Motion
 from .record import MotionState, RunRecord
 
@@ -24,9 +24,9 @@ COLUMNS = "kinetic_energy", "potential_energy", "external_work", "closure_error"
 #: Steps between two counts of inverted elements. A count costs half a force, so explicit integrators count less often.
 EXPLICIT, IMPLICIT = 20, 1
 #: A step is searched for a jump if a support moves `FASTER` times as fast as in any step before. The search halves the step
-#: `HALVINGS` times. The motion is a jump if the part `LEFT` of it still remains. For smooth motions and kinks almost nothing
+#: `HALVINGS` times. The motion is a jump if the part `REMAINING` of it still remains. For smooth motions and kinks almost nothing
 #: remains. A motion within a thousandth of a step is a jump.
-FASTER, HALVINGS, LEFT = 2.0, 10, 0.25
+FASTER, HALVINGS, REMAINING = 2.0, 10, 0.25
 #: Smaller jumps, as a part of the body's size, are ignored.
 SMALL = 1e-9
 #: Number of steps over which a jump should be spread.
@@ -40,36 +40,43 @@ class Guard:
         self._record, ledger = record, record.ledger
         self._pick = itemgetter(*map(ledger.names.index, COLUMNS))
         self._potential = float(ledger["potential_energy"][0])
-        self._most = energy_given(ledger)
+        self._most = reference_energy(ledger)
 
     def blown_up(self) -> bool:
         """Return whether the last row shows energy that was created numerically."""
-        ledger = self._record.ledger
-        kinetic, potential, external, excess = self._pick(ledger.rows(ledger.steps - 1)[0].tolist())
-        self._most = max(self._most, abs(potential - self._potential), abs(external))
-        self._excess = excess
-        return not isfinite(kinetic + excess) or excess > TOO_MUCH * self._most > 0
+        kinetic, excess, available = self._last_row()
+        return not isfinite(kinetic + excess) or excess > TOO_MUCH * available > 0
 
-    def trusts(self) -> bool:
-        """Return whether to retain the state of the last row; call it after `blown_up`.
+    def is_good(self) -> bool:
+        """Return whether to retain the state of the last row.
 
         The state must be good, and the retained state must be at least `EVERY` steps old.
         """
         good = self._record.good
         assert good is not None
         since = (self._record.steps - good.steps) / EVERY
-        if since < 1 or self._excess > self._most * GOOD:
+        if since < 1:
             return False
-        return bool(self._excess - self._record.ledger["closure_error"][good.rows - 1] <= self._most * QUICKLY * since)
+        _, excess, available = self._last_row()
+        if excess > available * GOOD:
+            return False
+        return bool(excess - self._record.ledger["closure_error"][good.rows - 1] <= available * QUICKLY * since)
+
+    def _last_row(self) -> tuple[float, float, float]:
+        """Return the kinetic energy, the closure error and the largest available energy so far [J]."""
+        ledger = self._record.ledger
+        kinetic, potential, external, excess = self._pick(ledger.rows(ledger.steps - 1)[0].tolist())
+        self._most = max(self._most, abs(potential - self._potential), abs(external))
+        return kinetic, excess, self._most
 
 
-def from_nowhere(ledger: Ledger) -> float:
+def relative_closure_error(ledger: Ledger) -> float:
     """Return the final closure error as a part of the initial or supplied energy. It is negative if the steps lost energy."""
-    most = energy_given(ledger)
+    most = reference_energy(ledger)
     return float(ledger["closure_error"][-1] / most) if most > 0 else 0.0
 
 
-def energy_given(ledger: Ledger) -> float:
+def reference_energy(ledger: Ledger) -> float:
     """Return the larger of the initial energy and the energy supplied since [J].
 
     Damping can dissipate more than this only if energy was created numerically.
@@ -90,18 +97,18 @@ class Inversions:
 
     def at_first(self, record: RunRecord) -> float:
         """Return the number to enter for the state from which a run begins or continues."""
-        out_of_turn = record.steps % self._every  # the last row was counted only because the earlier run ended there
-        return float(record.ledger[INSIDE_OUT][-2]) if out_of_turn else len(self._elements(record.state))
+        between_counts = record.steps % self._every  # the last row was counted only because the earlier run ended there
+        return float(record.ledger[INSIDE_OUT][-2]) if between_counts else len(self._elements(record.state))
 
     def count(self, record: RunRecord, last: bool) -> int | None:
         """Return the number of inverted elements, or None if no count is due. In the `last` state a count is always due."""
         if record.steps % self._every and not last:
             return None
-        turned = self._elements(record.state)
-        if len(turned) and not self._warned:
+        inverted = self._elements(record.state)
+        if len(inverted) and not self._warned:
             self._warned = True
-            warn(f"t = {record.state.t:.4g} s: {name_ids(turned, 'element')} inside out. {self._advice()}")
-        return len(turned)
+            warn(f"t = {record.state.t:.4g} s: {name_ids(inverted, 'element')} inside out. {self._advice()}")
+        return len(inverted)
 
     @property
     def resisted(self) -> bool:
@@ -114,10 +121,10 @@ class Inversions:
     def _advice(self) -> str:
         if self.resisted:
             return "Take smaller steps, or a stiffer VolumePenalty."
-        return "St. Venant-Kirchhoff does not resist that: add VolumePenalty() to the terms, or take smaller steps."
+        return "St. Venant-Kirchhoff does not resist inversion: add VolumePenalty() to the terms, or take smaller steps."
 
 
-def inside_out_on_the_way(ledger: Ledger) -> str:
+def inversion_text(ledger: Ledger) -> str:
     """Return the part of the run's message about inverted elements: how many, and when. It is empty if there were none."""
     counts, times = ledger[INSIDE_OUT], ledger["time"]
     seen = np.flatnonzero(counts)
@@ -139,19 +146,19 @@ class Jumps:
         self._motion, self._t = motion, state.t
         self._before, self._speed = state.u[motion.free.fixed], np.abs(state.v[motion.free.fixed])
         self._small = SMALL * float(np.ptp(motion.system.mesh.p, axis=1).max())
-        self._looking = motion.moving
+        self._active = motion.moving
 
-    def look(self, t: float, held: Array | None = None) -> None:
-        """Compare with the previous step. At time `t` the supports are at `held`, by default the value of their functions."""
-        if not self._looking or t == self._t:
+    def check(self, t: float, prescribed: Array | None = None) -> None:
+        """Compare with the previous step. At time `t` the supports are at `prescribed`, by default the value of their functions."""
+        if not self._active or t == self._t:
             return
-        held = self._motion.held(t) if held is None else held
-        moved, h = np.abs(held - self._before), t - self._t
+        prescribed = self._motion.constrained_displacements(t) if prescribed is None else prescribed
+        moved, h = np.abs(prescribed - self._before), t - self._t
         fast = np.flatnonzero(moved > FASTER * h * self._speed + self._small)
         if len(fast):
-            self._search((self._t, t), (self._before[fast], held[fast]), fast)
+            self._search((self._t, t), (self._before[fast], prescribed[fast]), fast)
         np.maximum(self._speed, moved / h, out=self._speed)
-        self._t, self._before = t, held
+        self._t, self._before = t, prescribed
 
     def _search(self, times: tuple[float, float], ends: tuple[Array, Array], fast: NDArray[np.intp]) -> None:
         """Warn if the fast supports jump between the two `times`; `ends` are their displacements at these times."""
@@ -159,20 +166,20 @@ class Jumps:
         if found is None:
             return
         t, sizes = found
-        self._looking = False
+        self._active = False
         vertices = self._vertices(fast[sizes > 0])
         warn(
-            f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. What energy that "
-            f"puts in depends on dt: let them get there by a ramp, over {STEPS} steps or more. To begin elsewhere, hand in "
+            f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. The energy of "
+            f"a jump depends on dt. Move them by a ramp over {STEPS} steps or more, or start from a deformed state: "
             "u0=solve_static(...).u."
         )
 
     def _vertices(self, jumping: NDArray[np.intp]) -> NDArray[np.int64]:
         """Return the vertices that the jumping constrained degrees of freedom move."""
-        motion, held = self._motion, self._motion.system.supports.held
+        motion, constrained = self._motion, self._motion.system.supports.held
         unit = np.zeros(motion.states.n)
         unit[motion.free.fixed[jumping]] = 1
-        vertices: NDArray[np.int64] = np.unique(held[motion.states.expand(unit)[held] != 0] // motion.system.mesh.d)
+        vertices: NDArray[np.int64] = np.unique(constrained[motion.states.expand(unit)[constrained] != 0] // motion.system.mesh.d)
         return vertices
 
     def _first_jump(
@@ -184,10 +191,10 @@ class Jumps:
         """
         moved = np.abs(ends[1] - ends[0])
         np.maximum(most, moved, out=most)
-        moved[moved < LEFT * most] = 0
+        moved[moved < REMAINING * most] = 0
         if not moved.any() or not halvings:
             return (times[1], moved) if moved.any() else None
         middle = (times[0] + times[1]) / 2
-        there = self._motion.held(middle)[fast]
-        early = self._first_jump((times[0], middle), (ends[0], there), fast, most, halvings - 1)
-        return early or self._first_jump((middle, times[1]), (there, ends[1]), fast, most, halvings - 1)
+        halfway = self._motion.constrained_displacements(middle)[fast]
+        early = self._first_jump((times[0], middle), (ends[0], halfway), fast, most, halvings - 1)
+        return early or self._first_jump((middle, times[1]), (halfway, ends[1]), fast, most, halvings - 1)

@@ -80,14 +80,14 @@ class Ledger(Mapping[str, Array]):
         self.names = tuple(names)
         self._column = {name: number for number, name in enumerate(self.names)}
         if len(self._column) < len(self.names) or self.names[:1] != ("time",):
-            raise StvkError(f"names = {shown(names)}; expected different ones, 'time' first.")
-        given = np.empty((0, len(self.names))) if rows is None else real_array(rows)
-        if given is None or given.ndim != 2 or given.shape[1] != len(self.names):
-            what = f"have shape {given.shape}" if given is not None else f"= {shown(rows)}"
+            raise StvkError(f"names = {shown(names)}; expected different names, 'time' first.")
+        initial = np.empty((0, len(self.names))) if rows is None else real_array(rows)
+        if initial is None or initial.ndim != 2 or initial.shape[1] != len(self.names):
+            what = f"have shape {initial.shape}" if initial is not None else f"= {shown(rows)}"
             raise StvkError(f"rows {what}; expected (n, {len(self.names)}) numbers, one column for each name.")
-        self.steps = len(given)
+        self.steps = len(initial)
         self._block = np.empty((max(FIRST_ROWS, self.steps), len(self.names)))
-        self._block[: self.steps] = given
+        self._block[: self.steps] = initial
 
     def append(self, values: Any) -> None:
         """Append a row: one number for each column, in their order.
@@ -146,7 +146,7 @@ class Ledger(Mapping[str, Array]):
             if there are fewer than two steps, or the path does not end in .png, .pdf or .svg or cannot be written.
         """
         if self.steps < 2:
-            raise StvkError(f"There are lines to draw from two steps on; the ledger has {self.steps}.")
+            raise StvkError(f"The ledger has {self.steps} steps; expected at least 2 for a picture.")
         target = None if path is None else output_path(path, ".png", ".pdf", ".svg")
         return _draw(self, target)
 

@@ -8,22 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StateError, warn
-from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
+from ..nonlinear.outcome import Interrupted, Status, stop_if_requested
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
-from .books import Books, known_total
-from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, from_nowhere, inside_out_on_the_way
+from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import StepFailed, Stepper
+from .ledger_rows import LedgerWriter, known_total
 from .options import Setup
 from .outputs import Outputs
 from .progress import MotionProgress
 from .record import MotionState, RunRecord
-from .removal import Removal, removed_on_the_way
+from .removal import Removal, removal_text
 from .run import Run, SimulationError
-from .stable_step import StableStep, halved_on_the_way
+from .stable_step import StableStep, halving_text
 
 #: Smallest closure error, as a part of the energy, that the message of the run mentions.
-WORTH_SAYING = 0.05
+REPORTED = 0.05
 #: Largest number of bisections of a step, down to 64 parts.
 DEEPEST = 6
 #: Number of consecutive steps that must be cut before a warning.
@@ -43,18 +43,18 @@ class Loop:
         self._limit = StableStep(motion, setup.integrator)
         if new:
             record.clock.dt, record.reviews = self._limit.first(record.state)
-        self._books = Books(motion, setup.places, record.ledger, record.clock.dt)
+        self._ledger_writer = LedgerWriter(motion, setup.locations, record.ledger, record.clock.dt)
         self._begin()
         if record.origin is not None:
             self._stepper.rebuild(record.origin)
-        self._inversions = Inversions(motion, self._looks())
-        self._books.count_inside_out(self._inversions.at_first(record))
-        self._cutting = Cutting(self._stepper, self._arrived, lambda: motion.body.restore())
+        self._inversions = Inversions(motion, self._inversion_interval())
+        self._ledger_writer.set_inside_out(self._inversions.at_first(record))
+        self._bisection = Bisection(self._stepper, self._accepted, lambda: motion.body.restore())
         self._jumps = Jumps(motion, record.state)
         self._removal = None if setup.rule is None else Removal(motion, setup.rule)
         self._stepping = False
 
-    def _looks(self) -> int:
+    def _inversion_interval(self) -> int:
         """Return the number of steps between two counts of inverted elements. On a basis, count only in saved states."""
         if self.setup.motion.body is not self.setup.motion.system:
             return self._outputs.saved_every
@@ -67,11 +67,11 @@ class Loop:
         """
         record = self.record
         self._stepper.start(record.state)
-        self._books.begin(record.state)
+        self._ledger_writer.begin(record.state)
         if record.ledger.steps == 0:
-            self._books.enter(record.state, self._stepper.energy)
+            self._ledger_writer.append_row(record.state, self._stepper.energy)
         if record.good is None:
-            record.keep()
+            record.store_good_state()
         self._guard = Guard(record)
 
     def run(self, raise_on_failure: bool) -> Run:
@@ -84,14 +84,14 @@ class Loop:
         header = f"{setup.motion.body!r}, {len(setup.motion.free.free)} of them free; {setup.integrator}"
         with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
             try:
-                self._outputs.frame_in_turn()
+                self._outputs.save_if_due()
                 status, detail = self._steps(progress)
-                while status is Status.BLEW_UP and self._goes_on():
+                while status is Status.BLEW_UP and self._restart_from_good_state():
                     status, detail = self._steps(progress)
                 self._outputs.close()
             except (KeyboardInterrupt, Exception) as error:  # full disk or failing load: the run so far is retained
                 status, cause = Status.INTERRUPTED, error
-                detail = self._rescue(error)
+                detail = self._end_interrupted(error)
         run = self._result(status, detail, cause)
         if isinstance(cause, KeyboardInterrupt):
             raise Interrupted(run)
@@ -102,23 +102,23 @@ class Loop:
     def _steps(self, progress: MotionProgress) -> tuple[Status, str]:
         record, motion, until = self.record, self.setup.motion, self.setup.until
         state, clock = record.state, record.clock
-        while record.at_a_step and (clock.left(until) or (record.steps == 0 and state.t < until)):  # at least one step
+        while record.after_whole_step and (clock.steps_left(until) or (record.steps == 0 and state.t < until)):  # at least one step
             t, whole = clock.next(until)
             if not whole:
                 self._outputs.checkpoint()
             status, detail = self._step(t, whole)
             if motion.moving:
-                self._jumps.look(t, state.u[motion.free.fixed] if state.t == t else None)  # a jump may be the cause
+                self._jumps.check(t, state.u[motion.free.fixed] if state.t == t else None)  # a jump may be the cause
             if not status.success:
                 return status, detail
-            turned = self._inversions.count(record, last=not whole or not clock.left(until))
-            if turned is not None:
-                self._books.count_inside_out(turned)
+            inverted = self._inversions.count(record, last=not whole or not clock.steps_left(until))
+            if inverted is not None:
+                self._ledger_writer.set_inside_out(inverted)
             if whole:
                 self._outputs.step()
-            progress.step(record.steps, record.steps + (clock.left(until) if whole else 0))
-            if whole and clock.left(until):
-                stop_if_asked()
+            progress.step(record.steps, record.steps + (clock.steps_left(until) if whole else 0))
+            if whole and clock.steps_left(until):
+                stop_if_requested()
         return Status.FINISHED, ""
 
     @np.errstate(over="ignore", invalid="ignore")  # states that overflow are rejected later
@@ -127,21 +127,21 @@ class Loop:
         record, state = self.record, self.record.state
         self._stepping = True
         try:
-            cut = self._cutting.advance(state, t)
+            cut = self._bisection.advance(state, t)
             record.steps, record.cuts = record.steps + 1, record.cuts + cut
             if whole:
                 record.clock.tick()
-            self._books.enter(state, self._stepper.energy)
+            self._ledger_writer.append_row(state, self._stepper.energy)
             if self._guard.blown_up():
                 total = known_total(record.ledger)[-1]
-                return Status.BLEW_UP, f"energy came from nowhere, {total:.3g} J in all at t = {t:.6g} s"
+                return Status.BLEW_UP, f"energy was created numerically, {total:.3g} J in all at t = {t:.6g} s"
             if whole:
-                torn = self._removal is not None and self._tear(self._removal.chosen(record))
-                dt, record.reviews = self._limit.review(record, anew=torn)
+                removed = self._removal is not None and self._remove(self._removal.chosen(record))
+                dt, record.reviews = self._limit.review(record, recompute=removed)
                 if dt != record.clock.dt:
                     record.clock.change(dt)
-                if torn or self._guard.trusts():
-                    record.keep()
+                if removed or self._guard.is_good():
+                    record.store_good_state()
             record.origin = self._stepper.origin
         except StepFailed as error:
             return Status.NOT_CONVERGED, str(error)
@@ -150,18 +150,18 @@ class Loop:
         self._stepping = False
         return Status.FINISHED, ""
 
-    def _tear(self, elements: NDArray[np.int64]) -> bool:
+    def _remove(self, elements: NDArray[np.int64]) -> bool:
         """Remove elements at the last recorded state and enter its row again. Return whether any elements were removed."""
         if not len(elements):
             return False
         record, motion = self.record, self.setup.motion
         state, d = record.state, motion.system.mesh.d
-        self._books.take_out(state, lambda: motion.take_out(elements))
-        record.take_out(elements, state.t)
+        self._ledger_writer.record_removal(state, lambda: motion.remove_elements(elements))
+        record.add_removed(elements, state.t)
         state.v.reshape(-1, d)[motion.system.bare] = 0
         state.a[:] = 0
         self._stepper.start(state)
-        self._books.enter(state, self._stepper.energy)
+        self._ledger_writer.append_row(state, self._stepper.energy)
         return True
 
     @property
@@ -169,11 +169,11 @@ class Loop:
         """Search for elements at which the model is unreliable, in the present body."""
         return Monitors(self.setup.motion.system, ellipticity=False)
 
-    def _arrived(self, state: MotionState) -> None:
-        self._books.work(state)
+    def _accepted(self, state: MotionState) -> None:
+        self._ledger_writer.add_work(state)
         self.setup.motion.body.commit(state.u)
 
-    def _goes_on(self) -> bool:
+    def _restart_from_good_state(self) -> bool:
         """Return to the last good state after a motion has blown up.
 
         Return whether the motion can continue from there with shorter steps.
@@ -181,18 +181,18 @@ class Loop:
         assert self.record.good is not None
         halved = self._limit.halved(self.record.good)
         self.record.good = halved or self.record.good
-        self.record.back()
-        self._outputs.back()
+        self.record.return_to_good_state()
+        self._outputs.discard_later_states()
         if halved:
             self._begin()
         return halved is not None
 
-    def _rescue(self, error: BaseException) -> str:
+    def _end_interrupted(self, error: BaseException) -> str:
         """End an interrupted run at the last whole step, or at the last good state. Return a message with the next action."""
         record = self.record
         if self._stepping and (self.setup.integrator.explicit or record.state.t != record.ledger["time"][-1]):
-            record.back()  # implicit steps change the state only at their end
-        return self._outputs.how_to_go_on(error)
+            record.return_to_good_state()  # implicit steps change the state only at their end
+        return self._outputs.resume_advice(error)
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
         setup, record = self.setup, self.record
@@ -236,7 +236,7 @@ class Loop:
         if isinstance(cause, WriteError):
             return f"interrupted at t = {t:.6g} s: {cause}{detail}"
         if isinstance(cause, OSError):
-            remedy = "Make room, or choose another folder."
+            remedy = "Free disk space, or choose another folder."
             return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). {remedy}{detail}{there}"
         by = f" by {type(cause).__name__}: {str(cause).rstrip('.')}" if str(cause) else ""
         return f"interrupted at t = {t:.6g} s{by}.{detail}{there}"
@@ -245,27 +245,27 @@ class Loop:
         """Return the message that the end is reached, with notable events of the run."""
         record = self.record
         cuts = f", {record.cuts} of them cut into smaller ones" if record.cuts else ""
-        gained = _gained(from_nowhere(record.ledger))
-        way = f"{cuts}{self._stepper.remark}{halved_on_the_way(record.reviews)}{gained}{inside_out_on_the_way(record.ledger)}"
-        way += removed_on_the_way(record.removed, record.removed_at)
+        gained = _gain_text(relative_closure_error(record.ledger))
+        way = f"{cuts}{self._stepper.remark}{halving_text(record.reviews)}{gained}{inversion_text(record.ledger)}"
+        way += removal_text(record.removed, record.removed_at)
         return f"reached t = {record.state.t:.6g} s in {record.steps} steps{way}"
 
 
-def _gained(part: float) -> str:
+def _gain_text(part: float) -> str:
     """Return the message about lost or gained energy; empty if it is within the tolerance."""
-    if abs(part) < WORTH_SAYING:
+    if abs(part) < REPORTED:
         return ""
     return f"; the steps {'gained' if part > 0 else 'lost'} {abs(part) * 100:.0f} % of the energy (closure_error)"
 
 
-class Cutting:
+class Bisection:
     """Steps of an integrator with bisection: a step that finds no state is made in two halves, recursively.
 
-    After each part, `arrived` is called with the state, or `failed` if there is none.
+    After each part, `accepted` is called with the state, or `failed` if there is none.
     """
 
-    def __init__(self, stepper: Stepper, arrived: Callable[[MotionState], object], failed: Callable[[], object]) -> None:
-        self._stepper, self._arrived, self._failed, self._in_a_row = stepper, arrived, failed, 0
+    def __init__(self, stepper: Stepper, accepted: Callable[[MotionState], object], failed: Callable[[], object]) -> None:
+        self._stepper, self._accepted, self._failed, self._consecutive = stepper, accepted, failed, 0
 
     def advance(self, state: MotionState, t: float) -> bool:
         """Advance to time `t`. Return whether the step was made in parts.
@@ -280,14 +280,14 @@ class Cutting:
             try:
                 self._halves(state, t, 1)
             except StepFailed:
-                state.become(before)
+                state.copy_from(before)
                 raise
-            self._in_a_row += 1
-            if self._in_a_row == MANY:
+            self._consecutive += 1
+            if self._consecutive == MANY:
                 warn(f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.")
             return True
-        self._in_a_row = 0
-        self._arrived(state)
+        self._consecutive = 0
+        self._accepted(state)
         return False
 
     def _halves(self, state: MotionState, t: float, depth: int) -> None:
@@ -300,4 +300,4 @@ class Cutting:
                     raise
                 self._halves(state, end, depth + 1)
             else:
-                self._arrived(state)
+                self._accepted(state)

@@ -262,11 +262,11 @@ def _rigid_part(system: System, mass: Mass, u: Array, shapes: Array) -> Array:
     mesh = system.mesh
     where = mesh.p.T + u.reshape(-1, mesh.d)
     part = system.parts()
-    is_held = np.zeros(system.ndofs, dtype=bool)
-    is_held[system.supports.held] = True
+    is_constrained = np.zeros(system.ndofs, dtype=bool)
+    is_constrained[system.supports.held] = True
     found, all_of_it = np.zeros(len(shapes)), np.array([x @ mass.multiply(x) for x in shapes])
     for own in np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]):
-        rigid = _allowed(where[own], is_held.reshape(-1, mesh.d)[own])
+        rigid = _allowed(where[own], is_constrained.reshape(-1, mesh.d)[own])
         padded = np.zeros((rigid.shape[1], mesh.nv, mesh.d))
         padded[:, own] = rigid.T.reshape(-1, len(own), mesh.d)
         for motion in _orthonormal(mass, padded.reshape(len(padded), system.ndofs)):
@@ -274,14 +274,14 @@ def _rigid_part(system: System, mass: Mass, u: Array, shapes: Array) -> Array:
     return found / all_of_it
 
 
-def _allowed(x: Array, is_held: NDArray[np.bool_]) -> Array:
+def _allowed(x: Array, is_constrained: NDArray[np.bool_]) -> Array:
     """Return the rigid motions (dofs, m) of vertices at `x` (nv, d) that do not move constrained degrees of freedom."""
     x = x - x.mean(axis=0)
     every = motions(x / (np.linalg.norm(x, axis=1).max() or 1.0)).reshape(x.size, -1)
-    held = every[is_held.ravel()]
-    if not len(held):
+    constrained = every[is_constrained.ravel()]
+    if not len(constrained):
         return every
-    _, values, right = np.linalg.svd(held, full_matrices=True)
+    _, values, right = np.linalg.svd(constrained, full_matrices=True)
     rank = int((values > ZERO * values.max()).sum())
     allowed: Array = every @ right[rank:].T
     return allowed
@@ -292,6 +292,6 @@ def _orthonormal(mass: Mass, vectors: Array) -> Array:
     if not len(vectors):
         return vectors
     values, c = np.linalg.eigh(vectors @ np.array([mass.multiply(v) for v in vectors]).T)
-    kept = values > ZERO * values.max()
-    basis: Array = (c[:, kept] / np.sqrt(values[kept])).T @ vectors
+    retained = values > ZERO * values.max()
+    basis: Array = (c[:, retained] / np.sqrt(values[retained])).T @ vectors
     return basis

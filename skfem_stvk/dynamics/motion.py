@@ -17,7 +17,7 @@ from ..system import System
 from ..system.coordinates import CoordinateMass, Coordinates
 from ..terms import BoundLoad, TakesTime
 from ..terms.load import Moment
-from ..terms.protocols import tell
+from ..terms.protocols import set_time
 from .at_rest import AtRest
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
@@ -46,7 +46,7 @@ class Motion:
         self.alpha, self.beta, self.tau = damping_factors(damping)
         self.free: Any = body.free_dofs(body.supports.held) if isinstance(body, System) else body.free
         self.moving = self.system.supports.prescribed.size > 0
-        self._several = len(body.elastic_names) > 1
+        self._has_several_terms = len(body.elastic_names) > 1
         self._force, self._Mv = np.zeros(self.states.n), np.zeros(self.states.n)
 
     @property
@@ -54,7 +54,7 @@ class Motion:
         """Space of states and their rates."""
         return self.body.space
 
-    def take_out(self, elements: Any) -> None:
+    def remove_elements(self, elements: Any) -> None:
         """Replace the body by one without these elements."""
         self.body = self.system = self.system.without(elements)
         self.mass, self.free = self.body.mass(self.mass.kind), self.free.of(self.body)
@@ -74,7 +74,7 @@ class Motion:
 
     def term_energies(self, u: Array) -> list[float]:
         """Return the strain energies [J] of the elastic terms if there are several; NaN for a term without an energy."""
-        return self.body.elastic_energies(u) if self._several else []
+        return self.body.elastic_energies(u) if self._has_several_terms else []
 
     @property
     def driven(self) -> bool:
@@ -87,7 +87,7 @@ class Motion:
             return np.zeros(self.states.n)
         system, moment = self.system, self.moment(t)
         x, force = by_vertex(system.mesh, self.states.expand(u)), np.zeros(system.mesh.p.T.shape)
-        tell(system.bound_terms, moment)
+        set_time(system.bound_terms, moment)
         for load in system.bound_loads:
             if not _keeps_energy(load):
                 load.add_force(x, moment, force)
@@ -129,17 +129,21 @@ class Motion:
         """Return the time `t` [s] with load factor 1, and the kind of masses on which gravity acts."""
         return Moment(t, 1.0, self.mass.kind)
 
-    def held(self, t: float) -> Array:
+    def constrained_displacements(self, t: float) -> Array:
         """Return the displacements of the constrained degrees of freedom, or the prescribed coordinates [m]."""
         body, moment = self.body, Moment(t, 1.0)
-        return body.supports.values(moment) if isinstance(body, System) else body.held_values(moment)
+        return body.supports.values(moment) if isinstance(body, System) else body.prescribed_values(moment)
 
-    def held_velocities(self, t: float, dt: float) -> Array:
+    def constrained_velocities(self, t: float, dt: float) -> Array:
         """Return the velocities of the constrained degrees of freedom [m/s], by forward differences."""
         if not self.moving:
             return np.zeros(len(self.free.fixed))
         h = DIFFERENCE * dt
-        velocities: Array = (4 * self.held(t + h) - self.held(t + 2 * h) - 3 * self.held(t)) / (2 * h)
+        velocities: Array = (
+            4 * self.constrained_displacements(t + h)
+            - self.constrained_displacements(t + 2 * h)
+            - 3 * self.constrained_displacements(t)
+        ) / (2 * h)
         return velocities
 
     @cached_property
@@ -189,27 +193,27 @@ class Motion:
             -K_f (u + beta v)             of foundations, whose stiffness counts in Rayleigh's damping too
 
         The displacements `u` and velocities `v` are (ndofs,). Accelerations `a` are those of the equation of motion at this time;
-        for moving supports see `held_accelerations`. For a body on a basis, residual forces at free degrees of freedom are
+        for moving supports see `constrained_accelerations`. For a body on a basis, residual forces at free degrees of freedom are
         transferred to the supports by K at rest.
         """
-        whole = self if self.body is self.system else self._of_all
+        whole = self if self.body is self.system else self._full_motion
         fixed, mass = whole.free.fixed, whole.mass
         moving = whole.force(u, v, t)
         a = np.zeros_like(moving)
         if self.moving:
-            a[fixed] = held_accelerations(whole, t, since)
+            a[fixed] = constrained_accelerations(whole, t, since)
         if mass.kind == "consistent":  # constrained and free degrees of freedom are coupled by M
             a += mass.solve(moving - mass.multiply(a))
         forces = self.system.foundation_force(u + self.beta * v)
         forces[fixed] += (mass.multiply(a) - moving)[fixed]
         if isinstance(self.body, Coordinates):
             basis = self.body.columns[:, : self.body.size]
-            left = mass.multiply(basis @ (basis.T @ moving)) - moving  # `M a + D v + F - h` with the accelerations of the basis
-            forces[fixed] -= (whole.at_rest @ self._rest.solve(left))[fixed]
+            residual = mass.multiply(basis @ (basis.T @ moving)) - moving  # `M a + D v + F - h` with the accelerations of the basis
+            forces[fixed] -= (whole.at_rest @ self._rest.solve(residual))[fixed]
         return forces
 
     @cached_property
-    def _of_all(self) -> Motion:
+    def _full_motion(self) -> Motion:
         """Motion of the body with all its displacements, if this one is on a basis."""
         return Motion(self.system, self.mass.kind, self._damping)
 
@@ -247,12 +251,12 @@ def last_step(times: Sequence[float], dt: float) -> float:
     return times[-3] if short else times[-2]
 
 
-def held_accelerations(motion: Motion, t: float, since: float) -> Array:
+def constrained_accelerations(motion: Motion, t: float, since: float) -> Array:
     """Return the accelerations of the constrained degrees of freedom at `t` [m/s^2].
 
     They are differences over the step that began at `since` [s]. The functions of the supports are evaluated within the run only.
     """
     h = (t - since) / 3
-    here, one, two, three = (motion.held(t - i * h) for i in range(4))
+    here, one, two, three = (motion.constrained_displacements(t - i * h) for i in range(4))
     accelerations: Array = (2 * here - 5 * one + 4 * two - three) / h**2
     return accelerations

@@ -19,11 +19,11 @@ from ..results.files import OutputFiles
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint, sums
-from .books import LedgerPlaces
 from .damping import Damping
 from .integrators import INTEGRATORS, Integrator
+from .ledger_rows import LedgerLocations
 from .motion import Motion
-from .removal import Rule, in_words
+from .removal import Rule, rule_text
 
 if TYPE_CHECKING:
     from .checkpoint import MotionCheckpoint
@@ -48,24 +48,25 @@ class Options:
     probes: Mapping[str, Where] | None
     reactions: Mapping[str, Where] | None
     remove: Rule | None
-    outlets: OutputFiles
+    output_files: OutputFiles
     checkpoint: MotionCheckpoint | None
 
     def start(self, system: System) -> dict[str, list[float]]:
         """Return numbers that identify the user-supplied parts of an initial state."""
-        given = {"u0": self.u0, "v0": self.v0}
-        found = {name: sums(by_vertex(system.mesh, x, name)) for name, x in given.items() if x is not None}
+        supplied = {"u0": self.u0, "v0": self.v0}
+        found = {name: sums(by_vertex(system.mesh, x, name)) for name, x in supplied.items() if x is not None}
         return found | ({"t0": [self.t0]} if self.t0 else {})
 
-    def refuse_other_places(self, file: Path, system: System, kept: LedgerPlaces) -> None:
+    def refuse_other_locations(self, file: Path, system: System, stored: LedgerLocations) -> None:
         """Refuse probes and reactions that are passed again but differ from those of the file."""
-        now = LedgerPlaces.checked(system, self.probes, self.reactions)
-        for kind, given in (("probes", self.probes), ("reactions", self.reactions)):
-            then, places = getattr(kept, kind), getattr(now, kind)
-            same = list(then) == list(places) and all(np.array_equal(then[name], places[name]) for name in then)
-            if given is not None and not same:
+        now = LedgerLocations.checked(system, self.probes, self.reactions)
+        for kind, supplied in (("probes", self.probes), ("reactions", self.reactions)):
+            then, requested = getattr(stored, kind), getattr(now, kind)
+            same = list(then) == list(requested) and all(np.array_equal(then[name], requested[name]) for name in then)
+            if supplied is not None and not same:
                 raise StvkError(
-                    f"{file} follows the {kind} {list(then)}, and they changed. Give the same again, or leave them out."
+                    f"{kind} = {list(requested)}; expected those of {file}, {list(then)}, at the same vertices. Leave them out to "
+                    "resume it."
                 )
 
 
@@ -75,7 +76,7 @@ class Setup:
 
     motion: Motion
     integrator: Integrator
-    places: LedgerPlaces  # locations that the ledger records
+    locations: LedgerLocations  # locations that the ledger records
     until: float  # the end [s]
     rule: Rule | None = None  # rule that removes elements
 
@@ -86,7 +87,7 @@ class Setup:
         """
         moments = [t0 + fraction * (self.until - t0) for fraction in FRACTIONS]
         at_rest = {"t0": [t0], "u0": [0.0, 0.0], "v0": [0.0, 0.0]} | basis_of(self.motion)
-        method = described(self.motion, self.integrator, self.rule)
+        method = method_options(self.motion, self.integrator, self.rule)
         return Fingerprint("motion", self.motion.system, method, moments, at_rest | dict(start))
 
 
@@ -100,21 +101,23 @@ def refuse_on_basis(motion: Motion, integrator: Integrator, removing: bool) -> N
     if not isinstance(motion.body, Coordinates):
         return
     if motion.tau:
-        raise StvkError("EdgeDamping resists at each edge, which a reduced system does not see. Take Rayleigh(alpha, beta).")
+        raise StvkError("damping: EdgeDamping acts on edges, which a reduced system does not have; expected Rayleigh(alpha, beta).")
     if integrator.conserves_reduced is None:
         known = ", ".join(name for name, one in INTEGRATORS.items() if one.conserves_reduced is not None)
-        raise StvkError(f"{integrator.name} does not work on a reduced system; expected one of {known}.")
+        raise StvkError(f"integrator = {integrator.name}(...); expected one of {known} for a reduced system.")
     tangent, solver = getattr(integrator, "tangent", "exact"), getattr(integrator, "solver", "auto")
     if tangent != "exact" or not is_auto(solver):
         raise StvkError(
-            f"{integrator.name}(tangent={tangent!r}, solver={solver!r}) for a reduced system, whose tangent is exact, small and "
-            "full: leave both out."
+            f"{integrator.name}(tangent={tangent!r}, solver={solver!r}); expected the defaults for a reduced system, whose tangent "
+            "is exact, small and dense."
         )
     if removing:
-        raise StvkError("remove: a reduced system was made of all its elements. Simulate its body: reduced.body.")
+        raise StvkError(
+            "remove: expected None for a reduced system, which is made of all its elements. Simulate its body: reduced.body."
+        )
 
 
-def described(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:
+def method_options(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:
     """Return all options of the method, in the form of `MethodRecord`. A solver object is stored by its name."""
     options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
     objects = {name: value.name for name, value in options.items() if hasattr(value, "name")}
@@ -123,17 +126,17 @@ def described(motion: Motion, integrator: Integrator, rule: Rule | None = None) 
         "integrator": {"name": integrator.name, "options": plain, "objects": objects},
         "mass": motion.mass.kind,
         "damping": {"alpha": motion.alpha, "beta": motion.beta, "tau": motion.tau},
-    } | ({} if rule is None else {"remove": in_words(rule)})
+    } | ({} if rule is None else {"remove": rule_text(rule)})
 
 
 def checked_integrator(integrator: Integrator | None) -> Integrator:
     """Return the integrator; refuse anything else."""
     if not isinstance(integrator, Integrator):
-        given = f"the class {integrator.__name__}" if isinstance(integrator, type) else shown(integrator)
-        raise StvkError(f"integrator is {given}; expected one of {', '.join(INTEGRATORS)}, such as EnergyMomentum(dt=1e-3).")
+        supplied = f"the class {integrator.__name__}" if isinstance(integrator, type) else shown(integrator)
+        raise StvkError(f"integrator is {supplied}; expected one of {', '.join(INTEGRATORS)}, such as EnergyMomentum(dt=1e-3).")
     return integrator
 
 
 def too_early(until: float, t: float) -> StvkError:
     """Return the error for an end `until` that is not after the present time `t`."""
-    return StvkError(f"until = {until:g} s is not after t = {t:g} s, where the motion is. Give a later end.")
+    return StvkError(f"until = {until:g} s; expected an end after t = {t:g} s, the time of the motion.")

@@ -50,7 +50,7 @@ class Outputs:
     @classmethod
     def opened(cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack) -> Outputs:
         """Open the files of a run that begins. Refuse files of another problem."""
-        series, save, overwrite = None, options.outlets.save, options.outlets.overwrite
+        series, save, overwrite = None, options.output_files.save, options.output_files.overwrite
         if save is not None or options.checkpoint is not None:
             problem = setup.problem(record.state.t, options.start(setup.motion.system))
             if setup.rule is not None:
@@ -58,32 +58,29 @@ class Outputs:
         if options.checkpoint is not None:
             options.checkpoint.belongs_to(problem, overwrite)
         if save is not None:
-            series = stack.enter_context(Series(save, options.outlets.fields, problem=problem, overwrite=overwrite))
-        return cls(setup, record, series, options.outlets.every or EVERY, options.checkpoint)
+            series = stack.enter_context(Series(save, options.output_files.fields, problem=problem, overwrite=overwrite))
+        return cls(setup, record, series, options.output_files.every or EVERY, options.checkpoint)
 
     @classmethod
     def resumed(
         cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
     ) -> Outputs:
         """Open the files of a run that continues. The series is at the user-supplied path, or next to the checkpoint."""
-        checkpoint, every, t = options.checkpoint, options.outlets.every or then.every, record.state.t
+        checkpoint, every, t = options.checkpoint, options.output_files.every or then.every, record.state.t
         assert checkpoint is not None
-        checkpoint.belongs_to(problem, overwrite=options.outlets.overwrite or checkpoint.source != checkpoint.file)
-        save = options.outlets.save or _beside(then, checkpoint.folder)
+        checkpoint.belongs_to(problem, overwrite=options.output_files.overwrite or checkpoint.source != checkpoint.file)
+        save = options.output_files.save or _series_next_to(then, checkpoint.folder)
         if save is None:
             return cls(setup, record, None, every, checkpoint)
         if then.save is not None and not save.exists():
             warn(
-                f"{save} is not there, and begins at t = {t:g} s: the states before are in the series that was {then.save!r} when "
-                "the checkpoint was written."
+                f"{save} does not exist, so it begins at t = {t:g} s. Earlier states are in the series of the run that is resumed, "
+                f"{then.save!r}."
             )
         last = float(record.ledger["time"][record.steps - record.steps % every])
-        series = stack.enter_context(Series(save, options.outlets.fields, resume=True, until=last, problem=problem))
+        series = stack.enter_context(Series(save, options.output_files.fields, resume=True, until=last, problem=problem))
         if series.steps and series.steps[-1][0] < last < t and every == then.every:
-            warn(
-                f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing, and cannot be had any "
-                "more."
-            )
+            warn(f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing and cannot be restored.")
         return cls(setup, record, series, every, checkpoint)
 
     @property
@@ -96,7 +93,7 @@ class Outputs:
         """Number of steps from one saved state to the next; larger than any run if no states are saved."""
         return NEVER if self._series is None else self._every
 
-    def frame(self) -> None:
+    def save_state(self) -> None:
         """Save the state unless it is already saved, and update the ledger's table."""
         series, state = self._series, self._record.state
         if series is None:
@@ -108,17 +105,17 @@ class Outputs:
                 series.add(self._fields.at(u, v), state.t)
             self._table.write()
 
-    def frame_in_turn(self) -> None:
+    def save_if_due(self) -> None:
         """Save the state if it is due at this step.
 
         This includes the first state of a run, and the state from which a run continues if it was not saved.
         """
         if self._record.steps % self._every == 0:
-            self.frame()
+            self.save_state()
 
     def step(self) -> None:
         """Save the state after a whole step if it is due, and write a checkpoint if it is due."""
-        self.frame_in_turn()
+        self.save_if_due()
         if self._checkpoint is not None and self._checkpoint.due(time.perf_counter()):
             self.checkpoint()
 
@@ -128,22 +125,22 @@ class Outputs:
             return
         from .checkpoint import packed  # imports pydantic, only if a checkpoint is written
 
-        self.frame_in_turn()
+        self.save_if_due()
         record, setup, seconds = self._record, self._setup, self._record.watch.parts()
         with self._record.watch("write"):
-            about, arrays = packed(record, setup.places, found=setup.integrator.dt is None)
+            about, arrays = packed(record, setup.locations, found=setup.integrator.dt is None)
             about |= {"counts": vars(record.counts), "seconds": seconds, "every": self._every}
             about["save"] = None if self._series is None else str(self._series.path)
             self._checkpoint.write(about, arrays, record.ledger)
         self.written = record.steps
 
-    def back(self) -> None:
+    def discard_later_states(self) -> None:
         """Remove the saved states and rows after the present state, which is an earlier one again."""
         if self._series is not None:
             with self._record.watch("write"):
                 self._series.cut(self._record.state.t)
                 self._table.write()
-        self.frame_in_turn()
+        self.save_if_due()
         self.checkpoint()
 
     def close(self) -> None:
@@ -151,11 +148,11 @@ class Outputs:
 
         If the last step was shorter than `dt`, the checkpoint before it remains, so that a later run continues from there.
         """
-        self.frame()
-        if self._record.at_a_step:
+        self.save_state()
+        if self._record.after_whole_step:
             self.checkpoint()
 
-    def how_to_go_on(self, error: BaseException) -> str:
+    def resume_advice(self, error: BaseException) -> str:
         """Write a checkpoint after an error, and return a message about how to continue from it.
 
         No checkpoint is written if a later one exists or the disk is full.
@@ -163,24 +160,23 @@ class Outputs:
         if self._checkpoint is None:
             return ""
         record, full = self._record, isinstance(error, OSError)  # after a full disk, a state may be missing from the series
-        if record.at_a_step and record.steps > self.written and not full:
+        if record.after_whole_step and record.steps > self.written and not full:
             with suppress(Exception):
                 self.checkpoint()
         if self.written < 0:
             return ""
         there = "there" if self.written == record.steps else "the last checkpoint"
-        return f" checkpoint={str(self._checkpoint.folder)!r}, resume=True goes on from {there}."
+        return f" To continue from {there}: checkpoint={str(self._checkpoint.folder)!r}, resume=True."
 
 
-def _beside(then: MotionHeader, place: Path) -> Path | None:
+def _series_next_to(then: MotionHeader, folder: Path) -> Path | None:
     """Return the path of a run's series: its file name, in the folder that contains the checkpoint."""
     if then.save is None:
         return None
-    save = Path(os.path.abspath(place)).parent / Path(then.save).name
+    save = Path(os.path.abspath(folder)).parent / Path(then.save).name
     if not save.is_file() or save.suffix.lower() != ".pvd":
         raise StvkError(
-            f"The checkpoint {place} is of a run that saved the series {then.save!r}: that is the checkpoint's path, and "
-            f"{save.name} is not beside it in {save.parent}. Say where it is now, or where the states from t = {then.now.t:g} s "
-            "on shall go: save=...; or move it there."
+            f"The run of the checkpoint {folder} saved the series {then.save!r}, but there is no {save.name} in {save.parent}. "
+            f"Move the series there, or name its path, or that of a new series from t = {then.now.t:g} s on: save=..."
         )
     return save

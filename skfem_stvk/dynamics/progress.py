@@ -33,7 +33,7 @@ class MotionProgress(Progress):
         if not self._quiet:
             self.print(self._header)
             self._begin = time.perf_counter()
-            self._looks = deque([(self._begin, self._done)], maxlen=WINDOW)
+            self._updates = deque([(self._begin, self._done)], maxlen=WINDOW)
             self._next = self._begin + self._every
         return super().__enter__()
 
@@ -48,12 +48,12 @@ class MotionProgress(Progress):
         self._number, self._steps = number, steps
         now = time.perf_counter()
         if now >= self._next:
-            self._look(now)
+            self._update(now)
 
-    def _look(self, now: float) -> None:
-        then, before = self._looks[0]
+    def _update(self, now: float) -> None:
+        then, before = self._updates[0]
         rate = (self._number - before) / (now - then)
-        self._looks.append((now, self._number))
+        self._updates.append((now, self._number))
         line = self._line(rate, f"{duration((self._steps - self._number) / rate)} left" if rate else "")
         if self._bar is None:
             self.print(line)

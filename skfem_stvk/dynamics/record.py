@@ -43,7 +43,7 @@ class MotionState:
         """Return an independent copy."""
         return MotionState(self.t, *(array.copy() for array in (self.u, self.v, self.a, self.reaction)))
 
-    def become(self, other: MotionState) -> None:
+    def copy_from(self, other: MotionState) -> None:
         """Copy another state into the arrays of this one."""
         self.t = other.t
         for name in ("u", "v", "a", "reaction"):
@@ -57,7 +57,7 @@ class Clock:
     >>> clock = Clock(0.0, 0.1)
     >>> for _ in range(3):
     ...     clock.tick()
-    >>> clock.t == 3 * 0.1, clock.left(until=1.0), clock.left(until=0.95)
+    >>> clock.t == 3 * 0.1, clock.steps_left(until=1.0), clock.steps_left(until=0.95)
     (True, 7, 7)
     """
 
@@ -74,7 +74,7 @@ class Clock:
         """Advance the clock by one step."""
         self.count += 1
 
-    def left(self, until: float) -> int:
+    def steps_left(self, until: float) -> int:
         """Return the number of steps left until that time. The last one may be shorter."""
         return max(0, ceil((until - self.t) / self.dt - SLACK))
 
@@ -197,24 +197,24 @@ class RunRecord:
     removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # removed elements, in order
     removed_at: Array = field(default_factory=lambda: np.empty(0))  # time of removal [s]; NaN before the run
 
-    def take_out(self, elements: NDArray[np.int64], t: float) -> None:
+    def add_removed(self, elements: NDArray[np.int64], t: float) -> None:
         """Record that elements were removed at this time. The last good state is never older than the last removal."""
         self.removed = np.concatenate([self.removed, elements])
         self.removed_at = np.concatenate([self.removed_at, np.full(len(elements), t)])
 
     @property
-    def at_a_step(self) -> bool:
+    def after_whole_step(self) -> bool:
         """Whether the state is at the end of a whole step. A run can continue only from such a state."""
         return self.state.t == self.clock.t
 
-    def keep(self) -> None:
+    def store_good_state(self) -> None:
         """Store the present state as the last good state."""
         self.good = Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps)
 
-    def back(self) -> None:
+    def return_to_good_state(self) -> None:
         """Return to the last good state."""
         assert self.good is not None
         good = self.good
-        self.state.become(good.state)
+        self.state.copy_from(good.state)
         self.clock, self.reviews, self.steps, self.cuts = replace(good.clock), good.reviews, good.steps, good.cuts
         self.ledger.truncate(good.rows)

@@ -89,11 +89,11 @@ def checked_rule(rule: Any) -> Rule | None:
         return rule
     raise StvkError(
         f"remove = {shown(rule)}; expected PrincipalStressLimit(limit), or a function of t and u that returns ids or a mask of the "
-        "elements to take out. Before a run there is system.without(...)."
+        "elements to remove. To remove elements before a run, use system.without(...)."
     )
 
 
-def in_words(rule: Rule) -> str:
+def rule_text(rule: Rule) -> str:
     """Return the text by which the files of a run identify a rule."""
     if not isinstance(rule, PrincipalStressLimit):
         return "a function"
@@ -130,11 +130,11 @@ class Removal:
         return system.elements_to_remove(rule.above(self._fields.at(state.u, state.v)))
 
 
-def removed_on_the_way(removed: NDArray[np.int64], removed_at: Array) -> str:
+def removal_text(removed: NDArray[np.int64], removed_at: Array) -> str:
     """Return the part of the run's message about removed elements: how many, which and when. It is empty if there were none."""
     during = np.isfinite(removed_at)
     if not during.any():
         return ""
     first, last = removed_at[during][[0, -1]]
     when = f"at t = {first:.4g} s" if first == last else f"between t = {first:.4g} s and t = {last:.4g} s"
-    return f"; {name_ids(removed[during], 'element')} taken out {when}"
+    return f"; {name_ids(removed[during], 'element')} removed {when}"

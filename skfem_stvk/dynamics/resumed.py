@@ -18,11 +18,11 @@ from ..results.store import refusing_damage
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint
-from .checkpoint import ANEW, IntegratorRecord, load, refuse_inconsistent
+from .checkpoint import START_AGAIN, IntegratorRecord, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import INTEGRATORS, Integrator
 from .motion import Motion
-from .options import BASIS, Options, Setup, basis_of, checked_integrator, described, refuse_on_basis, too_early
+from .options import BASIS, Options, Setup, basis_of, checked_integrator, method_options, refuse_on_basis, too_early
 from .outputs import Outputs
 from .record import SLACK, RunRecord
 
@@ -31,10 +31,10 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
     """Return a run that continues from a checkpoint. Arguments that describe its beginning must agree with the file."""
     saved = load(file)
     header, method = saved.header, saved.method
-    given = options.integrator
-    integrator = resumed_integrator(method.integrator, file) if given is None else checked_integrator(given)
-    kept: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
-    damping = kept if options.damping is None else options.damping
+    supplied = options.integrator
+    integrator = resumed_integrator(method.integrator, file) if supplied is None else checked_integrator(supplied)
+    stored: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
+    damping = stored if options.damping is None else options.damping
     motion = Motion(body, method.mass if options.mass is None else options.mass, damping)
     refuse_on_basis(motion, integrator, options.remove is not None)
     system, then = motion.system, header.problem.numbers
@@ -42,22 +42,22 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
     start |= ({BASIS: []} if BASIS in then else {}) | basis_of(motion)
     removed, removed_at = saved.removed
     if not (removed.ndim == removed_at.ndim == 1 and removed.dtype.kind == "i" and np.unique(removed).size == removed_at.size):
-        raise ForeignFile(f"{file} is damaged: the elements that it took out are none. {ANEW}")
+        raise ForeignFile(f"{file} is damaged: its list of removed elements is invalid. {START_AGAIN}")
     first = system_at_first(system, removed, removed_at, file)
-    problem = Fingerprint("motion", first, described(motion, integrator, options.remove), header.problem.moments, start)
-    again = "Give the same again, or leave it out, to resume it. To start anew: overwrite=True, without resume."
+    problem = Fingerprint("motion", first, method_options(motion, integrator, options.remove), header.problem.moments, start)
+    again = "Pass the same, or leave it out, to resume it. To start again: overwrite=True, without resume."
     problem.refuse_other(header.problem, file, again)
     if len(removed):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StvkWarning)  # about parts that came loose then
-            motion.take_out(removed)
-    with refusing_damage(file, ANEW):
-        places = refuse_inconsistent(saved, motion, integrator)
-    options.refuse_other_places(file, system, places)
+            motion.remove_elements(removed)
+    with refusing_damage(file, START_AGAIN):
+        locations = refuse_inconsistent(saved, motion, integrator)
+    options.refuse_other_locations(file, system, locations)
     record = saved.record()
     if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):
         raise too_early(options.until, record.state.t)
-    setup = Setup(motion, integrator, places, options.until, options.remove)
+    setup = Setup(motion, integrator, locations, options.until, options.remove)
     return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)
 
 
@@ -71,27 +71,30 @@ def system_at_first(system: System, removed: NDArray[np.int64], removed_at: Arra
         return system
     if not np.isin(now, removed).all() or not np.isin(before, now).all():
         raise StvkError(
-            f"The system has lost {name_ids(now, 'element')}, that of {file} {name_ids(np.sort(removed), 'element')} so far, "
-            f"{len(before)} of them before it began. Give the system with which the motion began, or that of its run."
+            f"The system lacks {name_ids(now, 'element')}; expected the system of {file}, which lacks "
+            f"{name_ids(np.sort(removed), 'element')}, {len(before)} of them from the start. Pass the system with which the motion "
+            "began, or run.system."
         )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         return System(system.made_from, **system.made_of).without(before)
 
 
-def resumed_integrator(kept: IntegratorRecord, file: Path) -> Integrator:
+def resumed_integrator(record: IntegratorRecord, file: Path) -> Integrator:
     """Return the integrator of a checkpoint. Refuse one whose solver was an object."""
-    if kept.objects:
-        solver = ", ".join(f"{name}={value!r}" for name, value in kept.objects.items())
+    if record.objects:
+        solver = ", ".join(f"{name}={value!r}" for name, value in record.objects.items())
         raise StvkError(
-            f"{file} is a motion with {kept.name}({solver}, ...), whose solver was an object: its options are not in the file. "
-            "Give the same integrator again."
+            f"{file} is a motion with {record.name}({solver}, ...), whose solver was an object: its options are not in the file. "
+            "Pass the same integrator."
         )
-    options: dict[str, Any] = dict(kept.options)
+    options: dict[str, Any] = dict(record.options)
     solvers = solver_names()
     try:
         if options.get("solver", "auto") not in solvers:
             raise ValueError(f"solver = {options['solver']!r}")
-        return INTEGRATORS[kept.name](**options)
+        return INTEGRATORS[record.name](**options)
     except (KeyError, TypeError, ValueError) as error:
-        raise ForeignFile(f"{file} is damaged: there is no integrator {kept.name!r} with its options ({error}). {ANEW}") from None
+        raise ForeignFile(
+            f"{file} is damaged: there is no integrator {record.name!r} with its options ({error}). {START_AGAIN}"
+        ) from None

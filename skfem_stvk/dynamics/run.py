@@ -20,7 +20,7 @@ from ..results.monitors import Finding
 from ..results.reactions import constrained_vertices
 from ..results.vtu import DEFAULT
 from ..system import System
-from .guards import from_nowhere
+from .guards import relative_closure_error
 from .integrators import Integrator
 from .ledger import Ledger
 from .motion import Motion, last_step
@@ -104,7 +104,7 @@ class Run:
     @property
     def gained(self) -> float:
         """Final closure error, as a part of the initial or supplied energy. It is negative if the steps lost energy."""
-        return from_nowhere(self.ledger)
+        return relative_closure_error(self.ledger)
 
     @cached_property
     def state(self) -> State:

@@ -111,7 +111,7 @@ def lowest_vectors(problem: ShiftedProblem, n: int) -> Array:
             return _all_nearest(problem, problem.inverse(shift), n)
         except Indefinite:
             continue
-    raise StvkError("Modes: K has eigenvalues below anything that could be shifted. Is `u` a state of equilibrium?")
+    raise StvkError("Modes: K has eigenvalues below every shift that was tried. Is `u` a state of equilibrium?")
 
 
 def first_shift(problem: ShiftedProblem) -> float:
@@ -160,8 +160,8 @@ def _real_basis(problem: ShiftedProblem, vectors: Array) -> Array:
     parts = np.hstack([vectors.real, vectors.imag])
     momenta = np.array([problem.momentum(part) for part in parts.T]).T
     sizes, c = eigh(parts.T @ momenta)
-    kept = sizes > SHORT * sizes.max()
-    basis: Array = parts @ (c[:, kept] / np.sqrt(sizes[kept]))
+    retained = sizes > SHORT * sizes.max()
+    basis: Array = parts @ (c[:, retained] / np.sqrt(sizes[retained]))
     return basis
 
 
@@ -189,7 +189,7 @@ def krylov(problem: ShiftedProblem, inverse: LinearOperator, n: int, known: Arra
         values, vectors = solve(across, n, M, sigma=-problem.shift / unit, OPinv=across, v0=start, tol=tolerance)
         return unit * values, vectors / np.sqrt(mass)
     except ArpackNoConvergence as error:
-        raise StvkError(f"Modes: {len(error.eigenvalues)} of {n} were found. Ask for fewer, or for a direct solver=.") from error
+        raise StvkError(f"Modes: {len(error.eigenvalues)} of {n} were found. Use a smaller n, or a direct solver=.") from error
 
 
 def _power_of_two(size: float) -> float:

@@ -18,10 +18,10 @@ from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.protocol import ReducedLike, checked_system
 from ..terms.load import Moment
-from .books import LedgerPlaces, column_names
 from .damping import Damping
 from .integrators import Integrator
 from .ledger import Ledger
+from .ledger_rows import LedgerLocations, column_names
 from .loop import Loop
 from .motion import Motion
 from .options import Options, Setup, checked_integrator, refuse_on_basis, too_early
@@ -156,10 +156,10 @@ def simulate(
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
     body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
     if isinstance(body, System) and body.dtype != np.float64:
-        raise StvkError(f"The system is in {body.dtype}; expected float64: System(..., dtype=np.float64).")
+        raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
     older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # supported until 1.0
-    outlets = OutputFiles.checked(
+    output_files = OutputFiles.checked(
         save=save,
         fields=fields,
         checkpoint=older if checkpoint is None else checkpoint,
@@ -167,12 +167,12 @@ def simulate(
         overwrite=overwrite,
         every=every,
     )
-    rule, kept = checked_rule(remove), None
+    rule, checkpoint_file = checked_rule(remove), None
     with ExitStack() as stack:
-        if outlets.checkpoint is not None:
+        if output_files.checkpoint is not None:
             from .checkpoint import MotionCheckpoint  # imports pydantic, only if needed
 
-            kept = stack.enter_context(MotionCheckpoint(outlets.checkpoint, outlets.resume, older))
+            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, older))
         options = Options(
             until=until,
             integrator=integrator,
@@ -184,33 +184,33 @@ def simulate(
             probes=probes,
             reactions=reactions,
             remove=rule,
-            outlets=outlets,
-            checkpoint=kept,
+            output_files=output_files,
+            checkpoint=checkpoint_file,
         )
-        if kept is None or kept.source is None:
-            start = _begun(body, options, stack)
+        if checkpoint_file is None or checkpoint_file.source is None:
+            start = _new_run(body, options, stack)
         else:
             from .resumed import resumed
 
-            start = resumed(body, options, stack, kept.source)
+            start = resumed(body, options, stack, checkpoint_file.source)
         return Loop(*start, quiet).run(raise_on_failure)
 
 
-def _begun(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
+def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
     """Return a run that begins with an initial state."""
     integrator = checked_integrator(options.integrator)
     system = body.system if isinstance(body, Coordinates) else body
-    places = LedgerPlaces.checked(system, options.probes, options.reactions)
+    locations = LedgerLocations.checked(system, options.probes, options.reactions)
     motion = Motion(body, options.mass, options.damping)
     refuse_on_basis(motion, integrator, options.remove is not None)
     if not options.until > options.t0:
         raise too_early(options.until, options.t0)
     dt = min(integrator.dt or 1e-6, options.until - options.t0)
     state = first_state(motion, options.u0, options.v0, options.t0, dt)
-    setup = Setup(motion, integrator, places, options.until, options.remove)
-    names = column_names(body, *places, removing=options.remove is not None)
+    setup = Setup(motion, integrator, locations, options.until, options.remove)
+    names = column_names(body, *locations, removing=options.remove is not None)
     record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))
-    record.take_out(system.removed, np.nan)
+    record.add_removed(system.removed, np.nan)
     return setup, record, Outputs.opened(setup, record, options, stack)
 
 
@@ -226,25 +226,25 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     """
     system = motion.system
     u, v = (_vector(name, x, system) for name, x in (("u0", u0), ("v0", v0)))
-    fixed, held, moment = system.supports.held, system.supports.values(Moment(t0, 1.0)), motion.moment(t0)
-    gap = np.abs(held - u[fixed])
-    far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(held).max(initial=0.0))]
+    fixed, prescribed, moment = system.supports.held, system.supports.values(Moment(t0, 1.0)), motion.moment(t0)
+    gap = np.abs(prescribed - u[fixed])
+    far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(prescribed).max(initial=0.0))]
     if len(far):
         raise SupportError(
-            f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: at t0 = {t0:g} s the supports hold them up to "
-            f"{gap.max():.3g} m from where u0 has them. In dynamics constants do not ramp: prescribe a function of t that begins "
-            "at u0, or begin in an equilibrium: u0=solve_static(...).u."
+            f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: u0 differs from the supports at t0 = {t0:g} s by up to "
+            f"{gap.max():.3g} m. In dynamics constants do not ramp. Prescribe a function of t that starts at u0, or start from an "
+            "equilibrium: u0=solve_static(...).u."
         )
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)
     state = MotionState.at(t0, body.prescribe(u, moment), v)
-    state.v[motion.free.fixed] = motion.held_velocities(t0, dt)
+    state.v[motion.free.fixed] = motion.constrained_velocities(t0, dt)
     if not (state.u.any() or state.v.any() or motion.moving or system.loads):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     return state
 
 
-def _vector(name: str, given: ArrayLike | None, system: System) -> Array:
+def _vector(name: str, value: ArrayLike | None, system: System) -> Array:
     """Return the user-supplied vector (ndofs,), or zeros."""
-    return np.zeros(system.ndofs) if given is None else by_vertex(system.mesh, given, name).astype(np.float64).ravel()
+    return np.zeros(system.ndofs) if value is None else by_vertex(system.mesh, value, name).astype(np.float64).ravel()

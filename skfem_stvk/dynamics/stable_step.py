@@ -28,7 +28,7 @@ class StableStep:
     """
 
     def __init__(self, motion: Motion, integrator: Integrator) -> None:
-        self._given, self._integrator, self._warned = integrator.dt, integrator, False
+        self._user_dt, self._integrator, self._warned = integrator.dt, integrator, False
         self._last: CriticalStep | None = None
         self._motion = motion
         self._largest = self._frequencies()
@@ -47,41 +47,44 @@ class StableStep:
         dt, reviews = self._first(state)
         if not Clock(state.t, dt).resolves(dt):
             raise StvkError(
-                f"t0 = {state.t:g} s is too late for steps of dt = {dt:.4g} s: the numbers for times there are {ulp(state.t):.2g} "
-                "s apart. Count the time from 0: leave out t0, and let what is a function of t be one of t0 + t."
+                f"t0 = {state.t:g} s; expected an earlier time for steps of dt = {dt:.4g} s, because times there are rounded to "
+                f"{ulp(state.t):.2g} s. Count the time from 0: leave t0 out, and shift functions of t by t0."
             )
         return dt, reviews
 
     @np.errstate(over="ignore", invalid="ignore")  # a body may be about to blow up
-    def review(self, record: RunRecord, anew: bool = False) -> tuple[float, Reviews]:
+    def review(self, record: RunRecord, recompute: bool = False) -> tuple[float, Reviews]:
         """Return the step with which the motion continues [s], and the reviews after this one.
 
-        The critical step is computed if a review is due. `anew`: elements were removed, so the previous critical step is not valid.
+        The critical step is computed if a review is due. `recompute`: elements were removed, so the previous critical step
+        is not valid.
         """
         state, clock, reviews = record.state, record.clock, record.reviews
-        if anew:
+        if recompute:
             self._largest = self._frequencies()
-        if self._largest is None or self._warned or (record.steps < reviews.next and not anew):
+        if self._largest is None or self._warned or (record.steps < reviews.next and not recompute):
             return clock.dt, reviews
-        share, given = 0.5**reviews.halvings, self._given is not None
+        share, has_user_dt = 0.5**reviews.halvings, self._user_dt is not None
         bound = self._largest.bound(state.u, state.t)
         before = reviews.step
         step, reviews = reviews.estimate(bound, record.steps)
-        safe, moved = given and clock.dt <= bound, not abs(step / before - 1) <= MOVED
-        if not safe and (moved or anew or (given and clock.dt > step)):
+        safe, moved = has_user_dt and clock.dt <= bound, not abs(step / before - 1) <= MOVED
+        if not safe and (moved or recompute or (has_user_dt and clock.dt > step)):
             step, reviews = self._computed(state, reviews)
-        if given:
+        if has_user_dt:
             self._warn(clock.dt, state.t)
         elif clock.dt > share * MOST * step or clock.dt < share * min(LEAST * step, reviews.largest):
             dt = share * min(SAFETY * step, reviews.largest)
             if not clock.resolves(dt):
-                raise StateError(f"steps would be of {dt:.2g} s, for the body is that stiff where it is, too short for the clock")
+                raise StateError(
+                    f"the body is so stiff there that steps would be of {dt:.2g} s, which rounded times do not resolve"
+                )
             return dt, reviews
         return clock.dt, reviews
 
     def halved(self, good: Snapshot) -> Snapshot | None:
         """Return the last good state with half the step; None if the step is user-supplied or was halved too often."""
-        if self._given is not None or good.reviews.halvings == HALVINGS:
+        if self._user_dt is not None or good.reviews.halvings == HALVINGS:
             return None
         reviews = replace(good.reviews, halvings=good.reviews.halvings + 1)
         return replace(good, clock=Clock(good.clock.t, good.clock.dt / 2), reviews=reviews)
@@ -91,16 +94,16 @@ class StableStep:
         dt, reviews = record.clock.dt, record.reviews
         if self._largest is None:
             chosen = getattr(self._integrator, "tangent", "exact")
-            larger = "'clamped' takes larger ones where bodies are pressed"
+            larger = "'clamped' allows larger steps in compression"
             return f"Try a smaller step than dt = {dt:.4g} s, or another tangent than {chosen!r}: {larger}."
         known = self._last or self._largest.at(record.state.u, record.state.t)
-        found = "" if self._given is None else ", dt=None to have it found"
+        found = "" if self._user_dt is None else ", dt=None to have it computed"
         halved = f", halved {_times(reviews.halvings)} from {reviews.largest:.4g} s at most" if reviews.halvings else ""
-        was = f"The step was {dt:.4g} s{halved} ({known} when it was looked at last)"
-        return f"{was}: try a smaller one{found}, or an implicit integrator."
+        was = f"The step was {dt:.4g} s{halved} ({known} at the last review)"
+        return f"{was}: try a smaller step{found}, or an implicit integrator."
 
     def _first(self, state: MotionState) -> tuple[float, Reviews]:
-        dt, reviews = self._given, Reviews()
+        dt, reviews = self._user_dt, Reviews()
         if self._largest is None:
             assert dt is not None
             return dt, reviews
@@ -115,7 +118,9 @@ class StableStep:
         if state.u.any():  # a compressed body is soft, but will not stay compressed
             step = min(step, self._largest.at(np.zeros_like(state.u), state.t).step)
         if not np.isfinite(step):
-            raise StvkError("Got no time step, and any is stable: nothing that moves has stiffness. Give one: dt=...")
+            raise StvkError(
+                "dt = None; expected a time step: no part that moves has stiffness, so every step is stable. Give dt=..."
+            )
         return SAFETY * step, replace(reviews, largest=SAFETY * step)
 
     def _computed(self, state: MotionState, reviews: Reviews) -> tuple[float, Reviews]:
@@ -129,11 +134,11 @@ class StableStep:
             self._warned = True
             warn(
                 f"t = {t:.4g} s: the step dt = {dt:.4g} s is above the critical one, {self._last.step:.4g} s (safe bound "
-                f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller one, or dt=None to have it found."
+                f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller step, or dt=None to have it computed."
             )
 
 
-def halved_on_the_way(reviews: Reviews) -> str:
+def halving_text(reviews: Reviews) -> str:
     """Return the part of the run's message about halved steps; empty if no steps were halved."""
     if not reviews.halvings:
         return ""

@@ -54,7 +54,7 @@ class StepTangent(Enum):
     REST = "rest"
 
     @property
-    def kept(self) -> Tensions:
+    def retained(self) -> Tensions:
         """Tensions that the tangent retains."""
         return {StepTangent.CLAMPED: TENSILE, StepTangent.GAUSS_NEWTON: NONE, StepTangent.WARPED: WARPED}.get(self, ALL)
 
@@ -99,7 +99,7 @@ class StepMatrix:
         between = mean and any(isinstance(term, HasMeanForce) for term in motion.system.bound_terms)
         self._tensions = StartTensions(motion.system) if between and chosen is not StepTangent.REST else None
         self.with_tensions = True
-        self._lasting_factors: tuple[Any, Factors] | None = None
+        self._constant_factors: tuple[Any, Factors] | None = None
         self._free_operator: FreeOperator | None = None
         self._origin: HierarchyOrigin | None = None
         with watch("factor"):
@@ -131,22 +131,22 @@ class StepMatrix:
         if not linear and self._chosen is not StepTangent.REST:
             return self._factorise(w, t, tangent)
         key = self._c, self._g, self._system.pattern_version
-        if self._lasting_factors is None or self._lasting_factors[0] != key:
-            self._lasting_factors = key, self._factorise(w, t, Tangent.EXACT)
-        return self._lasting_factors[1]
+        if self._constant_factors is None or self._constant_factors[0] != key:
+            self._constant_factors = key, self._factorise(w, t, Tangent.EXACT)
+        return self._constant_factors[1]
 
     def _factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
         K: Any
         exact = tangent is Tangent.EXACT
-        kept, multigrid = self._chosen.kept if exact else TENSILE, self.tangent.multigrid
+        retained, multigrid = self._chosen.retained if exact else TENSILE, self.tangent.multigrid
         if self._diagonal is not None and exact:
             with self._watch("factor"):
-                return _Diagonal(self._diagonal.factorise(self._operator(w, kept), self.tangent.kind))
+                return _Diagonal(self._diagonal.factorise(self._operator(w, retained), self.tangent.kind))
         with self._watch("assemble"):
             if self.tangent.solver.matrix_free:
-                K = self._operator(w, kept)
+                K = self._operator(w, retained)
             else:
-                K = self._matrix(w, t, kept)
+                K = self._matrix(w, t, retained)
                 if tangent is Tangent.SHIFTED:
                     K.setdiag(K.diagonal() + self.tangent.shift(K.diagonal()))
         with self._watch("factor"):
@@ -177,10 +177,10 @@ class StepMatrix:
         if self._system is system:
             return
         self._system = system
-        self.tangent.follow(system)
+        self.tangent.replace_system(system)
         if self._tensions is not None:
             self._tensions = StartTensions(system)
-        self._rest = self._lasting_factors = self._free_operator = None
+        self._rest = self._constant_factors = self._free_operator = None
 
     def rebuild(self, origin: HierarchyOrigin) -> None:
         """Build the hierarchy of multigrid that another run had."""
@@ -195,40 +195,42 @@ class StepMatrix:
     def _inertia_factor(self) -> float:
         return self._c + self._motion.alpha * self._g
 
-    def _parts(self, kept: Tensions) -> tuple[float, Tensions, Tensions]:
-        """Return the factor of K, the tensions in K, and the additional tensions of the beginning, as far as `kept` retains them.
+    def _parts(self, retained: Tensions) -> tuple[float, Tensions, Tensions]:
+        """Return the factor of K, the tensions in K, and the additional tensions of the beginning.
+
+        Both include only tensions that `retained` retains.
 
         Edge damping is a part of `2 J'LJ` and enters the factor: `factor (2 J'LJ + tensions / factor)`.
         """
         factor = 1 + self._motion.tau * self._g
-        if kept.warped:
+        if retained.warped:
             return factor, WARPED, NONE
         if self._tensions is not None:
-            return factor, NONE, kept if self.with_tensions else NONE
-        return factor, Tensions(kept.positive / factor, kept.negative / factor), NONE
+            return factor, NONE, retained if self.with_tensions else NONE
+        return factor, Tensions(retained.positive / factor, retained.negative / factor), NONE
 
-    def _where(self, w: Array) -> Array:
+    def _position(self, w: Array) -> Array:
         """Return the displacements (ndofs,) at which the tangent is evaluated [m]."""
         if self._chosen is StepTangent.REST:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
-    def _matrix(self, w: Array, t: Time, kept: Tensions) -> csr_matrix:
+    def _matrix(self, w: Array, t: Time, retained: Tensions) -> csr_matrix:
         """Return the matrix of the step over the free degrees of freedom."""
-        factor, within, kept = self._parts(kept)
+        factor, within, retained = self._parts(retained)
         at_rest = self._chosen is StepTangent.REST  # K(0) has no stiffness of follower loads, which changes
-        where, moment = self._where(w), None if at_rest else t
-        if self.tangent.straight and self._tensions is None and not self._motion.beta:
-            Kff = self.tangent.free_matrix(where, moment, within)
+        position, moment = self._position(w), None if at_rest else t
+        if self.tangent.needs_only_free and self._tensions is None and not self._motion.beta:
+            Kff = self.tangent.free_matrix(position, moment, within)
             if factor != 1:
                 Kff.data *= factor
             self._motion.mass.add_to(Kff, self._inertia_factor, self.tangent.free)
             return Kff
-        K = self.tangent.matrix(where, moment, within)
+        K = self.tangent.matrix(position, moment, within)
         if factor != 1:
             K.data *= factor
-        if self._tensions is not None and kept != NONE:
-            K.data += self._tensions.values(t, kept)
+        if self._tensions is not None and retained != NONE:
+            K.data += self._tensions.values(t, retained)
         if self._motion.beta:
             if self._rest is None:
                 self._rest = self._system.tangent(np.zeros(self._system.ndofs))
@@ -236,9 +238,9 @@ class StepMatrix:
         self._motion.mass.add_to(K, self._inertia_factor)
         return self.tangent.restricted(K)
 
-    def _operator(self, w: Array, kept: Tensions) -> FreeOperator:
+    def _operator(self, w: Array, retained: Tensions) -> FreeOperator:
         """Return K as an operator for products. The mass on its diagonal replaces any other shift."""
-        operator = self._prepared(w, kept)
+        operator = self._prepared(w, retained)
         if self._free_operator is None:
             free = self.tangent.free.free
             self._lumped = self._motion.mass.vertex[free // self._system.mesh.d]
@@ -246,12 +248,12 @@ class StepMatrix:
         np.multiply(self._lumped, self._inertia_factor, out=self._free_operator.shift)
         return self._free_operator
 
-    def _prepared(self, w: Array, kept: Tensions) -> TangentOperator:
-        factor, within, kept = self._parts(kept)
-        operator = self.tangent.operator(self._where(w), within)
+    def _prepared(self, w: Array, retained: Tensions) -> TangentOperator:
+        factor, within, retained = self._parts(retained)
+        operator = self.tangent.operator(self._position(w), within)
         others = [(self._motion.beta * self._g, self._motion.at_rest)] if self._motion.beta else []
-        if self._tensions is not None and kept != NONE:
-            others += self._tensions.operators(kept)
+        if self._tensions is not None and retained != NONE:
+            others += self._tensions.operators(retained)
         if factor != 1 or others:
             operator.scale_and_add(factor, others)
         return operator

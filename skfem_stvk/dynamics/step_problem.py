@@ -45,16 +45,18 @@ class StepProblem(Equation):
     #: 3e-9.
     #: With the tolerances of an inexact Newton method, from 0.1 on, every `EnergyMomentum` step of a stiff body rotating by 0.3 rad
     #: was cut.
-    precise = 1e-8
+    largest_rtol = 1e-8
 
     def __init__(
         self, motion: Motion, matrix: StepMatrix | DenseStepMatrix, watch: Stopwatch, mean: bool = False, secant: bool = False
     ) -> None:
         super().__init__(motion.body, matrix.tangent, watch)
         self.motion, self.matrix, self._mean, self._secant = motion, matrix, mean, secant
-        self._u0, self._offset, self._force, self._arrived, self.full = (np.zeros(motion.states.n) for _ in range(5))
-        self.unlimited = self.unlimited or passes_inversion(self.system)
-        self.blind = self.blind or self.body is not self.system  # on a basis, elements are checked in saved states
+        self._u0, self._offset, self._force, self._internal, self.full = (np.zeros(motion.states.n) for _ in range(5))
+        self.no_step_limit = self.no_step_limit or passes_inversion(self.system)
+        self.ignores_inversion = (
+            self.ignores_inversion or self.body is not self.system
+        )  # on a basis, elements are checked in saved states
 
     def forget(self) -> None:
         """Use the present body of the motion, and remove data of its matrix from previous steps."""
@@ -78,10 +80,10 @@ class StepProblem(Equation):
             if isinstance(d, np.ndarray):
                 self.motion.add_linear_damping(d, self._offset)
 
-    def arrive(self, u: Array) -> float:
+    def store_internal_force(self, u: Array) -> float:
         """Return `Motion.energy` at `u` (ndofs,) [J], and store the internal force for `before_step`."""
         with self._watch("assemble"):
-            return self.motion.energy_and_force(u, self._arrived)
+            return self.motion.energy_and_force(u, self._internal)
 
     def before_step(self, t: float) -> Array:
         """Return the residual (ndofs,) for `w = 0`, from stored forces.
@@ -89,7 +91,7 @@ class StepProblem(Equation):
         It is valid for equations at the end of a step without rates.
         """
         with self._watch("assemble"):
-            np.subtract(self._arrived, self._offset, out=self.full)
+            np.subtract(self._internal, self._offset, out=self.full)
             self.full -= self.motion.loads(self._u0, t)
             return self.full
 
@@ -122,7 +124,7 @@ class StepProblem(Equation):
     def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         return self.matrix.factorise(w, t, tangent)
 
-    def take_over(self, w: Array, t: Time) -> bool:
+    def switch_to_direct(self, w: Array, t: Time) -> bool:
         """Return False: with the mass on its diagonal, K is less ill-conditioned."""
         return False
 
@@ -147,7 +149,7 @@ class StepProblem(Equation):
             force += self.motion.beta * self._g * (self.motion.at_rest @ w)
         return force
 
-    def _reached(self, u: Array) -> Array:
+    def _body_state(self, u: Array) -> Array:
         return self._u0 + u
 
     @property

@@ -92,13 +92,13 @@ def _by_lobpcg(problem: EigenProblem, u: Array, t: float) -> Mode:
     return Mode(value, problem.space.expand(x), problem.space.norm(y))
 
 
-def _by_factorisation(problem: EigenProblem, u: Array, t: float, above: float, floor: float) -> Mode:
+def _by_factorisation(problem: EigenProblem, u: Array, t: float, upper_bound: float, floor: float) -> Mode:
     """Return the lowest mode by inverse iteration with a shift below all eigenvalues.
 
-    `above` is an upper bound of the lowest eigenvalue.
+    `upper_bound` is an upper bound of the lowest eigenvalue.
     """
     K, unknowns = problem.matrix(u, t)
-    shift = -max(2 * abs(min(above, 0.0)), 4 * floor)
+    shift = -max(2 * abs(min(upper_bound, 0.0)), 4 * floor)
     while eigenvalues_below(K, shift, unknowns):
         shift *= 16
     solve = direct(unknowns.n).analyse(unknowns).factorise(shifted(K, shift), Kind.SYMMETRIC).solve

@@ -34,8 +34,6 @@ def quartic_minimum(c: Array) -> float:
 
     The polynomial must fall at 0. Later minima belong to other states, including mirrored ones.
 
-    Those behind it belong to other states, mirrored ones among them.
-
     >>> round(quartic_minimum(np.array([0, -1, 0.5, 0, 0])), 12)
     1.0
     >>> quartic_minimum(np.array([0, -1.0, 0, 0, 0]))

@@ -29,7 +29,7 @@ class End(Enum):
     """Reason why Newton's method ended; the value is its description."""
 
     CONVERGED = "the residual is below rtol times loads and reactions"
-    AT_ROUND_OFF = "the residual is what rounding leaves"
+    AT_ROUND_OFF = "the residual is as small as round-off allows"
     OUT_OF_ITERATIONS = "Newton's method ran out of iterations"
     INSIDE_OUT = "elements would turn inside out"
     NO_DESCENT = "no tangent gave a direction of descent"
@@ -93,7 +93,7 @@ class NewtonOptions:
     watch: Callable[[Iterations], None] = lambda record: None  # called at the beginning of each iteration
 
 
-def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[Array, End, Iterations]:
+def newton(problem: Problem, u: Array, t: Time, options: NewtonOptions) -> tuple[Array, End, Iterations]:
     """Find the equilibrium at load factor `t`, starting from `u`.
 
     `u` must satisfy the prescribed displacements at `t`.
@@ -109,15 +109,15 @@ def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[
     indefinite tangent leads to the saddle points, and the positive definite tangent leads past them.
     """
     record = Iterations()
-    if wanted.full_first:
-        found, end = _Descent(problem, t, wanted, record, search=False).from_state(u)
+    if options.full_first:
+        found, end = _Descent(problem, t, options, record, search=False).from_state(u)
         stable = end.converged and not record.negative_pivots
-        if stable and len(problem.inside_out(found)) <= wanted.most_inside_out and problem.on_this_side(u, found):
+        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.keeps_orientations(u, found):
             return found, end, record
         record.restarted = len(record)
-    found, end = _Descent(problem, t, wanted, record, search=True).from_state(u)
-    if end.converged and len(turned := problem.inside_out(found)) > wanted.most_inside_out:
-        record.detail = problem.named(turned)
+    found, end = _Descent(problem, t, options, record, search=True).from_state(u)
+    if end.converged and len(still_inverted := problem.inside_out(found)) > options.most_inside_out:
+        record.detail = problem.named(still_inverted)
         return found, End.INSIDE_OUT, record
     return found, end, record
 
@@ -125,19 +125,19 @@ def newton(problem: Problem, u: Array, t: Time, wanted: NewtonOptions) -> tuple[
 class _Descent:
     """Newton's iterations at one load, with the line search or with full steps."""
 
-    def __init__(self, problem: Problem, t: Time, wanted: NewtonOptions, record: Iterations, search: bool) -> None:
-        self._problem, self._t, self._wanted, self._record, self._search = problem, t, wanted, record, search
+    def __init__(self, problem: Problem, t: Time, options: NewtonOptions, record: Iterations, search: bool) -> None:
+        self._problem, self._t, self._options, self._record, self._search = problem, t, options, record, search
 
     def from_state(self, u: Array) -> tuple[Array, End]:
-        problem, t, record, rtol = self._problem, self._t, self._record, self._wanted.rtol
+        problem, t, record, rtol = self._problem, self._t, self._record, self._options.rtol
         forcing, before, inverted = LOOSEST, None, len(problem.inside_out(u)) > 0
         most = len(record) + (MOST_FULL if not self._search else MOST_INVERTED if inverted else MOST_ITERATIONS)
         try:
             residual = problem.residual(u, t)
             while True:
                 record.residuals.append(residual.relative)
-                self._wanted.watch(record)
-                end = arrived(problem, u, t, residual, before, rtol)
+                self._options.watch(record)
+                end = equilibrium_end(problem, u, t, residual, before, rtol)
                 if end is not None:
                     if len(record):  # each iteration has factorised an exact tangent, even if the step used another tangent
                         record.negative_pivots = problem.negative_pivots()
@@ -172,7 +172,7 @@ class _Descent:
             if inverted and tangent is Tangent.EXACT and problem.negative_pivots():
                 continue  # it would lead to a saddle point
             solution = problem.solve(factors, -residual.vector, rtol)
-            if not usable(solution) and tangent is Tangent.EXACT and problem.take_over(u, t):
+            if not usable(solution) and tangent is Tangent.EXACT and problem.switch_to_direct(u, t):
                 solution = problem.solve(problem.factorise(u, t), -residual.vector, rtol)
             if not usable(solution):
                 record.detail = solution.outcome.value
@@ -183,7 +183,7 @@ class _Descent:
                 record.linear.append(solution.iterations)
                 record.detail = ""
                 return v
-            record.detail = "the direction is not one of descent"
+            record.detail = "the direction is no direction of descent"
         return None
 
     def _moved(self, u: Array, v: Array, residual: Residual, inverted: bool) -> Array | End:
@@ -205,7 +205,7 @@ class _Descent:
         return u + s * v
 
 
-def arrived(problem: Problem, u: Array, t: Time, residual: Residual, before: Residual | None, rtol: float) -> End | None:
+def equilibrium_end(problem: Problem, u: Array, t: Time, residual: Residual, before: Residual | None, rtol: float) -> End | None:
     """Return why the state counts as an equilibrium, or None if it is not an equilibrium.
 
     `before` is the residual of the previous iteration.
@@ -213,15 +213,15 @@ def arrived(problem: Problem, u: Array, t: Time, residual: Residual, before: Res
     if residual.size <= rtol * residual.scale:
         return End.CONVERGED
     # the estimate is an upper bound, so the residual must also have stopped falling
-    ceased = before is None or residual.size > before.size / 2
-    return End.AT_ROUND_OFF if ceased and residual.size <= problem.round_off(u, t) else None
+    stalled = before is None or residual.size > before.size / 2
+    return End.AT_ROUND_OFF if stalled and residual.size <= problem.round_off(u, t) else None
 
 
 def _forcing(last: float, now: Residual, before: Residual) -> float:
     """Return the relative tolerance of the next linear solve of an iterative solver."""
     new = 0.9 * (now.size / before.size) ** 2
-    kept = 0.9 * last**2
-    return min(LOOSEST, max(new, kept) if kept > 0.1 else new)
+    safeguard = 0.9 * last**2
+    return min(LOOSEST, max(new, safeguard) if safeguard > 0.1 else new)
 
 
 def usable(solution: Solution, singular: bool = False) -> bool:

@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any
 
 #: Whether Ctrl-C was pressed.
-_asked = False
+_finish_requested = False
 
 
 class Status(Enum):
@@ -86,37 +86,37 @@ def finishing_steps() -> Iterator[None]:
 
     Only the main thread receives signals. In other threads this context manager has no effect.
     """
-    global _asked
+    global _finish_requested
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    _asked = False
-    before = signal.signal(signal.SIGINT, _note)
+    _finish_requested = False
+    before = signal.signal(signal.SIGINT, _on_interrupt)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        _asked = False
+        _finish_requested = False
 
 
-def stop_if_asked() -> None:
+def stop_if_requested() -> None:
     """Raise KeyboardInterrupt if Ctrl-C was pressed.
 
     Analyses call this function after each step, when all output of the step is written.
     """
-    if _asked:
+    if _finish_requested:
         raise KeyboardInterrupt
 
 
-def ask_to_finish() -> None:
+def request_finish() -> None:
     """Make a running analysis end after its current step, as the first Ctrl-C does."""
-    global _asked
-    _asked = True
+    global _finish_requested
+    _finish_requested = True
 
 
-def _note(number: int, frame: FrameType | None) -> None:
-    global _asked
-    if _asked:
+def _on_interrupt(number: int, frame: FrameType | None) -> None:
+    global _finish_requested
+    if _finish_requested:
         raise KeyboardInterrupt
-    _asked = True
+    _finish_requested = True
     print("\nCtrl-C: ending after this step; press it again to end at once.", file=sys.stderr, flush=True)

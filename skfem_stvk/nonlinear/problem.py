@@ -81,7 +81,7 @@ class Problem(Protocol):
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
         """Solve `K x = b`, with `b` and `x` (n,), to the relative tolerance `rtol`."""
 
-    def take_over(self, u: Array, t: Time) -> bool:
+    def switch_to_direct(self, u: Array, t: Time) -> bool:
         """Switch to a direct solver if the iterative one failed at `u` only by round-off; return whether it switched."""
 
     def negative_pivots(self) -> int | None:
@@ -96,7 +96,7 @@ class Problem(Protocol):
     def step_limit(self, u: Array, v: Array) -> float:
         """Return the largest `s` up to which no further element inverts along `u + s v`; infinity if there is no limit."""
 
-    def on_this_side(self, u: Array, found: Array) -> bool:
+    def keeps_orientations(self, u: Array, found: Array) -> bool:
         """Return whether no element becomes flat on the straight line from `u` to `found`, that is, none is inverted on the way."""
 
     def inside_out(self, u: Array) -> Sized:

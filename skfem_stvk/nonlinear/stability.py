@@ -16,11 +16,11 @@ from ..linear.space import Space
 from .eigen import lowest_mode, rounding
 from .problem import EigenProblem
 
-NO_FLUTTER = "K is not symmetric there: no real eigenvalue of it is negative, so the state does not diverge; flutter not looked at."
+NO_FLUTTER = "K is not symmetric there: no real eigenvalue of it is negative, so the state does not diverge; flutter not checked."
 NO_SIGN = "Whether the state is stable is not known: the eigenvalue of K nearest to zero is within rounding."
 NOT_FOUND = (
     "Whether the state is stable is not known: conjugate gradients did not converge, and the lowest eigenvalue of K was not found "
-    "to a digit. Try solver='superlu' or 'pardiso', which count the negative ones."
+    "to one digit. Try solver='superlu' or 'pardiso', which count the negative ones."
 )
 NOT_COUNTED = "Whether the state is stable is not known: pivots of K were too small to have a sign."
 
@@ -39,7 +39,7 @@ class Verdict(NamedTuple):
     doubt: str = ""  # sentence on what was not checked or is not known; empty if there is nothing to report
 
 
-def judged(problem: EigenProblem, u: Array, t: float) -> Verdict:
+def stability_of(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """Return the stability of the state `u` (ndofs,) at `t`, from its tangent.
 
     The pivots of a direct solver count negative eigenvalues. CG does not count them. Instead it solves for a random force, which
@@ -78,11 +78,11 @@ def _divergence(problem: EigenProblem, u: Array, t: float) -> Verdict:
     if found.negative:
         return Verdict(False, found.negative)
     if found.unsigned:
-        return Verdict(True, None, f"{NO_SIGN} K is not symmetric there; flutter not looked at.")
-    if found.all_of_them:
+        return Verdict(True, None, f"{NO_SIGN} K is not symmetric there; flutter not checked.")
+    if found.complete:
         return Verdict(True, 0, NO_FLUTTER)
-    looked = f"of its eigenvalues only the {found.looked_at} nearest to zero were looked at, none of which is negative"
-    return Verdict(True, None, f"K is not symmetric there: {looked}; flutter not looked at.")
+    computed = f"only its {found.computed} eigenvalues nearest to zero were computed, and none of them is negative"
+    return Verdict(True, None, f"K is not symmetric there: {computed}; flutter not checked.")
 
 
 class RealEigenvalues(NamedTuple):
@@ -90,8 +90,8 @@ class RealEigenvalues(NamedTuple):
 
     negative: int  # found below `-8 eps |K|`; at least 1 where the determinant is negative
     unsigned: int  # between `-8 eps |K|` and `8 eps |K|`
-    all_of_them: bool  # whether no other eigenvalue can be negative
-    looked_at: int  # number of eigenvalues checked, those nearest to zero
+    complete: bool  # whether no other eigenvalue can be negative
+    computed: int  # number of eigenvalues checked, those nearest to zero
 
 
 def real_eigenvalues(K: csr_matrix, unknowns: Unknowns) -> RealEigenvalues:
@@ -117,7 +117,7 @@ def real_eigenvalues(K: csr_matrix, unknowns: Unknowns) -> RealEigenvalues:
         values = _nearest(K, inverse, number)
         reach = float(np.abs(values).max(initial=0.0))
         found = _counted(values, floor, bool(reach) and eigenvalues_below(S, -reach, unknowns) == 0)
-        if found.negative or found.unsigned or found.all_of_them or number == MOST:
+        if found.negative or found.unsigned or found.complete or number == MOST:
             break
         number *= 2
     return found._replace(negative=found.negative + 1) if odd and not found.negative % 2 else found
@@ -131,10 +131,10 @@ def _factors(K: csr_matrix, unknowns: Unknowns) -> tuple[Factors, bool | None]:
     return factors, factors.negative_determinant
 
 
-def _counted(values: Array, floor: float, all_of_them: bool) -> RealEigenvalues:
+def _counted(values: Array, floor: float, complete: bool) -> RealEigenvalues:
     real = values.real[np.abs(values.imag) <= np.maximum(REAL * np.abs(values), floor)]
     negative, unsigned = int((real < -floor).sum()), int((np.abs(real) <= floor).sum())
-    return RealEigenvalues(negative, unsigned, all_of_them, len(values))
+    return RealEigenvalues(negative, unsigned, complete, len(values))
 
 
 def _nearest(K: csr_matrix, inverse: LinearOperator, number: int) -> Array:

@@ -55,19 +55,19 @@ def masses_of(system: System) -> Array:
 def _of_unit_density(body: Body) -> Body:
     terms = [_UnitDensity(term) for term in body.terms if isinstance(term, HasSection)]
     dense = Body(body.mesh, terms, body.quadrature, [_of_unit_density(one) for one in body.beside])
-    return dense.without(body.gone, body.bare)
+    return dense.without(body.removed, body.bare)
 
 
 class Lifts:
     """Prescribed displacements as `fields @ s(t)`, with the response of the body at rest to each: `fields` (ndofs, l).
 
-    `held` (n, l) are their displacements at the constrained degrees of freedom, with orthogonal columns.
+    `at_supports` (n, l) are their displacements at the constrained degrees of freedom, with orthogonal columns.
     """
 
     def __init__(self, body: System, fields: Array) -> None:
         self._body, self.fields = body, fields
-        self.held = fields[body.supports.held]
-        self._squares = (self.held**2).sum(axis=0)
+        self.at_supports = fields[body.supports.held]
+        self._squares = (self.at_supports**2).sum(axis=0)
         self._last: tuple[Moment | bytes | None, Array] = None, np.empty(0)
 
     @classmethod
@@ -82,8 +82,8 @@ class Lifts:
         if left.shape[1] > MOST_LIFTS:
             raise SupportError(
                 f"Prescribed displacements have {left.shape[1]} independent fields at {len(moments)} times; expected at most "
-                f"{MOST_LIFTS}, one lift for each. Prescribe rigid motions or a few fields times functions of t; or name with "
-                "times= those at which the motion is needed."
+                f"{MOST_LIFTS}, one lift for each. Prescribe rigid motions or a few fields times functions of t; or name the times "
+                "at which the motion is needed: times=."
             )
         fields = np.zeros((body.ndofs, left.shape[1]))
         for i, column in enumerate(left.T):
@@ -92,7 +92,7 @@ class Lifts:
             fields[:, i] = rest.follow(w)
         return cls(body, fields)
 
-    def across(self, masses: Array, basis: Array) -> Array:
+    def without_basis(self, masses: Array, basis: Array) -> Array:
         """Return the fields minus their part in the span of a basis: orthogonal to it by mass, and unchanged at supports."""
         across = self.fields
         for _ in range(2):  # the second pass removes rounding
@@ -105,22 +105,22 @@ class Lifts:
         if supports.steady and key == moment:
             return s
         values = supports.values(moment)  # functions may depend on more than time
-        wanted = moment if supports.steady else values.tobytes()
-        if key == wanted:
+        key_now = moment if supports.steady else values.tobytes()
+        if key == key_now:
             return s
         s = self.amounts_of(values)
-        off = np.abs(values - self.held @ s).max(initial=0.0)
+        off = np.abs(values - self.at_supports @ s).max(initial=0.0)
         if off > EXACT * np.abs(values).max(initial=0.0):
             raise SupportError(
-                f"Prescribed displacements at t = {moment.time:g} are off the span of the lifts by {off:.3g}; expected a motion "
-                "that was seen when the reduced body was made. Make it with times= that include this one."
+                f"Prescribed displacements at t = {moment.time:g} are off the span of the lifts by {off:.3g}; expected a motion in "
+                "their span. Make the reduced body with times= that include this one."
             )
-        self._last = wanted, s
+        self._last = key_now, s
         return s
 
     def amounts_of(self, held: Array) -> Array:
         """Return the least-squares amounts (l,) for displacements (n,) or (n, m) at constrained degrees of freedom."""
-        return np.asarray(((self.held.T @ held).T / self._squares).T)
+        return np.asarray(((self.at_supports.T @ held).T / self._squares).T)
 
 
 class Candidates(NamedTuple):
@@ -174,8 +174,8 @@ def _independent(masses: Array, fields: Array) -> Array:
     sizes = np.sqrt((masses[:, None] * fields**2).sum(axis=0))
     fields = fields[:, sizes > 0] / sizes[sizes > 0]
     values, c = np.linalg.eigh(fields.T @ (masses[:, None] * fields))
-    kept = values > INDEPENDENT
-    independent: Array = fields @ (c[:, kept] / np.sqrt(values[kept]))
+    retained = values > INDEPENDENT
+    independent: Array = fields @ (c[:, retained] / np.sqrt(values[retained]))
     return independent
 
 
@@ -253,25 +253,25 @@ def candidates_of(
     return Candidates(fields, " and ".join(words))
 
 
-def checked_snapshots(body: System, lifts: Lifts, given: ArrayLike | None) -> Array | None:
+def checked_snapshots(body: System, lifts: Lifts, value: ArrayLike | None) -> Array | None:
     """Return snapshots (ndofs, m) minus their lifts, 0 at supports; refuse snapshots that violate the supports."""
-    if given is None:
+    if value is None:
         return None
     n, held = body.ndofs, body.supports.held
-    snapshots = array("snapshots", given, (n, None), f"({n}, m) displacements, a column for each state, such as the u of results")
+    snapshots = array("snapshots", value, (n, None), f"({n}, m) displacements, a column for each state, such as the u of results")
     s = lifts.amounts_of(snapshots[held])
     own = np.asfortranarray(snapshots - lifts.fields @ s)
     off = np.flatnonzero(np.abs(own[held]).max(axis=0, initial=0.0) > 1e-8 * np.abs(snapshots).max(axis=0, initial=0.0))
     if len(off):
         raise StvkError(
-            f"snapshots move what is held in {len(off)} of {snapshots.shape[1]} columns (first {off[0]}); expected displacements "
-            "of this body, as it is held, in which what is held moves as prescribed. Are they of other supports?"
+            f"snapshots violate the supports in {len(off)} of {snapshots.shape[1]} columns (first {off[0]}); expected "
+            "displacements of this body that satisfy its supports. Do they belong to other supports?"
         )
     own[held] = 0
     return own
 
 
-def reduced_to(masses: Array, candidates: Candidates, size: int | None) -> Array:
+def principal_basis(masses: Array, candidates: Candidates, size: int | None) -> Array:
     """Return fields (ndofs, size), orthonormal by mass, that represent most of the candidates: the first principal components.
 
     By default `size` is `SIZE`, or the number of independent fields. StvkError if there are fewer.
@@ -279,10 +279,10 @@ def reduced_to(masses: Array, candidates: Candidates, size: int | None) -> Array
     fields, there = candidates.fields, candidates.fields.shape[1]
     if size is not None and size > there:
         raise StvkError(
-            f"size = {size}; expected at most {there}: there are {candidates.words}. Ask for more modes, or for a smaller size."
+            f"size = {size}; expected at most {there}: there are {candidates.words}. Use more modes, or a smaller size."
         )
     if not np.isfinite(fields).all():
-        raise StvkError("The basis is not finite: is the body held, and are its elements sound?")
+        raise StvkError("The basis is not finite. Is the body supported, and are its elements valid?")
     root = np.sqrt(masses)
     fields *= root[:, None]
     _, sizes, directions = np.linalg.svd(np.linalg.qr(fields, mode="r"))
@@ -290,22 +290,22 @@ def reduced_to(masses: Array, candidates: Candidates, size: int | None) -> Array
     size = min(SIZE, max(independent, 1)) if size is None else size
     if size > independent:
         raise StvkError(
-            f"size = {size}; expected at most {independent}: of {candidates.words} only so many are independent. Ask for more "
-            "modes, or for a smaller size."
+            f"size = {size}; expected at most {independent}: so many of {candidates.words} are independent. Use more modes, or a "
+            "smaller size."
         )
-    kept = fields @ (directions[:size].T / sizes[:size])
-    weighted = np.linalg.qr(kept)[0]
-    weighted *= np.sign(np.einsum("ij,ij->j", weighted, kept))
-    weighted[~kept.any(axis=1)] = 0  # supports, except for rounding
+    retained = fields @ (directions[:size].T / sizes[:size])
+    weighted = np.linalg.qr(retained)[0]
+    weighted *= np.sign(np.einsum("ij,ij->j", weighted, retained))
+    weighted[~retained.any(axis=1)] = 0  # supports, except for rounding
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
     basis = np.ascontiguousarray(weighted * inverse[:, None])
-    off = departure(masses, basis)
+    off = orthonormality_error(masses, basis)
     if not off < 1e-12:
         raise StvkError(f"The basis is orthonormal to {off:.1g} only; expected 1e-12. Are there nodes without mass?")
     return basis
 
 
-def departure(masses: Array, basis: Array) -> float:
+def orthonormality_error(masses: Array, basis: Array) -> float:
     """Return the largest entry of `V' M V - I`."""
     product: Array = basis.T @ (masses[:, None] * basis)
     return float(np.abs(product - np.eye(basis.shape[1])).max(initial=0.0))

@@ -11,7 +11,7 @@ from ..system.coordinates import Coordinates
 from ..system.operator import refuse_overflow
 from ..terms import Quartic
 from ..terms.load import Moment, Time
-from ..terms.protocols import tell
+from ..terms.protocols import set_time
 from .basis import Lifts, masses_of
 from .quartic import MeshPart, ReducedQuartic
 from .sampled import Sampling, sampled_part
@@ -44,7 +44,7 @@ class PrecomputedCoordinates(Coordinates):
     def quartic(self) -> bool:
         return not self._others
 
-    def held_values(self, t: Time) -> Array:
+    def prescribed_values(self, t: Time) -> Array:
         return self._lifts.amounts(Moment.checked(t)).copy()
 
     def response(self, z: Array) -> tuple[float, Array, Array]:
@@ -70,7 +70,7 @@ class PrecomputedCoordinates(Coordinates):
         if self._changing:
             u, moment = (self.columns @ z).reshape(-1, self.mesh.d), Moment.checked(t)
             full = np.zeros(u.shape)
-            tell(self.system.bound_terms, moment)
+            set_time(self.system.bound_terms, moment)
             for load in self._changing:
                 load.add_force(u, moment, full)
             refuse_overflow(full, "The external force", u)

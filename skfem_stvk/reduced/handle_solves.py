@@ -18,7 +18,7 @@ from ..arguments import Array
 from ..errors import StvkError, StvkWarning
 from ..linear import LinearSolver
 from ..mesh import MeshLike
-from ..nonlinear.outcome import finishing_steps, stop_if_asked
+from ..nonlinear.outcome import finishing_steps, stop_if_requested
 from ..nonlinear.processes import Crashed, in_processes
 from ..statics import solve_static
 from ..system import System
@@ -41,21 +41,21 @@ class DisplacementGrid:
     def __len__(self) -> int:
         return len(self.points)
 
-    def number(self, place: tuple[int, ...]) -> int:
+    def number(self, indices: tuple[int, ...]) -> int:
         """Return the number of a point from its indices on the axes."""
-        return int(np.ravel_multi_index(place, self.shape))
+        return int(np.ravel_multi_index(indices, self.shape))
 
-    def place(self, number: int) -> tuple[int, ...]:
+    def indices(self, number: int) -> tuple[int, ...]:
         """Return the indices of a point on the axes."""
         return tuple(map(int, np.unravel_index(number, self.shape)))
 
     def steps(self, number: int) -> int:
         """Return the number of steps along axes from the first point."""
-        return sum(abs(i - first) for i, first in zip(self.place(number), self._first, strict=True))
+        return sum(abs(i - first) for i, first in zip(self.indices(number), self._first, strict=True))
 
     def neighbours(self, number: int, nearer: bool) -> list[int]:
         """Return the neighbours along axes one step closer to the first point, or further from it; the least distant first."""
-        here, found = self.place(number), []
+        here, found = self.indices(number), []
         for c, (i, first, axis) in enumerate(zip(here, self._first, self.axes, strict=True)):
             for j in (i - 1, i + 1):
                 if 0 <= j < len(axis) and (abs(j - first) < abs(i - first)) == nearer:
@@ -104,13 +104,13 @@ class DrivenSystem(System):
         d, own = body.mesh.d, body.supports
         self.path = path = HandlePath(np.zeros(d), np.zeros(d))
         nodes, components = np.divmod(own.prescribed, d)
-        places = np.searchsorted(own.held, own.prescribed)
+        indices = np.searchsorted(own.held, own.prescribed)
 
-        def kept(places: NDArray[np.int64]) -> Callable[[Array, float], Array]:
-            return lambda x, t: own.values(path.loads_at(t))[places]
+        def prescribed(indices: NDArray[np.int64]) -> Callable[[Array, float], Array]:
+            return lambda x, t: own.values(path.loads_at(t))[indices]
 
         moved: list[tuple[Any, Any]] = [
-            (nodes[components == c], {"xyz"[c]: kept(places[components == c])}) for c in np.unique(components)
+            (nodes[components == c], {"xyz"[c]: prescribed(indices[components == c])}) for c in np.unique(components)
         ]
         super().__init__(body.made_from, **{**body.made_of, "prescribed": [*moved, (handle, path.displacements)]})
 
@@ -188,8 +188,8 @@ class HandleSolver:
         if task.u0 is not None and any(step.jumped for step in result.history):
             return self._failed("the body snaps on the way to it, where its branch of equilibria ends.")
         force = driven.residual(result.u).reshape(-1, driven.mesh.d)[self.handle].sum(axis=0)
-        said = [str(one.message) for one in caught if issubclass(one.category, StvkWarning)]
-        return HandleState(result.u, force, warning=said[0] if said else "")
+        messages = [str(one.message) for one in caught if issubclass(one.category, StvkWarning)]
+        return HandleState(result.u, force, warning=messages[0] if messages else "")
 
     def _failed(self, message: str) -> HandleState:
         return HandleState(np.zeros(self.driven.ndofs), np.zeros(self.driven.mesh.d), message)
@@ -200,8 +200,8 @@ class HandleSolver:
             pickle.dumps(self)
         except Exception as error:  # pickle raises many kinds of errors
             raise StvkError(
-                f"The body cannot go to other processes ({error}). A lambda, or a function within another one, is a place or "
-                "a load of it: use names, Box(...) or functions of a module, or jobs=1."
+                f"The body cannot be sent to other processes ({error}). Is a location or a load a lambda, or a function within "
+                "another one? Use names, Box(...), functions of a module, or jobs=1."
             ) from error
 
 
@@ -209,55 +209,55 @@ class HandleSolves:
     """All solves of a grid, and of `checks` midpoints of cells, in an order in which each has a solved neighbour to start from.
 
     The neighbour does not depend on the order of the solves. So the states do not depend on the number of processes, nor on the
-    earlier states in `kept`.
+    earlier states in `stored`.
     """
 
-    def __init__(self, grid: DisplacementGrid, solver: HandleSolver, checks: int | None, kept: Mapping[int, HandleState]) -> None:
+    def __init__(self, grid: DisplacementGrid, solver: HandleSolver, checks: int | None, stored: Mapping[int, HandleState]) -> None:
         cells = len(grid.cells)
-        self.grid, self._solver, self._kept = grid, solver, kept
+        self.grid, self._solver, self._stored = grid, solver, stored
         #: Number of midpoints to solve, if all points of the grid are solved.
         self.checks = cells if checks is None else min(checks, cells)
-        self._between = False
+        self._midpoints_added = False
         self.states: dict[int, HandleState] = {}
-        self._left = {number: len(grid.neighbours(number, nearer=True)) for number in range(len(grid))}
+        self._unsolved_neighbours = {number: len(grid.neighbours(number, nearer=True)) for number in range(len(grid))}
         self._waiting: deque[HandleTask] = deque()
 
-    def run(self, jobs: int, each: int) -> Iterator[tuple[int, HandleState, bool]]:
+    def run(self, jobs: int, threads: int) -> Iterator[tuple[int, HandleState, bool]]:
         """Yield numbers of points and their states as they are found, and whether to store them; midpoints have numbers after the
         grid.
 
         After Ctrl-C, KeyboardInterrupt is raised when running solves have ended.
         """
         start = np.zeros(self.grid.points.shape[1])
-        self._offer(HandleTask(self.grid.first, start, self.grid.points[self.grid.first], None))
-        self._go_on()
-        outcomes = self._here() if jobs == 1 else in_processes(self._solver, self._waiting, jobs, each)
+        self._add_task(HandleTask(self.grid.first, start, self.grid.points[self.grid.first], None))
+        self._add_midpoints()
+        outcomes = self._in_this_process() if jobs == 1 else in_processes(self._solver, self._waiting, jobs, threads)
         for task, outcome in outcomes:
             if outcome is None:
                 continue
             crashed = isinstance(outcome, Crashed)
-            state = self._solver._failed("its process ended at once") if isinstance(outcome, Crashed) else outcome
+            state = self._solver._failed("its process ended abnormally") if isinstance(outcome, Crashed) else outcome
             if state.message and task.number == self.grid.first:
                 raise StvkError(
-                    f"The first displacement of the handle, from which all others are reached, has no answer: {state.message}"
+                    f"The first displacement of the handle, from which all others are reached, has no equilibrium: {state.message}"
                 )
             yield task.number, state, not crashed
-            self._settle(task.number, state)
-            self._go_on()
+            self._store(task.number, state)
+            self._add_midpoints()
 
-    def _here(self) -> Iterator[tuple[HandleTask, HandleState | None]]:
+    def _in_this_process(self) -> Iterator[tuple[HandleTask, HandleState | None]]:
         with finishing_steps():
             while self._waiting:
                 task = self._waiting.popleft()
                 yield task, self._solver(task)
-                stop_if_asked()
+                stop_if_requested()
 
-    def _go_on(self) -> None:
+    def _add_midpoints(self) -> None:
         """Request the midpoints once the whole grid is known."""
         grid = self.grid
-        if self._between or len(self.states) != len(grid):
+        if self._midpoints_added or len(self.states) != len(grid):
             return
-        self._between = True
+        self._midpoints_added = True
         solved = np.array([not self.states[number].message for number in range(len(grid))])
         cells = np.flatnonzero(solved[grid.cells].all(axis=1))
         if self.checks < len(cells):
@@ -265,28 +265,28 @@ class HandleSolves:
         for cell in cells.tolist():
             corner = min(grid.cells[cell].tolist(), key=lambda number: (grid.steps(number), number))
             number = len(grid) + cell
-            self._offer(HandleTask(number, grid.points[corner], grid.point(number), self.states[corner].u))
+            self._add_task(HandleTask(number, grid.points[corner], grid.point(number), self.states[corner].u))
 
-    def _offer(self, task: HandleTask) -> None:
-        if task.number in self._kept:
-            self._settle(task.number, self._kept[task.number])
+    def _add_task(self, task: HandleTask) -> None:
+        if task.number in self._stored:
+            self._store(task.number, self._stored[task.number])
         else:
             self._waiting.append(task)
 
-    def _settle(self, number: int, state: HandleState) -> None:
+    def _store(self, number: int, state: HandleState) -> None:
         """Store a state, and offer the points with all of their nearer neighbours known."""
         grid, known = self.grid, [(number, state)]
         while known:
             number, state = known.pop()
             self.states[number] = state
             for other in grid.neighbours(number, nearer=False) if number < len(grid) else ():
-                self._left[other] -= 1
-                if self._left[other]:
+                self._unsolved_neighbours[other] -= 1
+                if self._unsolved_neighbours[other]:
                     continue
                 begin = next((one for one in grid.neighbours(other, nearer=True) if not self.states[one].message), None)
                 if begin is None:
                     known.append((other, self._solver._failed("no neighbour nearer to rest has been reached")))
-                elif other in self._kept:
-                    known.append((other, self._kept[other]))
+                elif other in self._stored:
+                    known.append((other, self._stored[other]))
                 else:
                     self._waiting.append(HandleTask(other, grid.points[begin], grid.points[other], self.states[begin].u))

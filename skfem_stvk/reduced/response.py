@@ -20,7 +20,7 @@ from ..errors import StateError, StvkError, SupportError, name_ids, warn
 from ..kernels.threads import threads
 from ..linear import LinearSolver
 from ..mesh.locations import Where, describe, vertices_at
-from ..nonlinear.processes import is_started_for_work
+from ..nonlinear.processes import is_worker_process
 from ..results.files import output_path
 from ..system import System
 from ..system.free_tangent import solver_for
@@ -74,7 +74,7 @@ class BetweenPoints:
     def __str__(self) -> str:
         if not len(self.points):
             return "errors between points were not measured"
-        at_force, at_u = (_written(self.points[int(np.argmax(errors))]) for errors in (self.force, self.u))
+        at_force, at_u = (_point_text(self.points[int(np.argmax(errors))]) for errors in (self.force, self.u))
         lost = f"; {len(self.unsolved)} more have no stable equilibrium: {self.unsolved[0]}" if self.unsolved else ""
         return (
             f"at {len(self.points)} midpoints wrong by at most {self.largest_force:.2g} of the largest force, at {at_force}, and "
@@ -189,23 +189,21 @@ class PrecomputedResponse:
         folder = None if checkpoint is None else arguments.path("checkpoint", checkpoint, "the path of a folder such as 'grip'")
         work = HandleSolver(body.made_from, dict(body.made_of), body.removed, nodes, steps, float(rtol), solver)
         if jobs > 1:
-            if is_started_for_work():
-                raise StvkError(
-                    "This is a process that was started for solves. Make the response under `if __name__ == ...:` alone."
-                )
+            if is_worker_process():
+                raise StvkError("This process was started for solves. Make the response only under `if __name__ == ...:`.")
             work.refuse_processes()
         chosen = solver_for(_driven(body, nodes, describe(handle)), solver)
         options = {"axes": [axis.tolist() for axis in grid.axes], "steps": steps, "rtol": float(rtol), "solver": chosen.name}
         self._body = body
         self._problem = _fingerprint(body, options, nodes)
         with ExitStack() as stack:
-            kept: PointsCheckpoint | None = None
+            store: PointsCheckpoint | None = None
             if folder is not None:
                 from .stores import PointsCheckpoint  # it imports pydantic, which only files need
 
                 sizes, last = (body.ndofs, body.mesh.d), len(grid) + len(grid.cells) - 1
-                kept = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
-            states = _solved(HandleSolves(grid, work, checks, kept.kept if kept else {}), kept, jobs, quiet)
+                store = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
+            states = _solved(HandleSolves(grid, work, checks, store.stored if store else {}), store, jobs, quiet)
         self._make(grid, nodes, states, float(tolerance))
         if not quiet:
             print(repr(self), flush=True)
@@ -225,7 +223,7 @@ class PrecomputedResponse:
         d = array("displacement", displacement, (len(self.axes),), f"{len(self.axes)} finite numbers, one per axis [m]", StateError)
         found = self._interpolated(d)
         u = (self._basis @ found[len(d) :].astype(self._basis.dtype)).astype(np.float64)
-        u[self._held] = self._held_at
+        u[self._constrained] = self._constrained_at
         u.reshape(-1, len(d))[self.nodes] = d
         return found[: len(d)], u
 
@@ -248,7 +246,7 @@ class PrecomputedResponse:
         arrays = {f"axis {c}": axis for c, axis in enumerate(self.axes)}
         arrays |= {"nodes": self.nodes, "table": self._table, "basis": self._basis, "solved": self._solved}
         arrays |= {"error points": self.error.points, "error force": self.error.force, "error u": self.error.u}
-        holes = {str(k): why for k, why in enumerate(self._why) if why}
+        holes = {str(k): reason for k, reason in enumerate(self._hole_reasons) if reason}
         about = {"holes": holes, "compression": self.compression, "unsolved": list(self.error.unsolved)}
         TableFile.write_file(path, self._problem, about, arrays)
         return path
@@ -278,15 +276,15 @@ class PrecomputedResponse:
         self = cls.__new__(cls)
         self._body, self.nodes = body, nodes_of(path, arrays)
         self._problem = _fingerprint(body, header.problem.method, self.nodes)
-        self._problem.refuse_other(header.problem, path, "Load it with the body that it was made of, or compute it anew.")
+        self._problem.refuse_other(header.problem, path, "Load it with the body of which it was made, or compute it again.")
         check_table(path, header, arrays, body.mesh.nv, body.mesh.d)
         self._grid = DisplacementGrid(tuple(arrays[f"axis {c}"] for c in range(body.mesh.d)))
         self.axes = self._grid.axes
         self._table, self._basis, self._solved = arrays["table"], arrays["basis"], arrays["solved"]
-        self._why = [header.holes.get(str(k), "") for k in range(self._solved.size)]
+        self._hole_reasons = [header.holes.get(str(k), "") for k in range(self._solved.size)]
         self.compression = header.compression
         self.error = BetweenPoints(arrays["error points"], arrays["error force"], arrays["error u"], tuple(header.unsolved))
-        self._hold()
+        self._set_supports()
         return self
 
     @property
@@ -308,7 +306,7 @@ class PrecomputedResponse:
     def holes(self) -> dict[tuple[float, ...], str]:
         """Reasons for missing answers, by displacement of the handle, in order of the distance from rest."""
         near = sorted(range(len(self._grid)), key=lambda k: (self._grid.steps(k), k))
-        return {tuple(self._grid.point(k).tolist()): self._why[k] for k in near if self._why[k]}
+        return {tuple(self._grid.point(k).tolist()): self._hole_reasons[k] for k in near if self._hole_reasons[k]}
 
     def __repr__(self) -> str:
         shape = " x ".join(map(str, self._solved.shape))
@@ -321,13 +319,13 @@ class PrecomputedResponse:
     def _make(self, grid: DisplacementGrid, nodes: NDArray[np.int64], states: Mapping[int, HandleState], tolerance: float) -> None:
         """Make the table and its basis from the states at the points of the grid, and its errors from those between."""
         self._grid, self.axes, self.nodes, n = grid, grid.axes, nodes, len(grid)
-        self._why = [states[k].message for k in range(n)]
-        self._solved = np.array([not why for why in self._why]).reshape(grid.shape)
+        self._hole_reasons = [states[k].message for k in range(n)]
+        self._solved = np.array([not reason for reason in self._hole_reasons]).reshape(grid.shape)
         basis, amounts, self.compression = _compressed(np.array([states[k].u for k in range(n)]), tolerance)
         self._basis = basis.astype(np.float32 if tolerance >= SINGLE else np.float64)
         forces = np.array([states[k].force for k in range(n)])
         self._table = np.concatenate([forces, amounts], axis=1).reshape(*grid.shape, -1)
-        self._hold()
+        self._set_supports()
         middles = [(grid.point(k), state) for k, state in sorted(states.items()) if k >= n]
         good = [(at, state) for at, state in middles if not state.message]
         points = np.array([at for at, _ in good]).reshape(-1, len(grid.axes))
@@ -339,23 +337,23 @@ class PrecomputedResponse:
             apart = np.linalg.norm((u - state.u).reshape(-1, len(point)), axis=1).max()
             errors.append((np.linalg.norm(force - state.force) / largest_force, apart / largest_u))
         of_force, of_u = np.array(errors).reshape(-1, 2).T
-        lost = [f"{_written(at)}: {state.message}" for at, state in middles if state.message]
+        lost = [f"{_point_text(at)}: {state.message}" for at, state in middles if state.message]
         self.error = BetweenPoints(points, of_force, of_u, tuple(lost))
 
-    def _hold(self) -> None:
+    def _set_supports(self) -> None:
         """Find the exact displacements of the body's own supports, and whether the table has holes."""
         supports = self._body.supports
-        self._held, self._held_at, self._whole = supports.held, supports.values(1.0), bool(self._solved.all())
+        self._constrained, self._constrained_at, self._has_no_holes = supports.held, supports.values(1.0), bool(self._solved.all())
 
     def _interpolated(self, d: Array) -> Array:
         """Return the force and the amounts of the vectors (d + rank,) at a displacement of the handle."""
-        wide = [_weights(axis, value, "xyz"[c], STENCIL) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
-        if not self._whole and not self._covered(wide):
-            wide = [_weights(axis, value, "xyz"[c], 2) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
-            if not self._covered(wide):
-                raise StateError(self._near_hole(d, wide))
-        values = self._table[tuple(slice(begin, begin + len(weights)) for begin, weights in wide)]
-        for _, weights in wide:
+        stencil = [_weights(axis, value, "xyz"[c], STENCIL) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
+        if not self._has_no_holes and not self._covered(stencil):
+            stencil = [_weights(axis, value, "xyz"[c], 2) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
+            if not self._covered(stencil):
+                raise StateError(self._near_hole(d, stencil))
+        values = self._table[tuple(slice(begin, begin + len(weights)) for begin, weights in stencil)]
+        for _, weights in stencil:
             values = np.tensordot(weights, values, axes=1)
         return values
 
@@ -372,21 +370,24 @@ class PrecomputedResponse:
         return np.argwhere(counts & ~solved) + [begin for begin, _ in stencil]
 
     def _near_hole(self, d: Array, stencil: list[tuple[int, Array]]) -> str:
-        place = self._missing(stencil)[0]
-        hole = self._grid.number(tuple(place))
-        at = _written(self._grid.point(hole))
-        return f"displacement = {_written(d)} is in a cell with {at}, where there is no answer: {self._why[hole]}"
+        indices = self._missing(stencil)[0]
+        hole = self._grid.number(tuple(indices))
+        at = _point_text(self._grid.point(hole))
+        return f"displacement = {_point_text(d)} is in a cell with the hole {at}: {self._hole_reasons[hole]}"
 
     def _warn(self, states: Mapping[int, HandleState]) -> None:
         """Warn of holes, and repeat warnings of the solves."""
         holes = self.holes
         if holes:
-            named = ", ".join(_written(at) for at in list(holes)[:3]) + (", ..." if len(holes) > 3 else "")
-            warn(f"No stable equilibrium at {len(holes)} of {len(self._why)} displacements ({named}): {next(iter(holes.values()))}")
-        said = [(k, state.warning) for k, state in sorted(states.items()) if state.warning]
-        if said:
-            at = _written(self._grid.point(said[0][0]))
-            warn(f"{len(said)} of {len(states)} solves warned, the first of them at {at}: {said[0][1]}")
+            named = ", ".join(_point_text(at) for at in list(holes)[:3]) + (", ..." if len(holes) > 3 else "")
+            warn(
+                f"No stable equilibrium at {len(holes)} of {len(self._hole_reasons)} displacements ({named}): "
+                f"{next(iter(holes.values()))}"
+            )
+        warned = [(k, state.warning) for k, state in sorted(states.items()) if state.warning]
+        if warned:
+            at = _point_text(self._grid.point(warned[0][0]))
+            warn(f"{len(warned)} of {len(states)} solves warned, the first of them at {at}: {warned[0][1]}")
 
 
 class _GridProgress(Progress):
@@ -407,47 +408,47 @@ class _GridProgress(Progress):
             self._next = now + LINE_INTERVAL
 
 
-def _solved(solves: HandleSolves, kept: PointsCheckpoint | None, jobs: int, quiet: bool) -> Mapping[int, HandleState]:
+def _solved(solves: HandleSolves, store: PointsCheckpoint | None, jobs: int, quiet: bool) -> Mapping[int, HandleState]:
     """Return all states of a grid and of midpoints."""
     grid, cores = solves.grid, threads()
     total = len(grid) + solves.checks
     jobs = max(1, min(jobs, cores, total))
-    there = f", {len(kept.kept)} of them there already" if kept is not None and kept.kept else ""
+    stored = f", {len(store.stored)} of them solved already" if store is not None and store.stored else ""
     at_a_time = f"; {jobs} at a time" if jobs > 1 else ""
-    header = f"{len(grid)} displacements of the handle and {solves.checks} between them{there}{at_a_time}"
-    done = len(kept.kept) if kept is not None else 0
+    header = f"{len(grid)} displacements of the handle and {solves.checks} between them{stored}{at_a_time}"
+    done = len(store.stored) if store is not None else 0
     with _GridProgress(header, total, quiet) as progress:
         try:
-            for k, state, keep in solves.run(jobs, max(1, cores // jobs)):
+            for k, state, complete in solves.run(jobs, max(1, cores // jobs)):
                 done += 1
                 progress.count(done)
-                if kept is not None and keep:
-                    kept.add(k, state)
+                if store is not None and complete:
+                    store.add(k, state)
         except KeyboardInterrupt:
-            where = "no checkpoint was asked for" if kept is None else f"they are in {kept.folder}; the same call does the rest"
+            where = "no checkpoint was requested" if store is None else f"they are in {store.folder}; the same call continues"
             progress.print(f"{done} of {total} solves are done: {where}")
             raise
     return solves.states
 
 
-def _axes(given: Any, d: int) -> tuple[Array, ...]:
+def _axes(value: Any, d: int) -> tuple[Array, ...]:
     """Return the axes of displacements, checked for a grid."""
     expected = f"a tuple of {d} axes of displacements, one per component, such as (x, y, z) with x = np.linspace(-0.1, 0.1, 5)"
-    if not isinstance(given, list | tuple) or len(given) != d:
-        raise StvkError(f"displacements = {shown(given)}; expected {expected[:-1] if d == 1 else expected}.")
+    if not isinstance(value, list | tuple) or len(value) != d:
+        raise StvkError(f"displacements = {shown(value)}; expected {expected[:-1] if d == 1 else expected}.")
     axes = []
-    for letter, one in zip("xyz", given, strict=False):
+    for letter, one in zip("xyz", value, strict=False):
         name = f"displacements: {letter}"
         axis = array(name, one, (None,), "(n,) finite displacements").copy()
         if not len(axis) or (np.diff(axis) <= 0).any():
             raise StvkError(f"{name} = {shown(one)}; expected at least one displacement, ascending.")
         if len(axis) > 1 and not axis[0] <= 0 <= axis[-1]:
             raise StvkError(
-                f"{name} goes from {axis[0]:.6g} to {axis[-1]:.6g}; expected zero on it or between: solves begin at rest."
+                f"{name} goes from {axis[0]:.6g} to {axis[-1]:.6g}; expected zero within this range, because solves begin at rest."
             )
         axes.append(axis)
     if all(len(axis) == 1 for axis in axes):
-        raise StvkError("displacements have one value each: that is one solve. Give at least one axis two or more.")
+        raise StvkError("displacements: each axis has one value; expected two or more on at least one axis.")
     return tuple(axes)
 
 
@@ -505,5 +506,5 @@ def _compressed(states: Array, tolerance: float) -> tuple[Array, Array, float]:
     return np.ascontiguousarray(right[:rank].T), np.ascontiguousarray(amounts[:, :rank]), float(worst[rank] / largest)
 
 
-def _written(point: Array | tuple[float, ...]) -> str:
+def _point_text(point: Array | tuple[float, ...]) -> str:
     return f"({', '.join(f'{one:.4g}' for one in point)})"

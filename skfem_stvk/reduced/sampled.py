@@ -60,11 +60,11 @@ def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[M
     if not hasattr(getattr(term, "material", None), "young") or getattr(term, "simplices", None) is not None:
         raise StvkError(
             f"sampled: {type(term).__name__} cannot be sampled; expected laws on elements of the mesh with young and poisson, such "
-            "as NeoHookean. Leave sampled out: its force is that of the mesh then."
+            "as NeoHookean. Leave sampled out, so that its force is computed on the mesh."
         )
     rng, ids = np.random.default_rng(0), body.mesh.elements(term.region)
     chosen = rng.permutation(len(ids))[:CANDIDATES]
-    apart = _Apart(body, term, ids, columns)
+    apart = _SeparateElements(body, term, ids, columns)
     A, b = _equations(apart, _states(body, columns, apart, rng), chosen)
     rows = FITTED * columns.shape[1]
     own, weights = _greedy(A[:rows], b[:rows], min(count, len(chosen)))
@@ -75,7 +75,7 @@ def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[M
     return _part(body, term, chosen[own], found, columns), found
 
 
-class _Apart:
+class _SeparateElements:
     """Elements of a term, each with separate nodes, so that forces on nodes are those of elements."""
 
     def __init__(self, body: System, term: Any, ids: NDArray[np.int64], columns: Array) -> None:
@@ -96,7 +96,7 @@ class _Apart:
         return np.einsum("eadr,ead->re", self._columns[self.t[:, chosen].T], f[chosen], optimize=True), own
 
 
-def _states(body: System, columns: Array, apart: _Apart, rng: np.random.Generator) -> Array:
+def _states(body: System, columns: Array, apart: _SeparateElements, rng: np.random.Generator) -> Array:
     """Return amounts (states, R), larger for softer fields, and small enough for finite forces."""
     operator = body.linear_operator(np.zeros(body.ndofs))
     stiffness = np.array([column @ (operator @ column) for column in np.ascontiguousarray(columns.T)])
@@ -114,7 +114,7 @@ def _states(body: System, columns: Array, apart: _Apart, rng: np.random.Generato
     raise StateError("sampled: forces are not finite even in small states; are elements of the body flat?")
 
 
-def _equations(apart: _Apart, states: Array, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
+def _equations(apart: _SeparateElements, states: Array, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return forces of elements as columns, and of all elements, each state relative to its total."""
     found = [apart.forces(z, chosen) for z in states]
     sizes = [np.linalg.norm(own) for _, own in found]
@@ -144,17 +144,19 @@ def _greedy(A: Array, b: Array, count: int) -> tuple[NDArray[np.int64], Array]:
     return own, weights
 
 
-def _part(body: System, term: Any, places: NDArray[np.int64], found: Sampling, columns: Array) -> MeshPart:
+def _part(body: System, term: Any, chosen: NDArray[np.int64], found: Sampling, columns: Array) -> MeshPart:
     """Return W, F and K of the sampled elements, with stiffnesses times weights, on only their nodes."""
     mesh = body.mesh
     nodes, t = np.unique(mesh.t[:, found.elements], return_inverse=True)
     small = ElementMesh(mesh.p[:, nodes], t.reshape(len(mesh.t), -1).astype(np.int32), element=mesh.element)
 
     def of(value: Any) -> Any:
-        return value if value is None or np.ndim(value) == 0 else np.asarray(value)[places]
+        return value if value is None or np.ndim(value) == 0 else np.asarray(value)[chosen]
 
-    given = term.material
-    material = replace(given, young=np.asarray(of(given.young)) * found.weights, poisson=of(given.poisson), density=None)
+    unweighted = term.material
+    material = replace(
+        unweighted, young=np.asarray(of(unweighted.young)) * found.weights, poisson=of(unweighted.poisson), density=None
+    )
     weighted = replace(term, material=material, region=None, thickness=of(term.thickness), area=of(term.area), **NO_SHORTHAND)
     own = columns.reshape(mesh.nv, mesh.d, -1)[nodes].reshape(len(nodes) * mesh.d, -1)
     return MeshPart(small, [weighted.bind(Body(small, [], body.rule), np.float64)], own)

@@ -20,7 +20,7 @@ class ReducedFile(Store[Header]):
 
     known = "reduced body of skfem-stvk", 1
     schema = Header
-    remedy = "Reduce the body anew: ReducedSystem(body, ...)."
+    remedy = "Reduce the body again: ReducedSystem(body, ...)."
 
 
 class PointHeader(Header):
@@ -40,25 +40,25 @@ class TableHeader(Header):
 
 
 class PointsCheckpoint(FolderStore[PointHeader]):
-    """Folder with a file for each solve of a grid: its states, `kept` by number, are not solved again."""
+    """Folder with a file for each solve of a grid: its states, `stored` by number, are not solved again."""
 
     known, name = ("point of a precomputed response of skfem-stvk", 1), "point_{:06d}.npz"
     schema = PointHeader
-    remedy = "Remove it: its point is solved anew then."
+    remedy = "Remove it, so that its point is solved again."
 
     def __init__(self, folder: Path, problem: Fingerprint, size: tuple[int, int], last: int) -> None:
         super().__init__(output_folder(folder))
         self.problem, self._size, self._last = problem, size, last
-        self.kept: dict[int, HandleState] = {}
+        self.stored: dict[int, HandleState] = {}
 
     def opened(self) -> None:
         for file in self.existing():
-            header, arrays = self.read_own(file, "Name another folder, or remove what is there.")
+            header, arrays = self.read_own(file, "Name another folder, or remove its files.")
             with refusing_damage(file, self.remedy):
                 if header.number > self._last or file != self.numbered(header.number):
-                    raise ValueError(f"it is of point {header.number}, of {self._last + 1}")
+                    raise ValueError(f"its number is {header.number}; expected that of its name, at most {self._last}")
                 u, force = (expect(arrays, name, (n,)) for name, n in zip(("u", "force"), self._size, strict=True))
-            self.kept[header.number] = HandleState(u, force, header.message, header.warning)
+            self.stored[header.number] = HandleState(u, force, header.message, header.warning)
 
     def add(self, number: int, state: HandleState) -> None:
         """Write a state."""

@@ -21,7 +21,7 @@ from ..system.signature import Fingerprint, sums
 from ..terminal import Progress, duration
 from ..terms import Quartic
 from ..terms.load import Time
-from .basis import SIZE, Lifts, candidates_of, checked_snapshots, departure, masses_of, reduced_to
+from .basis import SIZE, Lifts, candidates_of, checked_snapshots, masses_of, orthonormality_error, principal_basis
 from .coordinates import PrecomputedCoordinates
 from .quartic import ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
 
@@ -131,10 +131,10 @@ class ReducedSystem:
         if moments == []:
             raise StvkError("times are empty; expected at least one, or None for 33 between 0 and 1.")
         if not modes and snapshots is None:
-            raise StvkError("modes = 0 without snapshots; expected at least one of them, for there is nothing to make a basis of.")
+            raise StvkError("modes = 0 without snapshots; expected at least one of them, from which a basis is made.")
         if body.without_energy:
             names = ", ".join(body.without_energy)
-            raise StvkError(f"{names}: its force is the gradient of no energy; expected terms that have one, such as StVK.")
+            raise StvkError(f"{names}: its force is not the gradient of an energy; expected terms that have one, such as StVK.")
         body.check_held()
         if body.dtype != np.float64:
             raise StvkError("The body is in float32; expected float64: coefficients of a quartic are sums over all elements.")
@@ -147,14 +147,14 @@ class ReducedSystem:
             own = checked_snapshots(body, lifts, snapshots)
             made = candidates_of(body, masses, rest, modes, derivatives, own, tick=stages.stage)
             stages.stage("principal components")
-            basis = reduced_to(masses, made, size)
+            basis = principal_basis(masses, made, size)
             del rest, made
-            columns = np.ascontiguousarray(np.concatenate([basis, lifts.across(masses, basis)], axis=1))
+            columns = np.ascontiguousarray(np.concatenate([basis, lifts.without_basis(masses, basis)], axis=1))
             stages.stage("coefficients")
             terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
-            self._take(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows), sampled)
+            self._set(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows), sampled)
 
-    def _take(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:
+    def _set(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:
         columns.flags.writeable = False
         self.in_coordinates = inner = PrecomputedCoordinates(body, columns, size, quartic, sampled)
         self.body, self.size, self.columns, self.masses, self.sampling = body, size, columns, inner.masses, inner.sampling
@@ -179,7 +179,7 @@ class ReducedSystem:
 
         file = npz("path", path)
         if self.sampling:
-            raise StvkError("Sampled elements are not kept in files; expected a body without them. Leave sampled out.")
+            raise StvkError("Sampled elements are not stored in files; expected a body without them. Leave sampled out.")
         arrays = {"basis": self.basis, "lifts": self.lifts, "T": self.in_coordinates.coefficients}
         ReducedFile.write_file(file, _fingerprint(self.body, self.masses), {}, arrays)
         return file
@@ -222,10 +222,10 @@ class ReducedSystem:
             V, Phi = (expect(arrays, name, (body.ndofs, None)) for name in ("basis", "lifts"))
             n = V.shape[1] + Phi.shape[1] + 1
             quartic = ReducedQuartic(n, expect(arrays, "T", (coefficients(n),)))
-        if not departure(masses, V) < 1e-11:
+        if not orthonormality_error(masses, V) < 1e-11:
             raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {ReducedFile.remedy}")
         made: ReducedSystem = cls.__new__(cls)
-        made._take(body, np.ascontiguousarray(np.concatenate([V, Phi], axis=1)), V.shape[1], quartic)
+        made._set(body, np.ascontiguousarray(np.concatenate([V, Phi], axis=1)), V.shape[1], quartic)
         return made
 
     def amounts(self, t: Time = 1.0) -> Array:
@@ -241,7 +241,7 @@ class ReducedSystem:
         SupportError
             if prescribed displacements at `t` are off their span.
         """
-        return self.in_coordinates.held_values(t)
+        return self.in_coordinates.prescribed_values(t)
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
         """Return the strain energy `W` [J] at the unknowns.
@@ -354,7 +354,7 @@ class ReducedSystem:
             if the energy of a term is not a quartic.
         """
         if not self.quartic:
-            raise StvkError("The strain energy along a line is no quartic with such terms; ask for energy(q + s v) instead.")
+            raise StvkError("The strain energy along a line is not a quartic with such terms; use energy(q + s v).")
         direction = np.zeros(self.columns.shape[1])
         direction[: self.size] = finite_vector("v", v, self.size, "unknown")
         return self.in_coordinates.energy_along(self.unknowns(q, t), direction)
@@ -519,11 +519,11 @@ def _fingerprint(body: System, masses: Array) -> Fingerprint:
     return Fingerprint("path of equilibria", body, {}, [], {"masses": sums(masses)})
 
 
-def npz(name: str, given: Any) -> Path:
+def npz(name: str, value: Any) -> Path:
     """Return the path of an .npz file."""
-    file = path_of(name, given, "the path of an .npz file")
+    file = path_of(name, value, "the path of an .npz file")
     if file.suffix != ".npz":
-        raise StvkError(f"{name} = {shown(given)} does not end in .npz; expected the path of an .npz file.")
+        raise StvkError(f"{name} = {shown(value)} does not end in .npz; expected the path of an .npz file.")
     return file
 
 

@@ -161,8 +161,8 @@ IN_TOML = {
         '"elastic-foundation".'
     ),
     "or take the vertices out with a predicate.": ('or name other nodes: [places] some = { type = "nodes", ids = [...] }.'),
-    "prescribe a function of t that begins at u0, or begin in an equilibrium: u0=solve_static(...).u.": (
-        'give them a time, such as time = { type = "ramp", until = 0.1 }, or begin in an equilibrium: [initial] file = '
+    "Prescribe a function of t that starts at u0, or start from an equilibrium: u0=solve_static(...).u.": (
+        'Give them a time, such as time = { type = "ramp", until = 0.1 }, or start from an equilibrium: [initial] file = '
         '"static.vtu".'
     ),
     "Add Gravity(...), or give u0 or v0.": 'Add a term such as type = "gravity", or [initial] velocity = [...] or file = "...".',

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..dynamics import Modes, Run, SimulationError, modes, simulate
-from ..dynamics.loop import WORTH_SAYING
+from ..dynamics.loop import REPORTED
 from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError, warn
 from ..mesh.locations import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
@@ -50,7 +50,7 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
     with on_threads(sections.threads), _recorded_warnings() as warned, finishing_steps():
         with _with_key(built):
             result = _run_analysis(built, folder, quiet)
-        if isinstance(result, Run) and result.success and (result.blow_ups or result.gained > WORTH_SAYING):
+        if isinstance(result, Run) and result.success and (result.blow_ups or result.gained > REPORTED):
             warn(_energy_message(result))
     curves = {} if isinstance(result, Modes) else _curves(built, result)
     values = _values(result) | {

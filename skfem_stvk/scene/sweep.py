@@ -22,7 +22,7 @@ from ..arguments import path as checked_path
 from ..arguments import shown, whole
 from ..errors import AnalysisError, SceneError, StvkError
 from ..kernels.threads import threads
-from ..nonlinear.processes import Crashed, in_processes, is_started_for_work
+from ..nonlinear.processes import Crashed, in_processes, is_worker_process
 from ..results.files import content_of, replacing
 from ..results.one_writer import OneWriter
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED, console, printable
@@ -134,7 +134,7 @@ def sweep(
     KeyboardInterrupt
         after Ctrl-C, when runs have ended after their current step and the table is written; at once after a second one.
     """
-    if is_started_for_work():
+    if is_worker_process():
         raise StvkError('sweep() was called in a worker process of a sweep. Call it only under `if __name__ == "__main__":`.')
     axes, runs = planned(path, settings)
     sections, default_folder = runs[0].scene.sections, runs[0].scene.folder_of_results
@@ -501,7 +501,7 @@ def _crashed(task: _Task) -> _Failure:
     return _Failure(
         "crashed",
         None,
-        "its process ended abruptly: memory ran out, it was killed, or a library crashed. The next call repeats it; alone: "
+        "its process ended abnormally: memory ran out, it was killed, or a library crashed. The next call repeats it; alone: "
         f"skfem-stvk solve {task.path} {' '.join(f'--set {one!r}' for one in task.settings)}",
     )
 

@@ -20,7 +20,7 @@ from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
 from ..system.signature import Fingerprint
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
-from .equilibrium import NOTHING
+from .equilibrium import SMALLEST_SCALE
 from .history import Step
 from .load_steps import LARGEST, LoadSteps
 
@@ -28,9 +28,9 @@ from .load_steps import LARGEST, LoadSteps
 EQUILIBRIA = Status.CONVERGED, Status.AT_ROUND_OFF, Status.UNSTABLE, Status.INVERTED
 #: Relative tolerance of the strain energy in a file against the energy of the system. Largest factor by which the residual may
 #: exceed the residual in the file.
-ENERGY, LOOSER = 1e-6, 10.0
+ENERGY, RESIDUAL = 1e-6, 10.0
 #: Remedy for states of another problem.
-AGAIN = "Give the same again to resume it, or name another folder; overwrite=True without resume replaces what is there."
+REMEDY = "Pass the same arguments to resume it, or name another folder. overwrite=True without resume replaces its states."
 
 Measured = Annotated[float, AllowInfNan(True)]
 
@@ -63,8 +63,8 @@ class CriticalRecord(Record):
     resolved: bool
 
 
-class WalkRecord(Record):
-    """State from which a continuation resumes, see `Walk.saved`. Entries that may be None belong to one method."""
+class ContinuationRecord(Record):
+    """State from which a continuation resumes, see `Continuation.saved`. Entries that may be None belong to one method."""
 
     size: NonNegativeFloat
     first: NonNegativeFloat
@@ -100,7 +100,7 @@ class StateHeader(Header):
 
     number: NonNegativeInt
     step: StepRecord
-    walk: WalkRecord
+    walk: ContinuationRecord
 
 
 class PathCheckpoint(FolderStore[StateHeader]):
@@ -112,31 +112,31 @@ class PathCheckpoint(FolderStore[StateHeader]):
 
     known, name = PATH, PATH_FILE
     schema = StateHeader
-    remedy = "Remove it and those after it, and resume from the one before; or start anew with overwrite=True and without resume."
+    remedy = "Remove it and all later states, and resume; or start again with overwrite=True and without resume."
 
-    def __init__(self, folder: Path, system: System, problem: Fingerprint, outlets: OutputFiles) -> None:
+    def __init__(self, folder: Path, system: System, problem: Fingerprint, output_files: OutputFiles) -> None:
         super().__init__(output_folder(folder))
-        self.problem, self._system, self._outlets = problem, system, outlets
+        self.problem, self._system, self._output_files = problem, system, output_files
         self._count = 0
-        self._former: list[Path] = []
+        self._old_files: list[Path] = []
         self.steps: list[Step] = []
         self.saved: dict[str, Any] = {}
 
     def opened(self) -> None:
         files = self.existing()
-        if self._outlets.resume:
+        if self._output_files.resume:
             self._load(files)
             return
-        self._former = files
-        if not self._outlets.overwrite:
+        self._old_files = files
+        if not self._output_files.overwrite:
             for file in files:
                 self.refuse_to_replace(file)
 
     def add(self, step: Step, saved: dict[str, Any]) -> None:
         """Write a state and the state of the continuation after it."""
-        while self._former:  # last file first, so that the remaining files always form a path from its beginning
-            self._former[-1].unlink(missing_ok=True)
-            self._former.pop()
+        while self._old_files:  # last file first, so that the remaining files always form a path from its beginning
+            self._old_files[-1].unlink(missing_ok=True)
+            self._old_files.pop()
         about, arrays = _packed(step, saved)
         self.write_file(self.numbered(self._count), self.problem, {"number": self._count, **about}, arrays)
         self._count += 1
@@ -146,10 +146,10 @@ class PathCheckpoint(FolderStore[StateHeader]):
         for number, file in enumerate(files):
             if file != self.numbered(number):
                 raise StvkError(
-                    f"{self.folder} has {file.name}, but no {self.numbered(number).name} before it. Remove {file.name} and those "
-                    "after it, and resume from the one before."
+                    f"{self.folder} has {file.name}, but no {self.numbered(number).name} before it. Remove {file.name} and all "
+                    "later states, and resume."
                 )
-            header, arrays = self.read_own(file, AGAIN)
+            header, arrays = self.read_own(file, REMEDY)
             with refusing_damage(file, self.remedy):
                 self.steps.append(_unpacked(header.step, arrays, self._system))
                 _check_order(self.steps, header, number)
@@ -187,14 +187,14 @@ def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> S
     u = expect(arrays, "u", (n,))
     energy = sum(system.elastic_energies(u))
     if not np.isclose(record.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny, equal_nan=True):
-        raise ValueError(f"its strain energy is {record.strain_energy:g}, that of its displacements {energy:g}")
+        raise ValueError(f"its strain energy is {record.strain_energy:g}; expected {energy:g}, the energy of its displacements")
     return Step(u=u, **(plain | {"critical": tuple(critical)}))
 
 
 def _elements(arrays: dict[str, Array], name: str, system: System) -> Array:
     elements = arrays.get(name, np.empty(0))
     if elements.ndim != 1 or elements.dtype.kind not in "iu" or not ((elements >= 0) & (elements < system.mesh.nt)).all():
-        raise ValueError(f"the array '{name}' holds no ids of elements")
+        raise ValueError(f"the array '{name}' does not contain ids of elements")
     return elements
 
 
@@ -203,33 +203,40 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
     step, walk = steps[-1], header.walk
     options: dict[str, Any] = dict(header.problem.method)
     if header.number != number:
-        raise ValueError(f"it is state {header.number} of its path, not {number}")
+        raise ValueError(f"its number is {header.number}; expected {number}, its position on the path")
     load_steps = options["method"] == LoadSteps.name
     needed = ("straight", "full_first") if load_steps else ("turns", "states", "rate", "goal")
     counted = [getattr(walk, name) for name in needed[:2]]  # counts and flags that a method has from the beginning
     if walk.model_fields_set != {"size", "first", "reached", "largest", *needed} or None in counted:
-        raise ValueError("what the walk does next is not what its method needs")
+        raise ValueError(
+            f"its entries for the next step are {sorted(walk.model_fields_set)}; expected those of {options['method']}"
+        )
     if not load_steps:
         return
     last = steps[-2].t if len(steps) > 1 else -np.inf
     if not last < step.t <= 1 or walk.reached != (step.t == 1):
-        raise ValueError(f"its load factor is {step.t:g} after {last:g}, and the end is{'' if walk.reached else ' not'} reached")
+        raise ValueError(
+            f"its load factor is {step.t:g} after {last:g}, with reached = {walk.reached}; expected an increase to at most 1"
+        )
     if walk.first != 1 / options["steps"] or not 0 < walk.size <= LARGEST * walk.first:
-        raise ValueError(f"the next step is {walk.size:g} of the load, the first was {walk.first:g}")
+        raise ValueError(
+            f"its next step is {walk.size:g} of the load and its first was {walk.first:g}; expected those of steps = "
+            f"{options['steps']}"
+        )
 
 
 def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
-    held, places = system.supports.held, system.supports.values(step.t)
-    gap = np.abs(step.u[held] - places).max(initial=0.0)
-    if gap > 1e-9 * (np.abs(places).max(initial=0.0) + np.abs(step.u).max(initial=0.0)):
-        raise ValueError(f"at t = {step.t:g} the supports are {gap:.3g} m from where its displacements have them")
+    constrained, prescribed = system.supports.held, system.supports.values(step.t)
+    gap = np.abs(step.u[constrained] - prescribed).max(initial=0.0)
+    if gap > 1e-9 * (np.abs(prescribed).max(initial=0.0) + np.abs(step.u).max(initial=0.0)):
+        raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
     loads = system.external_force(step.u, step.t)
     forces = system.internal_force(step.u) - loads
-    reactions = forces[held].copy()
-    forces[held] = 0
+    reactions = forces[constrained].copy()
+    forces[constrained] = 0
     scale = np.linalg.norm(loads) + np.linalg.norm(reactions)
     rtol: Any = header.problem.method["rtol"]
-    small, size = LOOSER * max(rtol, step.iterations.residuals[-1]), np.linalg.norm(forces)
-    if size > small * max(scale, NOTHING * header.walk.largest):
-        raise ValueError(f"its forces are not in equilibrium at t = {step.t:g}, by {size / scale:.3g} of the loads and reactions")
+    small, size = RESIDUAL * max(rtol, step.iterations.residuals[-1]), np.linalg.norm(forces)
+    if size > small * max(scale, SMALLEST_SCALE * header.walk.largest):
+        raise ValueError(f"it is no equilibrium: its residual at t = {step.t:g} is {size / scale:.3g} of the loads and reactions")

@@ -1,115 +1,161 @@
-"""Tools of continuation: the tangent of a path, and the equilibrium in a plane across it, in displacements and load factor."""
+"""Continuation along a path of equilibria: its current state, and the evaluation of each state."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-
-import numpy as np
+from functools import partial
+from time import perf_counter
+from typing import Any, ClassVar
 
 from ..arguments import Array
-from ..errors import StateError
-from ..nonlinear.newton import End, Iterations, arrived, usable
+from ..nonlinear.eigen import lowest_mode
+from ..nonlinear.newton import End, Iterations, NewtonOptions, newton
+from ..nonlinear.outcome import Status
+from ..nonlinear.stability import stability_of
+from ..results.monitors import Monitors
+from .critical import CriticalPoint, Point, find
 from .equilibrium import Equilibrium
+from .history import Attempt, Step
 
-#: Largest number of iterations. A step that needs more is too long.
-MOST_IN_PLANE = 12
-#: Tolerance of a state's distance from the plane, as a fraction of the step.
-IN_PLANE = 1e-10
-
-
-@dataclass(frozen=True)
-class Heading:
-    """Unit tangent of the path at a state: `du/ds` and `dt/ds`, with the path length `s` measured in displacements."""
-
-    direction: Array  # (ndofs,) `du/ds`, of length one
-    rate: float  # `dt/ds` [1/m]; it changes its sign at limit points
-    negative: int | None  # number of negative eigenvalues of K; None if K is not symmetric or a pivot is too small
-
-    def reversed(self) -> Heading:
-        """Return the opposite heading."""
-        return Heading(-self.direction, -self.rate, self.negative)
-
-    def along(self, v: Array, problem: Equilibrium) -> Heading:
-        """Return this heading or the opposite one, so that the result does not point against `v` (ndofs,)."""
-        return self if problem.states.dot(self.direction, v) >= 0 else self.reversed()
-
-
-def heading(problem: Equilibrium, u: Array, t: float, singular: bool = False) -> Heading | str:
-    """Return the heading towards growing `t` at an equilibrium, from `K du = -dr/dt dt`.
-
-    If there is no heading, return the reason. `singular` as in `usable`.
-    """
-    factors = problem.factorise(u, t)
-    forces, held = problem.rate(u, t)
-    solution = problem.solve(factors, forces, 1e-10)
-    if not usable(solution, singular):
-        return solution.outcome.value
-    rate = held + problem.space.expand(solution.x)
-    length = problem.states.norm(rate)
-    if length == 0:
-        return "nothing moves as the load grows"
-    return Heading(rate / length, 1 / length, problem.negative_pivots())
+#: Smallest step, as a fraction of the first one.
+SMALLEST = 1 / 1024
 
 
 @dataclass(frozen=True)
-class Hyperplane:
-    """Set of states with `normal . u + weight t = value`.
+class ContinuationOptions:
+    """Options of a continuation that all methods share."""
 
-    With `weight` 0 and the tangent as `normal`, it is the plane of Riks (1979) across the path. This plane crosses limit points,
-    where `t` reverses and displacements do not. With `normal` 0 the plane prescribes the load. With `weight` 0 and `normal` an
-    average of displacements, it prescribes this average.
+    first: float  # first step, as a fraction of the load
+    rtol: float  # relative tolerance of the residual against loads and reactions
+    monitors: Monitors  # checks of each state
+    stability: bool  # compute the lowest eigenvalue where the solver does not count negative ones
+    iterating: Callable[[float, Iterations], None]  # called at the beginning of each iteration
+
+
+class Continuation(ABC):
+    """Continuation from the state `u0` at `t0`.
+
+    `t` and `u` are the last state. `reached` says whether the requested end is reached.
     """
 
-    normal: Array
-    weight: float
-    value: float
-    reach: float  # distance of the plane from the previous state, in the units of `value`
+    name: ClassVar[str]
 
-    def miss(self, u: Array, t: float, problem: Equilibrium) -> float:
-        """Return the distance of the state `(u, t)` from the plane, in the units of `value`."""
-        return self.value - problem.states.dot(self.normal, u) - self.weight * t
+    def __init__(self, problem: Equilibrium, u0: Array, t0: float, options: ContinuationOptions) -> None:
+        self.problem, self._options, self._rtol = problem, options, options.rtol
+        self.t, self.u, self.reached = t0, u0, False
+        self._first = self._size = 0.0  # step sizes, in the measure of the method
+        self._failed, self._clock = False, perf_counter()
+        self._allowed = len(problem.inside_out(u0))
+        self._point: Point | None = None  # user-supplied displacements may not be a state of the path
+        if not u0.any():
+            self._point = Point(u0, t0, None if problem.iterative else self._negative_at_rest(), None)
+        problem.accept(u0, t0)
 
+    def _negative_at_rest(self) -> int | None:
+        """Return the number of negative eigenvalues of K at zero displacements: 0 unless loads have a stiffness.
 
-def correct(
-    problem: Equilibrium, u: Array, t: float, plane: Hyperplane, rtol: float, watch: Callable[[float, Iterations], None]
-) -> tuple[Array, float, End, Iterations]:
-    """Find the equilibrium in the plane by full steps of the exact tangent, starting from `u` (ndofs,) and `t` near it.
+        Membranes and cables without tension have zero transverse stiffness. Their pivots are round-off, so the count is checked
+        with eigenvalues.
+        """
+        if self.problem.system.dead:
+            return 0
+        self.problem.factorise(self.u, self.t)
+        found = self.problem.negative_pivots()
+        return stability_of(self.problem, self.u, self.t).negative if found else found
 
-    Each step solves `K a = -r` and `K b = -dr/dt` with one factorisation. The update is `du = a + dt b`, with `dt` from the
-    equation of the plane. At a limit point K may be nearly singular. There `a` and `b` are large, but their sum is not.
-    """
-    record, before = Iterations(), None
-    try:
-        while True:
-            u = problem.body.prescribe(u.copy(), t)
-            residual = problem.residual(u, t)
-            record.residuals.append(residual.relative)
-            watch(t, record)
-            miss = plane.miss(u, t, problem)
-            if abs(miss) <= IN_PLANE * abs(plane.reach):
-                end = arrived(problem, u, t, residual, before, rtol)
-                if end is not None:
-                    return u, t, end, record
-            if len(record) == MOST_IN_PLANE:
-                return u, t, End.OUT_OF_ITERATIONS, record
-            factors = problem.factorise(u, t)
-            forces, moves = problem.rate(u, t)
-            a, b = (problem.solve(factors, right, 1e-8) for right in (-residual.vector, forces))
-            if not (usable(a, singular=True) and usable(b, singular=True)):
-                record.detail = (b if usable(a, singular=True) else a).outcome.value
-                return u, t, End.NO_DESCENT, record
-            x, y = problem.space.expand(a.x), moves + problem.space.expand(b.x)
-            slope = problem.states.dot(plane.normal, y) + plane.weight
-            if slope == 0:
-                return u, t, End.NO_LENGTH, record
-            dt = (miss - problem.states.dot(plane.normal, x)) / slope
-            u, t, before = u + x + dt * y, t + dt, residual
-            if not np.isfinite(t):
-                return u, t, End.OVERFLOW, record
-            record.lengths.append(1.0)
-            record.tangents.append("exact")
-            record.linear.append(a.iterations + b.iterations)
-    except StateError as error:
-        record.detail = str(error)
-        return u, t, End.OVERFLOW, record
+    def states(self, resumed: bool) -> Iterator[Step | Attempt]:
+        """Yield the states of the path, and the failed attempts between them."""
+        if not resumed:
+            outcome = self._begin()
+            if outcome is not None:
+                yield outcome
+                self._reset_reference_force()
+        while not self._failed and not self.reached:
+            outcome = self._advance()
+            if outcome is None:
+                return
+            if isinstance(outcome, Attempt):
+                self.problem.body.restore()
+            yield outcome
+
+    def _begin(self) -> Step | Attempt | None:
+        """Return the equilibrium at `t0`; None if the start is zero and in equilibrium."""
+        problem, u = self.problem, self._start(self.t)
+        if self._allowed:  # the supports may invert more elements
+            self._allowed = max(self._allowed, len(problem.inside_out(u)))
+        if not u.any() and problem.residual(u, self.t).size == 0:
+            return None
+        problem.accept(u, self.t)  # the supports may disturb the balance of `u0`
+        outcome = self._newton(u, self.t, full_first=True)
+        self._failed, self._point = isinstance(outcome, Attempt), None
+        return outcome if isinstance(outcome, Attempt) else self._accept(self.t, *outcome)
+
+    def _reset_reference_force(self) -> None:
+        """Set the reference force from the last state alone, without that of the start.
+
+        The forces of a start with inverted elements may be a million times as large.
+        """
+        self.problem.largest = 0.0
+        self.problem.accept(self.u, self.t)
+
+    @abstractmethod
+    def _start(self, t: float) -> Array:
+        """Return the state from which Newton's method starts; it satisfies the prescribed displacements at `t`."""
+
+    @abstractmethod
+    def _advance(self) -> Step | Attempt | None:
+        """Return the next state, or a failed attempt, which changes no state; None if there is nothing left to try."""
+
+    def saved(self) -> dict[str, Any]:
+        """Return the data from which a later run resumes, in addition to its states."""
+        return {"size": self._size, "first": self._first, "reached": self.reached, "largest": self.problem.largest}
+
+    def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
+        """Resume from the states and the saved data of an earlier run."""
+        last, t0 = steps[-1], self.t
+        self._size, self._first, self.problem.largest = saved["size"], saved["first"], saved["largest"]
+        self.reached, self.t, self.u = saved["reached"], last.t, last.u
+        self._allowed = len(self.problem.inside_out(self.u))
+        self._point = Point(self.u, last.t, last.negative, last.lowest)
+        if len(steps) == 1 and last.t == t0:
+            self._reset_reference_force()
+
+    def _newton(self, start: Array, t: float, full_first: bool) -> tuple[Array, End, Iterations] | Attempt:
+        """Apply Newton's method at the load factor `t`; fail at once if the start has inverted elements."""
+        inverted = self.problem.inside_out(start)
+        if len(inverted) > self._allowed or not self.problem.keeps_orientations(self.u, start):
+            return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(inverted)))
+        watch = partial(self._options.iterating, t)
+        u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))
+        return (u, end, record) if end.converged else Attempt(t, end, record)
+
+    def _accept(
+        self,
+        t: float,
+        u: Array,
+        end: End,
+        record: Iterations,
+        critical: tuple[CriticalPoint, ...] | None = None,
+        jump: float | None = None,
+    ) -> Step:
+        """Accept a state of the path and return its step; `critical` are the points before it, if they are known."""
+        problem, before = self.problem, self._point
+        problem.accept(u, t)
+        problem.body.commit(u)
+        inverted, full = problem.inside_out(u), problem.states.expand(u)
+        if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
+            problem.factorise(u, t)  # the last tangent of Newton's method, if any, belongs to the iterate before
+            record.negative_pivots = problem.negative_pivots()
+        if self._options.stability and record.negative_pivots is None and not problem.iterative:
+            record.negative_pivots = stability_of(problem, u, t).negative
+        lowest = lowest_mode(problem, u, t).value if self._options.stability and problem.iterative else None
+        point = Point(u, t, record.negative_pivots, lowest)
+        if critical is None:
+            critical = () if before is None else find(problem, before, point, False, self._rtol)
+        status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
+        energies, smallest = problem.energies(u, t), problem.system.smallest_volume_ratio(full)
+        findings, now, clock = self._options.monitors.at(full), perf_counter(), self._clock
+        self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
+        return Step(t, full, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)

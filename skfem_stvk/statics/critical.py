@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..nonlinear.eigen import lowest_mode, nearest_mode
-from .continuation import Hyperplane, correct, heading
 from .equilibrium import Equilibrium
+from .predictor_corrector import Hyperplane, correct, path_tangent
 
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 #: Relative precision of the location of a critical point on its step; factor by which residuals there are smaller than elsewhere.
@@ -19,7 +19,7 @@ TOLERANCE, TIGHTER = 1e-10, 1e-3
 #: A test value below this fraction of its values at the ends of the step is zero. On large meshes round-off is not far below.
 NOISE = 1e-9
 #: Where K is too singular for a solve, the state is moved by this fraction of the step.
-BESIDE = 1e-8
+OFFSET = 1e-8
 
 
 @dataclass(frozen=True)
@@ -68,12 +68,14 @@ class CriticalPoint:
     __repr__ = __str__
 
 
-class _Lost(Exception):
+class _PathLost(Exception):
     """Failure to find the path between two states, or unexpected behaviour of the path."""
 
 
-def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: float) -> tuple[CriticalPoint, ...]:
-    """Return the critical points on the step from `before` to `after`. `turned` says whether the load factor reverses on the step.
+def find(problem: Equilibrium, before: Point, after: Point, reverses: bool, rtol: float) -> tuple[CriticalPoint, ...]:
+    """Return the critical points on the step from `before` to `after`.
+
+    `reverses` says whether the load factor reverses on the step.
 
     At a limit point `dt/ds` has a root. At a bifurcation an eigenvalue of K changes its sign and has a root.
     """
@@ -85,20 +87,20 @@ def find(problem: Equilibrium, before: Point, after: Point, turned: bool, rtol: 
         return (_on_mesh(problem, _unresolved(BIFURCATION, before, after, part, mode)),)
     chord, points = _Chord(problem, before, after, rtol), []
     known = before.negative is not None and after.negative is not None
-    changes = chord.changes() if known and before.negative != after.negative else 0
-    places: list[float | None] = []
-    if turned:
-        places.append(chord.root(chord.rate))
-        points.append(_point(LIMIT_POINT, chord, places[0], ()))
-    if changes > turned:
+    changes = chord.sign_changes() if known and before.negative != after.negative else 0
+    fractions: list[float | None] = []
+    if reverses:
+        fractions.append(chord.root(chord.rate))
+        points.append(_point(LIMIT_POINT, chord, fractions[0], ()))
+    if changes > reverses:
         roots = [chord.root(partial(chord.eigenvalue, passed)) for passed in range(changes)]
-        if turned:  # one of them is the limit point
-            top = 0.5 if places[0] is None else places[0]
+        if reverses:  # one of them is the limit point
+            top = 0.5 if fractions[0] is None else fractions[0]
             roots.remove(min(roots, key=lambda f: np.inf if f is None else abs(f - top)))
         for f in roots:
             points.append(_point(BIFURCATION, chord, f, [point.mode for point in points]))
-            places.append(f)
-    order = np.argsort([0.5 if f is None else f for f in places], kind="stable")
+            fractions.append(f)
+    order = np.argsort([0.5 if f is None else f for f in fractions], kind="stable")
     return tuple(_on_mesh(problem, points[i]) for i in order)
 
 
@@ -113,7 +115,7 @@ def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float
     f = chord.root(chord.rate)
     try:
         return None if f is None else chord.at(f)
-    except _Lost:
+    except _PathLost:
         return None
 
 
@@ -123,7 +125,7 @@ def _point(kind: str, chord: _Chord, f: float | None, without: Sequence[Array]) 
         return _unresolved(kind, chord.before, chord.after, 0.5, chord.direction)
     try:
         (u, t), mode = chord.at(f), chord.mode(f, without)
-    except _Lost:
+    except _PathLost:
         return _unresolved(kind, chord.before, chord.after, f, chord.direction)
     return CriticalPoint(kind, t, u, _scaled(chord.direction if mode is None else mode), mode is not None)
 
@@ -143,18 +145,18 @@ class _Chord:
 
     def __init__(self, problem: Equilibrium, before: Point, after: Point, rtol: float) -> None:
         self._problem, self.before, self.after, self._rtol = problem, before, after, rtol
-        self.direction, self._fewest = after.u - before.u, 0
+        self.direction, self._fewest_negative = after.u - before.u, 0
 
     def at(self, f: float) -> tuple[Array, float]:
         """Return the state at the fraction `f` of the line, or very close to it where K is singular."""
         if f in (0.0, 1.0):
             point = self.after if f else self.before
             return point.u, point.t
-        for beside in (f, f + BESIDE, f - BESIDE):
-            found = self._corrected(beside)
+        for nearby in (f, f + OFFSET, f - OFFSET):
+            found = self._corrected(nearby)
             if found is not None:
                 return found
-        raise _Lost
+        raise _PathLost
 
     def _corrected(self, f: float) -> tuple[Array, float] | None:
         """Return the equilibrium in the plane at the fraction `f` of the line; None if Newton's method fails.
@@ -188,15 +190,15 @@ class _Chord:
             from scipy.optimize import brentq  # slow to import, and rarely needed
 
             return float(brentq(tested, 0.0, 1.0, xtol=TOLERANCE, rtol=4 * np.finfo(float).eps))
-        except _Lost:
+        except _PathLost:
             return None
 
-    def changes(self) -> int:
+    def sign_changes(self) -> int:
         """Return the number of eigenvalues that change their sign on the step, from the tangents at both ends; 0 if unknown."""
         first, last = self._negative(0.0), self._negative(1.0)
         if first is None or last is None:
             return 0
-        self._fewest = min(first, last)
+        self._fewest_negative = min(first, last)
         return abs(last - first)
 
     def _negative(self, f: float) -> int | None:
@@ -205,7 +207,7 @@ class _Chord:
 
     def rate(self, f: float) -> float:
         """Return `dt/ds`, which is zero at a limit point. It is also 0 where K is too singular for a solve."""
-        found = heading(self._problem, *self.at(f), singular=True)
+        found = path_tangent(self._problem, *self.at(f), singular=True)
         return 0.0 if isinstance(found, str) else found.along(self.direction, self._problem).rate
 
     def eigenvalue(self, passed: int, f: float) -> float:
@@ -217,15 +219,15 @@ class _Chord:
         negative = self._problem.negative_pivots()
         if mode is None or negative is None:
             return 0.0
-        return abs(mode.value) * (1 if negative <= self._fewest + passed else -1)
+        return abs(mode.value) * (1 if negative <= self._fewest_negative + passed else -1)
 
     def mode(self, f: float, without: Sequence[Array]) -> Array | None:
         """Return the mode (ndofs,) in which the body gives way at the fraction `f`; None if none is found.
 
         Where K is too singular for a solve, the mode is computed at a state very close to `f`.
         """
-        for beside in (f, f + BESIDE, f - BESIDE):
-            mode = nearest_mode(self._problem, *self.at(beside), without)
+        for nearby in (f, f + OFFSET, f - OFFSET):
+            mode = nearest_mode(self._problem, *self.at(nearby), without)
             if mode is not None:
                 return mode.vector
         return None

@@ -24,9 +24,9 @@ from ..terms.load import Time
 
 #: Lower bound of the scale of the residual, as a fraction of the largest loads and reactions on the path. It applies where loads
 #: and reactions return to zero.
-NOTHING = 1e-6
+SMALLEST_SCALE = 1e-6
 #: Largest number of checks on a path whether CG met negative curvature or only its own round-off.
-MOST_DOUBTS = 3
+MOST_CHECKS = 3
 #: Largest relative tolerance of the linear solves of a linear body, which needs only one solve.
 PRECISE = 1e-10
 #: Relative step of the load factor for finite differences of loads and prescribed displacements. They are exact for linear growth.
@@ -54,8 +54,8 @@ class Equilibrium(Equation):
             tangent = DenseTangent(body) if isinstance(body, Coordinates) else _tangent(body, solver)
         super().__init__(body, tangent, watch)
         if body.constant_tangent:
-            self.precise = PRECISE
-        self.largest, self._doubts = 0.0, MOST_DOUBTS
+            self.largest_rtol = PRECISE
+        self.largest, self._checks_left = 0.0, MOST_CHECKS
 
     @property
     def symmetric(self) -> bool:
@@ -74,7 +74,7 @@ class Equilibrium(Equation):
             size, scale = self.space.norm(free), self.tangent.scale(external, force)
             if not np.isfinite(size + scale):
                 raise StateError(f"The residual overflows at displacements of up to {np.abs(self.states.expand(u)).max():.1e}.")
-            return Residual(free, size, max(scale, NOTHING * self.largest))
+            return Residual(free, size, max(scale, SMALLEST_SCALE * self.largest))
 
     def round_off(self, u: Array, t: Time) -> float:
         with self._watch("assemble"):
@@ -83,31 +83,31 @@ class Equilibrium(Equation):
 
     def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         exact = tangent is Tangent.EXACT
-        if exact and self.tangent.lasting is not None:
-            return self.tangent.lasting
+        if exact and self.tangent.constant_factors is not None:
+            return self.tangent.constant_factors
         with self._watch("assemble"):
             K = self.tangent.at(u, t, ALL if exact else TENSILE, tangent is Tangent.SHIFTED)
         with self._watch("factor"):
             return self.tangent.factorise(K, exact)
 
-    def take_over(self, u: Array, t: Time) -> bool:
+    def switch_to_direct(self, u: Array, t: Time) -> bool:
         """Switch to a direct solver if a factorisation finds no negative eigenvalue; return whether it switched.
 
-        The check is made for up to `COUNTED` unknowns, and `MOST_DOUBTS` times on a path.
+        The check is made for up to `COUNTED` unknowns, and `MOST_CHECKS` times on a path.
         """
-        if not self.iterative or self.space.n > COUNTED or not self._doubts:
+        if not self.iterative or self.space.n > COUNTED or not self._checks_left:
             return False
-        self._doubts -= 1
+        self._checks_left -= 1
         counts = inertia(*self.matrix(u, t))
         if counts is None or counts.negative:
             return False
         with self._watch("factor"):
-            self.tangent.take(direct(self.space.n))
+            self.tangent.use_solver(direct(self.space.n))
         return True
 
     def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         with self._watch("assemble"):
-            return self.tangent.beside(u, t)
+            return self.tangent.new_matrix(u, t)
 
     def operator(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
         if not isinstance(self.tangent, FreeTangent) or not self.system.dead:  # the load stiffness exists only as a matrix
@@ -154,7 +154,7 @@ class Equilibrium(Equation):
 
     def forget(self) -> None:
         """Drop solver data of earlier steps, so that a resumed path gives the same numbers as this one."""
-        if self.tangent.lasting is None:
+        if self.tangent.constant_factors is None:
             self.tangent.forget()
 
     def energies(self, u: Array, t: Time) -> tuple[float, float]:

@@ -131,7 +131,7 @@ class History(Sequence[Step]):
         else:
             self.attempts.append(outcome)
 
-    def judge_last(self, status: Status) -> None:
+    def set_last_status(self, status: Status) -> None:
         """Set the final status of the last state, after the end of the solve."""
         self._steps[-1] = replace(self._steps[-1], status=status)
 

@@ -11,9 +11,9 @@ from ..arguments import Array
 from ..errors import StateError
 from ..nonlinear.newton import MOST_FULL, NewtonOptions, newton, usable
 from ..nonlinear.problem import Tangent
+from .continuation import SMALLEST, Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
 from .history import JUMPED, Attempt, Step
-from .walk import SMALLEST, Course, Walk
 
 #: A step with at most `FEW` iterations lets the next one grow by `GROWTH`, up to `LARGEST` times the first step.
 FEW, GROWTH, LARGEST = 5, 1.5, 4.0
@@ -25,10 +25,10 @@ STRAIGHT = 0.1
 #: Two states lie on one path if each is this near to the prediction by the tangent at the other, relative to the predicted change.
 NEAR = 0.5
 #: Largest number of halvings of a step, and of intermediate states.
-HALVED, MOST = 6, 16
+MOST_HALVINGS, MOST_SOLVES = 6, 16
 
 
-class LoadSteps(Walk):
+class LoadSteps(Continuation):
     """Continuation in load steps up to t = 1, with the first step `first`.
 
     A step starts from the extrapolation of the two states before it. After a failed step it starts from the last state, moved by
@@ -37,69 +37,73 @@ class LoadSteps(Walk):
 
     name: ClassVar[str] = "load-steps"
 
-    def __init__(self, problem: Equilibrium, u0: Array, t0: float, course: Course) -> None:
-        super().__init__(problem, u0, t0, course)
-        self._first = self._size = course.first
-        self._before: tuple[float, Array] | None = None
+    def __init__(self, problem: Equilibrium, u0: Array, t0: float, options: ContinuationOptions) -> None:
+        super().__init__(problem, u0, t0, options)
+        self._first = self._size = options.first
+        self._previous: tuple[float, Array] | None = None
         self._full_first = True
 
     def saved(self) -> dict[str, Any]:
-        return super().saved() | {"straight": self._before is not None, "full_first": self._full_first}
+        return super().saved() | {"straight": self._previous is not None, "full_first": self._full_first}
 
     def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
         start = self.t, self.u
         super().resume(steps, saved)
         self._full_first = saved["full_first"]
         before = (steps[-2].t, steps[-2].u) if len(steps) > 1 else start
-        self._before = before if saved["straight"] else None
+        self._previous = before if saved["straight"] else None
 
     def _advance(self) -> Step | Attempt | None:
         if self._size < SMALLEST * self._first:
             return None
         t = self.t + self._size if self.t + 1.001 * self._size < 1 else 1.0
         self._size = t - self.t
-        start, pointed = self._start(t), self._pointed(t)
+        start, extrapolated = self._start(t), self._extrapolated(t)
         found = self._newton(start, t, self._full_first)
         if isinstance(found, Attempt):
-            self._before, self._full_first = None, True
+            self._previous, self._full_first = None, True
             self._size /= 2
             return found
         u, end, record = found
-        jump = None if pointed is None else self.problem.states.norm(u - pointed) / self.problem.states.norm(pointed - self.u)
+        jump = (
+            None
+            if extrapolated is None
+            else self.problem.states.norm(u - extrapolated) / self.problem.states.norm(extrapolated - self.u)
+        )
         if jump is None or jump > FAR:
-            looked = Between(self.problem, self._equilibrium).jump(OnPath(self.t, self.u), OnPath(t, u))
-            jump = looked if looked is not None or (jump or 0.0) > JUMPED else jump
+            detected = JumpDetector(self.problem, self._equilibrium).jump(PathState(self.t, self.u), PathState(t, u))
+            jump = detected if detected is not None or (jump or 0.0) > JUMPED else jump
         self._full_first = record.restarted is None and len(record) <= MOST_FULL
-        self._before = self.t, self.u
+        self._previous = self.t, self.u
         if len(record) <= FEW:
             self._size = min(GROWTH * self._size, LARGEST * self._first)
         self.reached = t == 1
         return self._accept(t, u, end, record, jump=jump)
 
-    def _equilibrium(self, before: OnPath, start: Array, t: float) -> Array | None:
+    def _equilibrium(self, before: PathState, start: Array, t: float) -> Array | None:
         """Find the state at `t` after the state `before`, to the precision needed to detect a jump; None if it is not found."""
-        if len(self.problem.inside_out(start)) > self._allowed or not self.problem.on_this_side(before.u, start):
+        if len(self.problem.inside_out(start)) > self._allowed or not self.problem.keeps_orientations(before.u, start):
             start = self.problem.body.prescribe(before.u.copy(), t)
         u, end, _ = newton(self.problem, start, t, NewtonOptions(max(self._rtol, LOOSE), self._allowed))
         return u if end.converged else None
 
-    def _pointed(self, t: float) -> Array | None:
+    def _extrapolated(self, t: float) -> Array | None:
         """Extrapolate the last two states to `t`; None if they are equal."""
-        if self._before is None or np.array_equal(self.u, self._before[1]):
+        if self._previous is None or np.array_equal(self.u, self._previous[1]):
             return None
-        t_before, u_before = self._before
+        t_before, u_before = self._previous
         return self.u + (t - self.t) / (self.t - t_before) * (self.u - u_before)
 
     def _start(self, t: float) -> Array:
-        u = self._pointed(t)
+        u = self._extrapolated(t)
         if u is not None:
             self.problem.body.prescribe(u, t)
-            if len(self.problem.inside_out(u)) <= self._allowed and self.problem.on_this_side(self.u, u):
+            if len(self.problem.inside_out(u)) <= self._allowed and self.problem.keeps_orientations(self.u, u):
                 return u
         move = self.problem.body.prescribe(self.u.copy(), t) - self.u
-        return self.u + move if not move.any() else self._carried(move, t)
+        return self.u + move if not move.any() else self._moved_with_supports(move, t)
 
-    def _carried(self, move: Array, t: float) -> Array:
+    def _moved_with_supports(self, move: Array, t: float) -> Array:
         """Return the state with constrained degrees of freedom moved by `move`, and the others by the tangent's response."""
         problem = self.problem
         for tangent in Tangent:
@@ -111,7 +115,7 @@ class LoadSteps(Walk):
         return self.u + move
 
 
-class OnPath(NamedTuple):
+class PathState(NamedTuple):
     """Equilibrium on the path: load factor and displacements (ndofs,)."""
 
     t: float
@@ -120,10 +124,10 @@ class OnPath(NamedTuple):
 
 #: Function that finds the equilibrium at a load factor, from a state before it and a starting point near it; it returns None on
 #: failure.
-Solve = Callable[[OnPath, Array, float], "Array | None"]
+Solve = Callable[[PathState, Array, float], "Array | None"]
 
 
-class Between:
+class JumpDetector:
     """Jump detection between two states at the ends of a load step.
 
     If the body follows its path, the tangents at both ends predict the other end, once the step is small enough. After a snap they
@@ -132,18 +136,18 @@ class Between:
     """
 
     def __init__(self, problem: Equilibrium, solve: Solve) -> None:
-        self._problem, self._solve, self._left = problem, solve, MOST
+        self._problem, self._solve, self._remaining = problem, solve, MOST_SOLVES
 
-    def jump(self, before: OnPath, after: OnPath) -> float | None:
+    def jump(self, before: PathState, after: PathState) -> float | None:
         """Return the size of the jump, as in `Step.jump`; None if no jump is found."""
         if self._is_straight(before, after):
             return None
         try:
-            return self._jump(before, after, HALVED)
+            return self._jump(before, after, MOST_HALVINGS)
         except StateError:
             return None
 
-    def _is_straight(self, before: OnPath, after: OnPath) -> bool:
+    def _is_straight(self, before: PathState, after: PathState) -> bool:
         """Return whether the elastic force along the straight line between the states, a cubic, is nearly linear.
 
         Then the load never had to decrease.
@@ -154,36 +158,36 @@ class Between:
         c = body.energy_along(before.u, after.u - before.u)
         return bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
 
-    def _jump(self, before: OnPath, after: OnPath, halved: int, most: float = 0.0) -> float | None:
+    def _jump(self, before: PathState, after: PathState, halvings: int, largest: float = 0.0) -> float | None:
         """Return the size of the jump as in `jump`, by recursive halving.
 
-        `most` is the largest prediction error over the longer parts that contain this part.
+        `largest` is the largest prediction error over the longer parts that contain this part.
         """
-        norm, forward = self._problem.states.norm, self._answer(before, after.t)
+        norm, forward = self._problem.states.norm, self._tangent_response(before, after.t)
         if forward is None or not norm(forward):
             return None
-        off = norm(after.u - before.u - forward) / norm(forward)
-        if off <= NEAR and self._points_back(before, after):
+        error = norm(after.u - before.u - forward) / norm(forward)
+        if error <= NEAR and self._predicts_before(before, after):
             return None
-        most = max(most, off)
-        middle = self._middle(before, after, forward) if halved and self._left else None
+        largest = max(largest, error)
+        middle = self._middle(before, after, forward) if halvings and self._remaining else None
         if middle is None:
-            return most if most > JUMPED else None
-        first = self._jump(before, middle, halved - 1, most)
-        return self._jump(middle, after, halved - 1, most) if first is None else first
+            return largest if largest > JUMPED else None
+        first = self._jump(before, middle, halvings - 1, largest)
+        return self._jump(middle, after, halvings - 1, largest) if first is None else first
 
-    def _points_back(self, before: OnPath, after: OnPath) -> bool:
-        backward = self._answer(after, before.t)
+    def _predicts_before(self, before: PathState, after: PathState) -> bool:
+        backward = self._tangent_response(after, before.t)
         norm = self._problem.states.norm
         return backward is not None and norm(before.u - after.u - backward) <= NEAR * norm(backward)
 
-    def _middle(self, before: OnPath, after: OnPath, forward: Array) -> OnPath | None:
-        self._left -= 1
+    def _middle(self, before: PathState, after: PathState, forward: Array) -> PathState | None:
+        self._remaining -= 1
         t = (before.t + after.t) / 2
         u = self._solve(before, self._problem.body.prescribe(before.u + forward / 2, t), t)
-        return None if u is None else OnPath(t, u)
+        return None if u is None else PathState(t, u)
 
-    def _answer(self, state: OnPath, t: float) -> Array | None:
+    def _tangent_response(self, state: PathState, t: float) -> Array | None:
         """Return the tangent's response (ndofs,) at a state to loads and supports at `t`; None if the solve fails."""
         problem = self._problem
         factors = problem.factorise(state.u, state.t)

@@ -18,40 +18,41 @@ from .arc_length import ArcLength
 from .equilibrium import Equilibrium
 from .history import History
 
-GIVES_WAY = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
-RESIST = {
-    False: "a term that resists, VolumePenalty(), or NeoHookean in place of StVK, a finer mesh there or more steps, or spread the "
-    "load over more of the boundary.",
-    True: "more steps or a finer mesh there, a stiffer VolumePenalty if there is one, or spread the load over more of the "
+SOFTENS = "St. Venant-Kirchhoff material gives way in compression, so the branch without inversion may end here."
+AGAINST_INVERSION = {
+    False: "a term that resists inversion (VolumePenalty(), or NeoHookean in place of StVK), a finer mesh there, more steps, or a "
+    "load that is spread over more of the boundary.",
+    True: "more steps, a finer mesh there, a stiffer VolumePenalty if there is one, or a load that is spread over more of the "
     "boundary.",
 }
 #: Advice by the reason of a failure. For inverted elements it depends on whether there is a penalty already.
-TRY = {
-    End.NO_DESCENT: "Is it a mechanism: a part that only one vertex or edge holds, a flat membrane or a cable without tension? "
-    "Hold it, stretch it first, or put it on an ElasticFoundation. If the body buckles there, give it a small imperfection.",
-    End.NO_LENGTH: "Does the load push the body away without end, or depend on its shape? Try more steps, or a smaller load.",
+ADVICE = {
+    End.NO_DESCENT: "Is there a mechanism: a part that only one vertex or edge joins to the rest, a flat membrane or a cable "
+    "without tension? Fix it, stretch it first, or put it on an ElasticFoundation. If the body buckles there, give it a small "
+    "imperfection.",
+    End.NO_LENGTH: "Does the load push the body away without limit, or depend on the shape? Try more steps, or a smaller load.",
     End.OVERFLOW: "Are units mixed up, or is the load far too large for the stiffness?",
     End.TOO_SHARP: "Try more steps.",
 }
 #: Advice if no state was found for a body without transverse stiffness at rest.
 SLACK = (
-    "Membranes and cables have no stiffness across themselves until they are in tension. Take one step (steps=1); or stretch them "
-    "first, by displacements of their rim; or let them swing into place under the load and go on from there: run = "
+    "Membranes and cables have no transverse stiffness without tension. Take one step (steps=1), or stretch them first, by "
+    "displacements of their rim. Or simulate their motion under the load, and start from its end: run = "
     "simulate(system, BackwardEuler(dt), until=...), then solve_static(system, u0=run.u, t0=0.999)."
 )
 #: A branch ends if the lowest eigenvalue of K has fallen below this fraction of its value at the start.
-GIVEN_WAY = 0.1
+SOFTENED = 0.1
 #: Number of elements named that deform most.
 MOST_NAMED = 5
 
 
-def what_to_try(end: End, system: System) -> str:
+def advice_after(end: End, system: System) -> str:
     """Return advice after a failed step."""
     softens = np.isfinite(system.smallest_stretch(np.zeros(system.ndofs)))  # only laws that soften return finite stretches
-    advice = f"{GIVES_WAY} " * bool(softens) + f"Try {RESIST[system.resists_inversion]}"
+    advice = f"{SOFTENS} " * bool(softens) + f"Try {AGAINST_INVERSION[system.resists_inversion]}"
     if end is End.OUT_OF_ITERATIONS:
         return f"Try more steps, or look at the last state: result.plot(). {advice}"
-    return advice if end is End.INSIDE_OUT else TRY[end]
+    return advice if end is End.INSIDE_OUT else ADVICE[end]
 
 
 @dataclass(frozen=True)
@@ -79,30 +80,30 @@ def reason(ending: Ending) -> str:
         mode = known if history.critical_points else "a small imperfection"
         otherwise = ", or prescribe displacements instead of loads" if ending.system.loads else ""
         return (
-            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real one would leave this "
-            f"state.{_critical(history)} Look for the stable one beside it: give the mesh {mode}{otherwise}."
+            f"At t = {t:.4g} the body is in equilibrium, but unstable: {count}, and a real body would leave this "
+            f"state.{_critical(history)} To find a stable state nearby, give the mesh {mode}{otherwise}."
         )
     if status is Status.INVERTED:
-        found = f"At t = {t:.4g} the body is in equilibrium, but turned inside out or flat in {ending.inverted}."
+        found = f"At t = {t:.4g} the body is in equilibrium, but inverted or flat in {ending.inverted}."
         if ending.system.resists_inversion:
             return (
-                f"{found} The forces that push such elements back are in balance there. Start from another state, with quadratic "
-                "elements from the state that linear ones find (degree=1)."
+                f"{found} The forces that push such elements back are in balance there. Start from another state; for quadratic "
+                "elements, from the state that linear ones find (degree=1)."
             )
         return (
-            f"{found} The energy does not change when an element is mirrored, so this is a solution of the equations, not one of "
-            "the body. Start from a state that is not inside out, or add a term that turns elements back: "
+            f"{found} The energy does not change when an element is mirrored, so this state solves the equations, but no body can "
+            "be in it. Start from a state without inverted elements, or add a term that pushes them back: "
             "VolumePenalty(kind='compression')."
         )
     if status is Status.INTERRUPTED:
         by = "" if isinstance(ending.cause, KeyboardInterrupt) else f" by {type(ending.cause).__name__}: {ending.cause}"
-        kept = "1 state" if len(history) == 1 else f"{len(history)} states"
-        return f"Interrupted at t = {t:.6g}{by.rstrip('.')}. Kept so far: {kept}."
+        count = "1 state" if len(history) == 1 else f"{len(history)} states"
+        return f"Interrupted at t = {t:.6g}{by.rstrip('.')}. Found so far: {count}."
     if status is Status.STOPPED:
         where = "before its end" if ending.method == ArcLength.name else "before the full load"
         unstable = len(history) and history[-1].negative
         already = f" The last state is unstable: K has {unstable} negative eigenvalue(s) there." if unstable else ""
-        return f"Stopped {where}, at t = {t:.6g}{_why(ending)}{already}{_critical(history)}{_found(history)}"
+        return f"Stopped {where}, at t = {t:.6g}{_cause_and_advice(ending)}{already}{_critical(history)}{_found(history)}"
     residual = history[-1].iterations.residuals[-1]
     end = f"the path is followed to its end at t = {t:.6g}" if ending.method == ArcLength.name else "the full load is reached"
     doubt = f" {verdict.doubt}" if verdict.doubt else ""
@@ -116,25 +117,25 @@ def _may_be_slack(system: System) -> bool:
     return any(body.mesh.k < body.mesh.d for body in (system.body, *system.body.beside))
 
 
-def _why(ending: Ending) -> str:
+def _cause_and_advice(ending: Ending) -> str:
     history, t, penalty = ending.history, ending.t, ending.system.resists_inversion
     if not history.ends_in_failure:
-        return f": nothing that was asked for is reached after {len(history)} states. Give a stop that is, or Stop(states=...)."
+        return f": the stop is not reached after {len(history)} states. Give a stop on the path, or Stop(states=...)."
     last = history.attempts[-1]
     detail = f" ({last.iterations.detail})" if last.iterations.detail else ""
     if last.t == t:
-        start = "Let what is there from the start grow with t."
+        start = "Let loads and displacements that act at the start grow with t."
         if ending.started:
-            turn_back = ", or add VolumePenalty(kind='compression'), which turns elements back that are inside out" * (not penalty)
-            start = f"Give another u0, for from this one no equilibrium was found{turn_back}."
-        return f": {last.end.value}{detail}, before the first step. {start} {what_to_try(last.end, ending.system)}"
-    failed = f"{last.end.value}{detail}, in a step of {abs(last.t - t):.1e} too."
+            push_back = ", or add VolumePenalty(kind='compression'), which pushes inverted elements back" * (not penalty)
+            start = f"No equilibrium was found from u0. Give another u0{push_back}."
+        return f": {last.end.value}{detail}, before the first step. {start} {advice_after(last.end, ending.system)}"
+    failed = f"{last.end.value}{detail}, even in a step of {abs(last.t - t):.1e}."
     if not len(history) and _may_be_slack(ending.system):
         return f": {failed} {SLACK}"
     if not ending.branch:
-        return f": {failed} {what_to_try(last.end, ending.system)}"
-    beyond = "To follow the path beyond it, where it is unstable, there is method='arc-length'."
-    material = f"Where it is the material that gives way in compression, try {RESIST[penalty]}"
+        return f": {failed} {advice_after(last.end, ending.system)}"
+    beyond = "To follow the unstable path beyond it, use method='arc-length'."
+    material = f"If the material gives way in compression, try {AGAINST_INVERSION[penalty]}"
     return f": {ending.branch} Beyond it, {failed} {beyond} {material}"
 
 
@@ -147,7 +148,7 @@ def _jumped(history: History) -> str:
     before, step = jumps[0]
     where = f"Before t = {step.t:.4g}" if before is None else f"Between t = {before.t:.4g} and t = {step.t:.4g}"
     return (
-        f" {where} it moved {step.jump:.2g} times as far as the path pointed: the body snapped or buckled there. "
+        f" {where} it moved {step.jump:.2g} times as far as extrapolated: the body snapped or buckled there. "
         "method='arc-length' follows the path in between."
     )
 
@@ -168,20 +169,20 @@ def _found(history: History) -> str:
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
     """Return a sentence on the end of the branch at the last state `u` of a path that began at `start`.
 
-    It is empty if K has kept its stiffness, or is not symmetric.
+    It is empty if K has count its stiffness, or is not symmetric.
     """
     try:
         before = _lowest(problem, start, t0)
         now = None if before is None else _lowest(problem, u, t)
     except StateError:
         return ""
-    if before is None or now is None or not now[0] < GIVEN_WAY * before[0]:
+    if before is None or now is None or not now[0] < SOFTENED * before[0]:
         return ""
     value, mode = now
     fallen = "K is not positive definite any more"
     if value > 0:
         fallen = f"the lowest eigenvalue of K has fallen to {value / before[0]:.2g} of that at the start"
-    return f"the stable branch ends here. There {fallen}, and the body gives way most in {_where(problem, u, mode)}."
+    return f"the stable branch ends here. There {fallen}, and the body gives way most in {_most_deformed(problem, u, mode)}."
 
 
 def _lowest(problem: Equilibrium, u: Array, t: float) -> tuple[float, Array] | None:
@@ -193,7 +194,7 @@ def _lowest(problem: Equilibrium, u: Array, t: float) -> tuple[float, Array] | N
     return None if mode is None or not problem.symmetric else (mode.value, mode.vector)
 
 
-def _where(problem: Equilibrium, u: Array, mode: Array) -> str:
+def _most_deformed(problem: Equilibrium, u: Array, mode: Array) -> str:
     """Return a description of the elements that the mode deforms most, by the displacements relative to their mean."""
     mesh = problem.system.mesh
     v = problem.states.expand(mode).reshape(-1, mesh.d)

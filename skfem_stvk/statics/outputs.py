@@ -29,24 +29,26 @@ MOMENTS = 0.5, 1.0
 
 @contextmanager
 def opened(
-    outlets: OutputFiles, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
+    output_files: OutputFiles, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
 ) -> Iterator[tuple[Write, PathCheckpoint | None]]:
     """Yield a function that writes a state to the series, and the checkpoint; each only if requested.
 
     Both are locked against other writers.
     """
     with ExitStack() as stack:
-        write, kept = _nothing, None
-        if outlets.save is not None or outlets.checkpoint is not None:
+        write, checkpoint = _nothing, None
+        if output_files.save is not None or output_files.checkpoint is not None:
             problem = Fingerprint("path of equilibria", system, options, MOMENTS, start)
-        if outlets.checkpoint is not None:
+        if output_files.checkpoint is not None:
             from .checkpoint import PathCheckpoint  # imports pydantic, needed only for checkpoints
 
-            kept = stack.enter_context(PathCheckpoint(outlets.checkpoint, system, problem, outlets))
-        if outlets.save is not None:
-            series = stack.enter_context(Series(outlets.save, outlets.fields, problem=problem, overwrite=outlets.overwrite))
+            checkpoint = stack.enter_context(PathCheckpoint(output_files.checkpoint, system, problem, output_files))
+        if output_files.save is not None:
+            series = stack.enter_context(
+                Series(output_files.save, output_files.fields, problem=problem, overwrite=output_files.overwrite)
+            )
             write = partial(_add, series, Fields.of(system))
-        yield write, kept
+        yield write, checkpoint
 
 
 def _add(series: Series, fields: Fields, t: float, step: Step) -> None:
@@ -79,4 +81,4 @@ class PathProgress(Progress):
 
     def resumed(self, folder: Path, states: int) -> None:
         """Print that the first states come from an earlier run."""
-        self.print(f"kept in {folder}: {states} states")
+        self.print(f"read from {folder}: {states} states")

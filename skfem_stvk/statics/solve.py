@@ -15,8 +15,8 @@ from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver
 from ..linear.choose import is_auto
 from ..mesh.displacements import by_vertex
-from ..nonlinear.outcome import Interrupted, Status, stop_if_asked
-from ..nonlinear.stability import Verdict, judged
+from ..nonlinear.outcome import Interrupted, Status, stop_if_requested
+from ..nonlinear.stability import Verdict, stability_of
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.files import OutputFiles
 from ..results.monitors import Monitors
@@ -26,14 +26,14 @@ from ..system.free_tangent import solver_for
 from ..system.protocol import ReducedLike, checked_system
 from ..system.signature import sums
 from .arc_length import ArcLength
+from .continuation import Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
 from .history import Attempt, History, Step
 from .load_steps import LoadSteps
 from .message import Ending, branch_end, reason
 from .outputs import PathProgress, Write, opened
 from .result import SolveError, StaticResult
-from .stop import Goal, Stop
-from .walk import Course, Walk
+from .stop import Stop, StopCriterion
 
 if TYPE_CHECKING:
     from .checkpoint import PathCheckpoint
@@ -152,7 +152,7 @@ def solve_static(
         t0=t0,
         stability=stability,
         ellipticity=ellipticity,
-        outlets=OutputFiles.checked(save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite),
+        output_files=OutputFiles.checked(save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite),
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
@@ -172,7 +172,7 @@ class StaticOptions:
     t0: float
     stability: bool
     ellipticity: bool
-    outlets: OutputFiles
+    output_files: OutputFiles
     quiet: bool
     raise_on_failure: bool
 
@@ -201,11 +201,13 @@ class StaticOptions:
         if isinstance(body, System):
             return solver_for(body, self.solver, self.arc_length)
         if not is_auto(self.solver):
-            raise StvkError(f"solver = {shown(self.solver)} for a reduced system, whose matrices are small and full: leave it out.")
-        if self.outlets.checkpoint is not None:
             raise StvkError(
-                "checkpoint: solves of a reduced system take less time than a file would, and are not resumed. Leave checkpoint "
-                "and resume out; save=... writes the states."
+                f"solver = {shown(self.solver)}; expected 'auto' for a reduced system, whose matrices are small and dense."
+            )
+        if self.output_files.checkpoint is not None:
+            raise StvkError(
+                f"checkpoint = {shown(str(self.output_files.checkpoint))}; expected None for a reduced system, whose solves take "
+                "less time than writing a file. Leave checkpoint and resume out; save=... writes the states."
             )
         return None
 
@@ -227,7 +229,7 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
     """
     if system.dtype != np.float64:
         raise StvkError(
-            f"The system is in {system.dtype}, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
+            f"dtype = {system.dtype} of the system, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
     if u0 is None and not system.supports.prescribed.size and not system.loads:
         raise LoadError(
@@ -247,30 +249,32 @@ class _Solve:
         self._options, self._watch, self._history = options, Stopwatch(), History()
         self._start = _start(system, u0)
         self._problem = Equilibrium(body, options.solver_for(body), self._watch)
-        self._asked = self._problem.tangent.solver.name
+        self._requested_solver = self._problem.tangent.solver.name
         self._verdict, self._branch = Verdict(True, None), ""
         self._cause: BaseException | None = None
 
     def result(self) -> StaticResult:
         """Return the result, or raise the error that replaces it."""
         options, history, problem, body = self._options, self._history, self._problem, self._problem.body
-        header = f"{body!r}, {problem.space.n} of them free; solver '{self._asked}'"
+        header = f"{body!r}, {problem.space.n} of them free; solver '{self._requested_solver}'"
         start = {"u0": sums(self._start)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
-        files = opened(options.outlets, self._system, options.signature(self._asked), start)
-        with files as (write, kept), PathProgress(header, options.quiet) as report:
+        files = opened(options.output_files, self._system, options.signature(self._requested_solver), start)
+        with files as (write, checkpoint), PathProgress(header, options.quiet) as report:
             monitors = Monitors(self._system, options.ellipticity)
             for finding in monitors.before():
                 warn(finding.text)
-            course = Course(1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating)
-            walk = self._walk(problem, course)
-            if kept is not None and kept.steps:
-                walk.resume(kept.steps, kept.saved)
+            path_options = ContinuationOptions(
+                1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating
+            )
+            continuation = self._continuation(problem, path_options)
+            if checkpoint is not None and checkpoint.steps:
+                continuation.resume(checkpoint.steps, checkpoint.saved)
             try:
-                self._follow(walk, write, kept, report)
-                self._judge(problem, walk)
+                self._follow(continuation, write, checkpoint, report)
+                self._judge(problem, continuation)
             except (KeyboardInterrupt, Exception) as error:  # for example a full disk, a load's function: keep the states so far
                 self._cause = error
-        result = self._ended(problem, walk)
+        result = self._evaluated(problem, continuation)
         for text in _new_findings(history):
             warn(text)
         if isinstance(self._cause, KeyboardInterrupt):
@@ -280,27 +284,29 @@ class _Solve:
             raise SolveError(result) from self._cause
         return result
 
-    def _walk(self, problem: Equilibrium, course: Course) -> Walk:
+    def _continuation(self, problem: Equilibrium, path_options: ContinuationOptions) -> Continuation:
         options, t0, body = self._options, float(self._options.t0), problem.body
-        self._first = start = body.state(self._start, t0) if isinstance(body, Coordinates) else self._start
+        self._initial = start = body.state(self._start, t0) if isinstance(body, Coordinates) else self._start
         if not options.arc_length:
-            return LoadSteps(problem, start, t0, course)
-        return ArcLength(problem, start, t0, course, Goal(options.stop or Stop(load=1.0), self._system, problem.states))
+            return LoadSteps(problem, start, t0, path_options)
+        return ArcLength(
+            problem, start, t0, path_options, StopCriterion(options.stop or Stop(load=1.0), self._system, problem.states)
+        )
 
-    def _follow(self, walk: Walk, write: Write, kept: PathCheckpoint | None, report: PathProgress) -> None:
+    def _follow(self, continuation: Continuation, write: Write, checkpoint: PathCheckpoint | None, report: PathProgress) -> None:
         """Record the states of the checkpoint and the states that follow."""
-        found = [] if kept is None else kept.steps
-        if kept is not None and found:
-            report.resumed(kept.folder, len(found))
+        found = [] if checkpoint is None else checkpoint.steps
+        if checkpoint is not None and found:
+            report.resumed(checkpoint.folder, len(found))
         for step in found:
             self._note(step, write, report)
-        for outcome in walk.states(resumed=bool(found)):
+        for outcome in continuation.states(resumed=bool(found)):
             self._note(outcome, write, report)
-            if isinstance(outcome, Step) and kept is not None:
-                kept.add(outcome, walk.saved())
-                walk.problem.forget()
-            if not walk.reached:
-                stop_if_asked()
+            if isinstance(outcome, Step) and checkpoint is not None:
+                checkpoint.add(outcome, continuation.saved())
+                continuation.problem.forget()
+            if not continuation.reached:
+                stop_if_requested()
 
     def _note(self, outcome: Step | Attempt, write: Write, report: PathProgress) -> None:
         self._history.append(outcome)
@@ -308,12 +314,12 @@ class _Solve:
         if isinstance(outcome, Step):
             write(len(self._history) if self._options.arc_length else outcome.t, outcome)
 
-    def _judge(self, problem: Equilibrium, walk: Walk) -> None:
+    def _judge(self, problem: Equilibrium, continuation: Continuation) -> None:
         """Check the stability of the last state; if the path stopped early, check whether its branch ends there."""
         history, t0 = self._history, float(self._options.t0)
-        if not walk.reached:
+        if not continuation.reached:
             if len(history) and not history[-1].negative:
-                self._branch = branch_end(problem, self._first, t0, walk.u, walk.t)
+                self._branch = branch_end(problem, self._initial, t0, continuation.u, continuation.t)
             return
         last = history[-1]
         if self._options.arc_length and last.negative is not None and problem.symmetric:
@@ -321,24 +327,24 @@ class _Solve:
         elif last.lowest is not None and last.lowest < 0:
             self._verdict = Verdict(False, None)
         else:
-            self._verdict = judged(problem, walk.u, last.t)
+            self._verdict = stability_of(problem, continuation.u, last.t)
 
-    def _ended(self, problem: Equilibrium, walk: Walk) -> StaticResult:
-        t, u, history = walk.t, problem.states.expand(walk.u), self._history
-        inverted = problem.inside_out(walk.u)
+    def _evaluated(self, problem: Equilibrium, continuation: Continuation) -> StaticResult:
+        t, u, history = continuation.t, problem.states.expand(continuation.u), self._history
+        inverted = problem.inside_out(continuation.u)
         if self._cause is not None:
             status = Status.INTERRUPTED
-        elif not walk.reached:
+        elif not continuation.reached:
             status = Status.STOPPED
         else:
             found = history[-1].end.status if self._verdict.stable else Status.UNSTABLE
             status = Status.INVERTED if len(inverted) else found
-            history.judge_last(status)
+            history.set_last_status(status)
         message = reason(
             Ending(
                 system=self._system,
                 status=status,
-                method=walk.name,
+                method=continuation.name,
                 history=history,
                 t=t,
                 verdict=self._verdict,
@@ -349,8 +355,8 @@ class _Solve:
             )
         )
         solver, parts = problem.tangent.solver.name, self._watch.parts()
-        if solver != self._asked:
-            message += f" '{self._asked}' met its round-off in this body, and '{solver}' took over."
+        if solver != self._requested_solver:
+            message += f" '{self._requested_solver}' stopped at its round-off in this body, so '{solver}' took over."
         return StaticResult(self._system, u, t, status, message, history, solver, parts, problem.body is not self._system)
 
 

@@ -14,15 +14,15 @@ from ..errors import StvkError, name_ids
 from ..linear.space import Space
 from ..mesh.locations import Where, describe, vertices_at
 from ..system import System
-from .continuation import Hyperplane
 from .history import Step
+from .predictor_corrector import Hyperplane
 
 #: Largest number of states on a path, if `Stop(states=...)` is not given.
 MOST_STATES = 1000
-#: `STANDS` is the tolerance, as a fraction of the step, within which a state lies on a level. A path that begins on a level does
+#: `ON_LEVEL` is the tolerance, as a fraction of the step, within which a state lies on a level. A path that begins on a level does
 #: not cross it there, and a path that ends on a level does. The step counts as at most `FAR` times the level, because the first
 #: step of a body that is nearly a mechanism goes far beyond.
-STANDS, FAR = 1e-9, 1e3
+ON_LEVEL, FAR = 1e-9, 1e3
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,8 +54,8 @@ class Stop:
     states: int | None = None
 
     def __repr__(self) -> str:
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        return f"Stop({', '.join(f'{name}={value!r}' for name, value in given.items() if value is not None)})"
+        conditions = {field.name: getattr(self, field.name) for field in fields(self)}
+        return f"Stop({', '.join(f'{name}={value!r}' for name, value in conditions.items() if value is not None)})"
 
     def __post_init__(self) -> None:
         own(self)
@@ -69,7 +69,7 @@ class Stop:
             object.__setattr__(self, "load", number("Stop: load", self.load, "a finite load factor such as 1.0"))
 
 
-class Goal:
+class StopCriterion:
     """`Stop` on a mesh: levels of load or displacement, and numbers of limit points and states.
 
     `states` is the space of the states of a problem, by default the space of all displacements.
@@ -84,7 +84,7 @@ class Goal:
             normal, weight, value = _mean_displacement(stop.displacement, system)
             self._levels.append((self._states.restrict(normal), weight, value))
 
-    def towards(self, u: Array, t: float, direction: Array, rate: float) -> float:
+    def sign_towards(self, u: Array, t: float, direction: Array, rate: float) -> float:
         """Return 1 if a direction leads towards the first level, or if there is none; -1 if it leads away."""
         if not self._levels:
             return 1.0
@@ -98,7 +98,7 @@ class Goal:
         """Whether the stop has a level of load or displacement."""
         return bool(self._levels)
 
-    def crossed(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Hyperplane] | None:
+    def first_crossing(self, u: Array, t: float, v: Array, s: float) -> tuple[float, Hyperplane] | None:
         """Return the location and the plane of the first level that the step from `(u, t)` to `(v, s)` crosses; None without one.
 
         The location is a fraction of the step.
@@ -107,7 +107,7 @@ class Goal:
         for normal, weight, value in self._levels:
             begin, end = dot(normal, u) + weight * t, dot(normal, v) + weight * s
             size = FAR * abs(value) if value else np.inf
-            near = STANDS * min(abs(end - begin), size)
+            near = ON_LEVEL * min(abs(end - begin), size)
             crossed = (begin - value) * (end - value) <= 0 or abs(end - value) <= near
             if crossed and abs(begin - value) > near:
                 found.append(((value - begin) / (end - begin), Hyperplane(normal, weight, value, end - begin)))
@@ -119,13 +119,13 @@ class Goal:
         The message names the two states around the crossing.
         """
         states = [(u0, t0), *((step.u, step.t) for step in steps)]
-        for place, (one, other) in enumerate(pairwise(states)):
-            if self.crossed(*one, *other) is not None:
-                before = f"state {place - 1}" if place else "the start"
+        for i, (one, other) in enumerate(pairwise(states)):
+            if self.first_crossing(*one, *other) is not None:
+                before = f"state {i - 1}" if i else "the start"
                 raise StvkError(
-                    f"The states that are kept have passed what {self._stop} asks for, between {before} (t = {one[1]:.4g}) and "
-                    f"state {place} (t = {other[1]:.4g}). Give a stop that lies ahead, or begin anew from {before}, with its u as "
-                    f"u0 and t0={one[1]:.6g}."
+                    f"stop = {self._stop}; expected an end that the stored states have not passed. They pass it between {before} "
+                    f"(t = {one[1]:.4g}) and state {i} (t = {other[1]:.4g}). Give a stop that lies ahead, or begin a new path "
+                    f"from {before}: u0 is its u, and t0={one[1]:.6g}."
                 )
 
     def saved(self) -> list[list[float]]:
@@ -135,32 +135,35 @@ class Goal:
         ]
         return [*levels, [float(self._stop.turns or 0), float(self._stop.states or 0)]]
 
-    def counted(self, turns: int, states: int) -> bool:
+    def is_count_reached(self, turns: int, states: int) -> bool:
         """Return whether the requested number of limit points or of states is reached."""
         both = (turns, self._stop.turns), (states, self._stop.states)
-        return any(asked is not None and found >= asked for found, asked in both)
+        return any(requested is not None and found >= requested for found, requested in both)
 
-    def exhausted(self, states: int) -> bool:
+    def is_limit_reached(self, states: int) -> bool:
         """Return whether the default limit on the number of states is reached."""
         return self._stop.states is None and states >= MOST_STATES
 
 
-def _mean_displacement(given: Any, system: System) -> tuple[Array, float, float]:
+def _mean_displacement(displacement: Any, system: System) -> tuple[Array, float, float]:
     """Return the mean displacement over the vertices of a location as a level: its normal (ndofs,), load weight and value."""
     mesh = system.mesh
-    if not isinstance(given, tuple | list) or len(given) != 3:
-        raise StvkError(f"Stop: displacement = {shown(given)}; expected a place, a component and a value: ('apex', 'z', -0.2).")
-    where, component, value = given
+    if not isinstance(displacement, tuple | list) or len(displacement) != 3:
+        raise StvkError(
+            f"Stop: displacement = {shown(displacement)}; expected a location, a component and a value: ('apex', 'z', -0.2)."
+        )
+    where, component, value = displacement
     what = f"Stop: displacement at {describe(where)}"
     letters = "xyz"[: mesh.d]
     if not isinstance(component, str) or len(component) != 1 or component not in letters:
-        raise StvkError(f"{what}: got component {shown(component)}; expected one of {', '.join(map(repr, letters))}.")
+        raise StvkError(f"{what}: component = {shown(component)}; expected one of {', '.join(map(repr, letters))}.")
     value = number(f"{what}: value", value, "a finite displacement [m]")
     vertices = vertices_at(mesh, where, what)
     dofs = mesh.d * vertices + letters.index(component)
     if np.isin(dofs, system.supports.fixed).all():
         raise StvkError(
-            f"{what}: {component} is fixed at {name_ids(vertices, 'vertex')}, so it never gets there. Name a place that moves."
+            f"{what}: component = {component!r} is fixed at {name_ids(vertices, 'vertex')}; expected a component that can move. "
+            "Choose another component or location."
         )
     normal = np.zeros(mesh.p.size)
     normal[dofs] = 1 / len(vertices)

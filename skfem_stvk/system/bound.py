@@ -76,7 +76,7 @@ class BoundTerms:
     @property
     def removed(self) -> NDArray[np.int64]:
         """Ids of the removed elements, ascending: see `System.without`."""
-        return np.flatnonzero(self.body.gone)
+        return np.flatnonzero(self.body.removed)
 
     @property
     def bare(self) -> NDArray[np.int64]:
@@ -85,60 +85,61 @@ class BoundTerms:
 
     def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
         """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
-        given = whole_array(elements)
-        none = given is not None and (given.shape == (0,) or (given.dtype == bool and given.shape == (self.mesh.nt,)))
-        none = none and not np.any(given)
+        ids_or_mask = whole_array(elements)
+        none = ids_or_mask is not None and (
+            ids_or_mask.shape == (0,) or (ids_or_mask.dtype == bool and ids_or_mask.shape == (self.mesh.nt,))
+        )
+        none = none and not np.any(ids_or_mask)
         ids = np.empty(0, dtype=np.int64) if none else self.mesh.elements(elements)
-        gone = self.body.gone.copy()
-        gone[ids] = True
-        if gone.all():
+        removed = self.body.removed.copy()
+        removed[ids] = True
+        if removed.all():
             raise RegionError(
-                f"All {self.mesh.nt} elements would be taken out; expected that at least one stays. Is the limit or the mask meant "
-                "the other way round?"
+                f"All {self.mesh.nt} elements would be removed; expected at least one to remain. Is the limit or the mask inverted?"
             )
-        return np.flatnonzero(gone & ~self.body.gone)
+        return np.flatnonzero(removed & ~self.body.removed)
 
-    def _refuse_terms_that_keep_elements(self) -> None:
+    def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
-        keeping = [type(term).__name__ for term, bound in self._on_mesh if not isinstance(bound, CanRemove)]
-        keeping += [
+        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not isinstance(bound, CanRemove)]
+        unsupported += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
             if not isinstance(bound, CanRemove) and (isinstance(bound, HasState) or hasattr(bound, "pattern_version"))
         ]
-        if keeping:
+        if unsupported:
             raise StvkError(
-                f"{', '.join(keeping)}: no elements can be taken out of it. Expected a method without(gone), as in "
+                f"{', '.join(unsupported)}: elements cannot be removed from it; expected a method without(removed), as in "
                 "skfem_stvk.terms.CanRemove; or build a System of the mesh without these elements."
             )
 
-    def _take_out(self, elements: NDArray[np.int64]) -> None:
+    def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         """Replace the body, the terms and the loads of a copy by those without these elements."""
-        gone = self.body.gone.copy()
-        gone[elements] = True
+        removed = self.body.removed.copy()
+        removed[elements] = True
 
-        def left(specification: Any, bound: CanRemove) -> Any:
-            return bound.without(gone[self.mesh.elements(getattr(specification, "region", None))])
+        def remaining(specification: Any, bound: CanRemove) -> Any:
+            return bound.without(removed[self.mesh.elements(getattr(specification, "region", None))])
 
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         self.bound_terms = tuple(
-            term if number else left(specification, cast(CanRemove, term)) for number, specification, term in every
+            term if number else remaining(specification, cast(CanRemove, term)) for number, specification, term in every
         )
         self.pair_terms = tuple(
             pairs.of(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
             for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
         )
-        held = np.zeros(self.mesh.nv, dtype=bool)
+        joined_nodes = np.zeros(self.mesh.nv, dtype=bool)
         for term in self.bound_terms:
-            held[joined(term).ravel()] = True
+            joined_nodes[joined(term).ravel()] = True
             if isinstance(term, Grounded):
-                held[term.grounded // self.mesh.d] = True
-        self.body = self.body.without(gone, self._used & ~held)
+                joined_nodes[term.grounded // self.mesh.d] = True
+        self.body = self.body.without(removed, self._used & ~joined_nodes)
         self.bound_loads = tuple(
-            left(load, bound) if isinstance(bound, CanRemove) else load.bind(self.body)
+            remaining(load, bound) if isinstance(bound, CanRemove) else load.bind(self.body)
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
         )
-        for name in ("_remembering", "_with_volume"):
+        for name in ("_with_history", "_with_volume"):
             self.__dict__.pop(name, None)
 
     @property
@@ -177,16 +178,16 @@ class BoundTerms:
 
     def commit(self, u: ArrayLike) -> None:
         """Accept displacements `u` (ndofs,) as a state of the analysis; terms with history store it."""
-        for term in self._remembering:
+        for term in self._with_history:
             term.commit(self._state(u))
 
     def restore(self) -> None:
         """Discard states after the last accepted one in terms with history."""
-        for term in self._remembering:
+        for term in self._with_history:
             term.restore()
 
     @cached_property
-    def _remembering(self) -> list[HasState]:
+    def _with_history(self) -> list[HasState]:
         return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasState)]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
@@ -222,8 +223,8 @@ class BoundTerms:
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
         x = self._state(u)
-        turned = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return np.unique(np.concatenate(turned))
+        inverted = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
+        return np.unique(np.concatenate(inverted))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
         """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
@@ -250,15 +251,15 @@ class BoundTerms:
     @cached_property
     def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
         """Terms that provide volume ratios, and the ids of their elements; most often the first term covers all elements."""
-        kept: list[tuple[NDArray[np.int64], HasVolume]] = []
+        retained: list[tuple[NDArray[np.int64], HasVolume]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
         for specification, term in self._on_mesh:
             if isinstance(term, HasVolume):
                 elements = self.mesh.elements(specification.region)
                 if not known[elements].all():
-                    kept.append((elements, term))
+                    retained.append((elements, term))
                 known[elements] = True
-        return kept
+        return retained
 
     @property
     def _named(self) -> list[tuple[str, Any]]:
@@ -269,9 +270,9 @@ class BoundTerms:
         return by_vertex(self.mesh, u, name)
 
 
-def checked_terms(given: Any) -> tuple[Any, ...]:
+def checked_terms(value: Any) -> tuple[Any, ...]:
     """Return one term or several as a tuple; raise StvkError for an object that is not a term."""
-    terms = tuple(given) if isinstance(given, Sequence) else (given,)
+    terms = tuple(value) if isinstance(value, Sequence) else (value,)
     if not terms:
         raise StvkError("Got no terms; expected at least one, such as StVK(young=..., poisson=...).")
     for term in terms:

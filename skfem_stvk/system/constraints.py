@@ -110,27 +110,27 @@ def _eliminate(blocks: Sequence[Block], count: int, r: int) -> list[_Eliminated]
     for block in blocks:
         add(block)
     done: list[_Eliminated] = []
-    gone = np.zeros(count, dtype=bool)
+    eliminated = np.zeros(count, dtype=bool)
     queue = [(len(around), body) for body, around in enumerate(neighbours)]
     heapq.heapify(queue)
     while queue:
         size, body = heapq.heappop(queue)
-        if gone[body] or size != len(neighbours[body]):
+        if eliminated[body] or size != len(neighbours[body]):
             continue
         if size > MOST_NEIGHBOURS:
             break
-        gone[body] = True
+        eliminated[body] = True
         around = tuple(sorted(neighbours[body] - {body}))
         own, rest = _front(at[body], (body, *around), r)
-        step, left = _pivots(body, around, own, rest)
+        step, remaining = _pivots(body, around, own, rest)
         done.append(step)
         for number, block in list(at[body].items()):
             for other in block.bodies:
                 del at[other][number]
         for other in around:
             neighbours[other].discard(body)
-        if around and len(left):
-            add(Block(around, left))
+        if around and len(remaining):
+            add(Block(around, remaining))
         for other in around:
             heapq.heappush(queue, (len(neighbours[other]), other))
     return done
@@ -138,12 +138,12 @@ def _eliminate(blocks: Sequence[Block], count: int, r: int) -> list[_Eliminated]
 
 def _front(blocks: dict[int, Block], bodies: tuple[int, ...], r: int) -> tuple[Array, Array]:
     """Return the coefficients (n, r) of the first of the `bodies` in the `blocks`, and those of the other bodies."""
-    place = {body: i for i, body in enumerate(bodies)}
+    position = {body: i for i, body in enumerate(bodies)}
     rows = np.zeros((sum(len(block.rows) for block in blocks.values()), len(bodies), r))
     first = 0
     for block in blocks.values():
         last = first + len(block.rows)
-        rows[first:last, [place[body] for body in block.bodies]] = block.rows.reshape(-1, len(block.bodies), r)
+        rows[first:last, [position[body] for body in block.bodies]] = block.rows.reshape(-1, len(block.bodies), r)
         first = last
     return rows[:, 0], rows[:, 1:].reshape(len(rows), r * (len(bodies) - 1))
 
@@ -166,13 +166,13 @@ def _pivots(body: int, around: tuple[int, ...], own: Array, rest: Array) -> tupl
         if norms[best - rank] <= NOTHING:
             break
         order[[rank, best]], own[:, [rank, best]] = order[[best, rank]], own[:, [best, rank]]
-        mirror = own[rank:, rank].copy()
-        mirror[0] += np.copysign(norms[best - rank], mirror[0])
-        mirror /= np.linalg.norm(mirror)
+        reflector = own[rank:, rank].copy()
+        reflector[0] += np.copysign(norms[best - rank], reflector[0])
+        reflector /= np.linalg.norm(reflector)
         for rows in (own[rank:, rank:], rest[rank:]):
-            rows -= np.outer(2 * mirror, mirror @ rows)
+            rows -= np.outer(2 * reflector, reflector @ rows)
         rank += 1
-    left = rest[rank:]
-    if len(left) > left.shape[1]:
-        left = _triangle(left)
-    return _Eliminated(body, around, order, own[:rank].copy(), rest[:rank].copy()), left
+    remaining = rest[rank:]
+    if len(remaining) > remaining.shape[1]:
+        remaining = _triangle(remaining)
+    return _Eliminated(body, around, order, own[:rank].copy(), rest[:rank].copy()), remaining

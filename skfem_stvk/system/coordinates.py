@@ -25,7 +25,7 @@ from .signature import sums
 from .system import System
 
 #: Number of states with cached energy, force and stiffness: a time step has two Gauss points and its end.
-KEPT = 3
+CACHED = 3
 
 
 class FreeCoordinates(NamedTuple):
@@ -63,7 +63,7 @@ class Coordinates(ABC):
         self.space = system.space.spanned_by(columns)
         self.free = FreeCoordinates(np.arange(size), np.arange(size, columns.shape[1]))
         self._known: dict[bytes, tuple[float, Array, Array]] = {}
-        self._looked: tuple[Array, NDArray[np.int64]] | None = None
+        self._last_inverted: tuple[Array, NDArray[np.int64]] | None = None
         self._lock = CopyableLock()
 
     @property
@@ -72,7 +72,7 @@ class Coordinates(ABC):
         """Whether the strain energy is a quartic along any line."""
 
     @abstractmethod
-    def held_values(self, t: Time) -> Array:
+    def prescribed_values(self, t: Time) -> Array:
         """Return the prescribed coordinates `s` (l,) at load factor `t`, or at a `Moment`."""
 
     @abstractmethod
@@ -103,13 +103,13 @@ class Coordinates(ABC):
 
     def state(self, u: ArrayLike, t: Time) -> Array:
         """Return the coordinates (m,) nearest to displacements (ndofs,) in the mass norm, with the prescribed ones at `t`."""
-        x, s = finite_vector("u", u, self.system.ndofs), self.held_values(t)
+        x, s = finite_vector("u", u, self.system.ndofs), self.prescribed_values(t)
         basis, lifts = self.columns[:, : self.size], self.columns[:, self.size :]
         return np.concatenate([basis.T @ (self.masses * (x - lifts @ s)), s])
 
     def prescribe(self, z: Array, t: Time) -> Array:
         """Write the prescribed coordinates at `t` to `z`, in place."""
-        z[self.size :] = self.held_values(t)
+        z[self.size :] = self.prescribed_values(t)
         return z
 
     @locked
@@ -117,7 +117,7 @@ class Coordinates(ABC):
         """Return `response`, cached for the last three states. The arrays must not be changed."""
         key = z.tobytes()
         if key not in self._known:
-            if len(self._known) == KEPT:
+            if len(self._known) == CACHED:
                 del self._known[next(iter(self._known))]  # the oldest
             self._known[key] = self.response(z)
         return self._known[key]
@@ -157,10 +157,10 @@ class Coordinates(ABC):
 
     def inside_out(self, z: Array) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements; the result for the last state is cached."""
-        looked = self._looked  # read once, since other threads write it
-        if looked is None or not np.array_equal(looked[0], z):
-            looked = self._looked = z.copy(), self.system.inside_out(self.space.expand(z))
-        return looked[1]
+        last = self._last_inverted  # read once, since other threads write it
+        if last is None or not np.array_equal(last[0], z):
+            last = self._last_inverted = z.copy(), self.system.inside_out(self.space.expand(z))
+        return last[1]
 
     def commit(self, z: Array) -> None:  # noqa: B027
         """Do nothing, because no term has history."""
@@ -181,15 +181,15 @@ class CoordinateMass:
         m, self._free = B.shape[1], body.size
         self.matrix: Array = np.add.reduce([a.T @ b for a, b in zip(along, weighed, strict=True)])
         self._factors = DenseFactors(self.matrix[: self._free, : self._free].copy())
-        linear, turning = np.zeros((6, m)), np.zeros((3, m, m))
+        linear, angular = np.zeros((6, m)), np.zeros((3, m, m))
         for i in range(d):
             linear[i] = weighed[i].sum(axis=0)
         for k, (i, j) in enumerate([(1, 2), (2, 0), (0, 1)]):
             if i < d and j < d:
                 linear[3 + k] = X[i] @ weighed[j] - X[j] @ weighed[i]
                 one = along[i].T @ weighed[j]
-                turning[k] = one - one.T
-        self._sums = np.vstack([self.matrix, linear, turning.reshape(3 * m, m)])
+                angular[k] = one - one.T
+        self._sums = np.vstack([self.matrix, linear, angular.reshape(3 * m, m)])
 
     def multiply(self, v: Array, out: Array | None = None) -> Array:
         """Return `M v` (m,)."""
@@ -218,18 +218,18 @@ class DenseTangent:
 
     solver: ClassVar[DenseSolver] = DenseSolver()
     multigrid: ClassVar[None] = None
-    lasting: ClassVar[None] = None
+    constant_factors: ClassVar[None] = None
 
     def __init__(self, body: Coordinates) -> None:
         self.body, self.free, self._free = body, body.free, slice(body.size)
-        self.space, self.held = body.space.on(self._free), body.space.on(slice(body.size, None))
+        self.space, self.constrained = body.space.on(self._free), body.space.on(slice(body.size, None))
         self.symmetric = True
         self.exact: DenseFactors | None = None
         self._K = np.zeros((body.space.n,) * 2)
         lengths = np.sqrt(np.einsum("ij,ij->j", body.columns, body.columns))
-        held = self.held.restrict(lengths)
+        constrained = self.constrained.restrict(lengths)
         #: Ratio of forces on free coordinates to forces on prescribed ones for the same nodal forces; their units differ.
-        self._alike = float(self.space.restrict(lengths).mean() / held.mean()) if len(held) else 0.0
+        self._force_ratio = float(self.space.restrict(lengths).mean() / constrained.mean()) if len(constrained) else 0.0
 
     def at(self, z: Array, t: Time, kept: Tensions, shifted: bool) -> Array:
         """Return the exact Jacobian (m, m); `factorise` makes it positive definite on request."""
@@ -250,16 +250,18 @@ class DenseTangent:
         force: Array = self._K[self._free] @ w
         return force
 
-    def beside(self, z: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
+    def new_matrix(self, z: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         """Return the Jacobian over the free coordinates as a full matrix in sparse format, and its unknowns."""
         n, K = self.space.n, self.body.jacobian(z, t)[self._free, self._free]
         indices, indptr = np.tile(np.arange(n), n), n * np.arange(n + 1)
         sparse = csr_matrix((K.ravel(), indices, indptr), shape=(n, n))
         return sparse, Unknowns(np.arange(n), np.zeros(n, dtype=np.int64), sparse.indptr, sparse.indices)
 
-    def scale(self, loads: Array, left: Array) -> float:
-        """Return the norm of the loads plus the norm of the reactions, which are in `left` (m,)."""
-        return self.space.norm(self.space.restrict(loads)) + self._alike * self.held.norm(self.held.restrict(left))
+    def scale(self, loads: Array, residual: Array) -> float:
+        """Return the norm of the loads plus the norm of the reactions, which are in `residual` (m,)."""
+        return self.space.norm(self.space.restrict(loads)) + self._force_ratio * self.constrained.norm(
+            self.constrained.restrict(residual)
+        )
 
     def round_off(self, z: Array, K: Array | None = None) -> Array:
         """Return `|K| |z|` (m,), the round-off of the internal force over eps. K is by default the stiffness at `z`.
@@ -278,5 +280,5 @@ class DenseTangent:
     def forget(self) -> None:
         """Do nothing, because no data is reused from one matrix to the next."""
 
-    def take(self, solver: Any) -> None:
+    def use_solver(self, solver: Any) -> None:
         """Do nothing, because no other solver can take over."""

@@ -28,22 +28,22 @@ class Equation:
     ----------
     states, space
         Spaces of the states and of the unknowns.
-    unlimited
+    no_step_limit
         Whether steps are taken without a limit by the inversion of elements.
-    blind
+    ignores_inversion
         Whether checks for inverted elements are skipped.
     """
 
     #: Largest relative tolerance of linear solves.
-    precise = float("inf")
+    largest_rtol = float("inf")
 
     def __init__(
         self, body: System | Coordinates, tangent: FreeTangent | DenseTangent, watch: Callable[[str], AbstractContextManager[Any]]
     ) -> None:
         self.body, self.tangent, self._watch = body, tangent, watch
         self.states, self.space = body.space, tangent.space
-        self.blind = body.constant_tangent  # a linear body has only one solution
-        self.unlimited = self.blind or isinstance(body, Coordinates)  # a reduced body checks elements at its states
+        self.ignores_inversion = body.constant_tangent  # a linear body has only one solution
+        self.no_step_limit = self.ignores_inversion or isinstance(body, Coordinates)  # a reduced body checks elements at its states
 
     @property
     def system(self) -> System:
@@ -55,9 +55,9 @@ class Equation:
         return self.tangent.solver.iterative
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
-        """Solve `K x = b` to the tolerance `rtol`, or to `precise` if that is smaller."""
+        """Solve `K x = b` to the tolerance `rtol`, or to `largest_rtol` if that is smaller."""
         with self._watch("solve"):
-            return factors.solve(b, min(rtol, self.precise))
+            return factors.solve(b, min(rtol, self.largest_rtol))
 
     def negative_pivots(self) -> int | None:
         with self._watch("factor"):
@@ -69,21 +69,21 @@ class Equation:
             return self.tangent.force_of(w)
 
     def step_limit(self, u: Array, v: Array) -> float:
-        if self.unlimited:
+        if self.no_step_limit:
             return float("inf")
         with self._watch("assemble"):
-            return self.system.step_limit(self._reached(u), v)
+            return self.system.step_limit(self._body_state(u), v)
 
-    def on_this_side(self, u: Array, found: Array) -> bool:
+    def keeps_orientations(self, u: Array, found: Array) -> bool:
         """Return as in `Problem`; always True for states with inverted elements, which must pass through zero volume."""
         return self.step_limit(u, found - u) > 1 or len(self.inside_out(u)) > 0
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:
-        if self.blind:
+        if self.ignores_inversion:
             return NO_ELEMENTS
         with self._watch("assemble"):
-            return self.body.inside_out(self._reached(u))
+            return self.body.inside_out(self._body_state(u))
 
-    def _reached(self, u: Array) -> Array:
+    def _body_state(self, u: Array) -> Array:
         """Return the state of the body for an unknown state `u` of the equation."""
         return u

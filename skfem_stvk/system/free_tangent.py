@@ -37,7 +37,7 @@ class FreeTangent:
 
     Attributes
     ----------
-    space, held
+    space, constrained
         Spaces of the free and of the constrained degrees of freedom.
     position
         (ndofs,) current displacements of the body [m], for solvers that use its rigid motions; `at` sets it.
@@ -46,37 +46,37 @@ class FreeTangent:
     def __init__(self, system: System, solver: LinearSolver, kind: Kind) -> None:
         self.system, self.kind = system, kind
         self.free = system.free_dofs(system.supports.held)
-        self.space, self.held = system.space.on(self.free.free), system.space.on(self.free.fixed)
+        self.space, self.constrained = system.space.on(self.free.free), system.space.on(self.free.fixed)
         self.position = np.zeros(system.ndofs)
         self.symmetric = kind is not Kind.GENERAL
         self._operator: TangentOperator | None = None
-        self.take(solver)
+        self.use_solver(solver)
 
-    def take(self, solver: LinearSolver) -> None:
+    def use_solver(self, solver: LinearSolver) -> None:
         """Use this solver from now on."""
         self.solver = solver
         self.exact: Factors | None = None
-        self._made_for: int | None = None
-        self._turned: NDArray[np.int64] | None = None
+        self._exact_version: int | None = None
+        self._transposition: NDArray[np.int64] | None = None
         self._K: csr_matrix | None = None
-        self._made_at: Array | None = None
-        self._lacking: tuple[Time | None, Tensions] | None = None  # arguments of a K without the columns of constrained dofs
+        self._assembled_at: Array | None = None
+        self._free_arguments: tuple[Time | None, Tensions] | None = None  # arguments of a K without the columns of constrained dofs
         self._Kff: csr_matrix | None = None
         self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
 
-    def follow(self, system: System) -> None:
+    def replace_system(self, system: System) -> None:
         """Continue with a system with removed elements, which has the same pattern of K. The analysis of the solver is reused."""
         self.system, self.free = system, self.free.of(system)
-        self._operator = self._made_for = None
+        self._operator = self._exact_version = None
         self.__dict__.pop("_largest_error", None)
 
     def unknowns(self) -> Unknowns:
         """Return the unknowns, with the structure of K unless the solver never forms K."""
-        places = np.divmod(self.free.free, self.system.mesh.d)
+        vertices_and_components = np.divmod(self.free.free, self.system.mesh.d)
         if self.solver.matrix_free:
-            return Unknowns(*places)
+            return Unknowns(*vertices_and_components)
         ends = self.system.mesh.ends()
-        return Unknowns(*places, self.free.structure.indptr, self.free.structure.indices, self.rigid_modes, ends)
+        return Unknowns(*vertices_and_components, self.free.structure.indptr, self.free.structure.indices, self.rigid_modes, ends)
 
     def rigid_modes(self) -> Array:
         """Return the rigid motions (n, r) of the body in its current position."""
@@ -107,7 +107,7 @@ class FreeTangent:
         again.
         """
         self._follow_pattern()
-        self._lacking = None
+        self._free_arguments = None
         if t is None:
             self._K = self.system.tangent(u, out=self._K)
         else:
@@ -115,7 +115,7 @@ class FreeTangent:
         return self._K
 
     @property
-    def straight(self) -> bool:
+    def needs_only_free(self) -> bool:
         """Whether K over the free degrees of freedom is sufficient, because no support moves.
 
         A start that violates the supports is an exception.
@@ -124,13 +124,13 @@ class FreeTangent:
 
     def free_matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
         """Return K as in `matrix`, over the free degrees of freedom; all of K is assembled only where it is needed."""
-        if not self.straight:
+        if not self.needs_only_free:
             return self.restricted(self.matrix(u, t, kept))
         self._follow_pattern()
-        if self._made_at is None:
-            self._made_at = np.empty(self.system.ndofs)
-        self._made_at[:] = u
-        self._lacking = t, kept
+        if self._assembled_at is None:
+            self._assembled_at = np.empty(self.system.ndofs)
+        self._assembled_at[:] = u
+        self._free_arguments = t, kept
         if t is None:
             self._Kff = self.system.tangent(u, out=self._Kff, free=self.free)
         else:
@@ -147,7 +147,7 @@ class FreeTangent:
 
     def _follow_pattern(self) -> None:
         if self.system.pattern_version != self._version:
-            self.take(self.solver)
+            self.use_solver(self.solver)
 
     def restricted(self, K: csr_matrix) -> csr_matrix:
         """Return `K` restricted to the free degrees of freedom, in the memory of the previous restriction."""
@@ -167,7 +167,7 @@ class FreeTangent:
         `exact` says that `K` is the exact Jacobian, not a substitute.
         """
         factors = self._analysis.factorise(K, self._kind_of(K, exact))
-        self._made_for = self.system.pattern_version if exact else None
+        self._exact_version = self.system.pattern_version if exact else None
         if exact:
             self.exact = factors
         return factors
@@ -183,28 +183,28 @@ class FreeTangent:
             self.multigrid.hierarchy = None
 
     @property
-    def lasting(self) -> Factors | None:
+    def constant_factors(self) -> Factors | None:
         """Factors of the last Jacobian if it is constant and its pattern has not changed; None otherwise."""
-        return self.exact if self.system.constant_tangent and self._made_for == self.system.pattern_version else None
+        return self.exact if self.system.constant_tangent and self._exact_version == self.system.pattern_version else None
 
     def force_of(self, w: Array) -> Array:
         """Return `K w` (n,) for displacements `w` (ndofs,) of constrained degrees of freedom, with the last K."""
         if not w.any():
             return np.zeros(len(self.free.free))
-        if self._lacking is not None and self._made_at is not None:
-            self.matrix(self._made_at, *self._lacking)
+        if self._free_arguments is not None and self._assembled_at is not None:
+            self.matrix(self._assembled_at, *self._free_arguments)
         K = self._operator if self.solver.matrix_free else self._K
         assert K is not None
         return np.asarray((K @ w)[self.free.free])
 
-    def beside(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
+    def new_matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         """Return the Jacobian at `u` over the free degrees of freedom as a new matrix, and its unknowns."""
         K = self.system.jacobian(u, t, free=self.free)
         return K, Unknowns(*np.divmod(self.free.free, self.system.mesh.d), K.indptr, K.indices)
 
-    def scale(self, loads: Array, left: Array) -> float:
-        """Return the norm of the loads plus the norm of the reactions, which are in `left` (ndofs,) [N]."""
-        return self.system.space.norm(loads) + self.held.norm(self.held.restrict(left))
+    def scale(self, loads: Array, residual: Array) -> float:
+        """Return the norm of the loads plus the norm of the reactions, which are in `residual` (ndofs,) [N]."""
+        return self.system.space.norm(loads) + self.constrained.norm(self.constrained.restrict(residual))
 
     def round_off(self, u: Array) -> Array:
         """Return the sums (ndofs,) of `System.round_off` [N], with 0 where they are too large to be meaningful."""
@@ -221,9 +221,9 @@ class FreeTangent:
         """
         if self.kind is not Kind.GENERAL:
             return Kind.POSITIVE_DEFINITE if not exact and self.system.dead else self.kind
-        if self._turned is None:
-            self._turned = transposition(K)
-        skewed = float(np.abs(K.data - K.data[self._turned]).max(initial=0.0))
+        if self._transposition is None:
+            self._transposition = transposition(K)
+        skewed = float(np.abs(K.data - K.data[self._transposition]).max(initial=0.0))
         self.symmetric = skewed <= SYMMETRIC * float(np.abs(K.data).max(initial=0.0))
         return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
 
@@ -249,7 +249,7 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
     if not isinstance(solver, BlockJacobiCg):
         raise StvkError(
             f"solver = '{solver.name}', which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load "
-            "depends on where the body goes, and its stiffness is added to a matrix."
+            "depends on the displacements, and its stiffness requires a matrix."
         )
     return replace(solver, assembled=True)
 

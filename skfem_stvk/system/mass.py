@@ -21,7 +21,7 @@ from ..mesh.displacements import finite_vector
 from ..mesh.points import sizes_at_points
 from ..terms import Body
 from ..terms.spread import Spread
-from .pattern import FreeDofs, Patterned
+from .pattern import FreeDofs, HasPattern
 
 #: Largest ratio of Jacobians in an element that counts as straight in the eigenvalue bounds of element masses.
 STRAIGHT = 1.02
@@ -66,26 +66,26 @@ class Mass(ABC):
 
     kind: ClassVar[str]
 
-    def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
+    def __init__(self, system: HasPattern, body: Body, constrained: NDArray[Any]) -> None:
         mesh = body.mesh
         self._d, self._system, self._word = mesh.d, system, mesh.word
-        self._body, self._held = body, held
+        self._body, self._constrained = body, constrained
         self._weigh()
 
-    def of(self, system: Patterned, body: Body) -> Mass:
+    def of(self, system: HasPattern, body: Body) -> Mass:
         """Return the mass of a `body` with removed elements; nodes that have lost all of their elements count as constrained."""
-        left = copy(self)
-        left._system, left._body = system, body
-        left._weigh()
-        return left
+        other = copy(self)
+        other._system, other._body = system, body
+        other._weigh()
+        return other
 
     def _weigh(self) -> None:
         """Compute the masses from the elements of the body."""
         self.vertex: Array = self._body.lumped_mass
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
-        is_free[self._held] = False
+        is_free[self._constrained] = False
         self.free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
-        self._places: tuple[int, NDArray[np.intp]] | None = None
+        self._diagonal_indices: tuple[int, NDArray[np.intp]] | None = None
         self._part: tuple[NDArray[np.int32], NDArray[np.intp], Array] | None = None
         self._refuse_bare()
 
@@ -125,7 +125,7 @@ class Mass(ABC):
 
     def memory(self) -> int:
         """Return the bytes of the arrays."""
-        return nbytes([value for value in (*vars(self).values(), *(self._places or ())) if isinstance(value, np.ndarray)])
+        return nbytes([value for value in (*vars(self).values(), *(self._diagonal_indices or ())) if isinstance(value, np.ndarray)])
 
     def add_to(self, K: csr_matrix, factor: float, free: FreeDofs | None = None) -> None:
         """Add `factor` M in place to a K of the system, or to one over the `free` degrees of freedom.
@@ -135,38 +135,38 @@ class Mass(ABC):
         StvkError
             if K has another pattern.
         """
-        places, values = self._values()
+        indices, values = self._values()
         if free is None:
             self._system.pattern.refuse_other(K)
-            K.data[places] += number("factor", factor, "a finite number") * values
+            K.data[indices] += number("factor", factor, "a finite number") * values
             return
         free.structure.refuse_other(K)
         part = self._part
-        if part is None or part[0] is not free.places:
-            at = np.minimum(np.searchsorted(free.places, places), len(free.places) - 1)
-            there = free.places[at] == places
-            self._part = part = free.places, at[there], np.broadcast_to(values, places.shape)[there]
-        _, places, values = part
-        K.data[places] += number("factor", factor, "a finite number") * values
+        if part is None or part[0] is not free.value_indices:
+            at = np.minimum(np.searchsorted(free.value_indices, indices), len(free.value_indices) - 1)
+            there = free.value_indices[at] == indices
+            self._part = part = free.value_indices, at[there], np.broadcast_to(values, indices.shape)[there]
+        _, indices, values = part
+        K.data[indices] += number("factor", factor, "a finite number") * values
 
     def _diagonals(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.intp]:
         """Return the indices (n, d) of the diagonals of blocks `(a, b)` in the values of K, cached for each pattern version."""
-        pattern, known = self._system.pattern, self._places
+        pattern, known = self._system.pattern, self._diagonal_indices
         if known is None or known[0] != pattern.version:
             first, steps = pattern.block_indices(a, b), np.arange(self._d)
-            self._places = known = pattern.version, first[:, None] + steps * (pattern.strides[a][:, None] + 1)
+            self._diagonal_indices = known = pattern.version, first[:, None] + steps * (pattern.strides[a][:, None] + 1)
         return known[1]
 
-    def _vector(self, name: str, given: Any) -> Array:
+    def _vector(self, name: str, value: Any) -> Array:
         """Return finite numbers (ndofs,) in double precision."""
-        return finite_vector(name, given, self.free.size).astype(np.float64, copy=False)
+        return finite_vector(name, value, self.free.size).astype(np.float64, copy=False)
 
     def _refuse_bare(self) -> None:
         bare = np.flatnonzero((self.vertex <= 0) & self.free.any(axis=1))
         if len(bare):
             raise MaterialError(
-                f"{name_ids(bare, self._word)} of {len(self.vertex)}: can move, but without mass, because in no element with a "
-                "StVK(..., density=...). Give their elements one, fix all their components, or leave them out of the mesh."
+                f"{name_ids(bare, self._word)} of {len(self.vertex)}: can move, but have no mass, because no element there has a "
+                "density. Give StVK(..., density=...), fix all their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:
@@ -209,7 +209,7 @@ class ConsistentMass(Mass):
 
     kind = "consistent"
 
-    def __init__(self, system: Patterned, body: Body, held: NDArray[Any]) -> None:
+    def __init__(self, system: HasPattern, body: Body, constrained: NDArray[Any]) -> None:
         bodies = (body, *body.beside)
         self._heavy = [np.flatnonzero(one.mass > 0) for one in bodies]  # only elements with mass couple their nodes
         bounds = [
@@ -217,7 +217,7 @@ class ConsistentMass(Mass):
             for one, heavy in zip(bodies, self._heavy, strict=True)
         ]
         self._bounds = min(low for low, _ in bounds), max(high for _, high in bounds)
-        super().__init__(system, body, held)
+        super().__init__(system, body, constrained)
 
     def _weigh(self) -> None:
         super()._weigh()

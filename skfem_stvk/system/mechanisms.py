@@ -19,7 +19,7 @@ from ..mesh import ElementMesh
 from ..mesh.facets import facets_of, linked
 from ..terms import BoundTerm
 from .constraints import Block, compressed, free_motions
-from .rigid import centred, motions, name_part, parts_of, rigid_modes_left
+from .rigid import centred, free_rigid_modes, motions, name_part, parts_of
 
 Ids = NDArray[Any]
 
@@ -33,14 +33,14 @@ class Mechanism:
     """Motions of a part other than rigid ones: their number, and the first few of its joints in words."""
 
     part: int
-    who: str
+    name: str
     count: int
     shown: list[str]
     joints: int
 
     def __str__(self) -> str:
         more = f", and {self.joints - len(self.shown)} more joints" if self.joints > len(self.shown) else ""
-        return f"{self.who} has {self.count} mechanism{'s' * (self.count > 1)}: {', '.join(self.shown)}{more}"
+        return f"{self.name} has {self.count} mechanism{'s' * (self.count > 1)}: {', '.join(self.shown)}{more}"
 
 
 class Corners(NamedTuple):
@@ -50,37 +50,37 @@ class Corners(NamedTuple):
     piece: Ids
 
 
-def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], held: NDArray[Any], solid: NDArray[np.bool_]) -> None:
+def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], constrained: NDArray[Any], solid: NDArray[np.bool_]) -> None:
     """Raise SupportError if a body can move without strain.
 
-    The `terms` connect the body and tie it to the ground. The supports constrain the degrees of freedom `held`.
+    The `terms` connect the body and tie it to the ground. The supports constrain the degrees of freedom `constrained`.
 
     Mechanisms are searched among elements that are rigid when unstrained. These elements are `solid` (nt,), that is, of an elastic
     material, and have the dimension of the space or the plane. Cables, trusses and membranes in space are stabilised by tension,
     which is not known here.
     """
     edges = [joined(term) for term in terms]
-    held = np.union1d(held, grounded_dofs(terms)).astype(np.int64)
+    constrained = np.union1d(constrained, grounded_dofs(terms)).astype(np.int64)
     part = parts_of(edges, mesh.nv)
-    left = rigid_modes_left(mesh.p, part, held, mesh.word)
-    said = []
-    if left:
-        said.append(
-            f"{_listed(left, 'parts')}. Fix more components (fixed={{place: 'xyz'}}), prescribe them, or add an "
-            "ElasticFoundation. Parts that should hold together: merge the vertices of their common faces."
+    free = free_rigid_modes(mesh.p, part, constrained, mesh.word)
+    messages = []
+    if free:
+        messages.append(
+            f"{_listed(free, 'parts')}. Fix more components (fixed={{place: 'xyz'}}), prescribe them, or add an "
+            "ElasticFoundation. To join parts, merge the vertices of their common faces."
         )
     if mesh.k == mesh.d > 1 and solid.any():
-        rigid = {each.part: each.count for each in left}
+        rigid = {each.part: each.count for each in free}
         ids = np.flatnonzero(solid)
-        loose = mechanisms(mesh.p, mesh.t, ids, part, held, rigid=rigid, edges=edges, element=mesh.element, word=mesh.word)
+        loose = mechanisms(mesh.p, mesh.t, ids, part, constrained, rigid=rigid, edges=edges, element=mesh.element, word=mesh.word)
         if loose:
             facet = ("an edge", "edges") if mesh.d == 2 else ("a face", "faces")
-            said.append(
-                f"{_listed(loose, 'parts')}. Less than {facet[0]} joins these elements to the others: hold them as well, join "
-                f"them by {facet[1]}, or mesh anew."
+            messages.append(
+                f"{_listed(loose, 'parts')}. These elements share less than {facet[0]} with the others: fix them as well, join "
+                f"them by {facet[1]}, or remesh."
             )
-    if said:
-        raise SupportError(f"Not held: {' Besides, '.join(said)}")
+    if messages:
+        raise SupportError(f"Not held: {' Also, '.join(messages)}")
 
 
 def grounded_dofs(terms: Sequence[Any]) -> NDArray[np.int64]:
@@ -100,7 +100,7 @@ def mechanisms(
     t: Ids,
     solid: Ids,
     part: Ids,
-    held: Ids,
+    constrained: Ids,
     *,
     rigid: Mapping[int, int],
     edges: Sequence[Ids] = (),
@@ -119,7 +119,7 @@ def mechanisms(
 
     >>> p = np.array([[0.0, 1, 0, 1, 2], [0, 0, 1, 2, 1]])   # two triangles that share vertex 1
     >>> t = np.array([[0, 1], [1, 3], [2, 4]])
-    >>> str(mechanisms(p, t, np.arange(2), np.zeros(5, dtype=int), held=np.array([0, 1, 4, 5]), rigid={})[0])
+    >>> str(mechanisms(p, t, np.arange(2), np.zeros(5, dtype=int), constrained=np.array([0, 1, 4, 5]), rigid={})[0])
     'the body of 5 vertices has 1 mechanism: 1 element (1) can turn about 1 vertex (1) at (1, 0)'
     """
     nv = p.shape[1]
@@ -138,24 +138,26 @@ def mechanisms(
     corners, of_part = Corners(corners.vertex[chosen], of_corner), of_part[numbers]
     _, size, x = centred(p[:, corners.vertex], corners.piece)
     modes = motions(x)
-    free, samples, at_rest = free_motions([*_joints(corners, modes), *_supports(corners, modes, held)], len(size), modes.shape[2])
+    free, samples, at_rest = free_motions(
+        [*_joints(corners, modes), *_supports(corners, modes, constrained)], len(size), modes.shape[2]
+    )
     largest = np.zeros(len(several))
     np.maximum.at(largest, of_part, np.abs(samples).max(axis=(1, 2)))
     samples = samples / np.maximum(largest, np.finfo(float).tiny)[of_part, None, None]
 
     cluster = _clusters(corners, samples[:, len(p) :], size)
-    of_element = np.append(cluster, -1)[_places(piece, numbers)]
+    of_element = np.append(cluster, -1)[_indices(piece, numbers)]
     moves = np.zeros(len(size), dtype=bool)
     moves[cluster[np.abs(samples).max(axis=(1, 2)) > ALIKE]] = True
-    turning = _turning(corners, cluster, moves, np.bincount(of_element[of_element >= 0], minlength=len(size)))
+    rotating = _rotating(corners, cluster, moves, np.bincount(of_element[of_element >= 0], minlength=len(size)))
     count = np.bincount(of_part, weights=free, minlength=len(several)).astype(int)
     whole = np.bincount(of_part, weights=at_rest, minlength=len(several)) == 0  # then the motions found include its rigid modes
     found: list[Mechanism] = []
-    for own in _grouped(np.array([part[vertices[0]] for _, vertices in turning])):
-        i = int(part[turning[own[0]][1][0]])
+    for own in _grouped(np.array([part[vertices[0]] for _, vertices in rotating])):
+        i = int(part[rotating[own[0]][1][0]])
         joints = [
-            f"{name_ids(solid[of_element == one], 'element')} can turn about {_place(p, vertices, word)}"
-            for one, vertices in (turning[joint] for joint in own[:MOST])
+            f"{name_ids(solid[of_element == one], 'element')} can turn about {_location(p, vertices, word)}"
+            for one, vertices in (rotating[joint] for joint in own[:MOST])
         ]
         found.append(Mechanism(i, name_part(part, i, word), int(count[i]) - (rigid.get(i, 0) if whole[i] else 0), joints, len(own)))
     return [mechanism for mechanism in found if mechanism.count > 0]
@@ -180,10 +182,10 @@ def _corners(t: Ids, piece: Ids) -> Corners:
     return Corners(*np.divmod(np.unique(t.astype(np.int64) * pieces + piece), pieces))
 
 
-def _places(keys: Ids, among: Ids) -> Ids:
+def _indices(keys: Ids, among: Ids) -> Ids:
     """Return the indices of `keys` in the ascending array `among`; -1 for missing keys."""
-    place = np.minimum(np.searchsorted(among, keys), len(among) - 1)
-    return np.where(among[place] == keys, place, -1)
+    index = np.minimum(np.searchsorted(among, keys), len(among) - 1)
+    return np.where(among[index] == keys, index, -1)
 
 
 def _bridges(corners: Corners, edges: Sequence[Ids], nv: int) -> Ids:
@@ -208,11 +210,11 @@ def _joints(corners: Corners, modes: Array) -> Iterator[Block]:
         yield Block(pieces, compressed(rows.reshape(-1, rows.shape[2])))
 
 
-def _supports(corners: Corners, modes: Array, held: Ids) -> Iterator[Block]:
+def _supports(corners: Corners, modes: Array, constrained: Ids) -> Iterator[Block]:
     """Yield the support constraints, one block for each piece: constrained components of vertices do not move."""
-    vertex, component = np.divmod(held, modes.shape[1])
+    vertex, component = np.divmod(constrained, modes.shape[1])
     begin, end = np.searchsorted(corners.vertex, vertex), np.searchsorted(corners.vertex, vertex, side="right")
-    row = np.repeat(np.arange(len(held)), end - begin)
+    row = np.repeat(np.arange(len(constrained)), end - begin)
     corner = begin[row] + np.arange(len(row)) - np.repeat(np.cumsum(end - begin) - (end - begin), end - begin)
     for own in _grouped(corners.piece[corner]):
         yield Block((int(corners.piece[corner[own[0]]]),), compressed(modes[corner[own], component[row[own]]]))
@@ -226,25 +228,25 @@ def _grouped(keys: Ids) -> list[Ids]:
     return np.split(order, np.flatnonzero(np.diff(keys[order])) + 1)
 
 
-def _clusters(corners: Corners, turns: Array, size: Array) -> Ids:
+def _clusters(corners: Corners, rotations: Array, size: Array) -> Ids:
     """Return the cluster number of each piece.
 
     A cluster consists of pieces that share vertices and never rotate against each other.
 
-    `turns` (n, 1 or 3, m) are the rotations of pieces in random motions, in units of 1/size. At each vertex the pieces are sorted
-    by the rotation about a random axis. Then pieces with equal rotations are neighbours.
+    `rotations` (n, 1 or 3, m) are the rotations of pieces in random motions, in units of 1/size. At each vertex the pieces are
+    sorted by the rotation about a random axis. Then pieces with equal rotations are neighbours.
     """
-    turns = turns / size[:, None, None]
-    axis = np.random.default_rng(1).standard_normal(turns.shape[1])
-    order = np.lexsort((np.einsum("nc,c->n", turns[:, :, 0], axis)[corners.piece], corners.vertex))
+    rotations = rotations / size[:, None, None]
+    axis = np.random.default_rng(1).standard_normal(rotations.shape[1])
+    order = np.lexsort((np.einsum("nc,c->n", rotations[:, :, 0], axis)[corners.piece], corners.vertex))
     piece, same = corners.piece[order], np.diff(corners.vertex[order]) == 0
     one, other = piece[:-1][same], piece[1:][same]
-    turning = np.abs(turns[one] - turns[other]).max(axis=(1, 2), initial=0) * np.minimum(size[one], size[other])
-    alike = turning <= ALIKE
+    rotating = np.abs(rotations[one] - rotations[other]).max(axis=(1, 2), initial=0) * np.minimum(size[one], size[other])
+    alike = rotating <= ALIKE
     return linked(one[alike], other[alike], len(size))
 
 
-def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements: Ids) -> list[tuple[int, Ids]]:
+def _rotating(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements: Ids) -> list[tuple[int, Ids]]:
     """Return the clusters that rotate, and the vertices about which they rotate.
 
     The reference is a cluster at rest at the same vertices, or else the largest one.
@@ -256,12 +258,12 @@ def _turning(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements:
     vertex, ranked = vertex[several], ranked[several]
     first = np.unique(vertex, return_index=True, return_inverse=True)
     base = ranked[first[1][first[2]]]
-    back, own = np.argsort(rank), {int(ranked[group[0]]): vertex[group] for group in _grouped(ranked)}
+    by_rank, own = np.argsort(rank), {int(ranked[group[0]]): vertex[group] for group in _grouped(ranked)}
     pairs = sorted({(one, other) for one, other in zip(ranked.tolist(), base.tolist(), strict=True) if one != other})
-    return [(int(back[one]), np.intersect1d(own[one], own[other])) for one, other in pairs]
+    return [(int(by_rank[one]), np.intersect1d(own[one], own[other])) for one, other in pairs]
 
 
-def _place(p: Array, vertices: Ids, word: str) -> str:
+def _location(p: Array, vertices: Ids, word: str) -> str:
     """Return a description of nodes on a line, with coordinates."""
     ends = vertices[np.lexsort(p[:, vertices][::-1])[[0, -1]]]
     points = [f"({', '.join(f'{c:.9g}' for c in p[:, v])})" for v in ends]

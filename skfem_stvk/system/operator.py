@@ -167,7 +167,7 @@ class FreeOperator(LinearOperator):
     ----------
     tangent
         Operator of all degrees of freedom.
-    held
+    dofs
         The free and the constrained degrees of freedom.
     shift
         (n,) stiffness against the ground that is added at the free degrees of freedom [N/m]; none by default. It is not copied, so
@@ -186,11 +186,11 @@ class FreeOperator(LinearOperator):
     True
     """
 
-    def __init__(self, tangent: TangentOperator, held: FreeDofs, shift: Array | None = None) -> None:
-        self.tangent, self.held, self.shift = tangent, held, shift
+    def __init__(self, tangent: TangentOperator, dofs: FreeDofs, shift: Array | None = None) -> None:
+        self.tangent, self.dofs, self.shift = tangent, dofs, shift
         self._all, self._out = (np.zeros(tangent.nodal_shape, dtype=tangent.dtype) for _ in range(2))
         self._lock = CopyableLock()
-        super().__init__(tangent.dtype, (len(held.free), len(held.free)))
+        super().__init__(tangent.dtype, (len(dofs.free), len(dofs.free)))
 
     def diagonal_blocks(self) -> Array:
         """Return the blocks `K_aa` (nv, d, d) [N/m], with rows and columns of the identity for constrained degrees of freedom.
@@ -198,11 +198,11 @@ class FreeOperator(LinearOperator):
         Errors as in `TangentOperator.diagonal_blocks`.
         """
         blocks = self.tangent.diagonal_blocks()
-        vertex, component = np.divmod(self.held.fixed, blocks.shape[1])
+        vertex, component = np.divmod(self.dofs.fixed, blocks.shape[1])
         blocks[vertex, component, :] = blocks[vertex, :, component] = 0
         blocks[vertex, component, component] = 1
         if self.shift is not None:
-            vertex, component = np.divmod(self.held.free, blocks.shape[1])
+            vertex, component = np.divmod(self.dofs.free, blocks.shape[1])
             blocks[vertex, component, component] += self.shift
         return blocks
 
@@ -214,10 +214,10 @@ class FreeOperator(LinearOperator):
     def _matvec(self, v: Array) -> Array:
         if np.iscomplexobj(v):
             return np.asarray(self._matvec(v.real) + 1j * self._matvec(v.imag))
-        self._all.reshape(-1)[self.held.free] = v.ravel()
+        self._all.reshape(-1)[self.dofs.free] = v.ravel()
         self._out[:] = 0
         self.tangent.add_product(self._all, self._out)
-        product: Array = self._out.reshape(-1)[self.held.free]
+        product: Array = self._out.reshape(-1)[self.dofs.free]
         return product if self.shift is None else product + self.shift * v.ravel()
 
     def _adjoint(self) -> FreeOperator:

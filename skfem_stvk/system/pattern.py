@@ -57,8 +57,8 @@ class Structure:
         """Raise StvkError if `K` is not a matrix of this pattern."""
         if not isinstance(K, csr_matrix) or not self.fits(K, K.dtype):
             raise StvkError(
-                f"K = {shown(K)} does not have the pattern of this system's K ({self.shape}, {self.nnz} values). Hand in what "
-                "tangent() returned, zeros kept."
+                f"K = {shown(K)} does not have the pattern of this system's K ({self.shape}, {self.nnz} values). Pass a matrix "
+                "that tangent() returned, with its zeros."
             )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class Pattern(Structure):
         return sum(array.nbytes for array in (self._begin, self._columns, self.strides, self.indptr, self.indices))
 
 
-class Patterned(Protocol):
+class HasPattern(Protocol):
     """Object with degrees of freedom and a pattern of K, made on request."""
 
     @property
@@ -140,12 +140,12 @@ class Patterned(Protocol):
         """Current version of the pattern of K."""
 
 
-def _numbers(name: str, given: Any, n: int) -> Array:
+def _numbers(name: str, value: Any, n: int) -> Array:
     """Return one number or (n,) numbers in their own precision; complex numbers are accepted, such as parts of modes."""
-    values, each = plain_array(given), f"{name} degree of freedom"
+    values, each = plain_array(value), f"{name} degree of freedom"
     if values is not None and values.ndim == 0:
         return finite_vector(name, values.reshape(1), 1, each, kinds="fiuc").reshape(())
-    return finite_vector(name, given, n, each, kinds="fiuc")
+    return finite_vector(name, value, n, each, kinds="fiuc")
 
 
 class FreeDofs:
@@ -183,18 +183,18 @@ class FreeDofs:
     True
     """
 
-    def __init__(self, system: Patterned, fixed: ArrayLike) -> None:
+    def __init__(self, system: HasPattern, fixed: ArrayLike) -> None:
         ndofs = system.ndofs
         ids = whole_array(fixed)
         if ids is None or ids.ndim != 1 or ids.dtype.kind == "b":
             raise StvkError(
                 f"fixed = {shown(fixed)}; expected a list of degrees of freedom, d * vertex + component: bare integers are those "
-                "here, and vertices in System(fixed=...). Of a mask take np.flatnonzero(mask)."
+                "here, and vertices in System(fixed=...). For a mask use np.flatnonzero(mask)."
             )
         bad = ids[(ids < 0) | (ids >= ndofs)]
         if len(bad):
             raise StvkError(
-                f"fixed names {name_ids(bad, 'degree of freedom')} outside 0 ... {ndofs - 1}. Are they of another mesh?"
+                f"fixed names {name_ids(bad, 'degree of freedom')} outside 0 ... {ndofs - 1}. Do they belong to another mesh?"
             )
         is_free = np.ones(ndofs, dtype=bool)
         is_free[ids.astype(np.int64)] = False
@@ -204,7 +204,7 @@ class FreeDofs:
         self._system = system
         self._known: tuple[int, Structure, NDArray[np.int32]] | None = None
 
-    def of(self, system: Patterned) -> FreeDofs:
+    def of(self, system: HasPattern) -> FreeDofs:
         """Return the same degrees of freedom for another system with the same pattern of K."""
         other = copy(self)
         other._system = system
@@ -221,7 +221,7 @@ class FreeDofs:
         return self._system.pattern
 
     @property
-    def places(self) -> NDArray[np.int32]:
+    def value_indices(self) -> NDArray[np.int32]:
         """Indices in the values of K of the values of K over the free degrees of freedom, ascending."""
         return self._restriction()[1]
 
@@ -239,11 +239,11 @@ class FreeDofs:
         free = self.free
         is_free = np.zeros(pattern.shape[0], dtype=bool)
         is_free[free] = True
-        kept = is_free[pattern.indices]
-        kept &= np.repeat(is_free, np.diff(pattern.indptr))
-        places = np.flatnonzero(kept).astype(np.int32)
+        is_retained = is_free[pattern.indices]
+        is_retained &= np.repeat(is_free, np.diff(pattern.indptr))
+        places = np.flatnonzero(is_retained).astype(np.int32)
         number = np.cumsum(is_free, dtype=np.int32) - 1
-        counts = np.add.reduceat(kept, pattern.indptr[:-1], dtype=np.int32)[free]
+        counts = np.add.reduceat(is_retained, pattern.indptr[:-1], dtype=np.int32)[free]
         indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         return Structure(indptr, number[pattern.indices[places]].astype(np.int32), (len(free),) * 2), places
 
@@ -310,8 +310,8 @@ class BareDiagonal:
         d = pattern.shape[0] // len(pattern.strides)
         places = (pattern.block_indices(a, a)[:, None] + np.arange(d) * (pattern.strides[a][:, None] + 1)).ravel()
         if free is not None:
-            at = np.minimum(np.searchsorted(free.places, places), len(free.places) - 1)
-            places = at[free.places[at] == places]
+            at = np.minimum(np.searchsorted(free.value_indices, places), len(free.value_indices) - 1)
+            places = at[free.value_indices[at] == places]
         data[places] = self.stiffness
 
 

@@ -37,35 +37,35 @@ def rigid_modes(x: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Left:
+class FreeMotions:
     """Rigid motions left to a part of a body: its number, its nodes in words, the number of modes and their names."""
 
     part: int
-    who: str
+    name: str
     count: int
     names: list[str]
 
     def __str__(self) -> str:
-        return f"{self.who} has {self.count} rigid mode{'s' * (self.count > 1)} left, {', '.join(self.names)}"
+        return f"{self.name} has {self.count} rigid mode{'s' * (self.count > 1)} left, {', '.join(self.names)}"
 
 
-def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any], word: str = "vertex") -> list[Left]:
-    """Return the rigid motions of each part of a body when degrees of freedom `held` are constrained.
+def free_rigid_modes(p: Array, part: NDArray[Any], constrained: NDArray[Any], word: str = "vertex") -> list[FreeMotions]:
+    """Return the rigid motions of each part of a body when degrees of freedom `constrained` are constrained.
 
     `part` (nv,) are the numbers of the parts.
 
     `word` is the name of a node in messages.
 
     >>> square, one = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.zeros(4, dtype=int)
-    >>> str(rigid_modes_left(square, one, held=np.array([0, 4]))[0])
+    >>> str(free_rigid_modes(square, one, constrained=np.array([0, 4]))[0])
     'the body of 4 vertices has 1 rigid mode left, translation along y'
-    >>> str(rigid_modes_left(square, one, held=np.array([0, 1]))[0])
+    >>> str(free_rigid_modes(square, one, constrained=np.array([0, 1]))[0])
     'the body of 4 vertices has 1 rigid mode left, rotation about the point (0, 0)'
     """
     d = len(p)
     centre, size, x = centred(p, part)
     modes = motions(x)
-    vertex, component = np.divmod(np.unique(held).astype(np.int64), d)
+    vertex, component = np.divmod(np.unique(constrained).astype(np.int64), d)
     resisted = _gram(modes[vertex, component][:, None], part[vertex], len(size))
     lowest, trace = np.linalg.eigvalsh(resisted)[:, 0], np.trace(resisted, axis1=1, axis2=2)
     loose = np.flatnonzero(lowest <= NOTHING * trace)
@@ -73,7 +73,9 @@ def rigid_modes_left(p: Array, part: NDArray[Any], held: NDArray[Any], word: str
         return []
     moved = _gram(modes, part, len(size))
     free = {int(i): _free(resisted[i], moved[i]) for i in loose}
-    return [Left(i, name_part(part, i, word), f.shape[1], names(f, d, centre[i], size[i])) for i, f in free.items() if f.size]
+    return [
+        FreeMotions(i, name_part(part, i, word), f.shape[1], names(f, d, centre[i], size[i])) for i, f in free.items() if f.size
+    ]
 
 
 def parts_of(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
@@ -147,15 +149,15 @@ def names(free: Array, d: int, centre: Array, size: float) -> list[str]:
     still = np.append(values, np.zeros(len(right) - len(values))) < 1e-6
     translations = free[:d] @ right[still].T
     names = [f"translation along {_direction(a)}" for a in _axes(translations)]
-    turning = free @ right[~still].T
-    return names + [_rotation(turning, axis, translations, centre, size) for axis in _axes(np.linalg.qr(turning[d:])[0])]
+    rotating = free @ right[~still].T
+    return names + [_rotation(rotating, axis, translations, centre, size) for axis in _axes(np.linalg.qr(rotating[d:])[0])]
 
 
-def _rotation(turning: Array, axis: Array, translations: Array, centre: Array, size: float) -> str:
-    """Return a description of the motion among `turning` (r, m) that rotates about the direction `axis`."""
+def _rotation(rotating: Array, axis: Array, translations: Array, centre: Array, size: float) -> str:
+    """Return a description of the motion among `rotating` (r, m) that rotates about the direction `axis`."""
     d = len(centre)
-    motion = turning @ np.linalg.lstsq(turning[d:], axis, rcond=None)[0]
-    v = motion[:d]  # orthogonal to the translations, since `turning` is
+    motion = rotating @ np.linalg.lstsq(rotating[d:], axis, rcond=None)[0]
+    v = motion[:d]  # orthogonal to the translations, since `rotating` is
     if d == 2:
         point = centre + size * np.array([-v[1], v[0]]) * np.sign(axis[0])
         return "rotation in the plane" if translations.shape[1] else f"rotation about the point {_numbers(point, size)}"
@@ -201,7 +203,7 @@ class Pieces(NamedTuple):
         (nv,) part number of each node.
     bare
         (nv,) whether a node has lost all its elements.
-    held
+    supported
         (parts,) whether a support or a foundation acts on a part.
     element
         (nt,) part number of each element, -1 if it was removed.
@@ -211,7 +213,7 @@ class Pieces(NamedTuple):
 
     part: NDArray[Any]
     bare: NDArray[np.bool_]
-    held: NDArray[np.bool_]
+    supported: NDArray[np.bool_]
     element: NDArray[Any]
     word: str
 
@@ -219,14 +221,14 @@ class Pieces(NamedTuple):
     def of(cls, system: Any) -> Pieces:
         """Return the present parts of a system."""
         mesh, part = system.mesh, system.parts()
-        bare, held = np.zeros(mesh.nv, dtype=bool), np.zeros(int(part.max()) + 1, dtype=bool)
+        bare, supported = np.zeros(mesh.nv, dtype=bool), np.zeros(int(part.max()) + 1, dtype=bool)
         bare[system.bare] = True
-        held[part[np.union1d(system.supports.held, system.grounded) // mesh.d]] = True
+        supported[part[np.union1d(system.supports.held, system.grounded) // mesh.d]] = True
         element = part[mesh.t[0]].astype(np.int64)
         element[system.removed] = -1
-        return cls(part, bare, held, element, mesh.word)
+        return cls(part, bare, supported, element, mesh.word)
 
-    def come_loose(self, before: Pieces) -> str:
+    def newly_loose(self, before: Pieces) -> str:
         """Return a description of the parts that have become loose since `before`; empty if there are none.
 
         A part is loose if no support or foundation acts on it now. It has become so if it was supported before, or was no part of
@@ -234,15 +236,15 @@ class Pieces(NamedTuple):
 
         The largest piece of a part that was unsupported before still counts as the body.
         """
-        size = np.bincount(self.part[~self.bare], minlength=len(self.held))
+        size = np.bincount(self.part[~self.bare], minlength=len(self.supported))
         first = np.unique(self.part, return_index=True)[1]
         was = before.part[first]
-        largest = np.zeros(len(before.held), dtype=np.int64)
+        largest = np.zeros(len(before.supported), dtype=np.int64)
         np.maximum.at(largest, was, size)
         candidates = np.flatnonzero((size > 0) & (size == largest[was]))
         the_body = np.zeros(len(size), dtype=bool)
         the_body[candidates[np.unique(was[candidates], return_index=True)[1]]] = True
-        loose = np.flatnonzero((size > 0) & ~self.held & (before.held[was] | ~the_body))
+        loose = np.flatnonzero((size > 0) & ~self.supported & (before.supported[was] | ~the_body))
         if not len(loose):
             return ""
         shown = [
@@ -251,4 +253,4 @@ class Pieces(NamedTuple):
             for i in loose[:SHOWN]
         ]
         more = f"; and {len(loose) - SHOWN} more" if len(loose) > SHOWN else ""
-        return f"{len(loose)} part{'s come' if len(loose) > 1 else ' comes'} loose: {'; '.join(shown)}{more}."
+        return f"{len(loose)} part{'s become' if len(loose) > 1 else ' becomes'} loose: {'; '.join(shown)}{more}."

@@ -74,7 +74,7 @@ class Fingerprint:
     def differences(self, then: Signature) -> str:
         """Return a description of the differences from the problem of a file; empty if it is the same problem."""
         if then.kind != self._kind:
-            return f"it holds a {then.kind}, this is a {self._kind}"
+            return f"it contains a {then.kind}, not a {self._kind}"
         options = sorted({*then.method, *self._method})
         was = [
             f"{name} was {_words(then.method.get(name))} and is {_words(self._method.get(name))}"
@@ -84,12 +84,12 @@ class Fingerprint:
         try:
             now = self._numbers(then.moments)
         except Exception as error:  # other loads, which may be undefined at these moments
-            return "; ".join([*was, f"the loads of now cannot be had at the moments of then ({error})"])
+            return "; ".join([*was, f"the present loads cannot be evaluated at the times of the file ({error})"])
         changed = [name for name in now if not _alike(then.numbers.get(name, []), now[name])]
         return "; ".join([*was, *([f"{', '.join(changed)} changed"] if changed else [])])
 
     def refuse_other(self, then: Signature, file: Path, remedy: str) -> None:
-        """Raise StvkError if a file belongs to another problem."""
+        """Raise StvkError if a file is of another problem."""
         differences = self.differences(then)
         if differences:
             raise StvkError(f"{file} is of another problem: {differences}. {remedy}")
@@ -97,10 +97,10 @@ class Fingerprint:
     def _numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """Return the numbers for these moments, cached because a path has a file for each state."""
         if tuple(moments) not in self._known:
-            self._known[tuple(moments)] = self._worked_out(moments)
+            self._known[tuple(moments)] = self._compute_numbers(moments)
         return self._known[tuple(moments)]
 
-    def _worked_out(self, moments: Sequence[float]) -> dict[str, list[float]]:
+    def _compute_numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """Return numbers that depend on mesh, terms and supports, and on loads and prescribed displacements at these moments."""
         system, mesh = self._system, self._system.mesh
         x = mesh.p.T - mesh.p.mean(axis=1)

@@ -65,7 +65,7 @@ class Supports:
         self._mesh = mesh = ElementMesh.of(mesh)
         self.fixed = fixed_dofs(mesh, fixed)
         entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
-        motions = [motion for where, given in entries for motion in self._move(where, given)]
+        motions = [motion for where, argument in entries for motion in self._move(where, argument)]
         self.prescribed = _union([dofs for dofs, _ in motions])
         self.held = np.union1d(self.fixed, self.prescribed)
         self._refuse_both()
@@ -73,8 +73,8 @@ class Supports:
             raise SupportError(f"All {mesh.p.size} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
         self._motions = [(np.searchsorted(self.held, dofs), value) for dofs, value in motions]
         self.steady = all(value.constant is not None for _, value in self._motions)
-        places = np.concatenate([np.empty(0, dtype=np.int64), *(place.ravel() for place, _ in self._motions)])
-        self._twice = len(places) > len(self.prescribed)
+        indices = np.concatenate([np.empty(0, dtype=np.int64), *(index.ravel() for index, _ in self._motions)])
+        self._twice = len(indices) > len(self.prescribed)
         for t in (0.0, 1 / 3, 1.0):
             self.values(t)
 
@@ -89,28 +89,28 @@ class Supports:
             if a function does not return finite values, or two functions return different ones for the same degree of freedom.
         """
         values, moment = np.zeros(len(self.held)), Moment.checked(t)
-        for place, value in self._motions:
-            values[place] = value.at(moment)
+        for index, value in self._motions:
+            values[index] = value.at(moment)
         if self._twice:
-            for place, value in self._motions:
-                self._refuse_different(place, values[place], value.at(moment), moment)
+            for index, value in self._motions:
+                self._refuse_different(index, values[index], value.at(moment), moment)
         return values
 
-    def _move(self, where: Where, given: Any) -> list[tuple[Dofs, Value]]:
+    def _move(self, where: Where, argument: Any) -> list[tuple[Dofs, Value]]:
         """Return the degrees of freedom with displacements prescribed at a location, and the values by component and node."""
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
         x = self._mesh.p[:, vertices]
-        if callable(given):
-            return [(_dofs(vertices, range(d), d).reshape(-1, d).T, Value(given, (d,), x, what, SupportError))]
-        if not isinstance(given, Mapping) or not given:
+        if callable(argument):
+            return [(_dofs(vertices, range(d), d).reshape(-1, d).T, Value(argument, (d,), x, what, SupportError))]
+        if not isinstance(argument, Mapping) or not argument:
             raise SupportError(
-                f"{what}: got {shown(given)}; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, t) "
-                f"that returns all {d} components."
+                f"{what}: got {shown(argument)}; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, "
+                f"t) that returns all {d} components."
             )
         return [
             (_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
-            for letter, value in given.items()
+            for letter, value in argument.items()
             for component in _components(self._mesh, letter, what)
         ]
 
@@ -118,17 +118,17 @@ class Supports:
         both = np.intersect1d(self.fixed, self.prescribed)
         if len(both):
             raise SupportError(
-                f"Both fixed and prescribed: {self._name(both)}. Places that share an edge or a corner? Leave the component out "
+                f"Both fixed and prescribed: {self._name(both)}. Do locations share an edge or a corner? Leave the component out "
                 "of one of them, or take the vertices out with a predicate."
             )
 
-    def _refuse_different(self, place: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], moment: Moment) -> None:
+    def _refuse_different(self, index: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], moment: Moment) -> None:
         differ = np.abs(one - other) > 1e-12 * np.maximum(np.abs(one), np.abs(other))
-        bad = np.unique(place[np.broadcast_to(differ, place.shape)])
+        bad = np.unique(index[np.broadcast_to(differ, index.shape)])
         if len(bad):
             raise SupportError(
-                f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(self.held[bad])}. Places "
-                "that share an edge or a corner? Leave the component out of one of them."
+                f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(self.held[bad])}. Do "
+                "locations share an edge or a corner? Leave the component out of one of them."
             )
 
     def _name(self, dofs: Dofs) -> str:
@@ -149,17 +149,17 @@ def fixed_dofs(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> Dof
     return _union([_fixed_at(mesh, where, letters) for where, letters in _pairs(fixed, "fixed", '{"wall": "xyz"}')])
 
 
-def dofs_at(mesh: ElementMesh, given: Any) -> Any:
+def dofs_at(mesh: ElementMesh, argument: Any) -> Any:
     """Return the degrees of freedom of an argument.
 
     The argument is as in `fixed_dofs`, or a name or predicate for all components there. Any other argument is returned unchanged.
     """
-    if isinstance(given, str) or callable(given):
-        return _dofs(vertices_at(mesh, given, "fixed"), range(mesh.d), mesh.d)
-    pairs = isinstance(given, list | tuple) and any(
-        isinstance(one, list | tuple) and len(one) == 2 and isinstance(one[-1], str | DofsView) for one in given
+    if isinstance(argument, str) or callable(argument):
+        return _dofs(vertices_at(mesh, argument, "fixed"), range(mesh.d), mesh.d)
+    pairs = isinstance(argument, list | tuple) and any(
+        isinstance(one, list | tuple) and len(one) == 2 and isinstance(one[-1], str | DofsView) for one in argument
     )
-    return fixed_dofs(mesh, given) if pairs or isinstance(given, Mapping | DofsView) else given
+    return fixed_dofs(mesh, argument) if pairs or isinstance(argument, Mapping | DofsView) else argument
 
 
 def _fixed_at(mesh: ElementMesh, where: Where, letters: Any) -> Dofs:
@@ -178,17 +178,17 @@ def _components(mesh: ElementMesh, letters: Any, what: str) -> list[int]:
     return [own.index(letter) for letter in letters]
 
 
-def _pairs(given: Any, name: str, example: str) -> list[tuple[Any, Any]]:
+def _pairs(argument: Any, name: str, example: str) -> list[tuple[Any, Any]]:
     """Return pairs of a location and its support."""
-    pairs = list(given.items()) if isinstance(given, Mapping) else given if given is not None else []
+    pairs = list(argument.items()) if isinstance(argument, Mapping) else argument if argument is not None else []
     if not isinstance(pairs, list | tuple) or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs):
         bare = ""
-        if name == "fixed" and whole_array(given) is not None:
+        if name == "fixed" and whole_array(argument) is not None:
             bare = (
                 " Bare integers do not say which components: vertices are fixed=[(ids, 'xyz')]; degrees of freedom are what "
                 "scikit-fem's basis.get_dofs(...) returned, not its .all(), such as fixed=basis.get_dofs('wall').keep('u^1')."
             )
-        raise SupportError(f"{name} = {shown(given)}; expected a dict such as {example}, or a list of such pairs.{bare}")
+        raise SupportError(f"{name} = {shown(argument)}; expected a dict such as {example}, or a list of such pairs.{bare}")
     return list(pairs)
 
 

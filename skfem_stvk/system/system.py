@@ -25,6 +25,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.locations import DofsView
 from ..terms import (
+    FollowerLoad,
     Grounded,
     HasMemory,
     HasRoundOff,
@@ -34,12 +35,11 @@ from ..terms import (
     Quartic,
     TakesTime,
     Term,
-    TurningLoad,
     is_load,
 )
 from ..terms.connectivity import connected
 from ..terms.load import Moment, Time
-from ..terms.protocols import tell
+from ..terms.protocols import set_time
 from .bound import BoundTerms, checked_terms
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
@@ -48,7 +48,7 @@ from .pattern import BareDiagonal, FreeDofs, Pattern, Structure
 from .rigid import Pieces, parts_of
 from .supports import Displacements, Supports, dofs_at
 
-Torn = TypeVar("Torn", bound="System")
+SystemType = TypeVar("SystemType", bound="System")
 
 
 class System(BoundTerms):
@@ -134,7 +134,7 @@ class System(BoundTerms):
         self._made_of: dict[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
         double = _float_type(dtype) == np.float64
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
-        mesh, self._made_from = found.mesh, found.given
+        mesh, self._made_from = found.mesh, found.source
         rule = _checked_rule(mesh, quadrature, hourglass)
         check_mesh(mesh, found.beside)
         if not double:
@@ -142,10 +142,12 @@ class System(BoundTerms):
         self.quadrature, self.rule = quadrature, rule  # the argument, and the rule it selects
         self.supports = Supports(mesh, fixed, prescribed)
         super().__init__(mesh, found.terms, np.float64 if double else np.float32, rule, found)
-        self._turning = [(load, AccumulatedBlocks(load, mesh.nv, mesh.d, np.float64)) for load in self._turning_loads()]
-        self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
+        self._follower_loads = [
+            (load, AccumulatedBlocks(load, mesh.nv, mesh.d, np.float64)) for load in self._bound_follower_loads()
+        ]
+        self._with_changing_pairs = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._pattern: Pattern | None = None
-        self._places: tuple[int, list[Any], list[Rows]] | None = None
+        self._row_cache: tuple[int, list[Any], list[Rows]] | None = None
         self._masses: dict[str, Mass] = {}
         self._operator: TangentOperator | None = None
         self._whole: csr_matrix | None = None  # the whole K, when only a part was requested
@@ -153,7 +155,7 @@ class System(BoundTerms):
         self._pieces: Pieces | None = None
         self._lock = CopyableLock()
 
-    def without(self: Torn, elements: str | ArrayLike) -> Torn:
+    def without(self: SystemType, elements: str | ArrayLike) -> SystemType:
         """Return the body without these elements, as a new system; this system does not change.
 
         The elements are removed from all terms, the mass and the loads. A facet that belongs only to removed elements carries no
@@ -191,23 +193,25 @@ class System(BoundTerms):
         ids = self.elements_to_remove(elements)
         if not len(ids):
             return self
-        self._refuse_terms_that_keep_elements()
-        left = copy(self)
-        left._take_out(ids)
-        before = Pieces.of(self) if self._pieces is None or self._changing else self._pieces
-        left._pieces = Pieces.of(left)
-        loose = left._pieces.come_loose(before)
+        self._refuse_terms_without_removal()
+        other = copy(self)
+        other._remove_elements(ids)
+        before = Pieces.of(self) if self._pieces is None or self._with_changing_pairs else self._pieces
+        other._pieces = Pieces.of(other)
+        loose = other._pieces.newly_loose(before)
         if loose:
-            warn(f"{loose} In statics fix it or take it out, too; in motion it flies.")
-        return left
+            warn(f"{loose} In statics, fix or remove such parts as well; in motions they move freely.")
+        return other
 
-    def _take_out(self, elements: NDArray[np.int64]) -> None:
+    def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
-        super()._take_out(elements)
+        super()._remove_elements(elements)
         self.__dict__.pop("grounded", None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
-        self._turning = [(load, of.of(load)) for load, (_, of) in zip(self._turning_loads(), self._turning, strict=True)]
-        self._changing = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
+        self._follower_loads = [
+            (load, of.of(load)) for load, (_, of) in zip(self._bound_follower_loads(), self._follower_loads, strict=True)
+        ]
+        self._with_changing_pairs = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._operator = None
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
@@ -225,8 +229,8 @@ class System(BoundTerms):
             always.
         """
         raise StvkError(
-            "System.remove(elements) took elements out in place; systems do not change any more. Expected "
-            "torn = system.without(elements), which returns the torn body and leaves this one whole."
+            "System.remove(elements) does not exist any more, because systems do not change; expected torn = "
+            "system.without(elements), which returns a new system."
         )
 
     @property
@@ -242,8 +246,8 @@ class System(BoundTerms):
         """
         return MappingProxyType(self._made_of)
 
-    def _turning_loads(self) -> list[TurningLoad]:
-        return [load for load in self.bound_loads if isinstance(load, TurningLoad)]
+    def _bound_follower_loads(self) -> list[FollowerLoad]:
+        return [load for load in self.bound_loads if isinstance(load, FollowerLoad)]
 
     @cached_property
     def space(self) -> Space:
@@ -271,7 +275,7 @@ class System(BoundTerms):
     @property
     def pattern_version(self) -> int:
         """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
-        return sum(map(version_of, self._changing))
+        return sum(map(version_of, self._with_changing_pairs))
 
     @property
     @locked
@@ -280,7 +284,7 @@ class System(BoundTerms):
         version = self.pattern_version
         if self._pattern is None or self._pattern.version != version:
             pairs = [term.nodes_paired for term in self.bound_terms]
-            pairs += [load.nodes_paired for load, _ in self._turning if load.nodes_paired.size]
+            pairs += [load.nodes_paired for load, _ in self._follower_loads if load.nodes_paired.size]
             self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
         return self._pattern
 
@@ -288,10 +292,10 @@ class System(BoundTerms):
     def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Return the indices of the blocks of terms and loads in the values of K, cached for each version of the pattern."""
         pattern = self.pattern
-        if self._places is None or self._places[0] != pattern.version:
+        if self._row_cache is None or self._row_cache[0] != pattern.version:
             terms = [term.rows(pattern) for term in self.pair_terms]
-            self._places = pattern.version, terms, [of.pairs.rows(pattern) for _, of in self._turning]
-        return self._places[1:]
+            self._row_cache = pattern.version, terms, [of.pairs.rows(pattern) for _, of in self._follower_loads]
+        return self._row_cache[1:]
 
     def energy(self, u: ArrayLike) -> float:
         """Return the strain energy `W(u)` [J].
@@ -377,7 +381,7 @@ class System(BoundTerms):
         """
         x = self._state(u)
         if free is not None:
-            return self._part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
+            return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
         K = self._matrix(out, self.pattern)
         self._fill(x, K.data, self._rows()[0], None)
         return K
@@ -485,7 +489,7 @@ class System(BoundTerms):
             if a load's function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
-        tell(self.bound_terms, moment)
+        set_time(self.bound_terms, moment)
         for load in self.bound_loads:
             load.add_force(x, moment, force)
         refuse_overflow(force, "The external force", x)
@@ -512,7 +516,7 @@ class System(BoundTerms):
         loads = zip(self.loads, self.bound_loads, strict=True)
         without = [type(load).__name__ for load, bound in loads if not bound.has_potential]
         if without:
-            raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Ask for residual(u, t) instead.")
+            raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Use residual(u, t).")
         x = self._state(u)
         return energy + sum(load.potential(x, moment) for load in self.bound_loads)
 
@@ -566,12 +570,12 @@ class System(BoundTerms):
             if `out` has another pattern.
         """
         moment, factors, x = self._moment(t), _factors(kept), self._state(u)
-        tell(self.bound_terms, moment)
+        set_time(self.bound_terms, moment)
         if free is not None:
-            return self._part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
+            return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
         K = self._matrix(out, self.pattern)
         self._fill(x, K.data, self._rows()[0], None, factors)
-        for (_, of), rows in zip(self._turning, self._rows()[1], strict=True):
+        for (_, of), rows in zip(self._follower_loads, self._rows()[1], strict=True):
             of.add_stiffness(x, moment, rows, K.data)
         return K
 
@@ -593,12 +597,12 @@ class System(BoundTerms):
             as `jacobian`.
         """
         x, moment = self._state(u), self._moment(t)
-        turning = [of for load, of in self._turning if load.symmetric]
-        if not turning:
+        conservative = [of for load, of in self._follower_loads if load.symmetric]
+        if not conservative:
             return None
-        pattern = Pattern(self.mesh.nv, self.mesh.d, [of.term.nodes_paired for of in turning])
+        pattern = Pattern(self.mesh.nv, self.mesh.d, [of.term.nodes_paired for of in conservative])
         K = pattern.matrix(np.zeros(pattern.nnz))
-        for of in turning:
+        for of in conservative:
             of.add_stiffness(x, moment, of.pairs.rows(pattern), K.data)
         return K
 
@@ -711,8 +715,8 @@ class System(BoundTerms):
         """
         quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
         if len(quartics) < len(self.bound_terms):
-            hint = "Ask for energy_and_force(u + s v) instead."
-            raise StvkError(f"The strain energy along a line is no quartic with a VolumePenalty among the terms. {hint}")
+            hint = "Use energy_and_force(u + s v)."
+            raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
         x, y = self._state(u), self._state(v, "v")
         coefficients = sum((term.along(x, y) for term in quartics), np.zeros(5))
         refuse_overflow(coefficients, "W along a line", x)
@@ -758,7 +762,7 @@ class System(BoundTerms):
             elif isinstance(term, HoldsShape):
                 solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
-        check_held(self.mesh, self.bound_terms, np.union1d(self.supports.held, stay), solid & ~self.body.gone)
+        check_held(self.mesh, self.bound_terms, np.union1d(self.supports.held, stay), solid & ~self.body.removed)
 
     def parts(self) -> NDArray[np.int32]:
         """Return the part number (nv,) of each node: parts are connected by terms."""
@@ -799,10 +803,10 @@ class System(BoundTerms):
             if isinstance(term, HasMemory):
                 for name, count in term.memory().items():
                     parts[name] = parts.get(name, 0) + count
-        for narrow in (*self.pair_terms, *(of for _, of in self._turning)):
+        for narrow in (*self.pair_terms, *(of for _, of in self._follower_loads)):
             if isinstance(narrow, AccumulatedBlocks):
                 parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + narrow.own_memory()
-        parts["rows of K"] = 0 if self._places is None else nbytes(self._places[1:])
+        parts["rows of K"] = 0 if self._row_cache is None else nbytes(self._row_cache[1:])
         parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
         parts["product"] = self._operator.memory() if self._operator is not None else 0
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
@@ -817,7 +821,7 @@ class System(BoundTerms):
         if self.without_energy:
             raise StvkError(
                 f"{', '.join(self.without_energy)} has no energy; expected terms whose force is the gradient of one, such as StVK. "
-                "Ask for internal_force(u) and tangent(u) instead."
+                "Use internal_force(u) and tangent(u)."
             )
 
     def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
@@ -831,8 +835,7 @@ class System(BoundTerms):
         if not structure.fits(out, self.dtype):
             raise StvkError(
                 f"out = {shown(out)} does not have the pattern and type of this system's K ({structure.shape}, "
-                f"{structure.nnz} values of {self.dtype}). Hand in a matrix that tangent() returned, unchanged by "
-                "eliminate_zeros() and the like."
+                f"{structure.nnz} values of {self.dtype}). Pass a matrix that tangent() returned, with its zeros."
             )
         return out
 
@@ -863,7 +866,7 @@ class System(BoundTerms):
             self._bare.write(self.pattern, data, free)
         return energy
 
-    def _part(
+    def _free_part(
         self, x: Array, free: FreeDofs, out: csr_matrix | None, kept: Tensions, make: Callable[[csr_matrix | None], csr_matrix]
     ) -> csr_matrix:
         """Return K over the free degrees of freedom.
@@ -872,12 +875,12 @@ class System(BoundTerms):
         """
         if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
             raise StvkError(
-                f"free = {shown(free)}; expected what free_dofs() of this system returned: K over the degrees of freedom of "
-                "another has another pattern."
+                f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has another "
+                "pattern."
             )
-        K, places = self._matrix(out, free.structure), free.places
-        if not self._turning and all(term.by_rows(kept) for term in self.pair_terms):
-            self._fill(x, K.data, [rows.part(places) for rows in self._rows()[0]], None, kept, free=free)
+        K, indices = self._matrix(out, free.structure), free.value_indices
+        if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
+            self._fill(x, K.data, [rows.part(indices) for rows in self._rows()[0]], None, kept, free=free)
             return K
         with self._lock:
             whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
@@ -907,28 +910,27 @@ def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | 
     kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
     if kind != "one-point":
         if hourglass is not None:
-            raise StvkError(f'hourglass = {shown(hourglass)} is for hexahedra and quadrilaterals with quadrature="one-point".')
+            raise StvkError(
+                f'hourglass = {shown(hourglass)}; expected None without quadrature="one-point", for hexahedra and quadrilaterals.'
+            )
         return Quadrature.of(mesh.element, kind)
     if not mesh.element.shape.one_point or mesh.k < mesh.d:
         raise StvkError(
             f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}: '
             f"{_no_mean(mesh)}"
         )
-    given = HOURGLASS if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
-    if given < 0:
+    coefficient = HOURGLASS if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
+    if coefficient < 0:
         raise StvkError(f"hourglass = {shown(hourglass)}; expected a number, zero or more, such as {HOURGLASS}.")
-    return Quadrature.of(mesh.element, kind, given)
+    return Quadrature.of(mesh.element, kind, coefficient)
 
 
 def _no_mean(mesh: ElementMesh) -> str:
     """Return the reason why elements have no mean gradients with hourglass control, and a remedy."""
     if mesh.element.shape.one_point:
-        return (
-            "mean gradients are along the axes of space, and a surface in space has others from point to point. Leave it out, for "
-            "2 x 2 points."
-        )
+        return "mean gradients need fixed axes, but those of a surface in space vary. Leave it out, for 2 x 2 points."
     if mesh.element.is_linear_simplex:
-        return "linear simplices have one point as it is. Leave it out."
+        return "linear simplices have one point anyway. Leave it out."
     return "with one point most motions of quadratic elements meet no resistance. Leave it out, or take degree=1."
 
 
@@ -948,8 +950,7 @@ def array_to_fill(mesh: ElementMesh, out: Array) -> Array:
     own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
     if not own or out.shape != (mesh.p.size,) or not (out.flags.carray and out.dtype.isnative):
         raise StvkError(
-            f"out = {shown(out)}; expected an array of floats ({mesh.p.size},) in one piece that can be written to, such as "
-            "np.zeros(system.ndofs)."
+            f"out = {shown(out)}; expected a contiguous, writable array of floats ({mesh.p.size},), such as np.zeros(system.ndofs)."
         )
     return out.reshape(-1, mesh.d)
 

@@ -16,6 +16,7 @@ from .protocols import (
     BoundTerm,
     CanRemove,
     Deformation,
+    FollowerLoad,
     Grounded,
     HasDampingForce,
     HasMeanForce,
@@ -34,7 +35,6 @@ from .protocols import (
     Quartic,
     TakesTime,
     Term,
-    TurningLoad,
     is_load,
 )
 from .spring_network import SpringNetwork
@@ -71,6 +71,7 @@ __all__ = [
     "Deformation",
     "EdgeNetwork",
     "ElasticFoundation",
+    "FollowerLoad",
     "Gravity",
     "Grounded",
     "HasDampingForce",
@@ -101,7 +102,6 @@ __all__ = [
     "TakesTime",
     "Term",
     "Traction",
-    "TurningLoad",
     "VolumePenalty",
     "is_load",
 ]

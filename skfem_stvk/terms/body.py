@@ -66,23 +66,23 @@ class Body:
         self.mesh, self.terms, self.beside = mesh, tuple(terms), tuple(beside)
         self.quadrature = quadrature or Quadrature.of(mesh.element)
         self._materials = [term for term in terms if isinstance(term, HasSection)]
-        self.gone, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
+        self.removed, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
 
-    def without(self, gone: NDArray[np.bool_], bare: NDArray[np.bool_]) -> Body:
-        """Return the body without the removed elements `gone` (nt,), which then have no size, volume or mass.
+    def without(self, removed: NDArray[np.bool_], bare: NDArray[np.bool_]) -> Body:
+        """Return the body without the removed elements `removed` (nt,), which then have no size, volume or mass.
 
         Facets of only these elements have no area. The nodes `bare` (nv,) are no longer in any element.
         """
-        left = copy(self)
-        left.gone, left.bare = gone, bare
+        other = copy(self)
+        other.removed, other.bare = removed, bare
         for name in ("sizes", "mass", "lumped_mass"):
-            left.__dict__.pop(name, None)
-        return left
+            other.__dict__.pop(name, None)
+        return other
 
     @cached_property
     def sizes(self) -> Array:
         """Lengths, areas or volumes (nt,) of the elements at rest [m^k]; 0 for removed elements."""
-        return np.where(self.gone, 0.0, sizes_of(self.mesh.p, self.mesh.t, self.mesh.element))
+        return np.where(self.removed, 0.0, sizes_of(self.mesh.p, self.mesh.t, self.mesh.element))
 
     @cached_property
     def section(self) -> Array:
@@ -102,7 +102,7 @@ class Body:
                 raise LoadError(
                     f"{name_ids(bad, 'element')}: terms of different {'thickness' if self.mesh.k == 2 else 'area'} on the same "
                     "elements, so forces per volume or per area have no meaning there. Give all of them the same; for forces on "
-                    "nodes there is NodalLoad."
+                    "nodes use NodalLoad."
                 )
             section[ids] = own
         return np.nan_to_num(section, nan=1.0)
@@ -170,10 +170,10 @@ class Body:
         LoadError
             if a facet belongs to no simplex and the section is not uniform.
         """
-        if not self.gone.any() and (self.section == self.section[0]).all():
+        if not self.removed.any() and (self.section == self.section[0]).all():
             return np.full(facets.shape[1], self.section[0])
         every, t2f = self._facets
-        owners, there = t2f.ravel(), np.tile(~self.gone, len(t2f))
+        owners, there = t2f.ravel(), np.tile(~self.removed, len(t2f))
         means = np.bincount(owners, weights=there * np.tile(self.section, len(t2f))) / np.maximum(np.bincount(owners, there), 1)
         found = find_facets(facets, every, self.mesh.nv)
         bad = np.flatnonzero(found < 0)

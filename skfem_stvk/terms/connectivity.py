@@ -29,7 +29,7 @@ class Connected(NamedTuple):
         The user's terms, with a region of their mesh in place of simplices.
     of
         Number of the mesh of each term: 0 if it is on `mesh`, or i + 1 if it is on `beside[i]`.
-    given
+    source
         The mesh that terms were added to, or the bare points.
     """
 
@@ -37,10 +37,10 @@ class Connected(NamedTuple):
     beside: tuple[ElementMesh, ...]
     terms: tuple[Any, ...]
     of: tuple[int, ...]
-    given: ElementMesh | NDArray[np.float64]
+    source: ElementMesh | NDArray[np.float64]
 
 
-def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
+def connected(value: MeshLike, terms: Sequence[Any]) -> Connected:
     """Return the meshes of a body from a mesh, or from bare points (d, n), and from the simplices of its terms.
 
     All simplices of one dimension form one mesh, and each term has a region of it. Terms with the same simplices are on the same
@@ -59,27 +59,27 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
     >>> found.mesh, found.beside, found.of
     (ElementMesh: 1 triangles in 3D, 4 vertices, (ElementMesh: 1 segments in 3D, 4 vertices,), (0, 1))
     """
-    points, bringing = _points(given), [term for term in terms if _brings_elements(term)]
-    mesh = ElementMesh.of(given) if points is None else None
-    if mesh is not None and not bringing:
+    points, with_elements = _points(value), [term for term in terms if _has_own_elements(term)]
+    mesh = ElementMesh.of(value) if points is None else None
+    if mesh is not None and not with_elements:
         return Connected(mesh, (), tuple(terms), (0,) * len(terms), mesh)
     if points is not None:
-        _refuse_without_simplices(terms, bringing)
+        _refuse_without_simplices(terms, with_elements)
     p = mesh.p if mesh is not None else points
     degree = 1 if mesh is None else mesh.element.degree
     assert p is not None
     blocks: dict[str, list[NDArray[np.int32]]] = {}
     regions: dict[int, tuple[str, slice]] = {}
     for number, term in enumerate(terms):
-        if _brings_elements(term):
+        if _has_own_elements(term):
             t, element = simplices_of(term.simplices, p, degree, mesh, f"{type(term).__name__} {number}: simplices")
             if mesh is not None and element.k >= mesh.k:
                 raise MeshError(
                     f"{type(term).__name__} {number}: simplices are {element.name}, and the mesh has {mesh.kind}; expected "
-                    "elements of lower dimension beside them. For some of the mesh's own elements give region=...; for a body "
-                    "whose terms all bring their elements give bare points, System(mesh.p, ...)."
+                    "elements of lower dimension. To select elements of the mesh, give region=...; if all terms have their own "
+                    "elements, give bare points, System(mesh.p, ...)."
                 )
-            regions[number] = element.name, _placed(t, blocks.setdefault(element.name, []))
+            regions[number] = element.name, _positions(t, blocks.setdefault(element.name, []))
     meshes = [] if mesh is None else [mesh]
     order = sorted(blocks, key=lambda name: -ELEMENTS[name].k)
     if len({ELEMENTS[name].k for name in order}) < len(order):
@@ -95,29 +95,29 @@ def connected(given: MeshLike, terms: Sequence[Any]) -> Connected:
 
 
 def simplices_of(
-    given: Any, p: NDArray[np.float64], degree: int, mesh: ElementMesh | None, what: str
+    value: Any, p: NDArray[np.float64], degree: int, mesh: ElementMesh | None, what: str
 ) -> tuple[NDArray[np.int32], Element]:
     """Return the simplices (n, nt) on points `p` (d, nv), and their element. They are user-supplied as nodes, or by the name of a
     boundary or of lines of the `mesh`.
 
     Messages begin with `what`. Simplices have the `degree` of the mesh.
     """
-    if isinstance(given, str):
-        if mesh is not None and given in mesh.boundaries:
-            return checked_facets(mesh, given), named(mesh.element.facet)
-        if mesh is not None and given in mesh.lines:
-            return checked_lines(mesh, given), mesh.element.edge
-        names = "there are points alone, without names." if mesh is None else name_known(given, {*mesh.boundaries, *mesh.lines})
-        raise MeshError(f"{what} = {shown(given)}; expected (k + 1, n) nodes, or the name of a boundary or of lines; {names}")
+    if isinstance(value, str):
+        if mesh is not None and value in mesh.boundaries:
+            return checked_facets(mesh, value), named(mesh.element.facet)
+        if mesh is not None and value in mesh.lines:
+            return checked_lines(mesh, value), mesh.element.edge
+        names = "there are points alone, without names." if mesh is None else name_known(value, {*mesh.boundaries, *mesh.lines})
+        raise MeshError(f"{what} = {shown(value)}; expected (k + 1, n) nodes, or the name of a boundary or of lines; {names}")
     kinds = {
         element.n: element
         for element in ELEMENTS.values()
         if element.is_simplex and element.degree == degree and element.k <= len(p)
     }
-    t = whole_array(given)
+    t = whole_array(value)
     if t is None or t.ndim != 2 or t.dtype == bool or len(t) not in kinds or not t.shape[1]:
         rows = ", ".join(f"{n} rows for {element.name}" for n, element in kinds.items())
-        raise MeshError(f"{what} = {shown(given)}; expected (n, nt) ids of nodes from 0, one column for each element: {rows}.")
+        raise MeshError(f"{what} = {shown(value)}; expected (n, nt) ids of nodes from 0, one column for each element: {rows}.")
     if len(bad := np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))):
         raise MeshError(
             f"{what}: {name_ids(bad, 'element')} with ids of nodes outside 0 ... {p.shape[1] - 1}. Are they counted from 1? "
@@ -126,35 +126,36 @@ def simplices_of(
     return np.ascontiguousarray(t, dtype=np.int32), kinds[len(t)]
 
 
-def _brings_elements(term: Any) -> bool:
+def _has_own_elements(term: Any) -> bool:
     """Return whether a term acts within its own elements; the simplices of a load are only the location where it acts."""
     return getattr(term, "simplices", None) is not None and not is_load(term)
 
 
-def _points(given: Any) -> NDArray[np.float64] | None:
+def _points(value: Any) -> NDArray[np.float64] | None:
     """Return bare points (d, n); None for a mesh, and for input that the conversion to a mesh refuses."""
-    if hasattr(given, "t") or hasattr(given, "cells"):
+    if hasattr(value, "t") or hasattr(value, "cells"):
         return None
-    points = real_array(given)
+    points = real_array(value)
     return points if points is not None and points.ndim == 2 and len(points) in (1, 2, 3) else None
 
 
-def _refuse_without_simplices(terms: Sequence[Any], bringing: Sequence[Any]) -> None:
+def _refuse_without_simplices(terms: Sequence[Any], with_elements: Sequence[Any]) -> None:
     """Refuse elastic laws without simplices if there are only points."""
     without = [
         f"{type(term).__name__} {number}"
         for number, term in enumerate(terms)
         if hasattr(term, "simplices") and hasattr(term, "material") and term.simplices is None
     ]
-    if without or not bringing:
-        who = ", ".join(without) or "No term"
+    if without or not with_elements:
+        names_of_terms = ", ".join(without) or "No term"
         raise MeshError(
-            f"Got points without elements, and {who} {'have' if len(without) > 1 else 'has'} {'no ' if without else ''}simplices. "
-            "Give each law its own: StVK(..., simplices=t) with t (k + 1, n); or give a mesh, System((p, t), ...)."
+            f"Got points without elements, and {names_of_terms} {'have' if len(without) > 1 else 'has'} "
+            f"{'no ' if without else ''}simplices. Give each law its own: StVK(..., simplices=t) with t (k + 1, n); or give a "
+            "mesh, System((p, t), ...)."
         )
 
 
-def _placed(t: NDArray[np.int32], blocks: list[NDArray[np.int32]]) -> slice:
+def _positions(t: NDArray[np.int32], blocks: list[NDArray[np.int32]]) -> slice:
     """Return the positions of simplices among those of their kind; they are added unless the same ones exist."""
     begin = 0
     for block in blocks:

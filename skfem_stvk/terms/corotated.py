@@ -101,8 +101,8 @@ class Corotated(ElasticLaw):
             return bound
         if mesh.k < 2 or mesh.k < mesh.d:
             raise MaterialError(
-                f"Corotated(rotation='vertex'): the mesh has {mesh.kind}, around whose nodes there is no mean of F. It is for "
-                "solids and for elements in the plane; take rotation='element'."
+                f"Corotated(rotation='vertex'): the mesh has {mesh.kind}; expected solids or elements in the plane, where F has a "
+                "mean around nodes. Take rotation='element'."
             )
         return VertexWarping(mesh, mesh.t[:, mesh.elements(self.region)], bound)
 
@@ -129,9 +129,7 @@ class Corotated(ElasticLaw):
             for other frames.
         """
         if not self.has_stress:
-            raise MaterialError(
-                "Corotated: stresses are known for rotation='element' alone; with other frames there are the forces on nodes."
-            )
+            raise MaterialError("Corotated: stresses exist only for rotation='element'; other frames have only forces on nodes.")
         assert isinstance(self.material, Isotropic)
         return response_of_stretches(at, self.material, CorotatedLaw)
 
@@ -150,23 +148,23 @@ class Corotated(ElasticLaw):
     def _frames(self, mesh: ElementMesh) -> Callable[[Time], Array]:
         """Return a function of load factor or time for the rotations (n, 3, 3), checked."""
         assert callable(self.rotation)
-        given, ids, d = self.rotation, mesh.elements(self.region), mesh.d
+        rotation, ids, d = self.rotation, mesh.elements(self.region), mesh.d
         if d == 1:
-            raise MaterialError("Corotated(rotation=...): on a line nothing turns. Leave rotation out.")
+            raise MaterialError("Corotated(rotation=...): elements on a line have no rotation. Leave rotation out.")
 
         def frames(t: Time) -> Array:
             time = Moment.of(t).time
             try:
-                R = real_array(given(time))
+                R = real_array(rotation(time))
             except Exception as error:
                 raise MaterialError(
                     f"Corotated: the function rotation failed with {type(error).__name__}: {error}. It gets the load factor or "
-                    f"time ({time:g}), and gives rotations of shape ({len(ids)}, {d}, {d})."
+                    f"time ({time:g}), and must return rotations of shape ({len(ids)}, {d}, {d})."
                 ) from error
             if R is None or R.shape not in {(len(ids), 3, 3), (len(ids), d, d)}:
                 raise MaterialError(
-                    f"Corotated: rotation({time:g}) gave {shown(R)}; expected an array of shape ({len(ids)}, {d}, {d}), a rotation "
-                    "for each element of the region."
+                    f"Corotated: rotation({time:g}) returned {shown(R)}; expected an array of shape ({len(ids)}, {d}, {d}), a "
+                    "rotation for each element of the region."
                 )
             whole = np.zeros((len(ids), 3, 3)) + np.diag([0.0] * R.shape[1] + [1.0] * (3 - R.shape[1]))
             whole[:, : R.shape[1], : R.shape[1]] = R
@@ -176,7 +174,7 @@ class Corotated(ElasticLaw):
             if len(bad):
                 raise MaterialError(
                     f"Corotated: rotation({time:g}) is no rotation of {name_ids(bad, 'element')}: expected orthonormal columns and "
-                    "determinant +1. Take the polar factor of what it gives."
+                    "determinant +1. Use the polar factor of the result."
                 )
             return whole
 

@@ -184,15 +184,15 @@ class Traction(Load):
         return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))
 
 
-def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | Together:
+def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | CombinedSpread:
     """Return the spread over all elements of a body, with these sizes (nt,), including those of the bodies in `beside`."""
     own = Spread(body.mesh, body.mesh.element, body.mesh.t, sizes(body))
     if not body.beside:
         return own
-    return Together(body.mesh, [own, *(Spread(one.mesh, one.mesh.element, one.mesh.t, sizes(one)) for one in body.beside)])
+    return CombinedSpread(body.mesh, [own, *(Spread(one.mesh, one.mesh.element, one.mesh.t, sizes(one)) for one in body.beside)])
 
 
-class Together:
+class CombinedSpread:
     """All elements of several kinds on the same nodes, with the interface of `Spread`, which has one kind."""
 
     def __init__(self, mesh: ElementMesh, spreads: Sequence[Spread]) -> None:
@@ -227,7 +227,7 @@ class DeadLoad:
 
     has_potential = dead = True
 
-    def __init__(self, mesh: ElementMesh, spread: Spread | Together | Nodes, value: Value) -> None:
+    def __init__(self, mesh: ElementMesh, spread: Spread | CombinedSpread | Nodes, value: Value) -> None:
         self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)
@@ -243,10 +243,10 @@ class DeadLoad:
         """Return the forces (n, d) on its nodes [N]."""
         moment, (key, forces) = Moment.of(t), self._known  # read once, since other threads write it
         values = None if self.steady else self._value.at(moment)
-        wanted = (moment.factor if values is None else values.tobytes(), moment.mass)
-        if key != wanted:
+        key_now = (moment.factor if values is None else values.tobytes(), moment.mass)
+        if key != key_now:
             forces = self._compute(moment, values)
-            self._known = wanted, forces
+            self._known = key_now, forces
         return forces
 
     def _compute(self, moment: Moment, values: Values | None) -> Values:
@@ -272,7 +272,7 @@ class DeadLoad:
 class Weight(DeadLoad):
     """Weight of consistent masses, spread over elements; at times that ask for lumped masses, the weight of these."""
 
-    def __init__(self, mesh: ElementMesh, spread: Spread | Together, lumped: Nodes, value: Value) -> None:
+    def __init__(self, mesh: ElementMesh, spread: Spread | CombinedSpread, lumped: Nodes, value: Value) -> None:
         self._lumped = lumped
         super().__init__(mesh, spread, value)
 

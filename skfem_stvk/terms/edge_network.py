@@ -113,8 +113,8 @@ class EdgeNetwork:
             raise StvkError(f"EdgeNetwork.of: law = {shown(law)}; expected StVK(...) or a list of them.")
         if not body.element.is_linear_simplex:
             raise MeshError(
-                f"EdgeNetwork.of: the mesh has {body.kind}, whose strain is not the same everywhere, so the lengths of their edges "
-                "do not say it. Take linear simplices (degree=1)."
+                f"EdgeNetwork.of: the mesh has {body.kind}, whose strain varies within an element, so edge lengths do not "
+                "determine it. Take linear simplices (degree=1)."
             )
         elements = np.concatenate([body.elements(each.region) for each in laws])
         edges = edge_topology(body.t[:, elements])[0]
@@ -152,8 +152,8 @@ class EdgeNetwork:
         """
         choice("without: pairs", pairs, ("adjacent", "opposite"))
         upper = triu(self.L, 1).tocoo()
-        kept = self.adjacent == (pairs == "opposite")
-        U = csr_matrix((upper.data[kept], (upper.row[kept], upper.col[kept])), shape=self.L.shape)
+        retained = self.adjacent == (pairs == "opposite")
+        U = csr_matrix((upper.data[retained], (upper.row[retained], upper.col[retained])), shape=self.L.shape)
         return replace(self, L=csr_matrix(self.diagonal().L + U + U.T))
 
     def definite(self) -> bool:
@@ -169,8 +169,8 @@ class EdgeNetwork:
         n = self.L.shape[0]
         if n > COUNTED:
             raise StvkError(
-                f"EdgeNetwork.definite: {n} edges; expected at most {COUNTED}, whose L is factorised within seconds. Ask it of a "
-                "smaller body of the same shapes of elements."
+                f"EdgeNetwork.definite: {n} edges; expected at most {COUNTED}, whose L is factorised within seconds. Check a "
+                "smaller body with elements of the same shapes."
             )
         L = csr_matrix(self.L + csr_matrix((np.zeros(n), (np.arange(n), np.arange(n))), shape=(n, n)))
         L.sort_indices()
@@ -199,7 +199,7 @@ class EdgeNetwork:
         own, between = self.L.diagonal() / 2, np.asarray(triu(self.L, 1).tocoo().data) / 2
         if not self.laws:
             return QuarticNetwork(mesh.p, edges, pairs, own, between, dtype=dtype)
-        return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, remaining=partial(self._left, mesh))
+        return LawNetwork(mesh.p, edges, pairs, own, between, dtype=dtype, remaining=partial(self._without_elements, mesh))
 
     def _refuse_another(self, mesh: ElementMesh) -> None:
         """Refuse a mesh if its edges, in the regions of the laws, are not those of the network."""
@@ -217,10 +217,10 @@ class EdgeNetwork:
                 "expected the mesh that the network was made of. Make it again: EdgeNetwork.of(mesh, law)."
             )
 
-    def _left(self, mesh: ElementMesh, gone: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return `L_ii/2`, and `L_ij/2` of the pairs, minus the contributions of the removed elements `gone` (n,) of the region."""
+    def _without_elements(self, mesh: ElementMesh, removed: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return `L_ii/2`, and `L_ij/2` of the pairs, minus the parts of the `removed` elements (n,) of the region."""
         out = np.zeros(mesh.nt, dtype=bool)
-        out[mesh.elements(self.region)] = gone
+        out[mesh.elements(self.region)] = removed
         lost, upper = _coefficients(mesh, self.laws, self.edges, out), triu(self.L, 1).tocoo()
         size = np.sqrt(np.abs(self.L.diagonal()))
         own = self.L.diagonal() - lost.diagonal()
@@ -296,11 +296,11 @@ class EdgeNetwork:
         return f"EdgeNetwork({self.edges.shape[1]} edges, {adjacent} adjacent and {n - adjacent} opposite pairs)"
 
 
-def _checked_edges(given: Any) -> NDArray[np.int64]:
+def _checked_edges(value: Any) -> NDArray[np.int64]:
     """Return the edges (2, ne) with `a < b`, each once."""
-    edges = whole_array(given)
+    edges = whole_array(value)
     if edges is None or edges.ndim != 2 or len(edges) != 2 or edges.dtype == bool or edges.shape[1] == 0:
-        raise StvkError(f"EdgeNetwork: edges = {shown(given)}; expected the vertices (2, ne) of at least one edge, whole numbers.")
+        raise StvkError(f"EdgeNetwork: edges = {shown(value)}; expected the vertices (2, ne) of at least one edge, whole numbers.")
     edges = np.sort(edges.astype(np.int64), axis=0)
     bad = np.flatnonzero((edges[0] == edges[1]) | (edges[0] < 0))
     if len(bad):
@@ -311,11 +311,11 @@ def _checked_edges(given: Any) -> NDArray[np.int64]:
     return edges
 
 
-def _checked_coefficients(given: Any) -> csr_matrix:
+def _checked_coefficients(value: Any) -> csr_matrix:
     """Return a copy of L, symmetric to the last bit."""
-    if not issparse(given):
-        raise StvkError(f"EdgeNetwork: L = {shown(given)}; expected a sparse matrix, such as scipy.sparse.csr_matrix(...).")
-    L = csr_matrix(given, dtype=np.float64, copy=True)
+    if not issparse(value):
+        raise StvkError(f"EdgeNetwork: L = {shown(value)}; expected a sparse matrix, such as scipy.sparse.csr_matrix(...).")
+    L = csr_matrix(value, dtype=np.float64, copy=True)
     L.sum_duplicates()
     if not np.isfinite(L.data).all():
         raise StvkError("EdgeNetwork: L has entries that are not finite.")
@@ -337,9 +337,9 @@ def _coefficients(mesh: ElementMesh, laws: Sequence[StVK], edges: NDArray[Any], 
         own = chosen[ids]
         if own.any():
             form = EdgeForm(mesh.p, mesh.t[:, ids[own]], GeneralStiffness(partial(np.compress, own, L, axis=0)))
-            places, entries = np.searchsorted(codes, form.edges[0].astype(np.int64) * mesh.nv + form.edges[1]), form.L.tocoo()
-            rows.append(places[entries.row])
-            columns.append(places[entries.col])
+            indices, entries = np.searchsorted(codes, form.edges[0].astype(np.int64) * mesh.nv + form.edges[1]), form.L.tocoo()
+            rows.append(indices[entries.row])
+            columns.append(indices[entries.col])
             values.append(entries.data)
     return csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(ne, ne))
 

@@ -72,8 +72,8 @@ class ElasticLaw(ABC):
                 object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))
         if self.simplices is not None and self.region is not None:
             raise MaterialError(
-                f"Got region = {shown(self.region)} and simplices; expected one of them: a region is of the elements of the mesh, "
-                "simplices are elements of the term's own."
+                f"Got region = {shown(self.region)} and simplices; expected one of them: a region selects elements of the mesh, "
+                "and simplices are the term's own elements."
             )
         own(self)
 
@@ -136,8 +136,8 @@ class ElasticLaw(ABC):
         """
         if not isinstance(self.material, Isotropic):
             raise MaterialError(
-                f"{type(self).__name__} is for isotropic materials; got {type(self.material).__name__}. Give young= and "
-                "poisson=, or take StVK, which is for any."
+                f"{type(self).__name__}: material = {type(self.material).__name__}(...); expected Isotropic. Give young= and "
+                "poisson=, or use StVK, which takes any material."
             )
         n, hypothesis = len(mesh.elements(self.region)), hypothesis or self.hypothesis(mesh)
         self.material.check(n, hypothesis)

@@ -101,9 +101,9 @@ class Bedding:
 
     def __init__(self, body: Body, facets: NDArray[np.int32], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
         self._k, self._body, self._facets, self._dtype = stiffness, body, facets, dtype
-        self._take(body)
+        self._set_areas(body)
 
-    def _take(self, body: Body) -> None:
+    def _set_areas(self, body: Body) -> None:
         """Use the areas of the facets of a body."""
         spread = Spread(body.mesh, body.facet, self._facets, body.facet_areas(self._facets))
         self.nodes = spread.vertices
@@ -115,11 +115,11 @@ class Bedding:
         tied = self.nodes[self._own > 0]
         self.grounded = (len(self._k) * tied[:, None] + np.flatnonzero(self._k)).ravel()
 
-    def without(self, gone: NDArray[np.bool_]) -> Bedding:
-        """Return the foundation without the facets whose elements are all removed, `gone` (nt,); the pairs stay, with zeros."""
-        left = copy(self)
-        left._take(self._body.without(gone, self._body.bare))
-        return left
+    def without(self, removed: NDArray[np.bool_]) -> Bedding:
+        """Return the foundation without the facets whose elements are all removed, `removed` (nt,); the pairs stay, with zeros."""
+        other = copy(self)
+        other._set_areas(self._body.without(removed, self._body.bare))
+        return other
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J] at `u` (nv, d); add the force on the springs [N] to `force` (nv, d)."""

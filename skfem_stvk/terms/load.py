@@ -59,8 +59,8 @@ class Value:
 
     Parameters
     ----------
-    given
-        Value: a number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of
+    value
+        A number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of
         d components, each a number or (n,); or a function that returns one of these.
     shape
         Shape of a value, () for a number, (d,) for components.
@@ -85,13 +85,13 @@ class Value:
     """
 
     def __init__(
-        self, given: Any, shape: tuple[int, ...], x: Array, what: str, error: type[StvkError] = LoadError, name: str = ""
+        self, value: Any, shape: tuple[int, ...], x: Array, what: str, error: type[StvkError] = LoadError, name: str = ""
     ) -> None:
         self._shape, self._x, self._what, self._error = shape, x, what, error
-        self._called = f"the function {name}".rstrip()
-        self._arguments = self._count_arguments(given) if callable(given) else 0
-        self._function = given
-        self.constant = None if self._arguments else self._values(given, name or "the value")
+        self._function_name = f"the function {name}".rstrip()
+        self._arguments = self._count_arguments(value) if callable(value) else 0
+        self._function = value
+        self.constant = None if self._arguments else self._values(value, name or "the value")
         for t in (0.0, 1.0):
             self.at(t)
 
@@ -108,15 +108,16 @@ class Value:
         except Exception as error:
             meaning = "t, a number" if self._arguments == 1 else f"x, of shape {self._x.shape}, and t"
             raise self._error(
-                f"{self._what}: {self._called} failed at t = {time:g} with {type(error).__name__}: {error}. It gets {meaning}."
+                f"{self._what}: {self._function_name} failed at t = {time:g} with {type(error).__name__}: {error}. It gets "
+                f"{meaning}."
             ) from error
-        return self._values(result, f"what {self._called} returned at t = {time:g}")
+        return self._values(result, f"what {self._function_name} returned at t = {time:g}")
 
-    def _values(self, given: Any, source: str) -> Array:
-        values = _together(given) if self._shape and isinstance(given, tuple | list) else real_array(given)
+    def _values(self, value: Any, source: str) -> Array:
+        values = _stacked(value) if self._shape and isinstance(value, tuple | list) else real_array(value)
         if values is None:
-            raise self._error(f"{self._what}: {source} is {shown(given)}; expected {self._expected}.")
-        self._refuse_square(given, values.shape, source)
+            raise self._error(f"{self._what}: {source} is {shown(value)}; expected {self._expected}.")
+        self._refuse_square(value, values.shape, source)
         if values.shape == self._shape:
             values = values[..., None]
         wanted = (*self._shape, self._x.shape[1])
@@ -129,10 +130,10 @@ class Value:
             raise self._error(f"{self._what}: {source} is not finite{where}.")
         return np.array(values)
 
-    def _refuse_square(self, given: Any, shape: tuple[int, ...], source: str) -> None:
+    def _refuse_square(self, value: Any, shape: tuple[int, ...], source: str) -> None:
         """Refuse an array (d, d) for d points: neither axis is known to be that of components, and it is not laid out like `x`."""
         d = self._shape[0] if self._shape else 0
-        if isinstance(given, tuple | list) or self._arguments == 2 or not 1 < d == self._x.shape[1] or shape != (d, d):
+        if isinstance(value, tuple | list) or self._arguments == 2 or not 1 < d == self._x.shape[1] or shape != (d, d):
             return
         raise self._error(
             f"{self._what}: {source} has shape {shape}, and there are {d} components and {d} vertices: rows may be either. Give a "
@@ -152,41 +153,42 @@ class Value:
             parameters = inspect.signature(function).parameters.values()
         except (TypeError, ValueError) as error:
             raise self._error(
-                f"{self._what}: cannot tell the arguments of {self._called}, {shown(function)}. Write it as lambda t: ... then."
+                f"{self._what}: cannot tell the arguments of {self._function_name}, {shown(function)}. Write it as lambda t: ... "
+                "then."
             ) from error
         positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
         if len(positional) not in (1, 2):
             raise self._error(
-                f"{self._what}: {self._called} has {len(positional)} arguments; expected one of t, or one of x and t: lambda x, "
-                "t: ..."
+                f"{self._what}: {self._function_name} has {len(positional)} arguments; expected one of t, or one of x and t: "
+                "lambda x, t: ..."
             )
         if len(positional) == 1 and positional[0].name == "x":
             raise self._error(
-                f"{self._what}: a function of one argument is a function of t, but this one calls it x. For a function of place "
+                f"{self._what}: a function of one argument is a function of t, but this one calls it x. For a function of position "
                 "write lambda x, t: ...; to ramp it, multiply by t."
             )
         return len(positional)
 
 
-def check_given(given: Any, what: str) -> None:
+def check_constants(value: Any, what: str) -> None:
     """Refuse constants that are not finite numbers, before a mesh says how many are expected.
 
-    >>> check_given((0, 0, 10**400), "Gravity: g")
+    >>> check_constants((0, 0, 10**400), "Gravity: g")
     Traceback (most recent call last):
     skfem_stvk.errors.LoadError: Gravity: g = (0, 0, 1000...); expected finite numbers, or a function of t or of (x, t).
     """
-    if callable(given):
+    if callable(value):
         return
-    values = _together(given) if isinstance(given, tuple | list) else real_array(given)
+    values = _stacked(value) if isinstance(value, tuple | list) else real_array(value)
     if values is None:
-        raise LoadError(f"{what} = {shown(given)}; expected finite numbers, or a function of t or of (x, t).")
+        raise LoadError(f"{what} = {shown(value)}; expected finite numbers, or a function of t or of (x, t).")
     bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(values.ndim - 1))))
     if len(bad):
         where = f" in {name_ids(bad, 'entry')}" if values.ndim and values.shape[-1] > 3 else ""
         raise LoadError(f"{what} is not finite{where}; expected finite numbers, or a function of t or of (x, t).")
 
 
-def _together(components: Sequence[Any]) -> Array | None:
+def _stacked(components: Sequence[Any]) -> Array | None:
     """Return the components (d, ...), each a number or one value per point, as one array; None if a component is neither."""
     arrays = [real_array(component) for component in components]
     known = [array for array in arrays if array is not None]

@@ -74,16 +74,16 @@ class Pressure(Load):
     simplices: Annotated[Any, Quantity(None, "A surface in space beside the mesh that it acts on: as those of its law.")] = None
 
     def bind(self, body: Body) -> FollowerPressure:
-        mesh, gone = body.mesh, body.gone
+        mesh, removed = body.mesh, body.removed
         if self.simplices is not None:
             t, element = simplices_of(self.simplices, mesh.p, mesh.element.degree, mesh, "Pressure: simplices")
-            mesh, gone = ElementMesh(mesh.p, t, element=element), np.zeros(t.shape[1], dtype=bool)
+            mesh, removed = ElementMesh(mesh.p, t, element=element), np.zeros(t.shape[1], dtype=bool)
         if mesh.k == 1:
             raise LoadError(f"Pressure: the mesh has {mesh.kind}, which have no surface. Use Traction or NodalLoad.")
         if mesh.k < mesh.d:
             what = "Pressure" if self.where is None else f"Pressure on {describe(self.where)}"
             surface, ids = _membrane(mesh, self.where, what)
-            sizes, vertices, element = np.where(gone[ids], 0.0, 1.0), None, mesh.element
+            sizes, vertices, element = np.where(removed[ids], 0.0, 1.0), None, mesh.element
         else:
             what = f"Pressure on {describe(self.where)}"
             surface, element = _outwards(mesh, self.where, what), body.facet

@@ -14,7 +14,7 @@ from ..edges.pairs import BoundTerm, NodeBlocks
 from ..materials import Hypothesis
 from ..mesh import ElementMesh
 from .body import Body
-from .load import Time, check_given
+from .load import Time, check_constants
 
 
 class Term(Protocol):
@@ -38,7 +38,7 @@ class Load(ABC):
     def __post_init__(self) -> None:
         own(self)
         if self.given_by:
-            check_given(getattr(self, self.given_by), f"{type(self).__name__}: {self.given_by}")
+            check_constants(getattr(self, self.given_by), f"{type(self).__name__}: {self.given_by}")
 
     @abstractmethod
     def bind(self, body: Body) -> BoundLoad:
@@ -51,7 +51,7 @@ def is_load(term: Any) -> TypeGuard[Load]:
 
 
 class BoundLoad(Protocol):
-    """Load on a body at displacements `u` (nv, d) and load factor or time `t`. If it is not `dead` it is a `TurningLoad`."""
+    """Load on a body at displacements `u` (nv, d) and load factor or time `t`. If it is not `dead` it is a `FollowerLoad`."""
 
     @property
     def has_potential(self) -> bool:
@@ -73,7 +73,7 @@ class BoundLoad(Protocol):
 
 
 @runtime_checkable
-class TurningLoad(Protocol):
+class FollowerLoad(Protocol):
     """Load with a stiffness: blocks of the pairs of vertices that it couples, and of single vertices.
 
     Attributes
@@ -130,7 +130,7 @@ class TakesTime(Protocol):
         """Set the term to its state at load factor or time `t`."""
 
 
-def tell(terms: Iterable[Any], t: Time) -> None:
+def set_time(terms: Iterable[Any], t: Time) -> None:
     """Set all terms that change with time to load factor or time `t`, before they are evaluated."""
     for term in terms:
         if isinstance(term, TakesTime):
@@ -227,11 +227,11 @@ class HasStretch(Protocol):
 class CanRemove(Protocol):
     """Term whose elements can be removed. Loads need no such method: they are bound again, to the remaining body."""
 
-    def without(self, gone: NDArray[np.bool_]) -> Any:
-        """Return the term without the removed elements `gone` (n,), in the order of its region; of the mesh, if it has no region.
+    def without(self, removed: NDArray[np.bool_]) -> Any:
+        """Return the term without the `removed` elements (n,), in the order of its region; of the mesh, if it has no region.
 
-        This term is not changed. `gone` includes all removed elements, also those of earlier calls. The new term couples the same
-        pairs of nodes, with blocks of zeros. If it has the attribute `nodes_joined` (2, m), this lists the pairs that it still
+        This term is not changed. `removed` includes all removed elements, also those of earlier calls. The new term couples the
+        same pairs of nodes, with blocks of zeros. If it has the attribute `nodes_joined` (2, m), this lists the pairs that it still
         joins. The new term has the history of this one.
         """
 

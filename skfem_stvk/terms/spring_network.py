@@ -230,18 +230,18 @@ class SpringNetwork:
         if not len(used):
             raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
         own, edges = whole.own[used], whole.edges[:, used]
-        left = partial(self._left, mesh, used)
-        return HookeanNetwork(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, remaining=left)
+        without_elements = partial(self._without_elements, mesh, used)
+        return HookeanNetwork(mesh.p, edges, whole.pairs, own, whole.between, dtype=dtype, remaining=without_elements)
 
-    def _left(self, mesh: ElementMesh, used: NDArray[Any], gone: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the stiffness of the `used` springs, and of pairs, without the removed elements `gone` (n,) of the region."""
+    def _without_elements(self, mesh: ElementMesh, used: NDArray[Any], removed: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the stiffness of the `used` springs, and of pairs, without the removed elements `removed` (n,) of the region."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StvkWarning)  # bind has warned already
-            springs = self._springs(mesh, ~gone)
+            springs = self._springs(mesh, ~removed)
         return springs.own[used], springs.between
 
-    def _springs(self, mesh: ElementMesh, kept: NDArray[np.bool_] | None = None) -> Springs:
-        """Return the springs; a rule uses only the retained elements `kept` (n,). Other edges, and edges of no element, have no
+    def _springs(self, mesh: ElementMesh, retained: NDArray[np.bool_] | None = None) -> Springs:
+        """Return the springs; a rule uses only the retained elements `retained` (n,). Other edges, and edges of no element, have no
         stiffness.
         """
         t = self._simplices(mesh)
@@ -254,10 +254,10 @@ class SpringNetwork:
                     f"stiffness has {len(k)} values; expected one for each of the {ne} edges of its region, in scikit-fem's order: "
                     "that of edges(mesh)."
                 )
-            around = np.bincount(t2e.ravel(), None if kept is None else np.tile(kept, len(t2e)), ne)
+            around = np.bincount(t2e.ravel(), None if retained is None else np.tile(retained, len(t2e)), ne)
             return Springs(edges, none, k * (around > 0), np.empty(0))
         rest = Rest.of(mesh, t, self)
-        part = np.ones(t.shape[1]) if kept is None else kept.astype(float)
+        part = np.ones(t.shape[1]) if retained is None else retained.astype(float)
         k = np.bincount(t2e.ravel(), weights=(RULES[self.rule or ""](rest).T * part).ravel(), minlength=ne)
         if self.rule != "triangular":
             return Springs(edges, none, k, np.empty(0))
@@ -352,7 +352,7 @@ def _edge_diagonal(rest: Rest) -> Array:
 
 def _triangular(rest: Rest) -> Array:
     if rest.lengths.shape[1] != 3:
-        raise MaterialError('rule = "triangular" is for triangles. Of tetrahedra EdgeNetwork has the pairs of edges, too.')
+        raise MaterialError('rule = "triangular" is for triangles. For tetrahedra use EdgeNetwork, which has the pairs of edges.')
     return _edge_diagonal(rest)
 
 
@@ -364,13 +364,13 @@ def _lloyd(rest: Rest) -> Array:
     """Return the stiffness by their two formulas, with each edge's own length where the elements are not regular."""
     young, m = _young(rest, "lloyd")[:, None], rest.lengths.shape[1]
     if m == 1:
-        raise MaterialError('rule = "lloyd" is for triangles and tetrahedra. Of segments the others have E A/l.')
+        raise MaterialError('rule = "lloyd" is for triangles and tetrahedra. For segments use another rule; all give E A/l.')
     solid = m == 6
     fits = rest.hypothesis is not Hypothesis.PLANE_STRAIN
     bad = np.flatnonzero(np.abs(rest.poisson - (1 / 4 if solid else 1 / 3)) > NEAR) if fits else np.arange(len(young))
     if len(bad):
         only = "nu = 1/4 in tetrahedra" if solid else 'nu = 1/3 in triangles in plane stress (plane="stress")'
-        warn(f'SpringNetwork: rule = "lloyd" is for {only}, as which {name_ids(bad, "element")} of the region count here.')
+        warn(f'SpringNetwork: rule = "lloyd" is for {only}, and {name_ids(bad, "element")} of the region are treated as such.')
     if solid:
         return np.asarray(2 * np.sqrt(2) / 25 * young * rest.lengths)
     return np.broadcast_to(np.sqrt(3) / 4 * young * rest.section[:, None], rest.lengths.shape)
@@ -392,19 +392,19 @@ def _least_squares(rest: Rest) -> Array:
     C, A = rest.crossed, rest.stiffness
     G, r = C**2, np.einsum("nij,nij->ni", C @ A, C)
     n, m = r.shape
-    k, used, left, size = np.zeros((n, m)), np.ones((n, m), dtype=bool), np.arange(n), np.abs(r).max(axis=1, keepdims=True)
+    k, used, active, size = np.zeros((n, m)), np.ones((n, m), dtype=bool), np.arange(n), np.abs(r).max(axis=1, keepdims=True)
     for round_ in range(2**m + m):
-        own = used[left]
+        own = used[active]
         both = own[:, :, None] & own[:, None, :]
-        x = np.linalg.solve(np.where(both, G[left], np.eye(m)), np.where(own, r[left], 0.0)[:, :, None])
-        slope = r[left] - (G[left] @ x)[:, :, 0]
-        k[left] = np.maximum(x[:, :, 0], 0.0)
-        wrong = np.where(own, x[:, :, 0], -slope) < -ROUNDED * size[left]
+        x = np.linalg.solve(np.where(both, G[active], np.eye(m)), np.where(own, r[active], 0.0)[:, :, None])
+        slope = r[active] - (G[active] @ x)[:, :, 0]
+        k[active] = np.maximum(x[:, :, 0], 0.0)
+        wrong = np.where(own, x[:, :, 0], -slope) < -ROUNDED * size[active]
         if round_ >= m:
             wrong &= np.cumsum(wrong, axis=1) == 1
-        used[left] ^= wrong
-        left = left[wrong.any(axis=1)]
-        if not len(left):
+        used[active] ^= wrong
+        active = active[wrong.any(axis=1)]
+        if not len(active):
             break
     return k
 

@@ -81,8 +81,8 @@ class StVK(ElasticLaw):
         flag("StVK: wrinkling", self.wrinkling, MaterialError)
         if self.wrinkling and not isinstance(self.material, Isotropic):
             raise MaterialError(
-                f"StVK(wrinkling=True) is for isotropic materials; got {type(self.material).__name__}. Give young= and poisson=, "
-                "or leave wrinkling out."
+                f"StVK(wrinkling=True): material = {type(self.material).__name__}(...); expected Isotropic. Give young= and "
+                "poisson=, or leave wrinkling out."
             )
 
     @property

@@ -35,10 +35,10 @@ class InTime(ABC):
         factor = self.factor(number("t", t, "a finite load factor or time", error=LoadError))
         return tuple(factor * one for one in self.value) if isinstance(self.value, tuple) else factor * self.value
 
-    def _keep(self, name: str, expected: str = NUMBER, low: float = -np.inf) -> None:
+    def _store_number(self, name: str, expected: str = NUMBER, low: float = -np.inf) -> None:
         """Store an attribute as a number, and refuse anything else."""
-        given = number(f"{type(self).__name__}: {name}", getattr(self, name), expected, low, error=LoadError)
-        object.__setattr__(self, name, given)
+        value = number(f"{type(self).__name__}: {name}", getattr(self, name), expected, low, error=LoadError)
+        object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class Ramp(InTime):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._keep("start")
-        self._keep("until", f"a finite number after start = {self.start:g}", self.start)
+        self._store_number("start")
+        self._store_number("until", f"a finite number after start = {self.start:g}", self.start)
 
     def factor(self, t: float) -> float:
         if t >= self.until:
@@ -116,8 +116,8 @@ class Sine(InTime):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._keep("frequency", "a positive number, cycles per time", 0.0)
-        self._keep("phase", "a finite number, an angle in radians")
+        self._store_number("frequency", "a positive number, cycles per time", 0.0)
+        self._store_number("phase", "a finite number, an angle in radians")
 
     def factor(self, t: float) -> float:
         return sin(2 * pi * self.frequency * t + self.phase)
@@ -174,12 +174,12 @@ class Table(InTime):
         return float(np.interp(t, self.times, self.factors))
 
 
-def _checked_value(name: str, given: Any) -> float | tuple[float, ...]:
+def _checked_value(name: str, value: Any) -> float | tuple[float, ...]:
     """Return a finite number, or a tuple of at most three."""
     expected = "a number, or one to three components (x, y, z); for values that depend on the place write a function of (x, t)"
-    values = real_array(given)
+    values = real_array(value)
     if values is None or values.shape not in ((), (1,), (2,), (3,)):
-        raise LoadError(f"{name}: value = {shown(given)}; expected {expected}.")
+        raise LoadError(f"{name}: value = {shown(value)}; expected {expected}.")
     if not np.isfinite(values).all():
-        raise LoadError(f"{name}: value = {shown(given)} is not finite; expected {expected}.")
+        raise LoadError(f"{name}: value = {shown(value)} is not finite; expected {expected}.")
     return tuple(values.tolist()) if values.ndim else float(values)

@@ -128,7 +128,7 @@ class VolumePenalty:
         bare = elements[modulus == 0]
         if len(bare):
             raise MaterialError(
-                f"VolumePenalty: {name_ids(bare, 'element')} in no material, from which the stiffness is taken by default. Give "
+                f"VolumePenalty: {name_ids(bare, 'element')} without a material, which gives the default stiffness. Give "
                 "stiffness= [Pa], or a region that has a material."
             )
         return ENERGIES[self.kind].usual * modulus

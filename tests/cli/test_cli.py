@@ -71,7 +71,7 @@ def test_a_curved_c3d10_file_is_verified_with_quadratic_tetrahedra(tmp_path, cap
     [
         (["--degree", "3"], "degree = 3; expected 1 or 2, the degree of the shape functions of simplices"),
         (["--quadrature", "nodes"], "quadrature = 'nodes'"),
-        (["--hourglass", "0.1"], "is for hexahedra and quadrilaterals"),
+        (["--hourglass", "0.1"], "expected None without quadrature"),
     ],
 )
 def test_a_wrong_element_is_exit_code_two(options, words, tmp_path, capsys):

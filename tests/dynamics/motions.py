@@ -11,8 +11,8 @@ from bodies import turned_round
 
 from skfem_stvk import ElementMesh, Gravity, NodalLoad, StVK, System, Traction, simulate
 from skfem_stvk.dynamics import EdgeDamping, Rayleigh, Status
-from skfem_stvk.dynamics.books import LedgerPlaces, column_names
 from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.dynamics.ledger_rows import LedgerLocations, column_names
 from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.options import Setup
 from skfem_stvk.dynamics.record import Clock, MotionState, RunRecord
@@ -150,4 +150,4 @@ def begun(system, integrator, v0):
     state = MotionState.at(0.0, np.zeros(system.ndofs), v0)
     state.v[motion.free.fixed] = 0
     record = RunRecord(state, Clock(0.0, integrator.dt or 0.0), Ledger(column_names(system)))
-    return Setup(motion, integrator, LedgerPlaces(), 1.0), record
+    return Setup(motion, integrator, LedgerLocations(), 1.0), record

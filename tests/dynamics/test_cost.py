@@ -44,8 +44,8 @@ def memory_of_steps(n, integrator):
     loop, peaks = Loop(setup, record, Outputs(setup, record), True), []
 
     def step():
-        loop._cutting.advance(record.state, record.clock.next(1.0)[0])
-        loop._books.enter(record.state, loop._stepper.energy)
+        loop._bisection.advance(record.state, record.clock.next(1.0)[0])
+        loop._ledger_writer.append_row(record.state, loop._stepper.energy)
         record.clock.tick()
 
     for _ in range(3):
@@ -144,4 +144,6 @@ def test_the_advice_after_a_blow_up_names_step_and_bound():
     system = hanging(3)
     dt = 0.5 * critical_step(system).bound
     setup, record = begun(system, VelocityVerlet(dt=dt), pushed(system))
-    assert re.search("critical step .* s, safe bound .* s when", StableStep(setup.motion, setup.integrator).advice(record))
+    assert re.search(
+        "critical step .* s, safe bound .* s at the last review", StableStep(setup.motion, setup.integrator).advice(record)
+    )

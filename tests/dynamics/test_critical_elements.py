@@ -104,7 +104,7 @@ def test_laws_and_penalties_add_up_and_other_terms_are_named():
     np.testing.assert_array_equal(critical_elements(bedded).every, plain.every)
     for other in (NeoHookean, Corotated):
         np.testing.assert_allclose(critical_elements(System(floor, other(young=2.0, poisson=0.3, density=1.0))).every, plain.every)
-    with pytest.raises(StvkError, match="SpringNetwork 0: no term is of elements"):
+    with pytest.raises(StvkError, match="SpringNetwork 0: expected at least one term on elements"):
         critical_elements(System(floor, SpringNetwork(young=2.0, poisson=0.25, density=1.0)))
 
 

@@ -7,8 +7,8 @@ from motions import MESHES
 
 from skfem_stvk import Corotated, Gravity, InvertibleStVK, StVK, StvkError, StvkWarning, System, simulate
 from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet
-from skfem_stvk.dynamics.books import known_total
 from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
+from skfem_stvk.dynamics.ledger_rows import known_total
 from skfem_stvk.results.store import read_archive, write_archive
 
 matplotlib.use("Agg")

@@ -88,7 +88,7 @@ def test_errors_of_motion_and_energy_fall_with_the_declared_order(name, scene, d
         ("diagonal", "consistent", None, "masses between vertices"),
         ("diagonal", "lumped", Rayleigh(beta=0.1), "damping between vertices"),
         ("diagonal", "lumped", EdgeDamping(0.1), "damping between vertices"),
-        ("rest", "lumped", EdgeDamping(0.1), "as if the body had not turned"),
+        ("rest", "lumped", EdgeDamping(0.1), "as if the body had not rotated"),
     ],
 )
 def test_crude_tangents_are_refused_with_unsuitable_mass_or_damping(tangent, mass, damping, what):

@@ -6,10 +6,10 @@ from motions import BOTH, MESHES, Scene, driven, kicked, material, reached, velo
 
 from skfem_stvk import Interrupted, System
 from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet, checkpoint
-from skfem_stvk.dynamics.books import Books
 from skfem_stvk.dynamics.critical_step import LargestFrequency
 from skfem_stvk.dynamics.guards import Guard
-from skfem_stvk.dynamics.loop import Cutting
+from skfem_stvk.dynamics.ledger_rows import LedgerWriter
+from skfem_stvk.dynamics.loop import Bisection
 from skfem_stvk.dynamics.outputs import Outputs
 from skfem_stvk.dynamics.record import Clock, Reviews, RunRecord
 from skfem_stvk.dynamics.stable_step import StableStep
@@ -45,7 +45,7 @@ def assert_resumes(scene, integrator, run, path, until):
 
 
 #: The moments are after the step, after its ledger row (the first row is the initial state), and after the clock.
-MOMENTS = {"step": (Cutting, "advance", 0), "ledger": (Books, "enter", 1), "clock": (Clock, "tick", 0)}
+MOMENTS = {"step": (Bisection, "advance", 0), "ledger": (LedgerWriter, "append_row", 1), "clock": (Clock, "tick", 0)}
 
 
 #: Clocks count only whole steps.
@@ -58,7 +58,7 @@ def test_ctrl_c_within_a_step_leaves_a_whole_step(integrator, number, moment, tm
     scene, (owner, method, more) = driven(2, damping=BOTH), MOMENTS[moment]
     with monkeypatch.context() as patch:
         interrupt_once(owner, method, patch, number + more)
-        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
+        with pytest.raises(Interrupted, match=r"To continue from .*: checkpoint='.*', resume=True") as caught:
             scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert 0.19 < caught.value.run.t <= SHORT
     assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
@@ -78,7 +78,7 @@ def test_ctrl_c_in_a_function_of_a_support_leaves_a_whole_step(integrator, numbe
         return 0.1 * np.sin(3 * t)
 
     scene = Scene(System(mesh, material(mesh), prescribed={"left": {"x": moving, "y": 0.0}}), 0.5 * velocities(mesh))
-    with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
+    with pytest.raises(Interrupted, match=r"To continue from .*: checkpoint='.*', resume=True") as caught:
         scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert hit and 0.19 < caught.value.run.t < SHORT
     assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
@@ -88,11 +88,11 @@ def test_ctrl_c_in_a_function_of_a_support_leaves_a_whole_step(integrator, numbe
 FOUND = {
     "look": (Reviews, "estimate", (1, 4, 9)),
     "critical step": (LargestFrequency, "at", (3, 5)),
-    "guard": (Guard, "trusts", (19, 20, 45, 60)),
-    "good state": (RunRecord, "keep", (2, 3, 4)),
+    "guard": (Guard, "is_good", (19, 20, 45, 60)),
+    "good state": (RunRecord, "store_good_state", (2, 3, 4)),
     "halving": (StableStep, "halved", (1,)),
-    "way back": (RunRecord, "back", (1,)),
-    "files": (Outputs, "back", (1,)),
+    "way back": (RunRecord, "return_to_good_state", (1,)),
+    "files": (Outputs, "discard_later_states", (1,)),
 }
 
 
@@ -106,7 +106,7 @@ def test_ctrl_c_during_step_size_control_leaves_a_whole_step(moment, number, tmp
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", np.inf)
         interrupt_once(owner, method, patch, number)
-        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from") as caught:
+        with pytest.raises(Interrupted, match=r"To continue from .*: checkpoint='.*', resume=True") as caught:
             scene.run(VelocityVerlet(), 4.0, checkpoint=tmp_path / "c")
     assert_resumes(scene, VelocityVerlet(), caught.value.run, tmp_path / "c", 4.0)
 
@@ -116,7 +116,7 @@ def test_ctrl_c_between_two_steps_loses_no_step(integrator, tmp_path, monkeypatc
     scene = driven(2, damping=BOTH)
     with monkeypatch.context() as patch:
         interrupt_once(Outputs, "step", patch, 27)
-        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from there") as caught:
+        with pytest.raises(Interrupted, match=r"To continue from there: checkpoint='.*', resume=True") as caught:
             scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert caught.value.run.t == 27 * DT
     assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
@@ -129,8 +129,8 @@ def test_a_checkpoint_later_than_the_good_state_is_retained(integrator, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", 0.0)
         patch.setattr(checkpoint, "SHARE", np.inf)
-        interrupt_once(Cutting, "advance", patch, 30)
-        with pytest.raises(Interrupted, match=r"checkpoint='.*', resume=True goes on from the last checkpoint") as caught:
+        interrupt_once(Bisection, "advance", patch, 30)
+        with pytest.raises(Interrupted, match=r"To continue from the last checkpoint: checkpoint='.*', resume=True") as caught:
             scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert caught.value.run.t == 20 * DT
     assert checkpoint.load(tmp_path / "c" / "motion.npz").ledger.steps == 30

@@ -97,7 +97,7 @@ def test_the_search_for_jumps_evaluates_smooth_motions_no_more_often(monkeypatch
     for looking in (True, False):
         with monkeypatch.context() as patch:
             if not looking:
-                patch.setattr(Jumps, "look", lambda self, t, held=None: None)
+                patch.setattr(Jumps, "check", lambda self, t, prescribed=None: None)
             asked = CountedFunction(lambda t: SIZE * np.sin(4 * t))
             pulled(asked).run(EnergyMomentum(DT), 1.0)
             counts.append(asked.count)
@@ -127,12 +127,12 @@ def test_earlier_speeds_are_recorded_for_each_support():
     still = np.zeros(len(motion.free.fixed))
     there = still.copy()
     there[1] = 0.1
-    jumps.look(0.1, there)  # 1 m/s, from rest
-    jumps.look(0.2, still)
+    jumps.check(0.1, there)  # 1 m/s, from rest
+    jumps.check(0.2, still)
     there[1] = 0.05
-    jumps.look(0.22, there)  # 2.5 m/s
+    jumps.check(0.22, there)  # 2.5 m/s
     both = there + 0.02
-    jumps.look(0.24, both)
+    jumps.check(0.24, both)
     assert searched == [[1], [1], [i for i in range(len(still)) if i != 1]]
 
 

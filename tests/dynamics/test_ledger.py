@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from skfem_stvk import Gravity, StVK, StvkError, System
 from skfem_stvk.dynamics import ledger as module
-from skfem_stvk.dynamics.books import Balance, column_names
 from skfem_stvk.dynamics.ledger import MOST_POINTS, Ledger, LedgerFile
+from skfem_stvk.dynamics.ledger_rows import Balance, column_names
 
 matplotlib.use("Agg")
 NAMES = ("time", "kinetic_energy", "total_energy")
@@ -89,7 +89,7 @@ def test_rows_of_another_length_are_refused():
     with pytest.raises(StvkError, match=r"rows have shape \(4, 2\); expected \(n, 3\)"):
         Ledger(NAMES, np.zeros((4, 2)))
     for names in ((), ("kinetic_energy", "time"), ("time", "A x", "A x")):
-        with pytest.raises(StvkError, match="expected different ones, 'time' first"):
+        with pytest.raises(StvkError, match="expected different names, 'time' first"):
             Ledger(names)
 
 
@@ -234,7 +234,7 @@ def test_unwritable_paths_are_refused_before_any_work(tmp_path):
             filled(1).save(path)
     with pytest.raises(StvkError, match=r"expected a path that ends in .png"):
         filled(2).plot(tmp_path / "flag.csv")
-    with pytest.raises(StvkError, match="the ledger has 1"):
+    with pytest.raises(StvkError, match="The ledger has 1 steps"):
         filled(1).plot()
 
 

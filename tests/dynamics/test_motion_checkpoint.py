@@ -145,13 +145,15 @@ def test_loads_undefined_at_the_times_of_another_motion_differ_from_its_loads(tm
         return 0, t
 
     call(tmp_path / "flag", until=0.05)
-    with pytest.raises(StvkError, match=r"of another problem: the loads of now cannot be had at the moments of then \(.*no data"):
+    with pytest.raises(
+        StvkError, match=r"another problem: the present loads cannot be evaluated at the times of the file \(.*no data"
+    ):
         call(tmp_path / "flag", body(loads=[Traction("tip", short)]))
 
 
 def test_invalid_files_are_named(tmp_path):
     path = tmp_path / "motion.npz"
-    with pytest.raises(StvkError, match=r"no checkpoint .*motion\.npz.*leave out resume"):
+    with pytest.raises(StvkError, match=r"no checkpoint .*motion\.npz.*leave resume out"):
         load(path)
     np.savez(path, u=np.zeros(3))
     for refused in (load, lambda path: call(tmp_path)):

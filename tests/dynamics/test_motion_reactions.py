@@ -29,7 +29,7 @@ from skfem_stvk.dynamics import (
     Rayleigh,
     VelocityVerlet,
 )
-from skfem_stvk.dynamics.motion import Motion, held_accelerations
+from skfem_stvk.dynamics.motion import Motion, constrained_accelerations
 from skfem_stvk.terms.load import Moment
 
 AXES = "xyz"
@@ -230,9 +230,9 @@ def test_supports_are_evaluated_only_within_the_run():
 def test_accelerations_of_supports_are_exact_for_cubics():
     mesh = MESHES[2]
     system = System(mesh, material(mesh), fixed={"left": "y"}, prescribed={"left": {"x": lambda t: t**3 - t**2}})
-    a = held_accelerations(Motion(system, "lumped", None), 0.5, 0.4)
+    a = constrained_accelerations(Motion(system, "lumped", None), 0.5, 0.4)
     np.testing.assert_allclose(a, np.tile([3.0 - 2.0, 0.0], len(a) // 2), atol=1e-10)
-    forwards = held_accelerations(Motion(system, "lumped", None), 0.5, 0.6)
+    forwards = constrained_accelerations(Motion(system, "lumped", None), 0.5, 0.6)
     np.testing.assert_allclose(forwards, a, atol=1e-10)
 
 
@@ -265,10 +265,14 @@ def test_locations_without_supports_are_refused():
 @pytest.mark.parametrize(
     ("error", "message", "places"),
     [
-        (StvkError, r"reactions = \['left'\]; expected places by name, such as \{'clamp': 'left'\}", {"reactions": ["left"]}),
+        (StvkError, r"reactions = \['left'\]; expected locations by name, such as \{'clamp': 'left'\}", {"reactions": ["left"]}),
         (SupportError, "reaction 'B': no support and no foundation acts at 'right'", {"reactions": {"B": "right"}}),
         (RegionError, r"reaction 'B': the vertices name 1 vertex \(99\) outside", {"reactions": {"B": [99]}}),
-        (StvkError, "two columns 'reaction B x': rename", {"reactions": {"B": "left"}, "probes": {"reaction B": [3]}}),
+        (
+            StvkError,
+            "two columns 'reaction B x'; expected different names",
+            {"reactions": {"B": "left"}, "probes": {"reaction B": [3]}},
+        ),
     ],
 )
 def test_invalid_reactions_and_probes_are_refused_before_any_work(error, message, places, monkeypatch):

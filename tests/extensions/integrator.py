@@ -25,6 +25,6 @@ class DriftKickStepper(ExplicitStepper):
     def step(self, state, t):
         h = t - state.t
         state.u += h * state.v
-        self.arrive(state, t)
+        self.move_supports(state, t)
         self.evaluate(state)
         state.v += h * self.inverse * (self.external(state.u, state.v, t) - self.internal)

@@ -15,7 +15,7 @@ from skfem_stvk.linear.space import Space
 from skfem_stvk.nonlinear.eigen import lowest_mode, nearest_mode
 from skfem_stvk.nonlinear.newton import End, NewtonOptions, newton
 from skfem_stvk.nonlinear.problem import Residual, Tangent, slope
-from skfem_stvk.nonlinear.stability import judged
+from skfem_stvk.nonlinear.stability import stability_of
 
 N, GHOSTS = 20, 3
 RTOL = 1e-10
@@ -111,7 +111,7 @@ class Wells:
     def solve(self, factors, b, rtol):
         return factors.solve(b, rtol)
 
-    def take_over(self, u, t):
+    def switch_to_direct(self, u, t):
         return False
 
     def negative_pivots(self):
@@ -127,7 +127,7 @@ class Wells:
     def step_limit(self, u, v):
         return np.inf
 
-    def on_this_side(self, u, found):
+    def keeps_orientations(self, u, found):
         return True
 
     def inside_out(self, u):
@@ -234,7 +234,7 @@ def test_an_allowed_number_of_inverted_elements_converges():
 
 
 def test_full_steps_across_a_flat_state_are_rejected():
-    problem = faulty(on_this_side=lambda u, found: False)
+    problem = faulty(keeps_orientations=lambda u, found: False)
     _, end, record = solved(problem)
     assert end.converged and 0 < record.restarted < len(record)
 
@@ -249,7 +249,7 @@ def test_eigenvalues_of_the_tangent_are_those_of_the_matrix(well):
     assert mode.value == pytest.approx(values[nearest], rel=1e-5)
     assert abs(problem.space.restrict(mode.vector) @ vectors[:, nearest]) == pytest.approx(1, abs=1e-4)
     assert lowest.value == pytest.approx(values[0], rel=1e-4)
-    verdict = judged(problem, u, 0.0)
+    verdict = stability_of(problem, u, 0.0)
     assert verdict.stable is bool(values[0] > 0) and verdict.negative == (values < 0).sum()
 
 

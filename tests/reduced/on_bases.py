@@ -52,7 +52,7 @@ class OnModes(Coordinates):
         self._moving = np.searchsorted(held, moving)
         self.count = 0
 
-    def held_values(self, t):
+    def prescribed_values(self, t):
         return self.body.supports.values(t)[self._moving]
 
     def response(self, z):

@@ -140,7 +140,10 @@ def test_iterations_do_not_evaluate_the_full_body(monkeypatch):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"solver": "superlu"}, "leave it out"), ({"checkpoint": "kept"}, "are not resumed")],
+    [
+        ({"solver": "superlu"}, "expected .auto. for a reduced system"),
+        ({"checkpoint": "kept"}, "expected None for a reduced system"),
+    ],
     ids=["solver", "checkpoint"],
 )
 def test_unsupported_options_of_a_reduced_solve_are_refused(options, message, tmp_path):

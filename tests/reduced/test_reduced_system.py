@@ -206,7 +206,7 @@ def test_snapshots_are_in_the_span():
     for u in states.T:
         assert np.abs(reduced.displacements(reduced.coordinates(u, 0.4), 0.4) - u).max() < 1e-12
     states[body.supports.held[0], 1] += 0.1
-    with pytest.raises(StvkError, match="snapshots move what is held in 1 of 3"):
+    with pytest.raises(StvkError, match="snapshots violate the supports in 1 of 3"):
         reduced_of(body, 3, 0, snapshots=states)
 
 

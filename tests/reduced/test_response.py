@@ -229,7 +229,7 @@ def holed():
 
 def test_points_without_equilibrium_are_holes_whose_cells_are_refused(holed):
     assert {at[0] for at in holed.holes} <= {-2.8, -2.0} and all(holed.holes.values()) and (-2.8, 0.0) in holed.holes
-    with pytest.raises(StateError, match=r"in a cell with \(-2.*where there is no answer: "):
+    with pytest.raises(StateError, match=r"in a cell with the hole \(-2.*: "):
         holed((-1.9, 0.05))
     assert np.isfinite(holed.forces).all() and "holes" in repr(holed)
     assert len(holed.error.points) == 4 and holed.error.points[:, 0].min() >= -0.1  # only cells without holes
@@ -259,7 +259,7 @@ def test_points_behind_a_snap_are_holes():
 
 
 def test_the_first_point_has_to_have_an_equilibrium():
-    with pytest.raises(StvkError, match=r"The first displacement .* has no answer: .*(inside out|Stopped)"):
+    with pytest.raises(StvkError, match=r"The first displacement .* has no equilibrium: .*(inside out|Stopped)"):
         PrecomputedResponse(solid(BEAM), GRIP, ([-3.1, 4.0], [0.0]), quiet=True)
     with pytest.raises(StvkError, match=r"The first displacement .* float64"):
         PrecomputedResponse(System(BEAM, StVK(young=1e4, poisson=0.3), {"left": "xy"}, dtype=np.float32), GRIP, ([0, 1], [0]))
@@ -277,7 +277,7 @@ def test_a_crash_is_a_hole_that_the_next_call_fills(tmp_path, monkeypatch):
     monkeypatch.setattr(response, "threads", lambda: 2)
     monkeypatch.setattr(handle_solves, "in_processes", crashing)
     lost = 2
-    with pytest.warns(StvkWarning, match=r"at 1 of 3 displacements \(\(0, 0.1\)\): its process ended at once"):
+    with pytest.warns(StvkWarning, match=r"at 1 of 3 displacements \(\(0, 0.1\)\): its process ended abnormally"):
         PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, jobs=2, checkpoint=tmp_path / "points", quiet=True)
     assert [file.name for file in sorted((tmp_path / "points").glob("*.npz"))] == ["point_000000.npz", "point_000001.npz"]
     monkeypatch.undo()
@@ -409,7 +409,7 @@ def test_checkpoints_of_another_problem_and_damaged_ones_are_refused(tmp_path):
             PrecomputedResponse(**options, checks=0, checkpoint=tmp_path / "points", quiet=True)
     file = tmp_path / "points" / "point_000001.npz"
     file.write_bytes(file.read_bytes()[:-40])
-    with pytest.raises(StvkError, match=r"point_000001.*Remove it: its point is solved anew"):
+    with pytest.raises(StvkError, match=r"point_000001.*Remove it, so that its point is solved again"):
         PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, checkpoint=tmp_path / "points", quiet=True)
 
 
@@ -487,7 +487,7 @@ def test_a_file_with_nodes_that_are_not_in_the_mesh_is_refused(holed, tmp_path, 
 def test_holes_are_saved(holed, tmp_path):
     loaded = PrecomputedResponse.load(holed.save(tmp_path / "holed.npz"), holed.body)
     assert loaded.holes == holed.holes and loaded.error.unsolved == holed.error.unsolved
-    with pytest.raises(StateError, match="no answer"):
+    with pytest.raises(StateError, match="cell with the hole"):
         loaded((-1.9, 0.0))
 
 
@@ -497,7 +497,7 @@ def test_holes_are_saved(holed, tmp_path):
         (([0.0], [0.1, 0.2]), "y goes from 0.1 to 0.2; expected zero"),
         (([0.0], [0.1, 0.0]), "ascending"),
         (([0.0], []), "at least one"),
-        (([0.0], [0.0]), "one value each"),
+        (([0.0], [0.0]), "each axis has one value"),
         (([0.0, 0.1],), "2 axes"),
         (([0.0], "yes"), "displacements: y"),
         (([0.0], [0.0, np.nan]), "not finite"),

@@ -54,5 +54,5 @@ def test_a_quartic_energy_is_not_sampled():
 def test_terms_without_a_modulus_are_refused(tmp_path):
     with pytest.raises(StvkError, match="VolumePenalty cannot be sampled"):
         ReducedSystem(bar(StVK(young=2.0, poisson=0.3, density=1.0), VolumePenalty(1.0)), 4, 3, sampled=40, quiet=True)
-    with pytest.raises(StvkError, match="not kept in files"):
+    with pytest.raises(StvkError, match="not stored in files"):
         ReducedSystem(bar(LAW), 4, 3, sampled=40, quiet=True).save(tmp_path / "bar.npz")

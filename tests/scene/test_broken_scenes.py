@@ -374,8 +374,9 @@ CASES = [
         "held and moved",
         [('left = "xyz"', 'left = "xyz"\n\n[prescribed]\nleft = { x = 0.1 }')],
         (
-            "scene.toml: prescribed.left, line 35: Both fixed and prescribed: x of 9 vertices (0, 1, 2, 15, 16, ...). Places "
-            "that share an edge or a corner? Leave the component out of one of them, or name other nodes: [places] some = { type = "
+            "scene.toml: prescribed.left, line 35: Both fixed and prescribed: x of 9 vertices (0, 1, 2, 15, 16, ...). Do "
+            "locations share an edge or a corner? Leave the component out of one of them, or name other nodes: [places] some = { "
+            "type = "
             '"nodes", ids = [...] }.'
         ),
     ),
@@ -384,8 +385,8 @@ CASES = [
         [('left = "xyz"', 'left = "x"\n\n[prescribed]\nright = { y = 0.1 }\ntop = { y = 0.2 }\nback = { x = 0.1 }')],
         (
             "scene.toml has 2 errors: prescribed.top, line 36: Prescribed twice, with different displacements at t = 0.333: y of 3 "
-            "vertices (14, 29, 44). Places that share an edge or a corner? Leave the component out of one of them. "
-            "prescribed.back, line 37: Both fixed and prescribed: x of 3 vertices (30, 31, 32). Places that share an edge or a "
+            "vertices (14, 29, 44). Do locations share an edge or a corner? Leave the component out of one of them. "
+            "prescribed.back, line 37: Both fixed and prescribed: x of 3 vertices (30, 31, 32). Do locations share an edge or a "
             "corner? Leave the component out of one of them, or name other nodes: [places] some = { type = "
             '"nodes", ids = [...] }.'
         ),
@@ -394,9 +395,9 @@ CASES = [
         "moved at once",
         [('left = "xyz"', 'left = "yz"\n\n[prescribed]\nleft = { x = 0.1 }')],
         (
-            "scene.toml: prescribed, line 34: 9 vertices (0, 1, 2, 15, 16, ...): at t0 = 0 s the supports hold them up to 0.1 m "
-            "from where u0 has them. In dynamics constants do not ramp: give them a time, such as time = "
-            '{ type = "ramp", until = 0.1 }, or begin in an equilibrium: [initial] file = "static.vtu".'
+            "scene.toml: prescribed, line 34: 9 vertices (0, 1, 2, 15, 16, ...): u0 differs from the supports at t0 = 0 s by "
+            "up to 0.1 m. In dynamics constants do not ramp. Give them a time, such as time = "
+            '{ type = "ramp", until = 0.1 }, or start from an equilibrium: [initial] file = "static.vtu".'
         ),
     ),
     Broken(
@@ -438,7 +439,7 @@ CASES = [
             "scene.toml: fixed, line 31: Not held: the body of 45 vertices has 3 rigid modes left, translation along y, "
             "translation along z, rotation about the x axis. Fix more components "
             '([fixed] place = "xyz"), prescribe them ([prescribed] place = { x = 0.0 }), or add a term of type = '
-            '"elastic-foundation". Parts that should hold together: merge the vertices of their common faces.'
+            '"elastic-foundation". To join parts, merge the vertices of their common faces.'
         ),
     ),
     Broken(
@@ -480,7 +481,7 @@ CASES = [
         [("cells = [4, 2, 2]", 'cells = [4, 2, 2]\nquadrature = "one-point"')],
         (
             'scene.toml: quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has '
-            "tetrahedra in 3D: linear simplices have one point as it is. Leave it out."
+            "tetrahedra in 3D: linear simplices have one point anyway. Leave it out."
         ),
     ),
     Broken(

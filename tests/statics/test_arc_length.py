@@ -14,9 +14,9 @@ from skfem_stvk.linear.space import Space
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.statics import CriticalPoint, SolveError, Status
 from skfem_stvk.statics.arc_length import ArcLength
+from skfem_stvk.statics.continuation import SMALLEST
 from skfem_stvk.statics.critical import Point
 from skfem_stvk.statics.equilibrium import Equilibrium
-from skfem_stvk.statics.walk import SMALLEST
 
 SPAN, RISE, EA = 1.0, 0.1, 1e3
 LENGTH = np.hypot(SPAN, RISE)
@@ -90,7 +90,7 @@ def test_a_path_that_does_not_reach_its_stop_is_reported(monkeypatch):
     from skfem_stvk.statics import stop
 
     monkeypatch.setattr(stop, "MOST_STATES", 10)
-    with pytest.raises(SolveError, match=r"before its end.*nothing that was asked for is reached after 10 states") as failure:
+    with pytest.raises(SolveError, match=r"before its end.*the stop is not reached after 10 states") as failure:
         solve_static(bar(), steps=20, **OPTIONS)
     assert len(failure.value.result.history) == 10
 
@@ -191,9 +191,9 @@ def test_an_invalid_stop_is_refused(stop, what):
 @pytest.mark.parametrize(
     ("displacement", "what"),
     [
-        (5, "a place, a component and a value"),
-        (([1], "z", 0.1), "component 'z'"),
-        (([1], "xy", 0.1), "component 'xy'"),
+        (5, "a location, a component and a value"),
+        (([1], "z", 0.1), "component = 'z'"),
+        (([1], "xy", 0.1), "component = 'xy'"),
         (([1], "y", np.inf), "finite displacement"),
         (("apex", "y", 0.1), "apex"),
         (([7], "y", 0.1), "7"),
@@ -268,7 +268,7 @@ def test_loads_nonlinear_in_the_load_factor_are_followed():
 
 def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     """The direction of the path is `du/dt`, with moving supports and loads nonlinear in the load factor."""
-    from skfem_stvk.statics.continuation import heading
+    from skfem_stvk.statics.predictor_corrector import path_tangent
 
     def move(x, t):
         return np.stack([0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])
@@ -278,14 +278,14 @@ def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     options = {"steps": 1, "rtol": 1e-12, "quiet": True, "method": "arc-length"}
     first, second = (solve_static(system, stop=Stop(load=t), **options) for t in (0.5 - 1e-4, 0.5 + 1e-4))
     middle = solve_static(system, stop=Stop(load=0.5), **options)
-    found = heading(Equilibrium(system, SuperLU(), Stopwatch()), middle.u, 0.5)
+    found = path_tangent(Equilibrium(system, SuperLU(), Stopwatch()), middle.u, 0.5)
     np.testing.assert_allclose(found.direction / found.rate, (second.u - first.u) / 2e-4, atol=1e-5)
     assert np.linalg.norm(found.direction) == pytest.approx(1)
 
 
 def test_a_body_without_response_to_the_load_is_reported():
     system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("wall", (0, 0, -10.0))], fixed={"wall": "xyz"})
-    with pytest.raises(SolveError, match="nothing moves as the load grows"):
+    with pytest.raises(SolveError, match="no displacement changes as the load grows"):
         solve_static(system, **OPTIONS)
 
 
@@ -346,7 +346,7 @@ def test_the_state_at_the_start_is_counted():
 
 
 def test_a_stop_at_a_fixed_location_is_refused():
-    with pytest.raises(StvkError, match=r"x is fixed at 1 vertex \(1\), so it never gets there"):
+    with pytest.raises(StvkError, match=r"component = 'x' is fixed at 1 vertex \(1\); expected a component that can move"):
         solve_static(bar(), stop=Stop(displacement=([1], "x", 0.1)), **OPTIONS)
 
 
@@ -416,7 +416,7 @@ def test_the_path_of_a_steep_arch_does_not_depend_on_the_steps():
 def test_states_beyond_another_stop_are_not_resumed(tmp_path):
     call = {"steps": 20, "checkpoint": tmp_path / "path", **OPTIONS}
     solve_static(bar(), stop=Stop(displacement=([1], "y", -0.03)), **call)
-    passed = r"have passed what Stop\(load={}\) asks for, between {} .* and state \d+ .*begin anew from {}"
+    passed = r"stop = Stop\(load={}\); .* pass it between {} .* and state \d+ .*begin a new path from {}"
     with pytest.raises(StvkError, match=passed.format(0.3, r"state \d+", r"state \d+")):
         solve_static(bar(), stop=Stop(load=0.3), resume=True, **call)
     with pytest.raises(StvkError, match=passed.format(0.01, "the start", "the start")):
@@ -448,7 +448,7 @@ def test_a_step_stays_on_the_path_if_its_critical_points_explain_the_change(befo
     path, u = object.__new__(ArcLength), np.zeros(2)
     path._point = Point(u, 0.0, before, None)
     points = tuple(CriticalPoint("bifurcation", 0.5, u, u, one) for one in resolved)
-    assert path._hopped(Point(u, 1.0, after, None), points) is hopped
+    assert path._left_the_path(Point(u, 1.0, after, None), points) is hopped
 
 
 def test_successful_steps_are_never_too_short_to_continue():
@@ -457,7 +457,7 @@ def test_successful_steps_are_never_too_short_to_continue():
     A path with sharp bends at twenty states once ended for its short steps, with the message that nothing was reached.
     """
     path = object.__new__(ArcLength)
-    path.problem, path.u, path._from = SimpleNamespace(states=Space(2)), np.zeros(2), np.zeros(2)
+    path.problem, path.u, path._initial = SimpleNamespace(states=Space(2)), np.zeros(2), np.zeros(2)
     path._first, path._first_load, path._size = 1.0, 0.1, 1.0
     for _ in range(20):
         path._adapt(iterations=4, cosine=0.6)

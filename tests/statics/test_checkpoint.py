@@ -20,10 +20,10 @@ from skfem_stvk.results.files import OutputFiles
 from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.statics import Interrupted, SolveError, Step, checkpoint
 from skfem_stvk.statics.arc_length import ArcLength
+from skfem_stvk.statics.continuation import ContinuationOptions
 from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.load_steps import LoadSteps
-from skfem_stvk.statics.stop import Goal
-from skfem_stvk.statics.walk import Course
+from skfem_stvk.statics.stop import StopCriterion
 from skfem_stvk.system.signature import Fingerprint
 from validation import resumed
 
@@ -195,7 +195,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
     solve_static(bent(), **call)
     broken = sorted((tmp_path / "path").glob("state_*.npz"))[1]
     broken.write_bytes(broken.read_bytes()[:100])
-    with pytest.raises(StvkError, match=r"state_00001.npz cannot be read.*resume from the one before"):
+    with pytest.raises(StvkError, match=r"state_00001.npz cannot be read.*Remove it and all later states"):
         solve_static(bent(), resume=True, **call)
 
 
@@ -359,9 +359,9 @@ def test_a_series_requested_on_resume_has_all_states_and_no_older_ones(tmp_path)
 
 def continuation_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
     problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
-    course = Course(1 / steps, 1e-8, Monitors(system, False), stability, lambda *_: None)
+    course = ContinuationOptions(1 / steps, 1e-8, Monitors(system, False), stability, lambda *_: None)
     begin = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, course
-    return ArcLength(*begin, Goal(Stop(load=1.0), system)) if method == "arc-length" else LoadSteps(*begin)
+    return ArcLength(*begin, StopCriterion(Stop(load=1.0), system)) if method == "arc-length" else LoadSteps(*begin)
 
 
 def state_of(continuation):
@@ -377,17 +377,17 @@ def state_of(continuation):
     numbers |= {"largest": continuation.problem.largest, "point t": point.t, "negative": point.negative, "lowest": point.lowest}
     arrays = {"u": continuation.u, "point u": point.u}
     if isinstance(continuation, ArcLength):
-        numbers |= {"turns": continuation._turns, "states": continuation._states}
-        if continuation._heading is not None:
-            numbers |= {"rate": continuation._heading.rate, "ahead": continuation._heading.negative}
-            arrays["direction"] = continuation._heading.direction
+        numbers |= {"turns": continuation._limit_points, "states": continuation._states}
+        if continuation._tangent is not None:
+            numbers |= {"rate": continuation._tangent.rate, "ahead": continuation._tangent.negative}
+            arrays["direction"] = continuation._tangent.direction
     else:
         numbers |= {
             "full first": continuation._full_first,
-            "before": None if continuation._before is None else continuation._before[0],
+            "before": None if continuation._previous is None else continuation._previous[0],
         }
-        if continuation._before is not None:
-            arrays["u before"] = continuation._before[1]
+        if continuation._previous is not None:
+            arrays["u before"] = continuation._previous[1]
     return numbers, arrays
 
 

@@ -224,7 +224,7 @@ def test_a_nearby_state_replaces_one_with_an_exactly_singular_tangent(monkeypatc
     monkeypatch.setattr(critical._Chord, "_corrected", corrected)
     assert 0 < abs(chord.at(0.5)[1] - 0.5) < 1e-7 and calls[0] == 0.5
     monkeypatch.setattr(critical._Chord, "_corrected", lambda self, f: None)
-    with pytest.raises(critical._Lost):
+    with pytest.raises(critical._PathLost):
         chord.at(0.5)
 
 

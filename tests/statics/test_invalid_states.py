@@ -113,7 +113,7 @@ def test_states_in_another_order_or_of_another_path_are_refused(path, tmp_path):
     first = file.with_name("state_00000.npz")
     content = file.read_bytes()
     file.write_bytes(first.read_bytes())
-    with pytest.raises(StvkError, match=r"damaged: it is state 0 of its path, not"):
+    with pytest.raises(StvkError, match=r"damaged: its number is 0; expected"):
         solve_static(**call, resume=True)
     solve_static(**call | {"checkpoint": tmp_path / "other", "rtol": 1e-6})
     file.write_bytes((tmp_path / "other" / file.name).read_bytes())

@@ -10,7 +10,7 @@ from skfem_stvk.linear import SuperLU
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.statics import Status, load_steps
 from skfem_stvk.statics.equilibrium import Equilibrium
-from skfem_stvk.statics.load_steps import MOST, Between, OnPath
+from skfem_stvk.statics.load_steps import MOST_SOLVES, JumpDetector, PathState
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 
@@ -43,7 +43,7 @@ def test_no_snap_is_reported_for_smaller_loads(steps):
 
 def test_a_snap_after_a_failed_step_is_reported(monkeypatch):
     """A snap after a failed step is reported, although no prediction from two states exists there."""
-    monkeypatch.setattr(load_steps.LoadSteps, "_pointed", lambda self, t: None)
+    monkeypatch.setattr(load_steps.LoadSteps, "_extrapolated", lambda self, t: None)
     result = solve_static(truss(600.0), steps=5, **OPTIONS)
     assert sum(step.jumped for step in result.history) == 1 and result.history[0].jump is None
 
@@ -105,15 +105,15 @@ def test_a_nearly_perfect_column_buckles_in_one_step():
 def test_no_intermediate_states_are_solved_if_the_response_is_linear(monkeypatch):
     """If the response is linear, which the force along the straight line shows, no intermediate states are solved."""
     calls = []
-    monkeypatch.setattr(Between, "_answer", lambda self, *state: calls.append(state))
+    monkeypatch.setattr(JumpDetector, "_tangent_response", lambda self, *state: calls.append(state))
     assert solve_static(truss(10.0), steps=1, **OPTIONS).history[0].jump is None and not calls
 
 
 def test_the_number_of_intermediate_states_is_limited(monkeypatch):
     """The number of intermediate states is limited, also on a path that is far from its predictions at any step size."""
     calls = []
-    monkeypatch.setattr(Between, "_is_straight", lambda self, before, after: False)
-    monkeypatch.setattr(Between, "_answer", lambda self, state, t: np.full(12, t - state.t))
+    monkeypatch.setattr(JumpDetector, "_is_straight", lambda self, before, after: False)
+    monkeypatch.setattr(JumpDetector, "_tangent_response", lambda self, state, t: np.full(12, t - state.t))
     problem = Equilibrium(truss(1.0), SuperLU(), Stopwatch())
-    between = Between(problem, lambda before, start, t: calls.append(t) or np.full(12, 3 * t))
-    assert between.jump(OnPath(0.0, np.zeros(12)), OnPath(1.0, np.full(12, 3.0))) is None and len(calls) == MOST
+    between = JumpDetector(problem, lambda before, start, t: calls.append(t) or np.full(12, 3 * t))
+    assert between.jump(PathState(0.0, np.zeros(12)), PathState(1.0, np.full(12, 3.0))) is None and len(calls) == MOST_SOLVES

@@ -12,9 +12,9 @@ from skfem_stvk.nonlinear.problem import Tangent
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.statics import Status
+from skfem_stvk.statics.continuation import ContinuationOptions
 from skfem_stvk.statics.equilibrium import Equilibrium
 from skfem_stvk.statics.load_steps import LoadSteps
-from skfem_stvk.statics.walk import Course
 
 ELASTIC = StVK(young=1e4, poisson=0.3)
 MESH = beam(n=1)
@@ -165,6 +165,9 @@ def test_a_path_begins_with_the_negative_eigenvalues_of_springs(k, negative):
     away = PointSpring([1], (1.0, 0.0), lambda t: k)
     system = System(mesh, [StVK(young=1e4, poisson=0.3, area=1e-2), away], fixed=[([0], "xy"), ([1], "y")])
     path = LoadSteps(
-        equilibrium(system), np.zeros(4), 0.0, Course(0.25, 1e-8, Monitors(system, False), False, lambda t, record: None)
+        equilibrium(system),
+        np.zeros(4),
+        0.0,
+        ContinuationOptions(0.25, 1e-8, Monitors(system, False), False, lambda t, record: None),
     )
     assert path._point.negative == negative

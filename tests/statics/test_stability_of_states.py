@@ -15,7 +15,7 @@ from skfem_stvk.linear.inertia import Inertia, inertia, shifted
 from skfem_stvk.linear.pardiso import PardisoFactors
 from skfem_stvk.nonlinear import eigen, stability
 from skfem_stvk.nonlinear.eigen import lowest_mode
-from skfem_stvk.nonlinear.stability import judged, real_eigenvalues
+from skfem_stvk.nonlinear.stability import real_eigenvalues, stability_of
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 from skfem_stvk.statics import Status
 from skfem_stvk.statics.equilibrium import Equilibrium
@@ -110,7 +110,7 @@ def test_a_column_with_a_follower_load_does_not_diverge_and_flutter_is_not_check
     assert (np.linalg.eigvalsh((K + K.T) / 2)[0] > 0) == (times < 4)
     values = np.linalg.eigvals(K)
     assert values.real[values.imag == 0].min() > 0
-    assert result.success and "does not diverge; flutter not looked at" in result.message
+    assert result.success and "does not diverge; flutter not checked" in result.message
     assert [step.negative for step in result.history] == [0] * len(result.history)
 
 
@@ -159,7 +159,7 @@ def test_negative_real_eigenvalues_are_counted(monkeypatch, dense, below):
     assert np.linalg.eigvalsh((K + K.T).toarray() / 2)[0] < 0
     found = real_eigenvalues(K, unknowns)
     assert found.negative == below and found.unsigned == 0
-    assert found.all_of_them or below
+    assert found.complete or below
 
 
 def test_the_determinant_shows_a_negative_eigenvalue_far_from_zero(monkeypatch):
@@ -173,7 +173,7 @@ def test_the_determinant_shows_a_negative_eigenvalue_far_from_zero(monkeypatch):
     assert real_eigenvalues(K, unknowns).negative == 1
     monkeypatch.setattr(stability, "COUNTED", 0)
     found = real_eigenvalues(K, unknowns)
-    assert not found.negative and not found.all_of_them, "without the determinant it is not known"
+    assert not found.negative and not found.complete, "without the determinant it is not known"
 
 
 def diagonal(*values):
@@ -201,14 +201,14 @@ def test_negative_curvature_at_the_round_off_of_cg_is_not_a_verdict(bent):
     problem = Equilibrium(bent.system, AmgCg(), Stopwatch())
     force = np.random.default_rng(0).standard_normal(len(problem.tangent.free.free))
     assert problem.solve(problem.factorise(bent.u, 1.0), force, 1e-4).outcome is Outcome.NEGATIVE_CURVATURE
-    assert judged(problem, bent.u, 1.0) == (True, 0, "")
+    assert stability_of(problem, bent.u, 1.0) == (True, 0, "")
 
 
 def test_an_unknown_stability_is_reported(bent, monkeypatch):
     """An unknown stability is reported: the body is too large to be factorised, and LOBPCG finds no eigenvalue."""
     for module in (stability, eigen):
         monkeypatch.setattr(module, "COUNTED", 0)
-    verdict = judged(Equilibrium(bent.system, AmgCg(), Stopwatch()), bent.u, 1.0)
+    verdict = stability_of(Equilibrium(bent.system, AmgCg(), Stopwatch()), bent.u, 1.0)
     assert verdict.stable and verdict.negative is None and "not known" in verdict.doubt
 
 
@@ -244,7 +244,7 @@ def test_failures_of_cg_are_confirmed_by_another_method(monkeypatch, outcome, ti
         return replace(found, outcome=Outcome[outcome]) if rtol == 1e-4 else found
 
     monkeypatch.setattr(Equilibrium, "solve", failing)
-    assert judged(problem, straight.u, straight.t)[0] is stable
+    assert stability_of(problem, straight.u, straight.t)[0] is stable
 
 
 @pytest.mark.parametrize("times", [0.5, 1.5])
@@ -274,5 +274,5 @@ def test_a_state_whose_lowest_eigenvalue_is_round_off_has_no_verdict(monkeypatch
     monkeypatch.setattr(Equilibrium, "negative_pivots", lambda self: 1)
     for part, stable, negative, says in ((0.0, True, 0, "not known"), (1e-3, True, 0, ""), (-1e-3, False, 1, "")):
         monkeypatch.setattr(Equilibrium, "matrix", shifted_by(part))
-        verdict = judged(problem, u, 0.0)
+        verdict = stability_of(problem, u, 0.0)
         assert verdict[:2] == (stable, negative) and (says in verdict.doubt if says else not verdict.doubt)

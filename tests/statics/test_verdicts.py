@@ -107,7 +107,7 @@ def test_an_interruption_of_the_stability_check_keeps_the_states(monkeypatch, er
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(solve_module, "judged", fail)
+    monkeypatch.setattr(solve_module, "stability_of", fail)
     with pytest.raises(BaseException) as caught:  # a bare KeyboardInterrupt would end pytest
         solve_static(bent(), steps=3, quiet=True)
     assert isinstance(caught.value, Interrupted | SolveError) and caught.value.result.t == 1

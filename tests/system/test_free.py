@@ -186,7 +186,7 @@ def test_with_nothing_fixed_the_matrix_is_K():
     ("fixed", "message"),
     [
         (np.arange(N), f"All {N} degrees of freedom are fixed: there is nothing to solve for"),
-        ([3, N, N + 4], rf"fixed names 2 degree.* \({N}, {N + 4}\) outside 0 ... {N - 1}. Are they of another mesh"),
+        ([3, N, N + 4], rf"fixed names 2 degree.* \({N}, {N + 4}\) outside 0 ... {N - 1}. Do they belong to another mesh"),
         ([-1], r"\(-1\) outside 0"),
         (np.zeros(N, dtype=bool), rf"fixed = an array of shape \({N},\) and dtype bool; expected a list of degrees of freedom"),
         ([1.0, 2.0], r"fixed = \[1\.0, 2\.0\]; expected a list"),
@@ -279,7 +279,7 @@ def test_repr_has_the_number_of_free_degrees_of_freedom():
     "free", [3, "xyz", np.arange(4), System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3)).free_dofs([0])]
 )
 def test_free_degrees_of_freedom_of_other_systems_are_refused(free):
-    with pytest.raises(StvkError, match=r"free = .*; expected what free_dofs\(\) of this system returned"):
+    with pytest.raises(StvkError, match=r"free = .*; expected a result of free_dofs\(\) of this system"):
         SOLID.tangent(np.zeros(N), free=free)
     with pytest.raises(StvkError, match="free = "):
         SOLID.jacobian(np.zeros(N), free=free)

@@ -215,7 +215,7 @@ def test_vertices_without_mass_are_named_unless_constrained(kind):
     loose = tuple(np.setdiff1d(mesh.t, mesh.t[:, solid]).tolist())
     bare, half, held = (System(mesh, terms, fixed=fixed) for fixed in (None, {loose: "x"}, {loose: "xy"}))
     for system in (bare, half):
-        with pytest.raises(MaterialError, match=rf"{len(loose)} vert.* \({loose[0]}.*\) of {mesh.nv}: can move, but without mass"):
+        with pytest.raises(MaterialError, match=rf"{len(loose)} vert.* \({loose[0]}.*\) of {mesh.nv}: can move, but have no mass"):
             system.mass(kind)
     mass, f = held.mass(kind), RNG.standard_normal(held.ndofs)
     assert mass.total == pytest.approx(3.0 * volumes(mesh)[solid].sum()) and np.isfinite(mass.solve(f)).all()

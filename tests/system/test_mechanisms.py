@@ -20,7 +20,7 @@ from skfem_stvk.kernels.topology import pieces_of_simplices
 from skfem_stvk.mesh.facets import facet_ids
 from skfem_stvk.system.constraints import Block, free_motions
 from skfem_stvk.system.mechanisms import check_held, mechanisms
-from skfem_stvk.system.rigid import parts_of, rigid_modes_left
+from skfem_stvk.system.rigid import free_rigid_modes, parts_of
 
 MATERIAL = StVK(young=2.0, poisson=0.3)
 UNIT = skfem.MeshTet()
@@ -79,7 +79,7 @@ def motions_left(mesh, held):
     """Return the numbers of rigid modes and of mechanisms of all parts."""
     edges = edge_topology(mesh.t)[0]
     part = parts_of([edges], mesh.nv)
-    rigid = {left.part: left.count for left in rigid_modes_left(mesh.p, part, held)}
+    rigid = {left.part: left.count for left in free_rigid_modes(mesh.p, part, held)}
     found = mechanisms(mesh.p, mesh.t, np.arange(mesh.nt), part, held, rigid=rigid, edges=[edges])
     return sum(rigid.values()), sum(mechanism.count for mechanism in found)
 
@@ -165,7 +165,7 @@ def test_random_simplices_have_as_many_motions_as_the_stiffness_has_zero_eigenva
     assert sum(motions_left(ElementMesh(mesh.p + offset, mesh.t), dofs)) == zeros
 
 
-ADVICE = " Less than a face joins these elements to the others: hold them as well, join them by faces, or mesh anew."
+ADVICE = " These elements share less than a face with the others: fix them as well, join them by faces, or remesh."
 
 
 def test_a_ball_joint_is_named():
@@ -200,7 +200,7 @@ def test_each_loose_joint_of_a_chain_is_named():
 def test_rigid_modes_and_mechanisms_are_reported_together():
     text = message(ONE_NODE, None)
     assert text.startswith("Not held: the body of 15 vertices has 6 rigid modes left, translation along x")
-    assert "merge the vertices of their common faces. Besides, the body of 15 vertices has 3 mechanisms: 5 elements" in text
+    assert "merge the vertices of their common faces. Also, the body of 15 vertices has 3 mechanisms: 5 elements" in text
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -243,9 +243,9 @@ def test_triangles_in_the_plane_rotate_about_a_vertex():
     assert message(TRIANGLES, LEFT) == (
         "Not held: the body of 8 vertices has 2 mechanisms: 1 element (2) can turn about "
         f"1 vertex ({first}) at (1, 1), 1 element (3) can turn "
-        f"about 1 vertex ({second}) at (2, 1.2). Less than an edge joins these elements to the others: "
-        "hold them as well, join them by edges, "
-        "or mesh anew."
+        f"about 1 vertex ({second}) at (2, 1.2). These elements share less than an edge with the others: "
+        "fix them as well, join them by edges, "
+        "or remesh."
     )
     System(TRIANGLES, MATERIAL, fixed={**LEFT, at(3, 1): "xy"}).check_held()  # a linkage of two bars, supported at both ends
 
@@ -294,7 +294,7 @@ def fan(n):
 
 def test_many_joints_are_counted():
     text = message(fan(40), {at(*fan(40).p[:, 0]): "xyz"})
-    assert text.count("can turn about 1 vertex") == 5 and ", and 34 more joints. Less than a face" in text
+    assert text.count("can turn about 1 vertex") == 5 and ", and 34 more joints. These elements share less than a face" in text
     assert "has 117 mechanisms" in text and "has 3 rigid modes left" in text
 
 

@@ -10,7 +10,7 @@ from test_mechanisms import put_together, simplex
 from skfem_stvk import ElementMesh
 from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.system.mechanisms import mechanisms, pieces
-from skfem_stvk.system.rigid import parts_of, rigid_modes_left
+from skfem_stvk.system.rigid import free_rigid_modes, parts_of
 
 HEX, QUAD = ELEMENTS["hexahedra"], ELEMENTS["quadrilaterals"]
 
@@ -62,7 +62,7 @@ def motions_left(mesh, held):
     t = mesh.t.T
     edges = np.sort(np.concatenate([t[:, [a, b]] for a, b in mesh.element.pairs]).T, axis=0)
     part = parts_of([edges], mesh.nv)
-    left = rigid_modes_left(mesh.p, part, held)
+    left = free_rigid_modes(mesh.p, part, held)
     rigid = {each.part: each.count for each in left}
     found = mechanisms(mesh.p, mesh.t, np.arange(mesh.nt), part, held, rigid=rigid, edges=[edges], element=mesh.element)
     return sum(rigid.values()), sum(each.count for each in found)

@@ -113,7 +113,7 @@ def test_energy_and_force_need_no_pattern_and_no_pairs(call, term):
     getattr(body, call)(state(body.mesh))
     memory = body.memory()
     assert {name for name in MORE if memory[name]} == set()
-    assert body._pattern is None and body._places is None
+    assert body._pattern is None and body._row_cache is None
     (assembly,) = body.bound_terms
     assert not {"edges", "lexicographic"} & set(vars(assembly.elements))
     assert not {"L", "P", "t2e", "pairs", "adjacent"} & set(vars(assembly.form))

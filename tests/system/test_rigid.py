@@ -13,7 +13,7 @@ from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges.topology import edge_topology
 from skfem_stvk.errors import SupportError
 from skfem_stvk.system.mechanisms import check_held
-from skfem_stvk.system.rigid import parts_of, rigid_modes, rigid_modes_left
+from skfem_stvk.system.rigid import free_rigid_modes, parts_of, rigid_modes
 from skfem_stvk.system.supports import Supports
 
 CUBE = ElementMesh.of(skfem.MeshTet().refined(2))
@@ -26,7 +26,7 @@ def left(mesh, supports=(), move=lambda p: p):
 
 
 def descriptions(p, edges, held):
-    return [str(each) for each in rigid_modes_left(p, parts_of(edges, p.shape[1]), held)]
+    return [str(each) for each in free_rigid_modes(p, parts_of(edges, p.shape[1]), held)]
 
 
 def at(mesh, condition):

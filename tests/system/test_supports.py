@@ -115,7 +115,7 @@ def test_supports_may_be_empty():
             {"wall": "xyz"},
             {"wall": {"x": 0.0}},
             SupportError,
-            r"^Both fixed and prescribed: x of \d+ vertices \(.*Places that share an edge",
+            r"^Both fixed and prescribed: x of \d+ vertices \(.*Do locations share an edge",
         ),
         (
             None,

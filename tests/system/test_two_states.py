@@ -98,7 +98,7 @@ READ_ONLY.flags.writeable = False
     ],
 )
 def test_an_array_that_cannot_be_written_is_refused(out):
-    with pytest.raises(StvkError, match=rf"out = .*expected an array of floats \({BODY.ndofs},\)"):
+    with pytest.raises(StvkError, match=rf"out = .*expected a contiguous, writable array of floats \({BODY.ndofs},\)"):
         BODY.energy_and_force(U0, out)
     with pytest.raises(StvkError, match="out = "):
         add_mean_force(BODY, U0, U1, out)

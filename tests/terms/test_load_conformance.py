@@ -13,7 +13,7 @@ from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.record import MotionState
 from skfem_stvk.edges.pairs import AccumulatedBlocks
 from skfem_stvk.system import Pattern
-from skfem_stvk.terms import Body, TurningLoad
+from skfem_stvk.terms import Body, FollowerLoad
 from skfem_stvk.terms.load import Moment
 
 T = Moment(0.6, 0.8)
@@ -130,7 +130,7 @@ def test_the_stiffness_is_minus_the_derivative_of_the_force(name):
 
 @pytest.mark.parametrize("name", DEAD)
 def test_dead_loads_have_no_stiffness(name):
-    assert not isinstance(bound(CASES[name]), TurningLoad)
+    assert not isinstance(bound(CASES[name]), FollowerLoad)
 
 
 @pytest.mark.parametrize("name", CASES)

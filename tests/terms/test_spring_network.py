@@ -358,7 +358,7 @@ def test_a_volume_penalty_prevents_inverted_elements_of_a_bar():
 @pytest.mark.parametrize("nu", [0.3, 0.25])
 def test_lloyds_rule_warns_for_other_materials(nu):
     if nu == 0.3:
-        with pytest.warns(StvkWarning, match=r"nu = 1/4 in tetrahedra, as which 1 element \(0\)"):
+        with pytest.warns(StvkWarning, match=r"nu = 1/4 in tetrahedra, and 1 element \(0\)"):
             springs(TET, nu, "lloyd")
         with pytest.warns(StvkWarning, match=r'nu = 1/3 in triangles in plane stress \(plane="stress"\)'):
             springs(TRIANGLE, nu, "lloyd", plane="stress")

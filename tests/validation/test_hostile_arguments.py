@@ -88,7 +88,7 @@ WITHOUT = {
         "HoldsShape",
         "Integrator",
     ),
-    *("LinearSolver", "Load", "Material", "MeshLike", "Operator", "Peer", "Quartic", "Term", "TurningLoad", "is_load"),
+    *("LinearSolver", "Load", "Material", "MeshLike", "Operator", "Peer", "Quartic", "Term", "FollowerLoad", "is_load"),
     # errors and warnings, enumerations, names without arguments
     *(
         "Hypothesis",

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from skfem_stvk import Gravity, StVK, System
 from skfem_stvk.dynamics import ForwardEuler, LinearBackwardEuler, VelocityVerlet, simulate
-from skfem_stvk.dynamics.books import Books, LedgerPlaces, column_names
 from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.dynamics.ledger_rows import LedgerLocations, LedgerWriter, column_names
 from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.record import MOST, MotionState
 
@@ -114,7 +114,7 @@ def split(system: System, integrator: LinearBackwardEuler, v: Array) -> Study:
     runs = [reached(system, integrator, until=1.0, v0=v) for _ in range(3)]
     run = min(runs, key=lambda run: sum(run.seconds.values()))
     steps, total = run.ledger.steps - 1, sum(run.seconds.values())
-    books = Books(Motion(system, "lumped", None), LedgerPlaces(), Ledger(column_names(system)), run.dt)
+    books = LedgerWriter(Motion(system, "lumped", None), LedgerLocations(), Ledger(column_names(system)), run.dt)
     state = MotionState.at(0.0, run.u, run.v)
     ledger = min(_once(books, state) for _ in range(100)) * steps
     parts = {
@@ -138,7 +138,7 @@ def split(system: System, integrator: LinearBackwardEuler, v: Array) -> Study:
     )
 
 
-def _once(books: Books, state: MotionState) -> float:
+def _once(books: LedgerWriter, state: MotionState) -> float:
     begin = clock()
-    books.enter(state, 0.0)
+    books.append_row(state, 0.0)
     return clock() - begin

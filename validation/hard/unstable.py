@@ -22,7 +22,7 @@ FOLLOWED = ("plain Newton", "default", "default + volume", "default, invertible"
 
 def unstable() -> list[Case]:
     stable, perfect = truths.any_stable(), truths.any_stable("imperfection")
-    straight = Truth("by symmetry: it stays straight, and no other state exists", _off_axis, 1e-6, ("flutter not looked at",))
+    straight = Truth("by symmetry: it stays straight, and no other state exists", _off_axis, 1e-6, ("flutter not checked",))
     block, edge, node = meshes.cube(2), _joined((1.0, 0.0, 1.0)), _joined((1.0, 1.0, 1.0))
     return [
         Case("crush a thin sheet by 10 %", partial(_sheet, 0.1), 10, perfect, perfect),

@@ -58,7 +58,7 @@ class BackwardEuler(Implicit):
     secant: ClassVar[bool] = True
 
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        return Coefficients(1 / h**2, np.divide(state.v, h, out=stepper.room), 1 / h, 0.0)
+        return Coefficients(1 / h**2, np.divide(state.v, h, out=stepper.scratch), 1 / h, 0.0)
 
     def update(self, state: MotionState, w: Array, h: float) -> None:
         np.divide(w, h, out=state.v)
@@ -122,10 +122,10 @@ class LinearBackwardEuler(BackwardEuler):
         return not system.constant_tangent
 
     def stepper(self, motion: Motion) -> LinearStepper:
-        self._refuse_what_a_solve_would_miss(motion)
+        self._refuse_incomplete_tangents(motion)
         return LinearStepper(motion, self)
 
-    def _refuse_what_a_solve_would_miss(self, motion: Motion) -> None:
+    def _refuse_incomplete_tangents(self, motion: Motion) -> None:
         """Refuse tangents that omit a part of M or D. Unlike a part of K, the result would be wrong even for the smallest steps."""
         diagonal, rest = self.tangent == StepTangent.DIAGONAL.value, self.tangent == StepTangent.REST.value
         if diagonal and motion.mass.kind == "consistent":
@@ -137,12 +137,12 @@ class LinearBackwardEuler(BackwardEuler):
             )
         if motion.tau and not damping_is_of_edges(motion.system):
             raise StvkError(
-                "LinearBackwardEuler: with EdgeDamping it would damp loads that depend on where the body goes, foundations and "
-                "volume penalties as well. Take Rayleigh(beta=tau), or BackwardEuler."
+                "LinearBackwardEuler: EdgeDamping would also damp follower loads, foundations and volume penalties. Take "
+                "Rayleigh(beta=tau), or BackwardEuler."
             )
         if rest and motion.tau:
             raise StvkError(
-                "LinearBackwardEuler: tangent='rest' would damp as if the body had not turned. Take Rayleigh(beta=tau), or "
+                "LinearBackwardEuler: tangent='rest' would damp as if the body had not rotated. Take Rayleigh(beta=tau), or "
                 "another tangent."
             )
 
@@ -153,19 +153,19 @@ class LinearStepper(ImplicitStepper):
     def __init__(self, motion: Motion, integrator: LinearBackwardEuler) -> None:
         super().__init__(motion, integrator)
         n, free = motion.states.n, len(motion.free.free)
-        self._w, self._predicted, self._nowhere = (np.zeros(n) for _ in range(3))
+        self._w, self._predicted, self._zero = (np.zeros(n) for _ in range(3))
         self._b, self._start, self._x = (np.zeros(free) for _ in range(3))
 
     @property
     def remark(self) -> str:
         """Remark on the number of steps with the clamped tangent."""
         clamped = self.counts.clamped
-        return f", {clamped} of them with the clamped tangent, for K was not positive definite" if clamped else ""
+        return f", {clamped} of them with the clamped tangent, because K was not positive definite" if clamped else ""
 
     def start(self, state: MotionState) -> None:
         """Evaluate the strain energy and the internal force."""
         self.problem.forget()
-        self.energy = self.problem.arrive(state.u)
+        self.energy = self.problem.store_internal_force(state.u)
 
     def step(self, state: MotionState, t: float) -> None:
         h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
@@ -188,7 +188,7 @@ class LinearStepper(ImplicitStepper):
         np.multiply(state.a, h, out=w)
         w += state.v
         w *= h
-        w[fixed] = self.motion.held(t) - state.u[fixed]
+        w[fixed] = self.motion.constrained_displacements(t) - state.u[fixed]
         return w
 
     def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:
@@ -200,13 +200,13 @@ class LinearStepper(ImplicitStepper):
 
     def strain_energy(self, state: MotionState) -> float:
         """Return the strain energy [J], and evaluate the internal force with which the next step begins."""
-        return self.problem.arrive(state.u)
+        return self.problem.store_internal_force(state.u)
 
     def _solution(self, w: Array, moment: Moment) -> Array:
         """Solve for the free degrees of freedom with the chosen tangent, or the clamped one if that is not positive definite."""
         problem, moving = self.problem, self.motion.moving
         for attempted in (Tangent.EXACT, Tangent.CLAMPED):
-            factors = problem.factorise(self._nowhere, moment, attempted)
+            factors = problem.factorise(self._zero, moment, attempted)
             b = self._b - problem.force_of(w) if moving else self._b
             with self.watch("solve"):
                 solution = factors.solve(b, self.integrator.rtol, self._start, self._x)

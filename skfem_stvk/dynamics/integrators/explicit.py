@@ -10,7 +10,7 @@ import numpy as np
 from ...arguments import Array
 from ...errors import StvkError
 from ...kernels import motion as kernels
-from ...terms.protocols import tell
+from ...terms.protocols import set_time
 from ..motion import Motion
 from ..record import MotionState
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, Stepper, checked_step
@@ -42,7 +42,9 @@ class ExplicitStepper(Stepper):
 
     def __init__(self, motion: Motion, name: str) -> None:
         if motion.mass.kind != "lumped":
-            raise StvkError(f"{name} takes no {motion.mass.kind} mass: it would need a solve each step. Leave mass='lumped'.")
+            raise StvkError(
+                f"mass = {motion.mass.kind!r}; expected 'lumped' for {name}, because another mass needs a solve in each step."
+            )
         super().__init__(motion)
         n = motion.system.ndofs
         self.inverse = np.zeros(n)
@@ -62,16 +64,16 @@ class ExplicitStepper(Stepper):
         self.motion.add_damping(u, v, self._damped)
         return np.subtract(loads, self._damped, out=self._damped)
 
-    def arrive(self, state: MotionState, t: float) -> None:
+    def move_supports(self, state: MotionState, t: float) -> None:
         """Set the time of the state to `t`, and constrained degrees of freedom to their prescribed displacements."""
         if self.motion.moving:
-            state.u[self.motion.free.fixed] = self.motion.held(t)
+            state.u[self.motion.free.fixed] = self.motion.constrained_displacements(t)
         state.t = t
 
     def evaluate(self, state: MotionState) -> None:
         """Evaluate the internal force at the state, and the strain energy of the terms that have one."""
         with self.watch("assemble"):
-            tell(self.motion.system.bound_terms, self.motion.moment(state.t))
+            set_time(self.motion.system.bound_terms, self.motion.moment(state.t))
             self.energy = self.motion.energy_and_force(state.u, self.internal)
 
 
@@ -115,16 +117,16 @@ class ForwardEulerStepper(ExplicitStepper):
 
     def step(self, state: MotionState, t: float) -> None:
         h = t - state.t
-        held = self.motion.free.fixed
+        fixed = self.motion.free.fixed
         external = self.external(state.u, state.v, t)
         if self.motion.moving:
-            before, velocities, force = state.u[held], state.v[held], external[held] - self.internal[held]
+            before, velocities, force = state.u[fixed], state.v[fixed], external[fixed] - self.internal[fixed]
         kernels.push_and_drift(self.inverse, external, self.internal, h, state.v, state.u)
-        self.arrive(state, t)
+        self.move_supports(state, t)
         if self.motion.moving:
-            state.v[held] = (state.u[held] - before) / h
-            m = self.motion.mass.vertex[held // self.motion.system.mesh.d]
-            state.reaction[held] = (self.motion.mass.multiply(state.v)[held] - m * velocities) / h - force
+            state.v[fixed] = (state.u[fixed] - before) / h
+            m = self.motion.mass.vertex[fixed // self.motion.system.mesh.d]
+            state.reaction[fixed] = (self.motion.mass.multiply(state.v)[fixed] - m * velocities) / h - force
         self.evaluate(state)
 
 
@@ -171,17 +173,17 @@ class VelocityVerletStepper(ExplicitStepper):
             np.multiply(self.inverse, force, out=state.a)
 
     def step(self, state: MotionState, t: float) -> None:
-        h, motion, held = t - state.t, self.motion, self.motion.free.fixed
+        h, motion, fixed = t - state.t, self.motion, self.motion.free.fixed
         if motion.moving:
-            before, velocities = state.u[held], state.v[held]
-            force = self.external(state.u, state.v, state.t)[held] - self.internal[held]
+            before, velocities = state.u[fixed], state.v[fixed]
+            force = self.external(state.u, state.v, state.t)[fixed] - self.internal[fixed]
         kernels.kick_and_drift(state.a, h / 2, h, state.v, state.u)
-        self.arrive(state, t)
+        self.move_supports(state, t)
         self.evaluate(state)
         if motion.moving:
-            state.v[held] = 2 * (state.u[held] - before) / h - velocities
+            state.v[fixed] = 2 * (state.u[fixed] - before) / h - velocities
         external = self.external(state.u, state.v + (h / 2) * state.a if motion.damped else state.v, t)
         if motion.moving:
-            m = motion.mass.vertex[held // motion.system.mesh.d]
-            state.reaction[held] = m * (state.v[held] - velocities) / h - (force + external[held] - self.internal[held]) / 2
+            m = motion.mass.vertex[fixed // motion.system.mesh.d]
+            state.reaction[fixed] = m * (state.v[fixed] - velocities) / h - (force + external[fixed] - self.internal[fixed]) / 2
         kernels.accelerate(self.inverse, external, self.internal, h / 2, state.a, state.v)

@@ -98,14 +98,14 @@ class Implicit(Integrator):
 
 
 class ImplicitStepper(Stepper):
-    """Stepper with Newton's method, one equation per step; `room` (ndofs,) is a scratch array."""
+    """Stepper with Newton's method, one equation per step; `scratch` (ndofs,) is a scratch array."""
 
     def __init__(self, motion: Motion, integrator: Implicit) -> None:
         super().__init__(motion)
         self.integrator = integrator
         self.problem = StepProblem(motion, self._matrix(), self.watch, integrator.mean, integrator.secant)
         self._most_inside_out = motion.system.mesh.nt if passes_inversion(motion.system) else None
-        self.room = np.zeros(motion.states.n)
+        self.scratch = np.zeros(motion.states.n)
 
     def _matrix(self) -> StepMatrix | DenseStepMatrix:
         motion, integrator = self.motion, self.integrator
@@ -132,8 +132,8 @@ class ImplicitStepper(Stepper):
         h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
         problem.begin(state, self.integrator.coefficients(state, h, self))
         w = self.predicted(state, t)
-        turned = self._most_inside_out or len(problem.inside_out(np.zeros_like(w)))
-        w, found, record = self.solve(w, moment, turned)
+        most_inverted = self._most_inside_out or len(problem.inside_out(np.zeros_like(w)))
+        w, found, record = self.solve(w, moment, most_inverted)
         self.counts.iterations += len(record)
         if found:
             raise StepFailed(found)
@@ -157,7 +157,7 @@ class ImplicitStepper(Stepper):
         """
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
-        w[fixed] = self.motion.held(t) - state.u[fixed]
+        w[fixed] = self.motion.constrained_displacements(t) - state.u[fixed]
         return w
 
     def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:

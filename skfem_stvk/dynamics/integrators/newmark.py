@@ -183,8 +183,8 @@ def check_newmark(beta: float, gamma: float) -> None:
     """Refuse parameters that are not stable for linear bodies at any step."""
     if not (gamma >= 0.5 and beta >= gamma / 2):
         raise StvkError(
-            f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, which any step is stable with for "
-            "linear bodies. For beta = 0 there is VelocityVerlet."
+            f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, with which any step is stable for "
+            "linear bodies. For beta = 0 use VelocityVerlet."
         )
 
 

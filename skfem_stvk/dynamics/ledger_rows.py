@@ -25,7 +25,7 @@ INSIDE_OUT = "inside_out"
 #: Column with the energy of the elements that were removed.
 REMOVED = "removed_energy"
 Vertices = Mapping[str, NDArray[np.int64]]
-NOWHERE: Vertices = MappingProxyType({})
+NO_LOCATIONS: Vertices = MappingProxyType({})
 
 
 class Balance(NamedTuple):
@@ -107,7 +107,7 @@ def column_names(
         *(f"linear_momentum_{axis}" for axis in axes),
         *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
         *(f"{probe} {axis}" for probe in probes for axis in axes),
-        *(f"reaction {place} {axis}" for place in reactions for axis in axes),
+        *(f"reaction {location} {axis}" for location in reactions for axis in axes),
     )
 
 
@@ -131,14 +131,14 @@ def known_total(ledger: Mapping[str, Array]) -> Array:
     return total
 
 
-class LedgerPlaces(NamedTuple):
+class LedgerLocations(NamedTuple):
     """Vertices by name whose motion and forces a ledger records."""
 
-    probes: Vertices = NOWHERE  # vertices whose mean displacements are recorded
-    reactions: Vertices = NOWHERE  # vertices at which the forces of supports and foundations are recorded
+    probes: Vertices = NO_LOCATIONS  # vertices whose mean displacements are recorded
+    reactions: Vertices = NO_LOCATIONS  # vertices at which the forces of supports and foundations are recorded
 
     @classmethod
-    def checked(cls, system: System, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerPlaces:
+    def checked(cls, system: System, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerLocations:
         """Return the vertices of the requested locations.
 
         Raises
@@ -150,39 +150,41 @@ class LedgerPlaces(NamedTuple):
         StvkError
             if two columns of the ledger would have the same name.
         """
-        places, supports = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
-        moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in places.items()}
-        held_up = {name: constrained_vertices(system, where, f"reaction {name!r}") for name, where in supports.items()}
-        columns = column_names(system, moving, held_up)
+        probed, supported = _named("probes", probes, "'tip': [17]"), _named("reactions", reactions, "'clamp': 'left'")
+        moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in probed.items()}
+        supporting = {name: constrained_vertices(system, where, f"reaction {name!r}") for name, where in supported.items()}
+        columns = column_names(system, moving, supporting)
         twice = sorted({name for name in columns if columns.count(name) > 1})
         if twice:
-            raise StvkError(f"The ledger would have two columns {twice[0]!r}: rename a probe or a reaction.")
-        return cls(moving, held_up)
+            raise StvkError(
+                f"The ledger would have two columns {twice[0]!r}; expected different names. Rename a probe or a reaction."
+            )
+        return cls(moving, supporting)
 
 
-class Books:
+class LedgerWriter:
     """Recorder of the energies, works and momenta of a motion's states in its ledger.
 
     When a motion is resumed, the ledger already has rows, and the last row belongs to the first state. `dt` is the approximate
     length of the first step [s].
     """
 
-    def __init__(self, motion: Motion, places: LedgerPlaces, ledger: Ledger, dt: float) -> None:
+    def __init__(self, motion: Motion, locations: LedgerLocations, ledger: Ledger, dt: float) -> None:
         self.motion, self.ledger, self._dt = motion, ledger, dt
-        self._reactions = list(places.reactions.values())
+        self._reactions = list(locations.reactions.values())
         mesh = motion.system.mesh
-        dofs = [(mesh.d * vertices[:, None] + np.arange(mesh.d)).ravel() for vertices in places.probes.values()]
+        dofs = [(mesh.d * vertices[:, None] + np.arange(mesh.d)).ravel() for vertices in locations.probes.values()]
         self._probes = [motion.states.entries(one) for one in dofs]
-        self._turning = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
+        self._angular = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
         self._sums = np.zeros(8)
         self.external = self.dissipated = self.removed = 0.0
         self._removing = REMOVED in self.ledger.names
         self._without_value = [ledger.names.index(name) for name in columns_without_value(motion.system)]
         self._first = float(known_total(ledger)[0]) if ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
-        self._watched = motion.moving or motion.damped or motion.driven
+        self._has_work = motion.moving or motion.damped or motion.driven
         self._t, self._u = 0.0, np.zeros(motion.states.n)
-        self._driving: Array = np.zeros(motion.states.n)
+        self._driving_force: Array = np.zeros(motion.states.n)
 
     def begin(self, state: MotionState) -> None:
         """Count the work from this state on.
@@ -195,26 +197,26 @@ class Books:
         self._begin(state)
 
     def _begin(self, state: MotionState) -> None:
-        if self._watched:
+        if self._has_work:
             self._t = state.t
             np.copyto(self._u, state.u)
-            self._driving = self.motion.driving_force(state.u, state.t)
+            self._driving_force = self.motion.driving_force(state.u, state.t)
 
-    def work(self, state: MotionState) -> None:
+    def add_work(self, state: MotionState) -> None:
         """Add the work of driving forces and the energy lost to damping since the previous state."""
-        if not self._watched:
+        if not self._has_work:
             return
-        motion, before, since = self.motion, self._driving, self._t
+        motion, before, since = self.motion, self._driving_force, self._t
         self.dissipated += motion.dissipated(self._u, state.u, state.t - since)
         change = state.u - self._u
         self._begin(state)
         dot = motion.states.dot
-        self.external += (dot(before, change) + dot(self._driving, change)) / 2
+        self.external += (dot(before, change) + dot(self._driving_force, change)) / 2
         if motion.moving:
-            held = motion.free.fixed
-            self.external += motion.states.on(held).dot(state.reaction[held], change[held])
+            fixed = motion.free.fixed
+            self.external += motion.states.on(fixed).dot(state.reaction[fixed], change[fixed])
 
-    def enter(self, state: MotionState, strain_energy: float) -> None:
+    def append_row(self, state: MotionState, strain_energy: float) -> None:
         """Append a row for this state. Copy the number of inverted elements from the previous row; see `count_inside_out`.
 
         `strain_energy` is that of the terms that have an energy [J].
@@ -229,7 +231,7 @@ class Books:
         row = [state.t, kinetic, strain_energy, *motion.term_energies(state.u)]
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
         row += [potential, self.external, self.dissipated, *([self.removed] if self._removing else []), *balance, inside_out]
-        row += [*sums[1 : 1 + mesh.d], *sums[self._turning]]
+        row += [*sums[1 : 1 + mesh.d], *sums[self._angular]]
         for displacements in self._probes:
             row += list(displacements(state.u).reshape(-1, mesh.d).mean(axis=0))
         if self._reactions:
@@ -242,36 +244,36 @@ class Books:
             row[column] = nan
         self.ledger.append(row)
 
-    def take_out(self, state: MotionState, remove: Callable[[], None]) -> None:
+    def record_removal(self, state: MotionState, remove: Callable[[], None]) -> None:
         """Record the energy that is lost when `remove` removes elements at this state, and delete the last row.
 
         The last row must belong to this state. The lost energy is the decrease of the body's energy: strain energy, kinetic energy
         of the removed masses, and potential of loads.
         """
-        before = self._energy_in_all(state)
+        before = self._total_energy(state)
         remove()
-        self.removed += before - self._energy_in_all(state)
+        self.removed += before - self._total_energy(state)
         self.ledger.truncate(self.ledger.steps - 1)
         self._begin(state)
 
-    def _energy_in_all(self, state: MotionState) -> float:
+    def _total_energy(self, state: MotionState) -> float:
         potential = self.motion.add_up(state, self._sums)
         return float(self._sums[0]) / 2 + potential + self.motion.energy(state.u)
 
-    def count_inside_out(self, number: float) -> None:
+    def set_inside_out(self, number: float) -> None:
         """Write the number of inverted elements to the last row."""
         self.ledger.replace_last(INSIDE_OUT, number)
 
 
-def _named(name: str, given: Any, example: str) -> Mapping[str, Where]:
-    if given is None:
+def _named(name: str, value: Any, example: str) -> Mapping[str, Where]:
+    if value is None:
         return {}
-    if not isinstance(given, Mapping) or not all(isinstance(one, str) and one for one in given):
-        raise StvkError(f"{name} = {shown(given)}; expected places by name, such as {{{example}}}.")
-    hidden = [one for one in given if not one.isprintable()]
+    if not isinstance(value, Mapping) or not all(isinstance(one, str) and one for one in value):
+        raise StvkError(f"{name} = {shown(value)}; expected locations by name, such as {{{example}}}.")
+    hidden = [one for one in value if not one.isprintable()]
     if hidden:
         raise StvkError(
-            f"{name}: the name {ascii(hidden[0])[:80]} has characters that cannot be printed. It stands in tables and pictures: "
-            "rename it."
+            f"{name}: name = {ascii(hidden[0])[:80]}; expected printable characters, because tables and pictures show the name. "
+            "Rename it."
         )
-    return given
+    return value
