@@ -1,4 +1,4 @@
-"""The house stands: lint, format, types and layers, as claims like any other."""
+"""Lint, format, types, import layers and the structure of the package are checked by tests."""
 
 import ast
 import re
@@ -35,7 +35,7 @@ def _python(arguments):
 
 
 def test_type_checkers_know_the_public_names_and_no_others():
-    """In a program of a user: classes, functions with their arguments even where their file has the same name, and the version."""
+    """A user's program is typed: classes, functions with arguments even if a file has the same name, and the version."""
     program = """
 import skfem_stvk
 from skfem_stvk import StVK, modes, simulate
@@ -74,7 +74,7 @@ def test_public_names_are_documented():
 
 
 def test_no_test_returns_before_it_asserts():
-    """Parameters are selected instead, and examples of Hypothesis assumed."""
+    """Parameters are selected in place of skips, and examples of Hypothesis are assumed."""
     returns = [
         f"{path.name}:{node.lineno}"
         for path, tree in trees("tests")
@@ -128,7 +128,7 @@ def trees(folder):
 
 
 def own_nodes(function):
-    """What stands in a function, but for functions within."""
+    """Yield the nodes of a function's syntax tree, without those of functions and classes within it."""
     for node in ast.iter_child_nodes(function):
         if not isinstance(node, ast.FunctionDef | ast.Lambda | ast.ClassDef):
             yield node
@@ -152,7 +152,7 @@ FOLDERS = {".".join(path.parent.relative_to(ROOT).parts) for path in (ROOT / "sk
 
 
 def imported(module):
-    """The modules of the package that a module imports, wherever and for whatever reason it does."""
+    """Yield the modules of the package that a module imports, at its top, within functions, or for types alone."""
     for node in ast.walk(PACKAGE[module]):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in PACKAGE)
@@ -168,7 +168,7 @@ def imported(module):
 
 
 def test_no_two_files_import_each_other():
-    """Nor do more in a circle, for types alone or within functions either."""
+    """No cycle of imports exists, including imports for types and imports within functions."""
     numbers = {module: number for number, module in enumerate(PACKAGE)}
     arrows = [(numbers[a], numbers[b]) for a in PACKAGE for b in imported(a) if b in PACKAGE and a != b]
     graph = csr_matrix((np.ones(len(arrows)), np.transpose(arrows)), shape=(len(PACKAGE),) * 2)
@@ -184,7 +184,7 @@ def test_a_class_name_has_one_meaning():
 
 
 def test_functions_have_at_most_six_positional_parameters():
-    """But for kernels, which see bare arrays; more say that an options object is missing."""
+    """Kernels are exempt, because they take bare arrays. More parameters elsewhere indicate a missing options object."""
     many = {}
     for module, tree in PACKAGE.items():
         for node in ast.walk(tree):
@@ -196,19 +196,19 @@ def test_functions_have_at_most_six_positional_parameters():
 
 
 def test_the_package_has_few_files():
-    """What only ever changes together stands in one; laws and loads have one each, and one of the same name for their kernels."""
+    """Code that changes together is in one file. Each law and load has one file, and one of the same name for its kernels."""
     terms = {module.split(".")[-1] for module in PACKAGE if module.startswith("skfem_stvk.terms.")}
     others = [module for module in PACKAGE if module.split(".")[-1] not in terms]
     assert 100 < len(others) <= 290
 
 
-#: Of tables that are wider: of hard cases, where a column is a method, and of all keys of a scene.
+#: Beginnings of rows that may be wider: the table of hard cases, with a column for each method, and that of all keys of a scene.
 WIDE = ("| case |", "| key |", "| --- |")
 
 
 @pytest.mark.parametrize("folder", ["skfem_stvk", "tests", "validation", "docs"])
 def test_lines_are_at_most_132_characters_long(folder):
-    """But for what a program printed, and wide tables."""
+    """Printed output and wide tables are exempt."""
     long, files = (
         [],
         [*(ROOT / folder).rglob("*.py"), *(ROOT / folder).glob("*.md"), *(ROOT.glob("*.md") if folder == "docs" else ())],
@@ -224,7 +224,7 @@ def test_lines_are_at_most_132_characters_long(folder):
 
 
 def strings(tree):
-    """All strings that are no docstrings, those within f-strings too."""
+    """Yield all strings that are not docstrings, including those within f-strings."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
     docs = {
         id(node.body[0].value) for node in ast.walk(tree) if isinstance(node, documented) and isinstance(node.body[0], ast.Expr)
@@ -257,7 +257,7 @@ LAWS = {
 
 
 def test_laws_and_loads_are_asked_for_what_they_can_do_and_not_for_their_type():
-    """But in their own room, and where the referee claims something of St. Venant-Kirchhoff's law."""
+    """Their own folder is exempt, and so are the referee's claims on St. Venant-Kirchhoff's law."""
     asked = [
         f"{module}:{node.lineno}: {ast.unparse(node)}"
         for module, tree in PACKAGE.items()

@@ -35,7 +35,7 @@ MEMBERS = [f"{name}.{member}" for name in CLASSES for member in members(getattr(
 
 
 def documented_in_a_base_class(name):
-    """Whether a member without a docstring of its own overrides a documented one, so that tools show that docstring."""
+    """Return whether a member without a docstring of its own overrides a documented one, which tools then show."""
     owner, member = name.split(".")
     family = getattr(skfem_stvk, owner).__mro__
     docs = [getattr(vars(cls)[member], "__doc__", None) for cls in family if member in vars(cls)]

@@ -19,8 +19,10 @@ from . import referee, scenes, warm_up
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code: 0 for success, 1 if a check failed or a solve did not converge, 2 for bad input, 3
-    if a scene does not meet its expectations, 130 if interrupted.
+    """Run the command and return its exit code.
+
+    The code is 0 for success, 1 if a check failed or a solve did not converge, and 2 for bad input. It is 3 if a scene does not
+    meet its expectations, and 130 if the command was interrupted.
     """
     options = _parser().parse_args(arguments)
     for stream in (sys.stdout, sys.stderr):

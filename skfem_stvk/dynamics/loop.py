@@ -230,7 +230,7 @@ class Loop:
         if status is Status.BLEW_UP:
             return f"blew up soon after t = {t:.6g} s, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
         if status is Status.NOT_CONVERGED:
-            penalty = ", or VolumePenalty() among the terms if elements turn inside out" * (not self._inversions.resisted)
+            penalty = ", or VolumePenalty() among the terms if elements invert" * (not self._inversions.resisted)
             parts = f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there}"
             return f"{parts} Try a smaller dt or another tangent{penalty}."
         if isinstance(cause, WriteError):

@@ -194,11 +194,6 @@ class Run:
 class SimulationError(AnalysisError):
     """Error for a simulation that did not reach its end, or reached it with inverted elements.
 
-    Parameters
-    ----------
-    run
-        The run so far, with the last good state.
-
     Attributes
     ----------
     run

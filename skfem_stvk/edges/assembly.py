@@ -44,8 +44,8 @@ class Assembly(PairTerm):
         Kind of the elements and integration rule, by default linear simplices.
     dtype
         Type of results and of stored numbers.
-    resistance
-        (nt,) resistance `hourglass/16 (lam + 2 mu)` times section, of boxes with one point.
+    hourglass_stiffness
+        (nt,) coefficients `hourglass/16 (lam + 2 mu)` times section, of boxes with one point.
     elements
         (nt,) ids of the elements, for messages; by default 0, 1, ...
     """

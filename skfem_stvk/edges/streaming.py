@@ -123,7 +123,7 @@ class ElementRows:
     def plan(self) -> RowPlan:
         """Plan for numba's present number of threads; a plan for another number is discarded."""
         if self._plan is None or self._plan[0] != threads():
-            self._plan = threads(), self._made(self._elements.force_shares)
+            self._plan = threads(), self._make_plan(self._elements.force_shares)
         return self._plan[1]
 
     def part(self, indices: NDArray[np.int32]) -> PartOfRows:
@@ -133,7 +133,7 @@ class ElementRows:
             self._part = part = PartOfRows(self, indices)
         return part
 
-    def _made(self, shares: Shares) -> RowPlan:
+    def _make_plan(self, shares: Shares) -> RowPlan:
         order = self._order(shares)
         blocks = self._blocks(order)
         return self._table(shares, order, blocks)
@@ -223,7 +223,7 @@ class PartOfRows(ElementRows):
         super().__init__(whole._elements, whole._pairs, whole._pattern, whole._dtype)
         self._whole, self.indices = whole, indices
 
-    def _made(self, shares: Shares) -> RowPlan:
+    def _make_plan(self, shares: Shares) -> RowPlan:
         """Return the plan of the whole matrix without the rows, and the entries of rows, outside the part."""
         whole = self._whole.plan
         slots, indices = whole.slots, self.indices

@@ -136,8 +136,8 @@ class StressExtension(WithoutEnergy):
         The mesh; its elements fill their space, of two or three dimensions.
     t
         (n, nt) nodes of the elements.
-    lam, mu
-        (nt,) Lame constants times section.
+    lame
+        Lame constants lambda and mu times section, (nt,) each.
     threshold
         Stretch below which the stress is extended.
     of

@@ -31,7 +31,7 @@ class End(Enum):
     CONVERGED = "the residual is below rtol times loads and reactions"
     AT_ROUND_OFF = "the residual is as small as round-off allows"
     OUT_OF_ITERATIONS = "Newton's method ran out of iterations"
-    INSIDE_OUT = "elements would turn inside out"
+    INSIDE_OUT = "elements would invert"
     NO_DESCENT = "no tangent gave a direction of descent"
     NO_LENGTH = "the residual does not fall along the direction of Newton's method"
     OVERFLOW = "displacements grew without bound"

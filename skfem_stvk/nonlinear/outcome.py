@@ -41,11 +41,6 @@ class Status(Enum):
 class Interrupted(KeyboardInterrupt):
     """Interruption of a static solve or a motion by Ctrl-C.
 
-    Parameters
-    ----------
-    result
-        The result so far, a `StaticResult` or a `Run`.
-
     Attributes
     ----------
     result

@@ -46,7 +46,7 @@ PATIENCE = 5.0
 LONGEST_ANSWER = 600.0
 #: Largest size of a question or answer, size of an answer in addition to 16 bytes per entry of a full K, and size that is read at
 #: once [bytes].
-LONGEST, BESIDE, PIECE = 2**33, 2**20, 2**20
+LONGEST, OVERHEAD, PIECE = 2**33, 2**20, 2**20
 
 
 class Elsewhere:
@@ -77,7 +77,7 @@ class Elsewhere:
     def __init__(self, python: str | Path, peer: str, p: Array, t: NDArray[np.int32], young: float, poisson: float) -> None:
         checked_path("python", python, "the path of another Python")
         self._python = str(python)
-        self._longest = min(LONGEST, BESIDE + 16 * p.size**2)
+        self._longest = min(LONGEST, OVERHEAD + 16 * p.size**2)
         self._said: Any = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         command = [self._python, "-I", "-B", "-c", START, str(Path(__file__).parent.parent)]
         try:

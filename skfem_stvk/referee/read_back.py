@@ -97,8 +97,8 @@ def folders_of_results(folder: str | Path) -> list[Path]:
     found = [one for one in (folder, *sorted(folder.iterdir())) if any((one / name).is_file() for name in FILES)]
     if not found:
         raise StvkError(
-            f"{folder} has neither {' nor '.join(FILES)}, and none of its folders has. Write them as README.txt beside the vectors "
-            "says."
+            f"{folder} has neither {' nor '.join(FILES)}, and none of its folders has. Write them as README.txt next to the "
+            "vectors says."
         )
     return found[:1] if found[0] == folder else found
 
@@ -122,8 +122,8 @@ def _vectors_of(file: Path, returned: dict[str, Array]) -> Vectors:
             return vectors
     raise StvkError(
         f"{file.parent} has no {NAME}.npz or {NAME}.txt, and {file.name} has "
-        f"{'the digest of no published set' if named else 'no digest'}. Put the vectors that it was computed "
-        "from beside it, or name their folder: --vectors FOLDER"
+        f"{'the digest of no published set' if named else 'no digest'}. Put the vectors from "
+        "which it was computed in the same folder, or name their folder: --vectors FOLDER"
     )
 
 

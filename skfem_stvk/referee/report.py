@@ -137,8 +137,8 @@ def folder_for(name: str | Path) -> Path:
 
 def write(path: Path, text: str) -> None:
     """Write a file under another name first and then rename it."""
-    with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8", errors="backslashreplace")
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 # the head

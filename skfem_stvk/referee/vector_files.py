@@ -34,7 +34,7 @@ def type_of(array: NDArray[np.generic]) -> str:
 
 def write_text(path: Path, arrays: Mapping[str, Array]) -> None:
     """Write the arrays to a plain text file."""
-    with replacing(path) as beside, beside.open("w", encoding="utf-8") as file:
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(FIRST_LINE + "\n")
         for name, array in arrays.items():
             file.write(" ".join([name, type_of(array), str(array.ndim), *map(str, array.shape)]) + "\n")
@@ -44,7 +44,7 @@ def write_text(path: Path, arrays: Mapping[str, Array]) -> None:
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
     """Write the arrays to a compressed NPZ file."""
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replacing(path) as temporary, temporary.open("wb") as file:
         named: dict[str, Any] = dict(arrays)
         np.savez_compressed(file, **named)
 

@@ -381,7 +381,7 @@ def readme(vectors: Vectors) -> str:
         *(_line(name, sizes) for name in vectors.arrays),
         "",
         "Give back results.txt or results.npz, in the same layout, with any of W, F and K_blocks or K_values (and digest, program,",
-        "and states if not all of them are there), beside these files, and have it judged: skfem-stvk verify --results FOLDER",
+        "and states if not all of them are there), next to these files, and have it judged: skfem-stvk verify --results FOLDER",
         "",
     ]
     return "\n".join(lines)

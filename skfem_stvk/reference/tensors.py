@@ -61,8 +61,8 @@ def anisotropic_tensor(voigt: ArrayLike, frame: ArrayLike | None, axes: Array, c
     k = axes.shape[2]
     matrix = np.asarray(voigt, dtype=float).reshape(-1, 6, 6)
     triad = _triad(axes)
-    turn = triad if frame is None else np.swapaxes(np.asarray(frame, dtype=float), -1, -2) @ triad
-    rotated = np.einsum("nabcd,nai,nbj,nck,ndl->nijkl", *np.broadcast_arrays(_tensor(matrix)), *[turn] * 4, optimize=True)
+    rotation = triad if frame is None else np.swapaxes(np.asarray(frame, dtype=float), -1, -2) @ triad
+    rotated = np.einsum("nabcd,nai,nbj,nck,ndl->nijkl", *np.broadcast_arrays(_tensor(matrix)), *[rotation] * 4, optimize=True)
     if not condensed:
         return rotated[:, :k, :k, :k, :k]
     local = rotated[:, FIRST[:, None], SECOND[:, None], FIRST, SECOND]

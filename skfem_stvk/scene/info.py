@@ -255,10 +255,10 @@ def _quality(found: Inspection, quality: MeshQuality) -> None:
 def _body(found: Inspection, system: System, terms: list[str], built: Built | None = None) -> None:
     """Add unknowns, mass, frequencies, the critical step, and the costs of an analysis."""
     constrained, has_mass = len(system.supports.held), True
-    found.add("body", Fact("unknowns", system.ndofs - constrained, "free", f"and {constrained} held"))
+    found.add("body", Fact("unknowns", system.ndofs - constrained, "free", f"and {constrained} constrained"))
     found.add("body", *(Fact(f"terms[{number}]", term) for number, term in enumerate(terms)))
     other_meshes = [body.mesh for body in system.body.beside]
-    found.add("body", *(Fact(f"{one.element.name} beside the mesh", one.nt) for one in other_meshes))
+    found.add("body", *(Fact(f"{one.element.name} on nodes of the mesh", one.nt) for one in other_meshes))
     try:
         found.add("body", Fact("mass", system.mass().total, found.symbol("mass")))
     except MaterialError as error:

@@ -348,7 +348,7 @@ def _built_facts(outcome: SceneOutcome) -> Iterator[tuple[str, str]]:
     sections, system, result = outcome.built.sections, outcome.built.system, outcome.result
     mesh, held = system.mesh, len(system.supports.held)
     yield "mesh", f"{mesh.nt} {mesh.kind}, {mesh.nv} nodes"
-    yield "unknowns", f"{system.ndofs - held} free, {held} held"
+    yield "unknowns", f"{system.ndofs - held} free, {held} constrained"
     for number, term in enumerate(sections.terms):
         material = getattr(term, "material", None)
         yield f"terms[{number}]", term.type + (f" of {material}" if material else "")

@@ -179,11 +179,6 @@ class StaticResult:
 class SolveError(AnalysisError):
     """Error of a static solve that did not end successfully.
 
-    Parameters
-    ----------
-    result
-        The result so far, with the last good state.
-
     Attributes
     ----------
     result

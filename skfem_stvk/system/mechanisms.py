@@ -120,7 +120,7 @@ def mechanisms(
     >>> p = np.array([[0.0, 1, 0, 1, 2], [0, 0, 1, 2, 1]])   # two triangles that share vertex 1
     >>> t = np.array([[0, 1], [1, 3], [2, 4]])
     >>> str(mechanisms(p, t, np.arange(2), np.zeros(5, dtype=int), constrained=np.array([0, 1, 4, 5]), rigid={})[0])
-    'the body of 5 vertices has 1 mechanism: 1 element (1) can turn about 1 vertex (1) at (1, 0)'
+    'the body of 5 vertices has 1 mechanism: 1 element (1) can rotate about 1 vertex (1) at (1, 0)'
     """
     nv = p.shape[1]
     own = np.ascontiguousarray(t if len(solid) == t.shape[1] else t[:, solid], dtype=np.int32)
@@ -156,7 +156,7 @@ def mechanisms(
     for own in _grouped(np.array([part[vertices[0]] for _, vertices in rotating])):
         i = int(part[rotating[own[0]][1][0]])
         joints = [
-            f"{name_ids(solid[of_element == one], 'element')} can turn about {_location(p, vertices, word)}"
+            f"{name_ids(solid[of_element == one], 'element')} can rotate about {_location(p, vertices, word)}"
             for one, vertices in (rotating[joint] for joint in own[:MOST])
         ]
         found.append(Mechanism(i, name_part(part, i, word), int(count[i]) - (rigid.get(i, 0) if whole[i] else 0), joints, len(own)))

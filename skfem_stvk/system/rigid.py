@@ -163,7 +163,7 @@ def _rotation(rotating: Array, axis: Array, translations: Array, centre: Array, 
         return "rotation in the plane" if translations.shape[1] else f"rotation about the point {_numbers(point, size)}"
     along = v @ axis
     if abs(along) > 1e-6:
-        return f"screw motion along {_direction(axis)}, {2 * np.pi * size * along:.4g} a turn"
+        return f"screw motion along {_direction(axis)}, {2 * np.pi * size * along:.4g} per revolution"
     name = _direction(axis)
     if np.linalg.matrix_rank(np.column_stack([translations, axis]), tol=1e-6) == d:
         return f"rotation about the {name} axis" if name in "xyz" else f"rotation about the direction {name}"

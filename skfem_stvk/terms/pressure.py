@@ -71,7 +71,7 @@ class Pressure(Load):
 
     where: Annotated[Where | None, Quantity(None, "Place of the boundary facets; of surfaces in space a subdomain, or all.")]
     pressure: Annotated[Any, Quantity("stress", "Force per deformed area, positive inwards.")]
-    simplices: Annotated[Any, Quantity(None, "A surface in space beside the mesh that it acts on: as those of its law.")] = None
+    simplices: Annotated[Any, Quantity(None, "A loaded surface in space, on nodes of the mesh: the simplices of its law.")] = None
 
     def bind(self, body: Body) -> FollowerPressure:
         mesh, removed = body.mesh, body.removed

@@ -104,11 +104,14 @@ class PointLaw(NamedTuple):
 
     Attributes
     ----------
-    count : how many numbers the law stores in addition to `Ri`.
-    energy_and_pull : from `numbers` (n, q, count) times the weights, `Q` and `h`: the energies (n, q), and `s` (n, q, 3, 3) with
-        the rows `s_j = dW/dq_j`.
-    tangent : from the same arguments, two factors of tensions by their sign, and whether elements are linear simplices:
-        `A` (n, q, 3, 3, 3, 3) with `A_mnxy = ds_mx/dq_ny`.
+    count
+        Number of values that the law stores in addition to `Ri`.
+    energy_and_pull
+        From `numbers` (n, q, count) times the weights, `Q` and `h`: the energies (n, q), and `s` (n, q, 3, 3) with the rows
+        `s_j = dW/dq_j`.
+    tangent
+        From the same arguments, two factors of tensions by their sign, and whether elements are linear simplices: `A` (n, q, 3, 3,
+        3, 3) with `A_mnxy = ds_mx/dq_ny`.
     """
 
     count: int

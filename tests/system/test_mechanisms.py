@@ -171,7 +171,7 @@ ADVICE = " These elements share less than a face with the others: fix them as we
 def test_a_ball_joint_is_named():
     (corner,) = np.flatnonzero(at(1, 1, 1)(ONE_NODE.p))
     assert message(ONE_NODE, WALL) == (
-        f"Not held: the body of 15 vertices has 3 mechanisms: 5 elements (5, 6, 7, 8, 9) can turn about 1 vertex ({corner}) "
+        f"Not held: the body of 15 vertices has 3 mechanisms: 5 elements (5, 6, 7, 8, 9) can rotate about 1 vertex ({corner}) "
         "at (1, 1, 1)." + ADVICE
     )
 
@@ -181,20 +181,22 @@ def test_a_hinge_is_named():
     assert (ONE_EDGE.p[:, [a, b]].T == [[1, 1, 0], [1, 1, 1]]).all()
     text = message(ONE_EDGE, {lambda x: x[0] == 2: "xyz"})
     assert text == (
-        "Not held: the body of 14 vertices has 1 mechanism: 5 elements (0, 1, 2, 3, 4) can turn about "
+        "Not held: the body of 14 vertices has 1 mechanism: 5 elements (0, 1, 2, 3, 4) can rotate about "
         f"the line through 2 vertices ({a}, {b}) "
         "from (1, 1, 0) to (1, 1, 1)." + ADVICE
     )
-    assert "1 element (5) can turn about the line through 2 vertices" in message(TWO_NODES, WALL)
+    assert "1 element (5) can rotate about the line through 2 vertices" in message(TWO_NODES, WALL)
 
 
 def test_each_loose_joint_of_a_chain_is_named():
     text = message(CHAIN, WALL)
     assert "has 4 mechanisms: " in text
-    assert "5 elements (5, 6, 7, 8, 9) can turn about 1 vertex (" in text and ") at (1, 1, 1)" in text
-    assert "5 elements (10, 11, 12, 13, 14) can turn about the line through 2 vertices (" in text
+    assert "5 elements (5, 6, 7, 8, 9) can rotate about 1 vertex (" in text and ") at (1, 1, 1)" in text
+    assert "5 elements (10, 11, 12, 13, 14) can rotate about the line through 2 vertices (" in text
     middle = message(CHAIN, {lambda x: (x[2] == 2) & (x[0] <= 2): "xyz"})
-    assert "has 3 mechanisms: 5 elements (0, 1, 2, 3, 4) can turn about 1 vertex" in middle and "(10, 11, 12, 13, 14)" not in middle
+    assert (
+        "has 3 mechanisms: 5 elements (0, 1, 2, 3, 4) can rotate about 1 vertex" in middle and "(10, 11, 12, 13, 14)" not in middle
+    )
 
 
 def test_rigid_modes_and_mechanisms_are_reported_together():
@@ -215,7 +217,9 @@ def test_parts_with_their_own_supports_are_no_mechanism(name):
 def test_supports_of_one_node_lock_a_hinge_but_not_the_spin_of_a_ball_joint():
     corner = {at(2, 2, 0): "xyz"}
     System(ONE_EDGE, MATERIAL, fixed={**WALL, **corner}).check_held()
-    assert "has 1 mechanism: 5 elements (5, 6, 7, 8, 9) can turn about 1 vertex" in message(ONE_NODE, {**WALL, at(2, 2, 2): "xyz"})
+    assert "has 1 mechanism: 5 elements (5, 6, 7, 8, 9) can rotate about 1 vertex" in message(
+        ONE_NODE, {**WALL, at(2, 2, 2): "xyz"}
+    )
 
 
 def test_symmetric_supports_lock_a_hinge():
@@ -241,7 +245,7 @@ TRIANGLES = put_together(
 def test_triangles_in_the_plane_rotate_about_a_vertex():
     first, second = (int(np.flatnonzero(at(*point)(TRIANGLES.p))[0]) for point in ((1, 1), (2, 1.2)))
     assert message(TRIANGLES, LEFT) == (
-        "Not held: the body of 8 vertices has 2 mechanisms: 1 element (2) can turn about "
+        "Not held: the body of 8 vertices has 2 mechanisms: 1 element (2) can rotate about "
         f"1 vertex ({first}) at (1, 1), 1 element (3) can turn "
         f"about 1 vertex ({second}) at (2, 1.2). These elements share less than an edge with the others: "
         "fix them as well, join them by edges, "
@@ -270,20 +274,20 @@ def test_a_ring_of_three_is_rigid_and_others_are_linkages(n):
 def test_a_rigid_ring_that_rotates_as_a_whole_is_one_mechanism():
     more = put_together((ring(3).p, ring(3).t), simplex((1, 0), (2, -1), (3, 1)), simplex((2, -1), (3, 1), (3, -1)))
     text = message(more, {lambda x: x[0] == 3: "xy"})
-    assert "has 1 mechanism: 3 elements (0, 1, 2) can turn about 1 vertex (" in text and text.count("can turn") == 1
+    assert "has 1 mechanism: 3 elements (0, 1, 2) can rotate about 1 vertex (" in text and text.count("can rotate") == 1
 
 
 def test_the_smaller_of_two_moving_pieces_is_named():
     text = message(TWO_NODES, None)
-    assert "1 element (5) can turn" in text and text.count("can turn") == 1
+    assert "1 element (5) can turn" in text and text.count("can rotate") == 1
 
 
 def test_each_piece_on_one_edge_is_named():
     pages = [simplex((0, 0, 0), (0, 0, 1), (np.cos(a), np.sin(a), 0), (np.cos(a + 0.2), np.sin(a + 0.2), 1)) for a in range(4)]
     text = message(put_together(*pages), {lambda x: x[0] > 0.9: "xyz"})
     for page in (1, 2, 3):
-        assert f"1 element ({page}) can turn about the line through 2 vertices (" in text
-    assert "has 3 mechanisms" in text and text.count("can turn") == 3
+        assert f"1 element ({page}) can rotate about the line through 2 vertices (" in text
+    assert "has 3 mechanisms" in text and text.count("can rotate") == 3
 
 
 def fan(n):
@@ -294,7 +298,7 @@ def fan(n):
 
 def test_many_joints_are_counted():
     text = message(fan(40), {at(*fan(40).p[:, 0]): "xyz"})
-    assert text.count("can turn about 1 vertex") == 5 and ", and 34 more joints. These elements share less than a face" in text
+    assert text.count("can rotate about 1 vertex") == 5 and ", and 34 more joints. These elements share less than a face" in text
     assert "has 117 mechanisms" in text and "has 3 rigid modes left" in text
 
 
@@ -307,10 +311,10 @@ def test_messages_have_the_ids_of_the_mesh_if_terms_act_on_a_part():
     mesh = put_together(wedge[0], cube(0, 0, 0), cube(1, 1, 0))
     System(put_together(wedge[0], wedge[1], cube(0, 0, 0), cube(1, 1, 0)), MATERIAL, fixed=WALL).check_held()
     cubes = StVK(young=2.0, poisson=0.3, region=np.arange(1, 11))
-    with pytest.raises(SupportError, match=r"1 mechanism: 5 elements \(6, 7, 8, 9, 10\) can turn about the line"):
+    with pytest.raises(SupportError, match=r"1 mechanism: 5 elements \(6, 7, 8, 9, 10\) can rotate about the line"):
         System(mesh, cubes, fixed=WALL).check_held()
     both = [StVK(young=1.0, poisson=0.3, region=np.arange(1, 6)), StVK(young=3.0, poisson=0.2, region=np.arange(6, 11))]
-    with pytest.raises(SupportError, match=r"1 mechanism: 5 elements \(6, 7, 8, 9, 10\) can turn about the line"):
+    with pytest.raises(SupportError, match=r"1 mechanism: 5 elements \(6, 7, 8, 9, 10\) can rotate about the line"):
         System(mesh, both, fixed=WALL).check_held()
 
 
@@ -436,9 +440,10 @@ def test_with_too_many_pieces_to_count_reported_pieces_are_mechanisms():
     used, inverse = np.unique(t, return_inverse=True)
     heap = put_together((p[:, used], inverse.reshape(t.shape)), spike, flap)
     text = message(heap, WALL)
-    assert "has 4 mechanisms: " in text and text.count("can turn") == 2
+    assert "has 4 mechanisms: " in text and text.count("can rotate") == 2
     assert (
-        "1 element (3000) can turn about 1 vertex" in text and "1 element (3001) can turn about the line through 2 vertices" in text
+        "1 element (3000) can rotate about 1 vertex" in text
+        and "1 element (3001) can rotate about the line through 2 vertices" in text
     )
     assert " rigid modes left" in message(heap, None) and "has 4 mechanisms: " in message(heap, None)
 

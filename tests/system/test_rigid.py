@@ -104,7 +104,7 @@ def test_five_components_in_general_position_leave_a_screw_motion():
     (text,) = descriptions(mesh.p, [edge_topology(mesh.t)[0]], held)
     assert "1 rigid mode left, screw motion along (" in text
     axis, pitch = text.partition("along ")[2].split("), ")
-    e, pitch = np.array([float(c) for c in axis.strip("(").split(", ")]), float(pitch.removesuffix(" a turn"))
+    e, pitch = np.array([float(c) for c in axis.strip("(").split(", ")]), float(pitch.removesuffix(" per revolution"))
     lines, b = rigid_modes(mesh.p.T)[held], np.zeros(5)  # v + w x (x - c) = 0 there: w and v . w/w . w do not depend on c
     motion = np.linalg.svd(lines)[2][-1]
     size = np.linalg.norm(mesh.p - mesh.p.mean(axis=1, keepdims=True), axis=0).max()

@@ -41,15 +41,22 @@ class Case(NamedTuple):
 
     Attributes
     ----------
-    limit : largest error of derivatives by differences over steps of `step`: exact for polynomials of degree six, along lines.
-    inverts : whether the term has an energy where elements are inverted.
-    grounded : whether rigid motions change the energy.
-    toy : whether the term is one of the minimal terms in `toys.py`.
-    can : the optional protocols that the term implements.
-    definite : whether its clamped tangent is positive semi-definite.
-    renumbered : the term on the same mesh with its elements in another `order` and its vertices renumbered; None if there is no
-        such twin.
-    slackens : whether the term bears no compression, so that its test states are compressed less.
+    limit
+        Largest error of derivatives by differences over steps of `step`: exact for polynomials of degree six, along lines.
+    inverts
+        Whether the term has an energy where elements are inverted.
+    grounded
+        Whether rigid motions change the energy.
+    toy
+        Whether the term is one of the minimal terms in `toys.py`.
+    can
+        The optional protocols that the term implements.
+    definite
+        Whether its clamped tangent is positive semi-definite.
+    renumbered
+        The term on the same mesh with its elements in another `order` and its vertices renumbered; None if there is no such twin.
+    slackens
+        Whether the term bears no compression, so that its test states are compressed less.
     """
 
     mesh: ElementMesh

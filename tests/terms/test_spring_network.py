@@ -261,7 +261,7 @@ def test_tetrahedra_of_springs_that_share_an_edge_can_rotate_about_it():
     p = np.concatenate([REGULAR, REGULAR[:, 2:] * [[1], [-1], [-1]]], axis=1)
     mesh = ElementMesh(p, np.array([[0, 0], [1, 1], [2, 4], [3, 5]]))
     fixed = {(0, 1, 2): "xyz"}
-    with pytest.raises(SupportError, match=r"1 mechanism.*can turn about"):
+    with pytest.raises(SupportError, match=r"1 mechanism.*can rotate about"):
         System(mesh, SpringNetwork(young=1.0, poisson=0.25), fixed=fixed).check_held()
     K = System(mesh, SpringNetwork(young=1.0, poisson=0.25)).tangent(np.zeros(18)).toarray()
     free = np.setdiff1d(np.arange(18), np.arange(9))

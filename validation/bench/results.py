@@ -37,13 +37,20 @@ class Plan:
 
     Attributes
     ----------
-    name : name of the run.
-    boxes, parts : sizes of the structured meshes, and of the meshes of the part by Gmsh.
-    judged : sizes for which the targets are judged.
-    referenced : sizes for which scikit-fem's assembly and the textbook form are timed.
-    peers : for each timed peer, the names of its meshes. A quick run reports other peers as left to the full run.
-    seconds : minimum time spent on each call, after warming up.
-    first_use : whether compiling into an empty cache is timed.
+    name
+        Name of the run.
+    boxes, parts
+        Sizes of the structured meshes, and of the meshes of the part by Gmsh.
+    judged
+        Sizes for which the targets are judged.
+    referenced
+        Sizes for which scikit-fem's assembly and the textbook form are timed.
+    peers
+        For each timed peer, the names of its meshes. A quick run reports other peers as left to the full run.
+    seconds
+        Minimum time spent on each call, after warming up.
+    first_use
+        Whether compiling into an empty cache is timed.
     """
 
     name: str
@@ -132,11 +139,16 @@ class Benchmark:
 
     Attributes
     ----------
-    bandwidth : bytes read and written per second by a copy.
-    least_bytes : for each mesh and quantity, the data that a call must read and write in double precision [bytes per tetrahedron].
-    first_use : time of W, F, K and K v with an empty cache of compiled kernels [s].
-    not_measured : names of quantities and codes that could not be measured on this machine, with the reason.
-    failures : names of failed steps, with the error.
+    bandwidth
+        Bytes read and written per second by a copy.
+    least_bytes
+        For each mesh and quantity, the data that a call must read and write in double precision [bytes per tetrahedron].
+    first_use
+        Time of W, F, K and K v with an empty cache of compiled kernels [s].
+    not_measured
+        Names of quantities and codes that could not be measured on this machine, with the reason.
+    failures
+        Names of failed steps, with the error.
     """
 
     plan: Plan

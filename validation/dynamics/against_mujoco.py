@@ -29,13 +29,19 @@ class Moving:
 
     Parameters
     ----------
-    masses : (nv,) of its vertices [kg].
-    held : ids of constrained vertices.
-    gravity : (3,) [m/s^2].
-    dt : time step [s].
-    integrator : "discrete", MuJoCo's implicit integrator for flexes, with one linear solve per step with `M + dt^2 K`, where K
-        has only tensile tensions; or the explicit "Euler".
-    rtol, iterations : tolerance and iteration limit of the linear solve.
+    masses
+        (nv,) masses of the vertices [kg].
+    held
+        Ids of constrained vertices.
+    gravity
+        (3,) acceleration [m/s^2].
+    dt
+        Time step [s].
+    integrator
+        "discrete", MuJoCo's implicit integrator for flexes, with one linear solve per step with `M + dt^2 K`, where K has only
+        tensile tensions; or the explicit "Euler".
+    rtol, iterations
+        Tolerance and iteration limit of the linear solve.
     """
 
     masses: Array

@@ -41,10 +41,14 @@ class Pace(NamedTuple):
 
     Attributes
     ----------
-    name : in words.
-    seconds : wall time available for a step, or for a frame.
-    trial : function of the number of cells across that returns the run of the bar and its wall time.
-    target : least number of tetrahedra on one thread.
+    name
+        In words.
+    seconds
+        Wall time available for a step, or for a frame.
+    trial
+        Function of the number of cells across that returns the run of the bar and its wall time.
+    target
+        Least number of tetrahedra on one thread.
     """
 
     name: str

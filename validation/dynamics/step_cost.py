@@ -34,7 +34,8 @@ class Interleaved(System):
 
     Attributes
     ----------
-    times : (n, 2) of a block of steps and of the block of forces after it [s]; the first steps include the start.
+    times
+        (n, 2) durations of a block of steps and of the block of forces after it [s]; the first steps include the start.
     """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:

@@ -20,10 +20,14 @@ class Family(NamedTuple):
 
     Attributes
     ----------
-    degree : degree of simplices, 1 or 2.
-    boxes : whether they are quadrilaterals or hexahedra.
-    options : further options of `System`.
-    orders : orders of convergence in L2 and in H1.
+    degree
+        Degree of simplices, 1 or 2.
+    boxes
+        Whether they are quadrilaterals or hexahedra.
+    options
+        Further options of `System`.
+    orders
+        Orders of convergence in L2 and in H1.
     """
 
     degree: int

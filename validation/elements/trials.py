@@ -26,13 +26,18 @@ class Trial(NamedTuple):
 
     Attributes
     ----------
-    name : of body and measured result, in words.
-    length : length of the body along x [m].
-    poisson : Poisson's ratio.
-    traction : traction at the end [Pa]; None if displacements are prescribed there.
-    moved : displacements (3, n) of the end's points (3, n) at a load factor; None if a traction acts.
-    measured : function that returns the result from coordinates, displacements and internal forces (n, 3) of the end's
-        nodes.
+    name
+        Of body and measured result, in words.
+    length
+        Length of the body along x [m].
+    poisson
+        Poisson's ratio.
+    traction
+        Traction at the end [Pa]; None if displacements are prescribed there.
+    moved
+        Displacements (3, n) of the end's points (3, n) at a load factor; None if a traction acts.
+    measured
+        Function that returns the result from coordinates, displacements and internal forces (n, 3) of the end's nodes.
     """
 
     name: str

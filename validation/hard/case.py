@@ -17,14 +17,22 @@ class Body:
 
     Parameters
     ----------
-    mesh, fixed, prescribed : as in `System`.
-    young, poisson : Young's modulus [Pa], a number or one per element, and Poisson's ratio.
-    loads : load terms.
-    u0 : (ndofs,) initial displacements [m]; None for the body at rest.
-    penalty : the volume term.
-    density : density of bodies in motion [kg/m^3], a number or one per element.
-    v0 : (ndofs,) initial velocities [m/s]; None for zero.
-    law : class of the elastic law.
+    mesh, fixed, prescribed
+        As in `System`.
+    young, poisson
+        Young's modulus [Pa], a number or one per element, and Poisson's ratio.
+    loads
+        Load terms.
+    u0
+        (ndofs,) initial displacements [m]; None for the body at rest.
+    penalty
+        The volume term.
+    density
+        Density of bodies in motion [kg/m^3], a number or one per element.
+    v0
+        (ndofs,) initial velocities [m/s]; None for zero.
+    law
+        Class of the elastic law.
     """
 
     mesh: ElementMesh
@@ -69,12 +77,17 @@ class Truth:
 
     Parameters
     ----------
-    source : in words, for the table.
-    error : function that returns the relative error of displacements of a system; None if there is no right state, so that a solver
+    source
+        In words, for the table.
+    error
+        Function that returns the relative error of displacements of a system; None if there is no right state, so that a solver
         must report a failure.
-    limit : largest error, and largest next step of Newton's method. Rounding bounds this step from below.
-    says : patterns (regular expressions) that the message or a warning of `solve_static` must contain.
-    refused : whether `solve_static` may end without the right state if it `says` why, because the start is too far away.
+    limit
+        Largest error, and largest next step of Newton's method. Rounding bounds this step from below.
+    says
+        Patterns (regular expressions) that the message or a warning of `solve_static` must contain.
+    refused
+        Whether `solve_static` may end without the right state if it `says` why, because the start is too far away.
     """
 
     source: str
@@ -90,15 +103,23 @@ class Case:
 
     Parameters
     ----------
-    name : in words.
-    body : function that returns the body.
-    steps : number of load steps, the same for all methods.
-    truth, with_volume : right outcome without and with the volume term.
-    quick : whether the case is part of the quick table.
-    methods : names of the methods that are run; None for all.
-    solver : linear solver of the default method.
-    invertible : right outcome of `InvertibleStVK` without the volume term. None: it is that of `StVK`, because the right state of
-        `StVK` is homogeneous or has no principal stretch below the threshold.
+    name
+        In words.
+    body
+        Function that returns the body.
+    steps
+        Number of load steps, the same for all methods.
+    truth, with_volume
+        Right outcome without and with the volume term.
+    quick
+        Whether the case is part of the quick table.
+    methods
+        Names of the methods that are run; None for all.
+    solver
+        Linear solver of the default method.
+    invertible
+        Right outcome of `InvertibleStVK` without the volume term. None: it is that of `StVK`, because the right state of `StVK` is
+        homogeneous or has no principal stretch below the threshold.
     """
 
     name: str

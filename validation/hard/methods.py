@@ -23,13 +23,20 @@ class Run(NamedTuple):
 
     Attributes
     ----------
-    method, volume : name of the method, and whether the volume term is in the system.
-    steps, iterations, seconds : counts and time of the solve; steps are the completed ones.
-    status : in a word.
-    message : complete message with warnings.
-    u : (ndofs,) displacements of the last state [m].
-    judgement : verdict on the result.
-    unsaid : patterns of the case that are missing from message and warnings.
+    method, volume
+        Name of the method, and whether the volume term is in the system.
+    steps, iterations, seconds
+        Counts and time of the solve; steps are the completed ones.
+    status
+        In a word.
+    message
+        Complete message with warnings.
+    u
+        (ndofs,) displacements of the last state [m].
+    judgement
+        Verdict on the result.
+    unsaid
+        Patterns of the case that are missing from message and warnings.
     """
 
     method: str

@@ -31,8 +31,8 @@ def unstable() -> list[Case]:
         Case("press an arch from outside", _arch, 10, perfect, perfect, methods=FOLLOWED),
         Case("crush a thin sheet on a soft bed by 15 %, pushed", partial(_sheet, 0.15, bed=1e4, push=20.0), 10, stable, stable),
         _loose("a block held by one edge", block, lambda x: (x[0] == 0) & (x[2] == 0), "rotation"),
-        _loose("two parts joined by one edge", edge, lambda x: x[0] == 0, "can turn about the line", r"elements \(\d"),
-        _loose("two parts joined by one node", node, lambda x: x[0] == 0, "can turn about 1 vertex", r"elements \(\d"),
+        _loose("two parts joined by one edge", edge, lambda x: x[0] == 0, "can rotate about the line", r"elements \(\d"),
+        _loose("two parts joined by one node", node, lambda x: x[0] == 0, "can rotate about 1 vertex", r"elements \(\d"),
     ]
 
 

@@ -16,11 +16,16 @@ class Call:
 
     Attributes
     ----------
-    name : name of the function.
-    make : returns the function and good values of its arguments. The values are new objects if the function changes them.
-    legal : for each argument, the names of hostile values that are legal.
-    called : for each argument, an expression for the words by which messages name it, if they do not use its name.
-    costly : whether a successful call takes more than some milliseconds.
+    name
+        Name of the function.
+    make
+        Returns the function and good values of its arguments. The values are new objects if the function changes them.
+    legal
+        For each argument, the names of hostile values that are legal.
+    called
+        For each argument, an expression for the words by which messages name it, if they do not use its name.
+    costly
+        Whether a successful call takes more than some milliseconds.
     """
 
     name: str

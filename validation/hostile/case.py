@@ -58,16 +58,23 @@ class Case:
 
     Attributes
     ----------
-    name : name, unique in its family, for example "msh: cut at 40 %".
-    attempt : function that a child process calls with the path of an empty folder, its working folder. `refused` judges its
-        exceptions, `judge` its result. It may raise `Wrong` or `NotRun` to give a verdict itself.
-    judge : function of the result of `attempt`; raises `Wrong` if the result is not correct. The default refuses every result,
-        because most inputs must raise an error.
-    refused : function that returns whether an exception is a readable refusal. Other exceptions count as raw tracebacks. Errors
-        caused by a `MemoryError` have the verdict `Verdict.MEMORY`.
-    seconds : time limit [s].
-    gigabytes : limit of the address space that the case may use in addition to the child process before it [GiB].
-    quick : whether the case belongs to the quick version, which the tests run.
+    name
+        Name, unique in its family, for example "msh: cut at 40 %".
+    attempt
+        Function that a child process calls with the path of an empty folder, its working folder. `refused` judges its exceptions,
+        `judge` its result. It may raise `Wrong` or `NotRun` to give a verdict itself.
+    judge
+        Function of the result of `attempt`; raises `Wrong` if the result is not correct. The default refuses every result, because
+        most inputs must raise an error.
+    refused
+        Function that returns whether an exception is a readable refusal. Other exceptions count as raw tracebacks. Errors caused by
+        a `MemoryError` have the verdict `Verdict.MEMORY`.
+    seconds
+        Time limit [s].
+    gigabytes
+        Limit of the address space that the case may use in addition to the child process before it [GiB].
+    quick
+        Whether the case belongs to the quick version, which the tests run.
     """
 
     name: str

@@ -25,9 +25,10 @@ class ExtendedStVK:
 
     Parameters
     ----------
-    young, poisson, section, density : constants of the material. `section` is the area of segments, the thickness of triangles, and
-        1 for tetrahedra.
-    condensed : whether triangles in the plane have plane stress. Triangles in space always have plane stress.
+    young, poisson, section, density
+        Constants of the material. `section` is the area of segments, the thickness of triangles, and 1 for tetrahedra.
+    condensed
+        Whether triangles in the plane have plane stress. Triangles in space always have plane stress.
     """
 
     def __init__(

@@ -39,9 +39,12 @@ class Body:
 
     Attributes
     ----------
-    unit : size of the body [m], the unit of length.
-    pressure : stress that causes a strain of about 1 [Pa].
-    notes : description of the body's special properties.
+    unit
+        Size of the body [m], the unit of length.
+    pressure
+        Stress that causes a strain of about 1 [Pa].
+    notes
+        Description of the body's special properties.
     """
 
     mesh: ElementMesh

@@ -27,15 +27,24 @@ class Format:
 
     Attributes
     ----------
-    suffix : suffix of the files.
-    options : options of `meshio.write`.
-    flat : whether the format contains triangles only.
-    second : whether the elements have second order.
-    counts : expressions for text files; the group is a number of entries.
-    ids : expressions whose group is the id of a node or an element at its definition.
-    references : expressions whose group is the id of a node in an element.
-    element : expression of the whole row of an element.
-    counted : whether the header contains the number of elements.
+    suffix
+        Suffix of the files.
+    options
+        Options of `meshio.write`.
+    flat
+        Whether the format contains triangles only.
+    second
+        Whether the elements have second order.
+    counts
+        Expressions for text files; the group is a number of entries.
+    ids
+        Expressions whose group is the id of a node or an element at its definition.
+    references
+        Expressions whose group is the id of a node in an element.
+    element
+        Expression of the whole row of an element.
+    counted
+        Whether the header contains the number of elements.
     """
 
     suffix: str

@@ -42,9 +42,12 @@ class Kind:
 
     Attributes
     ----------
-    system : function that returns the system of the run.
-    make : function `(system, **files and options)` that runs it.
-    bits : function that returns all numbers of the result, which must be bitwise reproducible.
+    system
+        Function that returns the system of the run.
+    make
+        Function `(system, **files and options)` that runs it.
+    bits
+        Function that returns all numbers of the result, which must be bitwise reproducible.
     """
 
     system: Callable[..., System]

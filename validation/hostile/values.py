@@ -25,10 +25,13 @@ class Hostile:
 
     Attributes
     ----------
-    name : name of the value in tables and messages.
-    make : function that returns the value for a good value of the argument, or NOTHING if it does not apply.
-    plain : function that returns a plain value with the same meaning, or NOTHING if there is none. The plain value must give the
-        same result.
+    name
+        Name of the value in tables and messages.
+    make
+        Function that returns the value for a good value of the argument, or NOTHING if it does not apply.
+    plain
+        Function that returns a plain value with the same meaning, or NOTHING if there is none. The plain value must give the same
+        result.
     """
 
     name: str

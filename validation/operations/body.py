@@ -19,10 +19,14 @@ class Body:
 
     Attributes
     ----------
-    p, t : rest coordinates (3, nv) and vertices (4, nt).
-    edges, t2e, faces, t2f : (2, ne), (6, nt), (3, nf), (4, nt), vertices in ascending order.
-    geometry : volumes and gradients.
-    coefficients : (nt, 6, 6) `L` of the edges of each tetrahedron.
+    p, t
+        Rest coordinates (3, nv) and vertices (4, nt).
+    edges, t2e, faces, t2f
+        (2, ne), (6, nt), (3, nf), (4, nt), vertices in ascending order.
+    geometry
+        Volumes and gradients.
+    coefficients
+        (nt, 6, 6) `L` of the edges of each tetrahedron.
     """
 
     def __init__(self, mesh: ElementMesh, lam: float, mu: float) -> None:

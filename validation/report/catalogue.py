@@ -19,12 +19,18 @@ class Part(NamedTuple):
 
     Attributes
     ----------
-    kind, reference, reference_kind, source : kind of the claims, their reference, its kind and its source.
-    words : claim of a study that prints no claim itself.
-    speed : whether the part measures time, or memory over many steps, and runs only with `--speed`.
-    numbers : name of the function in `numbers` that computes the claims; empty for a study.
-    takes_quick : whether the study has a quick version.
-    whole_only : whether quick reports leave the part out.
+    kind, reference, reference_kind, source
+        Kind of the claims, their reference, its kind and its source.
+    words
+        Claim of a study that prints no claim itself.
+    speed
+        Whether the part measures time, or memory over many steps, and runs only with `--speed`.
+    numbers
+        Name of the function in `numbers` that computes the claims; empty for a study.
+    takes_quick
+        Whether the study has a quick version.
+    whole_only
+        Whether quick reports leave the part out.
     """
 
     kind: Kind

@@ -29,14 +29,22 @@ class Claim:
 
     Attributes
     ----------
-    kind : code verification, solution verification, or validation against published values.
-    group, part, name, words : group and part of the catalogue, name, and text of the claim.
-    reference, reference_kind, source : reference, its kind, and its source.
-    outcome : "holds", "does not hold", "measured" (a study without a claim) or "missing".
-    value, expected, error, tolerance, reason : for a number: computed value, reference value, error, allowed error and its reason.
-    previous : value in the earlier run of a comparison.
-    failures, columns, rows, notes : for a study: contradictions to the claim, and the table.
-    seconds : time of the job [s].
+    kind
+        Code verification, solution verification, or validation against published values.
+    group, part, name, words
+        Group and part of the catalogue, name, and text of the claim.
+    reference, reference_kind, source
+        Reference, its kind, and its source.
+    outcome
+        "holds", "does not hold", "measured" (a study without a claim) or "missing".
+    value, expected, error, tolerance, reason
+        For a number: computed value, reference value, error, allowed error and its reason.
+    previous
+        Value in the earlier run of a comparison.
+    failures, columns, rows, notes
+        For a study: contradictions to the claim, and the table.
+    seconds
+        Time of the job [s].
     """
 
     kind: str

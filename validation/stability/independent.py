@@ -57,12 +57,18 @@ class Body:
 
     Parameters
     ----------
-    basis : basis of vector elements.
-    lam, mu : Lame constants [Pa].
-    load : (N,) nodal forces at the load factor 1 [N].
-    free : unconstrained degrees of freedom.
-    control : degree of freedom with prescribed displacement.
-    gradient : `cartesian` or `axisymmetric`.
+    basis
+        Basis of vector elements.
+    lam, mu
+        Lame constants [Pa].
+    load
+        (N,) nodal forces at the load factor 1 [N].
+    free
+        Unconstrained degrees of freedom.
+    control
+        Degree of freedom with prescribed displacement.
+    gradient
+        `cartesian` or `axisymmetric`.
     """
 
     basis: skfem.Basis

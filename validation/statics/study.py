@@ -31,12 +31,18 @@ class Study:
 
     Parameters
     ----------
-    name, claim : in words. The claim is "" if times are only measured, as in quick runs, which must not fail on a busy machine.
-    columns : headings of the table.
-    rows : cells of the table as text. Words are aligned left, numbers right.
-    failures : contradictions to the claim, in words; the claim holds if there are none.
-    notes : remarks below the table.
-    pictures : paths of the pictures.
+    name, claim
+        In words. The claim is "" if times are only measured, as in quick runs, which must not fail on a busy machine.
+    columns
+        Headings of the table.
+    rows
+        Cells of the table as text. Words are aligned left, numbers right.
+    failures
+        Contradictions to the claim, in words; the claim holds if there are none.
+    notes
+        Remarks below the table.
+    pictures
+        Paths of the pictures.
     """
 
     name: str

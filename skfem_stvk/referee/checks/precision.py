@@ -188,9 +188,9 @@ class TextbookAtPoints:
 def speed_table(case: Case) -> Iterator[dict[str, Any]]:
     """Yield rows of times and memory.
 
-    Their keys are player, quantity, method, ns_per_element (best), median_ns_per_element, ratio, peak_bytes_per_element and
-    repetitions. The ratio is the reference's best time over the implementation's. An implementation that lacks the method or raises
-    has no row. The check of agreement reports such an implementation.
+    Their keys are `player` (the name of the implementation), `quantity`, `method`, `ns_per_element` (best),
+    `median_ns_per_element`, `ratio`, `peak_bytes_per_element` and `repetitions`. The ratio is the reference's best time over the
+    implementation's. An implementation that lacks the method or raises has no row. The check of agreement reports it.
     """
     u = case.states[STRETCH]
     for quantity, method in METHODS.items():

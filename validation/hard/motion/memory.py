@@ -36,9 +36,11 @@ class Growth(NamedTuple):
 
     Attributes
     ----------
-    ledger, other, process : memory of the ledger's rows, growth of Python's other memory after `WARM` of the steps, and growth of
-        the process since then, including memory that allocators retain [bytes].
-    energy : closure error at the end relative to the largest strain energy.
+    ledger, other, process
+        Memory of the ledger's rows, growth of Python's other memory after `WARM` of the steps, and growth of the process since
+        then, including memory that allocators retain [bytes].
+    energy
+        Closure error at the end relative to the largest strain energy.
     """
 
     name: str

@@ -17,8 +17,9 @@ class Ending(Truth):
 
     Parameters
     ----------
-    energy : function that returns the error of the energy of displacements and velocities relative to its maximum; None if the
-        energy is not checked.
+    energy
+        Function that returns the error of the energy of displacements and velocities relative to its maximum; None if the energy is
+        not checked.
     """
 
     energy: Callable[[System, Array, Array], float] | None = None
@@ -30,10 +31,14 @@ class Scene(Case):
 
     Parameters
     ----------
-    truth, with_volume : right final states without and with the volume term.
-    until : duration [s].
-    damping : Rayleigh damping; None for none.
-    right : names of the methods that must be right if there is a right motion. The other methods may report a failure.
+    truth, with_volume
+        Right final states without and with the volume term.
+    until
+        Duration [s].
+    damping
+        Rayleigh damping; None for none.
+    right
+        Names of the methods that must be right if there is a right motion. The other methods may report a failure.
     """
 
     truth: Ending

@@ -26,10 +26,14 @@ class Motion(NamedTuple):
 
     Attributes
     ----------
-    u, v : (ndofs,) displacements [m] and velocities [m/s] at the end.
-    size : largest root mean square of the displacements [m].
-    energy, most : kinetic, strain and potential energy at the end, and the largest sum of kinetic and strain energy [J].
-    inverted : time at which an inverted element was first found [s]; infinity for never.
+    u, v
+        (ndofs,) displacements [m] and velocities [m/s] at the end.
+    size
+        Largest root mean square of the displacements [m].
+    energy, most
+        Kinetic, strain and potential energy at the end, and the largest sum of kinetic and strain energy [J].
+    inverted
+        Time at which an inverted element was first found [s]; infinity for never.
     """
 
     u: Array
