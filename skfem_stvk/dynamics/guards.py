@@ -107,7 +107,7 @@ class Inversions:
         inverted = self._elements(record.state)
         if len(inverted) and not self._warned:
             self._warned = True
-            warn(f"t = {record.state.t:.4g} s: {name_ids(inverted, 'element')} inside out. {self._advice()}")
+            warn(f"t = {record.state.t:.4g} s: {name_ids(inverted, 'element')} inverted. {self._advice()}")
         return len(inverted)
 
     @property
@@ -131,9 +131,7 @@ def inversion_text(ledger: Ledger) -> str:
     if not len(seen):
         return ""
     first, last = times[seen[[0, -1]]]
-    return (
-        f"; elements were inside out on the way, up to {counts.max():.0f} at once, between t = {first:.4g} s and t = {last:.4g} s"
-    )
+    return f"; elements were inverted on the way, up to {counts.max():.0f} at once, between t = {first:.4g} s and t = {last:.4g} s"
 
 
 class Jumps:

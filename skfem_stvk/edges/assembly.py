@@ -308,5 +308,5 @@ def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], barrier: s
     """
     least = ratios.min()
     raise StateError(
-        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inside out or flat (J down to {least:.2g}), where {barrier}"
+        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inverted or flat (J down to {least:.2g}), where {barrier}"
     )

@@ -22,7 +22,7 @@ from .topology import KernelOrder
 
 #: End of messages about elements with `J <= 0`.
 BARRIER_IS_INFINITE = (
-    "the barrier of a VolumePenalty is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); "
+    "the barrier of a VolumePenalty is infinite. Start without inverted elements, and keep steps below step_limit(u, v); "
     'or take kind="compression" or "quadratic", which push such elements back.'
 )
 

@@ -23,7 +23,7 @@ from .protocols import Deformation, PointResponse
 
 #: End of messages about elements with `J <= 0`.
 BARRIER = (
-    "the energy of NeoHookean is infinite. Start from a state that is not inside out, and keep steps below step_limit(u, v); or "
+    "the energy of NeoHookean is infinite. Start from a state without inverted elements, and keep steps below step_limit(u, v); or "
     "take StVK with a VolumePenalty of another kind than barrier, which pushes such elements back."
 )
 

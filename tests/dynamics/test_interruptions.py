@@ -96,7 +96,7 @@ FOUND = {
 }
 
 
-@pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.StvkWarning")
+@pytest.mark.filterwarnings("ignore:.*inverted:skfem_stvk.errors.StvkWarning")
 @pytest.mark.parametrize(
     ("moment", "number"), [(moment, number) for moment, (_, _, numbers) in FOUND.items() for number in numbers]
 )

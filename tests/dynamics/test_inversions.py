@@ -19,7 +19,7 @@ from skfem_stvk.dynamics import (
 )
 from skfem_stvk.dynamics.guards import EXPLICIT
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.StvkWarning")
+pytestmark = pytest.mark.filterwarnings("ignore:.*inverted:skfem_stvk.errors.StvkWarning")
 
 
 def shaken(*terms):
@@ -49,7 +49,7 @@ def test_a_motion_that_ends_with_inverted_elements_is_no_success(integrator, inv
     system, v0 = shaken()
     files = {"save": tmp_path / "run.pvd", "checkpoint": tmp_path / "run"}
     with pytest.raises(
-        SimulationError, match=r"reached t = 0\.4 s .* elements \(\d+, .* inside out or flat .*VolumePenalty"
+        SimulationError, match=r"reached t = 0\.4 s .* elements \(\d+, .* inverted or flat .*VolumePenalty"
     ) as caught:
         simulate(system, integrator, until=0.4, v0=v0, quiet=True, **files)
     run = caught.value.run
@@ -72,16 +72,16 @@ def test_temporary_inversions_are_a_success_and_reported(integrator, tmp_path):
     assert first > 0 and run.ledger["inside_out"][0] == first and run.ledger["inside_out"][-1] == 0
     assert run.status is Status.FINISHED and run.success and not any(one.name == "inside out" for one in run.findings)
     most = f"{run.ledger['inside_out'].max():.0f}"
-    said = rf"elements were inside out on the way, up to {most} at once, between t = 0 s and t = 0\.\d+ s"
+    said = rf"elements were inverted on the way, up to {most} at once, between t = 0 s and t = 0\.\d+ s"
     assert re.search(said, run.message)
     more = simulate(system, checkpoint=tmp_path / "run", resume=True, until=1.5, quiet=True)
-    assert "inside out on the way" in more.message and more.success
+    assert "inverted on the way" in more.message and more.success
 
 
 def test_a_motion_without_inversion_reports_none():
     system, v0 = shaken()
     run = simulate(system, EnergyMomentum(0.005), until=0.05, v0=0.1 * v0, quiet=True)
-    assert "inside out" not in run.message and not run.findings and not run.ledger["inside_out"].any()
+    assert "inverted" not in run.message and not run.findings and not run.ledger["inside_out"].any()
 
 
 def test_inversions_are_counted_at_every_implicit_step_and_at_some_explicit_steps():
@@ -113,9 +113,7 @@ def test_a_failed_run_reports_inverted_elements():
     run = simulate(system, EnergyMomentum(0.05), until=0.5, u0=u0.ravel(), quiet=True, raise_on_failure=False)
     assert run.status is Status.NOT_CONVERGED
     inverted = system.inside_out(run.u)
-    assert (
-        len(inverted) > 100 and f"{len(inverted)} elements ({inverted[0]}, " in run.message and "inside out or flat" in run.message
-    )
+    assert len(inverted) > 100 and f"{len(inverted)} elements ({inverted[0]}, " in run.message and "inverted or flat" in run.message
 
 
 def test_locking_and_final_overcompression_are_reported():

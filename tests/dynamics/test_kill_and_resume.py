@@ -126,7 +126,7 @@ def stopped(name, folder, monkeypatch, checkpoints, resume=False):
 
 
 @pytest.mark.parametrize("name", SMALL)
-@pytest.mark.filterwarnings("ignore:.*inside out:skfem_stvk.errors.StvkWarning")
+@pytest.mark.filterwarnings("ignore:.*inverted:skfem_stvk.errors.StvkWarning")
 def test_a_run_resumes_bit_for_bit_from_any_checkpoint(folders, monkeypatch, name):
     expected = whole(name, folders[0])
     assert expected.ledger.steps > 150 and (np.ptp(np.diff(expected.ledger["time"])[:-1]) > 1e-4) == name.startswith("steps")

@@ -116,7 +116,7 @@ def test_a_reduced_solve_without_equilibrium_ends_at_the_load_of_the_full_one():
     found = [solve_static(one, steps=8, quiet=True, raise_on_failure=False) for one in (body, OnModes(body))]
     assert [one.status.value for one in found] == ["stopped before the end"] * 2
     assert found[1].t == pytest.approx(found[0].t, rel=0.02)
-    assert "inside out" in found[1].message and not len(body.inside_out(found[1].u))
+    assert "invert" in found[1].message and not len(body.inside_out(found[1].u))
 
 
 def test_iterations_do_not_evaluate_the_full_body(monkeypatch):

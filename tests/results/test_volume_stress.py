@@ -109,7 +109,7 @@ def test_the_stress_of_inverted_elements_follows_the_convention():
         assert now["cauchy"] == pytest.approx(np.tile(-slope * np.eye(3), (mesh.nt, 1, 1)), rel=1e-9)
         force = System(mesh, VolumePenalty(2.0, kind)).internal_force(u)
         assert np.abs(forces(mesh, now["pk1"], mesh.p, now.fields.volume) - force).max() < 1e-11 * np.abs(force).max()
-    with pytest.raises(StateError, match=f"{mesh.nt} elements .* inside out or flat .* barrier"):
+    with pytest.raises(StateError, match=f"{mesh.nt} elements .* inverted or flat .* barrier"):
         Fields(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(2.0, "barrier")]).at(u)["pk2"]
 
 

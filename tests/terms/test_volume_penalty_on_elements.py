@@ -172,5 +172,5 @@ def test_the_barrier_names_elements_with_no_volume_at_a_point(dtype):
     ids = np.flatnonzero(point_ratios(mesh, u) <= 0)
     assert 0 < len(ids) <= len(body.inside_out(u.ravel()))
     for call in (body.energy, body.internal_force, body.tangent, body.round_off):
-        with pytest.raises(StateError, match=rf"^{len(ids)} elements? \({ids[0]}.* inside out or flat .* barrier"):
+        with pytest.raises(StateError, match=rf"^{len(ids)} elements? \({ids[0]}.* inverted or flat .* barrier"):
             call(u.ravel())

@@ -152,7 +152,7 @@ def test_real_eigenvalues_of_a_matrix_that_is_not_symmetric_are_counted():
 
 @pytest.mark.parametrize("name", ["press a column whose head is held", "press an arch"])
 def test_a_default_that_assumes_stability_is_detected(monkeypatch, name):
-    monkeypatch.setattr(solve, "judged", lambda problem, u, t: stability.Verdict(True, None))
+    monkeypatch.setattr(solve, "stability_of", lambda problem, u, t: stability.Verdict(True, None))
     failures = list(study.failures(study.row_of(a_case(name))))
     assert any("default: reported as success, but unstable, 1 eigenvalues" in failure for failure in failures)
 

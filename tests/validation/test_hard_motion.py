@@ -28,7 +28,7 @@ LONG = (
     "throw a block of 1e9 Pa that flips, in steps of 1/30 s",
 )
 SAYS_INSIDE_OUT, SAYS_ENERGY = (
-    "; elements were inside out on the way, up to 3 at once",
+    "; elements were inverted on the way, up to 3 at once",
     "reached t = 1 s in 9 steps; the steps lost 30 % of the energy",
 )
 
@@ -60,7 +60,7 @@ def test_an_integrator_that_ignores_inversion_is_detected(monkeypatch, beginning
 
 
 def test_an_integrator_that_loses_energy_without_a_warning_is_detected(monkeypatch):
-    monkeypatch.setattr("skfem_stvk.dynamics.loop.WORTH_SAYING", np.inf)
+    monkeypatch.setattr("skfem_stvk.dynamics.loop.REPORTED", np.inf)
     scene = a_scene("crack a whip")
     assert methods.run(scene, "backward Euler").verdict is Verdict.WRONG
 
@@ -117,7 +117,7 @@ def test_no_method_reports_success_for_a_block_inverted_by_shaking():
     assert not list(study.failures(row))
     ends = {run.method: run.status for run in row.runs if run.verdict is Verdict.SAID_SO}
     assert set(ends) == set(scene.methods) - {"plain eq. 9"}
-    assert ends["forward Euler, dt=None"] == ends["eq. 9"] == "reached the end, but with elements inside out"
+    assert ends["forward Euler, dt=None"] == ends["eq. 9"] == "reached the end, but with inverted elements"
 
 
 def test_a_reported_success_with_inverted_elements_is_detected(monkeypatch):

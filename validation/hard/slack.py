@@ -33,7 +33,7 @@ class Woven(Body):
 
 def slack() -> list[Case]:
     chain = _case("hang a slack cable", partial(_chain, SOFT), _chain_by_itself(SOFT))
-    refused = replace(_chain_by_itself(STIFF), says=("no stiffness across", "BackwardEuler"), refused=True)
+    refused = replace(_chain_by_itself(STIFF), says=("no transverse stiffness", "BackwardEuler"), refused=True)
     sphere = _case("inflate a sphere by a half", _sphere, truths.state("closed form: p = 2 h S/(s r)", _sphere_grown, 0.02))
     return [
         chain,

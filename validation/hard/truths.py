@@ -21,7 +21,7 @@ Start = Callable[[ElementMesh], Array]
 #: Limit of states found by tiny steps. Both sides converge to a relative residual of 1e-8 or better.
 LIMIT = 1e-6
 #: Parts of the default's message if the branch without inversion ends: the event, the elements, and the remedy.
-ENDS = ("inside out|gives way", r"element[s]? \(?\d", "VolumePenalty")
+ENDS = ("invert|gives way", r"element[s]? \(?\d", "VolumePenalty")
 
 
 def none(why: str, *says: str) -> Truth:

@@ -135,7 +135,7 @@ def at_rest(model: Model, mesh: ElementMesh, u0: Array) -> Recovery:
     except AnalysisError:
         raise
     except StvkError as error:
-        return Recovery(False, False, 0, "refused" if "inside out" in str(error) else type(error).__name__)
+        return Recovery(False, False, 0, "refused" if "inverted or flat" in str(error) else type(error).__name__)
     inverted = len(system.inside_out(found.u))
     back = bool(np.abs(found.u).max() < BACK)
     return Recovery(back, found.success and not back, inverted, f"{found.history.iterations} it.")

@@ -15,7 +15,7 @@ from .endings import LIMIT
 from .scene import Ending
 
 #: Patterns of messages that report inverted elements on the way, or a loss or gain of energy; a pattern that never matches.
-INSIDE_OUT, ENERGY, NOTHING = "inside out", r"(lost|gained) \d+ % of the energy", r"(?!)"
+INSIDE_OUT, ENERGY, NOTHING = "inverted", r"(lost|gained) \d+ % of the energy", r"(?!)"
 
 
 class Fault(NamedTuple):
