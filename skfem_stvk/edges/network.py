@@ -247,7 +247,7 @@ class Network(PairTerm):
 
 
 class ElementNetwork(Network):
-    """Network of elements that can be removed: `remaining(removed)` returns the coefficients without a mask of elements."""
+    """Network of elements that can be removed: `remaining(removed)` returns the coefficients without a mask (n,) of elements."""
 
     def __init__(self, *network: Any, remaining: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
         self._remaining = remaining

@@ -803,9 +803,9 @@ class System(BoundTerms):
             if isinstance(term, HasMemory):
                 for name, count in term.memory().items():
                     parts[name] = parts.get(name, 0) + count
-        for narrow in (*self.pair_terms, *(of for _, of in self._follower_loads)):
-            if isinstance(narrow, AccumulatedBlocks):
-                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + narrow.own_memory()
+        for blocks in (*self.pair_terms, *(of for _, of in self._follower_loads)):
+            if isinstance(blocks, AccumulatedBlocks):
+                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + blocks.own_memory()
         parts["rows of K"] = 0 if self._row_cache is None else nbytes(self._row_cache[1:])
         parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
         parts["product"] = self._operator.memory() if self._operator is not None else 0
