@@ -228,5 +228,5 @@ def refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
     """Raise StateError if results, called `name`, are not finite at displacements `u`."""
     if not (isfinite(values) if isinstance(values, float | int) else all_finite(np.asarray(values))):
         raise StateError(
-            f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the step before diverge, or are units mixed up?"
+            f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the previous step diverge, or are units mixed up?"
         )

@@ -246,7 +246,7 @@ def test_triangles_in_the_plane_rotate_about_a_vertex():
     first, second = (int(np.flatnonzero(at(*point)(TRIANGLES.p))[0]) for point in ((1, 1), (2, 1.2)))
     assert message(TRIANGLES, LEFT) == (
         "Not held: the body of 8 vertices has 2 mechanisms: 1 element (2) can rotate about "
-        f"1 vertex ({first}) at (1, 1), 1 element (3) can turn "
+        f"1 vertex ({first}) at (1, 1), 1 element (3) can rotate "
         f"about 1 vertex ({second}) at (2, 1.2). These elements share less than an edge with the others: "
         "fix them as well, join them by edges, "
         "or remesh."
@@ -279,7 +279,7 @@ def test_a_rigid_ring_that_rotates_as_a_whole_is_one_mechanism():
 
 def test_the_smaller_of_two_moving_pieces_is_named():
     text = message(TWO_NODES, None)
-    assert "1 element (5) can turn" in text and text.count("can rotate") == 1
+    assert "1 element (5) can rotate" in text and text.count("can rotate") == 1
 
 
 def test_each_piece_on_one_edge_is_named():
