@@ -138,6 +138,7 @@ class BlockJacobiFactors:
     def __init__(self, analysis: BlockJacobiAnalysis, K: Operator, inverse: Vector, latest: LatestFactors) -> None:
         self._analysis, self._K, self._inverse = analysis, K, inverse
         self._latest, self._number = latest, latest.next()
+        self._space = getattr(K, "space", None)
         self._padded, self._out = np.zeros(len(inverse) // 3), np.empty(len(inverse) // 3)
         self._parts: NDArray[np.int64] = parts_of(len(inverse) // 9, 1, threads())
 
@@ -146,7 +147,9 @@ class BlockJacobiFactors:
         """Solve by conjugate gradients, with one product per iteration."""
         n = self._analysis.n
         b, rtol, x0 = checked_right(b, n, rtol, x0, out)
-        return written_to(conjugate_gradients(self._multiply, self.precondition, b, rtol, MAX_ITERATIONS, x0), out)
+        return written_to(
+            conjugate_gradients(self._multiply, self.precondition, b, rtol, MAX_ITERATIONS, x0, space=self._space), out
+        )
 
     @latest_only
     def precondition(self, r: Vector) -> Vector:

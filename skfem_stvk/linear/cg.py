@@ -19,6 +19,7 @@ from ..kernels.compiled import Ids
 from ..kernels.threads import parts_of, run, threads
 from .checks import LatestFactors, checked_right, latest_only, written_to
 from .solver import Outcome, Solution, Vector
+from .space import Space
 
 Map = Callable[[Vector], Vector]
 #: Largest number of iterations. On slender bodies, iterations grow at least as fast as the number of elements along them.
@@ -71,20 +72,32 @@ def solve_by(search: Search, b: Vector, rtol: float, max_iterations: int) -> Sol
 
 
 def conjugate_gradients(
-    product: Map, precondition: Map, b: Vector, rtol: float, max_iterations: int, x0: Vector | None = None
+    product: Map,
+    precondition: Map,
+    b: Vector,
+    rtol: float,
+    max_iterations: int,
+    x0: Vector | None = None,
+    *,
+    space: Space | None = None,
 ) -> Solution:
-    """Solve as in `solve_by`, from `x0` or zero, with functions for `K v` and for an approximate `K^-1 r`."""
-    return solve_by(_Search(product, precondition, b, x0), b, rtol, max_iterations)
+    """Solve as in `solve_by`, from `x0` or zero, with functions for `K v` and for an approximate `K^-1 r`.
+
+    `space` is that of the vectors, by default all (n,).
+    """
+    return solve_by(_Search(product, precondition, b, x0, space or Space(len(b))), b, rtol, max_iterations)
 
 
 class _Search:
     """Iterates `x`, residuals `r` and directions `p` of conjugate gradients with functions."""
 
-    def __init__(self, product: Map, precondition: Map, b: Vector, x0: Vector | None) -> None:
-        self._product, self._precondition, self._b = product, precondition, b
-        self._parts = parts_of(len(b), 0.1, threads())
+    def __init__(self, product: Map, precondition: Map, b: Vector, x0: Vector | None, space: Space) -> None:
+        self._product, self._precondition, self._b, self._space = product, precondition, b, space
+        ends = [end for own in space.owned for end in (own.start, own.stop)]
+        self._parts = np.union1d(parts_of(len(b), 0.1, threads()), ends).astype(np.int64)
+        self._counted = [any(own.start <= begin < own.stop for own in space.owned) for begin in self._parts[:-1]]
         self._x, self._r, self._p, self._before = np.zeros_like(b), b.copy(), np.zeros_like(b), np.empty_like(b)
-        self.size = self.norm = float(np.sqrt(dot(self._parts, b, b)))
+        self.size = self.norm = float(np.sqrt(self._dot(b, b)))
         self._rho, self.iterations = 0.0, 0
         if x0 is not None:
             np.copyto(self._x, x0)
@@ -101,7 +114,7 @@ class _Search:
 
     def true_residual(self) -> float:
         self._r = self._b - self._product(self._x)
-        self._rho, self.norm = 0.0, float(np.sqrt(dot(self._parts, self._r, self._r)))
+        self._rho, self.norm = 0.0, float(np.sqrt(self._dot(self._r, self._r)))
         return self.norm
 
     def x(self) -> Vector:
@@ -114,20 +127,27 @@ class _Search:
         Ribiere).
         """
         z = self._precondition(self._r)
-        rho, before = dot(self._parts, z, self._r), self._rho
+        rho, before = self._dot(z, self._r), self._rho
         if not rho > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(rho) else Outcome.NOT_FINITE
-        beta = max((rho - dot(self._parts, z, self._before)) / before, 0.0) if before else 0.0
+        beta = max((rho - self._dot(z, self._before)) / before, 0.0) if before else 0.0
         run(products.update_search_direction, self._parts, beta, z, self._p)
         q = self._product(self._p)
-        curvature = dot(self._parts, self._p, q)
+        curvature = self._dot(self._p, q)
         if not curvature > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(curvature) else Outcome.NOT_FINITE
         np.copyto(self._before, self._r)
-        square = sum(run(products.step, self._parts, rho / curvature, self._p, q, self._x, self._r))
+        square = self._total(run(products.step, self._parts, rho / curvature, self._p, q, self._x, self._r))
         self.norm, self._rho = float(np.sqrt(square)), rho
         self.iterations += 1
         return None if np.isfinite(square) else Outcome.NOT_FINITE
+
+    def _dot(self, x: Vector, y: Vector) -> float:
+        return self._total(run(products.dot, self._parts, x, y))
+
+    def _total(self, found: list[float]) -> float:
+        """Return the sum of the results of kernels for the entries that count, over all parts of the body."""
+        return self._space.total(float(sum(one for one, counted in zip(found, self._counted, strict=True) if counted)))
 
 
 def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+
+Number = TypeVar("Number", float, Array)
 
 #: Range of sums of squares. Outside it they may have underflowed or overflowed.
 SQUARES = 1e-280, 1e300
@@ -18,7 +21,8 @@ class Space:
     """Space of vectors (n,), such as the displacements of all degrees of freedom of a body.
 
     `on` and `spanned_by` return subspaces. A space has vectors of one kind, and the kind is never inferred from their length.
-    `share`, `total`, `least`, `most` and `any` combine the numbers of all parts of a divided body; here there is one part.
+    `share`, `total`, `least`, `most`, `any` and `element_ids` combine the results of all parts of a divided body; here there is one
+    part.
 
     Attributes
     ----------
@@ -37,6 +41,16 @@ class Space:
 
     def __init__(self, n: int) -> None:
         self.n = n
+
+    @property
+    def divided(self) -> bool:
+        """Whether the body is divided into parts, each with a space of its own."""
+        return False
+
+    @property
+    def owned(self) -> tuple[slice, ...]:
+        """Ranges of the entries that count in products and sums: all, or in a divided body those of this part, ascending."""
+        return (slice(0, self.n),)
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
@@ -68,14 +82,14 @@ class Space:
 
         On a busy machine this takes 0.05 ms instead of 5 ms for 50 000 entries.
         """
-        return float(np.einsum("i,i", x, y))
+        return self.total(float(sum(np.einsum("i,i", x[own], y[own]) for own in self.owned)))
 
     def norm(self, x: Array) -> float:
         """Return `|x|`, also if squares underflow or overflow, because forces of 1e-200 N count."""
         square = self.dot(x, x)  # einsum does not warn of overflow
-        if SQUARES[0] < square < SQUARES[1] or not len(x):
+        if SQUARES[0] < square < SQUARES[1]:
             return float(np.sqrt(square))
-        largest = self.most(float(np.abs(x).max()))
+        largest = self.most(float(np.abs(x).max(initial=0.0)))
         return largest * self.norm(x / largest) if 0 < largest < np.inf else largest
 
     def random(self, seed: int = 0) -> Array:
@@ -83,11 +97,11 @@ class Space:
         return np.random.default_rng(seed).standard_normal(self.n)
 
     def share(self, f: Array) -> Array:
-        """Add, in place, the forces of other parts on shared nodes."""
+        """Add, in place, the forces of other parts on shared nodes to `f`; return `f`, a contiguous (n,), (nv, d) or (nv, d, d)."""
         return f
 
-    def total(self, x: float) -> float:
-        """Return the sum of a number over all parts."""
+    def total(self, x: Number) -> Number:
+        """Return the sum of a number, or of an array entry by entry, over all parts."""
         return x
 
     def least(self, x: float) -> float:
@@ -102,6 +116,10 @@ class Space:
         """Return whether `x` is true in any part."""
         return x
 
+    def element_ids(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending."""
+        return ids
+
 
 class Entries(Space):
     """Subspace of some of the entries of a space's vectors."""
@@ -113,6 +131,27 @@ class Entries(Space):
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
         return self._whole.numbers[self._dofs]
+
+    @property
+    def divided(self) -> bool:
+        return self._whole.divided
+
+    @cached_property
+    def owned(self) -> tuple[slice, ...]:
+        dofs = np.arange(self._whole.n)[self._dofs]  # ascending
+        return tuple(slice(*np.searchsorted(dofs, [own.start, own.stop])) for own in self._whole.owned)
+
+    def total(self, x: Number) -> Number:
+        return self._whole.total(x)
+
+    def least(self, x: float) -> float:
+        return self._whole.least(x)
+
+    def most(self, x: float) -> float:
+        return self._whole.most(x)
+
+    def any(self, x: bool) -> bool:
+        return self._whole.any(x)
 
     def expand(self, x: Array) -> Array:
         v = np.zeros(self._whole.n)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
@@ -18,6 +19,7 @@ from skfem.mesh.mesh_dg import MeshDG
 from ..arguments import frozen, number, real_array, shown, whole, whole_array
 from ..elements import ELEMENTS, Element, linear_simplex, named
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
+from ..linear.space import Space
 from .facets import NamedFacets, edges_of, further_nodes, with_midpoints
 from .locations import Box, LabelledMesh, checked_facets, checked_lines, describe, facets_at, vertices_at
 
@@ -354,6 +356,11 @@ class ElementMesh(LabelledMesh):
         for i, (a, b) in enumerate(self.element.edges):
             ends[self.t[self.element.corners + i]] = self.t[[a, b]].T
         return ends
+
+    @cached_property
+    def space(self) -> Space:
+        """Space of vectors (d nv,) with `d` components at each node. A part of a divided mesh combines its results there."""
+        return Space(self.p.size)
 
     def _node_ids(self) -> dict[str, NDArray[Any]]:
         """Return node sets as ids, from ids or masks."""

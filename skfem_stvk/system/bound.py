@@ -13,6 +13,7 @@ from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
 from ..edges.pairs import AccumulatedTerm, joined, with_blocks
 from ..errors import RegionError, StvkError, name_ids, warn
+from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..terms import Body, BoundLoad, BoundTerm, CanRemove, Grounded, HasState, HasStretch, HasVolume, Load, Term, is_load
@@ -62,6 +63,11 @@ class BoundTerms:
         bare = np.flatnonzero(~self._used)
         if len(bare):
             warn(f"{name_ids(bare, mesh.word)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
+
+    @property
+    def space(self) -> Space:
+        """Space of the displacements of all nodes, which combines the results of the parts of a divided mesh."""
+        return self.mesh.space
 
     def _terms_on(self, number: int) -> list[Any]:
         """Return the elastic terms on the mesh, for number 0, or on one of the meshes of lower dimensions."""
@@ -197,7 +203,7 @@ class BoundTerms:
         StateError as in `energy`.
         """
         x = self._state(u)
-        return min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf)
+        return self.space.least(min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf))
 
     def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
         """Return the smallest `s > 0` at which an element with `J > 0` at `u` becomes flat at `u + s v`; infinity if none does.
@@ -216,7 +222,7 @@ class BoundTerms:
         2.0
         """
         x, y = self._state(u), self._state(v, "v")
-        return min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf)
+        return self.space.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
@@ -224,7 +230,7 @@ class BoundTerms:
             return np.empty(0, dtype=np.int64)
         x = self._state(u)
         inverted = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return np.unique(np.concatenate(inverted))
+        return self.space.element_ids(np.unique(np.concatenate(inverted)))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
         """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
@@ -234,7 +240,8 @@ class BoundTerms:
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body softens: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
-        return min((term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch)), default=np.inf)
+        stretches = (term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch))
+        return self.space.least(min(stretches, default=np.inf))
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
@@ -246,7 +253,7 @@ class BoundTerms:
         for specification, term in self._on_mesh:
             if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
                 ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
-        return np.unique(np.concatenate(ids))
+        return self.space.element_ids(np.unique(np.concatenate(ids)))
 
     @cached_property
     def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:

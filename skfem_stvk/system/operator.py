@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
 from math import isfinite
 from typing import Any
@@ -18,7 +18,8 @@ from ..errors import StateError, StvkError
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import CopyableLock, locked, parts_of, run, threads
 from ..linear import EdgeBlocks
-from ..mesh.displacements import all_finite
+from ..mesh import ElementMesh
+from ..mesh.displacements import all_finite, by_vertex
 from .pattern import FreeDofs
 
 
@@ -34,13 +35,11 @@ class TangentOperator(LinearOperator):
         Internal shape of vectors, (nv, d).
     """
 
-    def __init__(
-        self, terms: Sequence[PairTerm], state: Callable[[ArrayLike], Array], u: ArrayLike, dtype: DTypeLike, kept: Tensions = ALL
-    ) -> None:
-        self._terms, self._state = terms, state
+    def __init__(self, mesh: ElementMesh, terms: Sequence[PairTerm], u: ArrayLike, dtype: DTypeLike, kept: Tensions = ALL) -> None:
+        self._mesh, self._terms, self.space = mesh, terms, mesh.space
         self._blocks: list[Any] = [None] * len(terms)
         self._at: Tensions | None = None
-        self._u = np.empty_like(state(u))
+        self._u = np.empty((mesh.p.shape[1], mesh.d))
         self.nodal_shape = self._u.shape
         self.prepare(u, kept=kept)
         super().__init__(dtype, (self._u.size, self._u.size))
@@ -56,7 +55,7 @@ class TangentOperator(LinearOperator):
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
         """
-        x, energy = self._state(u), 0.0
+        x, energy = by_vertex(self._mesh, u), 0.0
         self._ready = False  # until all blocks are computed
         for i, term in enumerate(self._terms):
             part, self._blocks[i] = term.blocks(x, force, self._blocks[i], kept)
@@ -64,7 +63,9 @@ class TangentOperator(LinearOperator):
             refuse_overflow(self._blocks[i], "K", x)
         np.copyto(self._u, x)
         self._at, self._ready = kept, True
-        return energy
+        if force is not None:
+            self.space.share(force)
+        return self.space.total(energy)
 
     def scale_and_add(self, factor: float, others: Sequence[tuple[float, TangentOperator]] = ()) -> None:
         """Replace K by `factor K + sum of c K_other`, for pairs `(c, other)` of operators of the same system.
@@ -106,7 +107,7 @@ class TangentOperator(LinearOperator):
         out = np.zeros((nv, d, d), dtype=self.dtype)
         for term, blocks in zip(self._terms, self._blocks, strict=True):
             term.pairs.add_diagonal(blocks, out)
-        return out
+        return self.space.share(out)
 
     def add_norms(self, x: Array, out: Array) -> None:
         """Add `sum_b |K_ab| x_b` over the other vertices `b` to `out`; `x` and `out` are (nv,).
@@ -126,14 +127,14 @@ class TangentOperator(LinearOperator):
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """Return the blocks without a copy, for solvers with products of their own.
 
-        Return None unless the operator consists of one term on elements.
+        Return None unless the operator consists of one term on elements of a body that is not divided.
 
         Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
         term, *others = self._terms
         edges = term.pairs.edges
-        if others or edges is None:
+        if others or edges is None or self.space.divided:
             return None
         return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], term.pairs.own.vertices, shift)
 
@@ -147,7 +148,7 @@ class TangentOperator(LinearOperator):
         x = np.ascontiguousarray(v, dtype=np.float32 if v.dtype == np.float32 else np.float64).reshape(self.nodal_shape)
         out = np.zeros(x.shape, dtype=self.dtype)
         self.add_product(x, out)
-        return out.ravel()
+        return self.space.share(out).ravel()
 
     def _adjoint(self) -> TangentOperator:
         return self
@@ -187,7 +188,7 @@ class FreeOperator(LinearOperator):
     """
 
     def __init__(self, tangent: TangentOperator, dofs: FreeDofs, shift: Array | None = None) -> None:
-        self.tangent, self.dofs, self.shift = tangent, dofs, shift
+        self.tangent, self.dofs, self.shift, self.space = tangent, dofs, shift, tangent.space.on(dofs.free)
         self._all, self._out = (np.zeros(tangent.nodal_shape, dtype=tangent.dtype) for _ in range(2))
         self._lock = CopyableLock()
         super().__init__(tangent.dtype, (len(dofs.free), len(dofs.free)))
@@ -217,6 +218,7 @@ class FreeOperator(LinearOperator):
         self._all.reshape(-1)[self.dofs.free] = v.ravel()
         self._out[:] = 0
         self.tangent.add_product(self._all, self._out)
+        self.tangent.space.share(self._out)
         product: Array = self._out.reshape(-1)[self.dofs.free]
         return product if self.shift is None else product + self.shift * v.ravel()
 
@@ -228,5 +230,6 @@ def refuse_overflow(values: ArrayLike, name: str, u: Array) -> None:
     """Raise StateError if results, called `name`, are not finite at displacements `u`."""
     if not (isfinite(values) if isinstance(values, float | int) else all_finite(np.asarray(values))):
         raise StateError(
-            f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the previous step diverge, or are units mixed up?"
+            f"{name} overflows at displacements of up to {np.abs(u).max():.1e}: did the previous step diverge, or are units mixed "
+            "up?"
         )

@@ -20,7 +20,6 @@ from ..edges.pairs import AccumulatedBlocks, joined, version_of
 from ..elements import HOURGLASS
 from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import CopyableLock, locked
-from ..linear.space import Space
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.locations import DofsView
@@ -249,11 +248,6 @@ class System(BoundTerms):
     def _bound_follower_loads(self) -> list[FollowerLoad]:
         return [load for load in self.bound_loads if isinstance(load, FollowerLoad)]
 
-    @cached_property
-    def space(self) -> Space:
-        """Space of displacements of all degrees of freedom."""
-        return Space(self.ndofs)
-
     def prescribe(self, u: Array, t: Time) -> Array:
         """Write the displacements of supports to `u` in place; return `u`.
 
@@ -408,7 +402,8 @@ class System(BoundTerms):
         self._refuse_without_energy()
         x = self._state(u)
         K, force = self._matrix(out, self.pattern), np.zeros(x.shape, dtype=self.dtype)
-        energy = self._fill(x, K.data, self._rows()[0], force)
+        energy = self.space.total(self._fill(x, K.data, self._rows()[0], force))
+        self.space.share(force)
         refuse_overflow(energy, "W", x)
         refuse_overflow(force, "F", x)
         return energy, force.ravel(), K
@@ -466,7 +461,7 @@ class System(BoundTerms):
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self.pair_terms, self._state, u, self.dtype, _factors(kept))
+        return TangentOperator(self.mesh, self.pair_terms, u, self.dtype, _factors(kept))
 
     @locked
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
@@ -492,6 +487,7 @@ class System(BoundTerms):
         set_time(self.bound_terms, moment)
         for load in self.bound_loads:
             load.add_force(x, moment, force)
+        self.space.share(force)
         refuse_overflow(force, "The external force", x)
         return force.ravel()
 
@@ -518,7 +514,7 @@ class System(BoundTerms):
         if without:
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Use residual(u, t).")
         x = self._state(u)
-        return energy + sum(load.potential(x, moment) for load in self.bound_loads)
+        return energy + self.space.total(float(sum(load.potential(x, moment) for load in self.bound_loads)))
 
     @locked
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
@@ -620,7 +616,7 @@ class System(BoundTerms):
         """
         x, moment = self._state(u), self._moment(t)
         elastic = iter(self.elastic_energies(u))
-        loads = iter([load.potential(x, moment) if load.has_potential else None for load in self.bound_loads])
+        loads = iter([self.space.total(load.potential(x, moment)) if load.has_potential else None for load in self.bound_loads])
         values = {name: next(loads if is_load(term) else elastic) for name, term in self._named}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -638,7 +634,7 @@ class System(BoundTerms):
             as `energy`.
         """
         x = self._state(u)
-        energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
+        energies = [self.space.total(term.energy_and_force(x)) if term.has_energy else 0.0 for term in self.bound_terms]
         refuse_overflow(sum(energies), "W", x)
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
@@ -684,6 +680,7 @@ class System(BoundTerms):
         for term in self.bound_terms:
             if isinstance(term, Grounded):
                 term.energy_and_force(x, force)
+        self.space.share(force)
         refuse_overflow(force, "The force of foundations", x)
         return -force.ravel()
 
@@ -718,7 +715,7 @@ class System(BoundTerms):
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
         x, y = self._state(u), self._state(v, "v")
-        coefficients = sum((term.along(x, y) for term in quartics), np.zeros(5))
+        coefficients = self.space.total(sum((term.along(x, y) for term in quartics), np.zeros(5)))
         refuse_overflow(coefficients, "W along a line", x)
         return coefficients
 
@@ -744,7 +741,7 @@ class System(BoundTerms):
                 term.add_round_off(x, sums)
             else:
                 pairs.add_magnitudes(x, sums)
-        return sums.ravel()
+        return self.space.share(sums).ravel()
 
     def check_held(self) -> None:
         """Check that supports and foundations leave the body no motion without strain.
@@ -827,7 +824,8 @@ class System(BoundTerms):
     def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
         force = np.zeros(x.shape, dtype=self.dtype) if out is None else out
         force[:] = 0
-        return sum(term.energy_and_force(x, force) for term in self.bound_terms), force
+        energy = self.space.total(float(sum(term.energy_and_force(x, force) for term in self.bound_terms)))
+        return energy, self.space.share(force)
 
     def _matrix(self, out: csr_matrix | None, structure: Structure) -> csr_matrix:
         if out is None:

@@ -317,9 +317,7 @@ class Anchors:
 def test_terms_that_are_not_assemblies_have_operators():
     mesh = SOLID.mesh
     u, v, c = state(mesh), state(mesh, seed=9), np.arange(mesh.nv) % 5.0
-    operator = TangentOperator(
-        [TERM.bind(mesh), with_blocks(Anchors(c), mesh.nv, 3, np.float64)], lambda u: u.reshape(-1, 3), u, np.float64
-    )
+    operator = TangentOperator(mesh, [TERM.bind(mesh), with_blocks(Anchors(c), mesh.nv, 3, np.float64)], u, np.float64)
     operator.prepare(u)
     wanted = SOLID.tangent(u) @ v + np.repeat(c, 3) * v
     assert np.abs(operator @ v - wanted).max() < 1e-13 * np.abs(wanted).max()
