@@ -276,11 +276,12 @@ def bound_on_eigenvalues(K: TangentOperator, vertex: Array) -> float:
     inverse = np.divide(1.0, vertex, out=np.zeros(len(vertex)), where=vertex > 0)
     s, bound = np.sqrt(inverse), np.inf
     for _ in range(SWEEPS):
-        sums = own * s
+        sums = K.space.counted(own * s)
         K.add_norms(s, sums)
+        K.space.share(sums)
         sums *= inverse
         rows = np.divide(sums, s, out=np.zeros(len(s)), where=s > 0)
-        bound, s = min(bound, float(rows.max())), sums
+        bound, s = min(bound, K.space.most(float(rows.max()))), sums
     return bound
 
 

@@ -49,6 +49,7 @@ def add_mean_force(
             at_p = np.zeros_like(force)
             term.energy_and_force(x + theta * (y - x), at_p)
             force += sum(weights) * at_p
+    R = _combined(system, R, force)
     refuse_overflow(R, "The energy of the change", y)
     refuse_overflow(force, "out, with the mean force added,", y)
     return R
@@ -69,6 +70,7 @@ def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
     """
     x, y, force = by_vertex(system.mesh, u), by_vertex(system.mesh, v, "v"), array_to_fill(system.mesh, out)
     R = sum(term.damping_force(x, y, force) for term in system.bound_terms if isinstance(term, HasDampingForce))
+    R = _combined(system, R, force)
     refuse_overflow(R, "The damping", x)
     refuse_overflow(force, "out, with the damping force added,", x)
     return R
@@ -84,10 +86,16 @@ def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: 
     """
     x, y, force = by_vertex(system.mesh, u0, "u0"), by_vertex(system.mesh, u1, "u1"), array_to_fill(system.mesh, out)
     edges = [term for term in system.bound_terms if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
-    R = sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges)
+    R = _combined(system, sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges), force)
     refuse_overflow(R, "The damping", y)
     refuse_overflow(force, "out, with the damping force added,", y)
     return R
+
+
+def _combined(system: System, R: float, force: Array) -> float:
+    """Return the sum of R over the parts of a divided body, whose forces are added at shared nodes to `force`, zero before."""
+    system.space.share(force)
+    return system.space.total(float(R))
 
 
 def damping_is_of_edges(system: System) -> bool:

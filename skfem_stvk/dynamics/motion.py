@@ -96,7 +96,7 @@ class Motion:
                 internal = np.zeros_like(force)
                 term.energy_and_force(x, internal)
                 force -= internal
-        return self.states.restrict(force.ravel())
+        return self.states.restrict(self.system.space.share(force).ravel())
 
     def add_up(self, state: MotionState, sums: Array) -> float:
         """Return the potential [J] of steady loads. Write twice the kinetic energy, linear and angular momentum to `sums` (8,)."""
@@ -106,14 +106,17 @@ class Motion:
             if loads is not None:
                 return -self.states.dot(loads, u)
         elif self.mass.kind == "lumped" and loads is not None:
-            kernels.lumped_momenta(mesh.p, u, v, self.mass.vertex, loads, sums)
+            kernels.lumped_momenta(mesh.p, u, v, self.mass.counted, self.states.counted(loads), sums)
+            sums[:] = self.states.total(sums)
             return -float(sums[7])
         else:
             self.mass.multiply(v, out=self._Mv)
             shape = mesh.nv, mesh.d
-            kernels.momenta(mesh.p, u.reshape(shape), v.reshape(shape), self._Mv.reshape(shape), sums)
+            kernels.momenta(mesh.p, u.reshape(shape), v.reshape(shape), self.states.counted(self._Mv).reshape(shape), sums)
+            sums[:] = self.states.total(sums)
         x, moment = by_vertex(mesh, self.states.expand(u)), self.moment(state.t)
-        return sum(load.potential(x, moment) for load in self.system.bound_loads if _keeps_energy(load))
+        potentials = (load.potential(x, moment) for load in self.system.bound_loads if _keeps_energy(load))
+        return self.states.total(sum(potentials, 0.0))
 
     @cached_property
     def at_rest(self) -> Any:

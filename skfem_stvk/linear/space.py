@@ -97,8 +97,15 @@ class Space:
         return np.random.default_rng(seed).standard_normal(self.n)
 
     def share(self, f: Array) -> Array:
-        """Add, in place, the forces of other parts on shared nodes to `f`; return `f`, a contiguous (n,), (nv, d) or (nv, d, d)."""
+        """Add, in place, the contributions of other parts at shared nodes to `f`; return `f`.
+
+        `f` is contiguous, with one number or row for each entry, or for each node: (n,), (nv,), (nv, d) or (nv, d, d).
+        """
         return f
+
+    def counted(self, x: Array) -> Array:
+        """Return `x`, (n,) or (nv,), with zeros at the entries or nodes that other parts count; `x` itself if there are none."""
+        return x
 
     def total(self, x: Number) -> Number:
         """Return the sum of a number, or of an array entry by entry, over all parts."""

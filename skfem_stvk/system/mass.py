@@ -46,6 +46,8 @@ class Mass(ABC):
         Kind of the mass, "lumped" or "consistent".
     vertex
         (nv,) lumped masses of the nodes [kg]; unless elements are quadratic, the row sums of either kind.
+    counted
+        (nv,) the same, with zeros at nodes that another part of a divided body counts.
     free
         (nv, d) whether a degree of freedom is free and its node has elements.
 
@@ -81,7 +83,9 @@ class Mass(ABC):
 
     def _weigh(self) -> None:
         """Compute the masses from the elements of the body."""
-        self.vertex: Array = self._body.lumped_mass
+        space = self._body.mesh.space
+        self.vertex: Array = space.share(self._body.lumped_mass.copy())
+        self.counted: Array = space.counted(self.vertex)
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
         is_free[self._constrained] = False
         self.free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
@@ -92,7 +96,7 @@ class Mass(ABC):
     @property
     def total(self) -> float:
         """Mass of the body [kg]."""
-        return float(self.vertex.sum())
+        return self._body.mesh.space.total(float(self.counted.sum()))
 
     @property
     @abstractmethod
@@ -216,7 +220,8 @@ class ConsistentMass(Mass):
             bounds_of_elements(one.mesh.p, one.mesh.t[:, heavy], one.mesh.element)
             for one, heavy in zip(bodies, self._heavy, strict=True)
         ]
-        self._bounds = min(low for low, _ in bounds), max(high for _, high in bounds)
+        space = body.mesh.space
+        self._bounds = space.least(min(low for low, _ in bounds)), space.most(max(high for _, high in bounds))
         super().__init__(system, body, constrained)
 
     def _weigh(self) -> None:
@@ -227,7 +232,7 @@ class ConsistentMass(Mass):
             parts.append(_scalar_matrix(t, Spread(mesh, mesh.element, t, body.mass[heavy]).matrices(), mesh.nv))
         self._scalar = reduce(add, parts)
         self._scalar.sort_indices()
-        self._inverse = _inverse(self._scalar.diagonal(), self.free)
+        self._inverse = _inverse(self._body.mesh.space.share(self._scalar.diagonal()), self.free)
 
     @property
     def matrix(self) -> csr_matrix:
@@ -236,11 +241,15 @@ class ConsistentMass(Mass):
         return M
 
     def multiply(self, v: Array, out: Array | None = None) -> Array:
-        product: Array = (self._scalar @ np.reshape(self._vector("v", v), self.free.shape)).ravel()
+        product = self._product(np.reshape(self._vector("v", v), self.free.shape)).ravel()
         if out is None:
             return product
         out[:] = product
         return out
+
+    def _product(self, x: Array) -> Array:
+        """Return `M x` (nv, d) for `x` (nv, d)."""
+        return self._body.mesh.space.share(np.ascontiguousarray(self._scalar @ x))
 
     def solve(self, f: Array) -> Array:
         low, high = self._bounds
@@ -249,7 +258,7 @@ class ConsistentMass(Mass):
         x, step, rho = np.zeros_like(r), self._inverse * r / centre, half / centre
         for _ in range(ceil(log(2 / np.finfo(float).eps) / log((ratio + 1) / (ratio - 1)))):
             x += step
-            r -= self._scalar @ step
+            r -= self._product(step)
             before, rho = rho, 1 / (2 * centre / half - rho)
             step *= rho * before
             step += 2 * rho / half * (self._inverse * r)

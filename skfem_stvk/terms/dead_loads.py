@@ -136,7 +136,8 @@ class NodalLoad(Load):
     def bind(self, body: Body) -> DeadLoad:
         what = f"NodalLoad on {describe(self.where)}"
         vertices = vertices_at(body.mesh, self.where, what)
-        nodes = Nodes(body.mesh, vertices, np.where(body.bare[vertices], 0.0, 1.0) if body.bare.any() else None)
+        weights = body.mesh.space.counted(np.where(body.bare, 0.0, 1.0))[vertices]  # each node once in a divided body
+        nodes = Nodes(body.mesh, vertices, None if weights.all() else weights)
         return DeadLoad(body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force"))
 
 
