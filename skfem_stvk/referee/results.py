@@ -196,27 +196,7 @@ class Naming:
 
 @dataclass
 class Findings:
-    """Findings of a verification so far.
-
-    Attributes
-    ----------
-    header
-        Versions, machine, mesh, material, command line, seed.
-    results
-        Results of all checks of all quantities in all states.
-    precision
-        Rows of error against strain (`checks.precision.precision_table`).
-    speed
-        Rows of time and memory (`checks.precision.speed_table`).
-    errors
-        Errors against 50 digits, which are plotted with the speed.
-    named
-        Explanations of a candidate that does not agree, or None if no explanation was searched for.
-    interrupted
-        Whether the verification was stopped before its end.
-    seconds
-        Duration of the verification [s].
-    """
+    """Findings of a verification so far. `Report` describes the attributes."""
 
     header: dict[str, Any]
     results: list[Result] = field(default_factory=list)

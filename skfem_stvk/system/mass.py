@@ -46,8 +46,6 @@ class Mass(ABC):
         Kind of the mass, "lumped" or "consistent".
     vertex
         (nv,) lumped masses of the nodes [kg]; unless elements are quadratic, the row sums of either kind.
-    counted
-        (nv,) the same, with zeros at nodes that another part of a divided body counts.
     free
         (nv, d) whether a degree of freedom is free and its node has elements.
 
@@ -83,15 +81,18 @@ class Mass(ABC):
 
     def _weigh(self) -> None:
         """Compute the masses from the elements of the body."""
-        space = self._body.mesh.space
-        self.vertex: Array = space.share(self._body.lumped_mass.copy())
-        self.counted: Array = space.counted(self.vertex)
+        self.vertex: Array = self._body.mesh.space.share(self._body.lumped_mass.copy())
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
         is_free[self._constrained] = False
         self.free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
         self._diagonal_indices: tuple[int, NDArray[np.intp]] | None = None
         self._part: tuple[NDArray[np.int32], NDArray[np.intp], Array] | None = None
         self._refuse_bare()
+
+    @property
+    def counted(self) -> Array:
+        """Masses `vertex` (nv,), with zeros at nodes that another part of a divided body counts."""
+        return self._body.mesh.space.counted(self.vertex)
 
     @property
     def total(self) -> float:
