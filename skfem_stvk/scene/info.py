@@ -246,7 +246,7 @@ def _quality(found: Inspection, quality: MeshQuality) -> None:
     found.add("mesh", Fact(("length", "area", "volume")[mesh.k - 1], whole, unit))
     found.add("mesh", Fact("parts", len(quality.parts), "", "each needs its own supports" if len(quality.parts) > 1 else ""))
     if mesh.k == mesh.d:
-        found.add("mesh", Fact("turned round", int(quality.turned.sum()), "elements", "harmless"))
+        found.add("mesh", Fact("negative orientation", int(quality.turned.sum()), "elements", "harmless"))
     found.extremes = quality.extremes()
     for fault in quality.faults:
         found.remark(fault.name, fault.text, fault.refused)
