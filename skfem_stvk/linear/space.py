@@ -42,6 +42,16 @@ class Space:
     def __init__(self, n: int) -> None:
         self.n = n
 
+    @cached_property
+    def count(self) -> int:
+        """Number of entries of the vectors of the whole body."""
+        return self.n
+
+    @property
+    def leads(self) -> bool:
+        """Whether this part prints and writes what is of the whole body."""
+        return True
+
     @property
     def divided(self) -> bool:
         """Whether the body is divided into parts, each with a space of its own."""
@@ -139,6 +149,14 @@ class Entries(Space):
     def numbers(self) -> NDArray[np.int64]:
         return self._whole.numbers[self._dofs]
 
+    @cached_property
+    def count(self) -> int:
+        return int(self.total(sum(own.stop - own.start for own in self.owned)))
+
+    @property
+    def leads(self) -> bool:
+        return self._whole.leads
+
     @property
     def divided(self) -> bool:
         return self._whole.divided
@@ -150,6 +168,9 @@ class Entries(Space):
 
     def total(self, x: Number) -> Number:
         return self._whole.total(x)
+
+    def random(self, seed: int = 0) -> Array:
+        return self.restrict(self._whole.random(seed)) if self.divided else super().random(seed)
 
     def least(self, x: float) -> float:
         return self._whole.least(x)

@@ -29,7 +29,7 @@ def check_mesh(mesh: ElementMesh, others: Sequence[ElementMesh] = ()) -> None:
     The `others` are meshes on the same nodes, such as cables. Each of them is checked as well, and its nodes count as nodes on an
     element.
 
-    Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` reports all faults.
+    A mesh that was checked as a whole is not checked again in parts. Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` reports all faults.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def check_mesh(mesh: ElementMesh, others: Sequence[ElementMesh] = ()) -> None:
     StvkWarning
         for vertices at the same point, and for parts that are not connected.
     """
-    for one in (mesh, *others):
+    for one in others if mesh.checked else (mesh, *others):
         for fault in faults(one, (*others, mesh)):
             if one is not mesh and fault.name not in ("collapsed", "flat", "folded", "duplicates"):
                 continue  # this is a fault of nodes, reported once

@@ -72,6 +72,16 @@ class MeshArrays:
         return "vertices" if self.element.degree == 1 else "nodes"
 
     @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """Smallest and largest coordinates (d, 2) of the whole body [m]."""
+        return np.stack([self.p.min(axis=1), self.p.max(axis=1)], axis=1)
+
+    @property
+    def extent(self) -> NDArray[np.float64]:
+        """Lengths (d,) of the whole body along the axes [m]."""
+        return self.bounds[:, 1] - self.bounds[:, 0]
+
+    @cached_property
     def surface(self) -> Ids:
         """Nodes (m, n) of the boundary facets, oriented outwards (`facets.boundary_facets`); computed at first use."""
         facets = boundary_facets(self)

@@ -14,6 +14,7 @@ from skfem.assembly.dofs import DofsView
 from ..arguments import array, number, shown, whole_array
 from ..elements.element import named
 from ..errors import RegionError, name_ids, name_known
+from ..linear.space import Space
 from .facets import MeshArrays, find_facets
 
 #: Location on a mesh: the name of a boundary or of a node set; node ids, or a mask; or a predicate of coordinates `x` (d, n), as in
@@ -49,14 +50,21 @@ class LocationShape(ABC):
         """Location in words, for messages."""
 
     @abstractmethod
-    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
-        """Return whether (n,) each of the points (d, n) of a body of this size is at the location."""
+    def holds(self, x: NDArray[np.float64], size: float, space: Space) -> NDArray[np.bool_]:
+        """Return whether (n,) each of the points (d, n) of a body of this size is at the location.
+
+        The `space` has d numbers at each point. Its other parts have the other points of a divided body.
+        """
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.bool_]:
         x = np.asarray(x)
+        return self.among(x, float(np.ptp(x, axis=1).max()), Space(x.size))
+
+    def among(self, x: NDArray[np.float64], size: float, space: Space) -> NDArray[np.bool_]:
+        """Return what `holds` does; refuse points of another dimension."""
         if len(x) != self.dimension:
             raise RegionError(f"{self.words} is in {self.dimension} dimensions, the mesh in {len(x)}: give {len(x)} components.")
-        return self.holds(x, float(np.ptp(x, axis=1).max()))
+        return self.holds(x, size, space)
 
 
 @dataclass(frozen=True)
@@ -96,7 +104,7 @@ class Box(LocationShape):
     def words(self) -> str:
         return f"the box from {_written(self.low)} to {_written(self.high)}"
 
-    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
+    def holds(self, x: NDArray[np.float64], size: float, space: Space) -> NDArray[np.bool_]:
         low, high, slack = np.array(self.low)[:, None], np.array(self.high)[:, None], SAME_POINT * size
         return np.asarray(((x >= low - slack) & (x <= high + slack)).all(axis=0))
 
@@ -144,7 +152,7 @@ class Plane(LocationShape):
     def words(self) -> str:
         return f"the plane through {_written(self.point)} with normal {_written(self.normal)}"
 
-    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
+    def holds(self, x: NDArray[np.float64], size: float, space: Space) -> NDArray[np.bool_]:
         normal = np.array(self.normal) / np.abs(self.normal).max()  # normalised without overflow
         distance = (normal / np.linalg.norm(normal)) @ (x - np.array(self.point)[:, None])
         return np.asarray(np.abs(distance) <= (SAME_POINT * size if self.within is None else self.within))
@@ -183,17 +191,17 @@ class NearestNode(LocationShape):
     def words(self) -> str:
         return f"the node nearest to {_written(self.point)}"
 
-    def holds(self, x: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
+    def holds(self, x: NDArray[np.float64], size: float, space: Space) -> NDArray[np.bool_]:
         distance = np.linalg.norm(x - np.array(self.point)[:, None], axis=0)
         node = int(np.argmin(distance))
-        if distance[node] > size:
+        nearest = space.least(float(distance[node]))
+        if nearest > size:
             raise RegionError(
-                f"{self.words} is {distance[node]:.6g} away from it, at {_written(x[:, node])}, and the mesh is {size:.6g} large. "
+                f"{self.words} is {nearest:.6g} away from it, at {_written(x[:, node])}, and the mesh is {size:.6g} large. "
                 "Is the point in the units of the mesh?"
             )
-        there = np.zeros(x.shape[1], dtype=bool)
-        there[node] = True
-        return there
+        numbers = np.where(distance == nearest, space.numbers[:: len(x)], space.count)
+        return np.asarray(numbers == space.least(float(numbers.min())))
 
 
 def _point(name: str, value: Any) -> tuple[float, ...]:
@@ -216,6 +224,11 @@ class LabelledMesh(MeshArrays):
     node_sets: Mapping[str, NDArray[np.int32]]
     subdomains: Mapping[str, NDArray[np.int32]]
     lines: Mapping[str, NDArray[np.int32]]
+    space: Space
+
+    def local_nodes(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the indices of those nodes of the whole mesh with these `ids` that this part has, in their order."""
+        return ids
 
 
 def vertices_at(mesh: LabelledMesh, where: Where, what: str = "The location") -> NDArray[np.int64]:
@@ -235,14 +248,15 @@ def vertices_at(mesh: LabelledMesh, where: Where, what: str = "The location") ->
     else:
         if isinstance(where, DofsView):
             refuse_foreign(mesh, where, what)
-        ids = _listed(mesh, where, f"{what}: the {mesh.words}")
+        ids = _listed(mesh, where, f"{what}: the {mesh.words}", mesh.space.count // mesh.d)
         unique, counts = np.unique(ids, return_counts=True)
         if len(unique) < len(ids):
             raise RegionError(
                 f"{what}: the {mesh.words} name {name_ids(unique[counts > 1], mesh.word)} more than once. Name each once; values "
                 "follow their order."
             )
-    if not len(ids):
+        ids = mesh.local_nodes(ids)
+    if not mesh.space.any(len(ids) > 0):
         raise RegionError(f"{what}: no {mesh.word} there. {describe(where)} is empty.")
     return ids
 
@@ -262,7 +276,7 @@ def facets_at(mesh: LabelledMesh, where: Where, what: str = "The location") -> N
     there = np.zeros(mesh.nv, dtype=bool)
     there[ids] = True
     facets = mesh.surface[:, there[mesh.surface].all(axis=0)]
-    if not facets.shape[1]:
+    if not mesh.space.any(facets.shape[1] > 0):
         raise RegionError(
             f"{what}: {describe(where)} has {name_ids(ids, mesh.word)}, but none of the {mesh.surface.shape[1]} boundary facets "
             f"has all its {mesh.words} there. Widen it; for forces on {mesh.words} there is NodalLoad."
@@ -302,10 +316,11 @@ def describe(where: Any) -> str:
 def _named(mesh: LabelledMesh, name: str, what: str) -> NDArray[np.int64]:
     _refuse_unknown(mesh, name, what)
     on_boundary = np.unique(checked_facets(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
-    in_set = np.unique(_listed(mesh, mesh.node_sets[name], f"Node set {name!r}")) if name in mesh.node_sets else None
+    of_set = f"Node set {name!r}"
+    in_set = np.unique(_listed(mesh, mesh.node_sets[name], of_set, mesh.nv)) if name in mesh.node_sets else None
     if on_boundary is None or in_set is None:
         return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
-    if not np.array_equal(on_boundary, in_set):
+    if mesh.space.any(not np.array_equal(on_boundary, in_set)):
         raise RegionError(
             f"{what}: {name!r} is the name of a boundary with {len(on_boundary)} {mesh.words} and of a node set with {len(in_set)} "
             f"others. Say which: mesh.node_sets[{name!r}], or np.unique(mesh.boundaries[{name!r}])."
@@ -337,7 +352,7 @@ def checked_lines(mesh: LabelledMesh, name: str) -> NDArray[np.int32]:
 def _checked(mesh: LabelledMesh, value: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
     """Return the nodes (m, n) of facets or segments, each once; refuse other arrays with a RegionError that begins with `what`."""
     ids = np.asarray(value)
-    if ids.ndim != 2 or len(ids) != m or not ids.size or ids.dtype.kind not in "iu":
+    if ids.ndim != 2 or len(ids) != m or not mesh.space.any(ids.size > 0) or ids.dtype.kind not in "iu":
         raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected ({m}, n), n > 0: the nodes of {word}s.")
     if len(bad := np.flatnonzero(((ids < 0) | (ids >= mesh.nv)).any(axis=0))):
         raise RegionError(f"{what}: {name_ids(bad, word)} with {mesh.word} ids outside 0 ... {mesh.nv - 1}.")
@@ -346,7 +361,10 @@ def _checked(mesh: LabelledMesh, value: Any, m: int, what: str, word: str) -> ND
 
 def _satisfying(mesh: LabelledMesh, predicate: Callable[[Any], Any], what: str) -> NDArray[np.int64]:
     try:
-        mask = np.asarray(predicate(mesh.p.copy()))
+        if isinstance(predicate, LocationShape):
+            mask = predicate.among(mesh.p, float(mesh.extent.max()), mesh.space)
+        else:
+            mask = np.asarray(predicate(mesh.p.copy()))
     except RegionError as error:  # from a shape, with its own message
         raise RegionError(f"{what}: {error}") from error
     except Exception as error:
@@ -359,21 +377,20 @@ def _satisfying(mesh: LabelledMesh, predicate: Callable[[Any], Any], what: str) 
             f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), "
             f"True for the {mesh.words} that are meant, such as lambda x: x[0] == 0."
         )
-    if not mask.any():
-        box = ", ".join(
-            f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(np.stack([mesh.p.min(1), mesh.p.max(1)], 1))
-        )
+    if not mesh.space.any(bool(mask.any())):
+        nodes = f"{mesh.space.count // mesh.d} {mesh.words}"
+        box = ", ".join(f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(mesh.bounds))
         if isinstance(predicate, LocationShape):
-            raise RegionError(f"{what}: none of the {mesh.nv} {mesh.words} is in {describe(predicate)}. The mesh has {box}.")
+            raise RegionError(f"{what}: none of the {nodes} is in {describe(predicate)}. The mesh has {box}.")
         raise RegionError(
-            f"{what}: none of the {mesh.nv} {mesh.words} satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are "
+            f"{what}: none of the {nodes} satisfies {describe(predicate)}. The mesh has {box}. Coordinates that are "
             "compared need a tolerance: np.isclose(x[0], 1)."
         )
     return np.flatnonzero(mask)
 
 
-def _listed(mesh: LabelledMesh, value: Any, what: str) -> NDArray[np.int64]:
-    """Return listed vertex ids in their order, or the ids of a mask."""
+def _listed(mesh: LabelledMesh, value: Any, what: str, count: int) -> NDArray[np.int64]:
+    """Return listed ids of `count` vertices in their order, or the ids of a mask."""
     ids = _array(value)
     if ids is None or ids.ndim != 1:
         raise RegionError(
@@ -381,11 +398,11 @@ def _listed(mesh: LabelledMesh, value: Any, what: str) -> NDArray[np.int64]:
             "predicate such as lambda x: x[0] == 0, or what scikit-fem's basis.get_dofs(...) returned."
         )
     if ids.dtype == bool:
-        if ids.shape != (mesh.nv,):
-            raise RegionError(f"{what} are a mask of shape {ids.shape}; expected one value for each of the {mesh.nv} {mesh.words}.")
+        if ids.shape != (count,):
+            raise RegionError(f"{what} are a mask of shape {ids.shape}; expected one value for each of the {count} {mesh.words}.")
         return np.flatnonzero(ids)
-    if len(bad := ids[(ids < 0) | (ids >= mesh.nv)] if ids.size else ids):
-        raise RegionError(f"{what} name {name_ids(bad, mesh.word)} outside 0 ... {mesh.nv - 1}.")
+    if len(bad := ids[(ids < 0) | (ids >= count)] if ids.size else ids):
+        raise RegionError(f"{what} name {name_ids(bad, mesh.word)} outside 0 ... {count - 1}.")
     return ids.astype(np.int64)
 
 

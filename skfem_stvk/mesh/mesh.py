@@ -362,6 +362,30 @@ class ElementMesh(LabelledMesh):
         """Space of vectors (d nv,) with `d` components at each node. A part of a divided mesh combines its results there."""
         return Space(self.p.size)
 
+    @cached_property
+    def element_count(self) -> int:
+        """Number of elements of the whole mesh."""
+        return self.nt
+
+    @property
+    def checked(self) -> bool:
+        """Whether `check_mesh` has seen the whole mesh before."""
+        return False
+
+    @cached_property
+    def node_numbers(self) -> NDArray[np.int64]:
+        """Numbers (nv,) of the nodes in the whole mesh, which differ from their indices in a part of it."""
+        return np.arange(self.nv)
+
+    @cached_property
+    def element_numbers(self) -> NDArray[np.int64]:
+        """Numbers (nt,) of the elements in the whole mesh."""
+        return np.arange(self.nt)
+
+    def local_elements(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the indices of those elements of the whole mesh with these `ids` that this part has, in their order."""
+        return ids
+
     def _node_ids(self) -> dict[str, NDArray[Any]]:
         """Return node sets as ids, from ids or masks."""
         return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}
@@ -387,9 +411,10 @@ class ElementMesh(LabelledMesh):
                 raise RegionError(f"The mesh has no subdomain {shown(region)}; {name_known(region, self.subdomains)}")
             what, value = f"Subdomain {region!r}", self.subdomains[region]
         elif isinstance(region, Box):
-            inside = np.flatnonzero(region(self.p[:, self.corners].mean(axis=1)))
-            if not inside.size:
-                extent = f"{self.p.min(axis=1)} to {self.p.max(axis=1)}"
+            centres = self.p[:, self.corners].mean(axis=1)
+            inside = np.flatnonzero(region.among(centres, float(self.extent.max()), self.space))
+            if not self.space.any(inside.size > 0):
+                extent = f"{self.bounds[:, 0]} to {self.bounds[:, 1]}"
                 raise RegionError(
                     f"The region is empty: no element has its centre in {describe(region)}. The mesh is from {extent}."
                 )
@@ -401,21 +426,21 @@ class ElementMesh(LabelledMesh):
                     "element ids or a mask."
                 )
             what, value = "The region", region
-        ids = whole_array(value)
+        ids, count = whole_array(value), self.element_count
         if ids is None or ids.ndim != 1 or not ids.size:
             raise RegionError(f"{what} is {shown(value)}; expected a list of at least one element id, a mask, or a name.")
         if ids.dtype == bool:
-            if ids.shape != (self.nt,):
-                raise RegionError(f"{what} is a mask of shape {ids.shape}; expected one value for each of the {self.nt} elements.")
+            if ids.shape != (count,):
+                raise RegionError(f"{what} is a mask of shape {ids.shape}; expected one value for each of the {count} elements.")
             ids = np.flatnonzero(ids)
         if not ids.size:
             raise RegionError(f"{what} is a mask with no True; expected at least one element.")
-        if len(bad := ids[(ids < 0) | (ids >= self.nt)]):
-            raise RegionError(f"{what} names {name_ids(bad, 'element')} outside 0 ... {self.nt - 1}.")
+        if len(bad := ids[(ids < 0) | (ids >= count)]):
+            raise RegionError(f"{what} names {name_ids(bad, 'element')} outside 0 ... {count - 1}.")
         unique, counts = np.unique(ids, return_counts=True)
         if len(unique) < len(ids):
             raise RegionError(f"{what} names {name_ids(unique[counts > 1], 'element')} more than once.")
-        return ids.astype(np.int64)
+        return self.local_elements(ids.astype(np.int64))
 
     def __repr__(self) -> str:
         what = "vertices" if self.element.degree == 1 else "nodes"

@@ -1,0 +1,199 @@
+"""Mesh of one rank's part of a body, and the distribution of a mesh over ranks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from ..errors import MeshError
+from ..linear.space import Space
+from ..mesh import ElementMesh, MeshLike
+from ..mesh.diagnostics import check_mesh
+from ..mesh.facets import edges_of
+from ..mesh.locations import Box
+from .partition import Ids, Part, divide
+from .ranks import Ranks
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeshPart(ElementMesh):
+    """Mesh of the elements of one rank, with all of their nodes; `distribute` makes it.
+
+    Nodes of which this rank is the lowest come first, among vertices and among edge midpoints; each group is in reverse
+    Cuthill-McKee order. Names refer to what this rank has of a location, which may be nothing. Ids of nodes and elements that users
+    pass in are those of the whole mesh.
+
+    Attributes
+    ----------
+    space
+        Space of the displacements, which combines the results of all ranks.
+    surface
+        (m, n) facets of the surface of the whole body; facets between ranks are not among them.
+    node_numbers, element_numbers
+        (nv,) and (nt,) numbers of nodes and elements in the whole mesh.
+    bounds
+        (d, 2) smallest and largest coordinates of the whole body.
+    element_count
+        Number of elements of the whole mesh.
+    """
+
+    space: Ranks = field(kw_only=True)
+    surface: NDArray[np.int32] = field(kw_only=True)
+    node_numbers: Ids = field(kw_only=True)
+    element_numbers: Ids = field(kw_only=True)
+    bounds: NDArray[np.float64] = field(kw_only=True)
+    element_count: int = field(kw_only=True)
+
+    checked = True
+
+    def __post_init__(self) -> None:
+        for name in ("p", "t", "surface"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
+        object.__setattr__(self, "_boxes", {})
+
+    def elements(self, region: str | Box | NDArray[Any] | None) -> Ids:
+        """Return the indices of the elements of a region on this rank; see `ElementMesh.elements`. There may be none.
+
+        All ranks call it together for a `Box` that is new.
+        """
+        if isinstance(region, str) and region in self.subdomains:
+            return self.subdomains[region].astype(np.int64)
+        if not isinstance(region, Box):
+            return super().elements(region)
+        if region not in self._boxes:
+            self._boxes[region] = super().elements(region)
+        return self._boxes[region]
+
+    @classmethod
+    def from_part(cls, part: Part, comm: MPI.Comm) -> MeshPart:
+        """Return the mesh of this rank's part; each rank of the communicator has its own, numbered by its rank."""
+        foreign = np.zeros(part.p.shape[1], dtype=bool)
+        foreign[part.shared[0, part.shared[1] < comm.rank]] = True
+        order, own = _order(part, foreign)
+        number = np.empty(len(order), dtype=np.int32)
+        number[order] = np.arange(len(order), dtype=np.int32)
+        numbers = part.node_numbers[order]
+        neighbours = {}
+        for rank in np.unique(part.shared[1]).tolist():
+            nodes = number[part.shared[0, part.shared[1] == rank]]
+            neighbours[rank] = nodes[np.argsort(numbers[nodes])]
+        space = Ranks(comm, len(part.p), numbers, own, neighbours, part.element_numbers)
+        return cls(
+            p=part.p[:, order],
+            t=number[part.t],
+            subdomains=part.subdomains,
+            boundaries={name: number[facets] for name, facets in part.boundaries.items()},
+            node_sets={name: np.sort(number[ids]) for name, ids in part.node_sets.items()},
+            element=part.element,
+            lines={name: number[ends] for name, ends in part.lines.items()},
+            space=space,
+            surface=number[part.surface],
+            node_numbers=numbers,
+            element_numbers=part.element_numbers,
+            bounds=part.bounds,
+            element_count=int(space.total(len(part.element_numbers))),
+        )
+
+    def local_nodes(self, ids: Ids) -> Ids:
+        order = np.argsort(self.node_numbers)
+        return _found(ids, self.node_numbers[order], order)
+
+    def local_elements(self, ids: Ids) -> Ids:
+        return _found(ids, self.element_numbers, np.arange(self.nt))
+
+    def with_degree(self, degree: int) -> ElementMesh:
+        if degree == self.element.degree:
+            return self
+        raise MeshError(
+            f"degree = {degree} for a rank's part of a mesh of degree {self.element.degree}; expected the same degree. Convert the "
+            "whole mesh: distribute(mesh.with_degree(2)), or skfem-stvk partition --degree 2."
+        )
+
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__().replace('ElementMesh', 'MeshPart')}, on rank {self.space.rank} of {self.space.size}"
+
+
+def distribute(mesh: MeshLike, comm: MPI.Comm = MPI.COMM_WORLD, part_of: Any = None) -> MeshPart:
+    """Return this rank's part of a mesh; all ranks of the communicator call this function together.
+
+    Parameters
+    ----------
+    mesh
+        Mesh as for `System`. The mesh of rank 0 counts; other ranks may pass None.
+    comm
+        Communicator, by default all ranks.
+    part_of
+        (nt,) rank of each element; by default METIS divides the graph of elements that share a facet.
+
+    Raises
+    ------
+    MeshError
+        if the mesh cannot carry an elastic body, or has fewer elements than there are ranks.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> distribute(skfem.MeshTet().refined(1))
+    MeshPart: 40 tetrahedra in 3D, 26 vertices, on rank 0 of 1
+    """
+    parts: list[Part] | None = None
+    if comm.rank == 0:
+        body = ElementMesh.of(mesh)
+        check_mesh(body)
+        parts = divide(body, comm.size, part_of)
+    return MeshPart.from_part(comm.scatter(parts), comm)
+
+
+def _order(part: Part, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ...]]:
+    """Return the order of the nodes, and the ranges of own nodes: vertices first, and of each kind the nodes that are not
+    `foreign`.
+    """
+    element, n, vertices = part.element, part.p.shape[1], part.vertices
+    a, b = edges_of(part.t[: element.corners], element, n)[0]
+    links = coo_matrix((np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
+    position = np.empty(n)
+    position[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
+    for i, corners in enumerate(element.means):
+        position[part.t[element.corners + i]] = position[part.t[list(corners)]].mean(axis=0)
+    middle = np.arange(n) >= vertices
+    order = np.lexsort((np.arange(n), position, foreign, middle))
+    ends = vertices - np.count_nonzero(foreign[:vertices]), n - np.count_nonzero(foreign[vertices:])
+    own = slice(0, ends[0]), slice(vertices, ends[1])
+    return order, own if element.degree == 2 else own[:1]
+
+
+def _found(ids: Ids, ascending: Ids, order: Ids) -> Ids:
+    """Return the places `order` of those `ids` that are among the numbers `ascending`, in their order."""
+    index = np.minimum(np.searchsorted(ascending, ids), len(ascending) - 1)
+    return order[index[ascending[index] == ids]]
+
+
+def gathered(space: Space, x: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the vector of the whole body on rank 0, in the order of the user's mesh; None on other ranks.
+
+    Parameters
+    ----------
+    space
+        Space of the vectors: `system.space`.
+    x
+        (n,) this rank's entries, or (nv,) numbers at its nodes.
+    """
+    if not isinstance(space, Ranks):
+        return x
+    each = space.n // len(x)
+    own = np.concatenate([np.arange(slice_.start // each, slice_.stop // each) for slice_ in space.owned])
+    numbers = space.numbers[::each][own] // each
+    parts = space.comm.gather((numbers, x[own]))
+    if parts is None:
+        return None
+    whole = np.empty(space.count // each)
+    for ids, values in parts:
+        whole[ids] = values
+    return whole

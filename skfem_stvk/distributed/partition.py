@@ -1,0 +1,286 @@
+"""Division of a mesh into parts: the elements of each part, and all that a part knows of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..arguments import shown, whole
+from ..elements import Element
+from ..errors import MeshError
+from ..mesh import ElementMesh
+from ..mesh.facets import find_facets, facets_of
+from ..mesh.locations import checked_facets, checked_lines, vertices_at
+
+Ids = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Part of a mesh: its elements with all of their nodes, and the other parts that have these nodes.
+
+    Nodes are numbered within the part, elements too.
+
+    Attributes
+    ----------
+    element
+        Kind of the elements.
+    p, t
+        (d, nv) coordinates [m] and (n, nt) nodes of the elements.
+    node_numbers, element_numbers
+        (nv,) and (nt,) numbers in the whole mesh, ascending.
+    surface
+        (m, n) facets of the surface of the whole body, oriented outwards.
+    subdomains, boundaries, node_sets, lines
+        Names with their elements, facets (m, n), nodes and segments (m, n); every part has all names.
+    shared
+        (2, n) nodes and numbers of the other parts that have them.
+    bounds
+        (d, 2) smallest and largest coordinates of the whole body.
+    vertices
+        Number of vertices, which are the first nodes.
+    """
+
+    element: Element
+    p: NDArray[np.float64]
+    t: NDArray[np.int32]
+    node_numbers: Ids
+    element_numbers: Ids
+    surface: NDArray[np.int32]
+    subdomains: Mapping[str, NDArray[np.int32]]
+    boundaries: Mapping[str, NDArray[np.int32]]
+    node_sets: Mapping[str, NDArray[np.int32]]
+    lines: Mapping[str, NDArray[np.int32]]
+    shared: Ids
+    bounds: NDArray[np.float64]
+    vertices: int
+
+
+def divide(mesh: ElementMesh, parts: int, part_of: NDArray[np.integer] | None = None) -> list[Part]:
+    """Divide a mesh into parts, by METIS (Karypis, Kumar 1998, SISC 20, 359) on the graph of elements that share a facet.
+
+    Parameters
+    ----------
+    mesh
+        The whole mesh.
+    parts
+        Number of parts.
+    part_of
+        (nt,) part of each element, instead of METIS.
+
+    Raises
+    ------
+    MeshError
+        if there are fewer elements than parts, or a part would have none.
+
+    Examples
+    --------
+    >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+    >>> first, second = divide(mesh, 2, np.array([0, 1]))
+    >>> second.node_numbers, second.shared
+    (array([1, 2, 3]), array([[0, 1],
+           [0, 0]]))
+    """
+    whole("parts", parts, f"a number of parts from 1 to the {mesh.nt} elements", 1, mesh.nt, MeshError)
+    every, t2f = facets_of(mesh.t, mesh.nv, mesh.element)
+    part = _by_metis(t2f, parts) if part_of is None else np.asarray(part_of)
+    counts = np.bincount(part, minlength=parts)
+    if len(empty := np.flatnonzero(counts == 0)) or len(counts) > parts:
+        raise MeshError(
+            f"The {mesh.nt} elements are in {np.count_nonzero(counts)} of {parts} parts, none in part {empty[:1]}; expected elements "
+            "in each. Use fewer parts."
+        )
+    facet_part = np.full(every.shape[1], parts)
+    np.minimum.at(facet_part, t2f.ravel(), np.tile(part, len(t2f)))
+    return _Division(mesh, parts, part, every, facet_part).contents()
+
+
+def _by_metis(t2f: NDArray[np.int32], parts: int) -> Ids:
+    """Return the part (nt,) of each element, from the facets (f, nt) of the elements."""
+    nt = t2f.shape[1]
+    if parts == 1:
+        return np.zeros(nt, dtype=np.int64)
+    import pymetis  # slow to import, and not needed where a partitioned file is read
+
+    order = np.argsort(t2f, axis=None, kind="stable")
+    facet, element = t2f.ravel()[order], order % nt
+    same = np.flatnonzero(facet[1:] == facet[:-1])
+    a, b = element[same], element[same + 1]
+    graph = coo_matrix((np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))), shape=(nt, nt)).tocsr()
+    found = np.array(pymetis.part_graph(parts, xadj=graph.indptr, adjncy=graph.indices)[1], dtype=np.int64)
+    if (np.bincount(found, minlength=parts) == 0).any():  # METIS leaves parts empty if they have a few elements each
+        found[np.argsort(found, kind="stable")] = np.arange(nt) * parts // nt
+    return found
+
+
+class _Division:
+    """Division of a mesh whose elements have the parts `part` (nt,)."""
+
+    def __init__(self, mesh: ElementMesh, parts: int, part: Ids, facets: NDArray[np.int32], facet_part: Ids) -> None:
+        self._mesh, self._parts, self._part = mesh, parts, part
+        self._facets, self._facet_part = facets, facet_part
+        nodes = mesh.t.astype(np.int64) * parts + part
+        self._has = np.unique(nodes)
+        names = {("boundaries", name): checked_facets(mesh, name) for name in mesh.boundaries if np.size(mesh.boundaries[name])}
+        names |= {("lines", name): checked_lines(mesh, name) for name in mesh.lines if np.size(mesh.lines[name])}
+        self._of_names = {key: self._part_of_facets(ids) for key, ids in names.items()}
+        extra = [ids.astype(np.int64) * parts + self._of_names[key] for key, ids in names.items()]
+        self._has = np.unique(np.concatenate([self._has, *(keys.ravel() for keys in extra)]))
+        alone = np.setdiff1d(np.arange(mesh.nv), self._has // parts)  # on no element and no line
+        self._has = np.union1d(self._has, alone * parts)
+        self._named = names
+
+    def contents(self) -> list[Part]:
+        """Return the parts."""
+        mesh, parts = self._mesh, self._parts
+        node, part = np.divmod(self._has, parts)
+        nodes = [node[ids] for ids in _groups(part, parts)]
+        elements, surface = _groups(self._part, parts), mesh.surface
+        of_surface = _groups(self._facet_part[find_facets(surface, self._facets, mesh.nv)], parts)
+        named = {key: _groups(of, parts) for key, of in self._of_names.items()}
+        sets = {name: np.unique(vertices_at(mesh, np.asarray(ids))) for name, ids in mesh.node_sets.items() if len(ids)}
+        sets_by_part = {name: self._by_part(ids) for name, ids in sets.items()}
+        regions = {name: np.sort(mesh.elements(name)) for name in mesh.subdomains if len(mesh.subdomains[name])}
+        regions_by_part = {name: _groups(self._part[ids], parts) for name, ids in regions.items()}
+        number = np.empty(mesh.nv, dtype=np.int32)
+        found = []
+        for one, (own, ids) in enumerate(zip(nodes, elements, strict=True)):
+            number[own] = np.arange(len(own))
+            groups = {key: number[self._named[key][:, of[one]]] for key, of in named.items()}
+            index, every = self._entries(own)
+            others = part[every] != one
+            found.append(
+                Part(
+                    element=mesh.element,
+                    p=np.ascontiguousarray(mesh.p[:, own]),
+                    t=number[mesh.t[:, ids]],
+                    node_numbers=own,
+                    element_numbers=ids,
+                    surface=number[surface[:, of_surface[one]]],
+                    subdomains={
+                        name: np.searchsorted(ids, of[regions_by_part[name][one]]).astype(np.int32) for name, of in regions.items()
+                    },
+                    boundaries={name: ids for (kind, name), ids in groups.items() if kind == "boundaries"},
+                    node_sets={name: number[of[one]] for name, of in sets_by_part.items()},
+                    lines={name: ids for (kind, name), ids in groups.items() if kind == "lines"},
+                    shared=np.stack([index[others], part[every[others]]]),
+                    bounds=mesh.bounds,
+                    vertices=int(np.searchsorted(own, mesh.nvertices)),
+                )
+            )
+        return found
+
+    def _entries(self, nodes: Ids) -> tuple[Ids, Ids]:
+        """Return the entries of `_has` that belong to these nodes, and the index of the node of each."""
+        begin, end = np.searchsorted(self._has, nodes * self._parts), np.searchsorted(self._has, (nodes + 1) * self._parts)
+        index = np.repeat(np.arange(len(nodes)), end - begin)
+        return index, np.arange(len(index)) + (begin - np.append(0, np.cumsum(end - begin)[:-1]))[index]
+
+    def _by_part(self, nodes: Ids) -> list[Ids]:
+        """Return those of the nodes that each part has."""
+        index, every = self._entries(nodes)
+        return [nodes[index[ids]] for ids in _groups(self._has[every] % self._parts, self._parts)]
+
+    def _part_of_facets(self, facets: NDArray[np.int32]) -> Ids:
+        """Return the part (n,) of facets or segments (m, n): the lowest with an element that has it, or with all of its nodes.
+
+        Otherwise it is the lowest part of its first node, or of the nodes that lines connect with it.
+        """
+        parts, nv = self._parts, self._mesh.nv
+        found = np.full(facets.shape[1], parts)
+        if len(facets) == len(self._facets):
+            index = find_facets(facets, self._facets, nv)
+            found[index >= 0] = self._facet_part[index[index >= 0]]
+        for one in range(parts):
+            has = np.zeros(nv, dtype=bool)
+            rest = np.flatnonzero(found == parts)
+            if not len(rest):
+                return found
+            has[self._has[self._has % parts == one] // parts] = True
+            found[rest[has[facets[:, rest]].all(axis=0)]] = one
+        rest = np.flatnonzero(found == parts)
+        owner = np.full(nv, parts)
+        node, part = np.divmod(self._has, parts)
+        np.minimum.at(owner, node, part)
+        ends = facets[:, rest]
+        first = owner[ends[0]]
+        a, b = np.tile(ends[0], len(ends) - 1), ends[1:].ravel()
+        piece = connected_components(coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(nv, nv)), directed=False)[1]
+        lowest = np.full(int(piece.max()) + 1, parts)
+        np.minimum.at(lowest, piece, owner)
+        found[rest] = np.where(first < parts, first, lowest[piece[ends[0]]])
+        found[found == parts] = 0
+        return found
+
+
+def _groups(part: NDArray[np.integer], parts: int) -> list[Ids]:
+    """Return the indices with each of the numbers 0 ... `parts - 1`, ascending."""
+    return np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part, minlength=parts))[:-1])
+
+
+def join(pieces: Sequence[Part], own: Sequence[int], rank_of: NDArray[np.integer]) -> Part:
+    """Return the part of a rank from its pieces of a finer division.
+
+    Parameters
+    ----------
+    pieces
+        The rank's pieces.
+    own
+        Their numbers in the division, ascending.
+    rank_of
+        Rank of each piece of the division. The result names ranks in `shared`.
+
+    Examples
+    --------
+    >>> mesh = ElementMesh(p=[[0, 1, 0, 1], [0, 0, 1, 1]], t=[[0, 1], [1, 2], [2, 3]])
+    >>> join(divide(mesh, 2, np.array([1, 0])), [0, 1], np.array([0, 0])).t
+    array([[0, 1],
+           [1, 2],
+           [2, 3]], dtype=int32)
+    """
+    rank, first = int(rank_of[own[0]]), pieces[0]
+    if len(pieces) == 1:
+        return _with_ranks(first, first.shared, rank, rank_of)
+    nodes, index = np.unique(np.concatenate([one.node_numbers for one in pieces]), return_index=True)
+    elements = np.concatenate([one.element_numbers for one in pieces])
+    order = np.argsort(elements)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    number = [np.searchsorted(nodes, one.node_numbers).astype(np.int32) for one in pieces]
+    begins = np.cumsum([0, *(len(one.element_numbers) for one in pieces)])
+    joined = Part(
+        first.element,
+        np.concatenate([one.p for one in pieces], axis=1)[:, index],
+        np.concatenate([of[one.t] for of, one in zip(number, pieces, strict=True)], axis=1)[:, order],
+        nodes,
+        elements[order],
+        np.concatenate([of[one.surface] for of, one in zip(number, pieces, strict=True)], axis=1),
+        _joined([{k: place[begin + v] for k, v in one.subdomains.items()} for begin, one in zip(begins, pieces, strict=False)], True),
+        _joined([{k: of[v] for k, v in one.boundaries.items()} for of, one in zip(number, pieces, strict=True)]),
+        _joined([{k: of[v] for k, v in one.node_sets.items()} for of, one in zip(number, pieces, strict=True)], True),
+        _joined([{k: of[v] for k, v in one.lines.items()} for of, one in zip(number, pieces, strict=True)]),
+        first.shared,
+        first.bounds,
+        int(np.searchsorted(nodes, max(one.node_numbers[one.vertices - 1] for one in pieces), side="right")),
+    )
+    shared = np.concatenate([np.stack([of[one.shared[0]], one.shared[1]]) for of, one in zip(number, pieces, strict=True)], axis=1)
+    return _with_ranks(joined, shared, rank, rank_of)
+
+
+def _joined(names: Sequence[Mapping[str, NDArray[Any]]], unique: bool = False) -> dict[str, NDArray[np.int32]]:
+    found = {name: np.concatenate([one[name] for one in names], axis=-1).astype(np.int32) for name in names[0]}
+    return {name: np.unique(ids) for name, ids in found.items()} if unique else found
+
+
+def _with_ranks(part: Part, shared: Ids, rank: int, rank_of: NDArray[np.integer]) -> Part:
+    """Return the part with ranks instead of pieces in `shared`, each once, without its own rank."""
+    ranks = int(rank_of.max()) + 1
+    keys = np.unique(shared[0].astype(np.int64) * ranks + rank_of[shared[1]])
+    node, other = np.divmod(keys, ranks)
+    return replace(part, shared=np.stack([node, other])[:, other != rank])

@@ -1,0 +1,192 @@
+"""Space of the displacements of a body on several ranks: sums over shared nodes, and reductions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..linear.space import Number, Space
+
+Ids = NDArray[np.int64]
+
+
+@dataclass
+class Traffic:
+    """Counts of what a rank has sent since the last `reset`: bytes and messages to neighbours, and reductions over all ranks."""
+
+    bytes: int = 0
+    messages: int = 0
+    reductions: int = 0
+
+    def reset(self) -> None:
+        """Set all counts to zero."""
+        self.bytes = self.messages = self.reductions = 0
+
+
+class Ranks(Space):
+    """Space of the vectors (d nv,) of one rank's part of a body, with all nodes of its elements.
+
+    Sums over elements are complete at the nodes of one rank alone. `share` adds the contributions at nodes of several ranks in
+    ascending order of ranks, from zero, so that all of them have the same bits. Each node counts on the lowest rank that has it.
+
+    Parameters
+    ----------
+    comm
+        Communicator; the space has a duplicate of it.
+    d
+        Number of components at each node.
+    node_numbers
+        (nv,) numbers of the nodes in the whole body.
+    own
+        Ranges of the nodes that count on this rank, ascending.
+    neighbours
+        Nodes shared with each neighbouring rank, in ascending order of their numbers.
+    element_numbers
+        (nt,) numbers of the elements in the whole body.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        d: int,
+        node_numbers: Ids,
+        own: tuple[slice, ...],
+        neighbours: Mapping[int, NDArray[np.integer]],
+        element_numbers: Ids,
+    ) -> None:
+        super().__init__(d * len(node_numbers))
+        self.comm, self.d, self.traffic = comm.Dup(), d, Traffic()
+        self.rank, self.size = comm.rank, comm.size
+        self.node_numbers, self.neighbours = node_numbers, dict(sorted(neighbours.items()))
+        self.element_numbers = element_numbers
+        self._owned = tuple(slice(d * nodes.start, d * nodes.stop) for nodes in own)
+        self._is_own = np.zeros(len(node_numbers))
+        for nodes in own:
+            self._is_own[nodes] = 1
+        self._shared = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *self.neighbours.values()])).astype(np.int64)
+        self._exchanges: dict[int, _Exchange] = {}
+        self._one, self._sum = np.empty(1), np.empty(1)
+        self.count = int(self.total(float(d * self._is_own.sum())))
+
+    @property
+    def divided(self) -> bool:
+        return self.size > 1
+
+    @property
+    def leads(self) -> bool:
+        return self.rank == 0
+
+    @property
+    def owned(self) -> tuple[slice, ...]:
+        return self._owned
+
+    @property
+    def shared(self) -> Ids:
+        """Nodes of this rank that other ranks have, too, ascending."""
+        return self._shared
+
+    @cached_property
+    def numbers(self) -> Ids:
+        return (self.d * self.node_numbers[:, None] + np.arange(self.d)).ravel()
+
+    def random(self, seed: int = 0) -> Array:
+        return normal(self.numbers, seed)
+
+    def share(self, f: Array) -> Array:
+        if self.neighbours:
+            rows = f.reshape(len(self.node_numbers), -1)
+            if rows.shape[1] not in self._exchanges:
+                self._exchanges[rows.shape[1]] = _Exchange(self, rows.shape[1])
+            self._exchanges[rows.shape[1]].add_up(rows)
+        return f
+
+    def counted(self, x: Array) -> Array:
+        return x * (self._is_own if len(x) < self.n or self.d == 1 else np.repeat(self._is_own, self.d))
+
+    def total(self, x: Number) -> Number:
+        if not isinstance(x, np.ndarray):
+            return self._reduced(x, MPI.SUM)  # type: ignore[return-value]
+        self.traffic.reductions += 1
+        values = np.ascontiguousarray(x)
+        found = np.empty_like(values)
+        self.comm.Allreduce(values, found)
+        return found
+
+    def least(self, x: float) -> float:
+        return self._reduced(x, MPI.MIN)
+
+    def most(self, x: float) -> float:
+        return self._reduced(x, MPI.MAX)
+
+    def any(self, x: bool) -> bool:
+        return self._reduced(float(x), MPI.MAX) > 0
+
+    def element_ids(self, ids: Ids) -> Ids:
+        return np.unique(np.concatenate(self.comm.allgather(self.element_numbers[ids])))
+
+    def _reduced(self, x: float, operation: MPI.Op) -> float:
+        self.traffic.reductions += 1
+        self._one[0] = x
+        self.comm.Allreduce(self._one, self._sum, operation)
+        return float(self._sum[0])
+
+
+class _Exchange:
+    """Exchange of rows of `width` numbers at shared nodes with all neighbours, by persistent requests."""
+
+    def __init__(self, space: Ranks, width: int) -> None:
+        self._traffic, self._shared = space.traffic, space.shared
+        nodes = np.concatenate([np.empty(0, dtype=np.int64), *space.neighbours.values()]).astype(np.int64)
+        ends = np.cumsum([0, *(len(ids) for ids in space.neighbours.values())])
+        self._nodes, self._sent, self._received = nodes, np.empty((len(nodes), width)), np.empty((len(nodes), width))
+        self._sum, self._requests = np.empty((len(self._shared), width)), []
+        position = np.searchsorted(self._shared, nodes)
+        parts: list[tuple[int, Ids | None, Array | None]] = [(space.rank, None, None)]
+        for rank, begin, end in zip(space.neighbours, ends[:-1], ends[1:], strict=True):
+            self._requests.append(space.comm.Recv_init(self._received[begin:end], rank, width))
+            self._requests.append(space.comm.Send_init(self._sent[begin:end], rank, width))
+            parts.append((rank, position[begin:end], self._received[begin:end]))
+        self._parts = [part[1:] for part in sorted(parts, key=lambda part: part[0])]
+
+    def add_up(self, rows: Array) -> None:
+        """Add the rows of all ranks at shared nodes, in ascending order of ranks, in place."""
+        np.take(rows, self._nodes, axis=0, out=self._sent, mode="clip")
+        MPI.Prequest.Startall(self._requests)
+        self._traffic.messages += len(self._parts) - 1
+        self._traffic.bytes += self._sent.nbytes
+        own = rows[self._shared]
+        self._sum[:] = 0
+        MPI.Prequest.Waitall(self._requests)
+        for position, received in self._parts:
+            if position is None:
+                self._sum += own
+            else:
+                self._sum[position] += received
+        rows[self._shared] = self._sum
+
+
+def normal(numbers: Ids, seed: int) -> Array:
+    """Return normally distributed numbers (n,) that depend on the `numbers` (n,) and the seed alone.
+
+    Counters are mixed by SplitMix64 (Steele, Lea, Flood 2014, OOPSLA) and transformed as by Box and Muller (1958).
+
+    >>> normal(np.array([7, 3]), 0)[1] == normal(np.array([3]), 0)[0]
+    True
+    """
+    x = 2 * numbers.astype(np.uint64) + np.uint64((seed * 0xD1342543DE82EF95) % 2**64)
+    radius, angle = ((_mixed(x + np.uint64(i)) >> np.uint64(11)) * 2.0**-53 for i in range(2))
+    return np.sqrt(-2 * np.log1p(-radius)) * np.cos(2 * np.pi * angle)
+
+
+def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return the numbers of SplitMix64 for counters `x`."""
+    x = (x + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
