@@ -74,8 +74,9 @@ class Assembly(PairTerm):
         n = len(order.elements)
         numbers = stored.numbers(p, quadrature, order, dtype).astype(self.dtype)
         self.points, self._D = self.elements.in_points(numbers)
-        last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
-        last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # unused lanes of the last block have no stiffness
+        if n:
+            last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
+            last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # its unused lanes have no stiffness
         self.removed: NDArray[np.bool_] | None = None
         self._t_of_volumes = self.elements.t
         if self.by_edges:
@@ -191,7 +192,7 @@ class Assembly(PairTerm):
         blocks = np.empty(size, dtype=self.dtype) if out is None or len(out) != size else out
         blocks[9 * total :] = 0
         elements.gather(u)
-        slots = PairSlots(to.slots.reshape(len(elements.t), -1), elements.edges.marks, blocks)
+        slots = PairSlots(to.slots.reshape(elements.edges.t2e.shape), elements.edges.marks, blocks)
         W, _ = self._total(self._linearize(slots, kept, force))
         block_kernels.fold(blocks, total, to.extra, 9)
         if not self.by_rows(kept):

@@ -31,13 +31,13 @@ def edge_topology(t: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.i
            [1, 3]], dtype=int32))
     """
     t = np.ascontiguousarray(t, dtype=np.int32)
-    edges, t2e = edges_of_simplices(t, np.array(LOCAL_EDGES[t.shape[0] - 1]), int(t.max()) + 1)
+    edges, t2e = edges_of_simplices(t, np.array(LOCAL_EDGES[t.shape[0] - 1]), int(t.max(initial=-1)) + 1)
     return edges, t2e
 
 
 def pairs_of(t: NDArray[np.int32], element: Element) -> NDArray[np.int32]:
     """Return the pairs of nodes `a < b` (2, n) that share an element, in lexicographic order: for linear simplices their edges."""
-    return edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), np.array(element.pairs), int(t.max()) + 1)[0]
+    return edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), np.array(element.pairs), int(t.max(initial=-1)) + 1)[0]
 
 
 #: Front size in bytes of blocks above which another node order is tried; smaller fronts fit into a core's cache with all else.
@@ -91,7 +91,7 @@ def vertex_order(edges: Ids, n: int) -> Ids:
     number = np.empty(n, dtype=np.int32)
     number[vertices] = np.arange(len(vertices))
     pairs = number[edges]
-    if 9 * 8 * front(pairs, len(vertices)) > SMALL_FRONT or alone(pairs, len(vertices)) > ALONE:
+    if len(vertices) and (9 * 8 * front(pairs, len(vertices)) > SMALL_FRONT or alone(pairs, len(vertices)) > ALONE):
         begin, others, _ = stars(pairs, len(vertices))
         graph = csr_matrix((np.ones(len(others), dtype=np.int8), others, begin.astype(np.int32)), shape=(len(vertices),) * 2)
         order = reverse_cuthill_mckee(graph, symmetric_mode=True)
@@ -107,8 +107,8 @@ def kernel_order(t: Ids, edges: Ids, ascending: bool = True) -> KernelOrder:
 
     `ascending`: whether the nodes of each element are sorted, too.
     """
-    vertices = vertex_order(edges, int(t.max()) + 1)
-    number = np.empty(int(t.max()) + 1, dtype=np.int32)
+    vertices = vertex_order(edges, int(t.max(initial=-1)) + 1)
+    number = np.empty(int(t.max(initial=-1)) + 1, dtype=np.int32)
     number[vertices] = np.arange(len(vertices))
     corners = number[t.T]  # (nt, k + 1)
     local = np.argsort(corners, axis=1)
@@ -148,7 +148,7 @@ class KernelEdges(NamedTuple):
 def kernel_edges(t: Ids, element: Element) -> KernelEdges:
     """Return the pairs of nodes of elements `t` (n, nt) in the kernels' order."""
     local = np.array(element.pairs)
-    edges, t2e = edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), local, int(t.max()) + 1)
+    edges, t2e = edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), local, int(t.max(initial=-1)) + 1)
     transposed = np.where(t[local[:, 0]] > t[local[:, 1]], TRANSPOSED, np.uint32(0)) if not element.is_linear_simplex else None
     blocks = in_lanes(t2e)
     number, marks = numbers_by_first_use(blocks, edges.shape[1])
