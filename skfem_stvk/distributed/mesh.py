@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ..errors import MeshError
+from ..elements import Element, named
+from ..errors import MeshError, name_ids
 from ..linear.space import Space
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
@@ -101,11 +102,54 @@ class MeshPart(ElementMesh):
         )
 
     def local_nodes(self, ids: Ids) -> Ids:
-        order = np.argsort(self.node_numbers)
-        return _found(ids, self.node_numbers[order], order)
+        """Return the indices of those nodes with these numbers that this rank has, in their order."""
+        found = self._indices(ids)
+        return found[found >= 0]
 
     def local_elements(self, ids: Ids) -> Ids:
-        return _found(ids, self.element_numbers, np.arange(self.nt))
+        """Return the indices of those elements with these numbers that this rank has, in their order."""
+        index = np.minimum(np.searchsorted(self.element_numbers, ids), self.nt - 1)
+        return index[self.element_numbers[index] == ids]
+
+    def _indices(self, numbers: NDArray[np.integer]) -> Ids:
+        """Return the index on this rank of each node; -1 for nodes of other ranks."""
+        order = np.argsort(self.node_numbers)
+        index = order[np.minimum(np.searchsorted(self.node_numbers, numbers, sorter=order), self.nv - 1)]
+        return np.where(self.node_numbers[index] == numbers, index, -1)
+
+    def beside(self, t: NDArray[np.int32], element: Element) -> MeshPart:
+        """Return the mesh of this rank's other elements `t` (n, nt) on the same nodes; there may be none."""
+        facet = named(element.facet)
+        return replace(
+            self,
+            t=t,
+            element=element,
+            subdomains={},
+            boundaries={},
+            lines={},
+            surface=np.empty((facet.n, 0), dtype=np.int32),
+            element_numbers=np.arange(t.shape[1]),
+            element_count=t.shape[1],
+        )
+
+    def local_cells(self, t: NDArray[np.int32], what: str) -> NDArray[np.int32]:
+        """Return those of other elements `t` (n, nt), with the nodes of the whole mesh, that are on this rank, by its own nodes.
+
+        Each is on the lowest rank that has all of its nodes.
+
+        Raises
+        ------
+        MeshError
+            if no rank has all nodes of an element; `what` begins the message.
+        """
+        own = self._indices(t)
+        rank = self.space.least_of(np.where((own >= 0).all(axis=0), self.space.rank, self.space.size))
+        if len(bad := np.flatnonzero(rank == self.space.size)):
+            raise MeshError(
+                f"{what}: {name_ids(bad, 'element')} with nodes of which no rank has all; expected each on one rank. Name these "
+                "elements in mesh.lines or mesh.boundaries before the mesh is divided, and give the name: simplices='cables'."
+            )
+        return own[:, rank == self.space.rank].astype(np.int32)
 
     def with_degree(self, degree: int) -> ElementMesh:
         if degree == self.element.degree:
@@ -114,7 +158,6 @@ class MeshPart(ElementMesh):
             f"degree = {degree} for a rank's part of a mesh of degree {self.element.degree}; expected the same degree. Convert the "
             "whole mesh: distribute(mesh.with_degree(2)), or skfem-stvk partition --degree 2."
         )
-
 
     def __repr__(self) -> str:
         return f"{super().__repr__().replace('ElementMesh', 'MeshPart')}, on rank {self.space.rank} of {self.space.size}"
@@ -167,12 +210,6 @@ def _order(part: Part, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ..
     ends = vertices - np.count_nonzero(foreign[:vertices]), n - np.count_nonzero(foreign[vertices:])
     own = slice(0, ends[0]), slice(vertices, ends[1])
     return order, own if element.degree == 2 else own[:1]
-
-
-def _found(ids: Ids, ascending: Ids, order: Ids) -> Ids:
-    """Return the places `order` of those `ids` that are among the numbers `ascending`, in their order."""
-    index = np.minimum(np.searchsorted(ascending, ids), len(ascending) - 1)
-    return order[index[ascending[index] == ids]]
 
 
 def gathered(space: Space, x: NDArray[np.float64]) -> NDArray[np.float64] | None:

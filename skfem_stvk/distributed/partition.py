@@ -261,7 +261,9 @@ def join(pieces: Sequence[Part], own: Sequence[int], rank_of: NDArray[np.integer
         nodes,
         elements[order],
         np.concatenate([of[one.surface] for of, one in zip(number, pieces, strict=True)], axis=1),
-        _joined([{k: place[begin + v] for k, v in one.subdomains.items()} for begin, one in zip(begins, pieces, strict=False)], True),
+        _joined(
+            [{k: place[begin + v] for k, v in one.subdomains.items()} for begin, one in zip(begins, pieces, strict=False)], True
+        ),
         _joined([{k: of[v] for k, v in one.boundaries.items()} for of, one in zip(number, pieces, strict=True)]),
         _joined([{k: of[v] for k, v in one.node_sets.items()} for of, one in zip(number, pieces, strict=True)], True),
         _joined([{k: of[v] for k, v in one.lines.items()} for of, one in zip(number, pieces, strict=True)]),

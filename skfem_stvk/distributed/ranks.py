@@ -127,6 +127,13 @@ class Ranks(Space):
     def any(self, x: bool) -> bool:
         return self._reduced(float(x), MPI.MAX) > 0
 
+    def least_of(self, x: Ids) -> Ids:
+        """Return the smallest of the whole numbers (n,) of all ranks, entry by entry."""
+        self.traffic.reductions += 1
+        found = np.empty_like(x)
+        self.comm.Allreduce(x, found, MPI.MIN)
+        return found
+
     def element_ids(self, ids: Ids) -> Ids:
         return np.unique(np.concatenate(self.comm.allgather(self.element_numbers[ids])))
 

@@ -357,6 +357,14 @@ class ElementMesh(LabelledMesh):
             ends[self.t[self.element.corners + i]] = self.t[[a, b]].T
         return ends
 
+    def beside(self, t: NDArray[np.int32], element: Element) -> ElementMesh:
+        """Return the mesh of other elements `t` (n, nt) on the same nodes."""
+        return ElementMesh(self.p, t, element=element)
+
+    def local_cells(self, t: NDArray[np.int32], what: str) -> NDArray[np.int32]:
+        """Return those of other elements `t` (n, nt), with the nodes of the whole mesh, that belong to this part; see `MeshPart`."""
+        return t
+
     @cached_property
     def space(self) -> Space:
         """Space of vectors (d nv,) with `d` components at each node. A part of a divided mesh combines its results there."""

@@ -48,6 +48,8 @@ class BoundTerms:
         self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
+        if mesh.space.divided:
+            _refuse_not_additive(self.terms)
         self._of = tuple(number for number, term in zip(of, self.terms, strict=True) if not is_load(term))
         others = [Body(one, self._terms_on(number)) for number, one in enumerate(beside, start=1)]
         self.body = Body(mesh, self._terms_on(0), quadrature, others)
@@ -275,6 +277,15 @@ class BoundTerms:
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d)."""
         return by_vertex(self.mesh, u, name)
+
+
+def _refuse_not_additive(terms: Sequence[Any]) -> None:
+    """Raise StvkError for terms of which the forces of the parts of a divided body do not add up to those of the body."""
+    if names := [f"{type(term).__name__} {n}" for n, term in enumerate(terms) if not getattr(term, "per_element", False)]:
+        raise StvkError(
+            f"{', '.join(names)}: not a sum over elements (per_element = False), so the forces of the parts of a body that is divided "
+            "among ranks would not add up; expected other terms, such as StVK(...), or one rank."
+        )
 
 
 def checked_terms(value: Any) -> tuple[Any, ...]:

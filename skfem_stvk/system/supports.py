@@ -100,16 +100,16 @@ class Supports:
         """Return the degrees of freedom with displacements prescribed at a location, and the values by component and node."""
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
-        x = self._mesh.p[:, vertices]
+        x, divided = self._mesh.p[:, vertices], self._mesh.space.divided
         if callable(argument):
-            return [(_dofs(vertices, range(d), d).reshape(-1, d).T, Value(argument, (d,), x, what, SupportError))]
+            return [(_dofs(vertices, range(d), d).reshape(-1, d).T, Value(argument, (d,), x, what, SupportError, divided=divided))]
         if not isinstance(argument, Mapping) or not argument:
             raise SupportError(
                 f"{what}: got {shown(argument)}; expected displacements by component, such as {{'x': 0.01}}, or a function of (x, "
                 f"t) that returns all {d} components."
             )
         return [
-            (_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError))
+            (_dofs(vertices, [component], d), Value(value, (), x, f"{what}, component {letter}", SupportError, divided=divided))
             for letter, value in argument.items()
             for component in _components(self._mesh, letter, what)
         ]

@@ -85,7 +85,8 @@ def connected(value: MeshLike, terms: Sequence[Any]) -> Connected:
     if len({ELEMENTS[name].k for name in order}) < len(order):
         raise MeshError(f"Got {', '.join(order)} as simplices; expected one kind of elements of each dimension.")
     for name in order:
-        meshes.append(ElementMesh(p, np.concatenate(blocks[name], axis=1), element=ELEMENTS[name]))
+        t = np.concatenate(blocks[name], axis=1)
+        meshes.append(ElementMesh(p, t, element=ELEMENTS[name]) if mesh is None else mesh.beside(t, ELEMENTS[name]))
     numbers = {name: number for number, name in enumerate(order, start=len(meshes) - len(order))}
     resolved, of = list(terms), [0] * len(terms)
     for number, (name, part) in regions.items():
@@ -118,12 +119,14 @@ def simplices_of(
     if t is None or t.ndim != 2 or t.dtype == bool or len(t) not in kinds or not t.shape[1]:
         rows = ", ".join(f"{n} rows for {element.name}" for n, element in kinds.items())
         raise MeshError(f"{what} = {shown(value)}; expected (n, nt) ids of nodes from 0, one column for each element: {rows}.")
-    if len(bad := np.flatnonzero(((t < 0) | (t >= p.shape[1])).any(axis=0))):
+    nodes = p.shape[1] if mesh is None else mesh.space.count // mesh.d
+    if len(bad := np.flatnonzero(((t < 0) | (t >= nodes)).any(axis=0))):
         raise MeshError(
-            f"{what}: {name_ids(bad, 'element')} with ids of nodes outside 0 ... {p.shape[1] - 1}. Are they counted from 1? "
+            f"{what}: {name_ids(bad, 'element')} with ids of nodes outside 0 ... {nodes - 1}. Are they counted from 1? "
             "Subtract 1 then."
         )
-    return np.ascontiguousarray(t, dtype=np.int32), kinds[len(t)]
+    t = np.ascontiguousarray(t, dtype=np.int32)
+    return t if mesh is None else mesh.local_cells(t, what), kinds[len(t)]
 
 
 def _has_own_elements(term: Any) -> bool:

@@ -111,6 +111,13 @@ class Corotated(ElasticLaw):
         return FRAMED if callable(self.rotation) else STRETCHES
 
     @property
+    def per_element(self) -> bool:  # type: ignore[override]
+        """Whether the forces are sums over elements: with frames at nodes they are not, and user-supplied frames are of all
+        elements.
+        """
+        return self.rotation == "element"
+
+    @property
     def has_stress(self) -> bool:
         """Whether stresses are known; with frames at nodes or user-supplied frames only the forces on nodes are."""
         return self.rotation == "element"

@@ -48,14 +48,16 @@ class Gravity(Load):
     array([     0.,      0., -26487.])
     """
 
-    given_by, needs_density = "g", True
+    given_by, needs_density, per_element = "g", True, True
 
     g: Annotated[Any, Quantity("acceleration", "Acceleration.", components=True)]
 
     def bind(self, body: Body) -> Weight:
         spread = spread_over(body, lambda one: one.mass)
         lumped = Nodes(body.mesh, spread.vertices, body.lumped_mass[spread.vertices])
-        return Weight(body.mesh, spread, lumped, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g"))
+        return Weight(
+            body.mesh, spread, lumped, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g", divided=body.mesh.space.divided)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ class BodyForce(Load):
     array([0.25, 0.  , 0.  ])
     """
 
-    given_by = "force"
+    given_by, per_element = "force", True
 
     force: Annotated[Any, Quantity("force per volume", "Force per volume at rest.", components=True)]
     region: Annotated[str | NDArray[Any] | None, Quantity(None, "Elements it acts on; by default all.")] = None
@@ -97,7 +99,11 @@ class BodyForce(Load):
         else:
             ids = body.mesh.elements(self.region)
             spread = Spread(body.mesh, body.mesh.element, body.mesh.t[:, ids], body.volumes[ids])
-        return DeadLoad(body.mesh, spread, Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force"))
+        return DeadLoad(
+            body.mesh,
+            spread,
+            Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force", divided=body.mesh.space.divided),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +134,7 @@ class NodalLoad(Load):
     array([0. , 0.5])
     """
 
-    given_by = "force"
+    given_by, per_element = "force", True
 
     where: Annotated[Where, Quantity(None, "Place of the nodes.")]
     force: Annotated[Any, Quantity("force", "Force on each node.", components=True)]
@@ -138,7 +144,9 @@ class NodalLoad(Load):
         vertices = vertices_at(body.mesh, self.where, what)
         weights = body.mesh.space.counted(np.where(body.bare, 0.0, 1.0))[vertices]  # each node once in a divided body
         nodes = Nodes(body.mesh, vertices, None if weights.all() else weights)
-        return DeadLoad(body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force"))
+        return DeadLoad(
+            body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force", divided=body.mesh.space.divided)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +181,7 @@ class Traction(Load):
     array([       0.,        0., -1000000.])
     """
 
-    given_by = "traction"
+    given_by, per_element = "traction", True
 
     where: Annotated[Where, Quantity(None, "Place of the boundary facets.")]
     traction: Annotated[Any, Quantity("stress", "Force per area at rest.", components=True)]
@@ -182,7 +190,11 @@ class Traction(Load):
         what = f"Traction on {describe(self.where)}"
         facets = facets_at(body.mesh, self.where, what)
         spread = Spread(body.mesh, body.facet, facets, body.facet_areas(facets), in_value_order(body.mesh, self.where, facets))
-        return DeadLoad(body.mesh, spread, Value(self.traction, (body.mesh.d,), spread.x, what, name="traction"))
+        return DeadLoad(
+            body.mesh,
+            spread,
+            Value(self.traction, (body.mesh.d,), spread.x, what, name="traction", divided=body.mesh.space.divided),
+        )
 
 
 def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | CombinedSpread:

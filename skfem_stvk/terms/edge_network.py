@@ -127,6 +127,11 @@ class EdgeNetwork:
         return self.diagonal() if pairs == "none" else self.without("opposite" if pairs == "adjacent" else "adjacent")
 
     @property
+    def per_element(self) -> bool:
+        """Whether `L` is a sum over elements, those of the laws."""
+        return bool(self.laws)
+
+    @property
     def pairs(self) -> NDArray[np.int64]:
         """Edges `i < j` (2, n) of the pairs with nonzero `L_ij`."""
         upper = triu(self.L, 1).tocoo()

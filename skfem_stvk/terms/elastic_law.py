@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import InitVar, dataclass, field
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -38,6 +38,8 @@ class ElasticLaw(ABC):
     MaterialError
         if a constant is missing, specified twice or out of range; when it is bound, if it does not fit the mesh.
     """
+
+    per_element: ClassVar[bool] = True
 
     material: OfMaterial = None
     region: OfRegion = None

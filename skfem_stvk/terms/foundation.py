@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -50,6 +50,8 @@ class ElasticFoundation:
     >>> round(cube.energy(np.full(cube.ndofs, 0.01)), 9)
     50.0
     """
+
+    per_element: ClassVar[bool] = True
 
     where: Annotated[Where, Quantity(None, "Place whose boundary facets are bedded.")]
     stiffness: Annotated[

@@ -72,6 +72,8 @@ class Value:
         The class of errors.
     name
         Name of the user-supplied value, in messages.
+    divided
+        Whether the points are those of a part of a divided body, so that constants for each point are refused.
 
     Examples
     --------
@@ -85,9 +87,17 @@ class Value:
     """
 
     def __init__(
-        self, value: Any, shape: tuple[int, ...], x: Array, what: str, error: type[StvkError] = LoadError, name: str = ""
+        self,
+        value: Any,
+        shape: tuple[int, ...],
+        x: Array,
+        what: str,
+        error: type[StvkError] = LoadError,
+        name: str = "",
+        *,
+        divided: bool = False,
     ) -> None:
-        self._shape, self._x, self._what, self._error = shape, x, what, error
+        self._shape, self._x, self._what, self._error, self._divided = shape, x, what, error, divided
         self._function_name = f"the function {name}".rstrip()
         self._arguments = self._count_arguments(value) if callable(value) else 0
         self._function = value
@@ -120,6 +130,11 @@ class Value:
         self._refuse_square(value, values.shape, source)
         if values.shape == self._shape:
             values = values[..., None]
+        elif self._divided and self._arguments < 2:
+            raise self._error(
+                f"{self._what}: {source} has shape {values.shape}, values for each node of a body that is divided among ranks; "
+                "expected one value, or a function of (x, t)."
+            )
         wanted = (*self._shape, self._x.shape[1])
         if values.shape not in ((*self._shape, 1), wanted):
             hint = " Transpose it: values.T." if values.shape == wanted[::-1] else ""

@@ -67,7 +67,7 @@ class Pressure(Load):
     array([-3000000.,        0.,        0.])
     """
 
-    given_by, on_elements = "pressure", True
+    given_by, on_elements, per_element = "pressure", True, True
 
     where: Annotated[Where | None, Quantity(None, "Place of the boundary facets; of surfaces in space a subdomain, or all.")]
     pressure: Annotated[Any, Quantity("stress", "Force per deformed area, positive inwards.")]
@@ -77,7 +77,7 @@ class Pressure(Load):
         mesh, removed = body.mesh, body.removed
         if self.simplices is not None:
             t, element = simplices_of(self.simplices, mesh.p, mesh.element.degree, mesh, "Pressure: simplices")
-            mesh, removed = ElementMesh(mesh.p, t, element=element), np.zeros(t.shape[1], dtype=bool)
+            mesh, removed = mesh.beside(t, element), np.zeros(t.shape[1], dtype=bool)
         if mesh.k == 1:
             raise LoadError(f"Pressure: the mesh has {mesh.kind}, which have no surface. Use Traction or NodalLoad.")
         if mesh.k < mesh.d:
@@ -89,7 +89,9 @@ class Pressure(Load):
             surface, element = _outwards(mesh, self.where, what), body.facet
             vertices, sizes = in_value_order(mesh, self.where, surface), body.facet_sections(surface)  # 1 of solids
         spread = Spread(mesh, element, surface, sizes, vertices)
-        return FollowerPressure(mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure"))
+        return FollowerPressure(
+            mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure", divided=mesh.space.divided)
+        )
 
 
 class FollowerPressure:

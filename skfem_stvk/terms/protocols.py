@@ -21,7 +21,11 @@ class Term(Protocol):
     """A specification without a mesh."""
 
     def bind(self, body: Body, dtype: DTypeLike) -> BoundTerm:
-        """Return the term on this body, with results of this type."""
+        """Return the term on this body, with results of this type.
+
+        An attribute `per_element` that is true says that the term is a sum over elements or facets, so that the forces of the parts
+        of a divided body add up to those of the body.
+        """
 
 
 class Load(ABC):
@@ -34,6 +38,8 @@ class Load(ABC):
     needs_density: ClassVar[bool] = False
     #: Whether `where` selects elements if the mesh is a surface in space.
     on_elements: ClassVar[bool] = False
+    #: Whether the forces of the parts of a divided body add up to those of the body, as sums over elements, facets or own nodes do.
+    per_element: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         own(self)

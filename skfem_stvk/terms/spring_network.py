@@ -128,6 +128,11 @@ class SpringNetwork:
         own(self)
 
     @property
+    def per_element(self) -> bool:
+        """Whether the stiffness of the springs is a sum over elements, that is, made by a rule."""
+        return self.stiffness is None
+
+    @property
     def law(self) -> StVK:
         """The elastic body that the springs approximate, which supplies their mass."""
         return StVK(self.material, self.region, self.plane, self.thickness, self.area)

@@ -72,6 +72,7 @@ class VolumePenalty:
     """
 
     resists_inversion: ClassVar[bool] = True
+    per_element: ClassVar[bool] = True
 
     stiffness: Annotated[ArrayLike | None, Quantity("stress", "Stiffness; by default the usual part of the material's.", gt=0)] = (
         None
