@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..arguments import shown, whole
+from ..arguments import whole
 from ..elements import Element
 from ..errors import MeshError
 from ..mesh import ElementMesh
-from ..mesh.facets import find_facets, facets_of
+from ..mesh.facets import facets_of, find_facets
 from ..mesh.locations import checked_facets, checked_lines, vertices_at
 
 Ids = NDArray[np.int64]
