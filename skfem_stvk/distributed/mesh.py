@@ -50,13 +50,13 @@ class MeshPart(ElementMesh):
     element_numbers: Ids = field(kw_only=True)
     bounds: NDArray[np.float64] = field(kw_only=True)
     element_count: int = field(kw_only=True)
+    _boxes: dict[Box, Ids] = field(init=False, default_factory=dict)
 
     checked = True
 
     def __post_init__(self) -> None:
         for name in ("p", "t", "surface"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
-        object.__setattr__(self, "_boxes", {})
 
     def elements(self, region: str | Box | NDArray[Any] | None) -> Ids:
         """Return the indices of the elements of a region on this rank; see `ElementMesh.elements`. There may be none.

@@ -111,7 +111,7 @@ class Ranks(Space):
 
     def total(self, x: Number) -> Number:
         if not isinstance(x, np.ndarray):
-            return self._reduced(x, MPI.SUM)  # type: ignore[return-value]
+            return self._reduced(x, MPI.SUM)
         self.traffic.reductions += 1
         values = np.ascontiguousarray(x)
         found = np.empty_like(values)
@@ -171,7 +171,7 @@ class _Exchange:
         self._sum[:] = 0
         MPI.Prequest.Waitall(self._requests)
         for position, received in self._parts:
-            if position is None:
+            if position is None or received is None:
                 self._sum += own
             else:
                 self._sum[position] += received

@@ -224,7 +224,11 @@ class LabelledMesh(MeshArrays):
     node_sets: Mapping[str, NDArray[np.int32]]
     subdomains: Mapping[str, NDArray[np.int32]]
     lines: Mapping[str, NDArray[np.int32]]
-    space: Space
+
+    @property
+    @abstractmethod
+    def space(self) -> Space:
+        """Space of vectors with `d` numbers at each node."""
 
     def local_nodes(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the indices of those nodes of the whole mesh with these `ids` that this part has, in their order."""
