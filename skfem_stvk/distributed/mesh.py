@@ -18,7 +18,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
 from ..mesh.facets import edges_of
 from ..mesh.locations import Box
-from .partition import Ids, Part, divide
+from .partition import Ids, PartContent, divide
 from .ranks import Ranks
 
 
@@ -72,7 +72,7 @@ class MeshPart(ElementMesh):
         return self._boxes[region]
 
     @classmethod
-    def from_part(cls, part: Part, comm: MPI.Comm) -> MeshPart:
+    def from_part(cls, part: PartContent, comm: MPI.Comm) -> MeshPart:
         """Return the mesh of this rank's part; each rank of the communicator has its own, numbered by its rank."""
         foreign = np.zeros(part.p.shape[1], dtype=bool)
         foreign[part.shared[0, part.shared[1] < comm.rank]] = True
@@ -82,8 +82,7 @@ class MeshPart(ElementMesh):
         numbers = part.node_numbers[order]
         neighbours = {}
         for rank in np.unique(part.shared[1]).tolist():
-            nodes = number[part.shared[0, part.shared[1] == rank]]
-            neighbours[rank] = nodes[np.argsort(numbers[nodes])]
+            neighbours[rank] = number[part.shared[0, part.shared[1] == rank]]
         space = Ranks(comm, len(part.p), numbers, own, neighbours, part.element_numbers)
         return cls(
             p=part.p[:, order],
@@ -186,7 +185,7 @@ def distribute(mesh: MeshLike, comm: MPI.Comm = MPI.COMM_WORLD, part_of: Any = N
     >>> distribute(skfem.MeshTet().refined(1))
     MeshPart: 40 tetrahedra in 3D, 26 vertices, on rank 0 of 1
     """
-    parts: list[Part] | None = None
+    parts: list[PartContent] | None = None
     if comm.rank == 0:
         body = ElementMesh.of(mesh)
         check_mesh(body)
@@ -194,7 +193,7 @@ def distribute(mesh: MeshLike, comm: MPI.Comm = MPI.COMM_WORLD, part_of: Any = N
     return MeshPart.from_part(comm.scatter(parts), comm)
 
 
-def _order(part: Part, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ...]]:
+def _order(part: PartContent, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ...]]:
     """Return the order of the nodes, and the ranges of own nodes: vertices first, and of each kind the nodes that are not
     `foreign`.
     """

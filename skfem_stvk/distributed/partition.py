@@ -22,7 +22,7 @@ Ids = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class PartContent:
     """Part of a mesh: its elements with all of their nodes, and the other parts that have these nodes.
 
     Nodes are numbered within the part, elements too.
@@ -40,7 +40,7 @@ class Part:
     subdomains, boundaries, node_sets, lines
         Names with their elements, facets (m, n), nodes and segments (m, n); every part has all names.
     shared
-        (2, n) nodes and numbers of the other parts that have them.
+        (2, n) nodes, ascending, and numbers of the other parts that have them.
     bounds
         (d, 2) smallest and largest coordinates of the whole body.
     vertices
@@ -62,7 +62,7 @@ class Part:
     vertices: int
 
 
-def divide(mesh: ElementMesh, parts: int, part_of: NDArray[np.integer] | None = None) -> list[Part]:
+def divide(mesh: ElementMesh, parts: int, part_of: NDArray[np.integer] | None = None) -> list[PartContent]:
     """Divide a mesh into parts, by METIS (Karypis, Kumar 1998, SISC 20, 359) on the graph of elements that share a facet.
 
     Parameters
@@ -136,7 +136,7 @@ class _Division:
         self._has = np.union1d(self._has, alone * parts)
         self._named = names
 
-    def contents(self) -> list[Part]:
+    def contents(self) -> list[PartContent]:
         """Return the parts."""
         mesh, parts = self._mesh, self._parts
         node, part = np.divmod(self._has, parts)
@@ -156,7 +156,7 @@ class _Division:
             index, every = self._entries(own)
             others = part[every] != one
             found.append(
-                Part(
+                PartContent(
                     element=mesh.element,
                     p=np.ascontiguousarray(mesh.p[:, own]),
                     t=number[mesh.t[:, ids]],
@@ -224,7 +224,7 @@ def _groups(part: NDArray[np.integer], parts: int) -> list[Ids]:
     return np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part, minlength=parts))[:-1])
 
 
-def join(pieces: Sequence[Part], own: Sequence[int], rank_of: NDArray[np.integer]) -> Part:
+def join(pieces: Sequence[PartContent], own: Sequence[int], rank_of: NDArray[np.integer]) -> PartContent:
     """Return the part of a rank from its pieces of a finer division.
 
     Parameters
@@ -254,7 +254,7 @@ def join(pieces: Sequence[Part], own: Sequence[int], rank_of: NDArray[np.integer
     place[order] = np.arange(len(order))
     number = [np.searchsorted(nodes, one.node_numbers).astype(np.int32) for one in pieces]
     begins = np.cumsum([0, *(len(one.element_numbers) for one in pieces)])
-    joined = Part(
+    joined = PartContent(
         first.element,
         np.concatenate([one.p for one in pieces], axis=1)[:, index],
         np.concatenate([of[one.t] for of, one in zip(number, pieces, strict=True)], axis=1)[:, order],
@@ -280,7 +280,7 @@ def _joined(names: Sequence[Mapping[str, NDArray[Any]]], unique: bool = False) -
     return {name: np.unique(ids) for name, ids in found.items()} if unique else found
 
 
-def _with_ranks(part: Part, shared: Ids, rank: int, rank_of: NDArray[np.integer]) -> Part:
+def _with_ranks(part: PartContent, shared: Ids, rank: int, rank_of: NDArray[np.integer]) -> PartContent:
     """Return the part with ranks instead of pieces in `shared`, each once, without its own rank."""
     ranks = int(rank_of.max()) + 1
     keys = np.unique(shared[0].astype(np.int64) * ranks + rank_of[shared[1]])

@@ -29,7 +29,8 @@ def check_mesh(mesh: ElementMesh, others: Sequence[ElementMesh] = ()) -> None:
     The `others` are meshes on the same nodes, such as cables. Each of them is checked as well, and its nodes count as nodes on an
     element.
 
-    A mesh that was checked as a whole is not checked again in parts. Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` reports all faults.
+    Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` reports all faults.
+    A mesh that was checked as a whole is not checked again in parts.
 
     Raises
     ------

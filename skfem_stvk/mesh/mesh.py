@@ -358,11 +358,27 @@ class ElementMesh(LabelledMesh):
         return ends
 
     def beside(self, t: NDArray[np.int32], element: Element) -> ElementMesh:
-        """Return the mesh of other elements `t` (n, nt) on the same nodes."""
+        """Return the mesh of other elements on the same nodes.
+
+        Parameters
+        ----------
+        t
+            (n, nt) nodes of the elements.
+        element
+            Kind of the elements.
+        """
         return ElementMesh(self.p, t, element=element)
 
     def local_cells(self, t: NDArray[np.int32], what: str) -> NDArray[np.int32]:
-        """Return those of other elements `t` (n, nt), with the nodes of the whole mesh, that belong to this part; see `MeshPart`."""
+        """Return those of other elements that belong to this part of a mesh, by the indices of their nodes: here all.
+
+        Parameters
+        ----------
+        t
+            (n, nt) nodes of the elements, by their numbers in the whole mesh.
+        what
+            Name of the elements, with which messages begin.
+        """
         return t
 
     @cached_property
@@ -391,7 +407,13 @@ class ElementMesh(LabelledMesh):
         return np.arange(self.nt)
 
     def local_elements(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the indices of those elements of the whole mesh with these `ids` that this part has, in their order."""
+        """Return the indices of those elements that this part of a mesh has, in their order: here all.
+
+        Parameters
+        ----------
+        ids
+            (n,) numbers of elements in the whole mesh.
+        """
         return ids
 
     def _node_ids(self) -> dict[str, NDArray[Any]]:

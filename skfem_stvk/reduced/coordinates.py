@@ -13,7 +13,7 @@ from ..terms import Quartic
 from ..terms.load import Moment, Time
 from ..terms.protocols import set_time
 from .basis import Lifts, masses_of
-from .quartic import MeshPart, ReducedQuartic
+from .quartic import ProjectedTerms, ReducedQuartic
 from .sampled import Sampling, sampled_part
 
 
@@ -24,7 +24,7 @@ class PrecomputedCoordinates(Coordinates):
         super().__init__(body, columns, size, masses_of(body))
         self._lifts, self._quartic = Lifts(body, columns[:, size:]), quartic
         others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
-        self._others = [MeshPart(body.mesh, others, columns)] if others and not sampled else []
+        self._others = [ProjectedTerms(body.mesh, others, columns)] if others and not sampled else []
         self.sampling: dict[str, Sampling] = {}
         if sampled:
             for name, term, bound in zip(body.elastic_names, body.elastic_terms, body.bound_terms, strict=True):

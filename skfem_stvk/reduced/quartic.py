@@ -118,7 +118,7 @@ def _add_by_tangents(T: Array, term: BoundTerm, fields: Array, body: System) -> 
 
     K is quadratic in z, so that its differences along fields and pairs of fields are exact; no step is small.
     """
-    part, R = MeshPart(body.mesh, [term], fields), fields.shape[1]
+    part, R = ProjectedTerms(body.mesh, [term], fields), fields.shape[1]
     h = np.linalg.norm(np.ptp(body.mesh.p, axis=1)) / (2 * np.abs(fields).max(axis=0))
     unit = np.diag(h)
     rest, before = part.linearize(np.zeros(R))[2], []
@@ -144,7 +144,7 @@ def _orders(*indices: int) -> int:
     return int(np.prod([factorial(indices.count(index)) for index in set(indices)]))
 
 
-class MeshPart:
+class ProjectedTerms:
     """Part of bound terms in W, F and K over fields of displacements (ndofs, R), computed on their mesh and at its cost."""
 
     def __init__(self, mesh: ElementMesh, terms: Sequence[BoundTerm], fields: Array) -> None:

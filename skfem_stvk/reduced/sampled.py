@@ -13,7 +13,7 @@ from ..errors import StateError, StvkError
 from ..mesh import ElementMesh
 from ..system import System
 from ..terms import Body
-from .quartic import MeshPart
+from .quartic import ProjectedTerms
 
 #: Numbers of states for fitting the weights, and for testing them.
 FITTED, UNSEEN = 24, 8
@@ -48,7 +48,7 @@ class Sampling(NamedTuple):
     unseen: float
 
 
-def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[MeshPart, Sampling]:
+def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[ProjectedTerms, Sampling]:
     """Return the part of a term in W, F and K from about `count` of its elements, at a cost that does not depend on the mesh.
 
     Elements are chosen greedily: those whose forces are most along the residual come first. Weights are fitted by non-negative
@@ -144,7 +144,7 @@ def _greedy(A: Array, b: Array, count: int) -> tuple[NDArray[np.int64], Array]:
     return own, weights
 
 
-def _part(body: System, term: Any, chosen: NDArray[np.int64], found: Sampling, columns: Array) -> MeshPart:
+def _part(body: System, term: Any, chosen: NDArray[np.int64], found: Sampling, columns: Array) -> ProjectedTerms:
     """Return W, F and K of the sampled elements, with stiffnesses times weights, on only their nodes."""
     mesh = body.mesh
     nodes, t = np.unique(mesh.t[:, found.elements], return_inverse=True)
@@ -159,4 +159,4 @@ def _part(body: System, term: Any, chosen: NDArray[np.int64], found: Sampling, c
     )
     weighted = replace(term, material=material, region=None, thickness=of(term.thickness), area=of(term.area), **NO_SHORTHAND)
     own = columns.reshape(mesh.nv, mesh.d, -1)[nodes].reshape(len(nodes) * mesh.d, -1)
-    return MeshPart(small, [weighted.bind(Body(small, [], body.rule), np.float64)], own)
+    return ProjectedTerms(small, [weighted.bind(Body(small, [], body.rule), np.float64)], own)

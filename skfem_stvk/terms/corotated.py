@@ -112,9 +112,7 @@ class Corotated(ElasticLaw):
 
     @property
     def per_element(self) -> bool:  # type: ignore[override]
-        """Whether the forces are sums over elements: with frames at nodes they are not, and user-supplied frames are of all
-        elements.
-        """
+        """Whether the forces are sums over elements, with frames that no user supplies for all elements."""
         return self.rotation == "element"
 
     @property

@@ -23,8 +23,8 @@ class Term(Protocol):
     def bind(self, body: Body, dtype: DTypeLike) -> BoundTerm:
         """Return the term on this body, with results of this type.
 
-        An attribute `per_element` that is true says that the term is a sum over elements or facets, so that the forces of the parts
-        of a divided body add up to those of the body.
+        An attribute `per_element` that is true says that the term is a sum over elements or facets. Then the forces of the parts of
+        a divided body add up to those of the body.
         """
 
 
