@@ -93,7 +93,7 @@ def divide(mesh: ElementMesh, parts: int, part_of: NDArray[np.integer] | None = 
     counts = np.bincount(part, minlength=parts)
     if len(empty := np.flatnonzero(counts == 0)) or len(counts) > parts:
         raise MeshError(
-            f"The {mesh.nt} elements are in {np.count_nonzero(counts)} of {parts} parts, none in part {empty[:1]}; expected elements "
+            f"The {mesh.nt} elements are in {np.count_nonzero(counts)} of {parts} parts, none in part {empty[:1]}; expected some "
             "in each. Use fewer parts."
         )
     facet_part = np.full(every.shape[1], parts)

@@ -283,8 +283,8 @@ def _refuse_not_additive(terms: Sequence[Any]) -> None:
     """Raise StvkError for terms of which the forces of the parts of a divided body do not add up to those of the body."""
     if names := [f"{type(term).__name__} {n}" for n, term in enumerate(terms) if not getattr(term, "per_element", False)]:
         raise StvkError(
-            f"{', '.join(names)}: not a sum over elements (per_element = False), so the forces of the parts of a divided body would "
-            "not add up; expected other terms, such as StVK(...), or one rank."
+            f"{', '.join(names)}: not a sum over elements (per_element = False), so the forces of the parts of a divided body "
+            "would not add up; expected other terms, such as StVK(...), or one rank."
         )
 
 
