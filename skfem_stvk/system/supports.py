@@ -69,8 +69,8 @@ class Supports:
         self.prescribed = _union([dofs for dofs, _ in motions])
         self.held = np.union1d(self.fixed, self.prescribed)
         self._refuse_both()
-        if len(self.held) == mesh.p.size:
-            raise SupportError(f"All {mesh.p.size} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
+        if not mesh.space.any(len(self.held) < mesh.p.size):
+            raise SupportError(f"All {mesh.space.count} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
         self._motions = [(np.searchsorted(self.held, dofs), value) for dofs, value in motions]
         self.steady = all(value.constant is not None for _, value in self._motions)
         indices = np.concatenate([np.empty(0, dtype=np.int64), *(index.ravel() for index, _ in self._motions)])
