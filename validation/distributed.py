@@ -72,7 +72,8 @@ def _scaling(console: Console, cores: int, strong: int, weak: int) -> None:
     """Print times on one rank and on as many as there are cores, and the traffic."""
     table = Table("ranks", "tetrahedra", "shared nodes", "of a part", *(f"{name} [ms]" for name in CALLS.values()), box=None)
     numbers = sorted({1, 2, cores})
-    runs = [launch(ranks, "costs", size) for size in (strong, 0) for ranks in numbers if (size := size or weak * ranks)]
+    sizes = [(ranks, strong) for ranks in numbers] + [(ranks, weak * ranks) for ranks in numbers]
+    runs = [launch(ranks, "costs", size) for ranks, size in sizes]
     for run in runs:
         table.add_row(
             str(run["ranks"]),

@@ -10,11 +10,11 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from bodies import EVERY_MESH, distorted, turned_round
 from fields_on_ranks import RNG, difference, divisions, equal_bits
 from mpi4py import MPI
 
 import skfem_stvk as S
-from bodies import EVERY_MESH, distorted, turned_round
 from skfem_stvk.distributed import distribute
 
 warnings.simplefilter("ignore")
