@@ -40,7 +40,7 @@ def body(mesh: ElementMesh) -> System:
         Traction(lambda x: x[0] > 4 - 1e-9, (0, 0, -4e3)),
         Gravity(g=(0, 0, -1.0)),
     ]
-    return System(mesh, terms, fixed={lambda x: x[0] < 1e-9: "xyz"})
+    return System(mesh, [StVK(young=1e6, poisson=0.3, density=1000.0), *loads], fixed={lambda x: x[0] < 1e-9: "xyz"})
 
 
 def displacements(mesh: ElementMesh) -> Array:

@@ -183,6 +183,9 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE, "one thread", ITSELF, "docs/speed.md", "simultaneous calls of four threads give the same bits", whole_only=True
         )
     },
+    "distributed": {
+        "all": Part(CODE, "one machine", ITSELF, "docs/cluster.md", "a body on ranks has the same answers", whole_only=True)
+    },
     "resumed": {
         "all": Part(
             CODE,
