@@ -35,11 +35,7 @@ def beam(tetrahedra: int) -> ElementMesh:
 
 def body(mesh: ElementMesh) -> System:
     """Return a beam that is held at one end and loaded at the other."""
-    terms = [
-        StVK(young=1e6, poisson=0.3, density=1000.0),
-        Traction(lambda x: x[0] > 4 - 1e-9, (0, 0, -4e3)),
-        Gravity(g=(0, 0, -1.0)),
-    ]
+    loads = [Traction(lambda x: x[0] > 4 - 1e-9, (0, 0, -4e3)), Gravity(g=(0, 0, -1.0))]
     return System(mesh, [StVK(young=1e6, poisson=0.3, density=1000.0), *loads], fixed={lambda x: x[0] < 1e-9: "xyz"})
 
 
