@@ -104,7 +104,7 @@ def simplices_of(
     Messages begin with `what`. Simplices have the `degree` of the mesh.
     """
     if isinstance(value, str):
-        if mesh is not None and value in mesh.boundaries:
+        if mesh is not None and mesh.k > 1 and value in mesh.boundaries:
             return checked_facets(mesh, value), named(mesh.element.facet)
         if mesh is not None and value in mesh.lines:
             return checked_lines(mesh, value), mesh.element.edge

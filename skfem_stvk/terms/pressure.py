@@ -191,6 +191,11 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
             f"{what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, element ids or a "
             "mask, or None."
         )
+    if mesh.space.divided:
+        raise LoadError(
+            f"{what}: the mesh of {mesh.kind} is divided among ranks, so the side of elements on other ranks is not known; expected a "
+            "solid, whose outside is known, or one rank."
+        )
     ids = mesh.elements(where)
     t = mesh.t[:, ids]
     reverse, two_sided = faces_to_reverse(mesh.corners[:, ids], mesh.nv)
