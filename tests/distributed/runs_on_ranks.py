@@ -140,7 +140,10 @@ def motions():
 
 
 def kind_of(name):
-    return next((kind for kind in ("energy", "work", "linear_momentum", "angular_momentum") if kind in name), name)
+    kinds = {"closure_error": "energy", "work": "energy"} | {
+        kind: kind for kind in ("energy", "linear_momentum", "angular_momentum")
+    }
+    return next((kind for part, kind in kinds.items() if part in name), name)
 
 
 def compare(name, run, how, whole):

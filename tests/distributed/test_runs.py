@@ -1,0 +1,28 @@
+"""Static solves and motions on ranks end where they end on one machine, and all ranks have the same states."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def differences(request, on_ranks, tmp_path_factory):
+    out = tmp_path_factory.mktemp("runs") / "out.json"
+    on_ranks(request.param, Path(__file__).with_name("runs_on_ranks.py"), out)
+    return json.loads(out.read_text())
+
+
+def test_displacements_are_those_of_one_machine(differences):
+    assert len(differences) > 30
+    assert not {case: of["u"] for case, of in differences.items() if not of["u"] <= 1e-12}
+
+
+def test_all_ranks_have_the_same_bits_and_the_same_steps(differences):
+    assert not {case: of for case, of in differences.items() if of["bits"] or of["columns of ranks"]}
+
+
+def test_ledgers_and_steps_are_those_of_one_machine(differences):
+    of_runs = {(case, name): value for case, of in differences.items() for name, value in of.items() if name != "u"}
+    assert len(of_runs) > 300
+    assert not {key: value for key, value in of_runs.items() if not value <= 1e-11}
