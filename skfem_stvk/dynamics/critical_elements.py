@@ -17,7 +17,7 @@ from ..mesh.displacements import by_vertex
 from ..system import System
 from ..system.bound import BoundTerms
 from ..system.pattern import Pattern
-from ..system.protocol import checked_system
+from ..system.protocol import checked_whole
 from ..terms import HasStress
 from ..terms.protocols import HasPressure
 
@@ -98,7 +98,7 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
     >>> found.elements, found.steps.round(3)
     (array([1, 2]), array([0.162, 0.462]))
     """
-    checked_system(system)
+    checked_whole(system, "critical_elements(system)")
     n = whole("n", n, "a number of elements, from 1", 1)
     x = np.zeros(system.mesh.p.T.shape) if u is None else by_vertex(system.mesh, u).astype(np.float64)
     system.mass()  # refuses bodies without mass

@@ -147,12 +147,12 @@ class LargestFrequency:
 
     def _of_loads(self, u: ArrayLike, t: float) -> float:
         """Return a bound on the increase of the largest eigenvalue by the stiffness of loads [1/s^2], from Gershgorin's circles."""
-        K = self._system.load_stiffness(u, Moment(t, 1.0))
+        K, space = self._system.load_stiffness(u, Moment(t, 1.0)), self._system.space
         if K is None:
             return 0.0
-        mass = np.repeat(self._mass.vertex, self._system.mesh.d)[self._is_free]
-        rows = abs(K[self._is_free][:, self._is_free]) @ (1 / np.sqrt(mass))
-        return float((rows / np.sqrt(mass)).max())
+        mass, rows = np.repeat(self._mass.vertex, self._system.mesh.d)[self._is_free], np.zeros(space.n)
+        rows[self._is_free] = abs(K[self._is_free][:, self._is_free]) @ (1 / np.sqrt(mass))
+        return space.most(float((space.share(rows)[self._is_free] / np.sqrt(mass)).max(initial=0.0)))
 
     def _bound(self, K: TangentOperator) -> float:
         return bound_on_eigenvalues(K, self._vertex)
@@ -270,7 +270,8 @@ def bound_on_eigenvalues(K: TangentOperator, vertex: Array) -> float:
 
     `k_a` is the largest eigenvalue of the diagonal block, and `|K_ab|` are the norms of the others. These are Gershgorin's circles
     of blocks, scaled. The iteration starts from `s = m^-1/2`. The next `s_a` is the numerator divided by `m_a`, so that the bound
-    decreases (Collatz, Wielandt). Constrained vertices have the mass zero.
+    decreases (Collatz, Wielandt). Constrained vertices have the mass zero. Where parts of a divided body share an edge, the sum of
+    the norms of their contributions to `K_ab` replaces `|K_ab|`, which is not larger.
     """
     own = _largest_of_blocks(K.diagonal_blocks().astype(np.float64))
     inverse = np.divide(1.0, vertex, out=np.zeros(len(vertex)), where=vertex > 0)

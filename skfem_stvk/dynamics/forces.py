@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.sparse import csr_matrix
 
@@ -41,18 +43,19 @@ def add_mean_force(
     >>> bool(abs(force @ (u1 - u0) / (body.energy(u1) - body.energy(u0)) - 1) < 1e-12)
     True
     """
-    x, y, force, R = by_vertex(system.mesh, u0, "u0"), by_vertex(system.mesh, u1, "u1"), array_to_fill(system.mesh, out), 0.0
-    for term in system.bound_terms:
-        if isinstance(term, HasMeanForce):
-            R += term.mean_force(x, y, weights, theta, force)
-        else:
-            at_p = np.zeros_like(force)
-            term.energy_and_force(x + theta * (y - x), at_p)
-            force += sum(weights) * at_p
-    R = _combined(system, R, force)
-    refuse_overflow(R, "The energy of the change", y)
-    refuse_overflow(force, "out, with the mean force added,", y)
-    return R
+
+    def add(x: Array, y: Array, force: Array) -> float:
+        R = 0.0
+        for term in system.bound_terms:
+            if isinstance(term, HasMeanForce):
+                R += term.mean_force(x, y, weights, theta, force)
+            else:
+                at_p = np.zeros_like(force)
+                term.energy_and_force(x + theta * (y - x), at_p)
+                force += sum(weights) * at_p
+        return R
+
+    return _combined(system, {"u0": u0, "u1": u1}, add, out, "The energy of the change", "the mean force")
 
 
 def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
@@ -68,12 +71,11 @@ def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
     exception: it adds `K v`. Terms that cannot be damped, such as foundations and volume penalties, add nothing.
     Returns R [J/s^2].
     """
-    x, y, force = by_vertex(system.mesh, u), by_vertex(system.mesh, v, "v"), array_to_fill(system.mesh, out)
-    R = sum(term.damping_force(x, y, force) for term in system.bound_terms if isinstance(term, HasDampingForce))
-    R = _combined(system, R, force)
-    refuse_overflow(R, "The damping", x)
-    refuse_overflow(force, "out, with the damping force added,", x)
-    return R
+
+    def add(y: Array, x: Array, force: Array) -> float:
+        return sum(term.damping_force(x, y, force) for term in system.bound_terms if isinstance(term, HasDampingForce))
+
+    return _combined(system, {"v": v, "u": u}, add, out, "The damping", "the damping force")
 
 
 def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: Array) -> float:
@@ -84,18 +86,34 @@ def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: 
     Multiplied by `tau/dt`, it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`,
     `R = 1/4 dzeta' L dzeta >= 0`. R is zero for rigid motions of any size, including rotations. Returns R [J].
     """
-    x, y, force = by_vertex(system.mesh, u0, "u0"), by_vertex(system.mesh, u1, "u1"), array_to_fill(system.mesh, out)
     edges = [term for term in system.bound_terms if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
-    R = _combined(system, sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges), force)
-    refuse_overflow(R, "The damping", y)
-    refuse_overflow(force, "out, with the damping force added,", y)
+
+    def add(x: Array, y: Array, force: Array) -> float:
+        return sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges)
+
+    return _combined(system, {"u0": u0, "u1": u1}, add, out, "The damping", "the damping force")
+
+
+def _combined(
+    system: System, states: dict[str, Array], add: Callable[[Array, Array, Array], float], out: Array, energy: str, force: str
+) -> float:
+    """Call `add(x, y, out)` for two states, by name, in each part of a divided body. Return the sum of its results.
+
+    Forces at shared nodes are added up in `out`, which must be zero before in a divided body. Messages about an overflow name the
+    `energy` and the `force`, and have the largest displacement of the second state.
+    """
+    total = array_to_fill(system.mesh, out)
+
+    def of_part() -> float:
+        x, y = (by_vertex(system.mesh, u, name) for name, u in states.items())
+        R = float(add(x, y, total))
+        refuse_overflow(R, energy, y)
+        refuse_overflow(total, f"out, with {force} added,", y)
+        return R
+
+    R = system.space.sum_of(of_part)
+    system.space.share(total)
     return R
-
-
-def _combined(system: System, R: float, force: Array) -> float:
-    """Return the sum of R over the parts of a divided body, whose forces are added at shared nodes to `force`, zero before."""
-    system.space.share(force)
-    return system.space.total(float(R))
 
 
 def damping_is_of_edges(system: System) -> bool:

@@ -143,7 +143,7 @@ class Jumps:
     def __init__(self, motion: Motion, state: MotionState) -> None:
         self._motion, self._t = motion, state.t
         self._before, self._speed = state.u[motion.free.fixed], np.abs(state.v[motion.free.fixed])
-        self._small = SMALL * float(np.ptp(motion.system.mesh.p, axis=1).max())
+        self._small = SMALL * float(motion.system.mesh.extent.max())
         self._active = motion.moving
 
     def check(self, t: float, prescribed: Array | None = None) -> None:
@@ -177,8 +177,9 @@ class Jumps:
         motion, constrained = self._motion, self._motion.system.supports.held
         unit = np.zeros(motion.states.n)
         unit[motion.free.fixed[jumping]] = 1
-        vertices: NDArray[np.int64] = np.unique(constrained[motion.states.expand(unit)[constrained] != 0] // motion.system.mesh.d)
-        return vertices
+        mesh = motion.system.mesh
+        vertices = np.unique(constrained[motion.states.expand(unit)[constrained] != 0] // mesh.d)
+        return np.sort(mesh.node_numbers[vertices])
 
     def _first_jump(
         self, times: tuple[float, float], ends: tuple[Array, Array], fast: NDArray[np.intp], most: Array, halvings: int

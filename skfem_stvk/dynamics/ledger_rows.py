@@ -171,10 +171,12 @@ class LedgerWriter:
 
     def __init__(self, motion: Motion, locations: LedgerLocations, ledger: Ledger, dt: float) -> None:
         self.motion, self.ledger, self._dt = motion, ledger, dt
-        self._reactions = list(locations.reactions.values())
         mesh = motion.system.mesh
-        dofs = [(mesh.d * vertices[:, None] + np.arange(mesh.d)).ravel() for vertices in locations.probes.values()]
+        counts = mesh.space.counted(np.ones(mesh.nv)) > 0  # each node once in a divided body
+        probes, self._reactions = ([ids[counts[ids]] for ids in some.values()] for some in locations)
+        dofs = [(mesh.d * vertices[:, None] + np.arange(mesh.d)).ravel() for vertices in probes]
         self._probes = [motion.states.entries(one) for one in dofs]
+        self._probed = [mesh.space.total(len(vertices)) for vertices in probes]
         self._angular = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
         self._sums = np.zeros(8)
         self.external = self.dissipated = self.removed = 0.0
@@ -232,14 +234,14 @@ class LedgerWriter:
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
         row += [potential, self.external, self.dissipated, *([self.removed] if self._removing else []), *balance, inside_out]
         row += [*sums[1 : 1 + mesh.d], *sums[self._angular]]
-        for displacements in self._probes:
-            row += list(displacements(state.u).reshape(-1, mesh.d).mean(axis=0))
+        for displacements, count in zip(self._probes, self._probed, strict=True):
+            row += list(mesh.space.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)
         if self._reactions:
             since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
             u, v = motion.states.expand(state.u), motion.states.expand(state.v)
             forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
             for vertices in self._reactions:
-                row += list(forces[vertices].sum(axis=0))
+                row += list(mesh.space.total(forces[vertices].sum(axis=0)))
         for column in self._without_value:
             row[column] = nan
         self.ledger.append(row)

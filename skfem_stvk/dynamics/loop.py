@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StateError, warn
+from ..linear.choose import header_text
 from ..nonlinear.outcome import Interrupted, Status, stop_if_requested
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
@@ -81,7 +82,10 @@ class Loop:
         setup, record = self.setup, self.record
         for finding in self._monitors.before():
             warn(finding.text)
-        header = f"{setup.motion.body!r}, {len(setup.motion.free.free)} of them free; {setup.integrator}"
+        free, solver = setup.motion.states.on(setup.motion.free.free), self._stepper.solver
+        header = f"{setup.motion.body!r}, {free.count} of them free; {setup.integrator}"
+        if free.divided and solver is not None:
+            header += f"; {header_text(solver, True)}"
         with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
             try:
                 self._outputs.save_if_due()

@@ -22,7 +22,7 @@ from ..results.series import save_series
 from ..system import System
 from ..system.free_tangent import SYMMETRIC, with_loads
 from ..system.mass import Mass
-from ..system.protocol import checked_system
+from ..system.protocol import checked_whole
 from ..system.rigid import motions
 from .critical_step import bound_on_eigenvalues
 from .shift_invert import ShiftedProblem, lowest_vectors, nearest_vectors
@@ -180,7 +180,7 @@ def modes(
     >>> free.rigid, free.frequencies.round(1)
     (array([ True,  True,  True, False, False]), array([ 0. ,  0. ,  0. , 12.3, 13.5]))
     """
-    checked_system(system)
+    checked_whole(system, "modes(system)")
     free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
     n = arguments.whole("n", n, f"a number of modes, from 1 to {len(free)}, the number of free degrees of freedom", 1, len(free))
     x = np.zeros(system.ndofs) if u is None else by_vertex(system.mesh, u).ravel().astype(np.float64)

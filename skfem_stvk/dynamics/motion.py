@@ -45,7 +45,7 @@ class Motion:
         self.mass: Any = body.mass("lumped" if mass is None else mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)
         self.free: Any = body.free_dofs(body.supports.held) if isinstance(body, System) else body.free
-        self.moving = self.system.supports.prescribed.size > 0
+        self.moving = self.system.space.any(self.system.supports.prescribed.size > 0)
         self._has_several_terms = len(body.elastic_names) > 1
         self._force, self._Mv = np.zeros(self.states.n), np.zeros(self.states.n)
 

@@ -18,7 +18,7 @@ from ..mesh.locations import Where
 from ..results.files import OutputFiles
 from ..system import System
 from ..system.coordinates import Coordinates
-from ..system.signature import Fingerprint, sums
+from ..system.signature import Fingerprint, sums_of
 from .damping import Damping
 from .integrators import INTEGRATORS, Integrator
 from .ledger_rows import LedgerLocations
@@ -54,7 +54,7 @@ class Options:
     def start(self, system: System) -> dict[str, list[float]]:
         """Return numbers that identify the user-supplied parts of an initial state."""
         supplied = {"u0": self.u0, "v0": self.v0}
-        found = {name: sums(by_vertex(system.mesh, x, name)) for name, x in supplied.items() if x is not None}
+        found = {name: sums_of(by_vertex(system.mesh, x, name), system.space) for name, x in supplied.items() if x is not None}
         return found | ({"t0": [self.t0]} if self.t0 else {})
 
     def refuse_other_locations(self, file: Path, system: System, stored: LedgerLocations) -> None:

@@ -134,7 +134,8 @@ class Run:
         """
         vertices = constrained_vertices(self.system, where)
         since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
-        return Reaction.of(self.system.mesh, self.u, self.motion.ground_forces(self.u, self.v, self.t, since), vertices)
+        forces, mesh = self.motion.ground_forces(self.u, self.v, self.t, since), self.system.mesh
+        return Reaction.of(mesh, self.u, forces, mesh.node_numbers[vertices])
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the last state, coloured by a field.

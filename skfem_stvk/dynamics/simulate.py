@@ -16,6 +16,7 @@ from ..mesh.locations import Where
 from ..results.files import OutputFiles
 from ..system import System
 from ..system.coordinates import Coordinates
+from ..system.divided import refuse_divided
 from ..system.protocol import ReducedLike, checked_system
 from ..terms.load import Moment
 from .damping import Damping
@@ -168,6 +169,8 @@ def simulate(
         every=every,
     )
     rule, checkpoint_file = checked_rule(remove), None
+    if rule is not None:
+        refuse_divided(body.space, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
     with ExitStack() as stack:
         if output_files.checkpoint is not None:
             from .checkpoint import MotionCheckpoint  # imports pydantic, only if needed
@@ -228,10 +231,11 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     u, v = (_vector(name, x, system) for name, x in (("u0", u0), ("v0", v0)))
     fixed, prescribed, moment = system.supports.held, system.supports.values(Moment(t0, 1.0)), motion.moment(t0)
     gap = np.abs(prescribed - u[fixed])
-    far = fixed[gap > 1e-9 * (1e-3 * np.ptp(system.mesh.p, axis=1).max() + np.abs(prescribed).max(initial=0.0))]
+    mesh, space = system.mesh, system.space
+    far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.most(float(np.abs(prescribed).max(initial=0.0))))]
     if len(far):
         raise SupportError(
-            f"{name_ids(np.unique(far // system.mesh.d), 'vertex')}: u0 differs from the supports at t0 = {t0:g} s by up to "
+            f"{name_ids(np.unique(mesh.node_numbers[far // mesh.d]), 'vertex')}: u0 differs from the supports at t0 = {t0:g} s by up to "
             f"{gap.max():.3g} m. In dynamics constants do not ramp. Prescribe a function of t that starts at u0, or start from an "
             "equilibrium: u0=solve_static(...).u."
         )
@@ -240,7 +244,7 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         u, v = body.state(u, moment), body.state(v, moment)
     state = MotionState.at(t0, body.prescribe(u, moment), v)
     state.v[motion.free.fixed] = motion.constrained_velocities(t0, dt)
-    if not (state.u.any() or state.v.any() or motion.moving or system.loads):
+    if not (space.any(bool(state.u.any() or state.v.any())) or motion.moving or system.loads):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     return state
 

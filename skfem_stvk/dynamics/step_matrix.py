@@ -15,6 +15,7 @@ from ..linear.amg import Pace
 from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.cg import EdgeFactors
 from ..linear.dense import DenseFactors
+from ..linear.part_cg import PartFactors
 from ..nonlinear.problem import Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..system import FreeOperator, System, TangentOperator
@@ -321,7 +322,7 @@ class _Diagonal:
 
     negative_pivots = None
 
-    def __init__(self, factors: BlockJacobiFactors | EdgeFactors) -> None:
+    def __init__(self, factors: BlockJacobiFactors | EdgeFactors | PartFactors) -> None:
         self._factors = factors
 
     def solve(self, b: Array, rtol: float = 1e-10, x0: Array | None = None, out: Array | None = None) -> Solution:

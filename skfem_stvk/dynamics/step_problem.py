@@ -106,8 +106,8 @@ class StepProblem(Equation):
             free = space.restrict(self.full)
             size = space.norm(free)
             if not np.isfinite(size + scale):
-                u = self.states.expand(self._u0 + w)
-                raise StateError(f"The residual overflows at displacements of up to {np.abs(u).max():.1e}.")
+                largest = self.states.most(float(np.abs(self.states.expand(self._u0 + w)).max()))
+                raise StateError(f"The residual overflows at displacements of up to {largest:.1e}.")
             if size > SLOW * self._before:
                 self.matrix.with_tensions = False
             self._before = size

@@ -7,6 +7,7 @@ thread.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import nan
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -30,11 +31,16 @@ OUTCOMES = {kernels.CONVERGED: Outcome.SOLVED, kernels.NEGATIVE: Outcome.NEGATIV
 
 
 class Search(Protocol):
-    """State of an iteration. `size` is `|b|`, and `norm` is `|b - K x|` as the loop updates it."""
+    """State of an iteration.
+
+    `size` is `|b|`, and `norm` is `|b - K x|` as the loop updates it. `curvature` is the quotient `p'Kp / p'p` of a direction of
+    negative curvature, if it is known.
+    """
 
     size: float
     norm: float
     iterations: int
+    curvature: float
 
     def run(self, tolerance: float, max_iterations: int) -> Outcome:
         """Iterate until the residual is at most `tolerance`, or the iteration ends for another reason."""
@@ -68,7 +74,7 @@ def solve_by(search: Search, b: Vector, rtol: float, max_iterations: int) -> Sol
         return Solution.none(b, Outcome.NOT_FINITE)
     if outcome is Outcome.SOLVED and residual > rtol * size:
         outcome = Outcome.INACCURATE
-    return Solution(search.x(), search.iterations, residual / size, outcome, first / size)
+    return Solution(search.x(), search.iterations, residual / size, outcome, first / size, search.curvature)
 
 
 def conjugate_gradients(
@@ -89,16 +95,21 @@ def conjugate_gradients(
 
 
 class _Search:
-    """Iterates `x`, residuals `r` and directions `p` of conjugate gradients with functions."""
+    """Iterates `x`, residuals `r` and directions `p` of conjugate gradients with functions.
+
+    Each iteration has two reductions over the parts of a divided body. There, the products with the next preconditioned residual are
+    computed together with the norm of the residual.
+    """
 
     def __init__(self, product: Map, precondition: Map, b: Vector, x0: Vector | None, space: Space) -> None:
-        self._product, self._precondition, self._b, self._space = product, precondition, b, space
+        self._product, self._precondition, self._b, self.space = product, precondition, b, space
         ends = [end for own in space.owned for end in (own.start, own.stop)]
         self._parts = np.union1d(parts_of(len(b), 0.1, threads()), ends).astype(np.int64)
         self._counted = [any(own.start <= begin < own.stop for own in space.owned) for begin in self._parts[:-1]]
         self._x, self._r, self._p, self._before = np.zeros_like(b), b.copy(), np.zeros_like(b), np.empty_like(b)
         self.size = self.norm = float(np.sqrt(self._dot(b, b)))
-        self._rho, self.iterations = 0.0, 0
+        self._rho, self.iterations, self.curvature = 0.0, 0, nan
+        self._next: tuple[Vector, float, float] | None = None
         if x0 is not None:
             np.copyto(self._x, x0)
             self.true_residual()
@@ -114,7 +125,7 @@ class _Search:
 
     def true_residual(self) -> float:
         self._r = self._b - self._product(self._x)
-        self._rho, self.norm = 0.0, float(np.sqrt(self._dot(self._r, self._r)))
+        self._rho, self.norm, self._next = 0.0, float(np.sqrt(self._dot(self._r, self._r))), None
         return self.norm
 
     def x(self) -> Vector:
@@ -126,28 +137,42 @@ class _Search:
         The preconditioner may be slightly unsymmetric by rounding, therefore `beta = z'(r - r_before) / (z'r)_before` (Polak,
         Ribiere).
         """
-        z = self._precondition(self._r)
-        rho, before = self._dot(z, self._r), self._rho
+        z, rho, of_before = self._next or self._preconditioned()
+        before = self._rho
         if not rho > 0:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(rho) else Outcome.NOT_FINITE
-        beta = max((rho - self._dot(z, self._before)) / before, 0.0) if before else 0.0
+        beta = max((rho - of_before) / before, 0.0) if before else 0.0
         run(products.update_search_direction, self._parts, beta, z, self._p)
         q = self._product(self._p)
         curvature = self._dot(self._p, q)
         if not curvature > 0:
+            self.curvature = curvature / (self._dot(self._p, self._p) or nan)
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(curvature) else Outcome.NOT_FINITE
         np.copyto(self._before, self._r)
-        square = self._total(run(products.step, self._parts, rho / curvature, self._p, q, self._x, self._r))
-        self.norm, self._rho = float(np.sqrt(square)), rho
+        self._rho, square = rho, self._sum(run(products.step, self._parts, rho / curvature, self._p, q, self._x, self._r))
+        if self.space.divided:
+            z = self._precondition(self._r)
+            square, rho, of_before = self.space.total(np.array([square, self._part(z, self._r), self._part(z, self._before)]))
+            self._next = z, float(rho), float(of_before)
+        self.norm = float(np.sqrt(square))
         self.iterations += 1
         return None if np.isfinite(square) else Outcome.NOT_FINITE
 
-    def _dot(self, x: Vector, y: Vector) -> float:
-        return self._total(run(products.dot, self._parts, x, y))
+    def _preconditioned(self) -> tuple[Vector, float, float]:
+        """Return the preconditioned residual `z`, `z'r` and `z'r_before`, 0 in the first iteration."""
+        z = self._precondition(self._r)
+        return z, self._dot(z, self._r), self._dot(z, self._before) if self._rho else 0.0
 
-    def _total(self, found: list[float]) -> float:
-        """Return the sum of the results of kernels for the entries that count, over all parts of the body."""
-        return self._space.total(float(sum(one for one, counted in zip(found, self._counted, strict=True) if counted)))
+    def _dot(self, x: Vector, y: Vector) -> float:
+        return self.space.total(self._part(x, y))
+
+    def _part(self, x: Vector, y: Vector) -> float:
+        """Return the contribution of this part of the body to `x'y`."""
+        return self._sum(run(products.dot, self._parts, x, y))
+
+    def _sum(self, found: list[float]) -> float:
+        """Return the sum of the results of kernels for the entries that count in this part of the body."""
+        return float(sum(one for one, counted in zip(found, self._counted, strict=True) if counted))
 
 
 def dot(parts: NDArray[np.int64], x: Vector, y: Vector) -> float:
@@ -178,7 +203,7 @@ class EdgeCg:
         self._blocks: NDArray[np.floating[Any]] = np.empty(0)
         self._indefinite = False
         self._b: Vector = np.empty(0)
-        self.iterations, self.size, self.norm = 0, 0.0, 0.0
+        self.iterations, self.size, self.norm, self.curvature = 0, 0.0, 0.0, nan
 
     def shift(self, blocks: NDArray[np.floating[Any]], shift: NDArray[np.floating[Any]] | None) -> None:
         """Set the blocks of the edges, and the stiffness of each unknown against the ground."""

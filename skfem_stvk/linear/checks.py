@@ -15,6 +15,7 @@ from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
 from ..kernels.threads import CopyableLock
 from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector, structure_of
+from .space import Space
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
@@ -79,9 +80,13 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
             f"K has {K.nnz} values in another structure; expected {analysed}. Keep the zeros of K, or call analyse() again."
         )
     values = np.ascontiguousarray(K.data, dtype=np.float64)
+    (unknowns.space or Space(n)).together(_refuse_infinite, values)
+    return values
+
+
+def _refuse_infinite(values: NDArray[np.float64]) -> None:
     if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
         raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the previous step diverge?")
-    return values
 
 
 def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector, float, Vector | None]:

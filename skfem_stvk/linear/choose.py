@@ -9,6 +9,7 @@ from ..errors import StvkError
 from .amg import AmgCg
 from .block_cg import BlockJacobiCg, SsorCg
 from .checks import check_kind, checked_kind
+from .dense import DenseSolver
 from .pardiso import Pardiso, pardiso_is_installed
 from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
@@ -42,34 +43,43 @@ ENTRIES = 45
 SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg(), SsorCg())
 
 
+#: Solvers for bodies that are divided into parts, the default first. A package that adds one inserts it here.
+ON_PARTS: list[LinearSolver] = [BlockJacobiCg()]
+
+
 def solver_names() -> list[str]:
     """Return "auto" and the names of all solvers."""
-    return ["auto", *(one.name for one in SOLVERS)]
+    return ["auto", *dict.fromkeys(one.name for one in (*SOLVERS, *ON_PARTS))]
 
 
-def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> LinearSolver:
+def choose(
+    solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0, *, divided: bool = False
+) -> LinearSolver:
     """Return the solver with this name, the solver object itself, or for "auto" the fastest for `n` unknowns.
 
     `docs/solvers.md` has the measurements for "auto".
 
     `indefinite`: matrices will not be positive definite, but must be solved; conjugate gradients only detect this. `entries`:
     approximate number of entries of K, if known. Rows of quadratic tetrahedra and hexahedra have twice as many as rows of linear
-    ones. Rows in two dimensions have half as many or less.
+    ones. Rows in two dimensions have half as many or less. `divided`: K is the sum of those of the parts of a body, of which no
+    part has the whole.
 
     Raises
     ------
     StvkError
-        if the name is unknown, or the solver does not support this kind of matrix.
+        if the name is unknown, or the solver does not support this kind of matrix, or a divided body.
     """
     n, indefinite = whole("n", n, "the number of unknowns"), flag("indefinite", indefinite)
     entries = whole("entries", entries, "the number of entries of K")
+    if divided:
+        solver = _on_parts(solver, kind)
     if is_auto(solver):
         checked_kind(kind)
         # multigrid only if it is faster even on slender bodies: direct solvers count negative eigenvalues and solve indefinite
         # systems
         return direct(n) if indefinite or kind == Kind.GENERAL or n < _multigrid_threshold(n, entries) else AmgCg()
     if isinstance(solver, str):
-        known = {one.name: one for one in SOLVERS}
+        known = {one.name: one for one in (*SOLVERS, *ON_PARTS)}
         if solver not in known:
             raise StvkError(f"solver = {shown(solver)}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
         solver = known[solver]
@@ -84,6 +94,27 @@ def choose(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = Fa
             "conjugate gradients cannot solve with it."
         )
     return solver
+
+
+def _on_parts(solver: str | LinearSolver, kind: Kind) -> LinearSolver:
+    """Return the solver for a body that is divided into parts; refuse those that do not take this kind of K there."""
+    able = [one for one in ON_PARTS if kind <= one.takes]
+    found = next((one for one in able if solver in ("auto", one.name)), solver) if isinstance(solver, str) else solver
+    if isinstance(found, str) or not (getattr(found, "on_parts", False) and kind <= found.takes):
+        raise StvkError(
+            f"solver = {shown(getattr(found, 'name', found))}; expected {names(able) or 'petsc, which requires petsc4py'} for a body "
+            f"that is divided into parts, with a K that is {kind}: no part has the whole K, which other solvers need."
+        )
+    return found
+
+
+def header_text(solver: LinearSolver | DenseSolver, divided: bool) -> str:
+    """Return a solver's name for the header of a run; for a divided body with the solver that it could have instead."""
+    name = f"solver '{solver.name}'"
+    if not divided:
+        return name
+    others = [f"solver='{one.name}'" for one in ON_PARTS if one.name != solver.name] or ["install petsc4py"]
+    return f"{name} (for another: {others[0]})"
 
 
 def why(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from math import nan
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..arguments import shown, whole_array
 from ..errors import StvkError
+from .space import Space
 
 Vector = NDArray[np.float64]
 
@@ -62,6 +64,8 @@ class Solution:
         Outcome of the solve.
     start
         Residual before the first iteration.
+    curvature
+        Quotient `p'Kp / p'p` of the direction of negative curvature that ended conjugate gradients; NaN if it is not known.
     """
 
     x: Vector
@@ -69,6 +73,7 @@ class Solution:
     residual: float
     outcome: Outcome
     start: float = 1.0
+    curvature: float = nan
 
     @classmethod
     def none(cls, b: Vector, outcome: Outcome) -> Solution:
@@ -92,6 +97,8 @@ class Unknowns:
     ends
         (nv, 2) for each vertex in the middle of an edge of a quadratic element, the vertices at both ends; for a corner its own
         number twice. None if there are no such vertices.
+    space
+        Space of vectors of the unknowns; by default that of a body that is not divided.
     """
 
     vertex: NDArray[np.integer[Any]]
@@ -100,6 +107,7 @@ class Unknowns:
     indices: NDArray[np.integer[Any]] | None = None
     near_null_space: Callable[[], Vector] | None = None
     ends: NDArray[np.integer[Any]] | None = None
+    space: Space | None = None
 
     def __post_init__(self) -> None:
         for name in ("vertex", "component", "indptr", "indices"):
@@ -144,12 +152,16 @@ class EdgeBlocks(NamedTuple):
         (rows,) vertex of each block row.
     shift
         (n,) diagonal of all `S_a` for the unknowns; None means zero.
+    space
+        Space of the displacements of all vertices of a part of a divided body, which has further blocks in other parts; None for a
+        body that is not divided.
     """
 
     edges: NDArray[np.integer[Any]]
     blocks: NDArray[np.floating[Any]]
     vertices: NDArray[np.integer[Any]]
     shift: NDArray[np.floating[Any]] | None
+    space: Space | None = None
 
 
 class Operator(Protocol):
@@ -190,7 +202,11 @@ class Analysis(Protocol):
 
 
 class LinearSolver(Protocol):
-    """Options of a solver, which are frozen."""
+    """Options of a solver, which are frozen.
+
+    A solver with a true attribute `on_parts` takes the K of a body that is divided into parts: an operator whose products combine
+    the parts, or the matrix of one part and `Unknowns.space`.
+    """
 
     @property
     def name(self) -> str:

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import TypeVar
+from math import inf, nan
+from typing import Any, TypeVar, cast
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..errors import StateError
 
 Number = TypeVar("Number", float, Array)
+Result = TypeVar("Result")
 
 #: Range of sums of squares. Outside it they may have underflowed or overflowed.
 SQUARES = 1e-280, 1e300
+#: Number of numbers that `gather` looks for with one sum over the parts; largest number of bytes of a text of `one_text`.
+RANGE, TEXT = 1 << 20, 2000
 
 
 class Space:
@@ -22,7 +28,7 @@ class Space:
 
     `on` and `spanned_by` return subspaces. A space has vectors of one kind, and the kind is never inferred from their length.
     `share`, `total`, `least`, `most`, `any` and `element_ids` combine the results of all parts of a divided body; here there is one
-    part.
+    part. All parts must call these methods in the same order, and so those that use them.
 
     Attributes
     ----------
@@ -136,6 +142,73 @@ class Space:
     def element_ids(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending."""
         return ids
+
+    def union(self, ids: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+        """Return the nodes, or entries, that at least one of the parts names by its `ids`, ascending.
+
+        The part has `count` nodes or entries. Another part may have the facets or elements at a shared node that a name means.
+        """
+        if not self.divided:
+            return ids
+        named = np.zeros(count)
+        named[ids] = 1
+        return np.flatnonzero(self.share(named))
+
+    def gather(self, numbers: NDArray[np.int64], values: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return the `numbers` (n,) of all parts, ascending, and their `values` (n, ...). Each number is in one part only."""
+        if not self.divided:
+            return numbers, values
+        found = []
+        for first in range(0, int(self.most(float(numbers.max(initial=0)))) + 1, RANGE):
+            there = np.zeros(RANGE)
+            there[numbers[(numbers >= first) & (numbers < first + RANGE)] - first] = 1
+            found.append(first + np.flatnonzero(self.total(there)))
+        every = np.concatenate(found)
+        of_all = np.zeros((len(every), *values.shape[1:]))
+        of_all[np.searchsorted(every, numbers)] = values
+        return every, self.total(of_all)
+
+    def together(self, work: Callable[..., Result], *arguments: Any) -> Result:
+        """Return `work(*arguments)`. If it raises StateError in one part of a divided body, raise StateError in all parts.
+
+        `work` is for one part: it does not combine results.
+        """
+        if not self.divided:
+            return work(*arguments)
+        found, error = _tried(work, arguments)
+        self._raise_in_all(error, self.any(error is not None))
+        return cast(Result, found)
+
+    def sum_of(self, work: Callable[..., float], *arguments: Any) -> float:
+        """Return `total(together(work, *arguments))`, with one reduction."""
+        if not self.divided:
+            return work(*arguments)
+        found, error = _tried(work, arguments)
+        total, errors = self.total(np.array([nan if found is None else found, error is not None], dtype=np.float64))
+        self._raise_in_all(error, bool(errors))
+        return float(total)
+
+    def _raise_in_all(self, error: StateError | None, raised: bool) -> None:
+        if raised:
+            text = self.one_text("" if error is None else str(error))
+            raise error or StateError(text)
+
+    def one_text(self, text: str) -> str:
+        """Return one of the texts of the parts that are not empty, the same in all parts."""
+        data = text.encode()[:TEXT]
+        key, codes = float(crc32(data)) if data else inf, np.zeros(TEXT + 1)
+        if key == self.least(key):
+            codes[: len(data)], codes[TEXT] = list(data), 1
+        codes = self.total(codes)
+        return bytes((codes[:TEXT] / max(codes[TEXT], 1)).astype(np.uint8)).rstrip(b"\0").decode(errors="ignore")
+
+
+def _tried(work: Callable[..., Result], arguments: tuple[Any, ...]) -> tuple[Result | None, StateError | None]:
+    """Return the result of `work(*arguments)`, or its StateError."""
+    try:
+        return work(*arguments), None
+    except StateError as error:
+        return None, error
 
 
 class Entries(Space):

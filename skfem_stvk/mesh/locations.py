@@ -319,7 +319,9 @@ def describe(where: Any) -> str:
 
 def _named(mesh: LabelledMesh, name: str, what: str) -> NDArray[np.int64]:
     _refuse_unknown(mesh, name, what)
-    on_boundary = np.unique(checked_facets(mesh, name)).astype(np.int64) if name in mesh.boundaries else None
+    on_boundary = None
+    if name in mesh.boundaries:
+        on_boundary = mesh.space.union(np.unique(checked_facets(mesh, name)).astype(np.int64), mesh.nv)
     of_set = f"Node set {name!r}"
     in_set = np.unique(_listed(mesh, mesh.node_sets[name], of_set, mesh.nv)) if name in mesh.node_sets else None
     if on_boundary is None or in_set is None:

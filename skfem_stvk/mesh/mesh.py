@@ -251,7 +251,7 @@ class ElementMesh(LabelledMesh):
         edges = edges_of(self.corners, element, n)[0]
         midpoints = self.p[:, n : n + edges.shape[1]]
         off = np.abs(midpoints - self.p[:, edges].mean(axis=1)).max(axis=0)
-        curved = np.count_nonzero(off > 1e-9 * np.ptp(self.p, axis=1).max())
+        curved = np.count_nonzero(off > 1e-9 * self.extent.max())
         warn(
             f"The {self.nt} {self.element.name} are reduced to their corners, {n} vertices: {curved} of their {edges.shape[1]} "
             "edges are curved and become straight."

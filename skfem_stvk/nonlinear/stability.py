@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ..arguments import Array
-from ..linear import Factors, Kind, Outcome, SuperLU, Unknowns
+from ..linear import Factors, Kind, Outcome, Solution, SuperLU, Unknowns
 from ..linear.choose import direct
 from ..linear.inertia import COUNTED, ROUNDING, eigenvalues_below, inertia, transposition
 from ..linear.space import Space
@@ -21,6 +21,14 @@ NO_SIGN = "Whether the state is stable is not known: the eigenvalue of K nearest
 NOT_FOUND = (
     "Whether the state is stable is not known: conjugate gradients did not converge, and the lowest eigenvalue of K was not found "
     "to one digit. Try solver='superlu' or 'pardiso', which count the negative ones."
+)
+ON_PARTS = (
+    "Eigenvalues of K were not counted, because K is distributed over the parts of the body: only a linear solve with a random force "
+    "looked for a direction in which the body gives way, and the path may have passed a branch."
+)
+UNKNOWN_ON_PARTS = (
+    "Whether the state is stable is not known: {reason}, and eigenvalues of K were not counted, because K is distributed over the "
+    "parts of the body. The path may have passed a branch."
 )
 NOT_COUNTED = "Whether the state is stable is not known: pivots of K were too small to have a sign."
 
@@ -47,6 +55,8 @@ def stability_of(problem: EigenProblem, u: Array, t: float) -> Verdict:
     result, of CG or of the pivots, is therefore confirmed by eigenvalues that are negative beyond round-off.
     """
     factors = problem.factorise(u, t)
+    if problem.space.divided:
+        return _on_parts(problem, problem.solve(factors, problem.space.random(), 1e-4), u, t)
     if not problem.symmetric:
         return _divergence(problem, u, t)
     negative = problem.negative_pivots()
@@ -57,6 +67,21 @@ def stability_of(problem: EigenProblem, u: Array, t: float) -> Verdict:
         if problem.solve(factors, force, 1e-4).outcome is Outcome.SOLVED:
             return Verdict(True, None)
     return _confirmed(problem, u, t)
+
+
+def _on_parts(problem: EigenProblem, solution: Solution, u: Array, t: float) -> Verdict:
+    """Return the verdict for a divided body, from the solution for a random force alone.
+
+    A quotient `p'Kp / p'p` is an upper bound of the lowest eigenvalue. Where it is negative beyond round-off, the state is unstable.
+    """
+    if not problem.symmetric:
+        return Verdict(True, None, UNKNOWN_ON_PARTS.format(reason="K is not symmetric"))
+    if solution.outcome is Outcome.SOLVED:
+        return Verdict(True, None, ON_PARTS)
+    negative = solution.outcome is Outcome.NEGATIVE_CURVATURE
+    if negative and (np.isnan(solution.curvature) or solution.curvature < -rounding(problem, u, t)):
+        return Verdict(False, None)
+    return Verdict(True, None, UNKNOWN_ON_PARTS.format(reason="a linear solve with a random force did not converge"))
 
 
 def _confirmed(problem: EigenProblem, u: Array, t: float) -> Verdict:

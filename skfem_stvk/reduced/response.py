@@ -24,7 +24,7 @@ from ..nonlinear.processes import is_worker_process
 from ..results.files import output_path
 from ..system import System
 from ..system.free_tangent import solver_for
-from ..system.protocol import checked_system
+from ..system.protocol import checked_whole
 from ..system.signature import Fingerprint, sums
 from ..terminal import LINE_INTERVAL, Progress, duration
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
@@ -177,7 +177,7 @@ class PrecomputedResponse:
         checkpoint: str | os.PathLike[str] | None = None,
         quiet: bool = False,
     ) -> None:
-        checked_system(body, "body")
+        checked_whole(body, "PrecomputedResponse(body, ...)", "body")
         nodes = vertices_at(body.mesh, handle, "handle")
         grid = DisplacementGrid(_axes(displacements, body.mesh.d))
         number("tolerance", tolerance, "a part of the largest displacement, such as 1e-5", 0.0, 1.0)
@@ -271,7 +271,7 @@ class PrecomputedResponse:
         from .stores import TableFile, check_table, nodes_of
 
         path = arguments.path("path", path, "the path of an .npz file that save() wrote")
-        checked_system(body, "body")
+        checked_whole(body, "PrecomputedResponse.load(path, body)", "body")
         header, arrays = TableFile.read_file(path)
         self = cls.__new__(cls)
         self._body, self.nodes = body, nodes_of(path, arrays)

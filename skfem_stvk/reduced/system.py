@@ -16,7 +16,7 @@ from ..dynamics.at_rest import AtRest
 from ..errors import StvkError
 from ..mesh.displacements import finite_vector
 from ..system import System
-from ..system.protocol import checked_system
+from ..system.protocol import checked_whole
 from ..system.signature import Fingerprint, sums
 from ..terminal import Progress, duration
 from ..terms import Quartic
@@ -119,7 +119,7 @@ class ReducedSystem:
         most_memory: float = MOST_MEMORY,
         quiet: bool = False,
     ) -> None:
-        checked_system(body, "body")
+        checked_whole(body, "ReducedSystem(body)", "body")
         size = None if size is None else whole("size", size, "a number of unknowns", 1)
         if modes is None:
             modes = min(MODES, body.ndofs - len(body.supports.held))
@@ -214,7 +214,7 @@ class ReducedSystem:
         from ..results.store import expect, refusing_damage
         from .stores import ReducedFile
 
-        checked_system(body, "body")
+        checked_whole(body, "ReducedSystem.load(path, body)", "body")
         file, masses = npz("path", path), masses_of(body)
         header, arrays = ReducedFile.read_file(file)
         _fingerprint(body, masses).refuse_other(header.problem, file, ReducedFile.remedy)

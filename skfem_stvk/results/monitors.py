@@ -30,7 +30,7 @@ class Finding:
     name
         Name of the finding, "locking", "inside out", "compressed" or "not elliptic".
     elements
-        (n,) ids of the elements in the mesh, ascending.
+        (n,) ids of the elements in the whole mesh, ascending.
     extreme
         Most extreme value of these elements: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the
         smallest eigenvalue of the acoustic tensor [Pa], in the order of the names.
@@ -87,7 +87,8 @@ class Monitors:
             if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
-        largest = float(ratio.max())
+        space = self._system.space
+        largest = space.most(float(ratio.max(initial=-1.0)))
         if largest <= LOCKING:
             return ()
         remedy = 'one point to an element (quadrature="one-point")' if element.shape.one_point else "quadratic elements (degree=2)"
@@ -96,7 +97,7 @@ class Monitors:
             f"stiff, and pressures oscillate between elements. Use {remedy}, or a smaller Poisson's ratio; otherwise compare "
             "with a finer mesh."
         )
-        return (self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what),)
+        return (self._finding("locking", space.element_ids(np.flatnonzero(ratio > LOCKING)), largest, what),)
 
     def at(self, u: Array) -> tuple[Finding, ...]:
         """Return the findings at displacements `u` (ndofs,), a state that the system accepts."""
@@ -114,14 +115,15 @@ class Monitors:
             )
             yield self._finding("compressed", system.compressed(u, SOFTENING), stretch, what)
         if self._fields is not None:
-            ids, lowest = without_ellipticity(self._fields.at(u).responses)
+            here, values = without_ellipticity(self._fields.at(u).responses)
+            ids, lowest = system.space.element_ids(here), system.space.least(float(values.min(initial=np.inf)))
             if len(ids):
                 what = (
-                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest.min():.3g} Pa): the "
+                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest:.3g} Pa): the "
                     "material may localise in bands as narrow as an element, so that further results depend on the mesh. Compare "
                     "with a finer mesh. This package has no material for such compression."
                 )
-                yield self._finding("not elliptic", ids, float(lowest.min()), what)
+                yield self._finding("not elliptic", ids, lowest, what)
 
     def _inversion_remedy(self) -> str:
         remedy = "" if self._system.resists_inversion else ", or add a VolumePenalty, which resists inversion"
@@ -146,8 +148,11 @@ def named_elements(mesh: ElementMesh, ids: NDArray[np.int64]) -> str:
 
 
 def point_of(mesh: ElementMesh, element: int) -> str:
-    """Return the centre of an element at rest."""
-    return f"({', '.join(f'{x:.4g}' for x in mesh.p[:, mesh.t[:, element]].mean(axis=1))})"
+    """Return the centre at rest of an element, by its number in the whole mesh."""
+    centre = np.zeros(mesh.d)
+    for here in mesh.local_elements(np.array([element])):  # none in other parts of a divided body
+        centre += mesh.p[:, mesh.t[:, here]].mean(axis=1)
+    return f"({', '.join(f'{x:.4g}' for x in mesh.space.total(centre))})"
 
 
 def poisson_of(material: Material) -> Array:

@@ -25,7 +25,7 @@ class Reaction:
     Attributes
     ----------
     vertices
-        (n,) ids of the nodes, ascending.
+        (n,) ids of the nodes in the whole mesh, ascending.
     by_node
         (n, d) force on each node [N].
     rest, u
@@ -60,7 +60,15 @@ class Reaction:
         """
         mesh = ElementMesh.of(mesh)
         ids = np.sort(vertices_at(mesh, vertices, "Reaction at vertices"))
-        return cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
+        here = cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
+        return here._of_all_parts(mesh) if mesh.space.divided else here
+
+    def _of_all_parts(self, mesh: ElementMesh) -> Reaction:
+        """Return the forces on the nodes of all parts of a divided body, with ids of the whole mesh."""
+        own = mesh.space.counted(np.ones(mesh.nv))[self.vertices] > 0
+        values = np.stack([self.by_node, self.rest, self.u], axis=1)[own]
+        ids, values = mesh.space.gather(mesh.node_numbers[self.vertices[own]], values)
+        return Reaction(ids, *values.transpose(1, 0, 2))
 
     @property
     def resultant(self) -> Array:
@@ -120,19 +128,19 @@ def unknowns_of(free: FreeDofs, d: int) -> Unknowns:
 
 
 def constrained_vertices(system: System, where: Where | None, what: str = "reaction") -> NDArray[np.int64]:
-    """Return the ascending ids of the vertices at a location that supports constrain or foundations tie to the ground; None means
-    everywhere.
+    """Return the ascending indices of the vertices at a location that supports constrain or foundations tie to the ground; None
+    means everywhere.
 
     Raises SupportError if there are none. Messages begin with the purpose `what`.
     """
     constrained = np.union1d(system.supports.held, system.grounded)
-    vertices = np.unique(constrained // system.mesh.d).astype(np.int64)
+    vertices, space = np.unique(constrained // system.mesh.d).astype(np.int64), system.space
     if where is None:
-        if not len(vertices):
+        if not space.any(len(vertices) > 0):
             raise SupportError(f"{what}: the body has no supports and no foundations, so it has no reactions.")
         return vertices
     vertices = np.intersect1d(vertices, vertices_at(system.mesh, where, what))
-    if not len(vertices):
+    if not space.any(len(vertices) > 0):
         raise SupportError(
             f"{what}: no support and no foundation acts at {describe(where)}, so there is no reaction. Check the location."
         )

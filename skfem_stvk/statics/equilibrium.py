@@ -73,7 +73,8 @@ class Equilibrium(Equation):
             free = self.space.restrict(force)
             size, scale = self.space.norm(free), self.tangent.scale(external, force)
             if not np.isfinite(size + scale):
-                raise StateError(f"The residual overflows at displacements of up to {np.abs(self.states.expand(u)).max():.1e}.")
+                largest = self.states.most(float(np.abs(self.states.expand(u)).max()))
+                raise StateError(f"The residual overflows at displacements of up to {largest:.1e}.")
             return Residual(free, size, max(scale, SMALLEST_SCALE * self.largest))
 
     def round_off(self, u: Array, t: Time) -> float:
@@ -93,9 +94,9 @@ class Equilibrium(Equation):
     def switch_to_direct(self, u: Array, t: Time) -> bool:
         """Switch to a direct solver if a factorisation finds no negative eigenvalue; return whether it switched.
 
-        The check is made for up to `COUNTED` unknowns, and `MOST_CHECKS` times on a path.
+        The check is made for up to `COUNTED` unknowns, and `MOST_CHECKS` times on a path, but not for a divided body.
         """
-        if not self.iterative or self.space.n > COUNTED or not self._checks_left:
+        if not self.iterative or self.space.n > COUNTED or not self._checks_left or self.space.divided:
             return False
         self._checks_left -= 1
         counts = inertia(*self.matrix(u, t))
@@ -119,8 +120,8 @@ class Equilibrium(Equation):
         """Return the largest absolute row sum of K [N/m]; for an operator, twice the largest row sum of its diagonal blocks."""
         K = self.operator(u, t)
         if isinstance(K, csr_matrix):
-            return float(abs(K).sum(axis=1).max())
-        return 2 * float(np.abs(K.diagonal_blocks()).sum(axis=2).max())
+            return self.space.most(float(np.asarray(abs(K).sum(axis=1)).max(initial=0.0)))
+        return 2 * self.space.most(float(np.abs(K.diagonal_blocks()).sum(axis=2).max()))
 
     def energy_along(self, u: Array, v: Array, t: Time) -> Array:
         with self._watch("assemble"):

@@ -89,7 +89,7 @@ class LoadSteps(Continuation):
 
     def _extrapolated(self, t: float) -> Array | None:
         """Extrapolate the last two states to `t`; None if they are equal."""
-        if self._previous is None or np.array_equal(self.u, self._previous[1]):
+        if self._previous is None or not self.problem.states.any(not np.array_equal(self.u, self._previous[1])):
             return None
         t_before, u_before = self._previous
         return self.u + (t - self.t) / (self.t - t_before) * (self.u - u_before)
@@ -101,7 +101,7 @@ class LoadSteps(Continuation):
             if len(self.problem.inside_out(u)) <= self._allowed and self.problem.keeps_orientations(self.u, u):
                 return u
         move = self.problem.body.prescribe(self.u.copy(), t) - self.u
-        return self.u + move if not move.any() else self._moved_with_supports(move, t)
+        return self._moved_with_supports(move, t) if self.problem.states.any(bool(move.any())) else self.u + move
 
     def _moved_with_supports(self, move: Array, t: float) -> Array:
         """Return the state with constrained degrees of freedom moved by `move`, and the others by the tangent's response."""
@@ -193,4 +193,5 @@ class JumpDetector:
         factors = problem.factorise(state.u, state.t)
         forces, moves = problem.change(state.u, state.t, t)
         solution = problem.solve(factors, forces, 1e-3)
-        return moves + problem.space.expand(solution.x) if usable(solution) and np.isfinite(solution.x).all() else None
+        finite = not problem.space.any(not np.isfinite(solution.x).all())
+        return moves + problem.space.expand(solution.x) if usable(solution) and finite else None

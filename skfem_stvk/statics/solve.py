@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, choice, flag, number, shown, whole
 from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver
-from ..linear.choose import is_auto
+from ..linear.choose import header_text, is_auto
 from ..mesh.displacements import by_vertex
 from ..nonlinear.outcome import Interrupted, Status, stop_if_requested
 from ..nonlinear.stability import Verdict, stability_of
@@ -22,9 +22,10 @@ from ..results.files import OutputFiles
 from ..results.monitors import Monitors
 from ..system import System
 from ..system.coordinates import Coordinates
+from ..system.divided import refuse_divided
 from ..system.free_tangent import solver_for
 from ..system.protocol import ReducedLike, checked_system
-from ..system.signature import sums
+from ..system.signature import sums_of
 from .arc_length import ArcLength
 from .continuation import Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
@@ -199,6 +200,7 @@ class StaticOptions:
     def solver_for(self, body: System | Coordinates) -> LinearSolver | None:
         """Return the linear solver for a body, None for a reduced system; refuse options that a reduced system does not support."""
         if isinstance(body, System):
+            self._refuse_on_parts(body)
             return solver_for(body, self.solver, self.arc_length)
         if not is_auto(self.solver):
             raise StvkError(
@@ -210,6 +212,15 @@ class StaticOptions:
                 "less time than writing a file. Leave checkpoint and resume out; save=... writes the states."
             )
         return None
+
+    def _refuse_on_parts(self, system: System) -> None:
+        """Refuse options that a body which is divided into parts does not support."""
+        if self.arc_length:
+            factors = "the path is followed with factors of the whole K, which no part has."
+            refuse_divided(system.space, "method = 'arc-length'", "'load-steps'", factors)
+        if self.stability:
+            eigenvalues = "eigenvalues of K are not computed, because no part has the whole K. Each result has a test of its state."
+            refuse_divided(system.space, "stability = True", "False", eigenvalues)
 
     def signature(self, solver: str) -> dict[str, Any]:
         """Return the options that identify a problem in a checkpoint."""
@@ -231,7 +242,7 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
         raise StvkError(
             f"dtype = {system.dtype} of the system, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
-    if u0 is None and not system.supports.prescribed.size and not system.loads:
+    if u0 is None and not system.loads and not system.space.any(system.supports.prescribed.size > 0):
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )
@@ -247,8 +258,9 @@ class _Solve:
     def __init__(self, body: System | Coordinates, u0: ArrayLike | None, options: StaticOptions) -> None:
         self._system = system = body.system if isinstance(body, Coordinates) else body
         self._options, self._watch, self._history = options, Stopwatch(), History()
+        solver = options.solver_for(body)
         self._start = _start(system, u0)
-        self._problem = Equilibrium(body, options.solver_for(body), self._watch)
+        self._problem = Equilibrium(body, solver, self._watch)
         self._requested_solver = self._problem.tangent.solver.name
         self._verdict, self._branch = Verdict(True, None), ""
         self._cause: BaseException | None = None
@@ -256,8 +268,11 @@ class _Solve:
     def result(self) -> StaticResult:
         """Return the result, or raise the error that replaces it."""
         options, history, problem, body = self._options, self._history, self._problem, self._problem.body
-        header = f"{body!r}, {problem.space.n} of them free; solver '{self._requested_solver}'"
-        start = {"u0": sums(self._start)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
+        solver = header_text(problem.tangent.solver, problem.space.divided)
+        header = f"{body!r}, {problem.space.count} of them free; {solver}"
+        start = {"u0": sums_of(self._start, self._system.space)} | (
+            {"the basis": body.signature} if isinstance(body, Coordinates) else {}
+        )
         files = opened(options.output_files, self._system, options.signature(self._requested_solver), start)
         with files as (write, checkpoint), PathProgress(header, options.quiet) as report:
             monitors = Monitors(self._system, options.ellipticity)
@@ -318,7 +333,7 @@ class _Solve:
         """Check the stability of the last state; if the path stopped early, check whether its branch ends there."""
         history, t0 = self._history, float(self._options.t0)
         if not continuation.reached:
-            if len(history) and not history[-1].negative:
+            if len(history) and not history[-1].negative and not problem.space.divided:
                 self._branch = branch_end(problem, self._initial, t0, continuation.u, continuation.t)
             return
         last = history[-1]
@@ -350,7 +365,7 @@ class _Solve:
                 verdict=self._verdict,
                 inverted=problem.named(inverted),
                 branch=self._branch,
-                started=bool(self._start.any()),
+                started=self._system.space.any(bool(self._start.any())),
                 cause=self._cause,
             )
         )

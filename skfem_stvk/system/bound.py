@@ -232,7 +232,7 @@ class BoundTerms:
             return np.empty(0, dtype=np.int64)
         x = self._state(u)
         inverted = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return self.space.element_ids(np.unique(np.concatenate(inverted)))
+        return self.space.element_ids(np.unique(np.concatenate([np.empty(0, dtype=np.int64), *inverted])))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
         """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
@@ -275,8 +275,8 @@ class BoundTerms:
         return [(f"{type(term).__name__} {number}", term) for number, term in enumerate(self.terms)]
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
-        """Return displacements as (nv, d)."""
-        return by_vertex(self.mesh, u, name)
+        """Return displacements as (nv, d). All parts of a divided body call this method together."""
+        return self.space.together(by_vertex, self.mesh, u, name)
 
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:

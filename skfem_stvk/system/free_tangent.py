@@ -17,6 +17,7 @@ from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns, choos
 from ..linear.amg import AmgAnalysis
 from ..linear.inertia import transposition
 from ..terms.load import Time
+from .divided import refuse_divided
 from .operator import FreeOperator, TangentOperator
 from .rigid import rigid_modes
 from .round_off import below, largest_error
@@ -74,14 +75,14 @@ class FreeTangent:
         """Return the unknowns, with the structure of K unless the solver never forms K."""
         vertices_and_components = np.divmod(self.free.free, self.system.mesh.d)
         if self.solver.matrix_free:
-            return Unknowns(*vertices_and_components)
-        ends = self.system.mesh.ends()
-        return Unknowns(*vertices_and_components, self.free.structure.indptr, self.free.structure.indices, self.rigid_modes, ends)
+            return Unknowns(*vertices_and_components, space=self.space)
+        structure, ends = self.free.structure, self.system.mesh.ends()
+        return Unknowns(*vertices_and_components, structure.indptr, structure.indices, self.rigid_modes, ends, self.space)
 
     def rigid_modes(self) -> Array:
         """Return the rigid motions (n, r) of the body in its current position."""
         mesh = self.system.mesh
-        return rigid_modes(mesh.p.T + self.position.reshape(-1, mesh.d))[self.free.free]
+        return rigid_modes(mesh.p.T + self.position.reshape(-1, mesh.d), mesh.space)[self.free.free]
 
     def at(self, u: Array, t: Time, kept: Tensions, shifted: bool) -> csr_matrix | FreeOperator:
         """Return the Jacobian at `u` (ndofs,) over the free degrees of freedom, for `factorise`.
@@ -114,13 +115,13 @@ class FreeTangent:
             self._K = self.system.jacobian(u, t, out=self._K, kept=kept)
         return self._K
 
-    @property
+    @cached_property
     def needs_only_free(self) -> bool:
         """Whether K over the free degrees of freedom is sufficient, because no support moves.
 
         A start that violates the supports is an exception.
         """
-        return not self.system.supports.prescribed.size
+        return not self.space.any(self.system.supports.prescribed.size > 0)
 
     def free_matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
         """Return K as in `matrix`, over the free degrees of freedom; all of K is assembled only where it is needed."""
@@ -159,7 +160,7 @@ class FreeTangent:
         vertex = self.free.free // self.system.mesh.d
         largest = np.zeros(self.system.mesh.nv)
         np.maximum.at(largest, vertex, diagonal)
-        return SHIFT * np.where(largest > 0, largest, largest.max())[vertex]
+        return SHIFT * np.where(largest > 0, largest, self.space.most(float(largest.max())))[vertex]
 
     def factorise(self, K: Any, exact: bool = True) -> Factors:
         """Return the factors of `K`, a matrix or an operator over the free degrees of freedom.
@@ -189,7 +190,7 @@ class FreeTangent:
 
     def force_of(self, w: Array) -> Array:
         """Return `K w` (n,) for displacements `w` (ndofs,) of constrained degrees of freedom, with the last K."""
-        if not w.any():
+        if not self.space.any(bool(w.any())):
             return np.zeros(len(self.free.free))
         if self._free_arguments is not None and self._assembled_at is not None:
             self.matrix(self._assembled_at, *self._free_arguments)
@@ -223,8 +224,8 @@ class FreeTangent:
             return Kind.POSITIVE_DEFINITE if not exact and self.system.dead else self.kind
         if self._transposition is None:
             self._transposition = transposition(K)
-        skewed = float(np.abs(K.data - K.data[self._transposition]).max(initial=0.0))
-        self.symmetric = skewed <= SYMMETRIC * float(np.abs(K.data).max(initial=0.0))
+        skewed = self.space.most(float(np.abs(K.data - K.data[self._transposition]).max(initial=0.0)))
+        self.symmetric = skewed <= SYMMETRIC * self.space.most(float(np.abs(K.data).max(initial=0.0)))
         return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
 
 
@@ -246,6 +247,12 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
     """
     if system.dead or not solver.matrix_free:
         return solver
+    refuse_divided(
+        system.space,
+        f"solver = '{solver.name}', which forms no matrix",
+        "'petsc'",
+        "a load depends on the displacements, and its stiffness requires a matrix.",
+    )
     if not isinstance(solver, BlockJacobiCg):
         raise StvkError(
             f"solver = '{solver.name}', which forms no matrix; expected one that does, such as 'amg-cg' or 'superlu': a load "
@@ -256,5 +263,7 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
 
 def solver_for(system: System, solver: str | LinearSolver, indefinite: bool = False) -> LinearSolver:
     """Return the requested linear solver, see `choose`, for the Jacobian over the free degrees of freedom of a system."""
+    if system.space.divided:
+        return with_loads(choose(solver, system.space.count, kind_of(system), indefinite, divided=True), system)
     free = system.ndofs - len(system.supports.held)
     return with_loads(choose(solver, free, kind_of(system), indefinite, entries_of(system)), system)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
-from ..arguments import Array, number
+from ..arguments import Array, number, vector
 from ..edges.elements import nbytes
 from ..elements import Element, rule_of
 from ..errors import MaterialError, name_ids
@@ -163,14 +163,16 @@ class Mass(ABC):
         return known[1]
 
     def _vector(self, name: str, value: Any) -> Array:
-        """Return finite numbers (ndofs,) in double precision."""
-        return finite_vector(name, value, self.free.size).astype(np.float64, copy=False)
+        """Return finite numbers (ndofs,) in double precision; in a divided body they may be infinite or NaN, as is the result."""
+        checked = vector if self._body.mesh.space.divided else finite_vector
+        return checked(name, value, self.free.size).astype(np.float64, copy=False)
 
     def _refuse_bare(self) -> None:
         bare = np.flatnonzero((self.vertex <= 0) & self.free.any(axis=1))
         if len(bare):
+            mesh = self._body.mesh
             raise MaterialError(
-                f"{name_ids(bare, self._word)} of {len(self.vertex)}: can move, but have no mass, because no element there has a "
+                f"{name_ids(mesh.node_numbers[bare], self._word)} of {mesh.space.count // self._d}: can move, but have no mass, because no element there has a "
                 "density. Give StVK(..., density=...), fix all their components, or leave them out of the mesh."
             )
 
@@ -200,7 +202,7 @@ class LumpedMass(Mass):
 
     def _values(self) -> tuple[NDArray[np.intp], Array]:
         every = np.arange(len(self.vertex), dtype=np.int32)
-        return self._diagonals(every, every), self.vertex[:, None]
+        return self._diagonals(every, every), self.counted[:, None]
 
 
 class ConsistentMass(Mass):
@@ -305,6 +307,8 @@ def bounds_of_elements(p: Array, t: NDArray[np.int32], element: Element) -> tupl
     """
     if element.is_linear_simplex:
         return 0.5, (element.k + 2) / 2
+    if not t.shape[1]:
+        return np.inf, -np.inf
     points, weights = rule_of(element, "mass")
     products = np.einsum("qa,qb->qab", *[element.values(points)] * 2)
     low, high = _extreme(np.einsum("q,qab->ab", weights, products)[None])

@@ -55,6 +55,14 @@ class TangentOperator(LinearOperator):
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
         """
+        energy = self.space.sum_of(self._compute_blocks, u, kept, force)
+        self._at, self._ready = kept, True
+        if force is not None:
+            self.space.share(force)
+        return energy
+
+    def _compute_blocks(self, u: ArrayLike, kept: Tensions, force: Array | None) -> float:
+        """Compute the blocks of one part of a divided body, and return its energy; `prepare` has the arguments."""
         x, energy = by_vertex(self._mesh, u), 0.0
         self._ready = False  # until all blocks are computed
         for i, term in enumerate(self._terms):
@@ -62,10 +70,7 @@ class TangentOperator(LinearOperator):
             energy += part
             refuse_overflow(self._blocks[i], "K", x)
         np.copyto(self._u, x)
-        self._at, self._ready = kept, True
-        if force is not None:
-            self.space.share(force)
-        return self.space.total(energy)
+        return energy
 
     def scale_and_add(self, factor: float, others: Sequence[tuple[float, TangentOperator]] = ()) -> None:
         """Replace K by `factor K + sum of c K_other`, for pairs `(c, other)` of operators of the same system.
@@ -127,16 +132,18 @@ class TangentOperator(LinearOperator):
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """Return the blocks without a copy, for solvers with products of their own.
 
-        Return None unless the operator consists of one term on elements of a body that is not divided.
+        Return None unless the operator consists of one term on elements, in space if the body is divided.
 
         Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
         term, *others = self._terms
         edges = term.pairs.edges
-        if others or edges is None or self.space.divided:
+        divided = self.space.divided
+        if self.space.any(bool(others) or edges is None or (divided and self._mesh.d < 3)) or edges is None:
             return None
-        return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], term.pairs.own.vertices, shift)
+        space = self.space if divided else None
+        return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], term.pairs.own.vertices, shift, space)
 
     def memory(self) -> int:
         """Return the bytes of the prepared data."""

@@ -16,6 +16,7 @@ from ..errors import StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
 from ..kernels.topology import block_indices, expand, lexicographic_order, stars
+from ..linear.space import Space
 from ..mesh.displacements import finite_vector
 from ..mesh.mesh import check_index_range
 
@@ -199,8 +200,9 @@ class FreeDofs:
         is_free = np.ones(ndofs, dtype=bool)
         is_free[ids.astype(np.int64)] = False
         self.free, self.fixed = np.flatnonzero(is_free), np.flatnonzero(~is_free)
-        if not len(self.free):
-            raise StvkError(f"All {ndofs} degrees of freedom are fixed: there is nothing to solve for.")
+        space: Space = getattr(system, "space", None) or Space(ndofs)
+        if not space.any(len(self.free) > 0):
+            raise StvkError(f"All {space.count} degrees of freedom are fixed: there is nothing to solve for.")
         self._system = system
         self._known: tuple[int, Structure, NDArray[np.int32]] | None = None
 

@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 from ..arguments import shown
 from ..errors import StvkError
 from .coordinates import Coordinates
+from .divided import refuse_divided
 from .system import System
 
 
@@ -26,4 +27,12 @@ def checked_system(system: Any, name: str = "system") -> System:
     """Return the system; raise StvkError, with `name`, for any other object."""
     if not isinstance(system, System):
         raise StvkError(f"{name} = {shown(system)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+    return system
+
+
+def checked_whole(system: Any, analysis: str, name: str = "system") -> System:
+    """Return the system as `checked_system` does; refuse a body that is divided into parts, for this `analysis`."""
+    system = checked_system(system, name)
+    factors = "it needs all elements, or factors of the whole K, which no part has."
+    refuse_divided(system.space, analysis, "a body on one machine", factors)
     return system

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import name_ids
+from ..linear.space import Space
 from ..mesh.facets import linked
 
 #: Resistance to a motion below this fraction of the largest is round-off. Supports that are closer together than 3e-7 of a body
@@ -20,10 +21,11 @@ NOTHING = 1e-13
 SHOWN = 3
 
 
-def rigid_modes(x: Array) -> Array:
+def rigid_modes(x: Array, space: Space | None = None) -> Array:
     """Return (ndofs, r) unit translations and rotations about the centre of the nodes `x` (nv, d), of unit size at most.
 
-    `r` is 1, 3, 6 for d = 1, 2, 3. If all nodes lie on a line, fewer of the motions are independent.
+    `r` is 1, 3, 6 for d = 1, 2, 3. If all nodes lie on a line, fewer of the motions are independent. Centre and size are those of
+    the whole body, whose displacements have the `space`; by default there are no other nodes.
 
     >>> rigid_modes(np.array([[0.0, 0.0], [2.0, 0.0]]))
     array([[ 1.,  0., -0.],
@@ -31,9 +33,17 @@ def rigid_modes(x: Array) -> Array:
            [ 1.,  0., -0.],
            [ 0.,  1.,  1.]])
     """
-    x = x - x.mean(axis=0)
-    modes = motions(x / (np.linalg.norm(x, axis=1).max() or 1.0))
+    space = space or Space(x.size)
+    x = x - mean_of_nodes(x, space)
+    modes = motions(x / (space.most(float(np.linalg.norm(x, axis=1).max())) or 1.0))
     return modes.reshape(x.size, -1)
+
+
+def mean_of_nodes(x: Array, space: Space) -> Array:
+    """Return the mean (d,) of values (nv, d) at all nodes of a body, whose displacements have the `space`."""
+    own = space.counted(np.ones(len(x)))[:, None] * x if space.divided else x
+    mean: Array = space.total(own.sum(axis=0)) / (space.count // x.shape[1])
+    return mean
 
 
 @dataclass(frozen=True)

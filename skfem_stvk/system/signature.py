@@ -9,10 +9,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import StvkError
+from ..linear.space import Space
+from ..mesh import ElementMesh
 from ..terms.load import Moment, Time
+from .rigid import mean_of_nodes
 from .system import System
 
 #: Relative tolerance within which the numbers of equal systems agree.
@@ -102,29 +106,35 @@ class Fingerprint:
 
     def _compute_numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """Return numbers that depend on mesh, terms and supports, and on loads and prescribed displacements at these moments."""
-        system, mesh = self._system, self._system.mesh
-        x = mesh.p.T - mesh.p.mean(axis=1)
+        system, mesh, space = self._system, self._system.mesh, self._system.space
+        x = mesh.p.T - mean_of_nodes(mesh.p.T, space)
         u = (x @ (SHEAR * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d)))).ravel()
         pressed = -COMPRESSED * x.ravel() + u
+        own = space.counted(np.ones(space.n))[system.supports.held] > 0  # supports that count in this part of a divided body
+        held = space.gather(space.numbers[system.supports.held][own], np.empty(np.count_nonzero(own)))[0]
         numbers: dict[str, Any] = {
-            "the mesh": [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)],
-            "the elastic terms": [_energy(system, u), *sums(system.internal_force(u)), *sums(system.internal_force(pressed))],
-            "the supports": [len(system.supports.held), *sums(system.supports.held)],
+            "the mesh": [space.count // mesh.d, mesh.element_count, *_sums_of_nodes(mesh), *_sums_of_elements(mesh, mesh)],
+            "the elastic terms": [
+                _energy(system, u),
+                *(value for x in (u, pressed) for value in sums_of(system.internal_force(x), space)),
+            ],
+            "the supports": [len(held), *sums(held)],
         }
         if system.body.beside:
-            every = [[body.mesh.nt, *sums(body.mesh.t)] for body in system.body.beside]
+            every = [[body.mesh.element_count, *_sums_of_elements(body.mesh, mesh)] for body in system.body.beside]
             numbers["the elements beside the mesh"] = [value for values in every for value in values]
         if not mesh.element.is_linear_simplex:  # quadrature rules of other elements differ only if strain varies inside an element
-            bent = u + SHEAR * np.sin(x.ravel() / np.abs(x).max())
-            numbers["the elastic terms"] += [_energy(system, bent), *sums(system.internal_force(bent))]
+            bent = u + SHEAR * np.sin(x.ravel() / space.most(float(np.abs(x).max())))
+            numbers["the elastic terms"] += [_energy(system, bent), *sums_of(system.internal_force(bent), space)]
             numbers["the elements"] = [mesh.element.k, mesh.element.degree, not mesh.element.is_simplex]
         unit = " s" if self._kind == "motion" else ""
         for t in moments:
             moment = KINDS[self._kind](t)
-            numbers[f"the loads at t = {t:g}{unit}"] = sums(system.external_force(u, moment))
-            numbers[f"prescribed displacements at t = {t:g}{unit}"] = sums(system.supports.values(moment))
+            numbers[f"the loads at t = {t:g}{unit}"] = sums_of(system.external_force(u, moment), space)
+            prescribed = space.gather(space.numbers[system.supports.held][own], system.supports.values(moment)[own])[1]
+            numbers[f"prescribed displacements at t = {t:g}{unit}"] = sums(prescribed)
         if self._kind == "motion":
-            numbers["the masses"] = sums(system.mass().vertex)
+            numbers["the masses"] = sums(system.mass().counted, mesh.node_numbers, space)
         return {name: [float(value) for value in np.nan_to_num(values)] for name, values in numbers.items()} | self._start
 
 
@@ -133,16 +143,36 @@ def _energy(system: System, u: Array) -> float:
     return float(np.nansum(system.elastic_energies(u)))
 
 
-def sums(values: Array) -> list[float]:
+def sums(values: Array, numbers: NDArray[np.int64] | None = None, space: Space | None = None) -> list[float]:
     """Return two finite numbers that change with each value, its sign and its index.
 
-    Neither is near zero by cancellation.
+    Neither is near zero by cancellation. In a divided body, the values of all parts of the `space` count, with their indices
+    `numbers` in an array of the whole body.
     """
-    weights = 1.5 + np.cos(np.arange(values.size))
+    weights = 1.5 + np.cos(np.arange(values.size) if numbers is None else numbers.ravel())
     with np.errstate(over="ignore", invalid="ignore"):
         size, balance = weights @ np.abs(values.ravel()), weights @ values.ravel()
+        if space is not None:
+            size, balance = space.total(np.array([size, balance]))
         found: list[float] = np.nan_to_num([size, 2 + balance / size if size else 0.0]).tolist()
     return found
+
+
+def sums_of(x: Array, space: Space) -> list[float]:
+    """Return `sums` of a vector of a space, the same for each division of a body."""
+    return sums(space.counted(x.ravel()), space.numbers, space)
+
+
+def _sums_of_nodes(mesh: ElementMesh) -> list[float]:
+    """Return `sums` of the coordinates of the nodes."""
+    own, count = mesh.space.counted(np.ones(mesh.nv)), mesh.space.count // mesh.d
+    return sums(own * mesh.p, count * np.arange(mesh.d)[:, None] + mesh.node_numbers, mesh.space)
+
+
+def _sums_of_elements(elements: ElementMesh, mesh: ElementMesh) -> list[float]:
+    """Return `sums` of the nodes of elements, on the nodes of a mesh."""
+    numbers = elements.element_count * np.arange(len(elements.t))[:, None] + elements.element_numbers
+    return sums(mesh.node_numbers[elements.t], numbers, mesh.space)
 
 
 def _words(value: Any) -> str:

@@ -22,6 +22,7 @@ from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
+from ..mesh.displacements import by_vertex
 from ..mesh.locations import DofsView
 from ..terms import (
     FollowerLoad,
@@ -40,6 +41,7 @@ from ..terms.connectivity import connected
 from ..terms.load import Moment, Time
 from ..terms.protocols import set_time
 from .bound import BoundTerms, checked_terms
+from .divided import refuse_divided
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
 from .operator import TangentOperator, refuse_overflow
@@ -137,6 +139,7 @@ class System(BoundTerms):
         rule = _checked_rule(mesh, quadrature, hourglass)
         check_mesh(mesh, found.beside)
         if not double:
+            refuse_divided(mesh.space, "dtype = float32", "float64", "sums over the parts are in double precision.")
             warn_of_flat_elements(mesh)
         self.quadrature, self.rule = quadrature, rule  # the argument, and the rule it selects
         self.supports = Supports(mesh, fixed, prescribed)
@@ -189,6 +192,7 @@ class System(BoundTerms):
         >>> torn.removed, round(torn.energy(stretched) / bar.energy(stretched), 12), torn.mass().total
         (array([1]), 0.75, 0.75)
         """
+        refuse_divided(self.space, "System.without(elements)", "all elements", "parts do not exchange which nodes lose elements.")
         ids = self.elements_to_remove(elements)
         if not len(ids):
             return self
@@ -322,10 +326,8 @@ class System(BoundTerms):
         StateError
             as `energy`.
         """
-        x = self._state(u)
-        _, force = self._energy_and_force(x)
-        refuse_overflow(force, "F", x)
-        return force.ravel()
+        force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
+        return self._energy_and_force(u, force, refused="F")[1].ravel()
 
     def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
@@ -345,10 +347,8 @@ class System(BoundTerms):
             as `energy`, and if `out` is not a contiguous array of floats of that shape.
         """
         self._refuse_without_energy()
-        x = self._state(u)
-        energy, force = self._energy_and_force(x, None if out is None else array_to_fill(self.mesh, out))
-        refuse_overflow(energy, "W", x)
-        refuse_overflow(force, "F", x)
+        force = np.empty(self.mesh.p.T.shape, dtype=self.dtype) if out is None else array_to_fill(self.mesh, out)
+        energy, force = self._energy_and_force(u, force)
         return energy, force.reshape(-1) if out is None else out
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
@@ -376,8 +376,8 @@ class System(BoundTerms):
         x = self._state(u)
         if free is not None:
             return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
-        K = self._matrix(out, self.pattern)
-        self._fill(x, K.data, self._rows()[0], None)
+        K, every = self._matrix(out, self.pattern), self._rows()[0]
+        self.space.together(self._fill, x, K.data, every, None)
         return K
 
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
@@ -401,12 +401,15 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         x = self._state(u)
-        K, force = self._matrix(out, self.pattern), np.zeros(x.shape, dtype=self.dtype)
-        energy = self.space.total(self._fill(x, K.data, self._rows()[0], force))
-        self.space.share(force)
-        refuse_overflow(energy, "W", x)
-        refuse_overflow(force, "F", x)
-        return energy, force.ravel(), K
+        K, every, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
+
+        def of_part() -> float:
+            energy = self._fill(x, K.data, every, force)
+            refuse_overflow(energy, "W", x)
+            refuse_overflow(force, "F", x)
+            return energy
+
+        return self.space.sum_of(of_part), self.space.share(force).ravel(), K
 
     @locked
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
@@ -430,10 +433,10 @@ class System(BoundTerms):
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
             self._operator = self.linear_operator(u)
-        elif not self._operator.is_at(x) or any(isinstance(term, TakesTime) for term in self.bound_terms):
+        elif self.space.any(not self._operator.is_at(x)) or any(isinstance(term, TakesTime) for term in self.bound_terms):
             self._operator.prepare(u)
         product = self._operator.matvec(y)
-        refuse_overflow(product, "K v", x)
+        self.space.together(refuse_overflow, product, "K v", x)
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
@@ -485,11 +488,14 @@ class System(BoundTerms):
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
         set_time(self.bound_terms, moment)
-        for load in self.bound_loads:
-            load.add_force(x, moment, force)
-        self.space.share(force)
-        refuse_overflow(force, "The external force", x)
-        return force.ravel()
+
+        def of_part() -> None:
+            for load in self.bound_loads:
+                load.add_force(x, moment, force)
+            refuse_overflow(force, "The external force", x)
+
+        self.space.together(of_part)
+        return self.space.share(force).ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
         """Return the total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
@@ -569,9 +575,9 @@ class System(BoundTerms):
         set_time(self.bound_terms, moment)
         if free is not None:
             return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
-        K = self._matrix(out, self.pattern)
-        self._fill(x, K.data, self._rows()[0], None, factors)
-        for (_, of), rows in zip(self._follower_loads, self._rows()[1], strict=True):
+        K, (every, of_loads) = self._matrix(out, self.pattern), self._rows()
+        self.space.together(self._fill, x, K.data, every, None, factors)
+        for (_, of), rows in zip(self._follower_loads, of_loads, strict=True):
             of.add_stiffness(x, moment, rows, K.data)
         return K
 
@@ -633,9 +639,14 @@ class System(BoundTerms):
         StateError
             as `energy`.
         """
-        x = self._state(u)
-        energies = [self.space.total(term.energy_and_force(x)) if term.has_energy else 0.0 for term in self.bound_terms]
-        refuse_overflow(sum(energies), "W", x)
+
+        def of_part() -> Array:
+            x = by_vertex(self.mesh, u)
+            energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
+            refuse_overflow(sum(energies), "W", x)
+            return np.array(energies, dtype=np.float64)
+
+        energies = self.space.total(self.space.together(of_part)).tolist()
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
     @locked
@@ -661,7 +672,7 @@ class System(BoundTerms):
     @cached_property
     def grounded(self) -> NDArray[np.int64]:
         """Degrees of freedom that foundations tie to the ground, ascending."""
-        return grounded_dofs(self.bound_terms)
+        return self.space.union(grounded_dofs(self.bound_terms), self.ndofs)
 
     def foundation_force(self, u: ArrayLike) -> Array:
         """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force.
@@ -680,9 +691,8 @@ class System(BoundTerms):
         for term in self.bound_terms:
             if isinstance(term, Grounded):
                 term.energy_and_force(x, force)
-        self.space.share(force)
-        refuse_overflow(force, "The force of foundations", x)
-        return -force.ravel()
+        self.space.together(refuse_overflow, force, "The force of foundations", x)
+        return -self.space.share(force).ravel()
 
     @property
     def quartic(self) -> bool:
@@ -714,10 +724,14 @@ class System(BoundTerms):
         if len(quartics) < len(self.bound_terms):
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
-        x, y = self._state(u), self._state(v, "v")
-        coefficients = self.space.total(sum((term.along(x, y) for term in quartics), np.zeros(5)))
-        refuse_overflow(coefficients, "W along a line", x)
-        return coefficients
+
+        def of_part() -> Array:
+            x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
+            coefficients: Array = sum((term.along(x, y) for term in quartics), np.zeros(5))
+            refuse_overflow(coefficients, "W along a line", x)
+            return coefficients
+
+        return self.space.total(self.space.together(of_part))
 
     def round_off(self, u: ArrayLike) -> Array:
         """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
@@ -736,11 +750,15 @@ class System(BoundTerms):
             as `internal_force`.
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
-        for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
-            if isinstance(term, HasRoundOff):
-                term.add_round_off(x, sums)
-            else:
-                pairs.add_magnitudes(x, sums)
+
+        def of_part() -> None:
+            for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
+                if isinstance(term, HasRoundOff):
+                    term.add_round_off(x, sums)
+                else:
+                    pairs.add_magnitudes(x, sums)
+
+        self.space.together(of_part)
         return self.space.share(sums).ravel()
 
     def check_held(self) -> None:
@@ -821,11 +839,19 @@ class System(BoundTerms):
                 "Use internal_force(u) and tangent(u)."
             )
 
-    def _energy_and_force(self, x: Array, out: Array | None = None) -> tuple[float, Array]:
-        force = np.zeros(x.shape, dtype=self.dtype) if out is None else out
+    def _energy_and_force(self, u: ArrayLike, force: Array, refused: str = "WF") -> tuple[float, Array]:
+        """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if it is among the `refused`."""
+        return self.space.sum_of(self._energy_of_part, u, force, refused), self.space.share(force)
+
+    def _energy_of_part(self, u: ArrayLike, force: Array, refused: str) -> float:
+        """Return W of one part of a divided body, and its F in `force`."""
+        x = by_vertex(self.mesh, u)
         force[:] = 0
-        energy = self.space.total(float(sum(term.energy_and_force(x, force) for term in self.bound_terms)))
-        return energy, self.space.share(force)
+        energy = float(sum(term.energy_and_force(x, force) for term in self.bound_terms))
+        if "W" in refused:
+            refuse_overflow(energy, "W", x)
+        refuse_overflow(force, "F", x)
+        return energy
 
     def _matrix(self, out: csr_matrix | None, structure: Structure) -> csr_matrix:
         if out is None:
@@ -847,7 +873,7 @@ class System(BoundTerms):
         *,
         free: FreeDofs | None = None,
     ) -> float:
-        """Fill the values of K, or of K over the `free` degrees of freedom; return the energy.
+        """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
         `every` has the rows of each term. The internal force is added to `force` if given.
         """
@@ -878,7 +904,8 @@ class System(BoundTerms):
             )
         K, indices = self._matrix(out, free.structure), free.value_indices
         if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
-            self._fill(x, K.data, [rows.part(indices) for rows in self._rows()[0]], None, kept, free=free)
+            every = [rows.part(indices) for rows in self._rows()[0]]
+            self.space.together(lambda: self._fill(x, K.data, every, None, kept, free=free))
             return K
         with self._lock:
             whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
@@ -886,8 +913,11 @@ class System(BoundTerms):
             return free.matrix(self._whole, K)
 
     def __repr__(self) -> str:
-        beside = "".join(f", {body.mesh.nt} {body.mesh.element.name}" for body in self.body.beside)
-        return f"System: {self.mesh.nt} {self.mesh.kind}{beside}, {self.ndofs} degrees of freedom, {len(self.terms)} term(s)"
+        beside = "".join(f", {body.mesh.element_count} {body.mesh.element.name}" for body in self.body.beside)
+        return (
+            f"System: {self.mesh.element_count} {self.mesh.kind}{beside}, {self.space.count} degrees of freedom, "
+            f"{len(self.terms)} term(s)"
+        )
 
 
 def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:

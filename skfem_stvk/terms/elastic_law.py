@@ -120,7 +120,9 @@ class ElasticLaw(ABC):
         n, resistance = t.shape[1], None
         if hourglass is not None:
             resistance = np.broadcast_to(hourglass / 16 * self.confined_modulus(mesh, n) * self.section(mesh, n), n)
-        return self.assembly(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, resistance, elements=elements)
+        return self.assembly(
+            mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, resistance, elements=mesh.element_numbers[elements]
+        )
 
     @property
     def assembly(self) -> type[Assembly]:

@@ -100,7 +100,7 @@ class VolumePenalty:
         mesh = body.mesh
         elements, k = mesh.elements(self.region), self.moduli(body)
         stiffness = PenaltyStiffness(k * body.section[elements], ENERGIES[self.kind].number)
-        return PENALTY(mesh.p, mesh.t[:, elements], stiffness, body.quadrature, dtype, elements=elements)
+        return PENALTY(mesh.p, mesh.t[:, elements], stiffness, body.quadrature, dtype, elements=mesh.element_numbers[elements])
 
     def moduli(self, body: Body) -> Array:
         """Return the stiffness (n,) of the elements of the region [Pa].

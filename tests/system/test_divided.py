@@ -1,21 +1,16 @@
 """A system whose mesh is a part of a divided body has the energy, forces and limits of the whole body."""
 
-import sys
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
-from copy import deepcopy
-from functools import cached_property
-from threading import Barrier, BrokenBarrierError
+from functools import partial
 
 import numpy as np
 import pytest
 from bodies import EVERY_MESH, state
+from parts import Division, combined, separate_threads
 
 from skfem_stvk import (
     BackwardEuler,
     EdgeDamping,
     ElasticFoundation,
-    ElementMesh,
     EnergyMomentum,
     ForwardEuler,
     Gravity,
@@ -33,112 +28,8 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Unknowns
-from skfem_stvk.linear.space import Space
 from skfem_stvk.nonlinear.outcome import Status
 from skfem_stvk.system.operator import FreeOperator
-
-
-class Exchange:
-    """Values that the parts exchange, each part in its own thread."""
-
-    def __init__(self, parts):
-        self.barrier, self._values = Barrier(parts, timeout=60), [None] * parts
-
-    def values(self, part, value):
-        """Return the values of all parts, in ascending order of parts."""
-        self._values[part] = deepcopy(value)
-        self.barrier.wait()
-        found = list(self._values)
-        self.barrier.wait()
-        return found
-
-
-class PartSpace(Space):
-    """Space of a part of a body with `n` degrees of freedom.
-
-    `numbers` are the degrees of freedom of the part, `elements` the ids of its elements in the body.
-    """
-
-    numbers = None
-
-    def __init__(self, exchange, part, n, numbers, elements, owned):
-        super().__init__(len(numbers))
-        self._of_all = lambda value: exchange.values(part, value)
-        self._whole, self.numbers, self._elements = n, numbers, elements
-        self._owned = owned
-
-    @property
-    def divided(self):
-        return True
-
-    @property
-    def owned(self):
-        return self._owned
-
-    def share(self, f):
-        each = max(self.n // f.size, 1)  # d for numbers of nodes
-        numbers, rows = self.numbers[::each] // each, f.reshape(self.n // each, -1)
-        total = np.zeros((self._whole // each, rows.shape[1]))
-        for of_part, values in self._of_all((numbers, rows)):
-            total[of_part] += values
-        rows[:] = total[numbers]
-        return f
-
-    def random(self, seed=0):
-        return np.random.default_rng(seed).standard_normal(self._whole)[self.numbers]
-
-    def counted(self, x):
-        each, counts = self.n // x.size, np.zeros(x.size)
-        for own in self.owned:
-            counts[own.start // each : own.stop // each] = 1
-        return counts * x
-
-    def total(self, x):
-        return sum(self._of_all(x))
-
-    def least(self, x):
-        return min(self._of_all(x))
-
-    def most(self, x):
-        return max(self._of_all(x))
-
-    def element_ids(self, ids):
-        return np.unique(np.concatenate(self._of_all(self._elements[ids])))
-
-
-class Part(ElementMesh):
-    """Part of a mesh, with a space that is set afterwards. Midpoints need not be in scikit-fem's order."""
-
-    space = None
-
-    def __post_init__(self):
-        object.__setattr__(self, "t", np.ascontiguousarray(self.t))
-
-
-def part_of(mesh, parts, number, exchange):
-    """Return the mesh of some elements, with the facets of the body's surface that it has, and its degrees of freedom.
-
-    A node belongs to the first part that has it. Among the vertices and among the midpoints, a part's own nodes come first.
-    """
-    ids, d = parts[number], mesh.d
-    nodes = np.unique(mesh.t[:, ids])
-    middle, foreign = (
-        np.isin(nodes, mesh.t[mesh.element.corners :]),
-        np.isin(nodes, mesh.t[:, np.concatenate([[], *parts[:number]]).astype(int)]),
-    )
-    order = np.lexsort((foreign, middle))
-    starts = d * np.array([0, np.count_nonzero(~middle)])
-    counts = d * np.array([np.count_nonzero(~middle & ~foreign), np.count_nonzero(middle & ~foreign)])
-    owned = tuple(slice(start, start + count) for start, count in zip(starts, counts, strict=True))
-    nodes = nodes[order]
-    local = np.empty(mesh.p.shape[1], dtype=np.int32)
-    local[nodes] = np.arange(len(nodes))
-    facets = {frozenset(mesh.t[list(of), e]) for e in ids for of in mesh.element.facets}
-    skin = np.array([facet for facet in mesh.boundaries["skin"].T if frozenset(facet) in facets])
-    part = Part(mesh.p[:, nodes], local[mesh.t[:, ids]], boundaries={"skin": local[skin].T}, element=mesh.element)
-    dofs = (d * nodes[:, None] + np.arange(d)).ravel()
-    object.__setattr__(part, "space", PartSpace(exchange, number, mesh.p.size, dofs, ids, owned))
-    return part, dofs
 
 
 def system_of(mesh, young, factor=0.05):
@@ -209,55 +100,7 @@ def results(system, u, v):
     return fields, numbers
 
 
-class Division:
-    """A body of three parts, by strips or at random, with another stiffness in each element."""
-
-    def __init__(self, name, how):
-        bare, rng = EVERY_MESH[name], np.random.default_rng(3)
-        self.mesh = ElementMesh(bare.p, bare.t, boundaries={"skin": bare.surface}, element=bare.element)
-        self.young = rng.uniform(1, 5, self.mesh.nt)
-        order = np.argsort(bare.p[0, bare.t].mean(axis=0)) if how == "strips" else rng.permutation(bare.nt)
-        self.parts = [np.sort(ids) for ids in np.array_split(order, 3)]
-
-    def run(self, work, **options):
-        """Return for each part its degrees of freedom and `work(system, dofs)`, and the result of the whole body."""
-        exchange = Exchange(len(self.parts))
-
-        def run(number):
-            try:
-                part, dofs = part_of(self.mesh, self.parts, number, exchange)
-                return dofs, work(system_of(part, self.young[self.parts[number]], **options), dofs)
-            except BaseException:
-                exchange.barrier.abort()
-                raise
-
-        with ThreadPoolExecutor(len(self.parts)) as pool:
-            futures = [pool.submit(run, number) for number in range(len(self.parts))]
-        failed = [future for future in futures if future.exception() and not isinstance(future.exception(), BrokenBarrierError)]
-        found = [future.result() for future in failed or futures]
-        return found, work(system_of(self.mesh, self.young, **options), np.arange(self.mesh.p.size))
-
-
-def combined(found, shape):
-    """Return a field of the whole body from those of the parts, which have the same bits at nodes that they share."""
-    field = np.full(shape, np.nan)
-    for dofs, values in found:
-        rows, known = values.reshape(len(dofs), -1), ~np.isnan(field[dofs])
-        assert np.array_equal(field[dofs][known], rows[known])
-        field[dofs] = rows
-    return field
-
-
-@pytest.fixture
-def separate_threads(monkeypatch):
-    """Parts run in threads, which share the locks that cached properties have before Python 3.12; remove these."""
-    modules = [module for name, module in list(sys.modules.items()) if name.partition(".")[0] == "skfem_stvk"]
-    classes = {one for module in modules for one in vars(module).values() if isinstance(one, type)}
-    for one in [value for cls in classes for value in vars(cls).values() if isinstance(value, cached_property)]:
-        if hasattr(one, "lock"):
-            monkeypatch.setattr(one, "lock", nullcontext())
-
-
+__all__ = ["separate_threads"]  # a fixture
 divided = pytest.mark.parametrize("how", ["strips", "random"])
 on_solids = pytest.mark.parametrize("name", [name for name, mesh in EVERY_MESH.items() if mesh.k == mesh.d > 1])
 pytestmark = pytest.mark.filterwarnings("ignore:The mesh is in . parts:skfem_stvk.errors.StvkWarning")
@@ -268,7 +111,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:The mesh is in . parts:skfem_stv
 def test_parts_have_the_results_of_the_whole_body(name, how):
     body = Division(name, how)
     u, v = state(body.mesh).ravel(), np.random.default_rng(4).standard_normal(body.mesh.p.size)
-    found, (fields, numbers) = body.run(lambda system, dofs: results(system, u[dofs], v[dofs]))
+    found, (fields, numbers) = body.run(lambda system, dofs: results(system, u[dofs], v[dofs]), system_of)
     assert len(numbers["inside out"]) and len(numbers["compressed"]) and np.isfinite(numbers["limit"])
     for name, field in fields.items():
         whole = field.reshape(body.mesh.p.size, -1)
@@ -302,7 +145,7 @@ def test_conjugate_gradients_on_parts_find_the_solution_of_the_whole_body(name, 
         x[free.free] = solution.x
         return x, solution.iterations, solution.outcome
 
-    found, (x, iterations, outcome) = body.run(solve)
+    found, (x, iterations, outcome) = body.run(solve, system_of)
     of_parts = combined([(dofs, own) for dofs, (own, _, _) in found], (len(x), 1))
     np.testing.assert_allclose(of_parts[:, 0], x, rtol=0, atol=1e-10 * abs(x).max())
     assert iterations > 5 and outcome is Outcome.SOLVED
@@ -322,7 +165,7 @@ def test_a_static_solve_on_parts_is_that_of_the_whole_body(name, how, separate_t
         result = solve_static(system, steps=2, solver="block-jacobi-cg", rtol=1e-12, quiet=True)
         return result.u, [len(step.iterations) for step in result.history], result.status, result.history[-1].potential
 
-    found, (u, iterations, status, potential) = Division(name, how).run(solve)
+    found, (u, iterations, status, potential) = Division(name, how).run(solve, system_of)
     assert_same(found, u, 1e-12)
     assert abs(u).max() > 0.01 and status is Status.CONVERGED
     for _, (_, own_iterations, own_status, own_potential) in found:
@@ -352,7 +195,7 @@ def test_a_damped_motion_on_parts_is_that_of_the_whole_body(integrator, factor, 
         run = simulate(system, INTEGRATORS[integrator], until=0.5, v0=v[dofs], damping=damping, quiet=True)
         return run.u, {name: run.ledger[name] for name in run.ledger.names}
 
-    found, (u, ledger) = body.run(move, factor=factor)
+    found, (u, ledger) = body.run(move, partial(system_of, factor=factor))
     assert_same(found, u, 1e-11)
     assert abs(u).max() > 0.01 and {"kinetic_energy", "strain_energy", "dissipated_work", "angular_momentum_z"} <= set(ledger)
     energy = max(abs(ledger[name]).max() for name in ledger if name.endswith(("energy", "work")))

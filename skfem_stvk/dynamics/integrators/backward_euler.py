@@ -97,6 +97,8 @@ class LinearBackwardEuler(BackwardEuler):
     (['linear momentum'], ['angular momentum', 'linear momentum'])
     """
 
+    starts_near: ClassVar[bool] = True
+
     rtol: float = 1e-4
 
     @property

@@ -11,9 +11,11 @@ import numpy as np
 from ...arguments import Array, choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
+from ...linear.dense import DenseSolver
 from ...nonlinear.newton import Iterations, NewtonOptions, newton
 from ...system import System
 from ...system.coordinates import Coordinates
+from ...system.divided import refuse_divided
 from ...system.free_tangent import entries_of, with_loads
 from ...terms.load import Moment
 from ..forces import passes_inversion
@@ -55,12 +57,16 @@ class Implicit(Integrator):
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
         """Return the linear solver. It uses a matrix if the mass couples vertices, or for SSOR with several terms."""
-        kind = kind_of_step(motion.system, StepTangent(self.tangent))
-        solver = choose(self._named(motion.system, kind), len(motion.free.free), kind, entries=entries_of(motion.system))
+        kind, divided = kind_of_step(motion.system, StepTangent(self.tangent)), motion.system.space.divided
+        named, entries = self._named(motion.system, kind), entries_of(motion.system)
+        solver = choose(named, len(motion.free.free), kind, entries=entries, divided=divided)
         if StepTangent(self.tangent) not in (StepTangent.DIAGONAL, StepTangent.REST):
             solver = with_loads(solver, motion.system)
         if not solver.matrix_free:
             return solver
+        if motion.mass.kind == "consistent":
+            what = f"mass = 'consistent' with solver = '{solver.name}'"
+            refuse_divided(motion.system.space, what, "'lumped', or solver='petsc'", "a consistent mass requires a matrix.")
         own = solver if isinstance(solver, BlockJacobiCg) else SsorCg()
         several = isinstance(solver, SsorCg) and len(motion.system.elastic_terms) > 1
         return replace(own, assembled=True) if several or motion.mass.kind == "consistent" else solver
@@ -69,6 +75,8 @@ class Implicit(Integrator):
         """Return the requested solver: conjugate gradients for diagonal blocks, and by default if they are fast."""
         if StepTangent(self.tangent) is StepTangent.DIAGONAL:
             return "block-jacobi-cg"
+        if system.space.divided:
+            return "block-jacobi-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.starts_near else self.solver
         return "ssor-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
 
     def iterates(self, system: System) -> bool:
@@ -91,6 +99,8 @@ class Implicit(Integrator):
     weight: ClassVar[float] = 1.0
     mean: ClassVar[bool] = False
     secant: ClassVar[bool] = False
+    #: Whether a step is one linear solve that starts near its solution, so that it takes few iterations.
+    starts_near: ClassVar[bool] = False
     needs_acceleration: ClassVar[bool] = False
 
     def stepper(self, motion: Motion) -> ImplicitStepper:
@@ -104,7 +114,7 @@ class ImplicitStepper(Stepper):
         super().__init__(motion)
         self.integrator = integrator
         self.problem = StepProblem(motion, self._matrix(), self.watch, integrator.mean, integrator.secant)
-        self._most_inside_out = motion.system.mesh.nt if passes_inversion(motion.system) else None
+        self._most_inside_out = motion.system.mesh.element_count if passes_inversion(motion.system) else None
         self.scratch = np.zeros(motion.states.n)
 
     def _matrix(self) -> StepMatrix | DenseStepMatrix:
@@ -113,6 +123,10 @@ class ImplicitStepper(Stepper):
             return DenseStepMatrix(motion, motion.body, integrator.mean, self.watch)
         solver, tangent = integrator.linear_solver(motion), StepTangent(integrator.tangent)
         return StepMatrix(motion, solver, tangent, integrator.mean, self.watch)
+
+    @property
+    def solver(self) -> LinearSolver | DenseSolver:
+        return self.problem.tangent.solver
 
     @property
     def origin(self) -> HierarchyOrigin | None:
@@ -125,7 +139,7 @@ class ImplicitStepper(Stepper):
         """Evaluate the strain energy, and the acceleration if the integrator needs it."""
         self.problem.forget()
         self.energy = self.motion.energy(state.u)
-        if self.integrator.needs_acceleration and not state.a.any():
+        if self.integrator.needs_acceleration and not self.motion.states.any(bool(state.a.any())):
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
 
     def step(self, state: MotionState, t: float) -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ...arguments import number
+from ...linear import LinearSolver
+from ...linear.dense import DenseSolver
 from ...nonlinear.stopwatch import Stopwatch
 from ..motion import Motion
 from ..record import Counts, HierarchyOrigin, MotionState
@@ -38,6 +40,11 @@ class Stepper(ABC):
     def remark(self) -> str:
         """Remark on the steps so far, for the message of the run; empty by default."""
         return ""
+
+    @property
+    def solver(self) -> LinearSolver | DenseSolver | None:
+        """Linear solver of the steps; None without one."""
+        return None
 
     @property
     def origin(self) -> HierarchyOrigin | None:

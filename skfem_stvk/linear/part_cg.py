@@ -1,0 +1,125 @@
+"""Conjugate gradients on the edges of one part of a divided body: compiled pieces between the exchanges with other parts."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import isfinite, nan, sqrt
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels import cg as kernels
+from ..kernels import sparse as products
+from ..kernels.compiled import Ids
+from ..kernels.threads import run
+from .cg import MAX_ITERATIONS, solve_by
+from .checks import LatestFactors, checked_right, latest_only, written_to
+from .solver import EdgeBlocks, Outcome, Solution, Vector
+from .space import Space
+
+
+class PartCg:
+    """Conjugate gradients with the blocks of edges between the nodes (nv,) of a part, with three components each.
+
+    `space` is that of the nodes, and `edges` (ne, 2) are pairs of them; `indices` (n,) are the indices `3 node + component` of the
+    unknowns. `inverse` (9 nv,) are the inverses of the diagonal blocks of the whole K, with zeros at constrained components. An
+    iteration has one exchange at shared nodes and two reductions.
+    """
+
+    def __init__(self, edges: Ids, K: EdgeBlocks, inverse: Vector, indices: NDArray[np.int64], space: Space) -> None:
+        self._edges, self._blocks, self._inverse = edges, K.blocks, inverse
+        self._indices, self._space, n = indices, space, space.n
+        is_constrained = np.ones(n, dtype=bool)
+        is_constrained[indices] = False
+        self._constrained = np.flatnonzero(is_constrained)
+        self._diagonal = np.zeros(n)
+        if K.shift is not None:
+            self._diagonal[indices] = K.shift
+            self._diagonal = space.counted(self._diagonal)  # each node once, as blocks are added up
+        self._b, self._x, self._r, self._s, self._p, self._q = (np.zeros(n) for _ in range(6))
+        ends = np.unique([0, n, *(end for own in space.owned for end in (own.start, own.stop))])
+        self._parts = [(a, b, any(own.start <= a < own.stop for own in space.owned)) for a, b in pairwise(ends.tolist())]
+
+    def solve(self, b: Vector, rtol: float, x0: Vector | None) -> Solution:
+        """Solve from `x0` or from zero, to the relative tolerance `rtol`."""
+        for full, vector in ((self._b, b), (self._x, x0)):
+            full[self._indices] = 0.0 if vector is None else vector
+        self.iterations, self.curvature, self._rho, self._last = 0, nan, 0.0, 0.0
+        self.size = self._space.norm(self._b)
+        self.true_residual()
+        return solve_by(self, b, rtol, MAX_ITERATIONS)
+
+    def x(self) -> Vector:
+        return self._x[self._indices]
+
+    def precondition(self, r: Vector) -> Vector:
+        """Return the product (n,) of the inverse diagonal blocks and `r`."""
+        self._r[self._indices] = r
+        products.multiply_diagonal(0, len(self._inverse) // 9, self._inverse, self._r, self._s)
+        return self._s[self._indices]
+
+    def true_residual(self) -> float:
+        self._multiply(0.0, self._x)
+        np.subtract(self._b, self._q, out=self._r)
+        self._last = 0.0
+        self._update(0.0)
+        return self.norm
+
+    def run(self, tolerance: float, max_iterations: int) -> Outcome:
+        while self.norm > tolerance:
+            if self.iterations >= max_iterations:
+                return Outcome.OUT_OF_ITERATIONS
+            if not self._rho > 0:
+                return Outcome.NEGATIVE_CURVATURE if isfinite(self._rho) else Outcome.NOT_FINITE
+            self._multiply(self._rho / self._last if self._last else 0.0, self._s)
+            curvature = self._dot(self._p, self._q)
+            if not curvature > 0:
+                self.curvature = curvature / (self._dot(self._p, self._p) or nan)
+                return Outcome.NEGATIVE_CURVATURE if isfinite(curvature) else Outcome.NOT_FINITE
+            self._last = self._rho
+            self._update(self._rho / curvature)
+            self.iterations += 1
+            if not isfinite(self.norm):
+                return Outcome.NOT_FINITE
+        return Outcome.SOLVED
+
+    def _multiply(self, beta: float, s: Vector) -> None:
+        """Update the search direction, `p = s + beta p`, and compute `q = K p`."""
+        kernels.update_and_multiply(self._edges, self._blocks, self._diagonal, self._constrained, beta, s, self._p, self._q)
+        self._space.share(self._q)
+
+    def _update(self, alpha: float) -> None:
+        """Update x and the residual along `p`, precondition the residual, and compute `|r|` and `r'M^-1 r`."""
+        arrays, sums = (self._inverse, self._p, self._q, self._x, self._r, self._s), np.zeros(2)
+        for begin, end, counted in self._parts:
+            found = kernels.step_and_precondition(begin // 3, end // 3, alpha, *arrays)
+            if counted:
+                sums += found
+        square, self._rho = self._space.total(sums).tolist()
+        self.norm = sqrt(square) if square >= 0 else nan
+
+    def _dot(self, x: Vector, y: Vector) -> float:
+        own = (run(products.dot, np.array([begin, end]), x, y)[0] for begin, end, counted in self._parts if counted)
+        return self._space.total(float(sum(own)))
+
+
+class PartFactors:
+    """Inverse diagonal blocks of the K of a divided body, and the blocks of the edges of one part."""
+
+    negative_pivots: ClassVar[None] = None
+
+    def __init__(self, search: PartCg, n: int, latest: LatestFactors) -> None:
+        self._search, self._n = search, n
+        self._latest, self._number = latest, latest.next()
+
+    @latest_only
+    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+        """Solve by conjugate gradients, together with the other parts."""
+        b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
+        return written_to(self._search.solve(b, rtol, x0), out)
+
+    @latest_only
+    def precondition(self, r: Vector) -> Vector:
+        """Return the product (n,) of the inverse diagonal blocks and `r`."""
+        return self._search.precondition(r)

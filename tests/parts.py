@@ -1,0 +1,203 @@
+"""Bodies that are divided into parts, each in its own thread with a mesh and a space of its own."""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from copy import deepcopy
+from functools import cached_property
+from threading import Barrier, BrokenBarrierError
+
+import numpy as np
+import pytest
+from bodies import EVERY_MESH
+
+from skfem_stvk import ElementMesh
+from skfem_stvk.linear.space import Space
+
+
+class Exchange:
+    """Values that the parts exchange, each part in its own thread."""
+
+    def __init__(self, parts):
+        self.barrier, self._values = Barrier(parts, timeout=60), [None] * parts
+
+    def values(self, part, value):
+        """Return the values of all parts, in ascending order of parts."""
+        self._values[part] = deepcopy(value)
+        self.barrier.wait()
+        found = list(self._values)
+        self.barrier.wait()
+        return found
+
+
+class PartSpace(Space):
+    """Space of a part of a body with `n` degrees of freedom.
+
+    `numbers` are the degrees of freedom of the part, `elements` the ids of its elements in the body.
+    """
+
+    numbers = None
+
+    def __init__(self, exchange, part, n, numbers, elements, owned):
+        super().__init__(len(numbers))
+        self.reductions = 0
+        self._of_all = lambda value: exchange.values(part, value)
+        self._whole, self.numbers, self._elements = n, numbers, elements
+        self._owned, self._part = owned, part
+        self.count = n
+
+    @property
+    def divided(self):
+        return True
+
+    @property
+    def leads(self):
+        return self._part == 0
+
+    @property
+    def owned(self):
+        return self._owned
+
+    def share(self, f):
+        each = max(self.n // f.size, 1)  # d for numbers of nodes
+        numbers, rows = self.numbers[::each] // each, f.reshape(self.n // each, -1)
+        total = np.zeros((self._whole // each, rows.shape[1]))
+        for of_part, values in self._of_all((numbers, rows)):
+            total[of_part] += values
+        rows[:] = total[numbers]
+        return f
+
+    def random(self, seed=0):
+        return np.random.default_rng(seed).standard_normal(self._whole)[self.numbers]
+
+    def counted(self, x):
+        each, counts = self.n // x.size, np.zeros(x.size)
+        for own in self.owned:
+            counts[own.start // each : own.stop // each] = 1
+        return counts * x
+
+    def total(self, x):
+        return sum(self._reduced(x))
+
+    def least(self, x):
+        return min(self._reduced(x))
+
+    def most(self, x):
+        return max(self._reduced(x))
+
+    def any(self, x):
+        return any(self._reduced(x))
+
+    def _reduced(self, x):
+        self.reductions += 1
+        return self._of_all(x)
+
+    def element_ids(self, ids):
+        return np.unique(np.concatenate(self._of_all(self._elements[ids])))
+
+
+class Part(ElementMesh):
+    """Part of a mesh, with attributes that are set afterwards. Midpoints need not be in scikit-fem's order."""
+
+    space = surface = node_numbers = element_numbers = element_count = bounds = None
+    checked = True
+
+    def __post_init__(self):
+        object.__setattr__(self, "t", np.ascontiguousarray(self.t))
+
+    def local_nodes(self, ids):
+        return here(self.node_numbers, ids)
+
+    def local_elements(self, ids):
+        return here(self.element_numbers, ids)
+
+
+def here(numbers, ids):
+    """Return the indices of those `ids` that are among `numbers`, in their order."""
+    index = {number: i for i, number in enumerate(numbers.tolist())}
+    return np.array([index[i] for i in np.asarray(ids).tolist() if i in index], dtype=np.int64)
+
+
+def part_of(mesh, parts, number, exchange):
+    """Return the mesh of some elements, with the facets of the body's surface that it has, and its degrees of freedom.
+
+    A node belongs to the first part that has it. Among the vertices and among the midpoints, a part's own nodes come first.
+    """
+    ids, d = parts[number], mesh.d
+    nodes = np.unique(mesh.t[:, ids])
+    middle, foreign = (
+        np.isin(nodes, mesh.t[mesh.element.corners :]),
+        np.isin(nodes, mesh.t[:, np.concatenate([[], *parts[:number]]).astype(int)]),
+    )
+    order = np.lexsort((foreign, middle))
+    starts = d * np.array([0, np.count_nonzero(~middle)])
+    counts = d * np.array([np.count_nonzero(~middle & ~foreign), np.count_nonzero(middle & ~foreign)])
+    owned = tuple(slice(start, start + count) for start, count in zip(starts, counts, strict=True))
+    nodes = nodes[order]
+    local = np.empty(mesh.p.shape[1], dtype=np.int32)
+    local[nodes] = np.arange(len(nodes))
+    facets = {frozenset(mesh.t[list(of), e]) for e in ids for of in mesh.element.facets}
+    skin = np.array([facet for facet in mesh.boundaries["skin"].T if frozenset(facet) in facets])
+    skin = local[skin.reshape(-1, len(mesh.boundaries["skin"]))].T
+    part = Part(mesh.p[:, nodes], local[mesh.t[:, ids]], boundaries={"skin": skin}, element=mesh.element)
+    dofs = (d * nodes[:, None] + np.arange(d)).ravel()
+    attributes = {"space": PartSpace(exchange, number, mesh.p.size, dofs, ids, owned), "surface": skin, "bounds": mesh.bounds}
+    attributes |= {"node_numbers": nodes, "element_numbers": ids, "element_count": mesh.nt}
+    for name, value in attributes.items():
+        object.__setattr__(part, name, value)
+    return part, dofs
+
+
+class Division:
+    """A body of three parts, by strips along x or at random, with another stiffness in each element. It may be a mesh or its name."""
+
+    def __init__(self, mesh, how):
+        bare, rng = EVERY_MESH[mesh] if isinstance(mesh, str) else mesh, np.random.default_rng(3)
+        self.mesh = ElementMesh(bare.p, bare.t, boundaries={"skin": bare.surface}, element=bare.element)
+        self.young = rng.uniform(1, 5, self.mesh.nt)
+        order = np.argsort(bare.p[0, bare.t].mean(axis=0)) if how == "strips" else rng.permutation(bare.nt)
+        self.parts = [np.sort(ids) for ids in np.array_split(order, 3)]
+
+    def run(self, work, make):
+        """Return for each part its degrees of freedom and `work(system, dofs)`, and the result of the whole body.
+
+        `make(mesh, young)` returns a system, with a stiffness for each element.
+        """
+        return self.only_parts(work, make), work(make(self.mesh, self.young), np.arange(self.mesh.p.size))
+
+    def only_parts(self, work, make):
+        """Return the results of `run` for the parts alone."""
+        exchange = Exchange(len(self.parts))
+
+        def run(number):
+            try:
+                part, dofs = part_of(self.mesh, self.parts, number, exchange)
+                return dofs, work(make(part, self.young[self.parts[number]]), dofs)
+            except BaseException:
+                exchange.barrier.abort()
+                raise
+
+        with ThreadPoolExecutor(len(self.parts)) as pool:
+            futures = [pool.submit(run, number) for number in range(len(self.parts))]
+        failed = [future for future in futures if future.exception() and not isinstance(future.exception(), BrokenBarrierError)]
+        return [future.result() for future in failed or futures]
+
+
+def combined(found, shape):
+    """Return a field of the whole body from those of the parts, which have the same bits at nodes that they share."""
+    field = np.full(shape, np.nan)
+    for dofs, values in found:
+        rows, known = values.reshape(len(dofs), -1), ~np.isnan(field[dofs])
+        assert np.array_equal(field[dofs][known], rows[known])
+        field[dofs] = rows
+    return field
+
+
+@pytest.fixture
+def separate_threads(monkeypatch):
+    """Parts run in threads, which share the locks that cached properties have before Python 3.12; remove these."""
+    modules = [module for name, module in list(sys.modules.items()) if name.partition(".")[0] == "skfem_stvk"]
+    classes = {one for module in modules for one in vars(module).values() if isinstance(one, type)}
+    for one in [value for cls in classes for value in vars(cls).values() if isinstance(value, cached_property)]:
+        if hasattr(one, "lock"):
+            monkeypatch.setattr(one, "lock", nullcontext())
