@@ -149,7 +149,7 @@ def part_of(mesh, parts, number, exchange):
 
 
 class Division:
-    """A body of three parts, by strips along x or at random, with another stiffness in each element. It may be a mesh or its name."""
+    """A body, a mesh or its name, in three parts: strips along x, or random ones. Each element has another stiffness."""
 
     def __init__(self, mesh, how):
         bare, rng = EVERY_MESH[mesh] if isinstance(mesh, str) else mesh, np.random.default_rng(3)

@@ -234,8 +234,9 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     mesh, space = system.mesh, system.space
     far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.most(float(np.abs(prescribed).max(initial=0.0))))]
     if len(far):
+        vertices = name_ids(np.unique(mesh.node_numbers[far // mesh.d]), "vertex")
         raise SupportError(
-            f"{name_ids(np.unique(mesh.node_numbers[far // mesh.d]), 'vertex')}: u0 differs from the supports at t0 = {t0:g} s by up to "
+            f"{vertices}: u0 differs from the supports at t0 = {t0:g} s by up to "
             f"{gap.max():.3g} m. In dynamics constants do not ramp. Prescribe a function of t that starts at u0, or start from an "
             "equilibrium: u0=solve_static(...).u."
         )

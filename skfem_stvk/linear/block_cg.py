@@ -116,10 +116,8 @@ class BlockJacobiAnalysis:
 
     def _search_in_part(self, K: Operator, edges: EdgeBlocks, space: Space) -> PartCg:
         """Return conjugate gradients on the edges of one part of a divided body."""
-        inverse, is_free = np.zeros((space.n // 3, 9)), np.zeros((space.n // 3, 3), dtype=bool)
+        inverse = np.zeros((space.n // 3, 9))
         inverse[self._vertices] = self._inverse_of(K).reshape(-1, 9)
-        is_free[self._unknowns.vertex, self._component] = True
-        inverse[:, ::4] *= is_free
         if self._edges is not edges.edges:
             self._edges, self._nodes = edges.edges, edges.vertices[edges.edges].astype(np.int32)
         return PartCg(self._nodes, edges, inverse.ravel(), 3 * self._unknowns.vertex.astype(np.int64) + self._component, space)

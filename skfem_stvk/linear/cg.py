@@ -97,8 +97,8 @@ def conjugate_gradients(
 class _Search:
     """Iterates `x`, residuals `r` and directions `p` of conjugate gradients with functions.
 
-    Each iteration has two reductions over the parts of a divided body. There, the products with the next preconditioned residual are
-    computed together with the norm of the residual.
+    Each iteration has two reductions over the parts of a divided body. There, the norm of the residual is computed together with
+    the products of the next iteration's preconditioned residual.
     """
 
     def __init__(self, product: Map, precondition: Map, b: Vector, x0: Vector | None, space: Space) -> None:

@@ -102,8 +102,8 @@ def _on_parts(solver: str | LinearSolver, kind: Kind) -> LinearSolver:
     found = next((one for one in able if solver in ("auto", one.name)), solver) if isinstance(solver, str) else solver
     if isinstance(found, str) or not (getattr(found, "on_parts", False) and kind <= found.takes):
         raise StvkError(
-            f"solver = {shown(getattr(found, 'name', found))}; expected {names(able) or 'petsc, which requires petsc4py'} for a body "
-            f"that is divided into parts, with a K that is {kind}: no part has the whole K, which other solvers need."
+            f"solver = {shown(getattr(found, 'name', found))}; expected {names(able) or 'petsc, which requires petsc4py'} for a "
+            f"body that is divided into parts, with a K that is {kind}: no part has the whole K, which other solvers need."
         )
     return found
 

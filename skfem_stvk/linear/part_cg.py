@@ -23,8 +23,8 @@ class PartCg:
     """Conjugate gradients with the blocks of edges between the nodes (nv,) of a part, with three components each.
 
     `space` is that of the nodes, and `edges` (ne, 2) are pairs of them; `indices` (n,) are the indices `3 node + component` of the
-    unknowns. `inverse` (9 nv,) are the inverses of the diagonal blocks of the whole K, with zeros at constrained components. An
-    iteration has one exchange at shared nodes and two reductions.
+    unknowns. `inverse` (9 nv,) are the inverses of the diagonal blocks of the whole K. Residuals are zero at constrained
+    components. An iteration has one exchange at shared nodes and two reductions.
     """
 
     def __init__(self, edges: Ids, K: EdgeBlocks, inverse: Vector, indices: NDArray[np.int64], space: Space) -> None:

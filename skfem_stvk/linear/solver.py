@@ -204,8 +204,8 @@ class Analysis(Protocol):
 class LinearSolver(Protocol):
     """Options of a solver, which are frozen.
 
-    A solver with a true attribute `on_parts` takes the K of a body that is divided into parts: an operator whose products combine
-    the parts, or the matrix of one part and `Unknowns.space`.
+    A solver for bodies that are divided into parts has a true attribute `on_parts`. Its K is an operator whose products combine the
+    parts, or the matrix of one part, with `Unknowns.space`.
     """
 
     @property

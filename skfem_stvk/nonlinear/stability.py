@@ -23,8 +23,8 @@ NOT_FOUND = (
     "to one digit. Try solver='superlu' or 'pardiso', which count the negative ones."
 )
 ON_PARTS = (
-    "Eigenvalues of K were not counted, because K is distributed over the parts of the body: only a linear solve with a random force "
-    "looked for a direction in which the body gives way, and the path may have passed a branch."
+    "Eigenvalues of K were not counted, because K is distributed over the parts of the body: only a linear solve with a random "
+    "force looked for a direction in which the body gives way, and the path may have passed a branch."
 )
 UNKNOWN_ON_PARTS = (
     "Whether the state is stable is not known: {reason}, and eigenvalues of K were not counted, because K is distributed over the "
@@ -72,7 +72,7 @@ def stability_of(problem: EigenProblem, u: Array, t: float) -> Verdict:
 def _on_parts(problem: EigenProblem, solution: Solution, u: Array, t: float) -> Verdict:
     """Return the verdict for a divided body, from the solution for a random force alone.
 
-    A quotient `p'Kp / p'p` is an upper bound of the lowest eigenvalue. Where it is negative beyond round-off, the state is unstable.
+    A quotient `p'Kp / p'p` is an upper bound of the lowest eigenvalue. If it is negative beyond round-off, the state is unstable.
     """
     if not problem.symmetric:
         return Verdict(True, None, UNKNOWN_ON_PARTS.format(reason="K is not symmetric"))

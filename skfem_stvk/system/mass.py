@@ -171,9 +171,10 @@ class Mass(ABC):
         bare = np.flatnonzero((self.vertex <= 0) & self.free.any(axis=1))
         if len(bare):
             mesh = self._body.mesh
+            nodes, count = name_ids(mesh.node_numbers[bare], self._word), mesh.space.count // self._d
             raise MaterialError(
-                f"{name_ids(mesh.node_numbers[bare], self._word)} of {mesh.space.count // self._d}: can move, but have no mass, because no element there has a "
-                "density. Give StVK(..., density=...), fix all their components, or leave them out of the mesh."
+                f"{nodes} of {count}: can move, but have no mass, because no element there has a density. Give StVK(..., "
+                "density=...), fix all their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:
