@@ -199,8 +199,8 @@ def warn(text: str) -> None:
     warnings.warn(text, StvkWarning, stacklevel=level)
 
 
-def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:
-    """Return a description of ids: their number and the first few.
+def name_ids(ids: ArrayLike, what: str, most: int = 5, count: int | None = None) -> str:
+    """Return a description of ids: their number and the first few; `count` is the number if `ids` are only the first of them.
 
     >>> name_ids([3, 7], "element")
     '2 elements (3, 7)'
@@ -208,9 +208,10 @@ def name_ids(ids: ArrayLike, what: str, most: int = 5) -> str:
     '9 vertices (0, 1, 2, ...)'
     """
     ids = np.atleast_1d(np.asarray(ids))
+    count = len(ids) if count is None else count
     plural = {"vertex": "vertices", "entry": "entries"}.get(what, what + "s")
-    shown = ", ".join(str(i) for i in ids[:most].tolist()) + (", ..." if len(ids) > most else "")
-    return f"{len(ids)} {what if len(ids) == 1 else plural} ({shown})"
+    shown = ", ".join(str(i) for i in ids[:most].tolist()) + (", ..." if count > most else "")
+    return f"{count} {what if count == 1 else plural} ({shown})"
 
 
 def name_known(name: str, known: Iterable[str], most: int = 100) -> str:

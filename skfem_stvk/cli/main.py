@@ -15,7 +15,7 @@ from rich.console import Console
 
 from ..errors import AnalysisError, StvkError, StvkWarning
 from ..terminal import BAD_INPUT, INTERRUPTED, console, printable
-from . import referee, scenes, warm_up
+from . import partition, referee, scenes, warm_up
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,6 +82,7 @@ COMMANDS = {
     "sweep": Command(
         scenes.solve_product, "solve a scene for all combinations of values, in parallel processes", scenes.sweep_arguments
     ),
+    "partition": Command(partition.partition, "divide a mesh for ranks of MPI, into one file", partition.add_arguments),
     "verify": Command(referee.check, "check W, F and K against scikit-fem's on a mesh", referee.verify_arguments),
     "verify-law": Command(
         referee.check_law, "check W(F), stress and tangent of a law, without a mesh", referee.verify_law_arguments

@@ -1,6 +1,22 @@
 """Bodies on several machines, by MPI."""
 
-from .mesh import MeshPart, distribute, gathered
-from .ranks import Ranks
+from importlib import import_module
+from typing import Any
 
-__all__ = ["MeshPart", "Ranks", "distribute", "gathered"]
+#: Module of each public name; a program imports MPI with the names that use it, and partition files need none.
+_MODULES = {
+    "MeshPart": ".mesh",
+    "PartSizes": ".files",
+    "Ranks": ".ranks",
+    "distribute": ".mesh",
+    "gathered": ".mesh",
+    "write_partition": ".files",
+}
+__all__ = sorted(_MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name, which is imported on first access."""
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name], __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
 from ..mesh.facets import edges_of
 from ..mesh.locations import Box
+from .files import lines_and_facets, read_part
 from .partition import Ids, PartContent, divide
 from .ranks import Ranks
 
@@ -142,7 +144,7 @@ class MeshPart(ElementMesh):
             if no rank has all nodes of an element; `what` begins the message.
         """
         own = self._indices(t)
-        rank = self.space.least_of(np.where((own >= 0).all(axis=0), self.space.rank, self.space.size))
+        rank = self.space.least(np.where((own >= 0).all(axis=0), self.space.rank, self.space.size))
         if len(bad := np.flatnonzero(rank == self.space.size)):
             raise MeshError(
                 f"{what}: {name_ids(bad, 'element')} with nodes of which no rank has all; expected each on one rank. Name these "
@@ -162,22 +164,29 @@ class MeshPart(ElementMesh):
         return f"{super().__repr__().replace('ElementMesh', 'MeshPart')}, on rank {self.space.rank} of {self.space.size}"
 
 
-def distribute(mesh: MeshLike, comm: MPI.Comm = MPI.COMM_WORLD, part_of: Any = None) -> MeshPart:
+def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm = MPI.COMM_WORLD, part_of: Any = None) -> MeshPart:
     """Return this rank's part of a mesh; all ranks of the communicator call this function together.
 
     Parameters
     ----------
     mesh
-        Mesh as for `System`. The mesh of rank 0 counts; other ranks may pass None.
+        Path of a partition file, of which each rank reads its part: see `write_partition`. Or a mesh as for `System`; the mesh of
+        rank 0 counts, and other ranks may pass None.
     comm
         Communicator, by default all ranks.
     part_of
-        (nt,) rank of each element; by default METIS divides the graph of elements that share a facet.
+        (nt,) rank of each element of a mesh; by default METIS divides the graph of elements that share a facet.
 
     Raises
     ------
     MeshError
-        if the mesh cannot carry an elastic body, or has fewer elements than there are ranks.
+        if the mesh cannot carry an elastic body, or has fewer elements than there are ranks; if the file is not a partition file,
+        or has fewer parts.
+
+    Warns
+    -----
+    StvkWarning
+        on rank 0, for vertices at the same point, and for parts of the body that are not connected.
 
     Examples
     --------
@@ -185,12 +194,19 @@ def distribute(mesh: MeshLike, comm: MPI.Comm = MPI.COMM_WORLD, part_of: Any = N
     >>> distribute(skfem.MeshTet().refined(1))
     MeshPart: 40 tetrahedra in 3D, 26 vertices, on rank 0 of 1
     """
-    parts: list[PartContent] | None = None
-    if comm.rank == 0:
-        body = ElementMesh.of(mesh)
-        check_mesh(body)
-        parts = divide(body, comm.size, part_of)
-    return MeshPart.from_part(comm.scatter(parts), comm)
+    if (file := comm.bcast(mesh if isinstance(mesh, str | os.PathLike) else None)) is not None:
+        if part_of is not None:
+            raise MeshError(f"part_of is given with the file {file}, which is divided already; expected a mesh. Leave it out.")
+        return MeshPart.from_part(read_part(file, comm.rank, comm.size), comm)
+    if comm.rank > 0:
+        return MeshPart.from_part(comm.recv(source=0), comm)
+    body = ElementMesh.of(mesh)
+    check_mesh(body, lines_and_facets(body))
+    parts = divide(body, comm.size, part_of)
+    own = next(parts)
+    for rank, part in enumerate(parts, start=1):
+        comm.send(part, rank)
+    return MeshPart.from_part(own, comm)
 
 
 def _order(part: PartContent, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ...]]:

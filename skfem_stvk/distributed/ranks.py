@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..linear.space import Number, Space
+from ..mesh.facets import linked
 
 Ids = NDArray[np.int64]
 
@@ -110,35 +112,56 @@ class Ranks(Space):
         return x * (self._is_own if len(x) < self.n or self.d == 1 else np.repeat(self._is_own, self.d))
 
     def total(self, x: Number) -> Number:
-        if not isinstance(x, np.ndarray):
-            return self._reduced(x, MPI.SUM)
-        self.traffic.reductions += 1
-        values = np.ascontiguousarray(x)
-        found = np.empty_like(values)
-        self.comm.Allreduce(values, found)
-        return found
+        return self._reduced(x, MPI.SUM)
 
-    def least(self, x: float) -> float:
+    def least(self, x: Number) -> Number:
         return self._reduced(x, MPI.MIN)
 
-    def most(self, x: float) -> float:
+    def most(self, x: Number) -> Number:
         return self._reduced(x, MPI.MAX)
 
     def any(self, x: bool) -> bool:
         return self._reduced(float(x), MPI.MAX) > 0
 
-    def least_of(self, x: Ids) -> Ids:
-        """Return the smallest of the whole numbers (n,) of all ranks, entry by entry."""
-        self.traffic.reductions += 1
-        found = np.empty_like(x)
-        self.comm.Allreduce(x, found, MPI.MIN)
-        return found
-
     def element_ids(self, ids: Ids) -> Ids:
         return np.unique(np.concatenate(self.comm.allgather(self.element_numbers[ids])))
 
-    def _reduced(self, x: float, operation: MPI.Op) -> float:
+    def collect(self, x: Any) -> list[Any]:
+        return self.comm.gather(x) or []
+
+    def broadcast(self, x: Any) -> Any:
+        return self.comm.bcast(x)
+
+    def united(self, group: NDArray[np.int32], numbers: Ids, items: Ids, keys: Ids) -> NDArray[np.int32]:
+        first = np.full(int(group.max(initial=-1)) + 1, np.iinfo(np.int64).max)
+        np.minimum.at(first, group, numbers)
+        counts = self.comm.allgather(len(first))
+        begin = sum(counts[: self.rank])
+        links = self.collect(self._with_equal_keys(begin + group[items], keys))
+        firsts, numbered = self.collect(first), None
+        if self.leads:
+            of_all = linked(*np.concatenate(links, axis=1), sum(counts))
+            lowest = np.full(int(of_all.max(initial=-1)) + 1, np.iinfo(np.int64).max)
+            np.minimum.at(lowest, of_all, np.concatenate(firsts))
+            numbered = np.split(np.argsort(np.argsort(lowest)).astype(np.int32)[of_all], np.cumsum(counts)[:-1])
+        return np.asarray(self.comm.scatter(numbered)[group])
+
+    def _with_equal_keys(self, labels: Ids, keys: Ids) -> Ids:
+        """Return pairs (2, n) of the labels of all ranks with equal keys, each pair once; each rank compares some of the keys."""
+        to = keys.sum(axis=0) % self.size
+        rows = np.concatenate([keys, labels[None]])
+        received = np.concatenate(self.comm.alltoall([rows[:, to == rank] for rank in range(self.size)]), axis=1)
+        received = received[:, np.lexsort(received[::-1])]
+        same = (received[:-1, 1:] == received[:-1, :-1]).all(axis=0)
+        return np.unique(np.stack([received[-1, :-1][same], received[-1, 1:][same]]), axis=1)
+
+    def _reduced(self, x: Number, operation: MPI.Op) -> Number:
         self.traffic.reductions += 1
+        if isinstance(x, np.ndarray):
+            values = np.ascontiguousarray(x)
+            found = np.empty_like(values)
+            self.comm.Allreduce(values, found, operation)
+            return found
         self._one[0] = x
         self.comm.Allreduce(self._one, self._sum, operation)
         return float(self._sum[0])

@@ -127,12 +127,12 @@ class Space:
         """Return the sum of a number, or of an array entry by entry, over all parts."""
         return x
 
-    def least(self, x: float) -> float:
-        """Return the smallest of the numbers of all parts."""
+    def least(self, x: Number) -> Number:
+        """Return the smallest of the numbers of all parts; of arrays, entry by entry."""
         return x
 
-    def most(self, x: float) -> float:
-        """Return the largest of the numbers of all parts."""
+    def most(self, x: Number) -> Number:
+        """Return the largest of the numbers of all parts; of arrays, entry by entry."""
         return x
 
     def any(self, x: bool) -> bool:
@@ -142,6 +142,38 @@ class Space:
     def element_ids(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending."""
         return ids
+
+    @property
+    def shared(self) -> NDArray[np.int64]:
+        """Nodes that other parts have, too, ascending."""
+        return np.empty(0, dtype=np.int64)
+
+    def collect(self, x: Any) -> list[Any]:
+        """Return the objects of all parts, in their order, on the part that leads; an empty list elsewhere."""
+        return [x]
+
+    def broadcast(self, x: Any) -> Any:
+        """Return the object of the part that leads."""
+        return x
+
+    def first(self, ids: NDArray[np.int64], most: int = 5) -> NDArray[np.int64]:
+        """Return the smallest numbers of all parts, each once, ascending, at most `most` of them."""
+        return np.unique(np.concatenate(self.broadcast(self.collect(np.unique(ids)[:most]))))[:most]
+
+    def few(self, nodes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
+        """Return the first few numbers in the whole body of the chosen nodes (nv,) of all parts, and how many these nodes are."""
+        numbers = self.numbers[:: self.n // len(nodes)] // (self.n // len(nodes))
+        return self.first(numbers[nodes]), int(self.total(float(self.counted(nodes.astype(float)).sum())))
+
+    def united(
+        self, group: NDArray[np.int32], numbers: NDArray[np.int64], items: NDArray[np.int64], keys: NDArray[np.int64]
+    ) -> NDArray[np.int32]:
+        """Return the group (n,) of each item in the whole body, from its group in this part; groups with equal keys are one.
+
+        Items are nodes or elements, with `numbers` (n,) in the whole body, and `keys[:, i]` is a key of `items[i]`. Groups are in the
+        order of their first items.
+        """
+        return group
 
     def union(self, ids: NDArray[np.int64], count: int) -> NDArray[np.int64]:
         """Return the nodes, or entries, that at least one of the parts names by its `ids`, ascending.

@@ -196,8 +196,9 @@ class NearestNode(LocationShape):
         node = int(np.argmin(distance))
         nearest = space.least(float(distance[node]))
         if nearest > size:
+            _, there = min(space.broadcast(space.collect((float(distance[node]), x[:, node].tolist()))))
             raise RegionError(
-                f"{self.words} is {nearest:.6g} away from it, at {_written(x[:, node])}, and the mesh is {size:.6g} large. "
+                f"{self.words} is {nearest:.6g} away from it, at {_written(there)}, and the mesh is {size:.6g} large. "
                 "Is the point in the units of the mesh?"
             )
         numbers = np.where(distance == nearest, space.numbers[:: len(x)], space.count)
@@ -229,6 +230,11 @@ class LabelledMesh(MeshArrays):
     @abstractmethod
     def space(self) -> Space:
         """Space of vectors with `d` numbers at each node."""
+
+    def name_nodes(self, chosen: NDArray[np.bool_]) -> str:
+        """Return the number of the chosen nodes (nv,) in the whole mesh, and the first few; all parts call this together."""
+        first, count = self.space.few(chosen)
+        return name_ids(first, self.word, count=count)
 
     def local_nodes(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the indices of those nodes of the whole mesh with these `ids` that this part has, in their order."""
@@ -281,8 +287,9 @@ def facets_at(mesh: LabelledMesh, where: Where, what: str = "The location") -> N
     there[ids] = True
     facets = mesh.surface[:, there[mesh.surface].all(axis=0)]
     if not mesh.space.any(facets.shape[1] > 0):
+        count = int(mesh.space.total(float(mesh.surface.shape[1])))
         raise RegionError(
-            f"{what}: {describe(where)} has {name_ids(ids, mesh.word)}, but none of the {mesh.surface.shape[1]} boundary facets "
+            f"{what}: {describe(where)} has {mesh.name_nodes(there)}, but none of the {count} boundary facets "
             f"has all its {mesh.words} there. Widen it; for forces on {mesh.words} there is NodalLoad."
         )
     return facets
@@ -327,8 +334,9 @@ def _named(mesh: LabelledMesh, name: str, what: str) -> NDArray[np.int64]:
     if on_boundary is None or in_set is None:
         return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
     if mesh.space.any(not np.array_equal(on_boundary, in_set)):
+        counts = [mesh.space.few(np.isin(np.arange(mesh.nv), ids))[1] for ids in (on_boundary, in_set)]
         raise RegionError(
-            f"{what}: {name!r} is the name of a boundary with {len(on_boundary)} {mesh.words} and of a node set with {len(in_set)} "
+            f"{what}: {name!r} is the name of a boundary with {counts[0]} {mesh.words} and of a node set with {counts[1]} "
             f"others. Say which: mesh.node_sets[{name!r}], or np.unique(mesh.boundaries[{name!r}])."
         )
     return in_set

@@ -62,9 +62,9 @@ class BoundTerms:
         self._used = np.zeros(mesh.nv, dtype=bool)
         for bound in self.bound_terms:
             self._used[bound.nodes_paired.ravel()] = True
-        bare = mesh.node_numbers[self.space.share(self._used.astype(float)) == 0]
-        if len(bare):
-            warn(f"{name_ids(bare, mesh.word)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
+        bare = self.space.share(self._used.astype(float)) == 0
+        if self.space.any(bool(bare.any())):
+            warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     @property
     def space(self) -> Space:

@@ -168,13 +168,11 @@ class Mass(ABC):
         return checked(name, value, self.free.size).astype(np.float64, copy=False)
 
     def _refuse_bare(self) -> None:
-        bare = np.flatnonzero((self.vertex <= 0) & self.free.any(axis=1))
-        if len(bare):
-            mesh = self._body.mesh
-            nodes, count = name_ids(mesh.node_numbers[bare], self._word), mesh.space.count // self._d
+        bare, mesh = (self.vertex <= 0) & self.free.any(axis=1), self._body.mesh
+        if mesh.space.any(bool(bare.any())):
             raise MaterialError(
-                f"{nodes} of {count}: can move, but have no mass, because no element there has a density. Give StVK(..., "
-                "density=...), fix all their components, or leave them out of the mesh."
+                f"{mesh.name_nodes(bare)} of {mesh.space.count // mesh.d}: can move, but have no mass, because no element there has a "
+                "density. Give StVK(..., density=...), fix all their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:

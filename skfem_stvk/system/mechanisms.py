@@ -12,14 +12,15 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array
 from ..edges.pairs import joined
-from ..elements import Element, linear_simplex
+from ..elements import Element, linear_simplex, named
 from ..errors import SupportError, name_ids
 from ..kernels.topology import pieces_of_simplices
+from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.facets import facets_of, linked
 from ..terms import BoundTerm
 from .constraints import Block, compressed, free_motions
-from .rigid import centred, free_rigid_modes, motions, name_part, parts_of
+from .rigid import centred, free_rigid_modes, motions, name_part, node_numbers, parts_of
 
 Ids = NDArray[Any]
 
@@ -49,9 +50,32 @@ class Corners(NamedTuple):
     vertex: Ids
     piece: Ids
 
+    def among(self, number: Ids) -> Corners:
+        """Return the nodes of pieces with a new `number` (pieces,) from 0; those with -1 are dropped."""
+        chosen = number[self.piece] >= 0
+        return Corners(self.vertex[chosen], number[self.piece[chosen]])
+
+
+class Joints(NamedTuple):
+    """Nodes at which pieces may be joined: their `numbers` (n,) and coordinates `x` (d, n), and the `corners` of pieces by index."""
+
+    numbers: Ids
+    x: Array
+    corners: Corners
+
+
+class _Found(NamedTuple):
+    """Motions of a part: its number, the number of motions, whether they are without rigid ones, some joints, and how many."""
+
+    part: int
+    count: int
+    joints_only: bool
+    shown: list[str]
+    joints: int
+
 
 def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], constrained: NDArray[Any], solid: NDArray[np.bool_]) -> None:
-    """Raise SupportError if a body can move without strain.
+    """Raise SupportError if a body can move without strain; in a divided body, on all of its parts.
 
     The `terms` connect the body and tie it to the ground. The supports constrain the degrees of freedom `constrained`.
 
@@ -59,20 +83,30 @@ def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], constrained: NDArr
     material, and have the dimension of the space or the plane. Cables, trusses and membranes in space are stabilised by tension,
     which is not known here.
     """
-    edges = [joined(term) for term in terms]
-    constrained = np.union1d(constrained, grounded_dofs(terms)).astype(np.int64)
-    part = parts_of(edges, mesh.nv)
-    free = free_rigid_modes(mesh.p, part, constrained, mesh.word)
+    edges, space = [joined(term) for term in terms], mesh.space
+    constrained = space.union(np.union1d(constrained, grounded_dofs(terms)).astype(np.int64), mesh.p.size)
+    part = parts_of(edges, mesh.nv, space)
+    free = free_rigid_modes(mesh.p, part, constrained, mesh.word, space)
     messages = []
     if free:
         messages.append(
             f"{_listed(free, 'parts')}. Fix more components (fixed={{place: 'xyz'}}), prescribe them, or add an "
             "ElasticFoundation. To join parts, merge the vertices of their common faces."
         )
-    if mesh.k == mesh.d > 1 and solid.any():
-        rigid = {each.part: each.count for each in free}
-        ids = np.flatnonzero(solid)
-        loose = mechanisms(mesh.p, mesh.t, ids, part, constrained, rigid=rigid, edges=edges, element=mesh.element, word=mesh.word)
+    if mesh.k == mesh.d > 1 and space.any(bool(solid.any())):
+        loose = mechanisms(
+            mesh.p,
+            mesh.t,
+            np.flatnonzero(solid),
+            part,
+            constrained,
+            rigid={each.part: each.count for each in free},
+            edges=edges,
+            element=mesh.element,
+            word=mesh.word,
+            space=space,
+            numbers=mesh.element_numbers,
+        )
         if loose:
             facet = ("an edge", "edges") if mesh.d == 2 else ("a face", "faces")
             messages.append(
@@ -106,6 +140,8 @@ def mechanisms(
     edges: Sequence[Ids] = (),
     element: Element | None = None,
     word: str = "vertex",
+    space: Space | None = None,
+    numbers: Ids | None = None,
 ) -> list[Mechanism]:
     """Return the relative motions of pieces of a part without strain, to first order.
 
@@ -117,50 +153,44 @@ def mechanisms(
     parts, and `rigid` gives the number of rigid modes of each part as a whole. A part counts as connected if `edges` (2, ne) of
     terms join nodes without a common piece. `word` is the name of a node in messages.
 
+    Of a divided body, the `space` of the displacements has the other nodes, and `numbers` (nt,) are those of the elements in the
+    whole body. Only joints and supports of pieces are gathered.
+
     >>> p = np.array([[0.0, 1, 0, 1, 2], [0, 0, 1, 2, 1]])   # two triangles that share vertex 1
     >>> t = np.array([[0, 1], [1, 3], [2, 4]])
     >>> str(mechanisms(p, t, np.arange(2), np.zeros(5, dtype=int), constrained=np.array([0, 1, 4, 5]), rigid={})[0])
     'the body of 5 vertices has 1 mechanism: 1 element (1) can rotate about 1 vertex (1) at (1, 0)'
     """
-    nv = p.shape[1]
+    nv, element, space = p.shape[1], element or linear_simplex(len(t) - 1), space or Space(p.size)
+    nodes, solid_numbers = node_numbers(space, nv), solid if numbers is None else numbers[solid]
     own = np.ascontiguousarray(t if len(solid) == t.shape[1] else t[:, solid], dtype=np.int32)
-    piece = pieces(own, nv, element or linear_simplex(len(t) - 1))
-    of_part = part[own[0, np.unique(piece, return_index=True)[1]]]
-    several = np.bincount(of_part, minlength=part.max() + 1) > 1
+    piece = space.united(pieces(own, nv, element), solid_numbers, *_shared_facets(own, element, space.shared, nodes))
+    of_part = np.full(int(space.most(float(piece.max(initial=-1)))) + 1, -1.0)
+    of_part[piece] = part[own[0]]
+    of_part = space.most(of_part).astype(np.int64)
+    several = np.bincount(of_part, minlength=int(space.most(float(part.max()))) + 1) > 1
     if not several.any():
         return []
     corners = _corners(own, piece)
-    several[part[_bridges(corners, edges, nv)]] = False
-    chosen = several[part[corners.vertex]]
-    if not chosen.any():
+    joints, bridged = _joints_of(corners, edges, p, part, several, space)
+    several[bridged] = False
+    chosen = np.flatnonzero(several[of_part])
+    if not len(chosen):
         return []
-    numbers, of_corner = np.unique(corners.piece[chosen], return_inverse=True)
-    corners, of_part = Corners(corners.vertex[chosen], of_corner), of_part[numbers]
-    _, size, x = centred(p[:, corners.vertex], corners.piece)
-    modes = motions(x)
-    free, samples, at_rest = free_motions(
-        [*_joints(corners, modes), *_supports(corners, modes, constrained)], len(size), modes.shape[2]
-    )
-    largest = np.zeros(len(several))
-    np.maximum.at(largest, of_part, np.abs(samples).max(axis=(1, 2)))
-    samples = samples / np.maximum(largest, np.finfo(float).tiny)[of_part, None, None]
-
-    cluster = _clusters(corners, samples[:, len(p) :], size)
-    of_element = np.append(cluster, -1)[_indices(piece, numbers)]
-    moves = np.zeros(len(size), dtype=bool)
-    moves[cluster[np.abs(samples).max(axis=(1, 2)) > ALIKE]] = True
-    rotating = _rotating(corners, cluster, moves, np.bincount(of_element[of_element >= 0], minlength=len(size)))
-    count = np.bincount(of_part, weights=free, minlength=len(several)).astype(int)
-    whole = np.bincount(of_part, weights=at_rest, minlength=len(several)) == 0  # then the motions found include its rigid modes
-    found: list[Mechanism] = []
-    for own in _grouped(np.array([part[vertices[0]] for _, vertices in rotating])):
-        i = int(part[rotating[own[0]][1][0]])
-        joints = [
-            f"{name_ids(solid[of_element == one], 'element')} can rotate about {_location(p, vertices, word)}"
-            for one, vertices in (rotating[joint] for joint in own[:MOST])
-        ]
-        found.append(Mechanism(i, name_part(part, i, word), int(count[i]) - (rigid.get(i, 0) if whole[i] else 0), joints, len(own)))
-    return [mechanism for mechanism in found if mechanism.count > 0]
+    number = _indices(np.arange(len(of_part)), chosen)
+    corners = corners.among(number)
+    centre, size, x = centred(p[:, corners.vertex], corners.piece, space)
+    supports = space.collect(list(_supports(corners, motions(x), constrained)))
+    elements = space.collect(_first_elements(number[piece], solid_numbers, len(chosen)))
+    found: list[_Found] = []
+    if space.leads:
+        joints = joints._replace(corners=joints.corners.among(number))
+        found = _found(joints, centre, size, of_part[chosen], supports, elements, word)
+    mechanisms = []
+    for i, count, joints_only, shown, total in space.broadcast(found):
+        if (others := count - (0 if joints_only else rigid.get(i, 0))) > 0:
+            mechanisms.append(Mechanism(i, name_part(part, i, word, space), others, shown, total))
+    return mechanisms
 
 
 def pieces(t: Ids, nv: int, element: Element) -> Ids:
@@ -178,21 +208,120 @@ def pieces(t: Ids, nv: int, element: Element) -> Ids:
 
 
 def _corners(t: Ids, piece: Ids) -> Corners:
-    pieces = int(piece.max()) + 1
+    pieces = int(piece.max(initial=0)) + 1
     return Corners(*np.divmod(np.unique(t.astype(np.int64) * pieces + piece), pieces))
 
 
 def _indices(keys: Ids, among: Ids) -> Ids:
     """Return the indices of `keys` in the ascending array `among`; -1 for missing keys."""
-    index = np.minimum(np.searchsorted(among, keys), len(among) - 1)
-    return np.where(among[index] == keys, index, -1)
+    index = np.searchsorted(among, keys)
+    return np.where(np.append(among, -1)[index] == keys, index, -1)
 
 
-def _bridges(corners: Corners, edges: Sequence[Ids], nv: int) -> Ids:
-    """Return the first vertices of the edges with ends in no common piece."""
-    has = csr_matrix((np.ones(len(corners.vertex), dtype=np.int8), corners), shape=(nv, int(corners.piece.max()) + 1))
-    a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
-    return a[np.asarray(has[a].multiply(has[b]).sum(axis=1)).ravel() == 0]
+def _apart(corners: Corners, edges: Ids, nv: int) -> NDArray[np.bool_]:
+    """Return whether the ends of each of the `edges` (2, ne) are in no common piece; -1 is a node without pieces."""
+    shape = nv + 1, int(corners.piece.max(initial=0)) + 1
+    has = csr_matrix((np.ones(len(corners.vertex), dtype=np.int8), corners), shape=shape)
+    return np.asarray(np.asarray(has[edges[0]].multiply(has[edges[1]]).sum(axis=1)).ravel() == 0)
+
+
+def _joints_of(
+    corners: Corners, edges: Sequence[Ids], p: Array, part: Ids, several: NDArray[np.bool_], space: Space
+) -> tuple[Joints, Ids]:
+    """Return the joints of the parts with `several` pieces, and the parts in which edges connect nodes without a common piece.
+
+    In a divided body its leading part has the joints, and the others have none. A node is a joint if it has several pieces.
+    """
+    nv = p.shape[1]
+    numbers, every = node_numbers(space, nv), np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
+    apart = every[:, _apart(corners, every, nv)]
+    first, joint = np.zeros(nv), np.zeros(nv)
+    vertex, index = np.unique(corners.vertex, return_index=True)
+    first[vertex] = corners.piece[index] + 1
+    first = space.share(space.counted(first))  # of the part that counts the node
+    joint[corners.vertex[corners.piece + 1 != first[corners.vertex]]] = 1
+    joint[apart] = 1
+    own = np.flatnonzero((space.share(joint)[corners.vertex] > 0) & several[part[corners.vertex]])
+    vertex = corners.vertex[own]
+    gathered = space.collect((numbers[vertex], corners.piece[own], p[:, vertex], numbers[apart], part[apart[0]]))
+    joints, bridged = Joints(vertex[:0], p[:, :0], Corners(vertex[:0], vertex[:0])), None
+    if gathered:
+        number, piece, x, ends, of_ends = (np.concatenate(arrays, axis=-1) for arrays in zip(*gathered, strict=True))
+        nodes, index, at = np.unique(number, return_index=True, return_inverse=True)
+        joints = Joints(nodes, x[:, index], _corners(at[None], piece))
+        bridged = np.unique(of_ends[_apart(joints.corners, _indices(ends, nodes), len(nodes))])
+    return joints, space.broadcast(bridged)
+
+
+def _shared_facets(t: Ids, element: Element, shared: Ids, numbers: Ids) -> tuple[Ids, Ids]:
+    """Return the elements that have facets with all corners among the `shared` nodes, and the numbers (m, n) of these corners."""
+    there, m = np.zeros(len(numbers), dtype=bool), named(element.facet).corners
+    there[shared] = True
+    near = np.flatnonzero(there[t[: element.corners]].sum(axis=0) >= m) if len(shared) else shared
+    corners = np.concatenate([t[list(facet[:m])][:, near] for facet in element.facets], axis=1)
+    chosen = there[corners].all(axis=0)
+    return np.tile(near, len(element.facets))[chosen], np.sort(numbers[corners[:, chosen]], axis=0)
+
+
+def _first_elements(piece: Ids, numbers: Ids, count: int) -> tuple[Ids, Ids, Ids]:
+    """Return the number of elements of each piece (count,), and the pieces and numbers of their first few elements.
+
+    `piece` (nt,) is -1 for other elements.
+    """
+    order = np.lexsort((numbers, piece))[np.count_nonzero(piece < 0) :]
+    sizes = np.bincount(piece[order], minlength=count)
+    few = order[np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes) < MOST]
+    return sizes, piece[few], numbers[few]
+
+
+def _found(
+    joints: Joints,
+    centre: Array,
+    size: Array,
+    of_part: Ids,
+    supports: Sequence[Sequence[Block]],
+    elements: Sequence[tuple[Ids, Ids, Ids]],
+    word: str,
+) -> list[_Found]:
+    """Return the motions of pieces with this `centre`, `size` and part under the constraints of `joints` and `supports`.
+
+    `supports` and `elements` (`_first_elements`) are those of all parts of a divided body.
+    """
+    corners, d = joints.corners, len(joints.x)
+    modes = motions(((joints.x[:, corners.vertex] - centre.T[:, corners.piece]) / size[corners.piece]).T)
+    free, samples, at_rest = free_motions([*_joints(corners, modes), *_combined(supports)], len(size), modes.shape[2])
+    largest = np.zeros(int(of_part.max()) + 1)
+    np.maximum.at(largest, of_part, np.abs(samples).max(axis=(1, 2)))
+    samples = samples / np.maximum(largest, np.finfo(float).tiny)[of_part, None, None]
+
+    cluster = _clusters(corners, samples[:, d:], size)
+    moves = np.zeros(len(size), dtype=bool)
+    moves[cluster[np.abs(samples).max(axis=(1, 2)) > ALIKE]] = True
+    sizes, few_pieces, few = (np.concatenate(arrays, axis=-1) for arrays in zip(*elements, strict=True))
+    sizes = np.bincount(np.tile(cluster, len(elements)), weights=sizes, minlength=len(size)).astype(int)
+    rotating = _rotating(corners, cluster, moves, sizes)
+    count = np.bincount(of_part, weights=free).astype(int)
+    joints_only = np.bincount(of_part, weights=at_rest) > 0  # otherwise the motions found include its rigid modes
+    of_node = np.zeros(len(joints.numbers), dtype=np.int64)
+    of_node[corners.vertex] = of_part[corners.piece]
+    found = []
+    for own in _grouped(np.array([of_node[vertices[0]] for _, vertices in rotating])):
+        i = int(of_node[rotating[own[0]][1][0]])
+        shown = []
+        for one, vertices in (rotating[joint] for joint in own[:MOST]):
+            ids = name_ids(np.unique(few[cluster[few_pieces] == one]), "element", count=int(sizes[one]))
+            shown.append(f"{ids} can rotate about {_location(joints, vertices, word)}")
+        found.append(_Found(i, int(count[i]), bool(joints_only[i]), shown, len(own)))
+    return found
+
+
+def _combined(supports: Sequence[Sequence[Block]]) -> Iterator[Block]:
+    """Yield the support constraints of all parts of a divided body, one block for each piece."""
+    by_piece: dict[int, list[Array]] = {}
+    for block in (block for one in supports for block in one):
+        by_piece.setdefault(block.bodies[0], []).append(block.rows)
+    for piece, rows in sorted(by_piece.items()):
+        yield Block((piece,), rows[0] if len(rows) == 1 else compressed(np.concatenate(rows)))
 
 
 def _joints(corners: Corners, modes: Array) -> Iterator[Block]:
@@ -204,7 +333,7 @@ def _joints(corners: Corners, modes: Array) -> Iterator[Block]:
     one, other = first[1][first[2]], np.arange(len(corners.vertex))
     joint = one != other
     one, other = one[joint], other[joint]
-    for own in _grouped(corners.piece[one] * (corners.piece.max() + 1) + corners.piece[other]):
+    for own in _grouped(corners.piece[one] * (corners.piece.max(initial=0) + 1) + corners.piece[other]):
         rows = np.concatenate([modes[one[own]], -modes[other[own]]], axis=2)
         pieces = int(corners.piece[one[own[0]]]), int(corners.piece[other[own[0]]])
         yield Block(pieces, compressed(rows.reshape(-1, rows.shape[2])))
@@ -263,10 +392,10 @@ def _rotating(corners: Corners, cluster: Ids, moves: NDArray[np.bool_], elements
     return [(int(by_rank[one]), np.intersect1d(own[one], own[other])) for one, other in pairs]
 
 
-def _location(p: Array, vertices: Ids, word: str) -> str:
+def _location(joints: Joints, vertices: Ids, word: str) -> str:
     """Return a description of nodes on a line, with coordinates."""
-    ends = vertices[np.lexsort(p[:, vertices][::-1])[[0, -1]]]
-    points = [f"({', '.join(f'{c:.9g}' for c in p[:, v])})" for v in ends]
+    ends = vertices[np.lexsort(joints.x[:, vertices][::-1])[[0, -1]]]
+    points = [f"({', '.join(f'{c:.9g}' for c in joints.x[:, v])})" for v in ends]
     if len(vertices) == 1:
-        return f"{name_ids(vertices, word)} at {points[0]}"
-    return f"the line through {name_ids(vertices, word)} from {points[0]} to {points[1]}"
+        return f"{name_ids(joints.numbers[vertices], word)} at {points[0]}"
+    return f"the line through {name_ids(joints.numbers[vertices], word)} from {points[0]} to {points[1]}"

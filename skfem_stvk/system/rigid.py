@@ -59,12 +59,14 @@ class FreeMotions:
         return f"{self.name} has {self.count} rigid mode{'s' * (self.count > 1)} left, {', '.join(self.names)}"
 
 
-def free_rigid_modes(p: Array, part: NDArray[Any], constrained: NDArray[Any], word: str = "vertex") -> list[FreeMotions]:
+def free_rigid_modes(
+    p: Array, part: NDArray[Any], constrained: NDArray[Any], word: str = "vertex", space: Space | None = None
+) -> list[FreeMotions]:
     """Return the rigid motions of each part of a body when degrees of freedom `constrained` are constrained.
 
     `part` (nv,) are the numbers of the parts.
 
-    `word` is the name of a node in messages.
+    `word` is the name of a node in messages. The `space` of the displacements has the other nodes of a divided body.
 
     >>> square, one = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1]]), np.zeros(4, dtype=int)
     >>> str(free_rigid_modes(square, one, constrained=np.array([0, 4]))[0])
@@ -72,43 +74,66 @@ def free_rigid_modes(p: Array, part: NDArray[Any], constrained: NDArray[Any], wo
     >>> str(free_rigid_modes(square, one, constrained=np.array([0, 1]))[0])
     'the body of 4 vertices has 1 rigid mode left, rotation about the point (0, 0)'
     """
-    d = len(p)
-    centre, size, x = centred(p, part)
+    d, space = len(p), space or Space(p.size)
+    own = space.counted(np.ones(len(part)))
+    centre, size, x = centred(p, part, space, own)
     modes = motions(x)
     vertex, component = np.divmod(np.unique(constrained).astype(np.int64), d)
-    resisted = _gram(modes[vertex, component][:, None], part[vertex], len(size))
+    vertex, component = vertex[own[vertex] > 0], component[own[vertex] > 0]
+    resisted = space.total(_gram(modes[vertex, component][:, None], part[vertex], len(size)))
     lowest, trace = np.linalg.eigvalsh(resisted)[:, 0], np.trace(resisted, axis1=1, axis2=2)
     loose = np.flatnonzero(lowest <= NOTHING * trace)
     if not len(loose):
         return []
-    moved = _gram(modes, part, len(size))
+    moved = space.total(_gram(modes[own > 0], part[own > 0], len(size)))
     free = {int(i): _free(resisted[i], moved[i]) for i in loose}
     return [
-        FreeMotions(i, name_part(part, i, word), f.shape[1], names(f, d, centre[i], size[i])) for i, f in free.items() if f.size
+        FreeMotions(i, name_part(part, i, word, space), f.shape[1], names(f, d, centre[i], size[i]))
+        for i, f in free.items()
+        if f.size
     ]
 
 
-def parts_of(edges: Sequence[NDArray[np.int32]], nv: int) -> NDArray[np.int32]:
-    """Return the part number (nv,) of each node: parts are connected by `edges` (2, ne)."""
+def parts_of(edges: Sequence[NDArray[np.int32]], nv: int, space: Space | None = None) -> NDArray[np.int32]:
+    """Return the part number (nv,) of each node: parts are connected by `edges` (2, ne), and in a divided body by shared nodes.
+
+    The `space` of the displacements has the other nodes of a divided body.
+    """
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
-    return linked(a, b, nv)
+    part, space = linked(a, b, nv), space or Space(nv)
+    numbers = node_numbers(space, nv)
+    return space.united(part, numbers, space.shared, numbers[space.shared][None])
 
 
-def name_part(part: NDArray[Any], i: int, word: str = "vertex") -> str:
+def node_numbers(space: Space, nv: int) -> NDArray[np.int64]:
+    """Return the numbers (nv,) of nodes in the whole body, from the space of the displacements."""
+    d = space.n // nv
+    return space.numbers[::d] // d
+
+
+def name_part(part: NDArray[Any], i: int, word: str = "vertex", space: Space | None = None) -> str:
     """Return a description of a part by its nodes; `word` is the name of a node."""
-    own = np.flatnonzero(part == i)
-    if len(own) < len(part):
-        return f"the part of {name_ids(own, word)}"
-    return f"the body of {len(part)} {'vertices' if word == 'vertex' else word + 's'}"
+    space = space or Space(len(part))
+    whole = space.count // (space.n // len(part))
+    first, count = space.few(part == i)
+    if count < whole:
+        return f"the part of {name_ids(first, word, count=count)}"
+    return f"the body of {whole} {'vertices' if word == 'vertex' else word + 's'}"
 
 
-def centred(p: Array, part: NDArray[Any]) -> tuple[Array, Array, Array]:
-    """Return the centre (n, d) and the size (n,) of the parts, and centred coordinates (nv, d) in units of the size."""
-    count = np.bincount(part)
-    centre = np.stack([np.bincount(part, weights=row) / count for row in p])
+def centred(p: Array, part: NDArray[Any], space: Space, weights: Array | None = None) -> tuple[Array, Array, Array]:
+    """Return the centre (n, d) and the size (n,) of the parts, and centred coordinates (nv, d) in units of the size.
+
+    Nodes have equal `weights` (nv,) by default. All parts of a divided body, which the `space` combines, count.
+    """
+    n = int(space.most(float(part.max(initial=-1)))) + 1
+    weights = np.ones(len(part)) if weights is None else weights
+    count = space.total(np.bincount(part, weights=weights, minlength=n))
+    centre = np.stack([space.total(np.bincount(part, weights=weights * row, minlength=n)) / count for row in p])
     x = p - centre[:, part]
     size = np.zeros(len(count))
     np.maximum.at(size, part, np.linalg.norm(x, axis=0))
+    size = space.most(size)
     size[size == 0] = 1.0
     return centre.T, size, (x / size[part]).T
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import shown, whole_array
-from ..errors import SupportError, name_ids
+from ..errors import SupportError
 from ..mesh import ElementMesh
 from ..mesh.locations import DofsView, Where, describe, dofs_of, vertices_at
 from ..terms.load import Moment, Time, Value
@@ -74,7 +74,7 @@ class Supports:
         self._motions = [(np.searchsorted(self.held, dofs), value) for dofs, value in motions]
         self.steady = all(value.constant is not None for _, value in self._motions)
         indices = np.concatenate([np.empty(0, dtype=np.int64), *(index.ravel() for index, _ in self._motions)])
-        self._twice = len(indices) > len(self.prescribed)
+        self._twice = mesh.space.any(len(indices) > len(self.prescribed))
         for t in (0.0, 1 / 3, 1.0):
             self.values(t)
 
@@ -115,8 +115,9 @@ class Supports:
         ]
 
     def _refuse_both(self) -> None:
-        both = np.intersect1d(self.fixed, self.prescribed)
-        if len(both):
+        both = np.zeros(self._mesh.p.size, dtype=bool)
+        both[np.intersect1d(self.fixed, self.prescribed)] = True
+        if self._mesh.space.any(bool(both.any())):
             raise SupportError(
                 f"Both fixed and prescribed: {self._name(both)}. Do locations share an edge or a corner? Leave the component out "
                 "of one of them, or take the vertices out with a predicate."
@@ -124,17 +125,23 @@ class Supports:
 
     def _refuse_different(self, index: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], moment: Moment) -> None:
         differ = np.abs(one - other) > 1e-12 * np.maximum(np.abs(one), np.abs(other))
-        bad = np.unique(index[np.broadcast_to(differ, index.shape)])
-        if len(bad):
+        if self._mesh.space.any(bool(differ.any())):
+            bad = np.zeros(self._mesh.p.size, dtype=bool)
+            bad[self.held[index[np.broadcast_to(differ, index.shape)]]] = True
             raise SupportError(
-                f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(self.held[bad])}. Do "
+                f"Prescribed twice, with different displacements at t = {moment.time:.3g}: {self._name(bad)}. Do "
                 "locations share an edge or a corner? Leave the component out of one of them."
             )
 
-    def _name(self, dofs: Dofs) -> str:
-        """Return a description of degrees of freedom, by component."""
-        vertices, components = np.divmod(dofs, self._mesh.d)
-        return "; ".join(f"{'xyz'[c]} of {name_ids(vertices[components == c], self._mesh.word)}" for c in np.unique(components))
+    def _name(self, dofs: NDArray[np.bool_]) -> str:
+        """Return a description of the chosen degrees of freedom (ndofs,), by component."""
+        mesh = self._mesh
+        chosen = dofs.reshape(-1, mesh.d).T
+        return "; ".join(
+            f"{letter} of {mesh.name_nodes(nodes)}"
+            for letter, nodes in zip("xyz", chosen, strict=False)
+            if mesh.space.any(bool(nodes.any()))
+        )
 
 
 def fixed_dofs(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> Dofs:

@@ -781,7 +781,7 @@ class System(BoundTerms):
 
     def parts(self) -> NDArray[np.int32]:
         """Return the part number (nv,) of each node: parts are connected by terms."""
-        return parts_of([joined(term) for term in self.bound_terms], self.mesh.nv)
+        return parts_of([joined(term) for term in self.bound_terms], self.mesh.nv, self.space)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """Return the degrees of freedom that are not `fixed`; the object also restricts K to them without slicing.
