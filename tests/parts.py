@@ -92,6 +92,9 @@ class PartSpace(Space):
         self.reductions += 1
         return self._of_all(x)
 
+    def each(self, x):
+        return self._of_all(x)
+
     def element_ids(self, ids):
         return np.unique(np.concatenate(self._of_all(self._elements[ids])))
 

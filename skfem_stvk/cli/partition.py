@@ -15,9 +15,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("mesh", help="mesh file, in a format of docs/meshes.md")
     parser.add_argument("out", help="partition file to write (.h5)")
     parser.add_argument(
-        "--parts", type=int, default=PARTS, help=f"number of parts, at least that of the ranks and best a multiple; by default {PARTS}"
+        "--parts",
+        type=int,
+        default=PARTS,
+        help=f"number of parts, at least that of the ranks and best a multiple; by default {PARTS}",
     )
-    parser.add_argument("--degree", type=int, help="degree of the shape functions of simplices, 1 or 2; by default that of the mesh")
+    parser.add_argument(
+        "--degree", type=int, help="degree of the shape functions of simplices, 1 or 2; by default that of the mesh"
+    )
     parser.add_argument("--scale", type=float, default=1.0, help="factor of the coordinates, as 0.001 for a file in mm")
     parser.add_argument("--dimension", type=int, help="number of coordinates: 3 keeps a flat mesh in space, as a membrane")
     parser.add_argument(

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..linear.space import Number, Space
+from ..linear.space import Item, Number, Space
 from ..mesh.facets import linked
 
 Ids = NDArray[np.int64]
@@ -123,8 +123,11 @@ class Ranks(Space):
     def any(self, x: bool) -> bool:
         return self._reduced(float(x), MPI.MAX) > 0
 
+    def each(self, x: Item) -> list[Item]:
+        return self.comm.allgather(x)
+
     def element_ids(self, ids: Ids) -> Ids:
-        return np.unique(np.concatenate(self.comm.allgather(self.element_numbers[ids])))
+        return np.unique(np.concatenate(self.each(self.element_numbers[ids])))
 
     def collect(self, x: Any) -> list[Any]:
         return self.comm.gather(x) or []

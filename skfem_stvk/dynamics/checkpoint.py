@@ -13,8 +13,10 @@ from pydantic import AllowInfNan, Field, NonNegativeFloat, NonNegativeInt, Posit
 
 from ..arguments import Array
 from ..errors import StvkError, name_ids, warn
+from ..linear.space import Space
+from ..mesh import ElementMesh
 from ..nonlinear.problem import Tangent
-from ..results.files import ForeignFile, output_folder, output_path
+from ..results.files import ForeignFile, of_leader, output_folder, output_path
 from ..results.state_files import MOTION, MOTION_FILE
 from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
@@ -138,17 +140,24 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
     """File `motion.npz` in a folder, replaced as a motion proceeds. If the run is killed, the previous file remains intact.
 
     Until version 1.0, `path` may be a .npz file in an existing folder, and a motion may continue from another path, `older`.
+
+    States of the motion are vectors of the `space`. In a divided body, each part has a file of its own next to `motion.npz`.
     """
 
     known = MOTION
     schema = MotionHeader
     remedy = START_AGAIN
 
-    def __init__(self, path: Path, resume: bool = False, older: Path | None = None) -> None:
+    @staticmethod
+    def by_dof(name: str) -> bool:
+        return name.removeprefix("good ") in ARRAYS or name in HIERARCHY
+
+    def __init__(self, path: Path, resume: bool = False, older: Path | None = None, space: Space | None = None) -> None:
         self.file, self._next = _file_of(path), -np.inf
-        super().__init__(output_path(path, ".npz") if self.file == path else output_folder(path))
+        super().__init__(output_path(path, ".npz") if self.file == path else output_folder(path), space)
+        there = of_leader(self.space, self.file.exists)
         #: File to continue from; None to begin with the initial state.
-        self.source = _file_of(older) if older else self.file if resume and self.file.exists() else None
+        self.source = _file_of(older) if older else self.file if resume and there else None
         if older:
             _warn_of_old_form("resume", older)
         if self.file == path != older:
@@ -171,7 +180,8 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
     def write(self, about: Mapping[str, Any], arrays: Mapping[str, Array], ledger: Ledger) -> None:
         """Replace the file. `about` has the fields of `MotionHeader` except the format, the problem and the columns."""
         begin = time.perf_counter()
-        self.write_file(self.file, self.problem, {"columns": ledger.names, **about}, {**arrays, "ledger": ledger.rows()})
+        every = {**arrays, "ledger": ledger.rows()}
+        self.write_file(self.file, self.problem, {"columns": ledger.names, **about}, every, self.states)
         end = time.perf_counter()
         self._next = end + max(EVERY, (end - begin) / SHARE)
 
@@ -220,7 +230,9 @@ class Saved(NamedTuple):
         return Snapshot(state, clock, reviews, moment.steps, moment.cuts, moment.rows)
 
 
-def packed(record: RunRecord, locations: LedgerLocations, found: bool) -> tuple[dict[str, Any], dict[str, Array]]:
+def packed(
+    record: RunRecord, locations: LedgerLocations, found: bool, mesh: ElementMesh
+) -> tuple[dict[str, Any], dict[str, Array]]:
     """Return the part of the header that JSON can write, and the arrays.
 
     Include the last good state if the step length is `found` from the critical step and not user-supplied.
@@ -239,8 +251,14 @@ def packed(record: RunRecord, locations: LedgerLocations, found: bool) -> tuple[
         arrays |= {"removed": record.removed, "removed at": record.removed_at}
     for kind, vertices in locations._asdict().items():
         about[kind] = list(vertices)
-        arrays |= {f"{kind} {name}": ids for name, ids in vertices.items()}
+        arrays |= {f"{kind} {name}": _in_whole_mesh(mesh, ids) for name, ids in vertices.items()}
     return about, arrays
+
+
+def _in_whole_mesh(mesh: ElementMesh, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the ids in the whole mesh of vertices of all parts, each once."""
+    every = np.concatenate(mesh.space.each(mesh.node_numbers[vertices]))
+    return every[np.sort(np.unique(every, return_index=True)[1])]
 
 
 def _moment(then: RunRecord | Snapshot, rows: int) -> dict[str, Any]:
@@ -249,8 +267,9 @@ def _moment(then: RunRecord | Snapshot, rows: int) -> dict[str, Any]:
     return {"t": then.state.t, "clock": clock, "looks": reviews, "steps": then.steps, "cuts": then.cuts, "rows": rows}
 
 
-def load(file: Path) -> Saved:
-    """Return the content of the file, checked as far as possible without the system.
+def load(file: Path, space: Space | None = None) -> Saved:
+    """Return the content of the file, checked as far as possible without the system. Its states are vectors of the `space`, by
+    default those of the whole body.
 
     Raises an error if the file is missing, incomplete, or not written by this package.
     """
@@ -258,7 +277,7 @@ def load(file: Path) -> Saved:
         raise StvkError(
             f"There is no checkpoint {file}. Is the path relative to another folder? To start a new motion, leave resume out."
         )
-    header, arrays = MotionCheckpoint.read_file(file)
+    header, arrays = MotionCheckpoint.read_file(file, space)
     with refusing_damage(file, START_AGAIN):
         method = MethodRecord.model_validate(header.problem.method)
     try:
@@ -341,7 +360,7 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
     state = {name: expect(saved.arrays, prefix + name, (motion.states.n,)) for name in ARRAYS}
     last = moment.rows - 1
     row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}
-    kinetic = float(state["v"] @ motion.mass.multiply(state["v"])) / 2
+    kinetic = motion.states.dot(state["v"], motion.mass.multiply(state["v"])) / 2
     strain = motion.energy(state["u"])
     for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
         if not np.isclose(row[name], energy, rtol=ENERGY, atol=ENERGY**2 * (kinetic + abs(strain))):

@@ -62,7 +62,7 @@ class Options:
         now = LedgerLocations.checked(system, self.probes, self.reactions)
         for kind, supplied in (("probes", self.probes), ("reactions", self.reactions)):
             then, requested = getattr(stored, kind), getattr(now, kind)
-            same = list(then) == list(requested) and all(np.array_equal(then[name], requested[name]) for name in then)
+            same = list(then) == list(requested) and all(np.array_equal(np.sort(then[x]), np.sort(requested[x])) for x in then)
             if supplied is not None and not same:
                 raise StvkError(
                     f"{kind} = {list(requested)}; expected those of {file}, {list(then)}, at the same vertices. Leave them out to "

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import time
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import StvkError, warn
 from ..results import Fields, Series
+from ..results.files import of_leader
 from ..system.signature import Fingerprint
 from .ledger import LedgerFile
 from .options import Options, Setup
@@ -45,7 +47,8 @@ class Outputs:
         self.written = -1  # steps at the last checkpoint; negative if there is none yet
         if series is not None:
             self._fields = Fields.of(setup.motion.system)
-            self._table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
+            table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
+            self._write_table = partial(of_leader, series.space, table.write)
 
     @classmethod
     def opened(cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack) -> Outputs:
@@ -58,7 +61,10 @@ class Outputs:
         if options.checkpoint is not None:
             options.checkpoint.belongs_to(problem, overwrite)
         if save is not None:
-            series = stack.enter_context(Series(save, options.output_files.fields, problem=problem, overwrite=overwrite))
+            space = setup.motion.system.space
+            series = stack.enter_context(
+                Series(save, options.output_files.fields, problem=problem, overwrite=overwrite, space=space)
+            )
         return cls(setup, record, series, options.output_files.every or EVERY, options.checkpoint)
 
     @classmethod
@@ -78,7 +84,10 @@ class Outputs:
                 f"{then.save!r}."
             )
         last = float(record.ledger["time"][record.steps - record.steps % every])
-        series = stack.enter_context(Series(save, options.output_files.fields, resume=True, until=last, problem=problem))
+        space = setup.motion.system.space
+        series = stack.enter_context(
+            Series(save, options.output_files.fields, resume=True, until=last, problem=problem, space=space)
+        )
         if series.steps and series.steps[-1][0] < last < t and every == then.every:
             warn(f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing and cannot be restored.")
         return cls(setup, record, series, every, checkpoint)
@@ -103,7 +112,7 @@ class Outputs:
             if not series.steps or series.steps[-1][0] < state.t:
                 u, v = (self._setup.motion.states.expand(x) for x in (state.u, state.v))
                 series.add(self._fields.at(u, v), state.t)
-            self._table.write()
+            self._write_table()
 
     def save_if_due(self) -> None:
         """Save the state if it is due at this step.
@@ -116,7 +125,8 @@ class Outputs:
     def step(self) -> None:
         """Save the state after a whole step if it is due, and write a checkpoint if it is due."""
         self.save_if_due()
-        if self._checkpoint is not None and self._checkpoint.due(time.perf_counter()):
+        space = self._setup.motion.system.space
+        if self._checkpoint is not None and space.any(space.leads and self._checkpoint.due(time.perf_counter())):
             self.checkpoint()
 
     def checkpoint(self) -> None:
@@ -128,7 +138,7 @@ class Outputs:
         self.save_if_due()
         record, setup, seconds = self._record, self._setup, self._record.watch.parts()
         with self._record.watch("write"):
-            about, arrays = packed(record, setup.locations, found=setup.integrator.dt is None)
+            about, arrays = packed(record, setup.locations, setup.integrator.dt is None, setup.motion.system.mesh)
             about |= {"counts": vars(record.counts), "seconds": seconds, "every": self._every}
             about["save"] = None if self._series is None else str(self._series.path)
             self._checkpoint.write(about, arrays, record.ledger)
@@ -139,7 +149,7 @@ class Outputs:
         if self._series is not None:
             with self._record.watch("write"):
                 self._series.cut(self._record.state.t)
-                self._table.write()
+                self._write_table()
         self.save_if_due()
         self.checkpoint()
 

@@ -29,7 +29,7 @@ from .record import SLACK, RunRecord
 
 def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """Return a run that continues from a checkpoint. Arguments that describe its beginning must agree with the file."""
-    saved = load(file)
+    saved = load(file, body.space)
     header, method = saved.header, saved.method
     supplied = options.integrator
     integrator = resumed_integrator(method.integrator, file) if supplied is None else checked_integrator(supplied)

@@ -16,6 +16,7 @@ from ..errors import AnalysisError, StvkError
 from ..mesh.locations import Where
 from ..nonlinear.outcome import Status
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
+from ..results.files import of_leader
 from ..results.monitors import Finding
 from ..results.reactions import constrained_vertices
 from ..results.vtu import DEFAULT
@@ -150,12 +151,12 @@ class Run:
         return plot(self.state, field, **options)
 
     def save(self, path: str | os.PathLike[str], fields: Any = DEFAULT) -> Path:
-        """Write the last state to a .vtu file.
+        """Write the last state to a .vtu file, for a body that is divided into parts to a .pvtu file.
 
         Parameters
         ----------
         path
-            Path of the file, ending in .vtu.
+            Path of the file, ending in .vtu or .pvtu.
         fields
             Names of the fields in it, see `skfem_stvk.results.names()`; by default stresses and strains.
 
@@ -185,7 +186,8 @@ class Run:
         """
         if self.series is None:
             raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
-        return animate(self.series, path, field, **options)
+        series = self.series
+        return of_leader(self.system.space, lambda: animate(series, path, field, **options))
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())

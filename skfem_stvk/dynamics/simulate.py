@@ -95,17 +95,20 @@ def simulate(
         lost energy as `removed_energy`. `run.removed` has the ids of removed elements, and `run.system` is the remaining body.
         `system` itself does not change.
     save
-        Path of a .pvd file, with a .vtu file for each saved state, and the ledger as .csv next to it.
+        Path of a .pvd file, with a .vtu file for each saved state, and the ledger as .csv next to it. On several ranks, each state
+        has a .pvtu file, and a .vtu file of each rank.
     fields
         Fields of the .vtu files in addition to displacements and velocities, see `skfem_stvk.results.names()`; by default stresses
         and strains.
     every
         Number of steps from one saved state to the next, by default 10.
     checkpoint
-        Path of a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end.
+        Path of a folder whose one file, `motion.npz`, is replaced every few seconds, and at the end. On several ranks, each rank
+        has another file there.
     resume
-        Continue the motion of `checkpoint`, if there is one, with bitwise the same results as without interruption. A motion that
-        is at its end is returned. Arguments of the beginning (`integrator`, `u0`, `v0`, `t0`, `mass`, `damping`, `probes`,
+        Continue the motion of `checkpoint`, if there is one, with bitwise the same results as without interruption. If the body is
+        divided in another way, the results are the same within the tolerance of linear solves. A motion that is at its end is
+        returned. Arguments of the beginning (`integrator`, `u0`, `v0`, `t0`, `mass`, `damping`, `probes`,
         `reactions`) are read from the checkpoint. If they are passed again, they must be the same. `every` and the name of the
         series are read as well. The series continues at `save`, or by default next to the checkpoint.
     overwrite
@@ -175,7 +178,7 @@ def simulate(
         if output_files.checkpoint is not None:
             from .checkpoint import MotionCheckpoint  # imports pydantic, only if needed
 
-            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, older))
+            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, older, body.space))
         options = Options(
             until=until,
             integrator=integrator,

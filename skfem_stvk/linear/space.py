@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from math import inf, nan
+from math import nan
 from typing import Any, TypeVar, cast
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +14,11 @@ from ..arguments import Array
 from ..errors import StateError
 
 Number = TypeVar("Number", float, Array)
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 #: Range of sums of squares. Outside it they may have underflowed or overflowed.
 SQUARES = 1e-280, 1e300
-#: Number of numbers that `gather` looks for with one sum over the parts; largest number of bytes of a text of `one_text`.
-RANGE, TEXT = 1 << 20, 2000
 
 
 class Space:
@@ -34,6 +32,8 @@ class Space:
     ----------
     n
         Length of its vectors.
+    rank, size
+        Number of this part, from 0, and number of parts.
 
     Examples
     --------
@@ -44,6 +44,8 @@ class Space:
     >>> whole.spanned_by(V).expand(np.array([2.0])), whole.spanned_by(V).restrict(np.array([1.0, 2.0, 3.0]))
     (array([2., 2., 4.]), array([9.]))
     """
+
+    rank, size = 0, 1
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -139,6 +141,10 @@ class Space:
         """Return whether `x` is true in any part."""
         return x
 
+    def each(self, x: Item) -> list[Item]:
+        """Return the objects `x` of all parts, in their order."""
+        return [x]
+
     def element_ids(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending."""
         return ids
@@ -188,17 +194,9 @@ class Space:
 
     def gather(self, numbers: NDArray[np.int64], values: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the `numbers` (n,) of all parts, ascending, and their `values` (n, ...). Each number is in one part only."""
-        if not self.divided:
-            return numbers, values
-        found = []
-        for first in range(0, int(self.most(float(numbers.max(initial=0)))) + 1, RANGE):
-            there = np.zeros(RANGE)
-            there[numbers[(numbers >= first) & (numbers < first + RANGE)] - first] = 1
-            found.append(first + np.flatnonzero(self.total(there)))
-        every = np.concatenate(found)
-        of_all = np.zeros((len(every), *values.shape[1:]))
-        of_all[np.searchsorted(every, numbers)] = values
-        return every, self.total(of_all)
+        every, of_all = (np.concatenate(arrays) for arrays in zip(*self.each((numbers, values)), strict=True))
+        order = np.argsort(every)
+        return every[order], of_all[order]
 
     def together(self, work: Callable[..., Result], *arguments: Any) -> Result:
         """Return `work(*arguments)`. If it raises StateError in one part of a divided body, raise StateError in all parts.
@@ -222,17 +220,8 @@ class Space:
 
     def _raise_in_all(self, error: StateError | None, raised: bool) -> None:
         if raised:
-            text = self.one_text("" if error is None else str(error))
+            text = next(filter(None, self.each("" if error is None else str(error))), "")
             raise error or StateError(text)
-
-    def one_text(self, text: str) -> str:
-        """Return one of the texts of the parts that are not empty, the same in all parts."""
-        data = text.encode()[:TEXT]
-        key, codes = float(crc32(data)) if data else inf, np.zeros(TEXT + 1)
-        if key == self.least(key):
-            codes[: len(data)], codes[TEXT] = list(data), 1
-        codes = self.total(codes)
-        return bytes((codes[:TEXT] / max(codes[TEXT], 1)).astype(np.uint8)).rstrip(b"\0").decode(errors="ignore")
 
 
 def _tried(work: Callable[..., Result], arguments: tuple[Any, ...]) -> tuple[Result | None, StateError | None]:

@@ -59,9 +59,10 @@ def refuse_other_laws(fields: ElasticBody) -> None:
     for part in fields.parts:
         if part.law is not None or part.linear:
             law = "LinearElastic" if part.linear else type(part.law).__name__
+            ids = fields.mesh.element_numbers[part.elements]
             raise StvkError(
-                f"{name_ids(part.elements, 'element')} in {law}: expected StVK, the only law with a check of strong "
-                "ellipticity. Leave out ellipticity=True, or the field smallest_acoustic_eigenvalue."
+                f"{name_ids(ids, 'element')} in {law}: expected StVK, the only law with a check "
+                "of strong ellipticity. Leave out ellipticity=True, or the field smallest_acoustic_eigenvalue."
             )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +13,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array, shown
 from ..elements import rule_of
 from ..errors import StvkError
+from ..linear.space import Space
 from ..mesh.displacements import by_vertex
 from .response import ElasticBody, Masked, Response
 from .table import find
@@ -75,7 +77,7 @@ class Fields(ElasticBody):
 
     @cached_property
     def average(self) -> NodalAverage:
-        return NodalAverage(self.mesh.t, self.volume, self.mesh.nv)
+        return NodalAverage(self.mesh.t, self.volume, self.mesh.nv, self.mesh.space)
 
     @cached_property
     def to_nodes(self) -> Array:
@@ -142,7 +144,7 @@ class State:
 
     def at_nodes(self, name: str, region: str | NDArray[Any] | None = None) -> Array:
         """Return averages (nv, ...) over the elements around each node, weighted by rest volume; with a `region`, over its elements
-        only.
+        only. All parts of a divided body call this method together.
 
         Values at several points of an element are first extrapolated to its nodes.
 
@@ -206,26 +208,28 @@ class NodalAverage:
     (array([10. , 17.5, 20. ,  0. ]), array([False, False, False,  True]))
     """
 
-    def __init__(self, t: NDArray[np.integer], volume: Array, nodes: int) -> None:
+    def __init__(self, t: NDArray[np.integer], volume: Array, nodes: int, space: Space | None = None) -> None:
         size, nt = t.shape
-        self._t, self._volume = t, volume
+        self._t, self._volume, self._space = t, volume, space or Space(nodes)
         self._sum = csr_matrix((np.tile(volume, size), (t.ravel(), np.tile(np.arange(nt), size))), shape=(nodes, nt))
 
     def __call__(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
         """Return averages (nodes, ...) of values (nt, ...) over the elements that are not missing, and the nodes without any."""
-        weight = self._sum @ np.where(missing, 0.0, 1.0)
-        flat = np.where(missing[:, None], 0.0, values.reshape(len(values), -1))
-        average = (self._sum @ flat) / np.where(weight > 0, weight, 1.0)[:, None]
-        return average.reshape(-1, *values.shape[1:]), weight == 0
+        flat = np.where(missing[:, None], 0.0, values.reshape(len(values), math.prod(values.shape[1:])))
+        return self._averages(self._sum @ flat, missing, values.shape[1:])
 
     def of_corners(self, values: Array, missing: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
         """Return averages as `__call__` does, of values (n, nt, ...) at the nodes of each element."""
-        weight = self._sum @ np.where(missing, 0.0, 1.0)
-        shares = np.where(missing, 0.0, self._volume)
-        flat = shares[:, None] * values.reshape(*self._t.shape, -1)
-        sums = np.stack([np.bincount(self._t.ravel(), column.ravel(), len(weight)) for column in np.moveaxis(flat, 2, 0)], axis=1)
+        shares, nodes = np.where(missing, 0.0, self._volume), self._sum.shape[0]
+        flat = shares[:, None] * values.reshape(*self._t.shape, math.prod(values.shape[2:]))
+        sums = np.stack([np.bincount(self._t.ravel(), column.ravel(), nodes) for column in np.moveaxis(flat, 2, 0)], axis=1)
+        return self._averages(sums, missing, values.shape[2:])
+
+    def _averages(self, sums: Array, missing: NDArray[np.bool_], shape: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_]]:
+        """Return averages (nodes, *shape) from sums (nodes, m) of weighted values in this part, and the nodes without any."""
+        weight, sums = (self._space.share(x) for x in (self._sum @ np.where(missing, 0.0, 1.0), np.ascontiguousarray(sums)))
         average = sums / np.where(weight > 0, weight, 1.0)[:, None]
-        return average.reshape(-1, *values.shape[2:]), weight == 0
+        return average.reshape(-1, *shape), weight == 0
 
 
 def split_nodes(t: NDArray[np.integer], part: NDArray[np.integer]) -> tuple[NDArray[np.int64], int]:
@@ -244,6 +248,16 @@ def checked_state(state: Any) -> State:
     """Return the state; refuse other objects."""
     if not isinstance(state, State):
         raise StvkError(f"state = {shown(state)}; expected a state, such as result.state or Fields(mesh, terms).at(u).")
+    return state
+
+
+def whole_state(state: State) -> State:
+    """Return the state; refuse one of a part of a divided body, of which there are no pictures."""
+    if state.fields.mesh.space.divided:
+        raise StvkError(
+            "The state belongs to a part of a body; expected the whole body for a picture. Write its file, save='x.pvd', and read "
+            "it on one machine: animate('x.pvd', ...), read_state('x.pvd', mesh) or ParaView."
+        )
     return state
 
 

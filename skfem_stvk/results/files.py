@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from .. import arguments
 from ..errors import StvkError
+from ..linear.space import Space
+
+Result = TypeVar("Result")
 
 
 class WriteError(StvkError, OSError):
@@ -107,6 +110,38 @@ def try_to_write(folder: Path, name: str = "") -> None:
         (folder / name).lstat()  # a name may be too long
     with TemporaryFile(dir=folder):
         pass
+
+
+@contextmanager
+def in_all_parts(space: Space) -> Iterator[None]:
+    """Raise the error of the first part of a divided body whose block raises one, in all parts.
+
+    The block is for one part: it does not combine results.
+    """
+    raised: Exception | None = None
+    try:
+        yield
+    except Exception as error:
+        raised = error
+    errors = space.each(None if raised is None else (isinstance(raised, OSError), str(raised)))
+    first = next((rank for rank, error in enumerate(errors) if error is not None), None)
+    if first == space.rank and raised is not None:
+        raise raised
+    if first is not None:
+        disk, text = cast(tuple[bool, str], errors[first])
+        raise (WriteError if disk else StvkError)(text) from raised
+
+
+def of_leader(space: Space, work: Callable[[], Result]) -> Result:
+    """Return `work()` of the leading part of a divided body, in all parts, or raise its error in all of them.
+
+    The leading part is the only one that writes files which all parts share, and the one to read them while they change.
+    """
+    found: Result | None = None
+    with in_all_parts(space):
+        if space.leads:
+            found = work()
+    return cast(Result, space.each(found)[0])
 
 
 def _sync_folder(folder: Path) -> None:

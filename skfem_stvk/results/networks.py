@@ -145,6 +145,8 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
     True
     """
     body = ElementMesh.of(mesh)
+    if body.space.divided:
+        raise StvkError("mesh is a part of a divided body; expected a whole mesh: the comparison needs the whole stiffness.")
     if not hasattr(law, "coefficients"):
         raise StvkError(f"law = {shown(law)}; expected StVK(young=..., poisson=...).")
     if not body.element.is_linear_simplex:

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import StvkError, warn
-from .files import content_of
+from ..linear.space import Space
+from .files import content_of, in_all_parts
 
 #: Error numbers by which systems report that a disk has no locks, such as some network disks.
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)
@@ -26,10 +27,12 @@ class OneWriter:
     The right is a lock on `.lock` in the folder, or on `.NAME.lock` next to the file, by the real path of the folder. The lock ends
     with the process that holds it, in any case; forked children do not hold it. The holder writes its name to `.writer` or
     `.NAME.writer`. `with` refuses another writer. On a disk without locks, two writers are not detected, and a warning says so.
+
+    In a divided body, whose displacements have the `space`, the leading part has the lock for all parts.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, space: Space | None = None) -> None:
+        self.path, self.space = path, space or Space(0)
         self._lock: Any = None  # of filelock
         self._process = 0
 
@@ -43,7 +46,10 @@ class OneWriter:
 
     def __enter__(self: Entered) -> Entered:
         try:
-            self._acquire()
+            with in_all_parts(self.space):
+                if self.space.leads:
+                    self._acquire()
+            self._process = os.getpid()
             self.opened()
         except BaseException:
             self.__exit__()

@@ -13,7 +13,7 @@ from ..arguments import Array, number, real_array, shown, text
 from ..elements import Element, linear_simplex
 from ..errors import StvkError
 from ..mesh.facets import Cells, MeshArrays, outer_facets
-from .fields import NodalAverage, State, checked_state, masked, split_nodes
+from .fields import NodalAverage, State, checked_state, masked, split_nodes, whole_state
 from .law import in_space
 from .table import FIELDS, VECTORS, find
 
@@ -81,7 +81,7 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
     Values by element are averaged to the nodes within each material, so that stress still jumps between materials.
     """
     scale, label = checked_scale(scale), checked_label(label)
-    _, named, unit = corner_values(checked_state(state), field)
+    _, named, unit = corner_values(whole_state(checked_state(state)), field)
     picture = VisibleBody(state).picture(state, field, named if label is None else label, scale)
     return picture.in_unit(*prefixed(picture.largest, unit)) if label is None else picture
 

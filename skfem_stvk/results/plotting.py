@@ -20,7 +20,7 @@ from ..arguments import choice, text
 from ..errors import StvkError, name_known
 from ..mesh.facets import Cells
 from ..mesh.groups import from_cells
-from .fields import State, checked_state, masked
+from .fields import State, checked_state, masked, whole_state
 from .files import output_path, replacing
 from .picture import Film, Picture, VisibleBody, VisibleMesh, checked_label, checked_scale, corner_values, joined, picture_of
 from .series import listed_states
@@ -156,7 +156,7 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
         raise StvkError(f"series = {arguments.shown(states)}; expected {expected}.")
     if not states:
         raise StvkError(f"The series has no states; expected {expected}.")
-    pairs = [(arguments.number("series: a time", t), checked_state(state)) for t, state in states]
+    pairs = [(arguments.number("series: a time", t), whole_state(checked_state(state))) for t, state in states]
     mesh = pairs[0][1].fields.mesh
     for number, (_, state) in enumerate(pairs):
         other = state.fields.mesh

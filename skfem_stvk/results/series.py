@@ -15,10 +15,12 @@ import numpy as np
 
 from ..arguments import flag, number
 from ..errors import StvkError, warn
+from ..linear.space import Space
 from ..system.signature import Fingerprint, Signature
-from .fields import State
-from .files import cannot_write, output_path, replacing
+from .fields import State, checked_state
+from .files import cannot_write, in_all_parts, of_leader, output_path, replacing
 from .one_writer import OneWriter
+from .pieces import remove_state
 from .table import find_all
 from .vtu import DEFAULT, write_vtu
 
@@ -48,6 +50,9 @@ class Series(OneWriter):
         The problem of the states. The .pvd holds its signature, and the series of another problem is neither resumed nor replaced.
     overwrite
         Replace even the series of another problem.
+    space
+        Space of the displacements of a body that is divided into parts, `system.space`: each part writes files of its own, and the
+        .pvd lists a .pvtu file for each step.
 
     Raises
     ------
@@ -65,8 +70,9 @@ class Series(OneWriter):
         *,
         problem: Fingerprint | None = None,
         overwrite: bool = False,
+        space: Space | None = None,
     ) -> None:
-        super().__init__(output_path(path, ".pvd"))
+        super().__init__(output_path(path, ".pvd"), space)
         self.fields = tuple(field.name for field in find_all(DEFAULT if fields is None else fields))
         self.resume = flag("resume", resume)
         self._until = np.inf if isinstance(until, float) and until == np.inf else number("until", until, "a time, or infinity")
@@ -74,12 +80,12 @@ class Series(OneWriter):
         self._problem, self._overwrite = problem, overwrite
         self._begun = False
         if resume:
-            self._read()
+            of_leader(self.space, self._read)
 
     def opened(self) -> None:
         self._refuse_other()
         if self.resume:
-            self.steps = self._retained_steps()
+            self.steps = of_leader(self.space, self._retained_steps)
 
     def add(self, state: State, t: float) -> Path:
         """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
@@ -94,6 +100,10 @@ class Series(OneWriter):
             if the disk is full, for example.
         """
         t = number("t", t, "a finite load factor or time")
+        if checked_state(state).fields.mesh.space.divided != self.space.divided:
+            raise StvkError(
+                "The state belongs to a part of a body, but the series does not; expected Series(..., space=system.space)."
+            )
         with nullcontext() if self.held else self:
             return self._add(state, float(t))
 
@@ -101,10 +111,10 @@ class Series(OneWriter):
         if not self._begun:
             self._begin(t)
         last = int(self.steps[-1][1].stem.rpartition("_")[2]) if self.steps else -1
-        file = self.path.with_name(f"{self.path.stem}_{last + 1:04d}.vtu")
+        file = self.path.with_name(f"{self.path.stem}_{last + 1:04d}.{'pvtu' if self.space.divided else 'vtu'}")
         write_vtu(file, state, self.fields)
         steps = [*self.steps, (t, file)]
-        self._write(steps)
+        of_leader(self.space, lambda: self._write(steps))
         self.steps = steps
         return file
 
@@ -117,8 +127,9 @@ class Series(OneWriter):
 
     def _begin(self, t: float) -> None:
         """Remove the steps of an older run, from `t` on or all; first from the list, so that it never names a missing file."""
-        retained = [step for step in self._retained_steps() if step[0] < t] if self.resume else []
-        self._retain(self._previous_steps(), retained)
+        assert self._problem is None or self._problem.signature  # all parts compute it
+        listed = of_leader(self.space, self._retained_steps) if self.resume else []
+        self._retain(of_leader(self.space, self._previous_steps), [step for step in listed if step[0] < t])
         self._begun = True
 
     def _previous_steps(self) -> list[tuple[float, Path]]:
@@ -143,20 +154,23 @@ class Series(OneWriter):
 
     def _retain(self, previous: list[tuple[float, Path]], retained: list[tuple[float, Path]]) -> None:
         """Retain these steps of the former ones, and remove the others."""
-        if retained:
-            self._write(retained)
-        else:
-            self.path.unlink(missing_ok=True)
+        with in_all_parts(self.space):
+            if self.space.leads:
+                if retained:
+                    self._write(retained)
+                else:
+                    self.path.unlink(missing_ok=True)
+                self.steps = retained
+                for _, file in previous:
+                    if file not in {file for _, file in retained}:
+                        remove_state(file)
         self.steps = retained
-        for _, file in previous:
-            if file not in {file for _, file in retained}:
-                file.unlink(missing_ok=True)
 
     def _read(self) -> list[tuple[float, Path]]:
         """Return times and files that the .pvd lists and that this series may have written; none if there is no .pvd."""
         if not self.path.exists():
             return []
-        own_files = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.vtu")
+        own_files = re.compile(re.escape(self.path.stem) + r"_\d{4,}\.p?vtu")
         try:
             listed = read_list(self.path)
         except (ET.ParseError, KeyError, ValueError, OSError) as error:
@@ -165,21 +179,29 @@ class Series(OneWriter):
 
     def _refuse_other(self) -> None:
         """Refuse the series of another problem."""
-        if self._problem is None or not self.path.exists() or (self._overwrite and not self.resume):
+        if self._problem is None or (self._overwrite and not self.resume):
             return
+        written = of_leader(self.space, self._written_problem)
+        if written is None:
+            return
+        if differences := self._problem.differences(written):
+            raise StvkError(
+                f"{self.path} is the series of another problem: {differences}. Choose another path, or replace it with "
+                "overwrite=True."
+            )
+
+    def _written_problem(self) -> Signature | None:
+        """Return the signature of the problem of an existing series; None if there is no series."""
+        if not self.path.exists():
+            return None
         try:
-            written = read_problem(self.path)
+            return read_problem(self.path)
         except (ET.ParseError, ValueError, OSError) as error:
             raise StvkError(
                 f"{self.path} exists, but does not name its problem: another program or release wrote it, or "
                 "result.save(...). Choose another path, or replace it with "
                 "overwrite=True."
             ) from error
-        if differences := self._problem.differences(written):
-            raise StvkError(
-                f"{self.path} is the series of another problem: {differences}. Choose another path, or replace it with "
-                "overwrite=True."
-            )
 
     def _write(self, steps: list[tuple[float, Path]], target: Path | None = None) -> None:
         """Write the list, to its own path or another one."""

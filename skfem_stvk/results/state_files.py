@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import xml.etree.ElementTree as ET
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +18,12 @@ from ..errors import StvkError, name_ids, warn
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.groups import from_cells
 from ..mesh.locations import SAME_POINT
-from ..system.signature import SAME, sums
+from ..system.signature import SAME, mesh_numbers
 from .files import ForeignFile
+from .law import in_space
+from .pieces import pieces_of
 from .series import listed_states
-from .store import Header, Record, expect, pattern, read_archive, refusing_damage
+from .store import Header, Record, expect, of_part, pattern, read_archive, refusing_damage
 from .vtu import read_vtu
 
 if TYPE_CHECKING:
@@ -58,9 +62,10 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
     Parameters
     ----------
     path
-        Path of a .vtu file; or of a .pvd file or the folder of a checkpoint, from which one state is taken.
+        Path of a .vtu or .pvtu file; or of a .pvd file or the folder of a checkpoint, from which one state is taken.
     mesh
-        Mesh of the result, equal to that of the file.
+        Mesh of the result, equal to that of the file. For a part of it, the result has the values of that part; all parts call this
+        function together.
     time
         Time or load factor of the state in a .pvd file or a checkpoint; by default the last one.
 
@@ -105,7 +110,7 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
     file = _listed(path, time) if path.suffix.lower() == ".pvd" else path
     if file is path and time is not None:
         raise StvkError(f"time = {time:g}, but {path} has one state and no time. Pass the .pvd file, or leave out time.")
-    if file.suffix.lower() != ".vtu":
+    if file.suffix.lower() not in (".vtu", ".pvtu"):
         raise StvkError(f"{file} is not a file of states; expected a .vtu or .pvd file, as write_vtu or save=... writes it.")
     read = read_vtu(file)
     _refuse_other(file, read, mesh)
@@ -118,11 +123,13 @@ def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None 
 
 
 def parts_of_state(path: Path, time: float | None = None) -> list[Path]:
-    """Return the regular files from which a state is read: a file, and for an undamaged .pvd the file that it lists."""
-    try:
-        parts = [path, _listed(path, time)] if path.suffix.lower() == ".pvd" else [path]
-    except StvkError:
-        parts = [path]
+    """Return the regular files from which a state is read: a file, and for an undamaged .pvd or .pvtu the files that it lists."""
+    parts = [path]
+    with suppress(StvkError, OSError, ValueError, KeyError, ET.ParseError):
+        if path.suffix.lower() == ".pvd":
+            parts.append(_listed(path, time))
+        if parts[-1].suffix.lower() == ".pvtu":
+            parts += pieces_of(parts[-1])
     return [part for part in parts if part.is_file()]
 
 
@@ -155,14 +162,17 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
     headers = [read_archive(file, StateInCheckpoint, known, OTHER, True)[0] for file in files]
     chosen = _chosen(path, [header.moment.t for header in headers], time)
     header, arrays = read_archive(files[chosen], StateInCheckpoint, known, OTHER)
-    written, expected = header.problem.numbers.get("the mesh", []), [mesh.nv, mesh.nt, *sums(mesh.p), *sums(mesh.t)]
+    written, expected = header.problem.numbers.get("the mesh", []), mesh_numbers(mesh)
     if len(written) != len(expected):
         raise ForeignFile(f"{files[chosen]} is damaged: it does not identify its mesh. {OTHER}")
     if written[:2] != expected[:2]:
-        was = f"it has {written[0]:.0f} {mesh.words} and {written[1]:.0f} elements, this one {mesh.nv} and {mesh.nt}"
+        was = (
+            f"it has {written[0]:.0f} {mesh.words} and {written[1]:.0f} elements, this one {expected[0]:.0f} and {expected[1]:.0f}"
+        )
         raise StvkError(f"{files[chosen]} belongs to another mesh: {was}.")
     if not np.allclose(written, expected, rtol=SAME, atol=0.0):
         raise StvkError(f"{files[chosen]} belongs to another mesh: its {mesh.words} or its elements differ.")
+    arrays = of_part(files[chosen], header, arrays, lambda name: name in ("u", "v"), mesh.space, OTHER)
     with refusing_damage(path, OTHER):
         u = expect(arrays, "u", (mesh.p.size,))
         v = expect(arrays, "v", (mesh.p.size,)) if known == MOTION else None
@@ -173,29 +183,31 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
 def _warn_of_lost(path: Path, lost: int, mesh: ElementMesh) -> None:
     """Warn that the body of the state had lost elements."""
     if lost:
-        warn(f"{path} is the state of a body from which {lost} of {mesh.nt} elements were removed. The new body has all of them.")
+        warn(
+            f"{path} is the state of a body from which {lost} of {mesh.element_count} elements were removed. The new body has all "
+            "of them."
+        )
 
 
 def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
     """Refuse the file of another mesh, and warn if its body had lost elements."""
     what = f"{file} belongs to another mesh"
     hint = "Pass the mesh on which its states were computed, with the same degree."
-    if len(read.points) != mesh.nv:
-        raise StvkError(f"{what}: it has {len(read.points)} {mesh.words}, this one {mesh.nv}. {hint}")
-    p, size = np.zeros((3, mesh.nv)), float(np.ptp(mesh.p, axis=1).max())
-    p[: mesh.d] = mesh.p
-    if len(bad := np.flatnonzero((np.abs(read.points.T - p) > SAME_POINT * size).any(axis=0))):
-        raise StvkError(f"{what}: {name_ids(bad, mesh.word)} of {mesh.nv} have other coordinates. {hint}")
+    if len(read.points) != (nodes := mesh.space.count // mesh.d):
+        raise StvkError(f"{what}: it has {len(read.points)} {mesh.words}, this one {nodes}. {hint}")
+    far = np.abs(read.points[mesh.node_numbers].T - in_space(mesh.p.T).T) > SAME_POINT * mesh.extent.max()
+    if len(bad := mesh.node_numbers[far.any(axis=0)]):
+        raise StvkError(f"{what}: {name_ids(np.sort(bad), mesh.word)} of {nodes} have other coordinates. {hint}")
     try:
         t, element = from_cells(read.cells[0].type, read.cells[0].data)
     except (KeyError, IndexError) as error:
         raise StvkError(f"{what}: it has no supported elements. {hint}") from error
     if element.name != mesh.element.name:
         raise StvkError(f"{what}: it has {element.name}, this one {mesh.element.name}. {hint}")
-    known = np.isin(_rows(t), _rows(mesh.t))
-    if others := np.count_nonzero(~known):
+    known = float(np.count_nonzero(np.isin(_rows(t), _rows(mesh.node_numbers[mesh.t]))))
+    if others := t.shape[1] - int(mesh.space.total(known)):
         raise StvkError(f"{what}: {others} of its {t.shape[1]} elements are not in this mesh. {hint}")
-    _warn_of_lost(file, mesh.nt - t.shape[1], mesh)
+    _warn_of_lost(file, mesh.element_count - t.shape[1], mesh)
 
 
 def _rows(t: NDArray[Any]) -> NDArray[Any]:
@@ -209,6 +221,7 @@ def _vectors(file: Path, read: meshio.Mesh, mesh: ElementMesh, name: str) -> Arr
     given = read.point_data.get(name)
     if given is None:
         return None
-    if given.shape != (mesh.nv, 3) or not np.isfinite(given).all() or given[:, mesh.d :].any():
-        raise StvkError(f"{file} is damaged: {name} is not {mesh.d} finite components for each of {mesh.nv} {mesh.words}.")
-    return np.ascontiguousarray(given[:, : mesh.d], dtype=np.float64).reshape(-1)
+    nodes = mesh.space.count // mesh.d
+    if given.shape != (nodes, 3) or not np.isfinite(given).all() or given[:, mesh.d :].any():
+        raise StvkError(f"{file} is damaged: {name} is not {mesh.d} finite components for each of {nodes} {mesh.words}.")
+    return np.ascontiguousarray(given[mesh.node_numbers, : mesh.d], dtype=np.float64).reshape(-1)

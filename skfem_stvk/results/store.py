@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+import secrets
+from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -14,9 +16,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..arguments import Array
+from ..linear.space import Space
 from ..npz import arrays_of
 from ..system.signature import Fingerprint, Signature
-from .files import ForeignFile, replacing
+from .files import ForeignFile, in_all_parts, of_leader, replacing
 from .one_writer import OneWriter
 
 
@@ -26,18 +29,26 @@ class Record(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Header(Record):
-    """Entries of the header of each file: its format, and the problem of its results."""
+class FileFormat(Record):
+    """Format of a file, and its version."""
 
     format: str
     version: int
+
+
+class Header(FileFormat):
+    """Entries of the header of each file: its format, the problem of its results, and for a divided body the files of its parts."""
+
     problem: Signature
+    parts: list[str] = []
 
 
 OfHeader = TypeVar("OfHeader", bound=Header)
 
 #: Prefix of the names of arrays in a file.
 ARRAY = "array "
+#: Format and version of the file of a part of a divided body, and its array of the numbers of degrees of freedom.
+PART, NUMBERS = ("part of skfem-stvk", 1), "numbers"
 
 
 class Store(Generic[OfHeader]):
@@ -47,30 +58,44 @@ class Store(Generic[OfHeader]):
     remedy: ClassVar[str]
     schema: type[OfHeader]
 
-    @classmethod
-    def write_file(cls, file: Path, problem: Fingerprint, about: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
-        """Replace a file; `about` is the rest of its header."""
-        header = {"format": cls.known[0], "version": cls.known[1], **about, "problem": vars(problem.signature)}
-        write_archive(file, header, arrays)
+    @staticmethod
+    def by_dof(name: str) -> bool:
+        """Return whether the array of this name has one entry for each degree of freedom, along its last axis."""
+        return False
 
     @classmethod
-    def read_file(cls, file: Path) -> tuple[OfHeader, dict[str, Array]]:
-        """Return header and arrays of a file; raise ForeignFile if it is not one of this format."""
-        return read_archive(file, cls.schema, cls.known, cls.remedy)
+    def write_file(
+        cls, file: Path, problem: Fingerprint, about: Mapping[str, Any], arrays: Mapping[str, Array], space: Space | None = None
+    ) -> None:
+        """Replace a file; `about` is the rest of its header. Arrays `by_dof` are those of vectors of the `space`."""
+        header = {"format": cls.known[0], "version": cls.known[1], **about, "problem": vars(problem.signature)}
+        if space is None:
+            write_archive(file, header, arrays)
+        else:
+            _write_of_parts(file, header, arrays, cls.by_dof, space)
+
+    @classmethod
+    def read_file(cls, file: Path, space: Space | None = None) -> tuple[OfHeader, dict[str, Array]]:
+        """Return header and arrays of a file; raise ForeignFile if it is not one of this format. Arrays `by_dof` are those of the
+        `space`, which may be of another division of the body than when the file was written.
+        """
+        header, arrays = read_archive(file, cls.schema, cls.known, cls.remedy)
+        return header, arrays if space is None else of_part(file, header, arrays, cls.by_dof, space, cls.remedy)
 
 
 class FolderStore(Store[OfHeader], OneWriter):
     """Folder of files, from which a later run continues. It is used in a `with` block, during which no other process can write.
 
-    `folder` is writable, see `output_folder`. Each file has the signature of its problem.
+    `folder` is writable, see `output_folder`. Each file has the signature of its problem. States in the files are vectors of the
+    space `states`, if that is not None.
     """
 
     problem: Fingerprint
     name: ClassVar[str]  # of a file, such as "state_{:05d}.npz" with a number
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        self.folder = folder
+    def __init__(self, folder: Path, space: Space | None = None) -> None:
+        super().__init__(folder, space)
+        self.folder, self.states = folder, space
 
     def existing(self) -> list[Path]:
         """Return the existing files in ascending order."""
@@ -82,7 +107,7 @@ class FolderStore(Store[OfHeader], OneWriter):
 
     def read_own(self, file: Path, remedy: str) -> tuple[OfHeader, dict[str, Array]]:
         """Return header and arrays of a file; refuse one of another problem with the remedy."""
-        header, arrays = self.read_file(file)
+        header, arrays = self.read_file(file, self.states)
         self.problem.refuse_other(header.problem, file, remedy)
         return header, arrays
 
@@ -91,6 +116,79 @@ class FolderStore(Store[OfHeader], OneWriter):
         remedy = "Choose another folder, or replace it with overwrite=True."
         header, _ = read_archive(file, self.schema, self.known, remedy, only_header=True)
         self.problem.refuse_other(header.problem, file, remedy)
+
+
+def _write_of_parts(
+    file: Path, header: Mapping[str, Any], arrays: Mapping[str, Array], by_dof: Callable[[str], bool], space: Space
+) -> None:
+    """Replace a file. In a divided body, each part writes its arrays `by_dof` to a file of its own before.
+
+    The names of these files are new each time, so that the previous ones remain valid if writing is interrupted.
+    """
+    vectors = {name: array for name, array in arrays.items() if by_dof(name)}
+    others, names = {name: array for name, array in arrays.items() if not by_dof(name)}, []
+    if space.divided:
+        stamp = space.each(secrets.token_hex(4))[0]
+        names = [f"rank{rank:04d}_{file.stem}_{stamp}.npz" for rank in range(space.size)]
+        with in_all_parts(space):
+            part = {NUMBERS: space.numbers, **vectors}
+            write_archive(file.with_name(names[space.rank]), {"format": PART[0], "version": PART[1]}, part)
+        header = {**header, "parts": names}
+    else:
+        others |= {name: _in_order(array, space) for name, array in vectors.items()}
+
+    def finish() -> None:
+        write_archive(file, header, others)
+        _remove_parts(file, names)
+
+    of_leader(space, finish)
+
+
+def _in_order(array: Array, space: Space) -> Array:
+    """Return the array with its last axis in the order of the user's mesh."""
+    found = np.empty_like(array)
+    found[..., space.numbers] = array
+    return found
+
+
+def remove_file(file: Path) -> None:
+    """Remove a file, and those of the parts of a divided body."""
+    file.unlink(missing_ok=True)
+    _remove_parts(file)
+
+
+def _remove_parts(file: Path, but: Container[str] = ()) -> None:
+    for part in file.parent.glob(f"rank[0-9]*_{escape(file.stem)}_*.npz"):
+        if part.name not in but:
+            part.unlink(missing_ok=True)
+
+
+def of_part(
+    file: Path, header: Header, arrays: Mapping[str, Array], by_dof: Callable[[str], bool], space: Space, remedy: str
+) -> dict[str, Array]:
+    """Return the arrays of a file, with those `by_dof` for a part of a body that was divided in any way when they were written.
+
+    Entries that are missing are NaN.
+    """
+    whole = [name for name in arrays if by_dof(name) and arrays[name].shape[-1:] == (space.count,)]
+    found = dict(arrays) | {name: arrays[name][..., space.numbers] for name in whole}
+    order = np.argsort(space.numbers)
+    ascending = space.numbers[order]
+    first = header.parts[space.rank : space.rank + 1]  # the only one that is read if the division is the same
+    for name in dict.fromkeys([*first, *header.parts]):
+        with refusing_damage(file, remedy):
+            path = file.with_name(name)
+        part = read_archive(path, FileFormat, PART, remedy)[1]
+        with refusing_damage(path, remedy):
+            numbers = expect(part, NUMBERS, (None,), (np.int64,))
+            vectors = {one: expect(part, one, (*part[one].shape[:-1], len(numbers))) for one in part if by_dof(one)}
+        if np.array_equal(numbers, space.numbers):
+            return found | vectors
+        index = np.minimum(np.searchsorted(ascending, numbers), len(order) - 1)
+        own = ascending[index] == numbers
+        for one, values in vectors.items():
+            found.setdefault(one, np.full((*values.shape[:-1], space.n), np.nan))[..., order[index[own]]] = values[..., own]
+    return found
 
 
 def pattern(name: str) -> str:

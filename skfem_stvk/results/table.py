@@ -49,9 +49,9 @@ def deformation_gradient(state: Response) -> Masked:
     across, solid = _across(tangents, state)
     if len(thin := np.flatnonzero(~solid & ~state.without_strain)):
         warn(
-            f"{name_ids(thin, 'element')}: stretched so far that zero transverse stress leaves no thickness (1 + 2 E <= 0). F, J, "
-            "principal stretches and Cauchy stress are masked there; pk2_stress, pk1_stress and green_strain are not. Check the "
-            "units of loads and moduli."
+            f"{name_ids(state.fields.mesh.element_numbers[thin], 'element')}: stretched so far that zero transverse stress leaves "
+            "no thickness (1 + 2 E <= 0). F, J, principal stretches and Cauchy stress are masked there; pk2_stress, pk1_stress and "
+            "green_strain are not. Check the units of loads and moduli."
         )
     F = tangents @ np.swapaxes(frames[..., :k], 1, 2) + across @ np.swapaxes(frames[..., k:], 1, 2)
     return F, state.without_strain | ~solid
@@ -103,7 +103,7 @@ def pk2_stress(state: Response) -> Masked:
     Elements of a `VolumePenalty` with `J = 0` are masked, with a warning.
     """
     if len(lost := np.flatnonzero(state.shrunk)):
-        _warn_of_shrunk(lost, "stress is infinite")
+        _warn_of_shrunk(state, lost, "stress is infinite")
     return state.globally(state.stress), state.fields.without_term | state.shrunk
 
 
@@ -140,15 +140,15 @@ def cauchy_stress(state: Response) -> Masked:
         stress = F @ S @ np.swapaxes(F, 1, 2) / np.abs(J)[:, None, None]
     infinite = ~np.isfinite(stress).all(axis=(1, 2))
     if len(lost := np.flatnonzero(infinite & ~missing)):
-        _warn_of_shrunk(lost, "the Cauchy stress is infinite")
+        _warn_of_shrunk(state, lost, "the Cauchy stress is infinite")
     stress[infinite] = 0.0
     return stress, missing | infinite
 
 
-def _warn_of_shrunk(ids: NDArray[np.int64], what: str) -> None:
+def _warn_of_shrunk(state: Response, ids: NDArray[np.int64], what: str) -> None:
     warn(
-        f"{name_ids(ids, 'element')}: shrunk to zero volume (J = 0), so that {what}; it is masked there. Check "
-        "that the solve converged, and that no prescribed displacements move vertices to the same point."
+        f"{name_ids(state.fields.mesh.element_numbers[ids], 'element')}: shrunk to zero volume (J = 0), so that {what}; it is "
+        "masked there. Check that the solve converged, and that no prescribed displacements move vertices to the same point."
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unicodedata import category
@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..errors import MeshError, StvkError, name_ids
+from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.groups import DIMENSION, NODE_SET, as_cells, flatten
 from ..mesh.locations import checked_facets, checked_lines, vertices_at
 from .fields import State, checked_state
-from .files import output_path, replacing
+from .files import in_all_parts, output_path
 from .law import in_space
+from .pieces import ELEMENTS, NODES, joined, pieces_of, write_grid, write_pieces
 from .table import Field, find_all
 
 if TYPE_CHECKING:
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 Arrays = dict[str, NDArray[Any]]
 #: VTK's order of the components of a symmetric tensor: XX, YY, ZZ, XY, YZ, XZ.
 VTK = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+#: Names of the rank of each element, and ends of the names of masks.
+RANK, MISSING = "rank", "_missing"
 DEFAULT = ("cauchy_stress", "von_mises_stress", "green_strain", "volume_ratio")
 
 
@@ -50,28 +54,38 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     nodes stay. Elements of lower dimensions, such as cables, are cells after those of the mesh. Nodes have their values where no
     element of the mesh has one. The file is renamed to its final name when it is complete.
 
+    For a body that is divided into parts, the path ends in .pvtu. All parts call this function together, and each writes a file of
+    its own next to it, `NAME_r0000.vtu`, `NAME_r0001.vtu`, ..., with the field `rank` of its elements.
+
     Raises
     ------
     StvkError
         for an unknown field, or a path that cannot be written, before any work.
     """
-    from meshio import vtu  # imported only for writing
-
-    wanted, path = find_all(fields), output_path(path, ".vtu")
-    mesh = _with_fields(checked_state(state), wanted)
-    with replacing(path) as part:
-        vtu.write(part, mesh, compression=None)
+    wanted, space = find_all(fields), checked_state(state).fields.mesh.space
+    path = output_path(path, ".pvtu" if space.divided else ".vtu")
+    mesh = _with_fields(state, wanted)
+    if space.divided:
+        write_pieces(path, mesh, space)
+    else:
+        write_grid(path, mesh)
     return path
 
 
 def read_vtu(file: Path) -> meshio.Mesh:
-    """Return the content of a file that this package wrote; StvkError if it is missing or damaged."""
+    """Return the content of a .vtu or .pvtu file that this package wrote, in the order of the user's mesh.
+
+    Raises StvkError if it is missing or damaged.
+    """
     try:
         if file.exists() and not file.is_file():
             raise OSError("it is not a regular file")
         from meshio import vtu
 
-        return vtu.read(file)
+        if file.suffix.lower() == ".pvtu":
+            return joined([vtu.read(piece) for piece in pieces_of(file)])
+        read = vtu.read(file)
+        return joined([read]) if NODES in read.point_data else read
     except Exception as error:  # meshio raises many kinds of errors for damaged files
         raise StvkError(f"{file} cannot be read ({error}). Check that the .pvd file lists the right path.") from error
 
@@ -79,11 +93,12 @@ def read_vtu(file: Path) -> meshio.Mesh:
 def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     import meshio
 
+    mesh, kinds = state.fields.mesh, [(body_state, ~body_state.fields.removed) for body_state in (state, *state.beside)]
+    with in_all_parts(mesh.space):
+        parts = [_by_cell(body_state, fields) for body_state, _ in kinds]
     points: Arrays = {name: in_space(vectors) for name, vectors in state.vectors.items()}
     for field in fields:
         points |= _arrays(field, _at_nodes(state, field.name))
-    kinds = [(body_state, ~body_state.fields.removed) for body_state in (state, *state.beside)]
-    parts = [_by_cell(body_state, fields) for body_state, _ in kinds]
     elements = [as_cells(body_state.fields.mesh.t[:, present], body_state.fields.mesh.element) for body_state, present in kinds]
     cells: dict[str, list[NDArray[Any]]] = {}
     for name, values in {name: values for part in reversed(parts) for name, values in part.items()}.items():
@@ -91,7 +106,20 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
             part[name][present] if name in part else np.zeros((np.count_nonzero(present), *values.shape[1:]), dtype=values.dtype)
             for part, (_, present) in zip(parts, kinds, strict=True)
         ]
-    return meshio.Mesh(in_space(state.fields.mesh.p.T), elements, points, cells)
+    if mesh.space.divided or not np.array_equal(mesh.node_numbers, np.arange(mesh.nv)):
+        points |= {name: np.zeros(mesh.nv, dtype=np.uint8) for name in _masks_elsewhere(points, mesh.space)}
+        for name in _masks_elsewhere(cells, mesh.space):
+            cells[name] = [np.zeros(len(t), dtype=np.uint8) for _, t in elements]
+        points[NODES] = mesh.node_numbers
+        cells[ELEMENTS] = [mesh.element_numbers[kinds[0][1]], *(np.full(len(t), -1) for _, t in elements[1:])]
+        cells[RANK] = [np.full(len(t), mesh.space.rank, dtype=np.int32) for _, t in elements]
+    return meshio.Mesh(in_space(mesh.p.T), elements, points, cells)
+
+
+def _masks_elsewhere(names: Iterable[str], space: Space) -> list[str]:
+    """Return the names of masks of missing values that only other parts of a divided body have."""
+    every = space.each([name for name in names if name.endswith(MISSING)])
+    return sorted({name for found in every for name in found}.difference(names))
 
 
 def _by_cell(state: State, fields: Sequence[Field]) -> Arrays:
@@ -107,7 +135,7 @@ def _at_nodes(state: State, name: str) -> Array:
     values = state.at_nodes(name)
     for other in state.beside:
         missing = np.ma.getmaskarray(values)
-        if missing.any():
+        if state.fields.mesh.space.any(bool(missing.any())):
             values = np.ma.where(missing, other.at_nodes(name), values)
     return values
 
@@ -117,7 +145,7 @@ def _arrays(field: Field, values: Array) -> Arrays:
     filled = np.ma.filled(values, 0.0)
     arrays: Arrays = {field.name: _components(filled, field.symmetric)}
     if np.ma.is_masked(values):
-        arrays[f"{field.name}_missing"] = np.ma.getmaskarray(values).reshape(len(values), -1)[:, 0].astype(np.uint8)
+        arrays[f"{field.name}{MISSING}"] = np.ma.getmaskarray(values).reshape(len(values), -1)[:, 0].astype(np.uint8)
     return arrays
 
 
@@ -182,7 +210,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     StvkError
         if the path cannot be written.
     MeshError
-        for anything other than an `ElementMesh`, and for nodes without an element, which the file would lose.
+        for anything other than a whole `ElementMesh`, and for nodes without an element, which the file would lose.
 
     Examples
     --------
@@ -198,14 +226,12 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     path = output_path(path, ".vtu")
     if not isinstance(mesh, ElementMesh):
         raise MeshError(f"mesh = {shown(mesh)}; expected an ElementMesh: ElementMesh.of(mesh) makes one.")
+    if mesh.space.divided:
+        raise MeshError(f"mesh = {mesh!r}; expected a whole mesh. Write the mesh that was distributed.")
     of_groups = [np.ravel(ids) for groups in (mesh.boundaries, mesh.lines) if mesh.element.degree == 1 for ids in groups.values()]
     if len(unused := np.setdiff1d(np.arange(mesh.nv), np.concatenate([mesh.t.ravel(), *of_groups]))):
         raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so the file would lose them. Remove them.")
-    from meshio import vtu
-
-    content = _mesh_content(mesh)
-    with replacing(path) as part:
-        vtu.write(part, content, compression=None)
+    write_grid(path, _mesh_content(mesh))
     return path
 
 

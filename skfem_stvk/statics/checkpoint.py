@@ -13,10 +13,10 @@ from ..arguments import Array
 from ..errors import StvkError
 from ..nonlinear.newton import End, Iterations
 from ..nonlinear.outcome import Status
-from ..results.files import OutputFiles, output_folder
+from ..results.files import OutputFiles, in_all_parts, output_folder
 from ..results.monitors import Finding
 from ..results.state_files import PATH, PATH_FILE
-from ..results.store import FolderStore, Header, Record, expect, refusing_damage
+from ..results.store import FolderStore, Header, Record, expect, refusing_damage, remove_file
 from ..system import System
 from ..system.signature import Fingerprint
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
@@ -108,14 +108,20 @@ class PathCheckpoint(FolderStore[StateHeader]):
 
     A resumed run finds its states in `steps`, and the state of the continuation after the last step in `saved`. Without `resume`,
     the first state replaces the existing files. States of another problem are replaced only with `overwrite`.
+
+    In a divided body, each part has a file of its own for each state.
     """
 
     known, name = PATH, PATH_FILE
     schema = StateHeader
     remedy = "Remove it and all later states, and resume; or start again with overwrite=True and without resume."
 
+    @staticmethod
+    def by_dof(name: str) -> bool:
+        return name == "u" or name.startswith("critical ")
+
     def __init__(self, folder: Path, system: System, problem: Fingerprint, output_files: OutputFiles) -> None:
-        super().__init__(output_folder(folder))
+        super().__init__(output_folder(folder), system.space)
         self.problem, self._system, self._output_files = problem, system, output_files
         self._count = 0
         self._old_files: list[Path] = []
@@ -134,11 +140,13 @@ class PathCheckpoint(FolderStore[StateHeader]):
 
     def add(self, step: Step, saved: dict[str, Any]) -> None:
         """Write a state and the state of the continuation after it."""
-        while self._old_files:  # last file first, so that the remaining files always form a path from its beginning
-            self._old_files[-1].unlink(missing_ok=True)
-            self._old_files.pop()
+        with in_all_parts(self.space):
+            while self._old_files:  # last file first, so that the remaining files always form a path from its beginning
+                if self.space.leads:
+                    remove_file(self._old_files[-1])
+                self._old_files.pop()
         about, arrays = _packed(step, saved)
-        self.write_file(self.numbered(self._count), self.problem, {"number": self._count, **about}, arrays)
+        self.write_file(self.numbered(self._count), self.problem, {"number": self._count, **about}, arrays, self.states)
         self._count += 1
 
     def _load(self, files: list[Path]) -> None:
@@ -193,7 +201,11 @@ def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> S
 
 def _elements(arrays: dict[str, Array], name: str, system: System) -> Array:
     elements = arrays.get(name, np.empty(0))
-    if elements.ndim != 1 or elements.dtype.kind not in "iu" or not ((elements >= 0) & (elements < system.mesh.nt)).all():
+    if (
+        elements.ndim != 1
+        or elements.dtype.kind not in "iu"
+        or not ((elements >= 0) & (elements < system.mesh.element_count)).all()
+    ):
         raise ValueError(f"the array '{name}' does not contain ids of elements")
     return elements
 
@@ -228,15 +240,17 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
 def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
     constrained, prescribed = system.supports.held, system.supports.values(step.t)
-    gap = np.abs(step.u[constrained] - prescribed).max(initial=0.0)
-    if gap > 1e-9 * (np.abs(prescribed).max(initial=0.0) + np.abs(step.u).max(initial=0.0)):
+    gap, *sizes = (
+        system.space.most(float(np.abs(x).max(initial=0.0))) for x in (step.u[constrained] - prescribed, prescribed, step.u)
+    )
+    if gap > 1e-9 * sum(sizes):
         raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
     loads = system.external_force(step.u, step.t)
     forces = system.internal_force(step.u) - loads
     reactions = forces[constrained].copy()
     forces[constrained] = 0
-    scale = np.linalg.norm(loads) + np.linalg.norm(reactions)
+    scale = system.space.norm(loads) + system.space.on(constrained).norm(reactions)
     rtol: Any = header.problem.method["rtol"]
-    small, size = RESIDUAL * max(rtol, step.iterations.residuals[-1]), np.linalg.norm(forces)
+    small, size = RESIDUAL * max(rtol, step.iterations.residuals[-1]), system.space.norm(forces)
     if size > small * max(scale, SMALLEST_SCALE * header.walk.largest):
         raise ValueError(f"it is no equilibrium: its residual at t = {step.t:g} is {size / scale:.3g} of the loads and reactions")

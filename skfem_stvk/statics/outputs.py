@@ -45,7 +45,9 @@ def opened(
             checkpoint = stack.enter_context(PathCheckpoint(output_files.checkpoint, system, problem, output_files))
         if output_files.save is not None:
             series = stack.enter_context(
-                Series(output_files.save, output_files.fields, problem=problem, overwrite=output_files.overwrite)
+                Series(
+                    output_files.save, output_files.fields, problem=problem, overwrite=output_files.overwrite, space=system.space
+                )
             )
             write = partial(_add, series, Fields.of(system))
         yield write, checkpoint

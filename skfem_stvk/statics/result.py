@@ -133,7 +133,7 @@ class StaticResult:
         """Write displacements and fields of the last state to a .vtu file, or of the whole path to a .pvd file.
 
         A .pvd file has one .vtu file per state. All files are written under temporary names and then renamed, so that either all or
-        none change.
+        none change. For a body that is divided into parts, only the last state can be written, to a .pvtu file.
 
         Parameters
         ----------
@@ -151,6 +151,11 @@ class StaticResult:
             return write_vtu(path, self.state, fields)
         if not len(self.history):
             raise StvkError(f"There is no state to write to {path}: none was found.")
+        if self.system.space.divided:
+            raise StvkError(
+                f"path = {arguments.shown(str(path))}; expected the path of a .pvtu file, for the last state of a body that is "
+                "divided into parts. For all states, use solve_static(..., save=...)."
+            )
         increasing = bool((np.diff(self.history.t) > 0).all())
         times = self.history.t if increasing else range(1, len(self.history) + 1)
         at = self.state.fields.at

@@ -25,7 +25,7 @@ from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
 from ..system.free_tangent import solver_for
 from ..system.protocol import ReducedLike, checked_system
-from ..system.signature import sums_of
+from ..system.signature import AUTO, sums_of
 from .arc_length import ArcLength
 from .continuation import Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
@@ -94,13 +94,15 @@ def solve_static(
     ellipticity
         Check each state for elements that have lost strong ellipticity.
     save
-        Path of a .pvd file that is written as the states are found, with one .vtu file each.
+        Path of a .pvd file that is written as the states are found, with one .vtu file each. On several ranks, each state has a
+        .pvtu file, and a .vtu file of each rank.
     fields
         Fields in these files in addition to displacements, see `skfem_stvk.results.names()`; by default stresses and strains.
     checkpoint
-        Path of a folder to which each state is written as it is found.
+        Path of a folder to which each state is written as it is found. On several ranks, each rank writes files of its own.
     resume
-        Continue from the states in `checkpoint`, if any; `stop` may differ. Otherwise the states are replaced.
+        Continue from the states in `checkpoint`, if any; `stop` may differ, and the number of ranks. Otherwise the states are
+        replaced.
     overwrite
         Allow `save` and `checkpoint` to replace files of another problem, with another mesh, other terms, supports or options.
     quiet
@@ -223,7 +225,7 @@ class StaticOptions:
             refuse_divided(system.space, "stability = True", "False", eigenvalues)
 
     def signature(self, solver: str) -> dict[str, Any]:
-        """Return the options that identify a problem in a checkpoint."""
+        """Return the options that identify a problem in a checkpoint. `solver` is the name of the linear solver."""
         return {
             "method": self.method,
             "steps": int(self.steps),
@@ -273,7 +275,8 @@ class _Solve:
         start = {"u0": sums_of(self._start, self._system.space)} | (
             {"the basis": body.signature} if isinstance(body, Coordinates) else {}
         )
-        files = opened(options.output_files, self._system, options.signature(self._requested_solver), start)
+        signed = AUTO if problem.space.divided and is_auto(options.solver) else self._requested_solver
+        files = opened(options.output_files, self._system, options.signature(signed), start)
         with files as (write, checkpoint), PathProgress(header, options.quiet) as report:
             monitors = Monitors(self._system, options.ellipticity)
             for finding in monitors.before():

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
 from ..edges.pairs import AccumulatedTerm, joined, with_blocks
-from ..errors import RegionError, StvkError, name_ids, warn
+from ..errors import RegionError, StvkError, warn
 from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, diags
 from ..arguments import Array, number, vector
 from ..edges.elements import nbytes
 from ..elements import Element, rule_of
-from ..errors import MaterialError, name_ids
+from ..errors import MaterialError
 from ..mesh.displacements import finite_vector
 from ..mesh.points import sizes_at_points
 from ..terms import Body

@@ -21,6 +21,8 @@ from .system import System
 
 #: Relative tolerance within which the numbers of equal systems agree.
 SAME = 1e-9
+#: Name of the solver of a divided body if the user names none: other divisions have other solvers, with the same results.
+AUTO = "auto"
 #: Shear and compression at which elastic terms are evaluated.
 SHEAR, COMPRESSED = 0.01, 0.6
 #: Largest number of moments at which loads are evaluated, and of numbers of one kind.
@@ -79,18 +81,16 @@ class Fingerprint:
         """Return a description of the differences from the problem of a file; empty if it is the same problem."""
         if then.kind != self._kind:
             return f"it contains a {then.kind}, not a {self._kind}"
-        options = sorted({*then.method, *self._method})
-        was = [
-            f"{name} was {_words(then.method.get(name))} and is {_words(self._method.get(name))}"
-            for name in options
-            if then.method.get(name) != self._method.get(name)
-        ]
+        changed = {name for name in {*then.method, *self._method} if then.method.get(name) != self._method.get(name)}
+        if AUTO in (then.method.get("solver"), self._method.get("solver")):
+            changed.discard("solver")
+        was = [f"{name} was {_words(then.method.get(name))} and is {_words(self._method.get(name))}" for name in sorted(changed)]
         try:
             now = self._numbers(then.moments)
         except Exception as error:  # other loads, which may be undefined at these moments
             return "; ".join([*was, f"the present loads cannot be evaluated at the times of the file ({error})"])
-        changed = [name for name in now if not _alike(then.numbers.get(name, []), now[name])]
-        return "; ".join([*was, *([f"{', '.join(changed)} changed"] if changed else [])])
+        other = [name for name in now if not _alike(then.numbers.get(name, []), now[name])]
+        return "; ".join([*was, *([f"{', '.join(other)} changed"] if other else [])])
 
     def refuse_other(self, then: Signature, file: Path, remedy: str) -> None:
         """Raise StvkError if a file is of another problem."""
@@ -113,7 +113,7 @@ class Fingerprint:
         own = space.counted(np.ones(space.n))[system.supports.held] > 0  # supports that count in this part of a divided body
         held = space.gather(space.numbers[system.supports.held][own], np.empty(np.count_nonzero(own)))[0]
         numbers: dict[str, Any] = {
-            "the mesh": [space.count // mesh.d, mesh.element_count, *_sums_of_nodes(mesh), *_sums_of_elements(mesh, mesh)],
+            "the mesh": mesh_numbers(mesh),
             "the elastic terms": [
                 _energy(system, u),
                 *(value for x in (u, pressed) for value in sums_of(system.internal_force(x), space)),
@@ -163,10 +163,11 @@ def sums_of(x: Array, space: Space) -> list[float]:
     return sums(space.counted(x.ravel()), space.numbers, space)
 
 
-def _sums_of_nodes(mesh: ElementMesh) -> list[float]:
-    """Return `sums` of the coordinates of the nodes."""
+def mesh_numbers(mesh: ElementMesh) -> list[float]:
+    """Return numbers that identify a mesh, the same for each division of it: of nodes, of elements, and `sums` of both."""
     own, count = mesh.space.counted(np.ones(mesh.nv)), mesh.space.count // mesh.d
-    return sums(own * mesh.p, count * np.arange(mesh.d)[:, None] + mesh.node_numbers, mesh.space)
+    of_nodes = sums(own * mesh.p, count * np.arange(mesh.d)[:, None] + mesh.node_numbers, mesh.space)
+    return [count, mesh.element_count, *of_nodes, *_sums_of_elements(mesh, mesh)]
 
 
 def _sums_of_elements(elements: ElementMesh, mesh: ElementMesh) -> list[float]:

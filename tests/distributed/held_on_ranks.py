@@ -78,7 +78,11 @@ def cases():
         yield f"a ring of {n}", ring(n), partial(body, fixed=None)
     yield "a fan", fan(40), partial(body, fixed={at(*fan(40).p[:, 0]): "xyz"})
     beam = S.ElementMesh.of(skfem.MeshTet.init_tensor(np.linspace(0, 4, 9), np.linspace(0, 1, 3), np.linspace(0, 1, 3)))
-    ends = {"wall": {lambda x: x[0] == 0: "xyz"}, "one node": {at(4, 1, 1): "xyz"}, "two nodes": {lambda x: np.abs(x[1:]).max(0) == 0: "xyz"}}
+    ends = {
+        "wall": {lambda x: x[0] == 0: "xyz"},
+        "one node": {at(4, 1, 1): "xyz"},
+        "two nodes": {lambda x: np.abs(x[1:]).max(0) == 0: "xyz"},
+    }
     for name, fixed in ends.items():
         yield f"a beam at {name}", beam, partial(body, fixed=fixed)
         yield f"a quadratic beam at {name}", beam.with_degree(2), partial(body, fixed=fixed)

@@ -75,15 +75,18 @@ def cases():
     def system(m, *terms, **options):
         return S.System(m, [MATERIAL, *terms], **options)
 
-    end, wall, low = lambda x: x[0] > 2.9, lambda x: x[0] == 0, lambda x: x[2] == 0  # noqa: E731
+    end, wall, low = lambda x: x[0] > 2.9, lambda x: x[0] == 0, lambda x: x[2] == 0
     yield "traction on an edge", lambda m: system(m, S.Traction(lambda x: (x[0] > 2.9) & (x[1] == 0), (0, 0, 1.0)))
     yield "fixed and prescribed", lambda m: system(m, fixed={end: "x"}, prescribed={low: {"x": 0.1, "y": 0.2}})
     yield "prescribed twice", lambda m: system(m, prescribed=[(end, {"x": 0.1}), (low, {"x": 0.2})])
     yield "prescribed twice alike", lambda m: system(m, prescribed=[(end, {"x": 0.1}), (low, {"x": 0.1})])
     yield "everything fixed", lambda m: system(m, fixed={lambda x: x[0] >= 0: "xyz"})
     yield "nothing acts", lambda m: S.solve_static(system(m, fixed={wall: "xyz"}), quiet=True)
-    yield "one end moves", lambda m: S.solve_static(
-        system(m, fixed={wall: "xyz"}, prescribed={end: {"x": 0.1}}), solver="block-jacobi-cg", quiet=True
+    yield (
+        "one end moves",
+        lambda m: S.solve_static(
+            system(m, fixed={wall: "xyz"}, prescribed={end: {"x": 0.1}}), solver="block-jacobi-cg", quiet=True
+        ),
     )
     yield "a region by box", lambda m: m.element_numbers[m.elements(S.Box((2.7, 0, 0), (3, 1, 1)))]
     yield "no region by box", lambda m: m.elements(S.Box((3.7, 0, 0), (4, 1, 1)))
@@ -92,9 +95,14 @@ def cases():
     yield "a region by ids", lambda m: m.element_numbers[m.elements(np.array([3, 215]))]
     yield "nodes in no term", lambda m: S.System(m, S.StVK(young=1.0, poisson=0.3, region="first"))
     yield "no density", lambda m: S.System(m, S.StVK(young=1.0, poisson=0.3), fixed={wall: "xyz"}).mass()
-    yield "density of one end", lambda m: S.System(
-        m, [MATERIAL, S.StVK(young=1.0, poisson=0.3, region="first", density=1.0)], fixed={end: "xyz"}
-    ).mass().solve(np.zeros(m.p.size))
+    yield (
+        "density of one end",
+        lambda m: (
+            S.System(m, [MATERIAL, S.StVK(young=1.0, poisson=0.3, region="first", density=1.0)], fixed={end: "xyz"})
+            .mass()
+            .solve(np.zeros(m.p.size))
+        ),
+    )
 
 
 def result(mesh, work):
