@@ -13,6 +13,8 @@ from typing import Any
 
 from .arguments import THREAD_LIMITS
 
+#: Variables with the rank and the number of processes: of Open MPI's launcher, of MPICH's and Intel's, and of SLURM's srun.
+LAUNCHERS = {"OMPI_COMM_WORLD_RANK": "OMPI_COMM_WORLD_SIZE", "PMI_RANK": "PMI_SIZE", "SLURM_PROCID": "SLURM_STEP_NUM_TASKS"}
 PACKAGES = (
     "skfem-stvk",
     "scikit-fem",
@@ -58,6 +60,15 @@ def _processor() -> str:
             return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
+
+
+def launched() -> tuple[int, int]:
+    """Return the rank of this process and the number of processes that a launcher of MPI started together.
+
+    They are from the environment, (0, 1) without a launcher.
+    """
+    found = ((os.environ.get(rank, ""), os.environ.get(size, "")) for rank, size in LAUNCHERS.items())
+    return next(((int(rank), int(size)) for rank, size in found if rank.isdecimal() and size.isdecimal()), (0, 1))
 
 
 def circumstances(packages: Iterable[str]) -> dict[str, Any]:

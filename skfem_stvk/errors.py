@@ -9,6 +9,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from heapq import nsmallest
 from pathlib import Path
@@ -191,8 +192,39 @@ class StvkWarning(UserWarning):
 _PACKAGE = str(Path(__file__).parent) + os.sep, "<frozen importlib"
 
 
+@dataclass
+class RankWarnings:
+    """Warnings of one rank since the ranks compared theirs; see `linear.space.Space.end_step`.
+
+    Attributes
+    ----------
+    prints
+        Whether this rank prints its warnings and its progress: the first rank does, or all do, each into a log of its own.
+    texts
+        Texts of the warnings.
+    """
+
+    prints: bool
+    texts: list[str] = field(default_factory=list)
+
+
+#: Warnings of this rank; None on one machine.
+on_rank: RankWarnings | None = None
+
+
 def warn(text: str) -> None:
-    """Issue a `StvkWarning` that points at the user's line, at any depth of calls inside the package."""
+    """Issue a `StvkWarning` that points at the user's line, at any depth of calls inside the package.
+
+    On several ranks, the first one issues the warnings of all, each once: its own at once, those of the others after the step.
+    """
+    if on_rank is not None:
+        on_rank.texts.append(text)
+    if on_rank is None or on_rank.prints:
+        issue(text)
+
+
+def issue(text: str) -> None:
+    """Issue a `StvkWarning`, on any rank."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         frame, level = frame.f_back, level + 1

@@ -227,6 +227,11 @@ def test_ex26_own_law():
     assert max(example.worst_errors(example.reports[""]).values()) < 0.1
 
 
+def test_ex27_ranks():
+    example = run("ex27_ranks")
+    assert example.result.success and example.tip == pytest.approx(-1.024255e-3, rel=1e-5)
+
+
 def test_every_example_has_a_test_and_a_picture():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

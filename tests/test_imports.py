@@ -22,6 +22,8 @@ HEAVY = [
     "pypardiso",
     "gmsh",
     "h5py",
+    "mpi4py",
+    "pymetis",
     "hypothesis",
     "scipy.spatial",
     "scipy.optimize",
@@ -33,7 +35,7 @@ HEAVY = [
     "ngsolve",
 ]
 #: Parts of this package that the energy does not need.
-PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "peers", "reduced", "scene", "cli"]
+PARTS = ["statics", "dynamics", "nonlinear", "referee", "reference", "peers", "reduced", "distributed", "scene", "cli"]
 
 BODY = """
 import numpy, skfem
@@ -89,6 +91,15 @@ def imported(code, folder):
     return set(done.stdout.splitlines()[-1].split())
 
 
+#: Command on a scene; at its end the modules that it imported are printed.
+SOLVE = """
+from skfem_stvk.cli.main import main
+from skfem_stvk.scene import templates
+with open("scene.toml", "w") as file:
+    file.write(templates.example("static"))
+main(["solve", "scene.toml", "--quiet"])
+"""
+
 QUICK = ("the package alone", "energy, force and tangent", "statics", "implicit motion", "a series", "a scene", "a picture")
 
 
@@ -109,6 +120,12 @@ def test_a_use_imports_only_the_parts_of_the_package_that_it_needs(code, parts, 
         assert ours == set()
     else:
         assert ours and not [name for name in ours if name.split(".")[1] in parts]
+
+
+def test_a_command_on_one_machine_imports_nothing_of_ranks(tmp_path):
+    there = imported(SOLVE, tmp_path)
+    assert "skfem_stvk.scene.run" in there
+    assert not [name for name in there if name.startswith(("mpi4py", "pymetis", "skfem_stvk.distributed"))]
 
 
 def test_all_public_names_can_be_imported():

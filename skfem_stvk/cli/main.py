@@ -13,9 +13,10 @@ from typing import Any
 
 from rich.console import Console
 
+from ..about import launched
 from ..errors import AnalysisError, StvkError, StvkWarning
 from ..terminal import BAD_INPUT, INTERRUPTED, console, printable
-from . import partition, referee, scenes, warm_up
+from . import partition, ranks, referee, scenes, warm_up
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,7 +25,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     The code is 0 for success, 1 if a check failed or a solve did not converge, and 2 for bad input. It is 3 if a scene does not
     meet its expectations, and 130 if the command was interrupted.
     """
-    options = _parser().parse_args(arguments)
+    with ranks.only_first_prints():
+        return _run(_parser().parse_args(arguments))
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run a command on this process or all ranks, print its warnings and its error, and return its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # names of files may be invalid text
@@ -33,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("always", StvkWarning)
             warnings.showwarning = partial(_show, notes, warnings.showwarning)
-            code: int = options.run(options)
+            code: int = ranks.run(options) if launched()[1] > 1 else options.run(options)
             return code
     except AnalysisError:  # an unforeseen error interrupted the analysis
         raise
@@ -55,13 +61,14 @@ def _show(notes: Console, otherwise: Callable[..., None], message: Warning | str
 
 @dataclass(frozen=True)
 class Command:
-    """Command `skfem-stvk NAME`: the function that runs it and returns the exit code, its line of help, and the function that adds
-    its arguments.
+    """Command `skfem-stvk NAME`: the function that runs it and returns the exit code, its line of help, the function that adds its
+    arguments, and whether it runs on several ranks.
     """
 
     run: Callable[[argparse.Namespace], int]
     help: str
     add_arguments: Callable[[argparse.ArgumentParser], None] | None = None
+    on_ranks: bool = False
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -71,14 +78,14 @@ def _parser() -> argparse.ArgumentParser:
         one = commands.add_parser(name, help=command.help, description=command.run.__doc__)
         if command.add_arguments is not None:
             command.add_arguments(one)
-        one.set_defaults(run=command.run)
+        one.set_defaults(run=command.run, command=name, on_ranks=command.on_ranks)
     return parser
 
 
 #: All commands, by their names.
 COMMANDS = {
     "init": Command(scenes.init, "print a commented example of a scene", scenes.init_arguments),
-    "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments),
+    "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments, on_ranks=True),
     "sweep": Command(
         scenes.solve_product, "solve a scene for all combinations of values, in parallel processes", scenes.sweep_arguments
     ),

@@ -6,14 +6,20 @@ import argparse
 import json
 import os
 import shlex
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ..about import machine, versions
 from ..errors import StvkError
 from ..kernels.threads import threads
 from ..kernels.topology import expand
 from ..mesh import read_mesh
+from ..nonlinear.outcome import finish_on_signal
 from ..peers import PEERS
 from ..scene import Scene, sweep, templates
 from ..scene.footprint import footprint, table
@@ -61,14 +67,41 @@ def solve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FOLDER", help="folder of results; by default next to the scene, with its name")
     parser.add_argument("--resume", action="store_true", help="continue from the checkpoint in the folder of results")
     parser.add_argument("--force", action="store_true", help="replace the results of another run")
-    parser.add_argument("--threads", type=int, help="number of threads of kernels; by default one for each core")
+    parser.add_argument(
+        "--threads", type=int, help="number of threads of kernels; by default one for each core, or one on each rank"
+    )
+    parser.add_argument(
+        "--log-ranks", action="store_true", help="on several ranks, write what ranks 1, 2, ... say to FOLDER.rank-N.txt"
+    )
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
 def solve(options: argparse.Namespace) -> int:
-    """Solve a scene; exit code 0 if done, 1 if it did not converge, 3 if an expectation failed, 130 if interrupted."""
+    """Solve a scene; exit code 0 if done, 1 if it did not converge, 3 if an expectation failed, 130 if interrupted.
+
+    `mpiexec -n 4 skfem-stvk solve SCENE` solves it on four ranks.
+    """
+    with _finishing_on_signals():
+        return _solve(options, getattr(options, "comm", None))
+
+
+@contextmanager
+def _finishing_on_signals() -> Iterator[None]:
+    """Make signals that schedulers send before the end of a job act like the first Ctrl-C."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        signals = [getattr(signal, name) for name in ("SIGTERM", "SIGUSR1") if hasattr(signal, name)]
+        before = {one: signal.signal(one, finish_on_signal) for one in signals}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+
+
+def _solve(options: argparse.Namespace, comm: Any) -> int:
     changed = [*options.set, *([f"threads={options.threads}"] if options.threads is not None else [])]
-    scene = Scene.read(options.scene, changed)
+    scene = Scene.read(options.scene, changed, comm)
     notes = console(stderr=True)
     for text in scene.implausible():
         notes.print(f"[yellow]note[/] {printable(text)}", soft_wrap=True)
@@ -78,7 +111,8 @@ def solve(options: argparse.Namespace) -> int:
         _print(outcome)
     if outcome.exit_code == INTERRUPTED:
         settings = [part for one in changed for part in ("--set", one)]
-        again = shlex.join(["skfem-stvk", "solve", options.scene, *settings, "--out", str(out), "--resume"])
+        launcher = [] if comm is None else ["mpiexec", "-n", str(comm.size)]
+        again = shlex.join([*launcher, "skfem-stvk", "solve", options.scene, *settings, "--out", str(out), "--resume"])
         text = f"{outcome.message.rstrip('.')}. Results so far are in {out}; continue with: {again}"
         notes.print(f"[yellow]interrupted[/] {printable(text)}", soft_wrap=True)
     return outcome.exit_code

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numba
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -20,6 +21,8 @@ from ..mesh.diagnostics import check_mesh
 from ..mesh.facets import edges_of
 from ..mesh.locations import Box
 from .files import lines_and_facets, read_part
+from .job import on_first, refuse_unguarded, world
+from .mpi import MPI
 from .partition import Ids, PartContent, divide
 from .ranks import Ranks
 
@@ -164,8 +167,10 @@ class MeshPart(ElementMesh):
         return f"{super().__repr__().replace('ElementMesh', 'MeshPart')}, on rank {self.space.rank} of {self.space.size}"
 
 
-def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm = MPI.COMM_WORLD, part_of: Any = None) -> MeshPart:
+def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = None, part_of: Any = None) -> MeshPart:
     """Return this rank's part of a mesh; all ranks of the communicator call this function together.
+
+    Kernels then run on one thread on each rank, unless `NUMBA_NUM_THREADS` is set. `numba.set_num_threads` changes it afterwards.
 
     Parameters
     ----------
@@ -181,7 +186,10 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm = MPI.COM
     ------
     MeshError
         if the mesh cannot carry an elastic body, or has fewer elements than there are ranks; if the file is not a partition file,
-        or has fewer parts.
+        or has fewer parts; on all ranks.
+    StvkError
+        if an error on one of several ranks would not end the others: start the program by `mpiexec -n 4 python -m mpi4py run.py`.
+        Or if the launcher and mpi4py belong to different MPI libraries.
 
     Warns
     -----
@@ -194,15 +202,23 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm = MPI.COM
     >>> distribute(skfem.MeshTet().refined(1))
     MeshPart: 40 tetrahedra in 3D, 26 vertices, on rank 0 of 1
     """
+    comm = world() if comm is None else comm
+    refuse_unguarded(comm)
+    if comm.size > 1 and "NUMBA_NUM_THREADS" not in os.environ:
+        numba.set_num_threads(1)
     if (file := comm.bcast(mesh if isinstance(mesh, str | os.PathLike) else None)) is not None:
         if part_of is not None:
             raise MeshError(f"part_of is given with the file {file}, which is divided already; expected a mesh. Leave it out.")
         return MeshPart.from_part(read_part(file, comm.rank, comm.size), comm)
-    if comm.rank > 0:
+
+    def divided() -> Iterator[PartContent]:
+        body = ElementMesh.of(mesh)
+        check_mesh(body, lines_and_facets(body))
+        return divide(body, comm.size, part_of)
+
+    parts = on_first(comm, divided)
+    if parts is None:
         return MeshPart.from_part(comm.recv(source=0), comm)
-    body = ElementMesh.of(mesh)
-    check_mesh(body, lines_and_facets(body))
-    parts = divide(body, comm.size, part_of)
     own = next(parts)
     for rank, part in enumerate(parts, start=1):
         comm.send(part, rank)

@@ -8,12 +8,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
+from .. import errors
 from ..arguments import Array
+from ..kernels.threads import threads
 from ..linear.space import Item, Number, Space
 from ..mesh.facets import linked
+from .mpi import MPI
 
 Ids = NDArray[np.int64]
 
@@ -75,6 +77,9 @@ class Ranks(Space):
         self._exchanges: dict[int, _Exchange] = {}
         self._one, self._sum = np.empty(1), np.empty(1)
         self.count = int(self.total(float(d * self._is_own.sum())))
+        self._parts = self._described()
+        if self.divided and errors.on_rank is None:
+            errors.on_rank = errors.RankWarnings(prints=self.leads)
 
     @property
     def divided(self) -> bool:
@@ -83,6 +88,21 @@ class Ranks(Space):
     @property
     def leads(self) -> bool:
         return self.rank == 0
+
+    @property
+    def prints(self) -> bool:
+        return errors.on_rank is None or errors.on_rank.prints
+
+    @property
+    def parts(self) -> str:
+        return self._parts
+
+    def _described(self) -> str:
+        """Return the number of ranks, and the numbers of elements and shared nodes of the smallest and the largest part."""
+        sizes = len(self.element_numbers), len(self.shared)
+        elements, nodes = (f"{self.least(size):.0f} to {self.most(size):.0f}" for size in sizes)
+        each = f"{threads()} thread{'s' * (threads() > 1)}"
+        return f"\n{self.size} ranks with {elements} elements, {nodes} shared nodes and {each} each" if self.divided else ""
 
     @property
     def owned(self) -> tuple[slice, ...]:
@@ -125,6 +145,18 @@ class Ranks(Space):
 
     def each(self, x: Item) -> list[Item]:
         return self.comm.allgather(x)
+
+    def end_step(self, stop: bool) -> bool:
+        if errors.on_rank is None:
+            return self.any(stop)
+        stops, warned = self.total(np.array([stop, bool(errors.on_rank.texts)], dtype=float))
+        if warned:
+            own, parts = errors.on_rank.texts, self.comm.gather(errors.on_rank.texts)
+            others = dict.fromkeys(text for texts in parts or () for text in texts if text not in own)
+            errors.on_rank.texts = []
+            for text in others:
+                errors.issue(text)
+        return bool(stops)
 
     def element_ids(self, ids: Ids) -> Ids:
         return np.unique(np.concatenate(self.each(self.element_numbers[ids])))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import StateError, warn
 from ..linear.choose import header_text
-from ..nonlinear.outcome import Interrupted, Status, stop_if_requested
+from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
@@ -82,11 +82,12 @@ class Loop:
         setup, record = self.setup, self.record
         for finding in self._monitors.before():
             warn(finding.text)
-        free, solver = setup.motion.states.on(setup.motion.free.free), self._stepper.solver
+        free, solver, space = setup.motion.states.on(setup.motion.free.free), self._stepper.solver, setup.motion.system.space
         header = f"{setup.motion.body!r}, {free.count} of them free; {setup.integrator}"
         if free.divided and solver is not None:
             header += f"; {header_text(solver, True)}"
-        with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
+        header += space.parts
+        with MotionProgress(header, record.ledger, record.steps, self._quiet or not space.prints) as progress:
             try:
                 self._outputs.save_if_due()
                 status, detail = self._steps(progress)
@@ -94,9 +95,11 @@ class Loop:
                     status, detail = self._steps(progress)
                 self._outputs.close()
             except (KeyboardInterrupt, Exception) as error:  # full disk or failing load: the run so far is retained
+                raise_if_divided(space, error)
                 status, cause = Status.INTERRUPTED, error
                 detail = self._end_interrupted(error)
         run = self._result(status, detail, cause)
+        space.end_step(False)  # issues the last warnings
         if isinstance(cause, KeyboardInterrupt):
             raise Interrupted(run)
         if cause is not None or (raise_on_failure and not run.success):
@@ -122,7 +125,7 @@ class Loop:
                 self._outputs.step()
             progress.step(record.steps, record.steps + (clock.steps_left(until) if whole else 0))
             if whole and clock.steps_left(until):
-                stop_if_requested()
+                stop_if_requested(motion.system.space)
         return Status.FINISHED, ""
 
     @np.errstate(over="ignore", invalid="ignore")  # states that overflow are rejected later

@@ -61,6 +61,16 @@ class Space:
         return True
 
     @property
+    def prints(self) -> bool:
+        """Whether the progress of this part is printed."""
+        return True
+
+    @property
+    def parts(self) -> str:
+        """Line on the number and sizes of the parts of a divided body, for the header of a run; empty on one machine."""
+        return ""
+
+    @property
     def divided(self) -> bool:
         """Whether the body is divided into parts, each with a space of its own."""
         return False
@@ -144,6 +154,10 @@ class Space:
     def each(self, x: Item) -> list[Item]:
         """Return the objects `x` of all parts, in their order."""
         return [x]
+
+    def end_step(self, stop: bool) -> bool:
+        """Return whether `stop` is true in any part. The warnings of all parts since the last call are issued once."""
+        return stop
 
     def element_ids(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending."""

@@ -11,8 +11,10 @@ from enum import Enum
 from types import FrameType
 from typing import Any
 
-#: Whether Ctrl-C was pressed.
-_finish_requested = False
+from ..linear.space import Space
+
+#: Whether Ctrl-C was pressed, and whether an analysis is running that ends after its step then.
+_finish_requested = _steps_run = False
 
 
 class Status(Enum):
@@ -81,32 +83,50 @@ def finishing_steps() -> Iterator[None]:
 
     Only the main thread receives signals. In other threads this context manager has no effect.
     """
-    global _finish_requested
+    global _finish_requested, _steps_run
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    _finish_requested = False
+    _finish_requested, outer = False, _steps_run
     before = signal.signal(signal.SIGINT, _on_interrupt)
     try:
+        _steps_run = True
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        _finish_requested = False
+        _finish_requested, _steps_run = False, outer
 
 
-def stop_if_requested() -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was pressed.
+class _Requested(KeyboardInterrupt):
+    """Interruption between two steps, which all parts of a divided body have together."""
+
+
+def stop_if_requested(space: Space | None = None) -> None:
+    """Raise KeyboardInterrupt if Ctrl-C was pressed, in a divided body on any rank of its `space`.
 
     Analyses call this function after each step, when all output of the step is written.
     """
-    if _finish_requested:
-        raise KeyboardInterrupt
+    if _finish_requested if space is None else space.end_step(_finish_requested):
+        raise _Requested
+
+
+def raise_if_divided(space: Space, error: BaseException) -> None:
+    """Raise an error again if other ranks may not have it. They would wait for this rank forever."""
+    if space.divided and not isinstance(error, _Requested):
+        raise error
 
 
 def request_finish() -> None:
     """Make a running analysis end after its current step, as the first Ctrl-C does."""
     global _finish_requested
     _finish_requested = True
+
+
+def finish_on_signal(number: int, frame: FrameType | None) -> None:
+    """Handle a signal of a job scheduler like the first Ctrl-C, however often it arrives. Without an analysis it is Ctrl-C."""
+    if not _steps_run:
+        raise KeyboardInterrupt
+    request_finish()
 
 
 def _on_interrupt(number: int, frame: FrameType | None) -> None:

@@ -97,7 +97,7 @@ class Names:
             region = boxes[region]
         found = where_of(region)
         if isinstance(found, Box):
-            return self.mesh.elements(found)
+            return self.mesh.element_numbers[self.mesh.elements(found)]
         return np.array(found)
 
 
@@ -317,8 +317,10 @@ def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict
     return found
 
 
-def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> Built:
+def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None, comm: Any = None) -> Built:
     """Build the system and the first state of a checked scene, on the user-supplied `mesh`, or on the mesh that the scene names.
+
+    All ranks of the communicator `comm` build their parts together.
 
     Raises
     ------
@@ -328,10 +330,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     """
     complaints = Complaints(source)
     with complaints.at("mesh"):
-        given = [getattr(term, "simplices", None) for term in sections.terms]
-        mesh = sections.mesh.mesh(source.folder, [name for name in given if isinstance(name, str)]) if mesh is None else mesh
-        if sections.mesh.degree is not None:
-            mesh = mesh.with_degree(sections.mesh.degree)
+        mesh = _whole_mesh(sections, source, mesh) if comm is None else _part(sections, source, mesh, comm)
     complaints.refuse()
     assert mesh is not None
     names = Names(sections, mesh)
@@ -376,6 +375,8 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     u0 = v0 = None
     if sections.initial.file is not None:
         with complaints.at("initial", "file"):
+            if mesh.space.divided:
+                raise StvkError("is not available on several ranks; remove it, or solve the scene on one machine.")
             u0, v0 = read_state(source.folder / sections.initial.file, mesh, sections.initial.at)
     if sections.initial.velocity is not None:
         with complaints.at("initial", "velocity"):
@@ -383,6 +384,20 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             v0[system.supports.held] = 0.0
     complaints.refuse()
     return Built(sections, source, system, names, probes, reactions, u0, v0)
+
+
+def _whole_mesh(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None) -> ElementMesh:
+    given = [getattr(term, "simplices", None) for term in sections.terms]
+    mesh = sections.mesh.mesh(source.folder, [name for name in given if isinstance(name, str)]) if mesh is None else mesh
+    return mesh if sections.mesh.degree is None else mesh.with_degree(sections.mesh.degree)
+
+
+def _part(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None, comm: Any) -> ElementMesh:
+    """Return this rank's part of the mesh that the first rank reads or makes."""
+    from ..distributed import distribute  # imports MPI
+    from ..distributed.job import on_first
+
+    return distribute(on_first(comm, lambda: _whole_mesh(sections, source, mesh)), comm)
 
 
 def _check_energies(complaints: Complaints, sections: SceneTables, system: System) -> None:
@@ -445,6 +460,8 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -
     try:
         yield
     except StvkError:
+        if mesh.space.divided:  # other ranks may not have the error, and would not take part
+            raise
         found = False
         body = Body(mesh, [term for term in terms if not is_load(term)])
         for number, term in enumerate(terms):

@@ -171,6 +171,7 @@ class Folder:
                 "units": outcome.built.sections.units,
                 "versions": versions(),
                 "machine": machine(),
+                "ranks": outcome.ranks,
             }
         )
 

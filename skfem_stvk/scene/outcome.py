@@ -57,6 +57,10 @@ class SceneOutcome:
         Duration of the analysis.
     folder
         Folder of results, if they were written.
+    warnings
+        Texts of the warnings on the way.
+    ranks
+        Number of ranks and the sizes of their parts; empty on one machine.
     """
 
     built: Built
@@ -70,6 +74,7 @@ class SceneOutcome:
     seconds: float
     folder: Path | None = None
     warnings: tuple[str, ...] = field(default=())
+    ranks: str = ""
 
     @property
     def exit_code(self) -> int:

@@ -66,11 +66,12 @@ class Drawing(NamedTuple):
         return base64.b64encode(self.path.read_bytes()).decode()
 
 
-def write_report(folder: Path, outcome: SceneOutcome) -> Path:
+def write_report(folder: Path, outcome: SceneOutcome, draw: bool = True) -> Path:
     """Write the last state as a scene's `[output]` requests, and `report.html`, a page that needs no other file.
 
     Plots are `plot-NAME.png`, the deformed body is `picture.png` (for modes `picture-0.png` and so on). If a picture cannot be
-    drawn, the page says so, and the others are still drawn.
+    drawn, the page says so, and the others are still drawn. Without `draw`, only the page is written: the body is on several ranks,
+    and too large for one.
 
     Raises
     ------
@@ -78,10 +79,13 @@ def write_report(folder: Path, outcome: SceneOutcome) -> Path:
         if the last state or the page cannot be written: the disk is full, for example.
     """
     problems: list[str] = []
-    drawings = [*_save_drawings(folder, outcome, problems), *_save_animation(folder, outcome, problems)]
+    drawings = [*_save_drawings(folder, outcome, problems), *_save_animation(folder, outcome, problems)] if draw else []
     failure = None
+    if not draw:
+        problems.append("Pictures and the last state of so many elements are not made on several ranks. The series has the states.")
     try:
-        _save_last_state(folder, outcome)
+        if draw:
+            _save_last_state(folder, outcome)
     except Exception as error:
         problems.append(f"{outcome.built.sections.output.file} is not written: {error}")
         failure = error
@@ -347,8 +351,11 @@ def _page(folder: Path, outcome: SceneOutcome, drawings: list[Drawing], problems
 def _built_facts(outcome: SceneOutcome) -> Iterator[tuple[str, str]]:
     sections, system, result = outcome.built.sections, outcome.built.system, outcome.result
     mesh, held = system.mesh, len(system.supports.held)
-    yield "mesh", f"{mesh.nt} {mesh.kind}, {mesh.nv} nodes"
-    yield "unknowns", f"{system.ndofs - held} free, {held} constrained"
+    yield "mesh", f"{mesh.element_count} {mesh.kind}, {system.space.count // mesh.d} nodes"
+    if outcome.ranks:
+        yield "ranks", outcome.ranks
+    if not system.space.divided:
+        yield "unknowns", f"{system.ndofs - held} free, {held} constrained"
     for number, term in enumerate(sections.terms):
         material = getattr(term, "material", None)
         yield f"terms[{number}]", term.type + (f" of {material}" if material else "")

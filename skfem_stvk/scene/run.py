@@ -6,7 +6,7 @@ import re
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import numba
@@ -47,7 +47,8 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         for a motion that diverged on the way, or whose steps gained energy.
     """
     sections, begin = built.sections, time.perf_counter()
-    with on_threads(sections.threads), _recorded_warnings() as warned, finishing_steps():
+    steps = nullcontext() if isinstance(sections.analysis, ModesAnalysis) else finishing_steps()
+    with on_threads(sections.threads), _recorded_warnings() as warned, steps:
         with _with_key(built):
             result = _run_analysis(built, folder, quiet)
         if isinstance(result, Run) and result.success and (result.blow_ups or result.gained > REPORTED):
@@ -73,6 +74,7 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         seconds=time.perf_counter() - begin,
         folder=None if folder is None else folder.path,
         warnings=tuple(warned),
+        ranks=built.system.space.parts.lstrip(),
     )
 
 
@@ -187,16 +189,23 @@ def _curves(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
             name: Curve(ledger["time"], columns(f"reaction {name}"), "force") for name in built.reactions
         }
     states = [(step.t, step.u) for step in result.history] or [(result.t, result.u)]
-    t = np.array([one for one, _ in states])
+    t, space = np.array([one for one, _ in states]), built.system.space
+    counted = space.counted(np.ones(built.mesh.nv))
+
+    def total(values: Array, weights: Array) -> Array:
+        return space.total((weights[:, None] * values).sum(axis=0))
+
     curves = {}
     for name, where in built.probes.items():
         at = vertices_at(built.mesh, where, name)
-        curves[name] = Curve(t, np.array([u.reshape(-1, d)[at].mean(axis=0) for _, u in states]), "length")
+        weights = counted[at]
+        count = space.total(float(weights.sum()))
+        curves[name] = Curve(t, np.array([total(u.reshape(-1, d)[at], weights) / count for _, u in states]), "length")
     if built.reactions:
         forces = [ground_forces_at_rest(built.system, u, one, result.projected).reshape(-1, built.mesh.d) for one, u in states]
         for name, where in built.reactions.items():
             at = constrained_vertices(built.system, where, name)
-            curves[name] = Curve(t, np.array([each[at].sum(axis=0) for each in forces]), "force")
+            curves[name] = Curve(t, np.array([total(each[at], counted[at]) for each in forces]), "force")
     return curves
 
 
@@ -207,7 +216,7 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
             "modes.rigid": float(result.rigid.sum()),
             "modes.unstable": float(result.unstable.sum()),
         }
-    largest = float(np.linalg.norm(result.u.reshape(-1, result.system.mesh.d), axis=1).max())
+    largest = result.system.space.most(float(np.linalg.norm(result.u.reshape(-1, result.system.mesh.d), axis=1).max()))
     common = {"displacement.largest": largest}
     smallest = float(result.system.smallest_volume_ratio(result.u))
     if np.isfinite(smallest):  # springs alone have none

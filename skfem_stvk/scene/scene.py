@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
@@ -21,7 +22,7 @@ from ..results.vtu import write_mesh
 from ..system import System
 from .build import Built, build, check
 from .complaints import Complaints
-from .folder import RESOLVED, Folder, hash_of
+from .folder import RESOLVED, Folder, PreviousRun, hash_of
 from .named import NamedSystem
 from .outcome import SceneOutcome
 from .report import write_report
@@ -31,6 +32,8 @@ from .schema.analyses import options
 from .source import SceneSource
 from .syntax import written
 from .units import implausible
+
+Result = TypeVar("Result")
 
 
 class Scene:
@@ -48,6 +51,8 @@ class Scene:
         Mesh of a scene that was made from a system; None for a mesh that the scene describes.
     left_out
         Parts of the system that a scene made by `of` cannot name, in words.
+    comm
+        MPI communicator of the ranks that solve the scene together; None for one machine.
 
     Attributes
     ----------
@@ -77,12 +82,17 @@ class Scene:
     """
 
     def __init__(
-        self, sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None, left_out: tuple[str, ...] = ()
+        self,
+        sections: SceneTables,
+        source: SceneSource,
+        mesh: ElementMesh | None = None,
+        left_out: tuple[str, ...] = (),
+        comm: Any = None,
     ) -> None:
-        self.sections, self.source, self.left_out, self._mesh = sections, source, left_out, mesh
+        self.sections, self.source, self.left_out, self._mesh, self._comm = sections, source, left_out, mesh, comm
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str], set: Sequence[str] = ()) -> Scene:
+    def read(cls, path: str | os.PathLike[str], set: Sequence[str] = (), comm: Any = None) -> Scene:
         """Return the scene in a TOML file.
 
         Parameters
@@ -91,6 +101,9 @@ class Scene:
             Path of the file.
         set
             Replacements of keys, such as "analysis.dt=1e-5" or "terms[1].g=[0,0,-1]".
+        comm
+            MPI communicator of the ranks that solve the scene together, such as `mpi4py.MPI.COMM_WORLD`; None for one machine. All
+            of them call the methods of the scene together, and the first rank writes the files.
 
         Raises
         ------
@@ -98,7 +111,7 @@ class Scene:
             with all faults in it, each with its key and line.
         """
         source = SceneSource.read(checked_path("path", path, "the path of a scene file such as 'thrown.toml'"))
-        return cls._checked(source.changed(set) if set else source)
+        return cls._checked(source.changed(set) if set else source, comm=comm)
 
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> Scene:
@@ -160,7 +173,9 @@ class Scene:
         return cls._checked(SceneSource.of(named.data), named.mesh, named.left_out)
 
     @classmethod
-    def _checked(cls, source: SceneSource, mesh: ElementMesh | None = None, left_out: tuple[str, ...] = ()) -> Scene:
+    def _checked(
+        cls, source: SceneSource, mesh: ElementMesh | None = None, left_out: tuple[str, ...] = (), comm: Any = None
+    ) -> Scene:
         complaints = Complaints(source)
         schema = scene_tables()
         try:
@@ -170,7 +185,7 @@ class Scene:
             complaints.refuse()
             raise
         check(sections, source, mesh)
-        return cls(sections, source, mesh, left_out)
+        return cls(sections, source, mesh, left_out, comm)
 
     @cached_property
     def built(self) -> Built:
@@ -181,7 +196,7 @@ class Scene:
         SceneError
             with all faults that the mesh reveals.
         """
-        return build(self.sections, self.source, self._mesh)
+        return build(self.sections, self.source, self._mesh, self._comm)
 
     def system(self) -> System:
         """Return the body with its loads and supports.
@@ -231,20 +246,43 @@ class Scene:
                 raise StvkError("resume and force need a folder of results; pass out=...")
             return solve(self.built, quiet=quiet)
         folder = Folder(checked_path("out", out, "the path of a folder"), resume, force)
-        folder.open(self.sections)
-        with OneWriter(folder.path):
-            folder.refuse_other(self.sections)  # check again: another run may have ended between the first check and the lock
-            built, previous_run = self.built, folder.previous_run()
+        self._first(lambda: folder.open(self.sections))
+        with ExitStack() as stack:
+            self._first(lambda: stack.enter_context(OneWriter(folder.path)))
+            self._first(
+                lambda: folder.refuse_other(self.sections)
+            )  # another run may have ended between the first check and the lock
+            built, previous_run = self.built, self._first(folder.previous_run)
             try:
-                folder.begun(self.hash)
+                self._first(lambda: folder.begun(self.hash))
                 self.write(folder.path / RESOLVED)
                 outcome = solve(built, folder, quiet=quiet)
             except BaseException as error:
-                folder.failed(self.hash, error, previous_run)
+                if previous_run is not None:
+                    folder.failed(self.hash, error, previous_run)
                 raise
-            folder.ended(self.hash, outcome, previous_run)
-            write_report(folder.path, outcome)
+            self._first(lambda: folder.ended(self.hash, outcome, cast(PreviousRun, previous_run)))
+            drawn = self._drawn(outcome)
+            self._first(lambda: write_report(folder.path, drawn or outcome, draw=drawn is not None))
         return outcome
+
+    def _first(self, work: Callable[[], Result]) -> Result | None:
+        """Return the result of `work` on the first rank, and None on other ranks. Its errors are raised on all ranks."""
+        if self._comm is None:
+            return work()
+        from ..distributed.job import on_first  # imports MPI
+
+        return on_first(self._comm, work)
+
+    def _drawn(self, outcome: SceneOutcome) -> SceneOutcome | None:
+        """Return the outcome on the whole body for pictures, on the first rank; None on others, or if the body is too large."""
+        if self._comm is None:
+            return outcome
+        from .gathered import MOST_DRAWN, gathered_outcome
+
+        if outcome.built.mesh.element_count > MOST_DRAWN:
+            return None
+        return gathered_outcome(outcome, self._first(lambda: build(self.sections, self.source, self._mesh)))
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
         """Return the data of the scene with the choice of "auto".
@@ -283,11 +321,14 @@ class Scene:
         """
         target = checked_path("path", path, "the path of a scene file such as 'resolved.toml'")
         data = self.resolved(target.parent)
+        self._first(lambda: self._write(target, data))
+        return target
+
+    def _write(self, target: Path, data: dict[str, Any]) -> None:
         if self._mesh is not None:
             data["mesh"]["file"] = write_mesh(target.with_suffix(".vtu"), self._mesh).name
         with replacing(target) as part:
             part.write_text(written(data), encoding="utf-8")
-        return target
 
     @property
     def folder_of_results(self) -> Path:

@@ -183,7 +183,7 @@ def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[st
             )
     found |= _steps(sections)
     if mesh is not None and not any(path.startswith("mesh.") for path in found):
-        size = float(np.ptp(mesh.p, axis=1).max())
+        size = float(np.ptp(mesh.bounds, axis=1).max())
         if text := _unusual(units, "the size of the mesh", "size", "length", size):
             found["mesh"] = f"{text} A file in other units can be scaled: mesh.scale."
     return list(found.values())

@@ -83,14 +83,22 @@ class Step:
         """Whether the state is far from the extrapolated one, see `jump`."""
         return self.jump is not None and self.jump > JUMPED
 
-    def __str__(self) -> str:
-        largest = float(np.abs(self.u).max())
+    @property
+    def largest(self) -> float:
+        """The largest absolute value in `u`."""
+        return float(np.abs(self.u).max())
+
+    def line(self, largest: float) -> str:
+        """Return a line on the step, with the `largest` absolute value in `u`, which may be on another rank."""
         return (
             f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   largest |u| "
             f"{largest:.4g}   {self.seconds:.2g} s"
             + (f"   {self.status}" if not self.status.success else "")
             + ("   jumped" if self.jumped else "")
         )
+
+    def __str__(self) -> str:
+        return self.line(self.largest)
 
     __repr__ = __str__
 

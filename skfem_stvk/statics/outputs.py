@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.progress import BarColumn, TimeElapsedColumn
 
+from ..linear.space import Space
 from ..nonlinear.newton import Iterations
 from ..results import Fields, Series
 from ..results.files import OutputFiles
@@ -64,8 +65,9 @@ def _nothing(t: float, step: Step) -> None:
 class PathProgress(Progress):
     """Progress of a path: a line for each state on standard output, and on a terminal a temporary bar; nothing if `quiet`."""
 
-    def __init__(self, header: str, quiet: bool) -> None:
-        super().__init__("statics", quiet, (BarColumn(), TimeElapsedColumn()))
+    def __init__(self, header: str, quiet: bool, space: Space) -> None:
+        super().__init__("statics", quiet or not space.prints, (BarColumn(), TimeElapsedColumn()))
+        self._space = space
         self.show(total=1.0)
         self.print(header)
 
@@ -75,7 +77,7 @@ class PathProgress(Progress):
 
     def line(self, outcome: Step | Attempt) -> None:
         """Print a state that was found, now or by the resumed run, or a failed step."""
-        self.print(str(outcome))
+        self.print(outcome.line(self._space.most(outcome.largest)) if isinstance(outcome, Step) else str(outcome))
         if isinstance(outcome, Step):
             self.show(completed=min(max(outcome.t, 0.0), 1.0))
             for point in outcome.critical:

@@ -15,7 +15,7 @@ from ..errors import LoadError, StvkError, warn
 from ..linear import LinearSolver
 from ..linear.choose import header_text, is_auto
 from ..mesh.displacements import by_vertex
-from ..nonlinear.outcome import Interrupted, Status, stop_if_requested
+from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..nonlinear.stability import Verdict, stability_of
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.files import OutputFiles
@@ -270,14 +270,12 @@ class _Solve:
     def result(self) -> StaticResult:
         """Return the result, or raise the error that replaces it."""
         options, history, problem, body = self._options, self._history, self._problem, self._problem.body
-        solver = header_text(problem.tangent.solver, problem.space.divided)
-        header = f"{body!r}, {problem.space.count} of them free; {solver}"
-        start = {"u0": sums_of(self._start, self._system.space)} | (
-            {"the basis": body.signature} if isinstance(body, Coordinates) else {}
-        )
+        solver, space = header_text(problem.tangent.solver, problem.space.divided), self._system.space
+        header = f"{body!r}, {problem.space.count} of them free; {solver}{space.parts}"
+        start = {"u0": sums_of(self._start, space)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
         signed = AUTO if problem.space.divided and is_auto(options.solver) else self._requested_solver
         files = opened(options.output_files, self._system, options.signature(signed), start)
-        with files as (write, checkpoint), PathProgress(header, options.quiet) as report:
+        with files as (write, checkpoint), PathProgress(header, options.quiet, space) as report:
             monitors = Monitors(self._system, options.ellipticity)
             for finding in monitors.before():
                 warn(finding.text)
@@ -291,10 +289,12 @@ class _Solve:
                 self._follow(continuation, write, checkpoint, report)
                 self._judge(problem, continuation)
             except (KeyboardInterrupt, Exception) as error:  # for example a full disk, a load's function: keep the states so far
+                raise_if_divided(space, error)
                 self._cause = error
         result = self._evaluated(problem, continuation)
         for text in _new_findings(history):
             warn(text)
+        space.end_step(False)  # issues the last warnings
         if isinstance(self._cause, KeyboardInterrupt):
             raise Interrupted(result)
         expected = result.success or (options.arc_length and result.status is Status.UNSTABLE)
@@ -324,7 +324,7 @@ class _Solve:
                 checkpoint.add(outcome, continuation.saved())
                 continuation.problem.forget()
             if not continuation.reached:
-                stop_if_requested()
+                stop_if_requested(self._system.space)
 
     def _note(self, outcome: Step | Attempt, write: Write, report: PathProgress) -> None:
         self._history.append(outcome)

@@ -53,6 +53,7 @@ def outcome_of(result, *, kind, curves=None, judged=(), units="mm-N-MPa", title=
         values={"load": 1.0, "energy.strain": 2.5, "tip.z": -0.125},
         judged=judged,
         seconds=1.5,
+        ranks="",
         folder=None,
         warnings=(),
         exit_code=0 if all(one.passed for one in judged) else 3,
