@@ -122,7 +122,7 @@ def least(call: Callable[[], Any], comm: MPI.Comm, seconds: float) -> float:
 
 def against_serial(part: MeshPart) -> dict[str, list[float]]:
     """Return times [ms] on one rank that sums and reduces as several do, and of the same body without ranks, in turns."""
-    type(part.space).divided = property(lambda space: True)  # type: ignore[method-assign, assignment]
+    type(part.space).divided = property(lambda space: True)
     one, other = calls(body(part)), calls(body(ElementMesh(part.p, part.t)))
     found = {}
     for name in ("F", "K v", "CG"):

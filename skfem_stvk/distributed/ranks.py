@@ -175,7 +175,8 @@ class Ranks(Space):
         links = self.collect(self._with_equal_keys(begin + group[items], keys))
         firsts, numbered = self.collect(first), None
         if self.leads:
-            of_all = linked(*np.concatenate(links, axis=1), sum(counts))
+            a, b = np.concatenate(links, axis=1)
+            of_all = linked(a, b, sum(counts))
             lowest = np.full(int(of_all.max(initial=-1)) + 1, np.iinfo(np.int64).max)
             np.minimum.at(lowest, of_all, np.concatenate(firsts))
             numbered = np.split(np.argsort(np.argsort(lowest)).astype(np.int32)[of_all], np.cumsum(counts)[:-1])

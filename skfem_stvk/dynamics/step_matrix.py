@@ -149,11 +149,12 @@ class StepMatrix:
             else:
                 K = self._matrix(w, t, retained)
                 if tangent is Tangent.SHIFTED:
-                    K.setdiag(K.diagonal() + self.tangent.shift(K.diagonal()))
+                    self.tangent.add_shift(K)
         with self._watch("factor"):
+            self.tangent.position = self._u0 + w
             if multigrid is None:
                 return self.tangent.factorise(K, exact)
-            before, self.tangent.position = multigrid.hierarchy, self._u0 + w
+            before = multigrid.hierarchy
             factors = self.tangent.factorise(K, exact)
             if multigrid.hierarchy is not before:
                 at = self._u0.copy(), w.copy(), Moment.of(t).time

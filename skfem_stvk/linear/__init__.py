@@ -4,6 +4,7 @@ from .amg import AmgCg
 from .block_cg import BlockJacobiCg, SsorCg
 from .choose import SOLVERS, choose
 from .pardiso import Pardiso
+from .petsc import Petsc
 from .solver import Analysis, EdgeBlocks, Factors, Kind, LinearSolver, Operator, Outcome, Solution, Unknowns
 from .superlu import SuperLU
 
@@ -19,6 +20,7 @@ __all__ = [
     "Operator",
     "Outcome",
     "Pardiso",
+    "Petsc",
     "Solution",
     "SsorCg",
     "SuperLU",

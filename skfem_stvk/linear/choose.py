@@ -11,6 +11,7 @@ from .block_cg import BlockJacobiCg, SsorCg
 from .checks import check_kind, checked_kind
 from .dense import DenseSolver
 from .pardiso import Pardiso, pardiso_is_installed
+from .petsc import Petsc
 from .solver import Kind, LinearSolver, names
 from .superlu import SuperLU
 
@@ -41,15 +42,17 @@ ENTRIES = 45
 
 #: All solvers, in the order in which messages list them.
 SOLVERS: tuple[LinearSolver, ...] = (SuperLU(), Pardiso(), AmgCg(), BlockJacobiCg(), SsorCg())
-
-
-#: Solvers for bodies that are divided into parts, the default first. A package that adds one inserts it here.
-ON_PARTS: list[LinearSolver] = [BlockJacobiCg()]
+#: Solvers for bodies that are divided into parts. The first one that is available is the default.
+ON_PARTS: tuple[LinearSolver, ...] = (Petsc(), BlockJacobiCg())
 
 
 def solver_names() -> list[str]:
     """Return "auto" and the names of all solvers."""
     return ["auto", *dict.fromkeys(one.name for one in (*SOLVERS, *ON_PARTS))]
+
+
+def _expected() -> str:
+    return f"expected {', '.join(map(repr, solver_names()))}, or an object such as SuperLU()."
 
 
 def choose(
@@ -81,11 +84,11 @@ def choose(
     if isinstance(solver, str):
         known = {one.name: one for one in (*SOLVERS, *ON_PARTS)}
         if solver not in known:
-            raise StvkError(f"solver = {shown(solver)}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
+            raise StvkError(f"solver = {shown(solver)}; {_expected()}")
         solver = known[solver]
     required = "analyse", "name", "takes", "matrix_free", "iterative"
     if isinstance(solver, type) or not all(hasattr(solver, name) for name in required):
-        raise StvkError(f"solver = {shown(solver)}; expected 'auto', {names(SOLVERS)}, or an object such as SuperLU().")
+        raise StvkError(f"solver = {shown(solver)}; {_expected()}")
     check_kind(solver, kind)
     if indefinite and solver.iterative:
         able = names([other for other in SOLVERS if not other.iterative])
@@ -99,13 +102,19 @@ def choose(
 def _on_parts(solver: str | LinearSolver, kind: Kind) -> LinearSolver:
     """Return the solver for a body that is divided into parts; refuse those that do not take this kind of K there."""
     able = [one for one in ON_PARTS if kind <= one.takes]
-    found = next((one for one in able if solver in ("auto", one.name)), solver) if isinstance(solver, str) else solver
+    if is_auto(solver):
+        return next((one for one in able if _is_available(one)), able[0])
+    found = next((one for one in able if one.name == solver), solver)
     if isinstance(found, str) or not (getattr(found, "on_parts", False) and kind <= found.takes):
         raise StvkError(
-            f"solver = {shown(getattr(found, 'name', found))}; expected {names(able) or 'petsc, which requires petsc4py'} for a "
-            f"body that is divided into parts, with a K that is {kind}: no part has the whole K, which other solvers need."
+            f"solver = {shown(getattr(found, 'name', found))}; expected {names(able)} for a body that is divided into parts, with a K "
+            f"that is {kind}: no part has the whole K, which other solvers need."
         )
     return found
+
+
+def _is_available(solver: LinearSolver) -> bool:
+    return not isinstance(solver, Petsc) or solver.available
 
 
 def header_text(solver: LinearSolver | DenseSolver, divided: bool) -> str:
@@ -113,8 +122,8 @@ def header_text(solver: LinearSolver | DenseSolver, divided: bool) -> str:
     name = f"solver '{solver.name}'"
     if not divided:
         return name
-    others = [f"solver='{one.name}'" for one in ON_PARTS if one.name != solver.name] or ["install petsc4py"]
-    return f"{name} (for another: {others[0]})"
+    other = next(one for one in ON_PARTS if one.name != solver.name)
+    return f"{name} (for another: solver='{other.name}'{'' if _is_available(other) else ', which needs petsc4py'})"
 
 
 def why(solver: str | LinearSolver, n: int, kind: Kind, indefinite: bool = False, entries: int = 0) -> str:

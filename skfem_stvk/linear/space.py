@@ -34,6 +34,8 @@ class Space:
         Length of its vectors.
     rank, size
         Number of this part, from 0, and number of parts.
+    comm
+        Communicator of the ranks that have the parts of a divided body; None on one machine.
 
     Examples
     --------
@@ -46,6 +48,7 @@ class Space:
     """
 
     rank, size = 0, 1
+    comm: Any = None
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -251,7 +254,7 @@ class Entries(Space):
 
     def __init__(self, whole: Space, dofs: NDArray[np.integer] | slice) -> None:
         super().__init__(len(range(whole.n)[dofs]) if isinstance(dofs, slice) else len(dofs))
-        self._whole, self._dofs = whole, dofs
+        self._whole, self._dofs, self.comm = whole, dofs, whole.comm
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
@@ -274,20 +277,30 @@ class Entries(Space):
         dofs = np.arange(self._whole.n)[self._dofs]  # ascending
         return tuple(slice(*np.searchsorted(dofs, [own.start, own.stop])) for own in self._whole.owned)
 
+    def share(self, f: Array) -> Array:
+        f[:] = self.restrict(self._whole.share(self.expand(f)))
+        return f
+
+    def counted(self, x: Array) -> Array:
+        return self.restrict(self._whole.counted(self.expand(x)))
+
     def total(self, x: Number) -> Number:
         return self._whole.total(x)
 
     def random(self, seed: int = 0) -> Array:
         return self.restrict(self._whole.random(seed)) if self.divided else super().random(seed)
 
-    def least(self, x: float) -> float:
+    def least(self, x: Number) -> Number:
         return self._whole.least(x)
 
-    def most(self, x: float) -> float:
+    def most(self, x: Number) -> Number:
         return self._whole.most(x)
 
     def any(self, x: bool) -> bool:
         return self._whole.any(x)
+
+    def each(self, x: Item) -> list[Item]:
+        return self._whole.each(x)
 
     def expand(self, x: Array) -> Array:
         v = np.zeros(self._whole.n)

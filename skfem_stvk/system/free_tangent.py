@@ -98,7 +98,7 @@ class FreeTangent:
             return FreeOperator(operator, self.free, None if diagonal is None else self.shift(diagonal))
         K = self.free_matrix(u, t, kept)
         if shifted:
-            K.setdiag(K.diagonal() + self.shift(K.diagonal()))
+            self.add_shift(K)
         return K
 
     def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
@@ -162,6 +162,11 @@ class FreeTangent:
         np.maximum.at(largest, vertex, diagonal)
         return SHIFT * np.where(largest > 0, largest, self.space.most(float(largest.max())))[vertex]
 
+    def add_shift(self, K: csr_matrix) -> None:
+        """Add the `shift` to the diagonal of `K`. In a divided body, one part adds that of each degree of freedom."""
+        own = K.diagonal()
+        K.setdiag(own + self.space.counted(self.shift(self.space.share(own.copy()))))
+
     def factorise(self, K: Any, exact: bool = True) -> Factors:
         """Return the factors of `K`, a matrix or an operator over the free degrees of freedom.
 
@@ -196,7 +201,8 @@ class FreeTangent:
             self.matrix(self._assembled_at, *self._free_arguments)
         K = self._operator if self.solver.matrix_free else self._K
         assert K is not None
-        return np.asarray((K @ w)[self.free.free])
+        product = K @ w
+        return np.asarray((product if self.solver.matrix_free else self.system.space.share(product))[self.free.free])
 
     def new_matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         """Return the Jacobian at `u` over the free degrees of freedom as a new matrix, and its unknowns."""

@@ -68,7 +68,7 @@ class _Found(NamedTuple):
     """Motions of a part: its number, the number of motions, whether they are without rigid ones, some joints, and how many."""
 
     part: int
-    count: int
+    motions: int
     joints_only: bool
     shown: list[str]
     joints: int
