@@ -4,15 +4,18 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from copy import deepcopy
-from functools import cached_property
+from functools import cached_property, reduce
 from threading import Barrier, BrokenBarrierError
 
 import numpy as np
 import pytest
+import skfem
 from bodies import EVERY_MESH
 
-from skfem_stvk import ElementMesh
+from skfem_stvk import ElasticFoundation, ElementMesh, Gravity, StVK, System
+from skfem_stvk.errors import StvkError
 from skfem_stvk.linear.space import Space
+from skfem_stvk.mesh.facets import linked
 
 
 class Exchange:
@@ -38,13 +41,13 @@ class PartSpace(Space):
 
     numbers = None
 
-    def __init__(self, exchange, part, n, numbers, elements, owned):
+    def __init__(self, exchange, part, n, d, numbers, elements, owned):
         super().__init__(len(numbers))
         self.reductions = 0
         self._of_all = lambda value: exchange.values(part, value)
         self._whole, self.numbers, self._elements = n, numbers, elements
         self._owned, self._part = owned, part
-        self.count = n
+        self.count, self._d = n, d
 
     @property
     def divided(self):
@@ -80,10 +83,10 @@ class PartSpace(Space):
         return sum(self._reduced(x))
 
     def least(self, x):
-        return min(self._reduced(x))
+        return reduce(np.minimum, self._reduced(x))
 
     def most(self, x):
-        return max(self._reduced(x))
+        return reduce(np.maximum, self._reduced(x))
 
     def any(self, x):
         return any(self._reduced(x))
@@ -97,6 +100,31 @@ class PartSpace(Space):
 
     def element_ids(self, ids):
         return np.unique(np.concatenate(self._of_all(self._elements[ids])))
+
+    @property
+    def shared(self):
+        others = [ids for part, ids in enumerate(self._of_all(self.numbers)) if part != self._part]
+        return np.flatnonzero(np.isin(self.numbers[:: self._d], np.concatenate(others)))
+
+    def collect(self, x):
+        values = self._of_all(x)
+        return values if self.leads else []
+
+    def broadcast(self, x):
+        return self._of_all(x)[0]
+
+    def united(self, group, numbers, items, keys):
+        every, first, links, known, begin = self._of_all((group, numbers, items, keys)), [], [], {}, [0]
+        for group, numbers, items, keys in every:
+            first += [numbers[group == one].min() for one in range(max(group, default=-1) + 1)]
+            for item, key in zip(items, keys.T.tolist(), strict=True):
+                label = begin[-1] + group[item]
+                links.append((known.setdefault(tuple(key), label), label))
+            begin.append(len(first))
+        whole = linked(*np.array(links, dtype=int).reshape(-1, 2).T, len(first))
+        lowest = {one: min(np.array(first)[whole == one]) for one in set(whole.tolist())}
+        order = {one: number for number, one in enumerate(sorted(lowest, key=lowest.get))}
+        return np.array([order[whole[begin[self._part] + one]] for one in every[self._part][0]], dtype=np.int32)
 
 
 class Part(ElementMesh):
@@ -144,7 +172,7 @@ def part_of(mesh, parts, number, exchange):
     skin = local[skin.reshape(-1, len(mesh.boundaries["skin"]))].T
     part = Part(mesh.p[:, nodes], local[mesh.t[:, ids]], boundaries={"skin": skin}, element=mesh.element)
     dofs = (d * nodes[:, None] + np.arange(d)).ravel()
-    attributes = {"space": PartSpace(exchange, number, mesh.p.size, dofs, ids, owned), "surface": skin, "bounds": mesh.bounds}
+    attributes = {"space": PartSpace(exchange, number, mesh.p.size, d, dofs, ids, owned), "surface": skin, "bounds": mesh.bounds}
     attributes |= {"node_numbers": nodes, "element_numbers": ids, "element_count": mesh.nt}
     for name, value in attributes.items():
         object.__setattr__(part, name, value)
@@ -204,3 +232,28 @@ def separate_threads(monkeypatch):
     for one in [value for cls in classes for value in vars(cls).values() if isinstance(value, cached_property)]:
         if hasattr(one, "lock"):
             monkeypatch.setattr(one, "lock", nullcontext())
+
+
+def grounded(mesh, young, *terms, law=StVK, load=0.05):
+    """Return a body of one law on a foundation, under its weight."""
+    materials = law(young=young, poisson=0.3, density=2.0)
+    return System(mesh, [materials, *terms, ElasticFoundation("skin", 3.0), Gravity(g=load * np.arange(1, mesh.d + 1))])
+
+
+def free_body(mesh, young):
+    return System(mesh, StVK(young=young, poisson=0.3, density=2.0))
+
+
+def beam(how, length=6):
+    """Return the division of a slender body along x into three parts."""
+    mesh = skfem.MeshTet.init_tensor(np.linspace(0, length, 2 * length + 1), *[np.linspace(0, 1, 3)] * 2)
+    return Division(ElementMesh.of(mesh), how)
+
+
+def caught(work):
+    """Return the type and the text of the error of `work()`; None if there is no error."""
+    try:
+        work()
+    except StvkError as error:
+        return type(error), str(error)
+    return None
