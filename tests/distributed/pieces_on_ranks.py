@@ -47,7 +47,7 @@ def difference(space, own, whole, numbers):
 def same_bits(space, x):
     """Return whether all ranks have the same bits at nodes that they share."""
     rows = np.ascontiguousarray(np.ma.filled(x, 0.0).reshape(len(x), -1).T)
-    return not space.any(any(not np.array_equal(space.share(space.counted(row)), row) for row in rows))
+    return not space.any(sum(not np.array_equal(space.share(space.counted(row)), row) for row in rows) > 0)
 
 
 def refused(call):

@@ -47,9 +47,8 @@ def test_pieces_join_to_the_file_of_the_whole_body(written):
         for field, (values, *_) in whole.cell_data.items():
             scale = max(np.abs(values).max(), 1e-300)
             assert joined.cell_data[field][0] == pytest.approx(values, rel=1e-12, abs=1e-13 * scale), (name, field)
-        assert ("cauchy_stress_missing" in whole.point_data and "cauchy_stress_missing" in whole.cell_data) == name.startswith(
-            "part of"
-        )
+        if name.startswith("part of"):
+            assert "cauchy_stress_missing" in whole.point_data and "cauchy_stress_missing" in whole.cell_data
 
 
 def test_other_elements_on_the_same_nodes_are_joined_in_any_order(written):
