@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..distributed.files import PARTS, PartSizes, needed_bytes, write_partition
 from ..mesh import read_mesh
 from ..terminal import DONE, console, grid, printable
+
+if TYPE_CHECKING:
+    from ..distributed.files import PartSizes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--parts",
         type=int,
-        default=PARTS,
-        help=f"number of parts, at least that of the ranks and best a multiple; by default {PARTS}",
+        default=64,
+        help="number of parts, at least that of the ranks and best a multiple; by default 64",
     )
     parser.add_argument(
         "--degree", type=int, help="degree of the shape functions of simplices, 1 or 2; by default that of the mesh"
@@ -36,6 +39,8 @@ def partition(options: argparse.Namespace) -> int:
 
     A script opens the file by skfem_stvk.distributed.distribute("bracket.h5"), and no rank holds the whole mesh.
     """
+    from ..distributed.files import needed_bytes, write_partition  # only this command needs it
+
     mesh = read_mesh(Path(options.mesh), options.degree, dimension=options.dimension, keep=options.keep)
     if options.scale != 1.0:
         mesh = mesh.scaled(options.scale)

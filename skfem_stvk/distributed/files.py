@@ -139,6 +139,15 @@ def read_part(path: str | os.PathLike[str], rank: int, ranks: int) -> PartConten
         return join([_read(source[f"parts/{number}"], names, common) for number in own], own.tolist(), rank_of)
 
 
+def is_partition(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a partition file, and not a mesh or another file."""
+    try:
+        with _opened(Path(path)):
+            return True
+    except MeshError:
+        return False
+
+
 def _write(group: Any, part: PartContent) -> None:
     """Write the arrays of a part."""
     for name in ARRAYS:

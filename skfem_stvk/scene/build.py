@@ -386,17 +386,35 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     return Built(sections, source, system, names, probes, reactions, u0, v0)
 
 
+def partition_of(sections: SceneTables, source: SceneSource) -> Path | None:
+    """Return the partition file that a scene has as its mesh; None for another mesh."""
+    file = source.folder / getattr(sections.mesh, "file", "")
+    if file.suffix.lower() not in (".h5", ".hdf5"):
+        return None
+    from ..distributed.files import is_partition
+
+    return file if is_partition(file) else None
+
+
 def _whole_mesh(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None) -> ElementMesh:
+    if mesh is None and (file := partition_of(sections, source)) is not None:
+        raise StvkError(f"{file.name} is a partition file, for several ranks: mpiexec -n 4 skfem-stvk solve {source.name}.")
     given = [getattr(term, "simplices", None) for term in sections.terms]
     mesh = sections.mesh.mesh(source.folder, [name for name in given if isinstance(name, str)]) if mesh is None else mesh
     return mesh if sections.mesh.degree is None else mesh.with_degree(sections.mesh.degree)
 
 
 def _part(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None, comm: Any) -> ElementMesh:
-    """Return this rank's part of the mesh that the first rank reads or makes."""
+    """Return this rank's part of a partition file, or of the mesh that the first rank reads or makes."""
     from ..distributed import distribute  # imports MPI
     from ..distributed.job import on_first
 
+    file = partition_of(sections, source) if mesh is None else None
+    if file is not None:
+        for name in {"scale", "dimension"} & sections.mesh.model_fields_set:
+            raise StvkError(f"{name} with the partition file {file.name}; remove it: skfem-stvk partition has --{name}.")
+        part = distribute(file, comm)
+        return part if sections.mesh.degree is None else part.with_degree(sections.mesh.degree)
     return distribute(on_first(comm, lambda: _whole_mesh(sections, source, mesh)), comm)
 
 

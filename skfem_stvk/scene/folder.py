@@ -216,18 +216,27 @@ def _written_names(path: Path) -> list[str]:
     except (SceneError, ValidationError):
         return []
     names = {"report.html", output.animation, *(f"{name}.png" for name in plot_files(output.plots).values())}
-    series = rf"|{re.escape(Path(output.file).stem)}(_\d{{4,}})?\.(pvd|vtu|csv)" if output.file else ""
+    series = rf"|{re.escape(Path(output.file).stem)}(_\d{{4,}}(_r\d{{4,}})?)?\.(pvd|p?vtu|csv)" if output.file else ""
     pattern = re.compile(rf"picture(-\d+)?\.png{series}")
     return [name for name in visible(path) if name in names or pattern.fullmatch(name)]
 
 
-def hash_of(data: Mapping[str, Any], contents: Iterable[bytes] = ()) -> str:
+def hash_of(data: Mapping[str, Any], files: Iterable[Path] = ()) -> str:
     """Return the hash of a scene with the contents of its files, whatever the order of its keys, its comments and its title."""
     hashed = {name: value for name, value in data.items() if name != "title"}
     digest = hashlib.sha256(json.dumps(hashed, sort_keys=True).encode())
-    for content in contents:
-        digest.update(hashlib.sha256(content).digest())
+    for file in files:
+        digest.update(_digest(file))
     return digest.hexdigest()[:16]
+
+
+def _digest(path: Path) -> bytes:
+    """Return the hash of a file, which may be larger than the memory."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(1 << 24):
+            digest.update(chunk)
+    return digest.digest()
 
 
 def _number(value: float | None) -> float | None:

@@ -82,7 +82,9 @@ def write_report(folder: Path, outcome: SceneOutcome, draw: bool = True) -> Path
     drawings = [*_save_drawings(folder, outcome, problems), *_save_animation(folder, outcome, problems)] if draw else []
     failure = None
     if not draw:
-        problems.append("Pictures and the last state of so many elements are not made on several ranks. The series has the states.")
+        problems.append(
+            "Pictures and a last state are not made of a partition file, or of so many elements. A series has the states."
+        )
     try:
         if draw:
             _save_last_state(folder, outcome)

@@ -20,7 +20,7 @@ from ..results.one_writer import OneWriter
 from ..results.state_files import parts_of_state
 from ..results.vtu import write_mesh
 from ..system import System
-from .build import Built, build, check
+from .build import Built, build, check, partition_of
 from .complaints import Complaints
 from .folder import RESOLVED, Folder, PreviousRun, hash_of
 from .named import NamedSystem
@@ -280,7 +280,7 @@ class Scene:
             return outcome
         from .gathered import MOST_DRAWN, gathered_outcome
 
-        if outcome.built.mesh.element_count > MOST_DRAWN:
+        if outcome.built.mesh.element_count > MOST_DRAWN or partition_of(self.sections, self.source) is not None:
             return None
         return gathered_outcome(outcome, self._first(lambda: build(self.sections, self.source, self._mesh)))
 
@@ -343,7 +343,7 @@ class Scene:
         folder, mesh, initial = self.source.folder, getattr(self.sections.mesh, "file", None), self.sections.initial
         files = [] if mesh is None else parts_of(folder / mesh)
         files += [] if initial.file is None else parts_of_state(folder / initial.file, initial.at)
-        return hash_of(self.source.data, [file.read_bytes() for file in files])
+        return hash_of(self.source.data, files)
 
     def __repr__(self) -> str:
         return f"Scene({self.source.name}: {self.sections.analysis.type}, {len(self.sections.terms)} terms)"

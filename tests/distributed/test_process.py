@@ -111,7 +111,7 @@ name = "block-jacobi-cg"
 
 [output]
 reactions = { wall = "left" }
-checkpoint = false
+file = "beam.pvd"
 picture = ""
 """
 
@@ -154,7 +154,6 @@ def summary(folder):
 def test_the_bracket_on_two_ranks_is_that_on_one_machine(on_ranks, tmp_path):
     """The whole command: the folder of results with its report, the expectation of the scene, and what the header says."""
     same = ["--set", "solver.name=block-jacobi-cg", "--set", "solver.rtol=1e-12", "--set", "output.file=bracket.vtu"]
-    same += ["--set", "output.checkpoint=false"]
     assert main(["solve", str(BRACKET), *same, "--out", str(tmp_path / "one"), "--quiet"]) == 0
     done = command(on_ranks, 2, "solve", BRACKET, *same, "--out", tmp_path / "two")
     one, two = (summary(tmp_path / name) for name in ("one", "two"))
@@ -171,13 +170,18 @@ def test_the_bracket_on_two_ranks_is_that_on_one_machine(on_ranks, tmp_path):
     assert "not drawn" not in (tmp_path / "two" / "report.html").read_text()
 
 
-def test_a_signal_on_one_rank_stops_all_after_the_step(on_ranks, scene):
+def test_a_signal_on_one_rank_stops_all_after_the_step_and_the_run_is_resumed(on_ranks, scene):
     """Other than Ctrl-C, it does so however often it arrives: launchers and schedulers both send it."""
     send = "[os.kill(os.getpid(), number) for number in (signal.SIGUSR1, signal.SIGTERM, signal.SIGTERM)]"
-    done = command(on_ranks, 2, "solve", scene, do=send, check=False)
+    exact, folder = ("--set", "solver.rtol=1e-11"), scene.with_suffix("")
+    done = command(on_ranks, 2, "solve", scene, *exact, do=send, check=False)
     assert done.returncode == 130 and "MPI_ABORT" not in done.stderr, done.stderr
     assert done.stderr.count("Interrupted at t = 0.625") == 1 and "mpiexec -n 2 skfem-stvk solve" in done.stderr
-    assert summary(scene.with_suffix(""))["status"] == "interrupted"
+    assert summary(folder)["status"] == "interrupted"
+    done = command(on_ranks, 3, "solve", scene, *exact, "--resume")
+    assert "read from" in done.stdout and "4 iterations" not in done.stdout.split("read from")[0]
+    assert main(["solve", str(scene), *exact, "--out", str(scene.parent / "whole"), "--quiet"]) == 0
+    assert summary(folder)["results"] == pytest.approx(summary(scene.parent / "whole")["results"], rel=1e-9, abs=1e-7)
 
 
 def test_a_signal_stops_the_command_on_one_machine(scene, capsys, monkeypatch):
@@ -200,6 +204,21 @@ def test_a_signal_stops_the_command_on_one_machine(scene, capsys, monkeypatch):
 def test_an_error_on_one_rank_ends_the_command_with_its_exit_code(on_ranks, scene, do, code, words):
     done = command(on_ranks, 2, "solve", scene, do=do, check=False)
     assert done.returncode == code and done.stderr.count("error on rank") == 1 and words in done.stderr, done.stderr
+
+
+def test_a_file_that_one_rank_cannot_write_is_an_error_of_all(on_ranks, scene):
+    done = command(on_ranks, 2, "solve", scene, do="setattr(os, 'replace', lambda *names: open('/proc/nothing', 'w'))", check=False)
+    assert done.returncode == 2 and done.stderr.count("beam_0002_r0001.vtu could not be written") == 1, done.stderr
+    assert "MPI_ABORT" not in done.stderr and summary(scene.with_suffix(""))["status"] == "failed"
+
+
+def test_a_partition_file_is_the_mesh_of_a_scene(on_ranks, tmp_path, capsys):
+    assert main(["partition", str(BRACKET.with_name("bracket.msh")), str(tmp_path / "bracket.h5"), "--parts", "4"]) == 0
+    divided = ["solve", str(BRACKET), "--set", f"mesh.file={tmp_path / 'bracket.h5'}", "--out", str(tmp_path / "out")]
+    done = command(on_ranks, 2, *divided)
+    assert "as expected bolts.z" in done.stdout and "Pictures" in (tmp_path / "out" / "report.html").read_text()
+    assert summary(tmp_path / "out")["results"]["tip.z"] == pytest.approx(-1.0229937e-3, rel=1e-6)
+    assert main(divided) == 2 and "bracket.h5 is a partition file, for several ranks" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
