@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import path as checked_path
-from ..arguments import shown, whole
+from ..arguments import whole
 from ..elements import named
 from ..errors import MeshError
 from ..mesh import ElementMesh, MeshLike
@@ -177,7 +177,7 @@ def _opened(file: Path) -> Iterator[Any]:
             if source.attrs.get("format") != FORMAT:
                 raise MeshError(f"{file} is another HDF5 file; {other}. Meshes are read by read_mesh: distribute(read_mesh(path)).")
             if (version := source.attrs["version"]) != VERSION:
-                raise MeshError(f"{file} has version {shown(version)} of the format; expected {VERSION}. Divide the mesh again.")
+                raise MeshError(f"{file} has version {version} of the format; expected {VERSION}. Divide the mesh again.")
             yield source
     except PermissionError as error:
         raise MeshError(f"{file} cannot be read: {error.strerror}. Change its permissions, or copy it.") from error

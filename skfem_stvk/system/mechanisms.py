@@ -57,15 +57,25 @@ class Corners(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Nodes at which pieces may be joined: their `numbers` (n,) and coordinates `x` (d, n), and the `corners` of pieces by index."""
+    """Nodes at which pieces may be joined: their `numbers` (n,), coordinates `x` (d, n), and `corners` of pieces by index."""
 
     numbers: Ids
     x: Array
     corners: Corners
 
 
-class _Found(NamedTuple):
-    """Motions of a part: its number, the number of motions, whether they are without rigid ones, some joints, and how many."""
+class PieceShapes(NamedTuple):
+    """Centres (n, d) and sizes (n,) of pieces [m], and the numbers (n,) of their parts."""
+
+    centre: Array
+    size: Array
+    part: Ids
+
+
+class PartMotions(NamedTuple):
+    """Motions of a part: its number, the number of motions, whether they are without rigid ones, the first few joints in words,
+    and the number of joints.
+    """
 
     part: int
     motions: int
@@ -182,10 +192,10 @@ def mechanisms(
     centre, size, x = centred(p[:, corners.vertex], corners.piece, space)
     supports = space.collect(list(_supports(corners, motions(x), constrained)))
     elements = space.collect(_first_elements(number[piece], solid_numbers, len(chosen)))
-    found: list[_Found] = []
+    found: list[PartMotions] = []
     if space.leads:
         joints = joints._replace(corners=joints.corners.among(number))
-        found = _found(joints, centre, size, of_part[chosen], supports, elements, word)
+        found = _motions_of_pieces(joints, PieceShapes(centre, size, of_part[chosen]), supports, elements, word)
     mechanisms = []
     for i, count, joints_only, shown, total in space.broadcast(found):
         if (others := count - (0 if joints_only else rigid.get(i, 0))) > 0:
@@ -274,20 +284,18 @@ def _first_elements(piece: Ids, numbers: Ids, count: int) -> tuple[Ids, Ids, Ids
     return sizes, piece[few], numbers[few]
 
 
-def _found(
+def _motions_of_pieces(
     joints: Joints,
-    centre: Array,
-    size: Array,
-    of_part: Ids,
+    shapes: PieceShapes,
     supports: Sequence[Sequence[Block]],
     elements: Sequence[tuple[Ids, Ids, Ids]],
     word: str,
-) -> list[_Found]:
-    """Return the motions of pieces with this `centre`, `size` and part under the constraints of `joints` and `supports`.
+) -> list[PartMotions]:
+    """Return the motions of pieces of these `shapes` under the constraints of `joints` and `supports`.
 
     `supports` and `elements` (`_first_elements`) are those of all parts of a divided body.
     """
-    corners, d = joints.corners, len(joints.x)
+    corners, d, (centre, size, of_part) = joints.corners, len(joints.x), shapes
     modes = motions(((joints.x[:, corners.vertex] - centre.T[:, corners.piece]) / size[corners.piece]).T)
     free, samples, at_rest = free_motions([*_joints(corners, modes), *_combined(supports)], len(size), modes.shape[2])
     largest = np.zeros(int(of_part.max()) + 1)
@@ -311,7 +319,7 @@ def _found(
         for one, vertices in (rotating[joint] for joint in own[:MOST]):
             ids = name_ids(np.unique(few[cluster[few_pieces] == one]), "element", count=int(sizes[one]))
             shown.append(f"{ids} can rotate about {_location(joints, vertices, word)}")
-        found.append(_Found(i, int(count[i]), bool(joints_only[i]), shown, len(own)))
+        found.append(PartMotions(i, int(count[i]), bool(joints_only[i]), shown, len(own)))
     return found
 
 

@@ -8,10 +8,10 @@ import skfem
 from bodies import EVERY_MESH
 
 from skfem_stvk import ElementMesh
+from skfem_stvk.distributed.partition import divide, join
 from skfem_stvk.errors import MeshError
 
 pytest.importorskip("pymetis")
-from skfem_stvk.distributed.partition import divide, join
 
 SOLIDS = [name for name, mesh in EVERY_MESH.items() if mesh.k == mesh.d > 1]
 
