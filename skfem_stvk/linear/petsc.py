@@ -20,6 +20,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import shown
 from ..errors import StvkError, name_ids
 from ..kernels.threads import locked
+from .amg import Pace
 from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
 from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
 from .space import Space
@@ -66,7 +67,7 @@ class Petsc:
     ----------
     options
         PETSc's options without a prefix. Those in PETSc's database have the prefix `stvk_`, such as
-        `PETSC_OPTIONS=-stvk_ksp_monitor`, and precede. `-mat_type` is the type of K, "aij" by default; "is" is for BDDC.
+        `PETSC_OPTIONS=-stvk_ksp_monitor`, and precede.
 
     Examples
     --------
@@ -126,7 +127,7 @@ class PetscAnalysis:
         structure = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.values
         self._part = PETSc.Mat().createAIJWithArrays((len(dofs), len(dofs)), structure, rows.d, comm=one)
         self._sum.setISLocalMat(self._part)
-        self.matrix, self._general = PETSc.Mat(), False
+        self.matrix, self._general, self.pace = PETSc.Mat(), False, Pace()
         self.method: Any = None
         self._at_nodes = PETSc.Vec().createSeq(len(dofs), comm=one)
         self._scatter = PETSc.Scatter().create(self.vector(), PETSc.IS().createGeneral(dofs, comm=one), self._at_nodes, None)
@@ -140,10 +141,9 @@ class PetscAnalysis:
         self._part.assemble()
         self._sum.assemble()
         try:
-            with self._options(kind is Kind.GENERAL) as database:
-                self._convert(database.getString("mat_type", "aij"), kind)
+            with self._options(kind is Kind.GENERAL):
+                self._convert(kind)
                 self._set_up(kind is Kind.GENERAL)
-                _refuse_unused(self._solver.options)
         except self._petsc.Error as error:
             raise StvkError(f"options = {self._solver.options!r}: PETSc refuses the matrix or its options. {error}") from error
         symmetric = kind is not Kind.GENERAL
@@ -167,12 +167,9 @@ class PetscAnalysis:
             rows[row, columns] = values
         return bool(np.linalg.eigvalsh(self._space.total(rows))[0] < -ROUNDING * self.matrix.norm(self._petsc.NormType.INFINITY))
 
-    def _convert(self, mat_type: str, kind: Kind) -> None:
+    def _convert(self, kind: Kind) -> None:
         """Set the values of the matrix of all ranks, and its properties."""
-        if mat_type == "is":
-            self.matrix = self._sum
-        else:
-            self._sum.convert(mat_type, self.matrix)
+        self._sum.convert("aij", self.matrix)
         self.matrix.setOptionsPrefix(PREFIX)
         self.matrix.setOption(self._petsc.Mat.Option.SYMMETRIC, kind is not Kind.GENERAL)
         self.matrix.setOption(self._petsc.Mat.Option.SPD, kind is Kind.POSITIVE_DEFINITE)
@@ -182,17 +179,20 @@ class PetscAnalysis:
             self.matrix.setNearNullSpace(self._petsc.NullSpace().create(vectors=vectors, comm=self._comm))
 
     def _set_up(self, general: bool) -> None:
-        """Set up the preconditioner. Its data are retained from matrix to matrix if options say so."""
-        if self.method is None or self._general != general:
-            self.method, self._general = self._petsc.KSP().create(self._comm), general
+        """Set up the preconditioner. GAMG retains its interpolation from matrix to matrix, until iterations grow."""
+        if is_new := self.method is None or self._general != general or self.pace.is_slow:
+            self.method, self._general, self.pace = self._petsc.KSP().create(self._comm), general, Pace()
             self.method.setOptionsPrefix(PREFIX)
-            self.method.setOperators(self.matrix)
+        self.method.setOperators(self.matrix)  # otherwise PETSc retains the preconditioner of the previous values
+        if is_new:
             self.method.setFromOptions()
         self.method.setUp()
         self.method.setUpOnBlocks()
+        if is_new:
+            _refuse_unused(self._solver.options)
 
     @contextmanager
-    def _options(self, general: bool) -> Iterator[Any]:
+    def _options(self, general: bool) -> Iterator[None]:
         """Set the solver's options, and those by default, in PETSc's database. Options that are there precede and remain."""
         database = self._petsc.Options(PREFIX)
         before = database.getAll()
@@ -205,7 +205,7 @@ class PetscAnalysis:
         for name, value in before.items():
             database.setValue(name, value)
         try:
-            yield database
+            yield
         finally:
             for name in database.getAll().keys() - before.keys():
                 database.delValue(name)
@@ -239,7 +239,9 @@ class PetscFactors:
     def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
         """Solve for the correction `K y = b - K x0`, and once more if the residual of `x0 + y` requires it."""
         b, rtol, x0 = checked_right(b, self._analysis.n, rtol, x0, out)
-        return written_to(self._solution(b, rtol, x0), out)
+        found = self._solution(b, rtol, x0)
+        self._analysis.pace.record(found)
+        return written_to(found, out)
 
     def _solution(self, b: Vector, rtol: float, x0: Vector | None) -> Solution:
         self._analysis.put(b, self._b)
@@ -392,7 +394,7 @@ def _refuse_unused(options: str) -> None:
     library, used = ctypes.CDLL(_package().__file__), ctypes.c_int()
     unused = []
     for name in filter(_is_name, options.split()):
-        library.PetscOptionsUsed(None, f"-{PREFIX}{name[1:]}".encode(), ctypes.byref(used))
+        library.PetscOptionsUsed(None, f"{PREFIX}{name[1:]}".encode(), ctypes.byref(used))
         unused += [] if used.value else [name]
     if unused:
         raise StvkError(

@@ -49,7 +49,7 @@ FAULTS = {
     "cannot write": ("open('/proc/nothing', 'w')", 1, "No such file or directory: '/proc/nothing'"),
 }
 #: Time after which a job counts as hung [s]; it ends within 3 s, but for compilers and busy machines.
-HUNG = 90
+HUNG = 240
 
 
 @pytest.mark.parametrize(("fault", "where"), [("raises", "program"), *((fault, "load") for fault in FAULTS)])
@@ -153,12 +153,21 @@ def summary(folder):
 
 def test_the_bracket_on_two_ranks_is_that_on_one_machine(on_ranks, tmp_path):
     """The whole command: the folder of results with its report, the expectation of the scene, and what the header says."""
-    same = ["--set", "solver.name=block-jacobi-cg", "--set", "solver.rtol=1e-12", "--set", "output.file=bracket.vtu"]
+    same = [
+        "--set",
+        "solver.name=block-jacobi-cg",
+        "--set",
+        "solver.rtol=1e-9",
+        "--set",
+        "analysis.steps=1",
+        "--set",
+        "output.file=bracket.vtu",
+    ]
     assert main(["solve", str(BRACKET), *same, "--out", str(tmp_path / "one"), "--quiet"]) == 0
     done = command(on_ranks, 2, "solve", BRACKET, *same, "--out", tmp_path / "two")
     one, two = (summary(tmp_path / name) for name in ("one", "two"))
-    assert two["results"] == pytest.approx(one["results"], rel=1e-9, abs=1e-10 * 600)
-    assert two["results"]["tip.z"] == pytest.approx(one["results"]["tip.z"], rel=1e-11)
+    assert two["results"] == pytest.approx(one["results"], rel=1e-8, abs=1e-6 * 600)
+    assert two["results"]["tip.z"] == pytest.approx(one["results"]["tip.z"], rel=1e-10)
     assert (
         two["expectations"][0]["passed"]
         and two["ranks"] == "2 ranks with 540 to 540 elements, 50 to 50 shared nodes and 1 thread each"
