@@ -193,8 +193,8 @@ class Space:
     ) -> NDArray[np.int32]:
         """Return the group (n,) of each item in the whole body, from its group in this part; groups with equal keys are one.
 
-        Items are nodes or elements, with `numbers` (n,) in the whole body, and `keys[:, i]` is a key of `items[i]`. Groups are in the
-        order of their first items.
+        Items are nodes or elements, with `numbers` (n,) in the whole body, and `keys[:, i]` is a key of `items[i]`. Groups are in
+        the order of their first items.
         """
         return group
 

@@ -13,7 +13,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import meshio
 import numpy as np
 
 from ..about import machine, versions
@@ -25,7 +24,7 @@ from ..results.files import replacing
 from ..results.picture import Picture, View, picture_of
 from ..results.series import read_list
 from ..results.table import VECTORS, find
-from ..results.vtu import DEFAULT
+from ..results.vtu import DEFAULT, read_vtu
 from ..statics import StaticResult
 from .outcome import Curve, SceneOutcome, as_printed
 from .units import UNITS
@@ -176,7 +175,7 @@ def _save_animation(folder: Path, outcome: SceneOutcome, problems: list[str]) ->
 
 def _largest_saved(series: Path) -> float:
     """Return the largest displacement of a node in the states of a .pvd file."""
-    states = (meshio.vtu.read(series.with_name(name)).point_data["displacement"] for _, name in read_list(series))
+    states = (read_vtu(series.with_name(name)).point_data["displacement"] for _, name in read_list(series))
     return max(_largest(u) for u in states)
 
 
