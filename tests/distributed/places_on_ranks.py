@@ -106,7 +106,7 @@ def cases():
 
 
 def result(mesh, work):
-    """Return the numbers that `work` returns on all ranks, or the message of its error or of its warning."""
+    """Return the numbers that `work` returns, the message of its error, and its warnings, which rank 0 alone gives."""
     numbers = []
 
     def run():
@@ -131,7 +131,7 @@ def main(out):
             of_ranks = COMM.allgather(result(part, work))
             found[f"{name}, degree {degree}"] = [
                 [numbers, *texts],
-                *[[sorted({n for of, _ in of_ranks for n in of}), *of] for _, of in of_ranks],
+                *[[sorted({n for of, _ in of_ranks for n in of}), error, *of_ranks[0][1][1:]] for _, (error, *_) in of_ranks],
             ]
     if COMM.rank == 0:
         Path(out).write_text(json.dumps(found, indent=1))

@@ -14,7 +14,7 @@ class Drifting:
     """
 
     def __init__(self, off):
-        self.size = self.norm = 1.0
+        self.size, self.norm, self.curvature = 1.0, 1.0, np.nan
         self.iterations, self.off, self.asked = 0, list(off), []
 
     def run(self, enough, most):

@@ -379,8 +379,8 @@ def test_the_blocks_by_edges_are_the_same_matrix():
     body, held = System(SOLID.mesh, TERM), SOLID.free_dofs(np.arange(7))
     u, shift = state(SOLID.mesh), np.linspace(1, 2, SOLID.ndofs - 7)
     operator = FreeOperator(body.linear_operator(u), held, shift)
-    edges, blocks, vertices, same = operator.by_edges()
-    assert same is shift
+    edges, blocks, vertices, same, space = operator.by_edges()
+    assert same is shift and space is None
     v = state(SOLID.mesh, seed=9)
     v[held.fixed] = 0
     x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
