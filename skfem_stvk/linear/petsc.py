@@ -28,10 +28,11 @@ from .space import Space
 #: Prefix of the options in PETSc's database.
 PREFIX = "stvk_"
 #: Options by default. Those of the method depend on the kind of K, and are left out if the user names a method.
-#: `jacobi_abs` keeps the smoother positive definite where K is not, so that conjugate gradients can see it.
+#: `jacobi_abs` keeps the smoother positive definite where K is not, so that conjugate gradients can see it. MUMPS counts negative
+#: eigenvalues only with `icntl_24`.
 DEFAULT = (
     "-ksp_atol 0 -ksp_divtol 1e30 -pc_type gamg -pc_gamg_threshold 0.01 -mg_levels_ksp_type chebyshev -mg_levels_pc_type jacobi "
-    "-mg_levels_pc_jacobi_abs"
+    "-mg_levels_pc_jacobi_abs -mat_mumps_icntl_24 1"
 )
 SYMMETRIC, GENERAL = "-ksp_type cg", "-ksp_type gmres -ksp_gmres_restart 100"
 #: Eigenvalues of the Gram matrix of rigid motions below this fraction of the largest are those of dependent motions.
@@ -61,7 +62,8 @@ OUTCOMES = {
 class Petsc:
     """Methods and preconditioners of PETSc; by default conjugate gradients with smoothed-aggregation multigrid (GAMG).
 
-    An unsymmetric K is solved by GMRES. The relative tolerance is that of each solve, whatever `-ksp_rtol` says.
+    An unsymmetric K is solved by GMRES. The relative tolerance is that of each solve, whatever `-ksp_rtol` says. Cholesky factors
+    count negative eigenvalues; without them and without conjugate gradients, a K that is not positive definite may pass unseen.
 
     Attributes
     ----------
@@ -81,8 +83,12 @@ class Petsc:
     name: ClassVar[str] = "petsc"
     takes: ClassVar[Kind] = Kind.GENERAL
     matrix_free: ClassVar[bool] = False
-    iterative: ClassVar[bool] = True
     on_parts: ClassVar[bool] = True
+
+    @property
+    def iterative(self) -> bool:
+        """Whether a larger rtol makes the solver faster, which is so unless the factors alone solve (`-ksp_type preonly`)."""
+        return "preonly" not in self.options.split()
 
     def __post_init__(self) -> None:
         words = self.options.split() if isinstance(self.options, str) else ["?"]
@@ -146,10 +152,19 @@ class PetscAnalysis:
                 self._set_up(kind is Kind.GENERAL)
         except self._petsc.Error as error:
             raise StvkError(f"options = {self._solver.options!r}: PETSc refuses the matrix or its options. {error}") from error
-        symmetric = kind is not Kind.GENERAL
-        return PetscFactors(self, self._latest, number, symmetric, symmetric and self._is_indefinite())
+        return PetscFactors(self, self._latest, number, kind is not Kind.GENERAL)
 
-    def _is_indefinite(self) -> bool:
+    def negative_pivots(self) -> int | None:
+        """Return the number of negative eigenvalues of the last matrix, from its Cholesky factors; None if there are none."""
+        preconditioner = self.method.getPC()
+        if preconditioner.getType() != "cholesky":
+            return None
+        try:
+            return int(preconditioner.getFactorMatrix().getInertia()[0])
+        except self._petsc.Error:
+            return None  # of a package that does not count
+
+    def is_indefinite(self) -> bool:
         """Return whether the coarsest matrix of multigrid has negative eigenvalues, and so has K.
 
         Such a preconditioner is indefinite itself. Conjugate gradients might then converge without a direction of negative curvature.
@@ -226,13 +241,19 @@ class PetscAnalysis:
 
 
 class PetscFactors:
-    """Preconditioner of one matrix."""
+    """Preconditioner of one matrix.
 
-    negative_pivots: ClassVar[None] = None
+    Attributes
+    ----------
+    negative_pivots
+        Number of negative eigenvalues; None if they are not counted.
+    """
 
-    def __init__(self, analysis: PetscAnalysis, latest: LatestFactors, number: int, symmetric: bool, indefinite: bool) -> None:
+    def __init__(self, analysis: PetscAnalysis, latest: LatestFactors, number: int, symmetric: bool) -> None:
         self._analysis, self._latest, self._number = analysis, latest, number
-        self._symmetric, self._indefinite = symmetric, indefinite
+        self.negative_pivots = analysis.negative_pivots() if symmetric else None
+        self._looks = symmetric and self.negative_pivots is None  # for directions of negative curvature
+        self._indefinite = self._looks and analysis.is_indefinite()
         self._b, self._x, self._r, self._y = (analysis.vector() for _ in range(4))
 
     @latest_only
@@ -259,7 +280,7 @@ class PetscFactors:
             method.setTolerances(rtol=tolerance / residual)
             method.solve(self._r, self._y)
             iterations, outcome = iterations + method.its, OUTCOMES.get(method.reason, Outcome.INACCURATE)
-            if outcome is Outcome.SOLVED and self._symmetric and self._y.dot(self._r) <= 0:
+            if outcome is Outcome.SOLVED and self._looks and self._y.dot(self._r) <= 0:
                 outcome = Outcome.NEGATIVE_CURVATURE  # y'Ky; PETSc sees only a change of the sign along the way
             self._x.axpy(1.0, self._y)
             residual = self._residual()

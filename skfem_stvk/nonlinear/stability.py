@@ -50,19 +50,21 @@ class Verdict(NamedTuple):
 def stability_of(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """Return the stability of the state `u` (ndofs,) at `t`, from its tangent.
 
-    The pivots of a direct solver count negative eigenvalues. CG does not count them. Instead it solves for a random force, which
+    The pivots of a direct solver count negative eigenvalues, those of PETSc in a divided body, too. CG does not count them. Instead it solves for a random force, which
     excites every buckling mode. CG then meets negative curvature if there is any, or its own round-off. A negative or undecided
     result, of CG or of the pivots, is therefore confirmed by eigenvalues that are negative beyond round-off.
     """
     factors = problem.factorise(u, t)
+    negative = problem.negative_pivots()
     if problem.space.divided:
+        if negative is not None:
+            return Verdict(not negative, negative)
         return _on_parts(problem, problem.solve(factors, problem.space.random(), 1e-4), u, t)
     if not problem.symmetric:
         return _divergence(problem, u, t)
-    negative = problem.negative_pivots()
     if negative == 0:
         return Verdict(True, 0)
-    if problem.iterative:
+    if problem.iterative and negative is None:
         force = problem.space.random()
         if problem.solve(factors, force, 1e-4).outcome is Outcome.SOLVED:
             return Verdict(True, None)
