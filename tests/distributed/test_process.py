@@ -153,16 +153,8 @@ def summary(folder):
 
 def test_the_bracket_on_two_ranks_is_that_on_one_machine(on_ranks, tmp_path):
     """The whole command: the folder of results with its report, the expectation of the scene, and what the header says."""
-    same = [
-        "--set",
-        "solver.name=block-jacobi-cg",
-        "--set",
-        "solver.rtol=1e-9",
-        "--set",
-        "analysis.steps=1",
-        "--set",
-        "output.file=bracket.vtu",
-    ]
+    values = ("solver.name=block-jacobi-cg", "solver.rtol=1e-9", "analysis.steps=1", "output.file=bracket.vtu")
+    same = [part for value in values for part in ("--set", value)]
     assert main(["solve", str(BRACKET), *same, "--out", str(tmp_path / "one"), "--quiet"]) == 0
     done = command(on_ranks, 2, "solve", BRACKET, *same, "--out", tmp_path / "two")
     one, two = (summary(tmp_path / name) for name in ("one", "two"))
