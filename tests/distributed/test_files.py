@@ -111,13 +111,22 @@ def test_truncated_and_damaged_files_are_refused(file, tmp_path):
     assert "less.h5 is damaged: " in refused(tmp_path / "less.h5")
 
 
-def test_an_error_leaves_the_file_as_it_was(file):
+def test_an_error_leaves_the_file_as_it_was(file, monkeypatch):
     before = file.read_bytes()
     with pytest.raises(MeshError, match=r"parts = 99; expected a number of parts from 1 to the 32 elements"):
         write_partition(skfem.MeshTri().refined(2), file, 99)
     flat = ElementMesh([[0, 1, 2, 0], [0, 0, 0, 1]], [[0, 0], [1, 1], [2, 3]])
     with pytest.raises(MeshError, match="no volume"):
         write_partition(flat, file, 2)
+    assert file.read_bytes() == before and [one.name for one in file.parent.iterdir()] == ["body.h5"]
+
+    def failing(mesh, parts):
+        yield next(divide(mesh, parts))
+        raise MemoryError
+
+    monkeypatch.setattr("skfem_stvk.distributed.files.divide", failing)
+    with pytest.raises(MemoryError):
+        write_partition(skfem.MeshTri().refined(2), file, 2)
     assert file.read_bytes() == before and [one.name for one in file.parent.iterdir()] == ["body.h5"]
     with pytest.raises(StvkError, match=r"does not exist\. Create it first"):
         write_partition(flat, file.parent / "no" / "body.h5", 2)

@@ -78,11 +78,11 @@ def test_elements_of_facets_and_cables_have_all_their_nodes_on_their_part():
     """Facets and lines on an element are on its part; others are on the lowest part with all of their nodes."""
     mesh = ElementMesh.of(skfem.MeshTri.init_tensor(np.linspace(0, 4, 5), np.linspace(0, 1, 2)))
     at = {tuple(x): node for node, x in enumerate(mesh.p.T.tolist())}
-    lines = {"cables": np.array([[at[0, 0], at[4, 1], at[0, 0]], [at[1, 1], at[4, 0], at[4, 0]]])}
+    lines = {"cables": np.array([[at[0, 0], at[4, 1], at[0, 0], at[2, 0]], [at[1, 1], at[4, 0], at[4, 0], at[4, 0]]])}
     mesh = ElementMesh(mesh.p, mesh.t, lines=lines)
     parts = list(divide(mesh, 2, (mesh.p[0, mesh.t].mean(axis=0) > 2).astype(int)))
     names = [columns(part.node_numbers[part.lines["cables"]]) for part in parts]
-    assert names == [columns(lines["cables"][:, [0, 2]]), columns(lines["cables"][:, [1]])]
+    assert names == [columns(lines["cables"][:, [0, 2]]), columns(lines["cables"][:, [1, 3]])]
     assert at[4, 0] in parts[0].node_numbers and at[4, 0] not in parts[0].node_numbers[parts[0].t]
 
 
