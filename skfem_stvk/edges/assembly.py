@@ -206,7 +206,7 @@ class Assembly(PairTerm):
         to, total = elements.block_shares, elements.edges.total
         t = elements.own.scratch("t", total + len(to.extra), self.dtype)
         t[total:] = 0
-        slots = to.slots.reshape(len(elements.t), -1)
+        slots = to.slots.reshape(elements.edges.t2e.shape)
         arrays = elements.t.ravel(), slots, elements.edges.marks, self.law, elements.X, elements.u
         run(element_kernels.tensions, elements.force_shares.parts, *arrays, t)
         block_kernels.fold(t, total, to.extra, 1)

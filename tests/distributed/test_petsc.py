@@ -301,7 +301,7 @@ def test_a_matrix_beyond_the_integers_of_petsc_is_refused():
 
 
 def test_a_missing_petsc4py_names_the_lines_that_install_it(monkeypatch):
-    K, unknowns = problem()
+    _K, unknowns = problem()
     monkeypatch.setitem(sys.modules, "petsc4py", None)
     petsc._package.cache_clear()
     with pytest.raises(ImportError, match=r"(?s)apt install python3-petsc4py .*PETSC_DIR=.*conda-forge petsc4py"):
