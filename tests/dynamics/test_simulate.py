@@ -315,7 +315,7 @@ def test_a_record_is_restored_completely():
     setup, record = begun(SYSTEM, VelocityVerlet(0.01), V0)
 
     def now():
-        return json.dumps(packed(record, setup.locations, found=False)[0])
+        return json.dumps(packed(record, setup.locations, found=False, mesh=setup.motion.system.mesh)[0])
 
     record.ledger.append(np.zeros(len(record.ledger)))
     record.store_good_state()

@@ -1,7 +1,6 @@
 """All parts of a divided body decide alike: errors, cuts of steps, verdicts, refusals and solvers."""
 
 import re
-import sys
 from functools import partial
 
 import numpy as np
@@ -31,6 +30,7 @@ from skfem_stvk.errors import StateError, StvkError
 from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, SsorCg, SuperLU
 from skfem_stvk.linear.cg import conjugate_gradients
 from skfem_stvk.linear.choose import choose
+from skfem_stvk.linear.petsc import Petsc
 from skfem_stvk.nonlinear.outcome import Status
 from skfem_stvk.nonlinear.stability import ON_PARTS
 
@@ -249,7 +249,7 @@ REFUSED = {
 } | {
     solver: (
         lambda s, solver=solver: solve_static(s, solver=solver, quiet=True),
-        f"solver = '{solver}'; expected 'block-jacobi-cg'",
+        f"solver = '{solver}'; expected 'petsc', 'block-jacobi-cg' for",
     )
     for solver in ("superlu", "pardiso", "amg-cg", "ssor-cg", "nonsense")
 }
@@ -286,22 +286,18 @@ def test_auto_is_conjugate_gradients_on_parts_and_the_header_says_so(separate_th
     assert out.count(whole) == 2 and out.count("solver 'block-jacobi-cg' (for another: ") == 2
 
 
-@pytest.mark.parametrize("kind", [Kind.SYMMETRIC, Kind.GENERAL])
-def test_solvers_for_parts_are_chosen_by_the_kind_of_k(kind, monkeypatch):
-    class Petsc:
-        name, takes, matrix_free, iterative, on_parts, analyse = "petsc", Kind.GENERAL, False, True, True, None
+@pytest.mark.parametrize("available", [False, True])
+def test_solvers_for_parts_are_chosen_by_the_kind_of_k(available, monkeypatch):
+    monkeypatch.setattr(Petsc, "available", available)
 
-    def chosen(solver):
+    def chosen(solver, kind):
         return choose(solver, 10, kind, divided=True).name
 
-    if kind is Kind.SYMMETRIC:
-        assert chosen("auto") == chosen("block-jacobi-cg") == chosen(BlockJacobiCg()) == "block-jacobi-cg"
-        for other in (BlockJacobiCg(assembled=True), SsorCg(), SuperLU()):
-            with pytest.raises(StvkError, match=f"solver = '{other.name}'; expected 'block-jacobi-cg' for a body"):
-                chosen(other)
-    else:
-        with pytest.raises(StvkError, match=r"solver = 'auto'; expected petsc, which requires petsc4py for a body .* is general"):
-            chosen("auto")
-    monkeypatch.setattr(sys.modules["skfem_stvk.linear.choose"], "ON_PARTS", [Petsc(), BlockJacobiCg()])
-    assert chosen("auto") == chosen("petsc") == "petsc"
-    assert choose("petsc", 10, kind).name == "petsc"
+    assert chosen("auto", Kind.SYMMETRIC) == ("petsc" if available else "block-jacobi-cg")
+    assert chosen("block-jacobi-cg", Kind.SYMMETRIC) == chosen(BlockJacobiCg(), Kind.SYMMETRIC) == "block-jacobi-cg"
+    assert chosen("petsc", Kind.SYMMETRIC) == chosen("auto", Kind.GENERAL) == "petsc"
+    for solver in (BlockJacobiCg(assembled=True), SsorCg(), SuperLU()):
+        with pytest.raises(StvkError, match=f"solver = '{solver.name}'; expected 'petsc', 'block-jacobi-cg' for a body"):
+            chosen(solver, Kind.SYMMETRIC)
+    with pytest.raises(StvkError, match=r"solver = 'block-jacobi-cg'; expected 'petsc' for a body .* a K that is general"):
+        chosen("block-jacobi-cg", Kind.GENERAL)
