@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import runs_on_ranks as runs
+from buckled import compressed, strut
 from fields_on_ranks import difference, divisions
 from mpi4py import MPI
 
 import skfem_stvk as S
 from skfem_stvk.distributed import distribute
-from skfem_stvk.linear import Kind, Outcome, Petsc
+from skfem_stvk.linear import Kind, Outcome, Petsc, SuperLU
 from skfem_stvk.system.free_tangent import FreeTangent
 
 MUMPS = Petsc("-ksp_type preonly -pc_type cholesky -pc_factor_mat_solver_type mumps")
@@ -71,6 +72,17 @@ def indefinite(part):
     return found
 
 
+def force_of(mesh):
+    """Return the force on free degrees of freedom due to a motion of the others, with zeros elsewhere."""
+    end = {lambda x: x[0] > 2.8: {"x": 0.2, "z": 0.3}}
+    system = runs.system(mesh, [S.StVK(young=runs.materials(mesh), poisson=0.3)], prescribed=end)
+    tangent = FreeTangent(system, Petsc() if system.space.divided else SuperLU(), Kind.SYMMETRIC)
+    tangent.free_matrix(np.zeros(system.ndofs), 1.0)
+    return tangent.space.expand(
+        tangent.force_of(np.sin(system.mesh.p.T.ravel()) * tangent.constrained.expand(np.ones(tangent.constrained.n)))
+    )
+
+
 def main(out):
     comm, found = MPI.COMM_WORLD, {}
     for case, (name, run) in cases().items():
@@ -79,7 +91,11 @@ def main(out):
         for how in DIVISIONS:
             part = distribute(mesh, part_of=divisions(mesh, comm.size)[how])
             found[f"{case}, {how}"] = difference(part.space, run(part, "petsc"), whole, part.space.numbers)
-    found["indefinite"] = indefinite(distribute(runs.BEAM))
+    beam = distribute(runs.BEAM, part_of=divisions(runs.BEAM, comm.size)["random"])
+    found["force of a motion"] = difference(beam.space, force_of(beam), force_of(runs.BEAM), beam.space.numbers)
+    buckled = S.solve_static(compressed(distribute(strut())), 1, solver=MUMPS, raise_on_failure=False, quiet=True)
+    found["counted"] = buckled.message
+    found["indefinite"] = indefinite(beam)
     if comm.rank == 0:
         Path(out).write_text(json.dumps(found))
 

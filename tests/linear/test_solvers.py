@@ -7,14 +7,18 @@ import pytest
 from linear.problems import NAMES, indefinite, matrix_for, problem
 
 from skfem_stvk.errors import StateError, StvkError
-from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, Outcome, Solution, SsorCg, SuperLU, Unknowns
+from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, Outcome, Petsc, Solution, SsorCg, SuperLU, Unknowns
 from skfem_stvk.linear.pardiso import pardiso_is_installed
 
+
+def is_missing(solver):
+    """Return whether the package of an optional solver cannot be imported."""
+    return {"pardiso": not pardiso_is_installed(), "petsc": not Petsc().available}.get(solver.name, False)
+
+
 EVERY = [
-    pytest.param(
-        s, id=s.name, marks=pytest.mark.skipif(s.name == "pardiso" and not pardiso_is_installed(), reason="pypardiso is missing")
-    )
-    for s in SOLVERS
+    pytest.param(s, id=s.name, marks=pytest.mark.skipif(is_missing(s), reason="the package is missing"))
+    for s in (*SOLVERS, Petsc())
 ] + [pytest.param(solver, id=f"{solver.name}, assembled") for solver in (BlockJacobiCg(assembled=True), SsorCg(assembled=True))]
 all_solvers = pytest.mark.parametrize("solver", EVERY)
 direct = pytest.mark.parametrize("solver", [p for p in EVERY if not p.values[0].iterative])
@@ -142,7 +146,7 @@ def test_another_structure_than_analysed_is_refused(solver):
             analysis.factorise(other, SYMMETRIC)
 
 
-@iterative
+@pytest.mark.parametrize("solver", [p for p in EVERY if p.values[0].takes < GENERAL])
 def test_iterative_solvers_refuse_general_matrices_and_name_direct_solvers(solver):
     K, unknowns = problem()
     with pytest.raises(StvkError, match=r"general.*'superlu', 'pardiso'"):

@@ -27,10 +27,9 @@ from skfem_stvk import (
 )
 from skfem_stvk.dynamics.forces import add_damping_force, add_mean_force
 from skfem_stvk.errors import StateError, StvkError
-from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, SsorCg, SuperLU
+from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Petsc, SsorCg, SuperLU
 from skfem_stvk.linear.cg import conjugate_gradients
 from skfem_stvk.linear.choose import choose
-from skfem_stvk.linear.petsc import Petsc
 from skfem_stvk.nonlinear.outcome import Status
 from skfem_stvk.nonlinear.stability import ON_PARTS
 
@@ -249,7 +248,7 @@ REFUSED = {
 } | {
     solver: (
         lambda s, solver=solver: solve_static(s, solver=solver, quiet=True),
-        f"solver = '{solver}'; expected 'petsc', 'block-jacobi-cg' for",
+        f"solver = '{solver}'; expected 'block-jacobi-cg'",
     )
     for solver in ("superlu", "pardiso", "amg-cg", "ssor-cg", "nonsense")
 }
@@ -286,18 +285,22 @@ def test_auto_is_conjugate_gradients_on_parts_and_the_header_says_so(separate_th
     assert out.count(whole) == 2 and out.count("solver 'block-jacobi-cg' (for another: ") == 2
 
 
-@pytest.mark.parametrize("available", [False, True])
-def test_solvers_for_parts_are_chosen_by_the_kind_of_k(available, monkeypatch):
-    monkeypatch.setattr(Petsc, "available", available)
-
-    def chosen(solver, kind):
+@pytest.mark.parametrize("kind", [Kind.SYMMETRIC, Kind.GENERAL])
+@pytest.mark.parametrize("installed", [False, True])
+def test_solvers_for_parts_are_chosen_by_the_kind_of_k(kind, installed, monkeypatch):
+    def chosen(solver):
         return choose(solver, 10, kind, divided=True).name
 
-    assert chosen("auto", Kind.SYMMETRIC) == ("petsc" if available else "block-jacobi-cg")
-    assert chosen("block-jacobi-cg", Kind.SYMMETRIC) == chosen(BlockJacobiCg(), Kind.SYMMETRIC) == "block-jacobi-cg"
-    assert chosen("petsc", Kind.SYMMETRIC) == chosen("auto", Kind.GENERAL) == "petsc"
-    for solver in (BlockJacobiCg(assembled=True), SsorCg(), SuperLU()):
-        with pytest.raises(StvkError, match=f"solver = '{solver.name}'; expected 'petsc', 'block-jacobi-cg' for a body"):
-            chosen(solver, Kind.SYMMETRIC)
-    with pytest.raises(StvkError, match=r"solver = 'block-jacobi-cg'; expected 'petsc' for a body .* a K that is general"):
-        chosen("block-jacobi-cg", Kind.GENERAL)
+    monkeypatch.setattr(Petsc, "available", installed)
+    assert chosen("auto") == ("petsc" if installed or kind is Kind.GENERAL else "block-jacobi-cg")
+    assert chosen("petsc") == chosen(Petsc("-pc_type jacobi")) == choose("petsc", 10, kind).name == "petsc"
+    able, refused = "'petsc', 'block-jacobi-cg'", [BlockJacobiCg(assembled=True), SsorCg(), SuperLU()]
+    if kind is Kind.SYMMETRIC:
+        assert chosen("block-jacobi-cg") == chosen(BlockJacobiCg()) == "block-jacobi-cg"
+    else:
+        able, refused = "'petsc'", [*refused, BlockJacobiCg()]
+    for other in refused:
+        with pytest.raises(StvkError, match=f"solver = '{other.name}'; expected {able} for a body"):
+            chosen(other)
+    with pytest.raises(StvkError, match="solver = 'umfpack'; expected "):
+        chosen("umfpack")
