@@ -107,8 +107,8 @@ def _on_parts(solver: str | LinearSolver, kind: Kind) -> LinearSolver:
     found = next((one for one in able if one.name == solver), solver)
     if isinstance(found, str) or not (getattr(found, "on_parts", False) and kind <= found.takes):
         raise StvkError(
-            f"solver = {shown(getattr(found, 'name', found))}; expected {names(able)} for a body that is divided into parts, with a "
-            f"K that is {kind}: no part has the whole K, which other solvers need."
+            f"solver = {shown(getattr(found, 'name', found))}; expected {names(able)} for a body that is divided into "
+            f"parts, with a K that is {kind}: no part has the whole K, which other solvers need."
         )
     return found
 

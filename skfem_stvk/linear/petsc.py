@@ -167,7 +167,8 @@ class PetscAnalysis:
     def is_indefinite(self) -> bool:
         """Return whether the coarsest matrix of multigrid has negative eigenvalues, and so has K.
 
-        Such a preconditioner is indefinite itself. Conjugate gradients might then converge without a direction of negative curvature.
+        Such a preconditioner is indefinite itself. Conjugate gradients might then converge without a direction of negative
+        curvature.
         """
         preconditioner = self.method.getPC()
         if preconditioner.getType() not in ("gamg", "mg"):
@@ -419,6 +420,6 @@ def _refuse_unused(options: str) -> None:
         unused += [] if used.value else [name]
     if unused:
         raise StvkError(
-            f"options = {options!r}: PETSc has not used {', '.join(unused)}. Is the name misspelled, or for another method? Options "
-            f"that are read later are given to PETSc itself: PETSC_OPTIONS=-{PREFIX}{unused[0][1:]}."
+            f"options = {options!r}: PETSc has not used {', '.join(unused)}. Is the name misspelled, or for another method? "
+            f"Options that are read later are given to PETSc itself: PETSC_OPTIONS=-{PREFIX}{unused[0][1:]}."
         )

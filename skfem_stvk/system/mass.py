@@ -171,8 +171,8 @@ class Mass(ABC):
         bare, mesh = (self.vertex <= 0) & self.free.any(axis=1), self._body.mesh
         if mesh.space.any(bool(bare.any())):
             raise MaterialError(
-                f"{mesh.name_nodes(bare)} of {mesh.space.count // mesh.d}: can move, but have no mass, because no element there has "
-                "a density. Give StVK(..., density=...), fix all their components, or leave them out of the mesh."
+                f"{mesh.name_nodes(bare)} of {mesh.space.count // mesh.d}: can move, but have no mass, because no element there "
+                "has a density. Give StVK(..., density=...), fix all their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:

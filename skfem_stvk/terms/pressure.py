@@ -193,8 +193,8 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
         )
     if mesh.space.divided:
         raise LoadError(
-            f"{what}: the mesh of {mesh.kind} is divided among ranks, so the side of elements on other ranks is not known; expected "
-            "a solid, whose outside is known, or one rank."
+            f"{what}: the mesh of {mesh.kind} is divided among ranks, so the side of elements on other ranks is not known; "
+            "expected a solid, whose outside is known, or one rank."
         )
     ids = mesh.elements(where)
     t = mesh.t[:, ids]

@@ -1,7 +1,7 @@
 """Run by `mpiexec -n N python -m mpi4py petsc_on_ranks.py OUT.json`: solves by PETSc on ranks against SuperLU on one machine.
 
-For each run, the largest difference of displacements, relative to the largest displacement; infinity if ranks that share a node have
-other bits there.
+For each run, the largest difference of displacements, relative to the largest displacement; infinity if ranks that share a node
+have other bits there.
 """
 
 import json

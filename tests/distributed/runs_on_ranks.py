@@ -1,7 +1,7 @@
 """Run by `mpiexec -n N python -m mpi4py runs_on_ranks.py OUT.json`: static solves and motions on ranks and on one machine.
 
-For each run: the largest difference of displacements, relative to the largest displacement; that of each ledger column, relative to
-the largest of its kind; and whether all ranks have the same bits at shared nodes, and the same steps.
+Differences of displacements are relative to the largest displacement, those of ledger columns to the largest of their kind. All
+ranks must have the same bits at shared nodes, and the same steps.
 """
 
 import json
