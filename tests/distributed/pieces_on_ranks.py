@@ -18,7 +18,7 @@ from skfem_stvk.distributed import distribute
 from skfem_stvk.results import Fields, Series, compare_networks, names, plot, write_mesh, write_vtu
 
 warnings.simplefilter("ignore")
-FOLDER, COMM = Path(sys.argv[1]), MPI.COMM_WORLD
+COMM = MPI.COMM_WORLD
 
 
 def bodies():
@@ -66,36 +66,43 @@ def refused(call):
     return ""
 
 
-out = {}
-for name, mesh, build in bodies():
-    part = distribute(mesh, part_of=division(name, mesh))
-    space, u = part.space, 0.1 * state(mesh).ravel()
-    v = np.cos(np.arange(u.size))
-    one, whole = Fields.of(build(part)).at(u[space.numbers], v[space.numbers]), Fields.of(build(mesh)).at(u, v)
-    found = {}
-    for field in names():
-        found[field] = difference(space, one[field], whole[field], part.element_numbers)
-        at_nodes = one.at_nodes(field)
-        found[f"{field} at nodes"] = difference(space, at_nodes, whole.at_nodes(field), part.node_numbers)
-        found[f"{field} at nodes of some"] = difference(
-            space, one.at_nodes(field, "some"), whole.at_nodes(field, "some"), part.node_numbers
+def main(folder):
+    out = {}
+    for name, mesh, build in bodies():
+        part = distribute(mesh, part_of=division(name, mesh))
+        space, u = part.space, 0.1 * state(mesh).ravel()
+        v = np.cos(np.arange(u.size))
+        one, whole = Fields.of(build(part)).at(u[space.numbers], v[space.numbers]), Fields.of(build(mesh)).at(u, v)
+        found = {}
+        for field in names():
+            found[field] = difference(space, one[field], whole[field], part.element_numbers)
+            at_nodes = one.at_nodes(field)
+            found[f"{field} at nodes"] = difference(space, at_nodes, whole.at_nodes(field), part.node_numbers)
+            found[f"{field} at nodes of some"] = difference(
+                space, one.at_nodes(field, "some"), whole.at_nodes(field, "some"), part.node_numbers
+            )
+            found[f"{field}, bits"] = 0.0 if same_bits(space, at_nodes) else np.inf
+        write_vtu(folder / (f"{name}.pvtu" if space.divided else f"{name}.vtu"), one, names())
+        again = read_state(folder / (f"{name}.pvtu" if space.divided else f"{name}.vtu"), part)
+        found["read again"] = float(
+            space.any(not all(np.array_equal(x, y[space.numbers]) for x, y in zip(again, (u, v), strict=True)))
         )
-        found[f"{field}, bits"] = 0.0 if same_bits(space, at_nodes) else np.inf
-    write_vtu(FOLDER / (f"{name}.pvtu" if space.divided else f"{name}.vtu"), one, names())
-    again = read_state(FOLDER / (f"{name}.pvtu" if space.divided else f"{name}.vtu"), part)
-    found["read again"] = float(space.any(not all(np.array_equal(x, y[space.numbers]) for x, y in zip(again, (u, v), strict=True))))
-    if space.leads:
-        write_vtu(FOLDER / f"{name} whole.vtu", whole, names())
-    COMM.Barrier()
-    again = read_state(FOLDER / f"{name} whole.vtu", part)
-    found["read whole"] = float(space.any(not np.array_equal(again[0], u[space.numbers])))
-    out[name] = {"differences": found, "ranks": [ids.tolist() for ids in COMM.allgather(part.element_numbers)]}
-messages = [
-    refused(lambda: plot(one)),
-    refused(lambda: write_mesh(FOLDER / "mesh.vtu", part)),
-    refused(lambda: write_vtu(FOLDER / "x.vtu", one)),
-    refused(lambda: Series(FOLDER / "x.pvd").add(one, 0.0)),
-    refused(lambda: compare_networks(part, StVK(young=1.0, poisson=0.3), u)),
-]
-if COMM.rank == 0:
-    (FOLDER / "out.json").write_text(json.dumps({"bodies": out, "messages": messages}))
+        if space.leads:
+            write_vtu(folder / f"{name} whole.vtu", whole, names())
+        COMM.Barrier()
+        again = read_state(folder / f"{name} whole.vtu", part)
+        found["read whole"] = float(space.any(not np.array_equal(again[0], u[space.numbers])))
+        out[name] = {"differences": found, "ranks": [ids.tolist() for ids in COMM.allgather(part.element_numbers)]}
+    messages = [
+        refused(lambda: plot(one)),
+        refused(lambda: write_mesh(folder / "mesh.vtu", part)),
+        refused(lambda: write_vtu(folder / "x.vtu", one)),
+        refused(lambda: Series(folder / "x.pvd").add(one, 0.0)),
+        refused(lambda: compare_networks(part, StVK(young=1.0, poisson=0.3), u)),
+    ]
+    if COMM.rank == 0:
+        (folder / "out.json").write_text(json.dumps({"bodies": out, "messages": messages}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
