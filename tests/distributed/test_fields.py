@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=[2, pytest.param(3, marks=pytest.mark.slow)])
 def differences(request, on_ranks, tmp_path_factory):
     out = tmp_path_factory.mktemp("fields") / "out.json"
     on_ranks(request.param, Path(__file__).with_name("fields_on_ranks.py"), out)

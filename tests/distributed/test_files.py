@@ -206,6 +206,7 @@ if comm.rank == 0:
 """
 
 
+@pytest.mark.slow
 def test_no_rank_holds_more_than_one_and_a_half_times_its_share(on_ranks, tmp_path):
     """The share is a part of the peak memory of one rank that reads the whole file, less that of the imports."""
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 3, 70), np.linspace(0, 1, 24), np.linspace(0, 1, 24))

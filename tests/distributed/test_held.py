@@ -13,12 +13,12 @@ def results(request, on_ranks, tmp_path_factory, program):
     return json.loads(out.read_text())
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=[pytest.param(2, marks=pytest.mark.slow), 3])
 def messages(request, on_ranks, tmp_path_factory):
     return results(request, on_ranks, tmp_path_factory, "held_on_ranks.py")
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=[pytest.param(2, marks=pytest.mark.slow), 3])
 def places(request, on_ranks, tmp_path_factory):
     return results(request, on_ranks, tmp_path_factory, "places_on_ranks.py")
 

@@ -199,7 +199,7 @@ def test_a_signal_stops_the_command_on_one_machine(scene, capsys, monkeypatch):
     [
         ("raise MeshError('a bad part')", 2, "error on rank 1 of 2: a bad part"),
         ("raise RuntimeError('a fault')", 1, "RuntimeError: a fault"),
-        ("raise KeyboardInterrupt", 130, "error on rank 1 of 2"),
+        pytest.param("raise KeyboardInterrupt", 130, "error on rank 1 of 2", marks=pytest.mark.slow),
     ],
 )
 def test_an_error_on_one_rank_ends_the_command_with_its_exit_code(on_ranks, scene, do, code, words):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=[pytest.param(2, marks=pytest.mark.slow), 3])
 def differences(request, on_ranks, tmp_path_factory):
     out = tmp_path_factory.mktemp("runs") / "out.json"
     on_ranks(request.param, Path(__file__).with_name("runs_on_ranks.py"), out)
