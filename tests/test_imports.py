@@ -75,7 +75,7 @@ USES = {
     ),
     "a scene": (
         BODY + "from skfem_stvk import Scene\nScene.of(system, {'type': 'static'}).system()",
-        "pydantic meshio",
+        "pydantic",
     ),
     "a picture": (STATIC + "result.plot(path='body.png')", "matplotlib"),
 }

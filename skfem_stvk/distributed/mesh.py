@@ -105,6 +105,21 @@ class MeshPart(ElementMesh):
             element_count=int(space.total(len(part.element_numbers))),
         )
 
+    def values(self, values: NDArray[Any], region: str | Box | NDArray[Any] | None = None) -> NDArray[Any]:
+        """Return those of the values of all elements of the body that belong to this rank's elements of a region.
+
+        A rank without such elements gets a single value, which a material takes for any number of elements.
+
+        Parameters
+        ----------
+        values
+            (nt, ...) values of the elements of the whole mesh, such as a stiffness.
+        region
+            Elements, as in `elements`; None for all.
+        """
+        found = np.asarray(values)[self.element_numbers[self.elements(region)]]
+        return found if len(found) else np.asarray(values)[0]
+
     def local_nodes(self, ids: Ids) -> Ids:
         """Return the indices of those nodes with these numbers that this rank has, in their order."""
         found = self._indices(ids)

@@ -126,7 +126,7 @@ def constant(value: ArrayLike, name: str, low: float = -np.inf, high: float = np
     if real is None:
         raise MaterialError(f"{name} = {shown(value)}; expected a number, or an array with one value per element.")
     array = np.array(real)  # a copy: materials are frozen
-    if array.shape not in (shape, (len(array) if array.ndim else 0, *shape)):
+    if not array.size or array.shape not in (shape, (len(array) if array.ndim else 0, *shape)):
         raise MaterialError(
             f"{name} has shape {array.shape}; expected {shape or 'a number'}, or one value per element: {('n', *shape)}."
         )

@@ -52,8 +52,8 @@ def stability_of(problem: EigenProblem, u: Array, t: float) -> Verdict:
 
     The pivots of a direct solver count negative eigenvalues, those of PETSc in a divided body, too. CG does not count them. Instead
     it solves for a random force, which excites every buckling mode. CG then meets negative curvature if there is any, or its own
-    round-off. A negative or undecided result, of CG or of the pivots, is therefore confirmed by eigenvalues that are negative beyond
-    round-off.
+    round-off. A negative or undecided result, of CG or of the pivots, is therefore confirmed by eigenvalues. They must be negative
+    beyond round-off.
     """
     factors = problem.factorise(u, t)
     negative = problem.negative_pivots()

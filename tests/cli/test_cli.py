@@ -219,7 +219,7 @@ def test_the_command_is_installed():
         assert done.returncode == 0 and "verify" in done.stdout and "info" in done.stdout
 
 
-@pytest.mark.parametrize("package", ["rich", "numpy", "scipy", "skfem", "numba", "meshio"])
+@pytest.mark.parametrize("package", ["rich", "numpy", "scipy", "skfem", "numba", "pydantic"])
 def test_ctrl_c_while_a_package_is_imported_is_one_line(package, tmp_path):
     (tmp_path / f"{package}.py").write_text("raise KeyboardInterrupt\n")
     done = entry_point("info", PYTHONPATH=str(tmp_path))

@@ -42,7 +42,7 @@ def on_ranks(tmp_path_factory):
     installed, and `command` replaces the Python program.
     """
 
-    def run(n, program, *arguments, check=True, module=True, command=None, timeout=100, **environment):
+    def run(n, program, *arguments, check=True, module=True, command=None, timeout=240, **environment):
         if command is None:
             if "\n" in str(program):
                 path = tmp_path_factory.mktemp("program") / "program.py"

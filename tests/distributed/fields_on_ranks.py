@@ -112,7 +112,7 @@ def terms(mesh):
     laws = {
         "StVK": lambda m: [base(m)],
         "two regions": lambda m: [
-            S.StVK(young=1.0, poisson=0.2, region="low", density=1.0),
+            S.StVK(young=m.values(young, "low") if hasattr(m, "values") else young[m.elements("low")], poisson=0.2, region="low"),
             S.NeoHookean(young=3.0, poisson=0.3, region="high", density=2.0),
         ],
         "NeoHookean": lambda m: [S.NeoHookean(young=young[m.element_numbers], poisson=0.3)],
@@ -151,13 +151,15 @@ def applies(mesh, make):
     return True
 
 
-def main(out):
+def main(out, *which):
     comm, found = MPI.COMM_WORLD, {}
     for name, bare in EVERY_MESH.items():
         mesh = named(bare)
         u, v = 0.4 * state(mesh).ravel(), RNG(5).standard_normal(mesh.p.size)
         laws = {term: make for term, make in terms(mesh).items() if applies(mesh, make)}
         for how, part_of in divisions(mesh, comm.size).items():
+            if which and how not in which:
+                continue
             part = distribute(mesh, part_of=part_of)
             for term, make in laws.items():
                 if how == "random" or term in ("StVK", "Pressure", "ElasticFoundation", "NodalLoad", "two regions"):
@@ -167,4 +169,4 @@ def main(out):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

@@ -15,7 +15,7 @@ from skfem_stvk.results.vtu import read_vtu
 TYPES = {"Float64": np.float64, "Int64": np.int64, "Int32": np.int32, "UInt8": np.uint8}
 
 
-@pytest.fixture(scope="module", params=[1, pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.fixture(scope="module", params=[pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow), 3])
 def written(request, on_ranks, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pieces")
     on_ranks(request.param, Path(__file__).with_name("pieces_on_ranks.py"), folder)

@@ -238,6 +238,7 @@ def test_an_error_of_all_ranks_is_printed_once(on_ranks, scene, settings, words)
     assert done.stderr.count("error ") == 1 and words in done.stderr.replace("\n", " "), done.stderr
 
 
+@pytest.mark.slow
 def test_warnings_of_all_ranks_are_printed_once_and_each_rank_has_its_log(on_ranks, scene):
     do = "warn('on both ranks'), warn(f'on rank {rank}')"
     done = command(on_ranks, 2, "solve", scene, "--log-ranks", do=do, when="len(steps) == 2")

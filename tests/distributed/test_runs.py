@@ -6,15 +6,16 @@ from pathlib import Path
 import pytest
 
 
-@pytest.fixture(scope="module", params=[pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.fixture(scope="module", params=[2, pytest.param(3, marks=pytest.mark.slow)])
 def differences(request, on_ranks, tmp_path_factory):
     out = tmp_path_factory.mktemp("runs") / "out.json"
-    on_ranks(request.param, Path(__file__).with_name("runs_on_ranks.py"), out)
+    some = ["moved", "Verlet", "equation 9", "energy and", "two regions", "quadratic tetrahedra"] if request.param == 2 else []
+    on_ranks(request.param, Path(__file__).with_name("runs_on_ranks.py"), out, *some)
     return json.loads(out.read_text())
 
 
 def test_displacements_are_those_of_one_machine(differences):
-    assert len(differences) > 30
+    assert len(differences) > 10
     assert not {case: of["u"] for case, of in differences.items() if not of["u"] <= 1e-12}
 
 
@@ -24,5 +25,5 @@ def test_all_ranks_have_the_same_bits_and_the_same_steps(differences):
 
 def test_ledgers_and_steps_are_those_of_one_machine(differences):
     of_runs = {(case, name): value for case, of in differences.items() for name, value in of.items() if name != "u"}
-    assert len(of_runs) > 300
+    assert len(of_runs) > 150
     assert not {key: value for key, value in of_runs.items() if not value <= 1e-11}

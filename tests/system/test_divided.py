@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 from bodies import EVERY_MESH, state
-from parts import Division, combined, separate_threads
+from divided import Division, combined, separate_threads
 
 from skfem_stvk import (
     BackwardEuler,

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from parts import Division, beam, caught, combined, grounded, separate_threads
+from divided import Division, beam, caught, combined, grounded, separate_threads
 
 from skfem_stvk import (
     BackwardEuler,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from parts import Division, beam, caught, combined, free_body, grounded, separate_threads
+from divided import Division, beam, caught, combined, free_body, grounded, separate_threads
 
 from skfem_stvk import (
     BackwardEuler,

@@ -22,7 +22,7 @@ from skfem_stvk import (
     solve_static,
     verify,
 )
-from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, SsorCg, Unknowns, choose
+from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, Petsc, SsorCg, Unknowns, choose
 from skfem_stvk.linear.solver import Analysis, Factors
 
 from .call import Call
@@ -89,6 +89,7 @@ def calls() -> list[Call]:
     stop = {"load": NUMBER | OPTIONAL, "turns": OPTIONAL, "states": OPTIONAL, "displacement": OPTIONAL}
     return [
         *(call(f"{kind.__name__}", kind, {"assembled": FLAG}, assembled=False) for kind in (BlockJacobiCg, SsorCg)),
+        call("Petsc", Petsc, {}, options="-ksp_type cg"),
         call(
             "choose",
             choose,
