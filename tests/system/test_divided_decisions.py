@@ -248,7 +248,7 @@ REFUSED = {
 } | {
     solver: (
         lambda s, solver=solver: solve_static(s, solver=solver, quiet=True),
-        f"solver = '{solver}'; expected 'block-jacobi-cg'",
+        f"solver = '{solver}'; expected 'petsc', 'block-jacobi-cg'",
     )
     for solver in ("superlu", "pardiso", "amg-cg", "ssor-cg", "nonsense")
 }
