@@ -94,6 +94,7 @@ class Petsc:
         words = self.options.split() if isinstance(self.options, str) else ["?"]
         if words and not _is_name(words[0]):
             raise StvkError(f"options = {shown(self.options)}; expected PETSc's options, such as '-ksp_type cg -pc_type gamg'.")
+        object.__setattr__(self, "options", str(self.options))
 
     @property
     def available(self) -> bool:

@@ -89,7 +89,7 @@ def calls() -> list[Call]:
     stop = {"load": NUMBER | OPTIONAL, "turns": OPTIONAL, "states": OPTIONAL, "displacement": OPTIONAL}
     return [
         *(call(f"{kind.__name__}", kind, {"assembled": FLAG}, assembled=False) for kind in (BlockJacobiCg, SsorCg)),
-        call("Petsc", Petsc, {}, options="-ksp_type cg"),
+        call("Petsc", Petsc, {"options": frozenset({"empty text"})}, options="-ksp_type cg"),
         call(
             "choose",
             choose,
