@@ -46,16 +46,8 @@ class PartSpace(Space):
         self.reductions = 0
         self._of_all = lambda value: exchange.values(part, value)
         self._whole, self.numbers, self._elements = n, numbers, elements
-        self._owned, self._part = owned, part
+        self._owned, self.rank, self.size = owned, part, exchange.barrier.parties
         self.count, self._d = n, d
-
-    @property
-    def divided(self):
-        return True
-
-    @property
-    def leads(self):
-        return self._part == 0
 
     @property
     def owned(self):
@@ -103,7 +95,7 @@ class PartSpace(Space):
 
     @property
     def shared(self):
-        others = [ids for part, ids in enumerate(self._of_all(self.numbers)) if part != self._part]
+        others = [ids for part, ids in enumerate(self._of_all(self.numbers)) if part != self.rank]
         return np.flatnonzero(np.isin(self.numbers[:: self._d], np.concatenate(others)))
 
     def collect(self, x):
@@ -124,7 +116,7 @@ class PartSpace(Space):
         whole = linked(*np.array(links, dtype=int).reshape(-1, 2).T, len(first))
         lowest = {one: min(np.array(first)[whole == one]) for one in set(whole.tolist())}
         order = {one: number for number, one in enumerate(sorted(lowest, key=lowest.get))}
-        return np.array([order[whole[begin[self._part] + one]] for one in every[self._part][0]], dtype=np.int32)
+        return np.array([order[whole[begin[self.rank] + one]] for one in every[self.rank][0]], dtype=np.int32)
 
 
 class Part(ElementMesh):

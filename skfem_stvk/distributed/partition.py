@@ -242,7 +242,8 @@ class _Division:
         piece = linked(np.tile(ends[0], len(ends) - 1), ends[1:].ravel(), nv)
         lowest = np.full(int(piece.max()) + 1, parts)
         np.minimum.at(lowest, piece, owner)
-        found[rest] = np.where(owner[ends[0]] < parts, owner[ends[0]], lowest[piece[ends[0]]]) % parts
+        of_segment = np.where(owner[ends[0]] < parts, owner[ends[0]], lowest[piece[ends[0]]])
+        found[rest] = np.where(of_segment < parts, of_segment, 0)  # the first part has those that touch no element
         return found
 
 

@@ -82,14 +82,6 @@ class Ranks(Space):
             errors.on_rank = errors.RankWarnings(prints=self.leads)
 
     @property
-    def divided(self) -> bool:
-        return self.size > 1
-
-    @property
-    def leads(self) -> bool:
-        return self.rank == 0
-
-    @property
     def prints(self) -> bool:
         return errors.on_rank is None or errors.on_rank.prints
 

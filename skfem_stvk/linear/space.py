@@ -61,7 +61,7 @@ class Space:
     @property
     def leads(self) -> bool:
         """Whether this part prints and writes what is of the whole body."""
-        return True
+        return self.rank == 0
 
     @property
     def prints(self) -> bool:
@@ -76,7 +76,7 @@ class Space:
     @property
     def divided(self) -> bool:
         """Whether the body is divided into parts, each with a space of its own."""
-        return False
+        return self.size > 1
 
     @property
     def owned(self) -> tuple[slice, ...]:
@@ -179,14 +179,12 @@ class Space:
         """Return the object of the part that leads."""
         return x
 
-    def first(self, ids: NDArray[np.int64], most: int = 5) -> NDArray[np.int64]:
-        """Return the smallest numbers of all parts, each once, ascending, at most `most` of them."""
-        return np.unique(np.concatenate(self.broadcast(self.collect(np.unique(ids)[:most]))))[:most]
-
-    def few(self, nodes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
-        """Return the first few numbers in the whole body of the chosen nodes (nv,) of all parts, and how many these nodes are."""
-        numbers = self.numbers[:: self.n // len(nodes)] // (self.n // len(nodes))
-        return self.first(numbers[nodes]), int(self.total(float(self.counted(nodes.astype(float)).sum())))
+    def few(self, nodes: NDArray[np.bool_], most: int = 5) -> tuple[NDArray[np.int64], int]:
+        """Return the first numbers in the whole body of the chosen nodes (nv,) of all parts, and how many these nodes are."""
+        d = self.n // len(nodes)
+        numbers = np.unique(self.numbers[::d][nodes] // d)[:most]
+        count = int(self.total(float(self.counted(nodes.astype(float)).sum())))
+        return np.unique(np.concatenate(self.each(numbers)))[:most], count
 
     def united(
         self, group: NDArray[np.int32], numbers: NDArray[np.int64], items: NDArray[np.int64], keys: NDArray[np.int64]
@@ -254,7 +252,8 @@ class Entries(Space):
 
     def __init__(self, whole: Space, dofs: NDArray[np.integer] | slice) -> None:
         super().__init__(len(range(whole.n)[dofs]) if isinstance(dofs, slice) else len(dofs))
-        self._whole, self._dofs, self.comm = whole, dofs, whole.comm
+        self._whole, self._dofs = whole, dofs
+        self.comm, self.rank, self.size = whole.comm, whole.rank, whole.size
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
@@ -263,14 +262,6 @@ class Entries(Space):
     @cached_property
     def count(self) -> int:
         return int(self.total(sum(own.stop - own.start for own in self.owned)))
-
-    @property
-    def leads(self) -> bool:
-        return self._whole.leads
-
-    @property
-    def divided(self) -> bool:
-        return self._whole.divided
 
     @cached_property
     def owned(self) -> tuple[slice, ...]:
