@@ -59,7 +59,7 @@ def _equal(console: Console, tetrahedra: int) -> int:
 
 
 def _one_rank(console: Console, tetrahedra: int) -> None:
-    table = Table("one rank, one thread", "with sums and reductions [ms]", "without [ms]", "ratio", box=None)
+    table = Table("one rank, one thread", "with sums and reductions, ms", "without, ms", "ratio", box=None)
     found = launch(1, "against-serial", tetrahedra)
     for name in ("F", "K v", "CG"):
         one, other = found[name]
@@ -70,7 +70,7 @@ def _one_rank(console: Console, tetrahedra: int) -> None:
 
 def _scaling(console: Console, cores: int, strong: int, weak: int) -> None:
     """Print times on one rank and on as many as there are cores, and the traffic."""
-    table = Table("ranks", "tetrahedra", "shared nodes", "of a part", *(f"{name} [ms]" for name in CALLS.values()), box=None)
+    table = Table("ranks", "tetrahedra", "shared nodes", "of a part", *(f"{name}, ms" for name in CALLS.values()), box=None)
     numbers = sorted({1, 2, cores})
     sizes = [(ranks, strong) for ranks in numbers] + [(ranks, weak * ranks) for ranks in numbers]
     runs = [launch(ranks, "costs", size) for ranks, size in sizes]
