@@ -15,7 +15,6 @@ from ..linear.amg import Pace
 from ..linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ..linear.cg import EdgeFactors
 from ..linear.dense import DenseFactors
-from ..linear.part_cg import PartFactors
 from ..nonlinear.problem import Tangent
 from ..nonlinear.stopwatch import Stopwatch
 from ..system import FreeOperator, System, TangentOperator
@@ -324,7 +323,7 @@ class _Diagonal:
 
     negative_pivots = None
 
-    def __init__(self, factors: BlockJacobiFactors | EdgeFactors | PartFactors) -> None:
+    def __init__(self, factors: BlockJacobiFactors | EdgeFactors) -> None:
         self._factors = factors
 
     def solve(self, b: Array, rtol: float = 1e-10, x0: Array | None = None, out: Array | None = None) -> Solution:

@@ -17,7 +17,7 @@ from ..kernels.threads import locked, parts_of, run, threads
 from .blocks import BlockStructure, VertexRows
 from .cg import MAX_ITERATIONS, EdgeCg, EdgeFactors, conjugate_gradients
 from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
-from .part_cg import PartCg, PartFactors
+from .part_cg import PartCg
 from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns, Vector
 from .space import Space
 
@@ -95,14 +95,14 @@ class BlockJacobiAnalysis:
         self._search: EdgeCg | None = None
 
     @locked
-    def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors | PartFactors:
+    def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors:
         """Invert the diagonal blocks. K itself is not copied, so it must not change while the factors are used."""
         check_kind(self._solver, kind)
         if not hasattr(K, "matvec") or not hasattr(K, "diagonal_blocks"):
             raise StvkError(f"K = {shown(K)}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks().")
         by_edges = K.by_edges() if hasattr(K, "by_edges") else None
         if by_edges is not None and by_edges.space is not None:
-            return PartFactors(self._search_in_part(K, by_edges, by_edges.space), self.n, self._latest)
+            return EdgeFactors(self._search_in_part(K, by_edges, by_edges.space), self.n, self._latest)
         search = None if by_edges is None else self._search_on(by_edges)
         if by_edges is not None and search is not None:
             search.shift(by_edges.blocks, by_edges.shift)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import isfinite, nan, sqrt
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,7 @@ from ..kernels import cg as kernels
 from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import run
-from .cg import MAX_ITERATIONS, solve_by
-from .checks import LatestFactors, checked_right, latest_only, written_to
+from .cg import solve_by
 from .solver import EdgeBlocks, Outcome, Solution, Vector
 from .space import Space
 
@@ -41,17 +39,18 @@ class PartCg:
         ends = np.unique([0, n, *(end for own in space.owned for end in (own.start, own.stop))])
         self._parts = [(a, b, any(own.start <= a < own.stop for own in space.owned)) for a, b in pairwise(ends.tolist())]
 
-    def solve(self, b: Vector, rtol: float, x0: Vector | None) -> Solution:
-        """Solve from `x0` or from zero, to the relative tolerance `rtol`."""
+    def solve(self, b: Vector, rtol: float, max_iterations: int, x0: Vector | None, out: Vector | None) -> Solution:
+        """Solve from `x0` or from zero, together with the other parts, and write x to `out`."""
+        self._out = np.empty(len(b)) if out is None else out
         for full, vector in ((self._b, b), (self._x, x0)):
             full[self._indices] = 0.0 if vector is None else vector
         self.iterations, self.curvature, self._rho, self._last = 0, nan, 0.0, 0.0
         self.size = self._space.norm(self._b)
         self.true_residual()
-        return solve_by(self, b, rtol, MAX_ITERATIONS)
+        return solve_by(self, b, rtol, max_iterations)
 
     def x(self) -> Vector:
-        return self._x[self._indices]
+        return np.take(self._x, self._indices, out=self._out, mode="clip")
 
     def precondition(self, r: Vector) -> Vector:
         """Return the product (n,) of the inverse diagonal blocks and `r`."""
@@ -102,24 +101,3 @@ class PartCg:
     def _dot(self, x: Vector, y: Vector) -> float:
         own = (run(products.dot, np.array([begin, end]), x, y)[0] for begin, end, counted in self._parts if counted)
         return self._space.total(float(sum(own)))
-
-
-class PartFactors:
-    """Inverse diagonal blocks of the K of a divided body, and the blocks of the edges of one part."""
-
-    negative_pivots: ClassVar[None] = None
-
-    def __init__(self, search: PartCg, n: int, latest: LatestFactors) -> None:
-        self._search, self._n = search, n
-        self._latest, self._number = latest, latest.next()
-
-    @latest_only
-    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
-        """Solve by conjugate gradients, together with the other parts."""
-        b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
-        return written_to(self._search.solve(b, rtol, x0), out)
-
-    @latest_only
-    def precondition(self, r: Vector) -> Vector:
-        """Return the product (n,) of the inverse diagonal blocks and `r`."""
-        return self._search.precondition(r)

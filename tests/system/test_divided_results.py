@@ -224,7 +224,7 @@ def test_an_iteration_of_conjugate_gradients_has_two_reductions(make, with_shift
     np.testing.assert_allclose(of_parts, x, rtol=0, atol=1e-8 * abs(x).max())
     for _, (_, own, reductions, loop) in found:
         assert abs(own - iterations) <= 2 and 2 * own <= reductions <= 2 * own + 6
-        assert loop == ("PartFactors" if make is free_body else "BlockJacobiFactors")
+        assert loop == ("EdgeFactors" if make is free_body else "BlockJacobiFactors")
 
 
 @divided
