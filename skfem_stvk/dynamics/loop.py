@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +11,7 @@ from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_r
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
-from .integrators import StepFailed, Stepper
+from .integrators import StepFailed
 from .ledger_rows import LedgerWriter, known_total
 from .options import Setup
 from .outputs import Outputs
@@ -21,36 +19,29 @@ from .progress import MotionProgress
 from .record import MotionState, RunRecord
 from .removal import Removal, removal_text
 from .run import Run, SimulationError
-from .stable_step import StableStep, halving_text
+from .stable_step import halving_text
+from .steps import Steps
 
 #: Smallest closure error, as a part of the energy, that the message of the run mentions.
 REPORTED = 0.05
-#: Largest number of bisections of a step, down to 64 parts.
-DEEPEST = 6
-#: Number of consecutive steps that must be cut before a warning.
-MANY = 10
+#: Largest number of times that a step is halved, down to 64 parts.
+HALVINGS = 6
 
 
 class Loop:
-    """Loop over the steps of one run. It is the only object that writes the record of the run; its helpers only read it."""
+    """Loop over the steps of one run. Only this object and its `Steps` write the record of the run; the other helpers read it."""
 
     def __init__(self, setup: Setup, record: RunRecord, outputs: Outputs, quiet: bool) -> None:
         self.setup, self.record, self._outputs, self._quiet = setup, record, outputs, quiet
-        motion, new = setup.motion, not record.ledger.steps
-        self._stepper = setup.integrator.stepper(motion)
-        self._stepper.counts.add(record.counts)
-        self._stepper.watch.add(record.watch.parts())
-        record.counts, record.watch = self._stepper.counts, self._stepper.watch
-        self._limit = StableStep(motion, setup.integrator)
-        if new:
-            record.clock.dt, record.reviews = self._limit.first(record.state)
+        motion = setup.motion
+        self._steps = Steps(motion, setup.integrator, record, self._arrived, HALVINGS)
+        self._stepper, self._limit = self._steps.stepper, self._steps.limit
         self._ledger_writer = LedgerWriter(motion, setup.locations, record.ledger, record.clock.dt)
         self._begin()
         if record.origin is not None:
             self._stepper.rebuild(record.origin)
         self._inversions = Inversions(motion, self._inversion_interval())
         self._ledger_writer.set_inside_out(self._inversions.at_first(record))
-        self._bisection = Bisection(self._stepper, self._accepted, lambda: motion.body.restore())
         self._jumps = Jumps(motion, record.state)
         self._removal = None if setup.rule is None else Removal(motion, setup.rule)
         self._stepping = False
@@ -67,7 +58,7 @@ class Loop:
         If the ledger is empty, enter its first row.
         """
         record = self.record
-        self._stepper.start(record.state)
+        self._steps.start()
         self._ledger_writer.begin(record.state)
         if record.ledger.steps == 0:
             self._ledger_writer.append_row(record.state, self._stepper.energy)
@@ -90,9 +81,9 @@ class Loop:
         with MotionProgress(header, record.ledger, record.steps, self._quiet or not space.prints) as progress:
             try:
                 self._outputs.save_if_due()
-                status, detail = self._steps(progress)
+                status, detail = self._all_steps(progress)
                 while status is Status.BLEW_UP and self._restart_from_good_state():
-                    status, detail = self._steps(progress)
+                    status, detail = self._all_steps(progress)
                 self._outputs.close()
             except (KeyboardInterrupt, Exception) as error:  # full disk or failing load: the run so far is retained
                 raise_if_divided(space, error)
@@ -106,7 +97,7 @@ class Loop:
             raise SimulationError(run) from cause
         return run
 
-    def _steps(self, progress: MotionProgress) -> tuple[Status, str]:
+    def _all_steps(self, progress: MotionProgress) -> tuple[Status, str]:
         record, motion, until = self.record, self.setup.motion, self.setup.until
         state, clock = record.state, record.clock
         while record.after_whole_step and (clock.steps_left(until) or (record.steps == 0 and state.t < until)):  # at least one step
@@ -134,19 +125,14 @@ class Loop:
         record, state = self.record, self.record.state
         self._stepping = True
         try:
-            cut = self._bisection.advance(state, t)
-            record.steps, record.cuts = record.steps + 1, record.cuts + cut
-            if whole:
-                record.clock.tick()
+            self._steps.advance(t, whole)
             self._ledger_writer.append_row(state, self._stepper.energy)
             if self._guard.blown_up():
                 total = known_total(record.ledger)[-1]
                 return Status.BLEW_UP, f"energy was created numerically, {total:.3g} J in all at t = {t:.6g} s"
             if whole:
                 removed = self._removal is not None and self._remove(self._removal.chosen(record))
-                dt, record.reviews = self._limit.review(record, recompute=removed)
-                if dt != record.clock.dt:
-                    record.clock.change(dt)
+                self._steps.review(recompute=removed)
                 if removed or self._guard.is_good():
                     record.store_good_state()
             record.origin = self._stepper.origin
@@ -167,7 +153,7 @@ class Loop:
         record.add_removed(elements, state.t)
         state.v.reshape(-1, d)[motion.system.bare] = 0
         state.a[:] = 0
-        self._stepper.start(state)
+        self._steps.start()
         self._ledger_writer.append_row(state, self._stepper.energy)
         return True
 
@@ -176,7 +162,7 @@ class Loop:
         """Search for elements at which the model is unreliable, in the present body."""
         return Monitors(self.setup.motion.system, ellipticity=False)
 
-    def _accepted(self, state: MotionState) -> None:
+    def _arrived(self, state: MotionState) -> None:
         self._ledger_writer.add_work(state)
         self.setup.motion.body.commit(state.u)
 
@@ -263,48 +249,3 @@ def _gain_text(part: float) -> str:
     if abs(part) < REPORTED:
         return ""
     return f"; the steps {'gained' if part > 0 else 'lost'} {abs(part) * 100:.0f} % of the energy (closure_error)"
-
-
-class Bisection:
-    """Steps of an integrator with bisection: a step that finds no state is made in two halves, recursively.
-
-    After each part, `accepted` is called with the state, or `failed` if there is none.
-    """
-
-    def __init__(self, stepper: Stepper, accepted: Callable[[MotionState], object], failed: Callable[[], object]) -> None:
-        self._stepper, self._accepted, self._failed, self._consecutive = stepper, accepted, failed, 0
-
-    def advance(self, state: MotionState, t: float) -> bool:
-        """Advance to time `t`. Return whether the step was made in parts.
-
-        If parts of 1/64 fail too, raise StepFailed and restore the state.
-        """
-        try:
-            self._stepper.step(state, t)
-        except StepFailed:
-            self._failed()
-            before = state.copy()
-            try:
-                self._halves(state, t, 1)
-            except StepFailed:
-                state.copy_from(before)
-                raise
-            self._consecutive += 1
-            if self._consecutive == MANY:
-                warn(f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.")
-            return True
-        self._consecutive = 0
-        self._accepted(state)
-        return False
-
-    def _halves(self, state: MotionState, t: float, depth: int) -> None:
-        for end in ((state.t + t) / 2, t):
-            try:
-                self._stepper.step(state, end)
-            except StepFailed:
-                self._failed()
-                if depth == DEEPEST:
-                    raise
-                self._halves(state, end, depth + 1)
-            else:
-                self._accepted(state)

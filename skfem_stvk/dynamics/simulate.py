@@ -215,7 +215,7 @@ def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> 
     state = first_state(motion, options.u0, options.v0, options.t0, dt)
     setup = Setup(motion, integrator, locations, options.until, options.remove)
     names = column_names(body, *locations, removing=options.remove is not None)
-    record = RunRecord(state, Clock(state.t, integrator.dt or 0.0), Ledger(names))
+    record = RunRecord(state, Clock(state.t, 0.0), Ledger(names))
     record.add_removed(system.removed, np.nan)
     return setup, record, Outputs.opened(setup, record, options, stack)
 

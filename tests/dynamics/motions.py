@@ -149,5 +149,5 @@ def begun(system, integrator, v0):
     motion = Motion(system, "lumped", None)
     state = MotionState.at(0.0, np.zeros(system.ndofs), v0)
     state.v[motion.free.fixed] = 0
-    record = RunRecord(state, Clock(0.0, integrator.dt or 0.0), Ledger(column_names(system)))
+    record = RunRecord(state, Clock(0.0, 0.0), Ledger(column_names(system)))
     return Setup(motion, integrator, LedgerLocations(), 1.0), record

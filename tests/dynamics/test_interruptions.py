@@ -9,10 +9,10 @@ from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, LinearBackwardEule
 from skfem_stvk.dynamics.critical_step import LargestFrequency
 from skfem_stvk.dynamics.guards import Guard
 from skfem_stvk.dynamics.ledger_rows import LedgerWriter
-from skfem_stvk.dynamics.loop import Bisection
 from skfem_stvk.dynamics.outputs import Outputs
 from skfem_stvk.dynamics.record import Clock, Reviews, RunRecord
 from skfem_stvk.dynamics.stable_step import StableStep
+from skfem_stvk.dynamics.steps import Steps
 
 DT, SHORT = 0.01, 0.305
 INTEGRATORS = [ForwardEuler(DT), VelocityVerlet(DT), LinearBackwardEuler(DT), EnergyMomentum(DT), Newmark(DT)]
@@ -45,7 +45,7 @@ def assert_resumes(scene, integrator, run, path, until):
 
 
 #: The moments are after the step, after its ledger row (the first row is the initial state), and after the clock.
-MOMENTS = {"step": (Bisection, "advance", 0), "ledger": (LedgerWriter, "append_row", 1), "clock": (Clock, "tick", 0)}
+MOMENTS = {"step": (Steps, "_bisected", 0), "ledger": (LedgerWriter, "append_row", 1), "clock": (Clock, "tick", 0)}
 
 
 #: Clocks count only whole steps.
@@ -129,7 +129,7 @@ def test_a_checkpoint_later_than_the_good_state_is_retained(integrator, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", 0.0)
         patch.setattr(checkpoint, "SHARE", np.inf)
-        interrupt_once(Bisection, "advance", patch, 30)
+        interrupt_once(Steps, "_bisected", patch, 30)
         with pytest.raises(Interrupted, match=r"To continue from the last checkpoint: checkpoint='.*', resume=True") as caught:
             scene.run(integrator, SHORT, checkpoint=tmp_path / "c")
     assert caught.value.run.t == 20 * DT

@@ -1,0 +1,107 @@
+"""Steps of a motion: failed steps are made in parts, and steps of explicit integrators follow the critical one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..errors import warn
+from .integrators import Integrator, StepFailed
+from .motion import Motion
+from .record import MotionState, RunRecord
+from .stable_step import StableStep
+
+#: Number of consecutive steps that must be cut before a warning.
+MANY = 10
+
+
+class Steps:
+    """Steps of an integrator from the state of a record. It writes the state, the clock, the reviews and the counts of the record.
+
+    If the record has no step length yet, the first one is chosen. `start` must be called before the first step.
+
+    Attributes
+    ----------
+    stepper
+        Stepper of the integrator for this motion.
+    limit
+        Choice of the time step.
+    """
+
+    def __init__(
+        self, motion: Motion, integrator: Integrator, record: RunRecord, arrived: Callable[[MotionState], object], halvings: int
+    ) -> None:
+        """`arrived` is called with the state after each part of a step. A step is halved at most `halvings` times."""
+        self._motion, self._record, self._arrived, self._halvings = motion, record, arrived, halvings
+        self.stepper, self.limit = integrator.stepper(motion), StableStep(motion, integrator)
+        self.stepper.counts.add(record.counts)
+        self.stepper.watch.add(record.watch.parts())
+        record.counts, record.watch = self.stepper.counts, self.stepper.watch
+        if not record.clock.dt:
+            record.clock.dt, record.reviews = self.limit.first(record.state)
+        self._consecutive = 0
+
+    def start(self) -> None:
+        """Prepare for a step from the state of the record."""
+        self.stepper.start(self._record.state)
+
+    def advance(self, t: float, whole: bool) -> None:
+        """Advance to time `t`. A `whole` step advances the clock.
+
+        Raises
+        ------
+        StepFailed
+            if no state was found, not even in the smallest parts. The state is that before the step.
+        StateError
+            if numbers overflow.
+        """
+        record = self._record
+        cut = self._bisected(t)
+        record.steps, record.cuts = record.steps + 1, record.cuts + cut
+        if whole:
+            record.clock.tick()
+
+    def review(self, recompute: bool = False) -> None:
+        """Review the length of the next steps after a whole step. `recompute`: elements were removed."""
+        record = self._record
+        dt, record.reviews = self.limit.review(record, recompute)
+        if dt != record.clock.dt:
+            record.clock.change(dt)
+
+    def _bisected(self, t: float) -> bool:
+        """Advance to time `t`, in parts if a step finds no state. Return whether it was made in parts."""
+        state = self._record.state
+        try:
+            self._part(state, t)
+        except StepFailed:
+            if not self._halvings:
+                raise
+            before = state.copy()
+            try:
+                self._halves(state, t, 1)
+            except StepFailed:
+                state.copy_from(before)
+                raise
+            self._consecutive += 1
+            if self._consecutive == MANY:
+                warn(f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.")
+            return True
+        self._consecutive = 0
+        return False
+
+    def _halves(self, state: MotionState, t: float, depth: int) -> None:
+        for end in ((state.t + t) / 2, t):
+            try:
+                self._part(state, end)
+            except StepFailed:
+                if depth == self._halvings:
+                    raise
+                self._halves(state, end, depth + 1)
+
+    def _part(self, state: MotionState, t: float) -> None:
+        """Make one step of the integrator. If it fails, terms with history return to the last state."""
+        try:
+            self.stepper.step(state, t)
+        except StepFailed:
+            self._motion.body.restore()
+            raise
+        self._arrived(state)
