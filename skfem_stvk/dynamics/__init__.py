@@ -20,6 +20,7 @@ from .modes import Modes, modes
 from .removal import PrincipalStressLimit
 from .run import Run, SimulationError
 from .simulate import simulate
+from .simulation import Simulation
 
 __all__ = [
     "INTEGRATORS",
@@ -40,6 +41,7 @@ __all__ = [
     "PrincipalStressLimit",
     "Rayleigh",
     "Run",
+    "Simulation",
     "SimulationError",
     "Status",
     "VelocityVerlet",

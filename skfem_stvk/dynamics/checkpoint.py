@@ -35,6 +35,8 @@ START_AGAIN = "Start again: overwrite=True, without resume."
 ARRAYS = ("u", "v", "a", "reaction")
 #: Arrays of the origin of a hierarchy.
 HIERARCHY = ("hierarchy u0", "hierarchy w")
+#: Array of the inputs of a `Simulation`.
+INPUTS = "inputs"
 #: Relative tolerance of energies, as a part of the largest.
 ENERGY = 1e-6
 #: Smallest computed step, as a part of the first one.
@@ -134,6 +136,7 @@ class MotionHeader(Header):
     save: str | None  # series as the user named it; a resumed run uses its file name alone, see `outputs._series_next_to`
     every: PositiveInt  # steps from one saved state to the next
     hierarchy: OriginRecord | None = None  # origin of multigrid's hierarchy
+    pushed: tuple[str, ...] = ()  # locations on which a `Simulation` pushes
 
 
 class MotionCheckpoint(FolderStore[MotionHeader]):
@@ -153,11 +156,11 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
         return name.removeprefix("good ") in ARRAYS or name in HIERARCHY
 
     def __init__(self, path: Path, resume: bool = False, older: Path | None = None, space: Space | None = None) -> None:
-        self.file, self._next = _file_of(path), -np.inf
+        self.file, self._next = file_of(path), -np.inf
         super().__init__(output_path(path, ".npz") if self.file == path else output_folder(path), space)
         there = of_leader(self.space, self.file.exists)
         #: File to continue from; None to begin with the initial state.
-        self.source = _file_of(older) if older else self.file if resume and there else None
+        self.source = file_of(older) if older else self.file if resume and there else None
         if older:
             _warn_of_old_form("resume", older)
         if self.file == path != older:
@@ -186,13 +189,13 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
         self._next = end + max(EVERY, (end - begin) / SHARE)
 
 
-def _file_of(path: Path) -> Path:
+def file_of(path: Path) -> Path:
     """Return the file of a checkpoint: `motion.npz` in the folder `path`, or `path` itself if it is a .npz file."""
     return path if path.suffix.lower() == ".npz" and not path.is_dir() else path / MOTION_FILE
 
 
 def _warn_of_old_form(named: str, path: Path) -> None:
-    folder = str(path.with_suffix("") if _file_of(path) == path else path)
+    folder = str(path.with_suffix("") if file_of(path) == path else path)
     form = f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}"
     warn(f"{named} = {str(path)!r} is supported until version 1.0; expected a folder: {form}. Its file is {MOTION_FILE}.")
 

@@ -21,6 +21,7 @@ from ..terms.protocols import set_time
 from .at_rest import AtRest
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
+from .inputs import Inputs
 from .record import MotionState
 
 #: Smallest length of a step for differences, as a part of the previous step.
@@ -37,26 +38,36 @@ class Motion:
     States `u` of the body are vectors of the space `states`, and `states.expand(u)` returns displacements (ndofs,). For a `System`,
     states are displacements, so vectors are (ndofs,). For a body on a basis, they are coordinates (m,). If its loads are constant
     and dead, a step then costs as much as its m x m matrices, for any mesh. `system` is the body with all its displacements.
+    `inputs` are displacements and forces that a `Simulation` sets from step to step; None if the motion has none.
     """
 
-    def __init__(self, body: System | Coordinates, mass: str | None, damping: Damping | None) -> None:
-        self.body, self._damping = body, damping
+    def __init__(self, body: System | Coordinates, mass: str | None, damping: Damping | None, inputs: Inputs | None = None) -> None:
+        self.body, self._damping, self.inputs = body, damping, inputs
         self.system = body if isinstance(body, System) else body.system
         self.mass: Any = body.mass("lumped" if mass is None else mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)
         self.free: Any = body.free_dofs(body.supports.held) if isinstance(body, System) else body.free
         self.moving = self.system.space.any(self.system.supports.prescribed.size > 0)
         self._has_several_terms = len(body.elastic_names) > 1
-        self._force, self._Mv = np.zeros(self.states.n), np.zeros(self.states.n)
+        self._force, self._Mv, self._pushed = (np.zeros(self.states.n) for _ in range(3))
 
     @property
     def states(self) -> Space:
         """Space of states and their rates."""
         return self.body.space
 
+    @property
+    def pushed(self) -> bool:
+        """Whether forces are inputs."""
+        return self.inputs is not None and self.inputs.pushes
+
     def remove_elements(self, elements: Any) -> None:
         """Replace the body by one without these elements."""
-        self.body = self.system = self.system.without(elements)
+        self.replace_system(self.system.without(elements))
+
+    def replace_system(self, system: System) -> None:
+        """Replace the body by the same one with more or fewer removed elements."""
+        self.body = self.system = system
         self.mass, self.free = self.body.mass(self.mass.kind), self.free.of(self.body)
         for name in ("at_rest", "constant_loads"):
             self.__dict__.pop(name, None)
@@ -79,10 +90,10 @@ class Motion:
     @property
     def driven(self) -> bool:
         """Whether the body's energy is not conserved: a load changes with time or has no potential, or a term has no energy."""
-        return bool(self.system.without_energy) or not all(map(_keeps_energy, self.system.bound_loads))
+        return self.pushed or bool(self.system.without_energy) or not all(map(_keeps_energy, self.system.bound_loads))
 
     def driving_force(self, u: Array, t: float) -> Array:
-        """Return the force [N] of loads that change with time or have no potential, and of terms without energy."""
+        """Return the force [N] of inputs, of loads that change with time or have no potential, and of terms without energy."""
         if self.constant_loads is not None and not self.driven:
             return np.zeros(self.states.n)
         system, moment = self.system, self.moment(t)
@@ -96,7 +107,10 @@ class Motion:
                 internal = np.zeros_like(force)
                 term.energy_and_force(x, internal)
                 force -= internal
-        return self.states.restrict(self.system.space.share(force).ravel())
+        driving = self.states.restrict(self.system.space.share(force).ravel())
+        if self.inputs is not None and self.inputs.pushes:
+            self.inputs.add_forces(t, driving)
+        return driving
 
     def add_up(self, state: MotionState, sums: Array) -> float:
         """Return the potential [J] of steady loads. Write twice the kinetic energy, linear and angular momentum to `sums` (8,)."""
@@ -135,7 +149,10 @@ class Motion:
     def constrained_displacements(self, t: float) -> Array:
         """Return the displacements of the constrained degrees of freedom, or the prescribed coordinates [m]."""
         body, moment = self.body, Moment(t, 1.0)
-        return body.supports.values(moment) if isinstance(body, System) else body.prescribed_values(moment)
+        values = body.supports.values(moment) if isinstance(body, System) else body.prescribed_values(moment)
+        if self.inputs is not None:
+            values[self.inputs.moved] = self.inputs.displacements(t)
+        return values
 
     def constrained_velocities(self, t: float, dt: float) -> Array:
         """Return the velocities of the constrained degrees of freedom [m/s], by forward differences."""
@@ -160,8 +177,13 @@ class Motion:
         return loads
 
     def loads(self, u: Array, t: float) -> Array:
-        """Return the external forces [N]; the same array every time if they are constant."""
-        return self.body.external_force(u, self.moment(t)) if self.constant_loads is None else self.constant_loads
+        """Return the external forces [N]; the same array every time if they are constant, or if some are inputs."""
+        loads = self.body.external_force(u, self.moment(t)) if self.constant_loads is None else self.constant_loads
+        if self.inputs is None or not self.inputs.pushes:
+            return loads
+        np.copyto(self._pushed, loads)
+        self.inputs.add_forces(t, self._pushed)
+        return self._pushed
 
     def add_damping(self, u: Array, v: Array, out: Array) -> None:
         """Add `D v` [N] at displacements `u` to `out`."""

@@ -15,7 +15,7 @@ from ..errors import StvkError
 from ..linear.choose import is_auto
 from ..mesh.displacements import by_vertex
 from ..mesh.locations import Where
-from ..results.files import OutputFiles
+from ..results.files import NO_FILES, OutputFiles
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint, sums_of
@@ -40,16 +40,16 @@ class Options:
 
     until: float
     integrator: Integrator | None
-    u0: ArrayLike | None
-    v0: ArrayLike | None
-    t0: float
-    mass: str | None
-    damping: Damping | None
-    probes: Mapping[str, Where] | None
-    reactions: Mapping[str, Where] | None
-    remove: Rule | None
-    output_files: OutputFiles
-    checkpoint: MotionCheckpoint | None
+    u0: ArrayLike | None = None
+    v0: ArrayLike | None = None
+    t0: float = 0.0
+    mass: str | None = None
+    damping: Damping | None = None
+    probes: Mapping[str, Where] | None = None
+    reactions: Mapping[str, Where] | None = None
+    remove: Rule | None = None
+    output_files: OutputFiles = NO_FILES
+    checkpoint: MotionCheckpoint | None = None
 
     def start(self, system: System) -> dict[str, list[float]]:
         """Return numbers that identify the user-supplied parts of an initial state."""

@@ -18,9 +18,11 @@ from ..results.store import refusing_damage
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint
-from .checkpoint import START_AGAIN, IntegratorRecord, load, refuse_inconsistent
+from .checkpoint import INPUTS, START_AGAIN, IntegratorRecord, Saved, load, refuse_inconsistent
 from .damping import Damping, EdgeDamping, Rayleigh
+from .inputs import Inputs
 from .integrators import INTEGRATORS, Integrator
+from .ledger_rows import LedgerLocations
 from .motion import Motion
 from .options import BASIS, Options, Setup, basis_of, checked_integrator, method_options, refuse_on_basis, too_early
 from .outputs import Outputs
@@ -30,12 +32,30 @@ from .record import SLACK, RunRecord
 def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """Return a run that continues from a checkpoint. Arguments that describe its beginning must agree with the file."""
     saved = load(file, body.space)
+    if np.any(saved.arrays.get(INPUTS, 0)):
+        raise StvkError(f"{file} is of a Simulation with inputs that are not zero. Continue it with Simulation.load.")
+    motion, integrator, locations, problem = restored(body, options, saved, file)
+    options.refuse_other_locations(file, problem.system, locations)
+    record = saved.record()
+    if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):
+        raise too_early(options.until, record.state.t)
+    setup = Setup(motion, integrator, locations, options.until, options.remove)
+    return setup, record, Outputs.resumed(setup, record, options, stack, problem, saved.header)
+
+
+def restored(
+    body: System | Coordinates, options: Options, saved: Saved, file: Path, inputs: Inputs | None = None
+) -> tuple[Motion, Integrator, LedgerLocations, Fingerprint]:
+    """Return the motion of a checkpoint, its integrator, the locations in its ledger, and its problem.
+
+    Refuse the checkpoint of another problem, and a damaged one.
+    """
     header, method = saved.header, saved.method
     supplied = options.integrator
     integrator = resumed_integrator(method.integrator, file) if supplied is None else checked_integrator(supplied)
     stored: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
     damping = stored if options.damping is None else options.damping
-    motion = Motion(body, method.mass if options.mass is None else options.mass, damping)
+    motion = Motion(body, method.mass if options.mass is None else options.mass, damping, inputs)
     refuse_on_basis(motion, integrator, options.remove is not None)
     system, then = motion.system, header.problem.numbers
     start = {name: then.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
@@ -52,13 +72,7 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
             warnings.simplefilter("ignore", StvkWarning)  # about parts that came loose then
             motion.remove_elements(removed)
     with refusing_damage(file, START_AGAIN):
-        locations = refuse_inconsistent(saved, motion, integrator)
-    options.refuse_other_locations(file, system, locations)
-    record = saved.record()
-    if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):
-        raise too_early(options.until, record.state.t)
-    setup = Setup(motion, integrator, locations, options.until, options.remove)
-    return setup, record, Outputs.resumed(setup, record, options, stack, problem, header)
+        return motion, integrator, refuse_inconsistent(saved, motion, integrator), problem
 
 
 def system_at_first(system: System, removed: NDArray[np.int64], removed_at: Array, file: Path) -> System:

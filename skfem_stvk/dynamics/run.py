@@ -200,7 +200,7 @@ class SimulationError(AnalysisError):
     Attributes
     ----------
     run
-        The run so far, with the last good state.
+        The run so far, with the last good state; None for a step of a `Simulation`, which is as it was before the step.
 
     Examples
     --------
@@ -215,9 +215,9 @@ class SimulationError(AnalysisError):
     False LoadError
     """
 
-    def __init__(self, run: Run) -> None:
-        super().__init__(run.message)
-        self.run = run
+    def __init__(self, run: Run | None, message: str = "") -> None:
+        super().__init__(message if run is None else run.message)
+        self.run: Any = run
 
     def __reduce__(self) -> Any:
-        return type(self), (self.run,)
+        return type(self), (self.run, str(self))

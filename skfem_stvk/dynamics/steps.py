@@ -25,13 +25,15 @@ class Steps:
         Stepper of the integrator for this motion.
     limit
         Choice of the time step.
+    halvings
+        Largest number of times that a step is halved.
     """
 
     def __init__(
         self, motion: Motion, integrator: Integrator, record: RunRecord, arrived: Callable[[MotionState], object], halvings: int
     ) -> None:
-        """`arrived` is called with the state after each part of a step. A step is halved at most `halvings` times."""
-        self._motion, self._record, self._arrived, self._halvings = motion, record, arrived, halvings
+        """`arrived` is called with the state after each part of a step."""
+        self._motion, self._record, self._arrived, self.halvings = motion, record, arrived, halvings
         self.stepper, self.limit = integrator.stepper(motion), StableStep(motion, integrator)
         self.stepper.counts.add(record.counts)
         self.stepper.watch.add(record.watch.parts())
@@ -73,7 +75,7 @@ class Steps:
         try:
             self._part(state, t)
         except StepFailed:
-            if not self._halvings:
+            if not self.halvings:
                 raise
             before = state.copy()
             try:
@@ -93,7 +95,7 @@ class Steps:
             try:
                 self._part(state, end)
             except StepFailed:
-                if depth == self._halvings:
+                if depth == self.halvings:
                     raise
                 self._halves(state, end, depth + 1)
 

@@ -68,22 +68,27 @@ class Lifts:
         self._body, self.fields = body, fields
         self.at_supports = fields[body.supports.held]
         self._squares = (self.at_supports**2).sum(axis=0)
-        self._last: tuple[Moment | bytes | None, Array] = None, np.empty(0)
+        self._last: tuple[float | bytes | None, Array] = None, np.empty(0)
 
     @classmethod
     def of(cls, body: System, rest: AtRest, times: Sequence[float] | None) -> Lifts:
-        """Return the lifts of all supports at any of the times, and of constant displacements at any factor."""
+        """Return the lifts of all supports at any of the times, and of constant displacements at any factor.
+
+        The last ones are those of `Supports.moved`: the same displacement of all nodes at a location, one for each component.
+        """
         supports, moments = body.supports, TIMES if times is None else times
         seen = np.array([supports.values(Moment(t, factor)) for t in moments for factor in (0.0, 1.0)]).T
-        if not seen.any():
-            return cls(body, np.zeros((body.ndofs, 0)))
-        left, sizes, _ = np.linalg.svd(seen, full_matrices=False)
-        left = left[:, sizes > EXACT / 10 * sizes[0]]
+        left = np.zeros((len(seen), 0))
+        if seen.any():
+            left, sizes, _ = np.linalg.svd(seen, full_matrices=False)
+            left = left[:, sizes > EXACT / 10 * sizes[0]]
+        inputs = [np.isin(np.arange(len(seen)), column) for one in supports.moved.values() for column in one.indices.T]
+        left = np.column_stack([left, *inputs])
         if left.shape[1] > MOST_LIFTS:
             raise SupportError(
-                f"Prescribed displacements have {left.shape[1]} independent fields at {len(moments)} times; expected at most "
-                f"{MOST_LIFTS}, one lift for each. Prescribe rigid motions or a few fields times functions of t; or name the times "
-                "at which the motion is needed: times=."
+                f"Prescribed displacements have {left.shape[1]} independent fields at {len(moments)} times, {len(inputs)} of them "
+                f"components of inputs; expected at most {MOST_LIFTS}, one lift for each. Prescribe rigid motions or a few fields "
+                "times functions of t; or name the times at which the motion is needed: times=."
             )
         fields = np.zeros((body.ndofs, left.shape[1]))
         for i, column in enumerate(left.T):
@@ -102,10 +107,10 @@ class Lifts:
     def amounts(self, moment: Moment) -> Array:
         """Return `s(t)` (l,) [m]; SupportError if the prescribed displacements at `t` are off the span of the lifts."""
         supports, (key, s) = self._body.supports, self._last  # read once, since other threads write it
-        if supports.steady and key == moment:
+        if supports.steady and key == moment.factor:
             return s
         values = supports.values(moment)  # functions may depend on more than time
-        key_now = moment if supports.steady else values.tobytes()
+        key_now = moment.factor if supports.steady else values.tobytes()
         if key == key_now:
             return s
         s = self.amounts_of(values)

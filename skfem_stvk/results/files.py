@@ -170,10 +170,10 @@ def output_folder(path: Path) -> Path:
 class OutputFiles:
     """Options of `solve_static` and `simulate` for their files."""
 
-    save: Path | None  # the .pvd file of a series of states
-    checkpoint: Path | None  # its folder
-    resume: bool  # whether to continue from the checkpoint
-    overwrite: bool  # whether to replace files of another problem
+    save: Path | None = None  # the .pvd file of a series of states
+    checkpoint: Path | None = None  # its folder
+    resume: bool = False  # whether to continue from the checkpoint
+    overwrite: bool = False  # whether to replace files of another problem
     fields: Any = None  # names of further fields of its states, None for the usual ones
     every: int | None = None  # steps from one state of the series to the next, None for the usual number
 
@@ -189,3 +189,7 @@ class OutputFiles:
         if arguments.flag("resume", resume) and checkpoint is None:
             raise StvkError("resume = True; expected a checkpoint to resume: pass checkpoint='FOLDER'.")
         return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields, every)
+
+
+#: Options of a motion without files.
+NO_FILES = OutputFiles()

@@ -67,7 +67,7 @@ class Fingerprint:
         moments: Sequence[float],
         start: Mapping[str, Sequence[float]],
     ) -> None:
-        self._system, self._method, self._kind = system, dict(method), kind
+        self.system, self._method, self._kind = system, dict(method), kind
         self._start = {name: [float(value) for value in values] for name, values in start.items()}
         self._moments = [float(t) for t in moments]
         self._known: dict[tuple[float, ...], dict[str, list[float]]] = {}
@@ -106,7 +106,7 @@ class Fingerprint:
 
     def _compute_numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """Return numbers that depend on mesh, terms and supports, and on loads and prescribed displacements at these moments."""
-        system, mesh, space = self._system, self._system.mesh, self._system.space
+        system, mesh, space = self.system, self.system.mesh, self.system.space
         x = mesh.p.T - mean_of_nodes(mesh.p.T, space)
         u = (x @ (SHEAR * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d)))).ravel()
         pressed = -COMPRESSED * x.ravel() + u

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,13 @@ Dofs = NDArray[np.int64]
 Displacements: TypeAlias = Mapping[Any, Any] | Iterable[tuple[Where, Any]]
 
 
+class MovedLocation(NamedTuple):
+    """Location whose displacements are inputs of a `Simulation`: its components, and the indices (n, k) of its n nodes in `held`."""
+
+    components: str
+    indices: NDArray[np.int64]
+
+
 class Supports:
     """Constrained degrees of freedom of a body: fixed ones, and those with prescribed displacements.
 
@@ -34,12 +41,15 @@ class Supports:
     prescribed
         Displacements [m], by location and component: `{"handle": {"x": 0.01}}`. A value is a number, a function of t or of (x, t),
         or (n,) values for the nodes there. The values are in the order of the ids as passed in, otherwise ascending. For all
-        components of a location use one function of (x, t) that returns (d, n). Constants ramp with the load factor.
+        components of a location use one function of (x, t) that returns (d, n). Constants ramp with the load factor. Components
+        without a value, `{"grip": "xyz"}` for a named location, are inputs of a `Simulation`. Other analyses hold them at 0.
 
     Attributes
     ----------
     fixed, prescribed, held
         Degrees of freedom `d * node + component`, ascending; `held` is the union of the other two.
+    moved
+        `MovedLocation` by name: locations whose displacements are inputs.
     steady
         Whether all displacements are constants, not functions.
 
@@ -65,16 +75,21 @@ class Supports:
         self._mesh = mesh = ElementMesh.of(mesh)
         self.fixed = fixed_dofs(mesh, fixed)
         entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
-        motions = [motion for where, argument in entries for motion in self._move(where, argument)]
-        self.prescribed = _union([dofs for dofs, _ in motions])
+        inputs = {where: self._moved_dofs(where, argument) for where, argument in entries if isinstance(argument, str)}
+        values = [(where, argument) for where, argument in entries if not isinstance(argument, str)]
+        motions = [motion for where, argument in values for motion in self._move(where, argument)]
+        self.prescribed = _union([*(dofs for dofs, _ in motions), *inputs.values()])
         self.held = np.union1d(self.fixed, self.prescribed)
         self._refuse_both()
+        self._refuse_moved_twice(inputs, [dofs for dofs, _ in motions])
+        letters = dict(entry for entry in entries if isinstance(entry[1], str))
+        self.moved = {name: MovedLocation(letters[name], np.searchsorted(self.held, dofs)) for name, dofs in inputs.items()}
         if not mesh.space.any(len(self.held) < mesh.p.size):
             raise SupportError(f"All {mesh.space.count} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
         self._motions = [(np.searchsorted(self.held, dofs), value) for dofs, value in motions]
         self.steady = all(value.constant is not None for _, value in self._motions)
         indices = np.concatenate([np.empty(0, dtype=np.int64), *(index.ravel() for index, _ in self._motions)])
-        self._twice = mesh.space.any(len(indices) > len(self.prescribed))
+        self._twice = mesh.space.any(len(indices) > len(np.unique(indices)))
         for t in (0.0, 1 / 3, 1.0):
             self.values(t)
 
@@ -113,6 +128,31 @@ class Supports:
             for letter, value in argument.items()
             for component in _components(self._mesh, letter, what)
         ]
+
+    def _moved_dofs(self, where: Where, letters: str) -> Dofs:
+        """Return the degrees of freedom (n, k) of a named location whose displacements are inputs, node by node."""
+        what = f"prescribed on {describe(where)}"
+        components = _components(self._mesh, letters, what)
+        if not isinstance(where, str):
+            raise SupportError(
+                f"{what}: got {letters!r}, components without a value, which a Simulation moves by name; expected a named location: "
+                f"mesh.with_boundaries({{'grip': predicate}}), then prescribed={{'grip': {letters!r}}}."
+            )
+        return _dofs(np.sort(vertices_at(self._mesh, where, what)), components, self._mesh.d).reshape(-1, len(components))
+
+    def _refuse_moved_twice(self, inputs: Mapping[str, Dofs], others: list[Dofs]) -> None:
+        """Refuse degrees of freedom that are inputs and have another displacement, too."""
+        once = np.zeros(self._mesh.p.size, dtype=bool)
+        once[_union(others)] = True
+        for name, dofs in inputs.items():
+            twice = np.zeros(self._mesh.p.size, dtype=bool)
+            twice[dofs[once[dofs]]] = True
+            if self._mesh.space.any(bool(twice.any())):
+                raise SupportError(
+                    f"Prescribed twice, once as an input at {name!r}: {self._name(twice)}. Do locations share an edge or a corner? "
+                    "Leave the component out of one of them."
+                )
+            once[dofs] = True
 
     def _refuse_both(self) -> None:
         both = np.zeros(self._mesh.p.size, dtype=bool)
