@@ -11,6 +11,7 @@ from .dynamics import Newmark as Newmark
 from .dynamics import PrincipalStressLimit as PrincipalStressLimit
 from .dynamics import Rayleigh as Rayleigh
 from .dynamics import Run as Run
+from .dynamics import Simulation as Simulation
 from .dynamics import SimulationError as SimulationError
 from .dynamics import VelocityVerlet as VelocityVerlet
 from .dynamics.critical_elements import critical_elements as critical_elements

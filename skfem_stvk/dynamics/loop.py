@@ -61,7 +61,7 @@ class Loop:
         self._steps.start()
         self._ledger_writer.begin(record.state)
         if record.ledger.steps == 0:
-            self._ledger_writer.append_row(record.state, self._stepper.energy)
+            self._ledger_writer.append_row(record.state, self._stepper.strain_energy(record.state))
         if record.good is None:
             record.store_good_state()
         self._guard = Guard(record)
@@ -126,7 +126,7 @@ class Loop:
         self._stepping = True
         try:
             self._steps.advance(t, whole)
-            self._ledger_writer.append_row(state, self._stepper.energy)
+            self._ledger_writer.append_row(state, self._stepper.strain_energy(state))
             if self._guard.blown_up():
                 total = known_total(record.ledger)[-1]
                 return Status.BLEW_UP, f"energy was created numerically, {total:.3g} J in all at t = {t:.6g} s"
@@ -154,7 +154,7 @@ class Loop:
         state.v.reshape(-1, d)[motion.system.bare] = 0
         state.a[:] = 0
         self._steps.start()
-        self._ledger_writer.append_row(state, self._stepper.energy)
+        self._ledger_writer.append_row(state, self._stepper.strain_energy(state))
         return True
 
     @property

@@ -148,11 +148,19 @@ class Motion:
 
     def constrained_displacements(self, t: float) -> Array:
         """Return the displacements of the constrained degrees of freedom, or the prescribed coordinates [m]."""
-        body, moment = self.body, Moment(t, 1.0)
-        values = body.supports.values(moment) if isinstance(body, System) else body.prescribed_values(moment)
+        values = self._constants.copy() if self.system.supports.steady else self._prescribed_values(t)
         if self.inputs is not None:
             values[self.inputs.moved] = self.inputs.displacements(t)
         return values
+
+    def _prescribed_values(self, t: float) -> Array:
+        body, moment = self.body, Moment(t, 1.0)
+        return body.supports.values(moment) if isinstance(body, System) else body.prescribed_values(moment)
+
+    @cached_property
+    def _constants(self) -> Array:
+        """Prescribed displacements or coordinates if they are constants, without inputs."""
+        return self._prescribed_values(0.0)
 
     def constrained_velocities(self, t: float, dt: float) -> Array:
         """Return the velocities of the constrained degrees of freedom [m/s], by forward differences."""

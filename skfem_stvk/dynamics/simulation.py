@@ -162,7 +162,7 @@ class Simulation:
         writer, state = LedgerWriter(self._motion, LedgerLocations(), ledger, self.dt), self._record.state
         writer.begin(state)
         if not ledger.steps:
-            writer.append_row(state, self._steps.stepper.energy)
+            writer.append_row(state, self._steps.stepper.strain_energy(state))
             writer.set_inside_out(len(self.inside_out()))
         return writer
 
@@ -194,7 +194,7 @@ class Simulation:
             end = clock.next(inf)[0]
             self._inputs.begin(values, state.t, end)
         else:
-            end = number("until", until, f"a time after t = {state.t!r} s", state.t)
+            end = number("until", until, f"a time after t = {state.t:.9g} s", state.t)
             self._inputs.begin(values, state.t, end - SLACK * clock.dt)
         self._before.copy_from(state)
         try:
@@ -223,7 +223,7 @@ class Simulation:
             record.clock = Clock(t, record.clock.dt)
         record.origin = self._steps.stepper.origin
         if self._writer is not None:
-            self._writer.append_row(record.state, self._steps.stepper.energy)
+            self._writer.append_row(record.state, self._steps.stepper.strain_energy(record.state))
 
     def _arrived(self, state: MotionState) -> None:
         if self._writer is not None:
@@ -314,7 +314,7 @@ class Simulation:
         """Return the kinetic energy, the strain energy and the potential of the loads [J]."""
         sums, state = np.zeros(8), self._record.state
         potential = self._motion.add_up(state, sums)
-        return Energies(float(sums[0]) / 2, self._steps.stepper.energy, potential)
+        return Energies(float(sums[0]) / 2, self._steps.stepper.strain_energy(state), potential)
 
     def reaction(self, name: str) -> Array:
         """Return the mean force (d,) [N] of the supports at a named location on the body during the last step.
@@ -398,7 +398,7 @@ class Simulation:
         state.a[:] = 0
         self._steps.start()
         if self._writer is not None:
-            self._writer.append_row(state, self._steps.stepper.energy)
+            self._writer.append_row(state, self._steps.stepper.strain_energy(state))
         self._steps.review(recompute=True)
 
     def copy_state(self) -> SavedState:

@@ -266,6 +266,11 @@ class DenseStepMatrix:
 
     With `mean` the force over the step is `1/2 F(z0 + a w) + 1/2 F(z0 + b w)` at the two Gauss points. Its work is
     `W(z0 + w) - W(z0)` for a cubic force. Twice its tangent, `a K(z0 + a w) + b K(z0 + b w)`, is symmetric.
+
+    Attributes
+    ----------
+    inertia
+        (m, m) matrix `c M + g D` of the step.
     """
 
     with_tensions = False
@@ -275,7 +280,7 @@ class DenseStepMatrix:
         self._motion, self._body, self._mean, self._watch = motion, body, mean, watch
         self._u0, self.tangent = np.zeros(motion.states.n), DenseTangent(body)
         self._key: tuple[float, float] | None = None
-        self._inertia = np.zeros((motion.states.n,) * 2)
+        self.inertia = np.zeros((motion.states.n,) * 2)
 
     def begin(self, u0: Array, c: float, g: float) -> None:
         """Begin a step from `u0` (m,), which is not copied, with the factors `c` of M and `g` of D."""
@@ -283,28 +288,29 @@ class DenseStepMatrix:
         if self._key != (c, g):
             motion = self._motion
             damping = motion.alpha * motion.mass.matrix + motion.beta * motion.at_rest
-            self._key, self._inertia = (c, g), c * motion.mass.matrix + g * damping
+            self._key, self.inertia = (c, g), c * motion.mass.matrix + g * damping
 
     def add_mean_force(self, w: Array, out: Array) -> None:
         """Add the mean internal force over the step by `w` to `out`, both (m,)."""
-        for part in GAUSS:
-            out += self._body.linearize(self._u0 + part * w)[1] / 2
+        out += self.response(w)[0] / 2
 
-    def _stiffness(self, w: Array) -> Array:
-        """Return the derivative (m, m) of the internal force of the equation by `w`."""
+    def response(self, w: Array) -> tuple[Array, Array]:
+        """Return the internal force (m,) of the equation, and its derivative (m, m) by `w`."""
         if not self._mean:
-            return self._body.linearize(self._u0 + w)[2]
+            return self._body.linearize(self._u0 + w)[1:]
         a, b = GAUSS
-        return a * self._body.linearize(self._u0 + a * w)[2] + b * self._body.linearize(self._u0 + b * w)[2]
+        _, F, K = self._body.linearize(self._u0 + a * w)
+        _, G, L = self._body.linearize(self._u0 + b * w)
+        return F + G, a * K + b * L
 
     def round_off(self, w: Array) -> Array:
         """Return the sums (m,) of `DenseTangent.round_off`, at the end of the step."""
-        return self.tangent.round_off(self._u0 + w, self._stiffness(w))
+        return self.tangent.round_off(self._u0 + w, self.response(w)[1])
 
     def factorise(self, w: Array, t: Time, tangent: Tangent) -> DenseFactors:
         """Return factors of the exact matrix. For other tangents, replace its eigenvalues by their absolute values."""
         with self._watch("assemble"):
-            K = self._inertia + self._stiffness(w)
+            K = self.inertia + self.response(w)[1]
             follows = self._body.load_stiffness(self._u0 + w, t)
             if follows is not None:
                 K += follows

@@ -27,7 +27,7 @@ class StepProblem(Equation):
     """One step from `u_0` as a `Problem`. Its state is the displacement `w` over the step, in the states of the motion.
 
     If `u_1` were the state, rounding would leave an error `eps |u| / |w|` in the velocities. `full` is the last residual. At
-    constrained degrees of freedom it is the reaction [N].
+    constrained degrees of freedom it is the reaction [N]. `offset` are the constant forces of inertia and damping.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class StepProblem(Equation):
     ) -> None:
         super().__init__(motion.body, matrix.tangent, watch)
         self.motion, self.matrix, self._mean, self._secant = motion, matrix, mean, secant
-        self._u0, self._offset, self._force, self._internal, self.full = (np.zeros(motion.states.n) for _ in range(5))
+        self._u0, self.offset, self._force, self._internal, self.full = (np.zeros(motion.states.n) for _ in range(5))
         self.no_step_limit = self.no_step_limit or passes_inversion(self.system)
         self.ignores_inversion = (
             self.ignores_inversion or self.body is not self.system
@@ -75,10 +75,10 @@ class StepProblem(Equation):
             self.matrix.begin(self._u0, c, g)
             self._before = np.inf
             self._c, self._g, self._d = c, g, d
-            self.motion.mass.multiply(m, out=self._offset)
-            self._offset -= rest
+            self.motion.mass.multiply(m, out=self.offset)
+            self.offset -= rest
             if isinstance(d, np.ndarray):
-                self.motion.add_linear_damping(d, self._offset)
+                self.motion.add_linear_damping(d, self.offset)
 
     def store_internal_force(self, u: Array) -> float:
         """Return `Motion.energy` at `u` (ndofs,) [J], and store the internal force for `before_step`."""
@@ -91,9 +91,18 @@ class StepProblem(Equation):
         It is valid for equations at the end of a step without rates.
         """
         with self._watch("assemble"):
-            np.subtract(self._internal, self._offset, out=self.full)
+            np.subtract(self._internal, self.offset, out=self.full)
             self.full -= self.motion.loads(self._u0, t)
             return self.full
+
+    def reactions(self, w: Array, u: Array, t: float) -> Array:
+        """Return the forces of the supports after a step by `w` to `u`, at constrained degrees of freedom, from the stored force.
+
+        It is valid for equations at the end of a step.
+        """
+        with self._watch("assemble"):
+            fixed, linear = self.motion.free.fixed, self._linear(w)
+            return linear[fixed] - self.offset[fixed] + self._internal[fixed] - self.motion.loads(u, t)[fixed]
 
     def residual(self, w: Array, t: Time) -> Residual:
         with self._watch("assemble"):
@@ -101,8 +110,8 @@ class StepProblem(Equation):
             internal = self._internal_force(w)
             inertia = self._linear(w)
             space = self.space
-            scale = sum(space.norm(space.restrict(one)) for one in (inertia, self._offset, internal, loads))
-            self.full = inertia - self._offset + internal - loads
+            scale = sum(space.norm(space.restrict(one)) for one in (inertia, self.offset, internal, loads))
+            self.full = inertia - self.offset + internal - loads
             free = space.restrict(self.full)
             size = space.norm(free)
             if not np.isfinite(size + scale):
@@ -117,7 +126,7 @@ class StepProblem(Equation):
         with self._watch("assemble"):
             u1 = self._u0 + w
             sums = self.matrix.round_off(w)
-            sums += np.abs(self.motion.loads(u1, Moment.of(t).time)) + np.abs(self._offset)
+            sums += np.abs(self.motion.loads(u1, Moment.of(t).time)) + np.abs(self.offset)
             sums += self.motion.mass.multiply(np.abs(w)) * self._inertia_factor
             return EPS * self.space.norm(self.space.restrict(sums))
 
@@ -135,7 +144,7 @@ class StepProblem(Equation):
             c, dot = self.body.energy_along(u1, v), self.states.dot
             c[1] -= dot(self.motion.loads(u1, Moment.of(t).time), v)
             Av = self._linear(v)
-            c[1] += dot(Av, w) - dot(self._offset, v)
+            c[1] += dot(Av, w) - dot(self.offset, v)
             c[2] += dot(Av, v) / 2
             return c
 

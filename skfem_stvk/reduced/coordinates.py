@@ -48,13 +48,15 @@ class PrecomputedCoordinates(Coordinates):
         return self._lifts.amounts(Moment.checked(t)).copy()
 
     def response(self, z: Array) -> tuple[float, Array, Array]:
-        W, G, H = self._quartic.linearize(np.concatenate([[1.0], z]))
+        x = np.empty(self._quartic.n)
+        x[0], x[1:] = 1.0, z
+        W, G, H = self._quartic.linearize(x)
         F, K = G[1:], H[1:, 1:]
         for part in self._others:
             more, f, k = part.linearize(z)
             W, F, K = W + more, F + f, K + k
-        refuse_overflow(W, "W", z)
-        refuse_overflow(F, "F", z)
+            refuse_overflow(F, "F", z)
+        refuse_overflow(W, "W", z)  # W = G . x / 4 of a quartic is finite only if G is
         F.flags.writeable = K.flags.writeable = False
         return W, F, K
 

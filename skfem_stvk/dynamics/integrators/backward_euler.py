@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from ...arguments import Array
 from ...errors import StvkError
+from ...linear.dense import DenseFactors
 from ...nonlinear.newton import usable
 from ...nonlinear.problem import Tangent
 from ...system import System
+from ...system.coordinates import Coordinates
 from ...terms.load import Moment
 from ..forces import damping_is_of_edges
 from ..motion import Motion
@@ -125,7 +128,7 @@ class LinearBackwardEuler(BackwardEuler):
 
     def stepper(self, motion: Motion) -> LinearStepper:
         self._refuse_incomplete_tangents(motion)
-        return LinearStepper(motion, self)
+        return DenseLinearStepper(motion, self) if isinstance(motion.body, Coordinates) else LinearStepper(motion, self)
 
     def _refuse_incomplete_tangents(self, motion: Motion) -> None:
         """Refuse tangents that omit a part of M or D. Unlike a part of K, the result would be wrong even for the smallest steps."""
@@ -167,7 +170,7 @@ class LinearStepper(ImplicitStepper):
     def start(self, state: MotionState) -> None:
         """Evaluate the strain energy and the internal force."""
         self.problem.forget()
-        self.energy = self.problem.store_internal_force(state.u)
+        self._energy = self.problem.store_internal_force(state.u)
 
     def step(self, state: MotionState, t: float) -> None:
         h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
@@ -180,8 +183,6 @@ class LinearStepper(ImplicitStepper):
         w[:] = 0
         w[fixed] = predicted[fixed]
         w[free] = self._solution(w, moment)
-        if self.motion.moving:
-            problem.residual(w, moment)
         self.accept(state, w, h, moment)
 
     def predicted(self, state: MotionState, t: float) -> Array:
@@ -194,15 +195,18 @@ class LinearStepper(ImplicitStepper):
         return w
 
     def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:
+        """Update the state, and evaluate the internal force: the next step begins with it, and the reactions contain it."""
         state.t = moment.time  # from here on, the state is no longer that of the previous step
         np.divide(w, h, out=state.a)
         state.a -= state.v
         state.a /= h
-        super().accept(state, w, h, moment)
+        self.integrator.update(state, w, h)
+        state.u += w
+        self._energy = self.problem.store_internal_force(state.u)
+        state.reaction[self.motion.free.fixed] = self.problem.reactions(w, state.u, moment.time)
 
     def strain_energy(self, state: MotionState) -> float:
-        """Return the strain energy [J], and evaluate the internal force with which the next step begins."""
-        return self.problem.store_internal_force(state.u)
+        return self._energy
 
     def _solution(self, w: Array, moment: Moment) -> Array:
         """Solve for the free degrees of freedom with the chosen tangent, or the clamped one if that is not positive definite."""
@@ -217,3 +221,54 @@ class LinearStepper(ImplicitStepper):
                 self.counts.clamped += attempted is Tangent.CLAMPED
                 return solution.x
         raise StepFailed(f"the linear solve failed: {solution.outcome.value}")
+
+
+class DenseLinearStepper(LinearStepper):
+    """Stepper of a motion on a basis under constant loads: one evaluation of W, F and K per step, and as few calls as possible."""
+
+    def start(self, state: MotionState) -> None:
+        super().start(state)
+        self._linearize(state)
+
+    def step(self, state: MotionState, t: float) -> None:
+        motion, h, n = self.motion, self.length(state, t), len(self.motion.free.free)
+        if motion.constant_loads is None:
+            super().step(state, t)
+            return
+        matrix: Any = self.problem.matrix
+        matrix.begin(state.u, 1 / h**2, 1 / h)
+        loads, w = motion.loads(state.u, t), self._w
+        momentum = motion.mass.multiply(state.v)
+        momentum /= h
+        constant = loads + momentum
+        b = (constant - self._F)[:n]
+        K = self._K + matrix.inertia
+        if motion.moving:
+            np.subtract(motion.constrained_displacements(t), state.u[n:], out=w[n:])
+            b -= K[:n, n:] @ w[n:]
+        with self.watch("solve"):
+            w[:n] = self._solved(K[:n, :n], b)
+        state.t = t  # from here on, the state is no longer that of the previous step
+        v = w / h
+        np.subtract(v, state.v, out=state.a)
+        state.a /= h
+        state.v[:] = v
+        state.u += w
+        self._linearize(state)
+        if motion.moving:
+            state.reaction[n:] = matrix.inertia[n:] @ w + self._F[n:] - constant[n:]
+
+    def _linearize(self, state: MotionState) -> None:
+        with self.watch("assemble"):
+            self._energy, self._F, self._K = cast(Coordinates, self.motion.body).linearize(state.u)
+
+    def _solved(self, K: Array, b: Array) -> Array:
+        """Return the solution by Cholesky's factors; by absolute values of the eigenvalues if K is not positive definite."""
+        _, x, failed = dposv(K, b, lower=1)
+        if not failed:
+            return np.asarray(x)
+        solution = DenseFactors(K, absolute=True).solve(b)
+        if not usable(solution):
+            raise StepFailed(f"the linear solve failed: {solution.outcome.value}")
+        self.counts.clamped += 1
+        return solution.x

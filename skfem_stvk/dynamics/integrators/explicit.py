@@ -49,6 +49,7 @@ class ExplicitStepper(Stepper):
         n = motion.system.ndofs
         self.inverse = np.zeros(n)
         self.internal, self._damped = np.zeros(n), np.zeros(n)
+        self._energy = 0.0
 
     def start(self, state: MotionState) -> None:
         """Evaluate the internal force at the first state, and copy the inverse masses."""
@@ -74,7 +75,10 @@ class ExplicitStepper(Stepper):
         """Evaluate the internal force at the state, and the strain energy of the terms that have one."""
         with self.watch("assemble"):
             set_time(self.motion.system.bound_terms, self.motion.moment(state.t))
-            self.energy = self.motion.energy_and_force(state.u, self.internal)
+            self._energy = self.motion.energy_and_force(state.u, self.internal)
+
+    def strain_energy(self, state: MotionState) -> float:
+        return self._energy
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from ...arguments import Array, choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
@@ -24,6 +25,9 @@ from ..record import SLACK, HierarchyOrigin, MotionState
 from ..step_matrix import Coefficients, DenseStepMatrix, StepMatrix, StepTangent, kind_of_step
 from ..step_problem import StepProblem
 from .integrator import Integrator, StepFailed, Stepper, checked_step
+
+#: Largest number of full Newton steps on a basis before `newton` takes over. A step usually takes two.
+MOST_DENSE = 6
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ class Implicit(Integrator):
     needs_acceleration: ClassVar[bool] = False
 
     def stepper(self, motion: Motion) -> ImplicitStepper:
-        return ImplicitStepper(motion, self)
+        return DenseStepper(motion, self) if isinstance(motion.body, Coordinates) else ImplicitStepper(motion, self)
 
 
 class ImplicitStepper(Stepper):
@@ -136,9 +140,8 @@ class ImplicitStepper(Stepper):
         self.problem.matrix.rebuild(origin)
 
     def start(self, state: MotionState) -> None:
-        """Evaluate the strain energy, and the acceleration if the integrator needs it."""
+        """Evaluate the acceleration if the integrator needs it."""
         self.problem.forget()
-        self.energy = self.motion.energy(state.u)
         if self.integrator.needs_acceleration and not self.motion.states.any(bool(state.a.any())):
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
 
@@ -186,8 +189,52 @@ class ImplicitStepper(Stepper):
         else:  # forces at the end differ from the mean over the step by O(h)
             forces = motion.force(before.u, before.v, before.t) + motion.force(state.u, state.v, state.t)
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
-        self.energy = self.strain_energy(state)
 
     def strain_energy(self, state: MotionState) -> float:
-        """Return the strain energy of the state after a step [J]."""
         return self.motion.energy(state.u)
+
+
+class DenseStepper(ImplicitStepper):
+    """Stepper of a motion on a basis: full Newton steps with as few calls as possible around W, F and K.
+
+    If they do not lead to a solution with a positive definite matrix, or loads change, `newton` solves the equation.
+    """
+
+    def solve(self, w: Array, moment: Moment, inside_out: int) -> tuple[Array, str, Iterations]:
+        record = Iterations()
+        found = None if self.motion.constant_loads is None else self._full_steps(w, moment, record)
+        return super().solve(w, moment, inside_out) if found is None else (found, "", record)
+
+    def _full_steps(self, w: Array, moment: Moment, record: Iterations) -> Array | None:
+        """Return the solution of full Newton steps from `w` (m,); None if they do not converge."""
+        problem, n = self.problem, len(self.motion.free.free)
+        matrix: Any = problem.matrix
+        loads, offset = self.motion.loads(w, moment.time), problem.offset
+        constant = float(np.sqrt(offset[:n] @ offset[:n]) + np.sqrt(loads[:n] @ loads[:n]))
+        before = np.inf
+        for _ in range(MOST_DENSE):
+            with self.watch("assemble"):
+                F, K = matrix.response(w)
+                inertia = matrix.inertia @ w
+                full = inertia + F
+                full -= offset
+                full -= loads
+                r, f, a = full[:n], F[:n], inertia[:n]
+                size = float(np.sqrt(r @ r))
+                scale = constant + float(np.sqrt(f @ f) + np.sqrt(a @ a))
+            stalled = not size < before / 2
+            if size <= self.integrator.rtol * scale or (stalled and size <= problem.round_off(w, moment)):
+                problem.full = full
+                return w
+            if stalled:
+                return None
+            with self.watch("solve"):
+                K = K + matrix.inertia
+                _, x, failed = dposv(K[:n, :n], r, lower=1)
+            if failed:
+                return None
+            w = w.copy()
+            w[:n] -= x
+            before = size
+            record.lengths.append(1.0)
+        return None

@@ -25,8 +25,6 @@ class Stepper(ABC):
 
     Attributes
     ----------
-    energy
-        Strain energy of the last state [J], of the terms that have one.
     counts
         Iterations of its steps so far.
     watch
@@ -34,7 +32,7 @@ class Stepper(ABC):
     """
 
     def __init__(self, motion: Motion) -> None:
-        self.motion, self.watch, self.counts, self.energy = motion, Stopwatch("write"), Counts(), 0.0
+        self.motion, self.watch, self.counts = motion, Stopwatch("write"), Counts()
 
     @property
     def remark(self) -> str:
@@ -64,6 +62,10 @@ class Stepper(ABC):
     @abstractmethod
     def step(self, state: MotionState, t: float) -> None:
         """Advance the state to time `t`, in place. Raise StepFailed if no state is found, or StateError if numbers overflow."""
+
+    @abstractmethod
+    def strain_energy(self, state: MotionState) -> float:
+        """Return the strain energy of the last state [J], of the terms that have one."""
 
 
 @dataclass(frozen=True)
