@@ -31,7 +31,7 @@ class MotionState:
     u: Array  # displacements [m]
     v: Array  # velocities [m/s]
     a: Array  # accelerations [m/s^2] if the integrator stores them, otherwise zero
-    #: Mean forces of the supports over the last step [N]. Explicit integrators set them only if supports move, for the work.
+    #: Mean forces of the supports over the last step [N].
     reaction: Array
 
     @classmethod

@@ -243,6 +243,20 @@ def test_reactions_balance_the_momentum_of_each_step(integrator):
             np.testing.assert_allclose(change, forces + mean, rtol=0, atol=tolerance * size)
 
 
+@pytest.mark.parametrize(
+    "integrator", [replace(one, dt=2e-4, **({"rtol": 1e-12} if one in IMPLICIT else {})) for one in INTEGRATORS], ids=by_name
+)
+def test_supports_that_stay_have_reactions_too(integrator):
+    """The force is at the end of the step, or the mean over it, which differ by O(dt)."""
+    system = clamped_free()
+    sim, weight = Simulation(system, integrator), system.external_force(np.zeros(system.ndofs), 1.0)
+    for _ in range(400):
+        before = sim.v
+        sim.step()
+    change = system.mass().multiply(sim.v - before).reshape(-1, 3).sum(axis=0) / integrator.dt
+    np.testing.assert_allclose(sim.reaction("left"), change - weight.reshape(-1, 3).sum(axis=0), rtol=5e-3)
+
+
 def test_the_reactions_of_eq_9_are_those_of_the_end_of_the_step():
     system = gripped()
     sim, loads = Simulation(system, LinearBackwardEuler(DT)), system.external_force(np.zeros(system.ndofs), 1.0)

@@ -52,8 +52,10 @@ class ExplicitStepper(Stepper):
         self._energy = 0.0
 
     def start(self, state: MotionState) -> None:
-        """Evaluate the internal force at the first state, and copy the inverse masses."""
-        self.inverse[:] = self.motion.mass.solve(np.ones(len(self.inverse)))
+        """Evaluate the internal force at the first state, and copy the inverse masses and those of constrained degrees of freedom."""
+        motion = self.motion
+        self.inverse[:] = motion.mass.solve(np.ones(len(self.inverse)))
+        self.masses = motion.mass.vertex[motion.free.fixed // motion.system.mesh.d]
         self.evaluate(state)
 
     def external(self, u: Array, v: Array, t: float) -> Array:
@@ -120,17 +122,14 @@ class ForwardEulerStepper(ExplicitStepper):
     """Stepper of `ForwardEuler`, with one force per step."""
 
     def step(self, state: MotionState, t: float) -> None:
-        h = t - state.t
-        fixed = self.motion.free.fixed
+        h, fixed = t - state.t, self.motion.free.fixed
         external = self.external(state.u, state.v, t)
-        if self.motion.moving:
-            before, velocities, force = state.u[fixed], state.v[fixed], external[fixed] - self.internal[fixed]
+        before, velocities, force = state.u[fixed], state.v[fixed], external[fixed] - self.internal[fixed]
         kernels.push_and_drift(self.inverse, external, self.internal, h, state.v, state.u)
         self.move_supports(state, t)
         if self.motion.moving:
             state.v[fixed] = (state.u[fixed] - before) / h
-            m = self.motion.mass.vertex[fixed // self.motion.system.mesh.d]
-            state.reaction[fixed] = (self.motion.mass.multiply(state.v)[fixed] - m * velocities) / h - force
+        state.reaction[fixed] = self.masses * (state.v[fixed] - velocities) / h - force
         self.evaluate(state)
 
 
@@ -187,7 +186,9 @@ class VelocityVerletStepper(ExplicitStepper):
         if motion.moving:
             state.v[fixed] = 2 * (state.u[fixed] - before) / h - velocities
         external = self.external(state.u, state.v + (h / 2) * state.a if motion.damped else state.v, t)
+        after = external[fixed] - self.internal[fixed]
         if motion.moving:
-            m = motion.mass.vertex[fixed // motion.system.mesh.d]
-            state.reaction[fixed] = m * (state.v[fixed] - velocities) / h - (force + external[fixed] - self.internal[fixed]) / 2
+            state.reaction[fixed] = self.masses * (state.v[fixed] - velocities) / h - (force + after) / 2
+        else:  # the force at the beginning would cost an evaluation of loads and damping
+            state.reaction[fixed] = -after
         kernels.accelerate(self.inverse, external, self.internal, h / 2, state.a, state.v)

@@ -148,6 +148,11 @@ class GeneralizedAlpha(Implicit):
         return self.rho / (self.rho + 1)
 
     @property
+    def weight(self) -> float:  # type: ignore[override]
+        """Factor of the reactions of the solved equation, which is divided by `1 - alpha_f`."""
+        return 1 - self.alpha_f
+
+    @property
     def gamma(self) -> float:
         """Newmark's weight of the new acceleration in the velocity, `1/2 - alpha_m + alpha_f`."""
         return 0.5 - self.alpha_m + self.alpha_f
