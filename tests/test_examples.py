@@ -232,6 +232,17 @@ def test_ex27_ranks():
     assert example.result.success and example.tip == pytest.approx(-1.024255e-3, rel=1e-5)
 
 
+def test_ex28_hand():
+    example = run("ex28_hand")
+    assert example.size == pytest.approx(7.305, rel=1e-3) and example.error == pytest.approx(0.067, abs=0.01)
+
+
+def test_ex29_finger():
+    example = run("ex29_finger")
+    assert example.miss["looking ahead"] == pytest.approx(9.44e-3, rel=0.02)
+    assert example.miss["proportional"] > 2 * example.miss["looking ahead"]
+
+
 def test_every_example_has_a_test_and_a_picture():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

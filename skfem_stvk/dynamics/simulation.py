@@ -233,8 +233,8 @@ class Simulation:
     def _failure(self, error: Exception, end: float) -> str:
         halved = f", not even in {2**self._steps.halvings} parts" if self._steps.halvings else ""
         return (
-            f"No state was found between t = {self.t:.6g} s and {end:.6g} s{halved}: {str(error).rstrip('.')}. The simulation is as "
-            "it was before. Try a smaller dt, smaller changes of the inputs, or halvings=6; on_failure='hold' goes on without "
+            f"No state was found between t = {self.t:.6g} s and {end:.6g} s{halved}: {str(error).rstrip('.')}. The simulation is "
+            "as it was before. Try a smaller dt, smaller changes of the inputs, or halvings=6; on_failure='hold' goes on without "
             "an error."
         )
 
@@ -252,6 +252,11 @@ class Simulation:
     def steps(self) -> int:
         """Number of steps so far."""
         return self._record.steps
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations so far, as in `Run.iterations`."""
+        return self._record.counts.iterations
 
     @property
     def u(self) -> Array:

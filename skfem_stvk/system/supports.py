@@ -22,7 +22,7 @@ Displacements: TypeAlias = Mapping[Any, Any] | Iterable[tuple[Where, Any]]
 
 
 class MovedLocation(NamedTuple):
-    """Location whose displacements are inputs of a `Simulation`: its components, and the indices (n, k) of its n nodes in `held`."""
+    """Location whose displacements are inputs of a `Simulation`: components, and the indices (n, k) of its n nodes in `held`."""
 
     components: str
     indices: NDArray[np.int64]
@@ -135,8 +135,8 @@ class Supports:
         components = _components(self._mesh, letters, what)
         if not isinstance(where, str):
             raise SupportError(
-                f"{what}: got {letters!r}, components without a value, which a Simulation moves by name; expected a named location: "
-                f"mesh.with_boundaries({{'grip': predicate}}), then prescribed={{'grip': {letters!r}}}."
+                f"{what}: got {letters!r}, components without a value, which a Simulation moves by name; expected a named "
+                f"location: mesh.with_boundaries({{'grip': predicate}}), then prescribed={{'grip': {letters!r}}}."
             )
         return _dofs(np.sort(vertices_at(self._mesh, where, what)), components, self._mesh.d).reshape(-1, len(components))
 

@@ -72,3 +72,11 @@ def test_finer_tables_have_smaller_errors_and_lose_less_work(capsys, monkeypatch
     coarse, fine = (line.split() for line in capsys.readouterr().out.splitlines()[1:3])
     assert coarse[:4] == ["192", "3", "x", "3"] and fine[:4] == ["192", "5", "x", "5"]
     assert float(fine[6]) < 0.05 * float(coarse[6]) and float(fine[7]) < 0.1 * float(coarse[7]) and float(fine[8]) < 1e-3
+
+
+def test_steps_in_a_loop_are_timed(capsys):
+    from validation import loop
+
+    assert loop.main(quick=True) == 0
+    text = capsys.readouterr().out
+    assert text.count("a reaction") == 3 and text.count("99.9 %") == 2 and "(target 9)" in text

@@ -52,7 +52,7 @@ class ExplicitStepper(Stepper):
         self._energy = 0.0
 
     def start(self, state: MotionState) -> None:
-        """Evaluate the internal force at the first state, and copy the inverse masses and those of constrained degrees of freedom."""
+        """Evaluate the internal force at the first state, and copy the inverse masses, and the masses of the supports."""
         motion = self.motion
         self.inverse[:] = motion.mass.solve(np.ones(len(self.inverse)))
         self.masses = motion.mass.vertex[motion.free.fixed // motion.system.mesh.d]
