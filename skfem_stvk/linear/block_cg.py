@@ -29,8 +29,8 @@ class BlockJacobiCg:
     For a body with one term, the whole loop is compiled and runs on one thread. This is faster than Python with products on any
     number of threads.
 
-    For a body in space with one term that is divided into parts, the rigid motions of the parts are a coarse space: with four parts
-    it saves more than half of the iterations of a static solve.
+    On several ranks, the rigid motions of the parts are a coarse space, if the body is in space and has one term. Four parts then
+    take less than half of the iterations of a static solve.
 
     Attributes
     ----------

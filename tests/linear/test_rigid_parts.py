@@ -64,7 +64,7 @@ def test_four_parts_take_less_than_half_of_the_iterations(separate_threads):
 @pytest.mark.parametrize("held", [True, False], ids=["held", "free"])
 @pytest.mark.parametrize("how", ["strips", "random"])
 def test_forces_of_rigid_motions_of_parts_are_solved_exactly(held, how, separate_threads):
-    """K of a free body is singular: the solution is then a motion with the same forces. Random parts have no rigid motion inside."""
+    """K of a free body is singular: the solution is then a motion with the same forces."""
     amounts = np.random.default_rng(6).standard_normal((3, 6))
 
     def solve(system, dofs):
