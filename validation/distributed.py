@@ -13,6 +13,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from skfem_stvk.linear import Petsc
+
 #: Largest difference of fields, relative to the largest entry, and of displacements after solves to 1e-12.
 FIELDS, SOLVES = 1e-13, 1e-12
 CALLS = {"F": "F", "K v": "K v", "CG": "CG iteration", "sum at shared nodes": "sum at shared nodes", "x . y": "x . y"}
@@ -42,6 +44,12 @@ def main(quick: bool = False) -> int:
     wrong = _equal(console, 1_500 if quick else 10_000)
     _one_rank(console, 5_000 if quick else 40_000)
     _scaling(console, cores, 20_000 if quick else 1_000_000, 10_000 if quick else 200_000)
+    _iterations(console, "block-jacobi-cg", [(ranks, 5_000 if quick else 40_000) for ranks in (2, 4, 8)])
+    if Petsc().available:
+        sizes = (1_500, 5_000) if quick else (5_000, 20_000, 80_000, 320_000, 1_500_000)
+        _iterations(console, "petsc", [(ranks, size) for size in sizes for ranks in (1, 2)])
+    else:
+        console.print("\nIterations of PETSc's multigrid: left out, because petsc4py cannot be imported (docs/cluster.md)")
     return 1 if wrong else 0
 
 
@@ -93,3 +101,13 @@ def _scaling(console: Console, cores: int, strong: int, weak: int) -> None:
             )
     console.print("\nWhat rank 0 sends in each of them")
     console.print(traffic)
+
+
+def _iterations(console: Console, solver: str, runs: list[tuple[int, int]]) -> None:
+    """Print the iterations of a solve on ranks with bodies of several sizes."""
+    table = Table("ranks", "tetrahedra", "unknowns", "iterations", box=None)
+    for ranks, tetrahedra in runs:
+        found = launch(ranks, solver, tetrahedra)
+        table.add_row(str(ranks), *(str(found[name]) for name in ("tetrahedra", "unknowns", "iterations")))
+    console.print(f"\nOne solve to 1e-8 with K at rest and a random force, by {solver}")
+    console.print(table)

@@ -16,8 +16,10 @@ from mpi4py import MPI
 from skfem_stvk import ElementMesh, Gravity, LinearBackwardEuler, StVK, System, Traction, VelocityVerlet, simulate, solve_static
 from skfem_stvk.arguments import Array
 from skfem_stvk.distributed import MeshPart, distribute
+from skfem_stvk.edges import ALL
 from skfem_stvk.errors import StvkWarning
-from skfem_stvk.linear import BlockJacobiCg, Kind, Unknowns
+from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Unknowns, choose
+from skfem_stvk.system.free_tangent import FreeTangent
 from skfem_stvk.system.operator import FreeOperator
 
 CG = "block-jacobi-cg"
@@ -108,6 +110,17 @@ def costs(part: MeshPart, seconds: float = 2.0) -> dict[str, Any]:
     return found
 
 
+def solved(part: MeshPart, solver: str) -> dict[str, int]:
+    """Return the numbers of unknowns and of iterations of a solve to 1e-8, with K at rest and a random force."""
+    system = body(part)
+    tangent = FreeTangent(system, choose(solver, system.ndofs, Kind.SYMMETRIC, divided=part.space.divided), Kind.SYMMETRIC)
+    K = tangent.at(np.zeros(system.ndofs), 1.0, ALL, False)
+    solution = tangent.factorise(K).solve(tangent.space.random(2), 1e-8)
+    if solution.outcome is not Outcome.SOLVED:
+        raise SystemExit(f"{solver}: {solution.outcome.value}")
+    return {"tetrahedra": part.element_count, "unknowns": tangent.space.count, "iterations": solution.iterations}
+
+
 def least(call: Callable[[], Any], comm: MPI.Comm, seconds: float) -> float:
     """Return the least time of a call [s], in calls that all ranks begin together."""
     best, end, going = np.inf, time.perf_counter() + seconds, True
@@ -148,8 +161,10 @@ def main(what: str, tetrahedra: int) -> None:
         found |= equal(part, tetrahedra)
     elif what == "costs":
         found |= costs(part)
-    else:
+    elif what == "against-serial":
         found |= against_serial(part)
+    else:
+        found |= solved(part, what)
     if comm.rank == 0:
         print(json.dumps(found))
 

@@ -10,6 +10,7 @@ _MODULES = {
     "Ranks": ".ranks",
     "distribute": ".mesh",
     "gathered": ".mesh",
+    "verify_on_ranks": ".verification",
     "write_partition": ".files",
 }
 __all__ = sorted(_MODULES)

@@ -328,6 +328,16 @@ def test_another_mpi_library_than_that_of_mpi4py_is_refused(monkeypatch):
 
 
 @needs_petsc
+def test_the_documented_program_with_snes_finds_the_state_of_the_static_solve():
+    page = (Path(__file__).parents[2] / "docs" / "cluster.md").read_text()
+    names = {}
+    exec(page.split("```python\n# snes.py\n")[1].split("```")[0], names)
+    expected = solve_static(names["system"], solver="superlu", rtol=1e-12, quiet=True).u
+    assert names["snes"].reason > 0 and names["snes"].its > 3 and np.abs(expected).max() > 0.1
+    assert np.abs(names["u"] - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+@needs_petsc
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_displacements_on_ranks_are_those_on_one_machine(ranks, on_ranks, tmp_path):
     """An infinite difference stands for other bits at shared nodes."""
