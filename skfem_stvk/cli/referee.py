@@ -204,6 +204,7 @@ def export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk export`."""
     _add_body(parser, "the five published sets are written")
     parser.add_argument("--quadrature", help="exact; by default the usual rule")
+    parser.add_argument("--text", action="store_true", help="write vectors.txt as well, three times as large as vectors.npz")
     parser.add_argument("--out", metavar="FOLDER", required=True, help="write the vectors there")
 
 
@@ -216,15 +217,15 @@ def export(options: argparse.Namespace) -> int:
             raise StvkError(
                 f"{', '.join(given)} without a mesh: the published sets have their own. Add a mesh file, or leave them out."
             )
-        folders = [published_vectors(name).save(Path(options.out) / name) for name in PUBLISHED]
+        folders = [published_vectors(name).save(Path(options.out) / name, options.text) for name in PUBLISHED]
     else:
         mesh, terms = _body(options)
         mesh = mesh if options.degree is None else mesh.with_degree(options.degree)
         title = "".join(c for c in Path(options.mesh).stem if c.isprintable())[:100]
         made = export_vectors(mesh, terms, quadrature=options.quadrature, title=title, seed=options.seed)
-        folders = [made.save(options.out)]
+        folders = [made.save(options.out, options.text)]
     for folder in folders:
-        print_line(f"vectors.npz, vectors.txt and README.txt are in {folder}")
+        print_line(f"vectors.npz{', vectors.txt' * options.text} and README.txt are in {folder}")
     return DONE
 
 
