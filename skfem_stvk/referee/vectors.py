@@ -28,6 +28,7 @@ from ..errors import MaterialError, StvkError, name_ids
 from ..materials import Isotropic, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
+from ..results.array_files import TYPES, read, type_of, write_npz, write_text
 from ..results.files import ForeignFile
 from ..terminal import CountedProgress
 from ..terms import StVK
@@ -38,7 +39,6 @@ from .exact import CONTEXT, ExactStVK, of_blocks
 from .implementations import METHODS
 from .report import folder_for, write
 from .shape import Shape
-from .vector_files import TYPES, read, type_of, write_npz, write_text
 from .verification import claimed_terms
 
 

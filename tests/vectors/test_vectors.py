@@ -28,8 +28,8 @@ from skfem_stvk.cli.main import main
 from skfem_stvk.referee import vectors as module
 from skfem_stvk.referee.exact import ExactStVK
 from skfem_stvk.referee.read_back import folders_of_results
-from skfem_stvk.referee.vector_files import write_npz, write_text
 from skfem_stvk.referee.vectors import LAYOUT, PUBLISHED, RESULTS, Vectors, read_vectors
+from skfem_stvk.results.array_files import write_npz, write_text
 from validation.vectors import FOLDER, made
 
 DOCS = Path(__file__).parents[2] / "docs"
