@@ -1,8 +1,9 @@
 """Named arrays in plain text files, which any language reads in a few lines, and in NPZ files. All content is validated.
 
-The first line of a text file gives its kind and version, by default `skfem-stvk vectors 1`. Each array begins with a line `NAME TYPE RANK N1 ... NRANK`, where TYPE is
-real, int or text. Its N1 x ... x NRANK values follow in C order (the last index runs fastest), separated by white space. An array
-of text has one line for each of its N1 entries. Numbers are written with as many digits as a double needs.
+The first line of a text file gives its kind and version, by default `skfem-stvk vectors 1`. Each array begins with a line `NAME
+TYPE RANK N1 ... NRANK`, where TYPE is real, int or text. Its N1 x ... x NRANK values follow in C order (the last index runs
+fastest), separated by white space. An array of text has one line for each of its N1 entries. Numbers are written with as many
+digits as a double needs.
 """
 
 from __future__ import annotations
