@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 from typing import Any, TypeVar
 
 from rich import box
@@ -96,15 +97,23 @@ class Progress:
 
 
 class CountedProgress(Progress):
-    """Progress bar that counts `total` work items."""
+    """Progress bar that counts `total` work items. With `lines`, lines replace it if there is no terminal, every few seconds."""
 
-    def __init__(self, command: str, total: int, quiet: bool) -> None:
+    def __init__(self, command: str, total: int, quiet: bool, lines: bool = False) -> None:
         super().__init__(command, quiet, (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()))
         self.show(total=total)
+        self._command, self._total, self._begun, self._lines = command, total, 0, lines and self._bar is None
+        self._start = time.perf_counter()
+        self._next = self._start + LINE_INTERVAL
 
     def step(self, description: str) -> None:
         """Show that the next work item begins."""
         self.show(advance=1, description=description)
+        self._begun += 1
+        now = time.perf_counter()
+        if self._lines and now >= self._next:
+            self._next = now + LINE_INTERVAL
+            self.print(f"{self._command}: {self._begun} of {self._total}, {description}, {duration(now - self._start)}")
 
 
 def duration(seconds: float) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.elements import ELEMENTS
-from skfem_stvk.referee.vector_files import write_npz
 from skfem_stvk.referee.vectors import PUBLISHED, Vectors, export_vectors
+from skfem_stvk.results.array_files import write_npz
 
 FOLDER = Path(__file__).parent.parent / "skfem_stvk" / "referee" / "data"
 

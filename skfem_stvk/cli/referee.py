@@ -17,7 +17,8 @@ from ..arguments import path
 from ..errors import StvkError
 from ..mesh import ElementMesh, embedded_mesh, read_mesh
 from ..peers import PEERS
-from ..referee.against import peer_candidate
+from ..peers.library import ROLES
+from ..referee.against import library_candidate, peer_candidate
 from ..referee.implementations import users_function
 from ..referee.law import verify_law
 from ..referee.law_readings import MEASURES, ORDERS, TANGENTS
@@ -32,6 +33,17 @@ from ..terms import StVK
 
 #: Materials of the embedded mesh: a bracket of aluminium with a bushing of rubber; Poisson's ratios give lambda != mu.
 EMBEDDED = [StVK(young=70e9, poisson=0.33, region="bracket"), StVK(young=5e6, poisson=0.45, region="bushing")]
+
+#: Functions of a library in words.
+HELP = {
+    "energy": "strain energy W",
+    "force": "internal force F",
+    "tangent": "tangent K, as triplets",
+    "product": "product of K with a vector, in place of --tangent",
+}
+
+#: Options of a candidate.
+CANDIDATES = ("against", "python", "library", "body", *ROLES)
 
 
 def _add_body(parser: argparse.ArgumentParser, without: str) -> None:
@@ -61,6 +73,12 @@ def verify_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--python", metavar="PATH", help="Python of another environment, which has the peer of --against")
     parser.add_argument(
+        "--library", metavar="FILE", help="check a shared library in C or C++ as well, by the names of its functions:"
+    )
+    parser.add_argument("--body", metavar="NAME", help="its function that takes the mesh; left out if the library knows the mesh")
+    for role in ROLES:
+        parser.add_argument(f"--{role}", metavar="NAME", help=f"its function of the {HELP[role]}")
+    parser.add_argument(
         "--results", metavar="FOLDER", help="check results that another program computed from test vectors (export)"
     )
     parser.add_argument("--vectors", metavar="FOLDER", help="the vectors of --results, if they are in another folder")
@@ -82,15 +100,24 @@ def check(options: argparse.Namespace) -> int:
         raise StvkError("--python needs --against; add --against NAME, one of " + ", ".join(PEERS) + ".")
     if options.against is not None and options.degree is not None:
         mesh, options_of_elements["degree"] = mesh.with_degree(options.degree), None
-    with _candidate_of_option(options, mesh) as (candidate, line):
+    with _candidate_of_option(options, mesh, terms) as (candidate, line):
         report = verify(mesh, terms, **options_of_elements, candidate=candidate, seed=options.seed)
     report.header["candidate"] = [line] if line else []
     report.header["mesh"]["source"] = "embedded bracket" if options.mesh is None else options.mesh
     return _print_report(report, options.out)
 
 
-def _candidate_of_option(options: argparse.Namespace, mesh: ElementMesh) -> AbstractContextManager[tuple[Any, str]]:
-    """Return the peer that `--against` names, and a line on it; None without this option."""
+def _candidate_of_option(
+    options: argparse.Namespace, mesh: ElementMesh, terms: list[StVK]
+) -> AbstractContextManager[tuple[Any, str]]:
+    """Return the peer of `--against` or the functions of `--library`, and a line on it; None without these options."""
+    functions = {role: getattr(options, role) for role in ("body", *ROLES) if getattr(options, role) is not None}
+    if options.library is not None:
+        if options.against is not None:
+            raise StvkError("--library with --against; expected one candidate. Check the other in a second run.")
+        return library_candidate(options.library, functions, mesh, terms)
+    if functions:
+        raise StvkError(f"--{', --'.join(functions)} without --library; add --library FILE, the library of these functions.")
     if options.against is None:
         return nullcontext((None, ""))
     if options.young is None or options.poisson is None:
@@ -102,7 +129,7 @@ def _candidate_of_option(options: argparse.Namespace, mesh: ElementMesh) -> Abst
 
 def _check_the_referee(options: argparse.Namespace) -> int:
     """Run the referee's own test."""
-    _refuse_a_body(options, "--self-test: it uses small bodies of its own", "results", "vectors", "against", "python")
+    _refuse_a_body(options, "--self-test: it uses small bodies of its own", "results", "vectors", *CANDIDATES)
     found = self_test(seed=options.seed)
     print_and_save(found.rendered, WIDTH, found.save, options.out, "self-test.json and self-test.html")
     return DONE if found.passed else NOT_PASSED
@@ -119,7 +146,7 @@ def _refuse_a_body(options: argparse.Namespace, option: str, *others: str) -> No
 
 def _check_results(options: argparse.Namespace) -> int:
     """Judge results of test vectors, in a folder or in each of its folders."""
-    _refuse_a_body(options, "--results: the vectors have a mesh and a material", "against", "python")
+    _refuse_a_body(options, "--results: the vectors have a mesh and a material", *CANDIDATES)
     folders, passed = folders_of_results(options.results), True
     for folder in folders:
         vectors = None
@@ -177,6 +204,7 @@ def export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk export`."""
     _add_body(parser, "the five published sets are written")
     parser.add_argument("--quadrature", help="exact; by default the usual rule")
+    parser.add_argument("--text", action="store_true", help="write vectors.txt as well, three times as large as vectors.npz")
     parser.add_argument("--out", metavar="FOLDER", required=True, help="write the vectors there")
 
 
@@ -189,15 +217,15 @@ def export(options: argparse.Namespace) -> int:
             raise StvkError(
                 f"{', '.join(given)} without a mesh: the published sets have their own. Add a mesh file, or leave them out."
             )
-        folders = [published_vectors(name).save(Path(options.out) / name) for name in PUBLISHED]
+        folders = [published_vectors(name).save(Path(options.out) / name, options.text) for name in PUBLISHED]
     else:
         mesh, terms = _body(options)
         mesh = mesh if options.degree is None else mesh.with_degree(options.degree)
         title = "".join(c for c in Path(options.mesh).stem if c.isprintable())[:100]
         made = export_vectors(mesh, terms, quadrature=options.quadrature, title=title, seed=options.seed)
-        folders = [made.save(options.out)]
+        folders = [made.save(options.out, options.text)]
     for folder in folders:
-        print_line(f"vectors.npz, vectors.txt and README.txt are in {folder}")
+        print_line(f"vectors.npz{', vectors.txt' * options.text} and README.txt are in {folder}")
     return DONE
 
 

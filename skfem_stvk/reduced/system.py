@@ -15,6 +15,7 @@ from ..arguments import path as path_of
 from ..dynamics.at_rest import AtRest
 from ..errors import StvkError
 from ..mesh.displacements import finite_vector
+from ..results.array_files import write_text
 from ..system import System
 from ..system.protocol import checked_whole
 from ..system.signature import Fingerprint, sums
@@ -24,6 +25,7 @@ from ..terms.load import Time
 from .basis import SIZE, Lifts, candidates_of, checked_snapshots, masses_of, orthonormality_error, principal_basis
 from .coordinates import PrecomputedCoordinates
 from .quartic import ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
+from .step_data import FIRST_LINE, step_data
 
 #: Default limit of the bytes that a reduced body needs while it is made.
 MOST_MEMORY = 1e9
@@ -161,22 +163,26 @@ class ReducedSystem:
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
 
     def save(self, path: str | Path) -> Path:
-        """Write the fields and the coefficients to a file.
+        """Write the fields and the coefficients to a file, or all data of a time step as text for other programs.
 
-        `load` restores the reduced body from it within a second.
+        `load` restores the reduced body from an .npz file within a second. `docs/reduced.c` reads the text.
 
         Parameters
         ----------
         path
-            Path of the file (.npz).
+            Path of the file (.npz or .txt).
 
         Raises
         ------
         StvkError
-            if the path is not writable.
+            if the path is not writable; for text, if a term or a load needs the mesh in each step.
         """
         from .stores import ReducedFile  # pydantic is imported only where there are files
 
+        file = path_of("path", path, "the path of an .npz or .txt file")
+        if file.suffix == ".txt":
+            write_text(file, step_data(self.in_coordinates), FIRST_LINE)
+            return file
         file = npz("path", path)
         if self.sampling:
             raise StvkError("Sampled elements are not stored in files; expected a body without them. Leave sampled out.")

@@ -1,18 +1,22 @@
-"""Another code as the candidate of a verification: a peer in this or another environment, or a user's function."""
+"""Another code as the candidate of a verification: a peer in this or another environment, a user's function, or a library in C."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from ..arguments import Array
 from ..errors import StvkError, name_known
+from ..materials import Isotropic
 from ..mesh import ElementMesh
 from ..mesh.diagnostics import check_mesh
 from ..peers import PEERS, load
 from ..peers.elsewhere import Elsewhere
+from ..peers.library import SharedLibrary
 from ..terms import StVK
 from .implementations import make_candidate, users_function
 
@@ -84,6 +88,38 @@ def peer_candidate(
         _adapted(mesh, model, of),
         f"{f'{function} in ' if function else ''}{model.name} {model.version}, {package.gives}; {known}",
     )
+
+
+@contextmanager
+def library_candidate(file: str, functions: dict[str, str], mesh: ElementMesh, terms: Sequence[StVK]) -> Iterator[tuple[Any, str]]:
+    """Yield the functions of a shared library as a candidate, with a line that describes them.
+
+    The candidate is a function of a mesh if the library has a function of the body, and else the model of the whole body.
+
+    Parameters
+    ----------
+    file, functions
+        Path of the library, and names of its functions by role, as in `SharedLibrary`.
+    mesh, terms
+        Mesh of the body, and its isotropic materials.
+
+    Raises
+    ------
+    StvkError
+        if the library cannot be loaded or lacks a function. The candidate raises it if the function of the body fails.
+    """
+    with SharedLibrary(file, functions) as library:
+
+        def of(body: ElementMesh) -> Any:
+            young, poisson = np.zeros((2, body.nt))
+            for term in terms:
+                ids, material = body.elements(term.region), term.material
+                assert isinstance(material, Isotropic)
+                young[ids], poisson[ids] = material.young, material.poisson
+            return library.candidate(body, young, poisson)
+
+        names = ", ".join(functions.values())
+        yield of if "body" in functions else of(mesh), f"{names} of {file}, in a process of its own with one thread"
 
 
 def _users(name: str, mesh: ElementMesh, young: float, poisson: float, python: str | None) -> tuple[Any, str]:

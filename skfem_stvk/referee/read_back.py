@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..arguments import Array, path
 from ..errors import StvkError, name_known
+from ..results.array_files import read, type_of
 from ..results.files import ForeignFile
 from .bodies import elasticity, homogeneous_copy
 from .case import CANDIDATE, REFERENCE, Case
@@ -20,7 +21,6 @@ from .implementations import Implementation
 from .report import Report, header
 from .results import Task
 from .shape import Shape
-from .vector_files import read, type_of
 from .vectors import LAYOUT, NAME, PUBLISHED, RESULTS, Vectors, published_vectors, read_vectors, sizes_of
 from .verification import name_what_failed
 

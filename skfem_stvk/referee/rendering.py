@@ -110,7 +110,10 @@ def _number(value: float | None) -> str:
 
 
 def _failures(report: Findings) -> list[RenderableType]:
-    """Return lines on the worst failure of each group, and on checks that did not run or do not apply, one line per reason."""
+    """Return lines on the worst failure of each group, and on checks that did not run or do not apply, one line per reason.
+
+    Checks that did not run are listed with their states.
+    """
     parts: list[RenderableType] = []
     for results in report.groups().values():
         failed = [r for r in results if r.outcome is CheckOutcome.FAILED]
@@ -119,13 +122,22 @@ def _failures(report: Findings) -> list[RenderableType]:
                 f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(failure_in_words(max(failed, key=error_over_limit)))}"
             )
     for outcome in (CheckOutcome.COULD_NOT_RUN, CheckOutcome.NOT_APPLICABLE):
-        reasons: dict[str, dict[str, None]] = {}
+        reasons: dict[str, dict[str, dict[str, None]]] = {}
         for result in report.results:
             if result.outcome is outcome:
-                reasons.setdefault(result.reason, {})[f"{result.check} ({result.quantity}) of {result.subject}"] = None
+                name = f"{result.check} ({result.quantity}) of {result.subject}"
+                reasons.setdefault(result.reason, {}).setdefault(name, {})[result.state] = None
         for reason, names in reasons.items():
-            parts.append(f"[{STYLE[outcome]}]{outcome.value}[/] {printable(', '.join(names))}: {printable(reason)}")
+            states_of = _states if outcome is CheckOutcome.COULD_NOT_RUN else lambda states: ""
+            words = ", ".join(name + states_of(list(states)) for name, states in names.items())
+            parts.append(f"[{STYLE[outcome]}]{outcome.value}[/] {printable(words)}: {printable(reason)}")
     return [*parts, ""] if parts else []
+
+
+def _states(states: list[str]) -> str:
+    """Return the states in words, the first three of many."""
+    more = f" and {len(states) - 3} more states" if len(states) > 4 else ""
+    return f" in {', '.join(states[:3] if more else states)}{more}"
 
 
 def failure_in_words(result: Result) -> str:

@@ -274,15 +274,15 @@ class FElupe:
 @pytest.fixture
 def toy(tmp_path, monkeypatch):
     """Create a package with another FElupe for the other process, and return a function that starts it."""
-    import skfem_stvk.peers.elsewhere as module
+    import skfem_stvk.peers.process as module
 
     there = Path(module.__file__).parent.parent
     parts = ("__init__.py", "__init__.pyi", "arguments.py", "errors.py", "npz.py")
-    for part in (*parts, "peers/__init__.py", "peers/peer.py", "peers/elsewhere.py"):
+    for part in (*parts, "peers/__init__.py", "peers/peer.py", "peers/process.py", "peers/elsewhere.py"):
         (tmp_path / "peers").mkdir(exist_ok=True)
         (tmp_path / part).write_text((there / part).read_text())
     (tmp_path / "peers" / "felupe.py").write_text(TOY)
-    monkeypatch.setattr(module, "__file__", str(tmp_path / "peers" / "elsewhere.py"))
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "peers" / "process.py"))
     return lambda: Elsewhere(sys.executable, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
 
 
@@ -315,9 +315,9 @@ def test_a_process_that_does_not_answer_is_ended(toy, monkeypatch):
 DYING = """
 import signal
 from skfem_stvk import StvkError
-from skfem_stvk.peers import elsewhere
+from skfem_stvk.peers import elsewhere, process
 signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-elsewhere.START = "import os; os._exit(7)"
+process.START = "import os; os._exit(7)"
 try:
     elsewhere.Elsewhere(sys.executable, "FElupe", np.zeros((3, 100_000)), np.zeros((4, 1), np.int32), 1.0, 0.3)
 except StvkError as error:
@@ -342,14 +342,14 @@ def test_a_process_that_dies_does_not_end_the_report(toy):
 
 def test_the_other_environment_needs_only_the_peers_of_this_package():
     """A process without scikit-fem, numba, meshio, rich and pydantic can list the peers and load one."""
-    from skfem_stvk.peers.elsewhere import START
+    from skfem_stvk.peers.process import START
 
     hidden = "import sys\nfor name in ('skfem', 'numba', 'meshio', 'rich', 'pydantic'): sys.modules[name] = None\n"
     folder = str(Path(sys.modules["skfem_stvk"].__file__).parent)
     code = hidden + START.replace(
-        "serve()", "from skfem_stvk.peers import available, load; print(list(available())); load('MuJoCo')"
+        ".serve()", "; from skfem_stvk.peers import available, load; print(list(available())); load('MuJoCo')"
     )
-    done = subprocess.run([sys.executable, "-I", "-c", code, folder], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-I", "-c", code, folder, "elsewhere"], capture_output=True, text=True)
     assert done.returncode == 0 and eval(done.stdout) == list(PEERS), done.stderr
 
 

@@ -1,5 +1,6 @@
 """Test vectors are correctly rounded and complete, and `verify_results` judges results computed from them."""
 
+import re
 import shutil
 import subprocess
 import zipfile
@@ -25,9 +26,10 @@ from skfem_stvk import (
 )
 from skfem_stvk.cli.main import main
 from skfem_stvk.referee import vectors as module
+from skfem_stvk.referee.exact import ExactStVK
 from skfem_stvk.referee.read_back import folders_of_results
-from skfem_stvk.referee.vector_files import write_npz, write_text
 from skfem_stvk.referee.vectors import LAYOUT, PUBLISHED, RESULTS, Vectors, read_vectors
+from skfem_stvk.results.array_files import write_npz, write_text
 from validation.vectors import FOLDER, made
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -163,7 +165,7 @@ def program(tmp_path_factory):
 
 def test_the_c_program_passes_and_a_missing_pair_fails(program, tmp_path, capsys):
     """W, F and K that the C program computes from L pass; a pair coefficient of zero fails."""
-    assert main(["export", "--out", str(tmp_path)]) == 0
+    assert main(["export", "--text", "--out", str(tmp_path)]) == 0
     for name in SIMPLICES:
         subprocess.run([program, tmp_path / name / "vectors.txt", tmp_path / name / "results.txt"], check=True)
     assert main(["verify", "--results", str(tmp_path), "--out", str(tmp_path / "reports")]) == 0
@@ -179,13 +181,13 @@ def test_the_c_program_passes_and_a_missing_pair_fails(program, tmp_path, capsys
 
 
 def test_the_c_program_refuses_vectors_of_other_elements(program, published, tmp_path):
-    published["hexahedra"].save(tmp_path)
+    published["hexahedra"].save(tmp_path, text=True)
     done = subprocess.run([program, tmp_path / "vectors.txt", tmp_path / "results.txt"], capture_output=True, text=True)
     assert done.returncode == 1 and "there is no edges" in done.stderr
 
 
 def test_the_c_program_reports_unreadable_files(program, published, tmp_path):
-    published["block"].save(tmp_path)
+    published["block"].save(tmp_path, text=True)
     whole = tmp_path / "vectors.txt"
     (tmp_path / "cut.txt").write_text(whole.read_text()[:3000])
     for given, words in (("cut.txt", "is not whole"), ("none.txt", "usage"), ("vectors.txt", "usage")):
@@ -200,7 +202,7 @@ def test_a_part_is_exported_and_judged_by_commands(tmp_path, capsys):
     mesh = box(1)
     meshio.Mesh(mesh.p.T, [("tetra", mesh.t.T)]).write(tmp_path / "part.vtu")
     arguments = [str(tmp_path / "part.vtu"), "--young", "1e5", "--poisson", "0.3", "--out", str(tmp_path / "v")]
-    assert main(["export", *arguments]) == 0
+    assert main(["export", "--text", *arguments]) == 0
     vectors, body = read_vectors(tmp_path / "v"), System(mesh, StVK(young=1e5, poisson=0.3))
     assert vectors.title == "part" and vectors.arrays["digest"] == read_vectors(tmp_path / "v" / "vectors.txt").arrays["digest"]
     readme = (tmp_path / "v" / "README.txt").read_text()
@@ -211,10 +213,37 @@ def test_a_part_is_exported_and_judged_by_commands(tmp_path, capsys):
     assert main(["verify", "--results", str(tmp_path / "theirs"), "--vectors", str(tmp_path / "v")]) == 0
     assert main(["verify", "--results", str(tmp_path / "theirs")]) == 2
     assert main(["export", *arguments, "--degree", "2", "--quadrature", "exact"]) == 0
+    assert not (tmp_path / "v" / "vectors.txt").exists()  # the text of the other vectors is removed
     assert read_vectors(tmp_path / "v").arrays["points"].shape == (14, 3)
     assert main(["export", "--young", "1", "--out", str(tmp_path / "v")]) == 2
     assert main(["verify", "--results", str(tmp_path / "theirs"), "--young", "1"]) == 2
     assert main(["verify", "--vectors", str(tmp_path / "v")]) == 2
+
+
+@pytest.mark.parametrize("mesh", [box(3), sheet(6), box(2).with_degree(2)], ids=lambda mesh: mesh.kind)
+def test_the_sizes_of_the_files_are_said_before_anything_is_computed(mesh, tmp_path, capsys, monkeypatch):
+    """The line is there when the first value is computed. The files are as large as it says, within 40 %."""
+    said = []
+
+    def first(*given):
+        said.append(capsys.readouterr().out)
+        return ExactStVK.energy_and_force(*given)
+
+    monkeypatch.setattr(module, "ExactStVK", type("Watched", (ExactStVK,), {"energy_and_force": first}))
+    folder = export_vectors(mesh, young=1e5, poisson=0.3).save(tmp_path, text=True)
+    npz, text = map(float, re.findall(r"([\d.e+-]+) MB", said[0]))
+    for size, name in ((npz, "vectors.npz"), (text, "vectors.txt")):
+        assert 0.6 < (folder / name).stat().st_size / 1e6 / size < 1.4
+
+
+def test_export_shows_progress_without_a_terminal(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("skfem_stvk.terminal.LINE_INTERVAL", 0.0)
+    export_vectors(sheet(1), young=1e5, poisson=0.3)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 10 and re.fullmatch(r"export: 1 of 9, coefficients, [\d.e-]+ s", lines[1])
+    assert re.fullmatch(r"export: 9 of 9, reflected random, [\d.e-]+ s", lines[9])
+    export_vectors(sheet(1), young=1e5, poisson=0.3, quiet=True)
+    assert capsys.readouterr().out == ""
 
 
 def right(vectors, *names):
@@ -397,7 +426,7 @@ def test_a_damaged_npz_is_refused(published, tmp_path):
 
 
 def test_changed_and_missing_vectors_are_refused(published, tmp_path):
-    published["block"].save(tmp_path)
+    published["block"].save(tmp_path, text=True)
     write_text(tmp_path / "results.txt", right(published["block"], "W"))
     (tmp_path / "vectors.npz").unlink()
     assert verify_results(tmp_path).passed
@@ -445,7 +474,7 @@ def test_the_page_contains_the_whole_layout():
 
 def test_vectors_are_read_as_they_were_written(tmp_path):
     vectors = export_vectors(sheet(1), young=2.0, poisson=0.3, quiet=True)
-    vectors.save(tmp_path)
+    vectors.save(tmp_path, text=True)
     for file in ("vectors.npz", "vectors.txt"):
         again = read_vectors(tmp_path / file)
         assert isinstance(again, Vectors) and list(again.arrays) == list(vectors.arrays)

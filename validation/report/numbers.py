@@ -180,7 +180,7 @@ def round_trip(quick: bool) -> Iterator[Number]:
         source = Path(__file__).parents[2] / "docs" / "vectors.c"
         subprocess.run(["cc", "-O2", "-o", program, source], check=True, capture_output=True)
         for name in ("tetrahedron", "block", "membrane"):
-            folder = published_vectors(name).save(Path(temporary) / name)
+            folder = published_vectors(name).save(Path(temporary) / name, text=True)
             subprocess.run([program, folder / "vectors.txt", folder / "results.txt"], check=True)
             yield _of_checks(f"the C program, {name}", verify_results(folder), "docs/test-vectors.md", "another code")
 

@@ -1,8 +1,9 @@
 """Named arrays in plain text files, which any language reads in a few lines, and in NPZ files. All content is validated.
 
-The first line of a text file is `skfem-stvk vectors 1`. Each array begins with a line `NAME TYPE RANK N1 ... NRANK`, where TYPE is
-real, int or text. Its N1 x ... x NRANK values follow in C order (the last index runs fastest), separated by white space. An array
-of text has one line for each of its N1 entries. Numbers are written with as many digits as a double needs.
+The first line of a text file gives its kind and version, by default `skfem-stvk vectors 1`. Each array begins with a line `NAME
+TYPE RANK N1 ... NRANK`, where TYPE is real, int or text. Its N1 x ... x NRANK values follow in C order (the last index runs
+fastest), separated by white space. An array of text has one line for each of its N1 entries. Numbers are written with as many
+digits as a double needs.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import name_known
 from ..npz import NotArrays, arrays_of
-from ..results.files import ForeignFile, content_of, replacing
+from .files import ForeignFile, content_of, replacing
 
 FIRST_LINE = "skfem-stvk vectors 1"
 TYPES = {"real": np.dtype(np.float64), "int": np.dtype(np.int64), "text": np.dtype(str)}
@@ -32,10 +33,10 @@ def type_of(array: NDArray[np.generic]) -> str:
     return {"f": "real", "i": "int", "U": "text"}[array.dtype.kind]
 
 
-def write_text(path: Path, arrays: Mapping[str, Array]) -> None:
+def write_text(path: Path, arrays: Mapping[str, Array], first_line: str = FIRST_LINE) -> None:
     """Write the arrays to a plain text file."""
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.write(FIRST_LINE + "\n")
+        file.write(first_line + "\n")
         for name, array in arrays.items():
             file.write(" ".join([name, type_of(array), str(array.ndim), *map(str, array.shape)]) + "\n")
             rows = array.reshape(-1, 1) if array.ndim < 2 else array.reshape(-1, array.shape[-1])
