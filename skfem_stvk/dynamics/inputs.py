@@ -28,11 +28,11 @@ class Input:
 
     def write(self, name: str, value: Any, to: Array) -> None:
         """Write a user-supplied value to its part of the vector `to`; refuse another shape, and numbers that are not finite."""
-        values, n, k = real_array(value), self.nodes, self.components
-        if values is None or values.shape not in ((k,), (n, k)) or not isfinite(float(values.sum())):
-            each = f", or ({n}, {k}), one row for each node, ascending" if n > 1 else ""
-            array(name, value, (None,) * np.ndim(values if values is not None else 0), f"({k},) {self.words}{each}")
-            raise StvkError(f"{name} has shape {np.shape(value)}; expected ({k},) {self.words}{each}.")
+        n, k = self.nodes, self.components
+        values = value if type(value) is np.ndarray and value.dtype == np.float64 else real_array(value)
+        if values is None or values.shape not in ((k,), (n, k)) or not isfinite(values.sum()):
+            expected = f"({k},) {self.words}" + f", or ({n}, {k}), one row for each node, ascending" * (n > 1)
+            array(name, value, (k,) if values is None or values.ndim != 2 else (n, k), expected)
         to[self.part].reshape(n, k)[:] = values
 
 

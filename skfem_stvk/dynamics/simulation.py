@@ -428,7 +428,8 @@ class Simulation:
         StvkError
             if it is of another simulation.
         """
-        if not isinstance(saved, SavedState) or saved.system.mesh is not self.system.mesh:
+        same = isinstance(saved, SavedState) and saved.system.mesh is self.system.mesh
+        if not same or saved.inputs.shape != self._inputs.values.shape or len(saved.snapshot.state.u) != self._motion.states.n:
             raise StvkError(f"restore({shown(saved)}); expected a result of copy_state() of this simulation.")
         if saved.system is not self.system:
             self._motion.replace_system(saved.system)

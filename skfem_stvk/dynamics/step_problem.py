@@ -52,7 +52,7 @@ class StepProblem(Equation):
     ) -> None:
         super().__init__(motion.body, matrix.tangent, watch)
         self.motion, self.matrix, self._mean, self._secant = motion, matrix, mean, secant
-        self._u0, self.offset, self._force, self._internal, self.full = (np.zeros(motion.states.n) for _ in range(5))
+        self._u0, self.offset, self._force, self._inertia, self._internal, self.full = (np.zeros(motion.states.n) for _ in range(6))
         self.no_step_limit = self.no_step_limit or passes_inversion(self.system)
         self.ignores_inversion = (
             self.ignores_inversion or self.body is not self.system
@@ -152,8 +152,9 @@ class StepProblem(Equation):
         return named_elements(self.system.mesh, inside_out)
 
     def _linear(self, w: Array) -> Array:
-        """Return the forces of inertia and of linear damping for displacements `w`."""
-        force = self._inertia_factor * self.motion.mass.multiply(w)
+        """Return the forces of inertia and of linear damping for displacements `w`; the array is valid until the next call."""
+        force: Array = self.motion.mass.multiply(w, out=self._inertia)
+        force *= self._inertia_factor
         if self.motion.beta:
             force += self.motion.beta * self._g * (self.motion.at_rest @ w)
         return force

@@ -237,14 +237,14 @@ class DenseLinearStepper(LinearStepper):
             return
         matrix: Any = self.problem.matrix
         matrix.begin(state.u, 1 / h**2, 1 / h)
-        loads, w = motion.loads(state.u, t), self._w
-        momentum = motion.mass.multiply(state.v)
-        momentum /= h
-        constant = loads + momentum
-        b = (constant - self._F)[:n]
+        w, constant = self._w, motion.mass.multiply(state.v)
+        constant /= h
+        constant += motion.loads(state.u, t)
+        b = constant[:n] - self._F[:n]
         K = self._K + matrix.inertia
         if motion.moving:
-            np.subtract(motion.constrained_displacements(t), state.u[n:], out=w[n:])
+            w[n:] = motion.constrained_displacements(t)
+            w[n:] -= state.u[n:]
             b -= K[:n, n:] @ w[n:]
         with self.watch("solve"):
             w[:n] = self._solved(K[:n, :n], b)
