@@ -102,6 +102,7 @@ class StepProblem(Equation):
         """
         with self._watch("assemble"):
             fixed, linear = self.motion.free.fixed, self._linear(w)
+            self._add_edge_damping(w, u, linear)
             return linear[fixed] - self.offset[fixed] + self._internal[fixed] - self.motion.loads(u, t)[fixed]
 
     def residual(self, w: Array, t: Time) -> Residual:
@@ -168,19 +169,24 @@ class StepProblem(Equation):
 
     def _internal_force(self, w: Array) -> Array:
         """Return the elastic force plus the force of edge damping."""
-        u0, u1, force = self._u0, self._u0 + w, self._force
+        u1, force = self._u0 + w, self._force
         if self._mean:
             force[:] = 0
             self.matrix.add_mean_force(w, force)
             force *= 2
         else:
             self.motion.energy_and_force(u1, force)
-        if self.motion.tau:
-            damping = np.zeros_like(force)
-            if self._secant:
-                add_secant_damping(self.system, u0, u1, 0.5 if self._mean else 1.0, damping)
-                damping *= self._g
-            else:
-                add_damping_force(self.system, u1, self._g * w - self._d, damping)
-            force += self.motion.tau * damping
+        self._add_edge_damping(w, u1, force)
         return force
+
+    def _add_edge_damping(self, w: Array, u1: Array, force: Array) -> None:
+        """Add the force of edge damping over a step by `w` to `u1`."""
+        if not self.motion.tau:
+            return
+        damping = np.zeros_like(force)
+        if self._secant:
+            add_secant_damping(self.system, self._u0, u1, 0.5 if self._mean else 1.0, damping)
+            damping *= self._g
+        else:
+            add_damping_force(self.system, u1, self._g * w - self._d, damping)
+        force += self.motion.tau * damping
