@@ -16,7 +16,7 @@ from rich.console import Console
 from ..about import launched
 from ..errors import AnalysisError, StvkError, StvkWarning
 from ..terminal import BAD_INPUT, INTERRUPTED, console, printable
-from . import partition, ranks, referee, scenes, warm_up
+from . import budget, partition, ranks, referee, scenes, warm_up
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,6 +100,7 @@ COMMANDS = {
         "print the command of the benchmark, which needs a checkout of the project",
         referee.bench_arguments,
     ),
+    "budget": Command(budget.budget, "measure what fits in a time step: full and reduced bodies of a mesh", budget.add_arguments),
     "warm-up": Command(warm_up.warm_up, "compile kernels ahead, on all cores", warm_up.add_arguments),
     "info": Command(
         scenes.info, "inspect a scene or a mesh, and report its faults; without a file: versions", scenes.info_arguments
