@@ -54,7 +54,7 @@ class NotMeasured(StvkError):
 
 
 @dataclass(frozen=True)
-class Row:
+class BudgetRow:
     """Row of the table: the times (n,) of steps [s] and the error of the body, or the reason why there are none."""
 
     body: str
@@ -135,16 +135,16 @@ class Budget:
                 return
         raise StvkError(f"No push has an equilibrium: {found.message} Expected other names of --fixed and --pushed.")
 
-    def rows(self) -> Iterator[tuple[Row, Work]]:
+    def rows(self) -> Iterator[tuple[BudgetRow, Work]]:
         """Yield the rows without times, and the work that measures them."""
         for name, kind in INTEGRATORS.items():
             for solver in [""] if kind.explicit else _solvers()[0]:
                 integrator = kind(dt=self.step, **({"solver": solver} if solver else {}))
-                yield Row("full", name, solver), partial(self._full, integrator)
+                yield BudgetRow("full", name, solver), partial(self._full, integrator)
         for size in SIZES:
             for kind in ON_BASIS:
-                yield Row(f"{size} unknowns", kind.__name__), partial(self._on_basis, size, kind(dt=self.step))
-        yield Row("precomputed"), self._precomputed
+                yield BudgetRow(f"{size} unknowns", kind.__name__), partial(self._on_basis, size, kind(dt=self.step))
+        yield BudgetRow("precomputed"), self._precomputed
 
     def _full(self, integrator: Integrator) -> tuple[Array, None]:
         if integrator.explicit and self.step > self._critical:
@@ -206,7 +206,7 @@ def seconds(work: Callable[[int], object]) -> Array:
     return np.array(times)
 
 
-def measured(row: Row, work: Work) -> Row:
+def measured(row: BudgetRow, work: Work) -> BudgetRow:
     """Return the row with its times, or with the reason why there are none."""
     try:
         times, error = work()
@@ -253,7 +253,7 @@ def budget(options: argparse.Namespace) -> int:
     solvers, missing = _solvers()
     _print(f"{options.mesh}: {mesh!r}; fixed: {fixed}; pushed: {pushed}")
     _print(
-        f"To measure, for at most {SECONDS:g} s each: steps of {step:g} s of the full body with {len(INTEGRATORS)} integrators and "
+        f"To measure, for {SECONDS:g} s each: steps of {step:g} s of the full body with {len(INTEGRATORS)} integrators and "
         f"the solvers {', '.join(solvers)}; of bodies reduced to {', '.join(map(str, SIZES))} unknowns, and their errors under a "
         f"static push; answers of a precomputed response, from some {ALONG * ACROSS ** (mesh.d - 1) + CHECKS} static solves."
     )
@@ -265,14 +265,14 @@ def budget(options: argparse.Namespace) -> int:
     rows = list(made.rows())
     moved = np.linalg.norm(made.u.reshape(-1, mesh.d), axis=1).max()
     _print(
-        f"The push, {np.abs(made.push).max():.3g} N along {'xyz'[made.axis]}, moves nodes by up to {moved:.3g} m. In motion it varies "
-        "by half."
+        f"The push, {np.abs(made.push).max():.3g} N along {'xyz'[made.axis]}, moves nodes by up to {moved:.3g} m. In motion it "
+        "varies by half."
     )
     print_table(rows, step)
     return DONE
 
 
-def print_table(rows: list[tuple[Row, Work]], step: float) -> None:
+def print_table(rows: list[tuple[BudgetRow, Work]], step: float) -> None:
     """Print each row of the table as it is measured, then the explanations of rows without times."""
     explained: dict[str, None] = {}
     with CountedProgress("budget", len(rows), quiet=False) as progress:

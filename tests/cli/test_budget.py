@@ -73,7 +73,7 @@ def test_an_explicit_step_below_the_critical_one_is_measured():
     ("times", "words"), [([1, 2, 3], "yes"), ([1, 2, 5], "median only"), ([1, 5, 5], "no"), ([4, 4, 4], "yes")]
 )
 def test_a_row_fits_if_its_slowest_steps_do(times, words):
-    row = budget.Row("full", times=np.array(times, dtype=float))
+    row = budget.BudgetRow("full", times=np.array(times, dtype=float))
     assert row.fits(4.0) == words and words in row.line(4.0)
 
 
