@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -210,8 +211,7 @@ class DenseStepper(ImplicitStepper):
         problem, n = self.problem, len(self.motion.free.free)
         matrix: Any = problem.matrix
         loads, offset = self.motion.loads(w, moment.time), problem.offset
-        constant = float(np.sqrt(offset[:n] @ offset[:n]) + np.sqrt(loads[:n] @ loads[:n]))
-        before = np.inf
+        before, scale = np.inf, 0.0
         for _ in range(MOST_DENSE):
             with self.watch("assemble"):
                 F, K = matrix.response(w)
@@ -219,9 +219,10 @@ class DenseStepper(ImplicitStepper):
                 full = inertia + F
                 full -= offset
                 full -= loads
-                r, f, a = full[:n], F[:n], inertia[:n]
-                size = float(np.sqrt(r @ r))
-                scale = constant + float(np.sqrt(f @ f) + np.sqrt(a @ a))
+                r = full[:n]
+                size = sqrt(r @ r)
+                if not record.lengths:  # the sizes of the forces are those at the first guess, which is close to the solution
+                    scale = sum(sqrt(one[:n] @ one[:n]) for one in (inertia, offset, F, loads))
             stalled = not size < before / 2
             if size <= self.integrator.rtol * scale or (stalled and size <= problem.round_off(w, moment)):
                 problem.full = full
