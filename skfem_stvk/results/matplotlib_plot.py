@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,10 @@ from matplotlib import colormaps
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection, TriMesh
 from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from matplotlib.tri import Triangulation
 from PIL import Image
 
 from ..arguments import Array
@@ -25,9 +24,9 @@ from .picture import Film, Picture, View, subdivided
 MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
 #: Yellow to red without the palest tenth, which is invisible on white paper.
 COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["YlOrRd"](np.linspace(0.12, 1, 256))).with_extremes(bad=MISSING)
-PIECES = 30_000  # number of pieces of triangles, so that colours are smooth
-VIEW = (24.0, -50.0)  # elevation and azimuth [degrees]
-LIGHT = np.array([0.35, -0.55, 0.76])
+PIECES = 10_000  # most pieces of faces, which are small enough to be sorted by depth
+LIGHT = np.array([-0.09, 0.43, 0.90])  # direction to the light, as `SCREEN` has its axes
+LINE = 1 / 800  # width of outlines of bodies in space, as a part of the picture
 #: Size of films, in inches and dots per inch: an even number of pixels, as .mp4 requires.
 SIZE, DPI = (7.0, 4.5), 120
 
@@ -55,8 +54,11 @@ class PictureAxes:
 
     def __init__(self, figure: Figure, picture: Picture, view: View) -> None:
         self._colours = ScalarMappable(Normalize(*view.limits), COLOURS)
-        self._axes: Any = (_axes_in_space if picture.d == 3 else _axes_in_plane)(figure, view.box, picture)
-        self._draw = _draw_in_space if picture.d == 3 else _draw_in_plane
+        self._axes: Any = figure.add_subplot(aspect="equal")
+        if picture.d == 3:
+            _prepare_in_space(self._axes, view.screen)
+        else:
+            _prepare_in_plane(self._axes, view.box, picture)
         self._shown: list[Any] = []
         bar = figure.colorbar(self._colours, ax=figure.axes, label=picture.label, shrink=0.7, aspect=24, pad=0.03)
         bar.outline.set_visible(False)
@@ -67,98 +69,85 @@ class PictureAxes:
         """Show this picture instead of the previous one."""
         for artist in self._shown:
             artist.remove()
-        self._shown = self._draw(self._axes, picture, self._colours)
+        in_space = picture.d == 3 and len(picture.cells) == 3
+        self._shown = (_draw_faces_in_space if in_space else _draw_flat)(self._axes, picture.on_screen(), self._colours)
 
 
-def _axes_in_plane(figure: Figure, box: Array, picture: Picture) -> Any:
-    axes: Any = figure.add_subplot()
+def _prepare_in_plane(axes: Any, box: Array, picture: Picture) -> None:
     axes.update_datalim(box[:, :2])
     axes.autoscale_view()
     axes.autoscale(False)
-    axes.set_aspect("equal")
     axes.spines[["top", "right"]].set_visible(False)
     axes.set(xlabel=f"x [{picture.length_unit}]", ylabel=f"y [{picture.length_unit}]")
     if picture.d == 1:
         axes.set_ylim(np.array([-0.1, 0.06]) * np.ptp(picture.rest[:, 0]))
         axes.yaxis.set_visible(False)
         axes.spines["left"].set_visible(False)
-    return axes
 
 
-def _draw_in_plane(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """Draw a picture in the plane; return the added artists."""
+def _prepare_in_space(axes: Any, screen: Array) -> None:
+    """Set limits that a body with these bounds (2, 3) on the screen fills, with room for its lines."""
+    axes.set_axis_off()
+    middle, half = screen.mean(axis=0), np.ptp(screen, axis=0) / 2
+    half = np.maximum(1.02 * half, 0.05 * half.max())
+    axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+
+
+def _draw_flat(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
+    """Draw lines, or a body in a plane; return the added artists."""
     rest, moved = picture.rest[:, :2].copy(), picture.moved[:, :2]
     points: Any  # an array, which it takes and is faster with than with the list that its types ask for
     points, values = _pieces(moved[picture.cells], picture.values)
-    rgba = colours.to_rgba(values)
     marks = []
     if picture.d == 1:
         rest[:, 1] -= 0.04 * np.ptp(picture.rest[:, 0])  # next to the deformed body, which would hide it
         marks = axes.plot(*rest.T, "|", color=REST, ms=6)
     shown: list[Any] = [LineCollection(rest[picture.lines.T], colors=REST, linewidths=0.8, zorder=1)]
     if len(picture.cells) == 2:
-        shown.append(LineCollection(list(points), colors=EDGE, linewidths=5, capstyle="round"))
-        shown.append(LineCollection(list(points), colors=rgba, linewidths=4, capstyle="round"))
+        shown.append(LineCollection(points, colors=EDGE, linewidths=5, capstyle="round"))
+        shown.append(LineCollection(points, colors=colours.to_rgba(values.mean(axis=1)), linewidths=4, capstyle="round"))
     else:
-        shown.append(PolyCollection(points, facecolors=rgba, edgecolors=rgba, linewidths=0.3, rasterized=True))
+        shown.append(_smooth(points, colours.to_rgba(values)))
         shown.append(LineCollection(moved[picture.lines.T], colors=EDGE, linewidths=0.8))
     for collection in shown:
         axes.add_collection(collection, autolim=False)
     return marks + shown
 
 
-def _axes_in_space(figure: Figure, box: Array, picture: Picture) -> Any:
-    axes: Any = figure.add_subplot(projection="3d", proj_type="ortho")
-    axes.view_init(*VIEW)
-    axes.set_axis_off()
-    axes.auto_scale_xyz(*box.T)
-    axes.autoscale(False)
-    size = np.maximum(np.ptp(box, axis=0), 1e-3 * np.ptp(box, axis=0).max())
-    axes.set_box_aspect(size, zoom=_zoom(size))
-    return axes
-
-
-def _zoom(size: Array) -> float:
-    """Return the zoom at which a box of this size (3,) fills the axes, which matplotlib keeps square, in one direction.
-
-    matplotlib's zoom of 1 leaves room for a box of any shape and view.
-    """
-    elevation, azimuth = np.radians(VIEW)
-    across = np.array([np.sin(azimuth), np.cos(azimuth), 0.0])
-    up = np.array([np.sin(elevation) * np.cos(azimuth), np.sin(elevation) * np.sin(azimuth), np.cos(elevation)])
-    seen = np.abs([across, up]) @ size
-    return float(np.linalg.norm(size) / seen.max())
-
-
-def _draw_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """Draw a picture in space; return the added artists."""
-    art: Any = import_module("mpl_toolkits.mplot3d.art3d")
+def _draw_faces_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
+    """Draw faces and outlines on the screen from the farthest to the nearest; return the added artists."""
     points, values = _pieces(picture.moved[picture.cells], picture.values)
     rgba = colours.to_rgba(values)
-    if points.shape[1] == 2:
-        shown = [
-            art.Line3DCollection(picture.rest[picture.lines.T], colors=REST, linewidths=0.8),
-            art.Line3DCollection(points, colors=EDGE, linewidths=4, capstyle="round"),
-            art.Line3DCollection(points, colors=rgba, linewidths=3, capstyle="round"),
-        ]
-    else:
-        shapes, shades = _sorted_together(points, rgba, picture)
-        shown = [art.Poly3DCollection(shapes, facecolors=shades, edgecolors=shades, linewidths=0.6, rasterized=True)]
-    for collection in shown:
-        axes.add_collection3d(collection)
-        collection.set_clip_on(False)
-    return shown
+    rgba[..., :3] *= _brightness(points)[:, None, None]
+    triangles, shades, depth = [points[..., :2]], [rgba], [points[..., 2].mean(axis=1)]
+    width = LINE * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    nearer = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).max() * 2 / 3  # than the faces that a line bounds
+    for x, colour, shift in ((picture.rest, REST, -nearer), (picture.moved, EDGE, nearer)):
+        ends, _ = _pieces(x[picture.lines], np.zeros(picture.lines.shape))
+        triangles.append(_ribbons(ends[..., :2], width))
+        shades.append(np.broadcast_to(to_rgba(colour), (len(triangles[-1]), 3, 4)))
+        depth.append(np.tile(ends[..., 2].mean(axis=1) + shift, 2))
+    order = np.argsort(np.concatenate(depth), kind="stable")
+    faces = _smooth(np.concatenate(triangles)[order], np.concatenate(shades)[order])
+    axes.add_collection(faces, autolim=False)
+    return [faces]
 
 
-def _sorted_together(triangles: Array, rgba: Array, picture: Picture) -> tuple[Array, Array]:
-    """Return triangles and outlines with their colours, lines as flat triangles: matplotlib sorts by depth within one list only."""
-    rgba[:, :3] *= _brightness(triangles)[:, None]
-    rest, moved = (_pieces(x[picture.lines], np.zeros(picture.lines.shape))[0][:, [0, 1, 1]] for x in (picture.rest, picture.moved))
-    elevation, azimuth = np.radians(VIEW)
-    viewer = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    moved = moved + viewer * np.linalg.norm(triangles[:, 1] - triangles[:, 0], axis=1).max()  # in front of the triangles it borders
-    colours = np.concatenate([rgba, np.repeat([to_rgba(REST), to_rgba(EDGE)], [len(rest), len(moved)], axis=0)])
-    return np.concatenate([triangles, rest, moved]), colours
+def _smooth(triangles: Array, rgba: Array) -> Any:
+    """Return an artist of triangles (n, 3, 2) with colours (n, 3, 4) at their corners, drawn in this order."""
+    x, y = triangles.reshape(-1, 2).T
+    mesh: Any = TriMesh(Triangulation(x, y, np.arange(len(x)).reshape(-1, 3)), rasterized=True)
+    mesh.set_facecolor(rgba.reshape(-1, 4))
+    return mesh
+
+
+def _ribbons(ends: Array, width: float) -> Array:
+    """Return two triangles (2 n, 3, 2) for each segment (n, 2, 2)."""
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    across = width / 2 * np.column_stack([-along[:, 1], along[:, 0]]) / np.where(length > 0, length, 1.0)
+    a, b, c, d = ends[:, 0] - across, ends[:, 0] + across, ends[:, 1] - across, ends[:, 1] + across
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
 
 
 def _brightness(triangles: Array) -> Array:
@@ -170,16 +159,16 @@ def _brightness(triangles: Array) -> Array:
 
 
 def _pieces(points: Array, values: Array) -> tuple[Array, Array]:
-    """Return cells (m, n, d) with values (m, n) at their corners, cut into equal pieces (pieces, m, d), with one value each."""
+    """Return cells (m, n, d) with values (m, n) at their corners, cut into equal pieces (pieces, m, d) with values (pieces, m)."""
     m, n, d = points.shape
     cuts = int(np.clip((PIECES / n) ** (1 / (m - 1)), 1, 8))
     face = linear_simplex(m - 1)
     grid, cells = subdivided(face, cuts)
     lattice = face.values(grid)[cells.T]  # (pieces, m, m)
     cut = np.einsum("pcm,mnd->npcd", lattice, points).reshape(-1, m, d)
-    missing: NDArray[np.bool_] = np.asarray(np.ma.getmaskarray(values).any(axis=0))
-    mean = np.einsum("pm,mn->np", lattice.mean(axis=1), np.ma.filled(values, 0.0))
-    return cut, np.ma.MaskedArray(mean, np.repeat(missing[:, None], len(lattice), axis=1)).ravel()
+    found = np.einsum("pcm,mn->npc", lattice, np.ma.filled(values, 0.0))
+    missing = np.asarray(np.ma.getmaskarray(values).any(axis=0))[:, None, None]
+    return cut, np.ma.MaskedArray(found, np.broadcast_to(missing, found.shape)).reshape(-1, m)
 
 
 def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:

@@ -20,6 +20,15 @@ from .table import FIELDS, VECTORS, find
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 Ids = NDArray[np.int64]
 SHARP = np.cos(np.radians(30))
+_ELEVATION, _AZIMUTH = np.radians([24.0, -50.0])
+#: Unit vectors (3, 3), row by row, that point right, up and to the viewer in pictures of bodies in space.
+SCREEN = np.array(
+    [
+        [-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0],
+        [-np.sin(_ELEVATION) * np.cos(_AZIMUTH), -np.sin(_ELEVATION) * np.sin(_AZIMUTH), np.cos(_ELEVATION)],
+        [np.cos(_ELEVATION) * np.cos(_AZIMUTH), np.cos(_ELEVATION) * np.sin(_AZIMUTH), np.sin(_ELEVATION)],
+    ]
+)
 #: Number of pieces of an edge, by the maximum number of faces.
 CUTS = ((300, 6), (2000, 4), (np.inf, 2))
 
@@ -47,6 +56,10 @@ class Picture:
         """Return the picture with values times the factor, and their unit in the label."""
         return replace(self, values=self.values * factor, label=f"{self.label} [{unit}]" if unit else self.label)
 
+    def on_screen(self) -> Picture:
+        """Return the picture with coordinates to the right, up and to the viewer, for a body in space."""
+        return replace(self, rest=self.rest @ SCREEN.T, moved=self.moved @ SCREEN.T) if self.d == 3 else self
+
     @property
     def limits(self) -> tuple[float, float]:
         """Smallest and largest value, which always differ a little."""
@@ -57,22 +70,29 @@ class View(NamedTuple):
     """Common bounds of the pictures of a body."""
 
     box: Array  # (2, 3) smallest and largest coordinates of the body in all of them, and at rest [m]
+    screen: Array  # (2, 3) the same of `Picture.on_screen`
     limits: tuple[float, float]  # smallest and largest colour value, which always differ a little
 
     @classmethod
     def of(cls, pictures: Iterable[Picture]) -> View:
         """Return the view of these pictures, at least one."""
-        low, high, corners = np.inf, -np.inf, np.empty((0, 3))
+        low, high, box, screen = np.inf, -np.inf, np.empty((0, 3)), np.empty((0, 3))
         for picture in pictures:
             known = np.ma.compressed(picture.values)
             low, high = float(known.min(initial=low)), float(known.max(initial=high))
-            corners = np.concatenate([corners, picture.rest, picture.moved])
-            corners = np.array([corners.min(axis=0), corners.max(axis=0)])
+            seen = picture.on_screen()
+            box, screen = _bounds(box, picture.rest, picture.moved), _bounds(screen, seen.rest, seen.moved)
         if low > high:
             low, high = 0.0, 1.0  # no picture has a value
         least = 1e-9 * max(abs(low), abs(high), 1e-300)
         limits = (low, high) if high - low > least else (low - 1e3 * least, high + 1e3 * least)
-        return cls(corners, limits)
+        return cls(box, screen, limits)
+
+
+def _bounds(*points: Array) -> Array:
+    """Return the smallest and the largest coordinates (2, 3) of all points."""
+    every = np.concatenate(points)
+    return np.array([every.min(axis=0), every.max(axis=0)])
 
 
 def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | None) -> Picture:
@@ -119,7 +139,7 @@ class Film:
         pictures = (
             replace(self.picture(number).in_unit(factor, unit), d=d, length_unit=length) for number in range(len(self.times))
         )
-        return View(raw.box, (factor * low, factor * high)), zip(_in_words(self.times), pictures, strict=True)
+        return raw._replace(limits=(factor * low, factor * high)), zip(_in_words(self.times), pictures, strict=True)
 
 
 def _in_words(times: list[float]) -> list[str]:

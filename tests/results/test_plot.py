@@ -1,16 +1,19 @@
 """Contents of plots. The appearance was checked by eye."""
 
 import re
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
 import pytest
 import skfem
 from bodies import MESHES, state
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from skfem_stvk import ElementMesh, StVK, StvkError, embedded_mesh
 from skfem_stvk.results import Fields, plot, plotting
-from skfem_stvk.results.picture import outline, picture_of, visible_faces
+from skfem_stvk.results.matplotlib_plot import PictureAxes, new_figure
+from skfem_stvk.results.picture import SCREEN, View, outline, picture_of, visible_faces
 
 matplotlib.use("Agg")
 
@@ -45,6 +48,48 @@ def test_a_face_towards_the_light_has_at_most_full_brightness():
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
     triangles = np.stack([0 * normal, normal, np.cross(LIGHT, normal)], axis=1)
     assert _brightness(triangles).max() <= 1 and _brightness(triangles).min() > 1 - 1e-12
+
+
+def middle_of(figure):
+    """Return the colour in the middle of the axes of a body in space."""
+    figure.canvas.draw()
+    extent = figure.axes[0].get_window_extent()
+    x, y = (extent.x0 + extent.x1) / 2, (extent.y0 + extent.y1) / 2
+    return np.asarray(figure.canvas.buffer_rgba())[-int(y), int(x), :3] / 255
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_nearest_face_is_seen_and_an_inverted_body_has_no_holes(sign):
+    """Colours are distances to the viewer: yellow is far, red is near. A mirrored body has all its elements inverted."""
+    cube = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)
+    mesh = ElementMesh(cube.p, cube.t)
+    middle = mesh.p.mean(axis=1, keepdims=True)
+    u = (sign - 1) * (mesh.p - middle)
+    figure = plot(Fields(mesh, StVK(young=1.0, poisson=0.3)).at(u.T.ravel()), SCREEN[2] @ (mesh.p + u))
+    red, green, _ = middle_of(figure)
+    assert red > 0.35 and green < 0.3
+
+
+def test_a_body_in_space_fills_the_picture_in_one_direction_in_all_frames():
+    bar = skfem.MeshTet.init_tensor(np.linspace(0, 4, 9), *[np.linspace(0, 1, 3)] * 2)
+    picture = picture_of(
+        Fields(ElementMesh(bar.p, bar.t), StVK(young=1.0, poisson=0.3)).at(0 * bar.p.ravel()), "displacement", 1.0, ""
+    )
+    bent = replace(picture, moved=picture.moved - [[0.0, 0.0, 1.0]] * picture.moved[:, :1] ** 2 / 16)
+    figure = new_figure((7.0, 4.5), interactive=False)
+    FigureCanvasAgg(figure)
+    axes = PictureAxes(figure, picture, View.of([picture, bent]))
+    seen = np.zeros((450, 700), dtype=bool)
+    for one in (picture, bent):
+        axes.show(one)
+        figure.canvas.draw()
+        seen |= np.asarray(figure.canvas.buffer_rgba()).min(axis=2) < 250
+    extent = figure.axes[0].get_window_extent().extents.astype(int)
+    inside = seen[450 - extent[3] : 450 - extent[1], extent[0] : extent[2]]
+    for axis in (0, 1):
+        drawn = np.flatnonzero(inside.any(axis=axis))
+        assert drawn[0] < 0.03 * inside.shape[1 - axis] and drawn[-1] > 0.97 * inside.shape[1 - axis]
+    assert extent[2] - extent[0] > 500 or extent[3] - extent[1] > 400, "pixels of 700 x 450, besides the colour bar"
 
 
 def test_axes_in_a_plane_have_the_given_unit_of_length(tmp_path):
