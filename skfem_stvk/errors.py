@@ -1,10 +1,11 @@
-"""Errors and warnings of the package, and the description of ids in them.
+"""Errors, warnings and the log of the package, and the description of ids in them.
 
 Every message says what was given, what was expected, the ids, the likely cause and the next step.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import warnings
@@ -210,6 +211,21 @@ class RankWarnings:
 
 #: Warnings of this rank; None on one machine.
 on_rank: RankWarnings | None = None
+
+
+#: Lines that are printed, and those that `quiet` hides, at the level INFO, which Python's `logging` leaves out unless it is set up.
+LOG = logging.getLogger(__package__)
+
+
+def logs() -> bool:
+    """Return whether lines are logged, by this rank."""
+    return LOG.isEnabledFor(logging.INFO) and (on_rank is None or on_rank.prints)
+
+
+def log(line: str) -> None:
+    """Log a line."""
+    if logs():
+        LOG.info(line)
 
 
 def warn(text: str) -> None:

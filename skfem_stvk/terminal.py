@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import time
+from importlib import import_module
 from typing import Any, TypeVar
 
 from rich import box
@@ -13,12 +14,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextCol
 from rich.progress import Progress as Bar
 from rich.table import Table
 
+from .errors import log, logs
+
 WIDTH = 124
 #: Exit codes of the commands: success; a check did not pass, or a solve did not converge; bad input; a scene does not give the
 #: expected results; Ctrl-C.
 DONE, NOT_PASSED, BAD_INPUT, NOT_AS_EXPECTED, INTERRUPTED = 0, 1, 2, 3, 130
 #: Interval between lines of progress without a terminal [s].
 LINE_INTERVAL = 5.0
+#: Shortest interval between two updates of a bar in a notebook [s].
+NOTEBOOK_INTERVAL = 0.1
 
 Entered = TypeVar("Entered", bound="Progress")
 
@@ -61,39 +66,58 @@ def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
     return table
 
 
-class Progress:
-    """Progress display: lines on standard output, and on a terminal a temporary bar on standard error; nothing if `quiet`.
+def say(line: str, quiet: bool) -> None:
+    """Print a line unless `quiet`, and log it."""
+    if not quiet:
+        print(line, flush=True)
+    log(line)
 
-    The bar shows its name, rich's `columns` and a description; `options` are those of rich's `Progress`.
+
+class Progress:
+    """Progress display: lines on standard output, and on a terminal and in a notebook a temporary bar; nothing if `quiet`.
+
+    The bar shows its name, rich's `columns` and a description; `options` are those of rich's `Progress`. On a terminal it is on
+    standard error. In a notebook it is an output of the cell, which needs no widgets. Lines are logged, also if `quiet`.
     """
 
     def __init__(self, name: str, quiet: bool, columns: tuple[ProgressColumn, ...], **options: Any) -> None:
         self._quiet = quiet
+        self._reports = not quiet or logs()  # whether lines are printed or logged
         self._bar: Bar | None = None
+        self._notebook = False
+        self._output: Any = None  # of the cell of a notebook, once the bar is shown there
+        self._next_update = 0.0
         console = None if quiet else Console(stderr=True)
-        if console is not None and console.is_terminal:
+        if console is not None and (console.is_terminal or console.is_jupyter):
+            self._notebook = console.is_jupyter
             shown = TextColumn(name), *columns, TextColumn("{task.description}")
             self._bar = Bar(*shown, console=console, transient=True, **options)
             self._bar.add_task("")
 
     def __enter__(self: Entered) -> Entered:
-        if self._bar is not None:
+        if self._notebook:
+            self._output = import_module("IPython.display").display(self._bar, display_id=True)
+        elif self._bar is not None:
             self._bar.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._bar is not None:
+        if self._output is not None:
+            self._output.update({"text/plain": ""}, raw=True)
+        elif self._bar is not None:
             self._bar.stop()
 
     def print(self, line: str) -> None:
-        """Print a line."""
-        if not self._quiet:
-            print(line, flush=True)
+        """Print and log a line."""
+        say(line, self._quiet)
 
     def show(self, **changes: Any) -> None:
         """Update and redraw the bar; `changes` are as in rich's `Progress.update`."""
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], refresh=True, **changes)
+        if self._output is not None and time.monotonic() >= self._next_update:
+            self._output.update(self._bar)
+            self._next_update = time.monotonic() + NOTEBOOK_INTERVAL
 
 
 class CountedProgress(Progress):

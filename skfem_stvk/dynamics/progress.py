@@ -12,13 +12,13 @@ from rich.progress import BarColumn
 
 from ..terminal import LINE_INTERVAL, Progress, duration
 
-#: Interval between two updates on a terminal [s], and number of updates over which steps/s are averaged.
+#: Interval between two updates of a bar [s], and number of updates over which steps/s are averaged.
 REFRESH, WINDOW = 0.25, 10
 ENERGIES = {"kinetic": "kinetic_energy", "strain": "strain_energy", "total": "total_energy", "closure error": "closure_error"}
 
 
 class MotionProgress(Progress):
-    """Progress display: on a terminal a bar, drawn four times a second; elsewhere a line every few seconds; and a final line.
+    """Progress display: on a terminal or in a notebook a bar, drawn four times a second; elsewhere a line every few seconds; and a final line.
 
     It prints the last row of the ledger. A resumed run made `done` steps before.
     """
@@ -30,7 +30,7 @@ class MotionProgress(Progress):
         self._next = float("inf")
 
     def __enter__(self) -> MotionProgress:
-        if not self._quiet:
+        if self._reports:
             self.print(self._header)
             self._begin = time.perf_counter()
             self._updates = deque([(self._begin, self._done)], maxlen=WINDOW)
@@ -39,7 +39,7 @@ class MotionProgress(Progress):
 
     def __exit__(self, *error: object) -> None:
         super().__exit__(*error)
-        if self._number > self._done and not self._quiet:
+        if self._number > self._done and self._reports:
             taken = time.perf_counter() - self._begin
             self.print(self._line((self._number - self._done) / taken, f"took {duration(taken)}"))
 

@@ -30,6 +30,8 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from rich.console import Console
 
+from ..errors import log
+
 Ids: TypeAlias = NDArray[Any]
 Reals: TypeAlias = NDArray[np.floating[Any]]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -84,6 +86,7 @@ class FirstUse(Listener):
                 self._say(f"{self.count} kernels compiled, {self._said - self._began:.0f} s after the first")
 
     def _say(self, text: str) -> None:
+        log(text)
         if not self.quiet:
             console = Console(stderr=True, highlight=False)
             console.print(f"{__name__.partition('.')[0]}: {text}", style="dim", markup=False, soft_wrap=True)
@@ -315,6 +318,7 @@ def _say(kind: str, text: str) -> None:
     """Print a message of each kind once per process, because up to a hundred files may cause it."""
     if kind not in _reported:
         _reported.add(kind)
+        log(text)
         Console(stderr=True, highlight=False).print(f"skfem_stvk: {text}.", style="dim", markup=False, soft_wrap=True)
 
 

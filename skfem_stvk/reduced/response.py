@@ -26,7 +26,7 @@ from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.protocol import checked_whole
 from ..system.signature import Fingerprint, sums
-from ..terminal import LINE_INTERVAL, Progress, duration
+from ..terminal import LINE_INTERVAL, Progress, duration, say
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
 
 if TYPE_CHECKING:
@@ -205,8 +205,7 @@ class PrecomputedResponse:
                 store = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
             states = _solved(HandleSolves(grid, work, checks, store.stored if store else {}), store, jobs, quiet)
         self._make(grid, nodes, states, float(tolerance))
-        if not quiet:
-            print(repr(self), flush=True)
+        say(repr(self), quiet)
         self._warn(states)
 
     def __call__(self, displacement: ArrayLike) -> tuple[Array, Array]:

@@ -549,7 +549,7 @@ class _Stages(Progress):
             )
         super().__init__("reduced", quiet, (BarColumn(), TimeElapsedColumn()))
         self._rows = sum(rows_of(term, body) for term in body.bound_terms)
-        if not quiet:
+        if self._reports:
             seconds = seconds_needed(size, self._rows)
             self.print(
                 f"reduced: {size} unknowns on {body.mesh.nt} {body.mesh.kind}; about {needed / 1e6:,.0f} MB, and "

@@ -20,7 +20,7 @@ from pydantic import BaseModel
 
 from ..arguments import path as checked_path
 from ..arguments import shown, whole
-from ..errors import AnalysisError, SceneError, StvkError
+from ..errors import AnalysisError, SceneError, StvkError, log
 from ..kernels.threads import threads
 from ..nonlinear.processes import Crashed, in_processes, is_worker_process
 from ..results.files import content_of, replacing
@@ -146,6 +146,11 @@ def sweep(
     cores, threads_per_run = threads(), max((run.scene.sections.threads or 1 for run in runs), default=1)
     jobs = cores if jobs is None else whole("jobs", jobs, "a number of simultaneous runs, from 1", least=1)
     terminal = console(quiet=quiet)
+
+    def tell(line: str, mark: str = "") -> None:
+        terminal.print(mark + printable(line), soft_wrap=True)
+        log(line)
+
     _open(folder)
     with OneWriter(folder):
         start = _start_of_each(folder, runs, force)
@@ -156,24 +161,22 @@ def sweep(
         threads_per_run = max(threads_per_run, cores // jobs)
         finished = f", {len(rows)} of them already done" if rows else ""
         suffix = f"; {jobs} at a time on {threads_per_run} thread{'s' * (threads_per_run > 1)} each" if missing else ""
-        terminal.print(f"{len(runs)} runs{finished}{suffix}", soft_wrap=True)
+        tell(f"{len(runs)} runs{finished}{suffix}")
         for text, count in Counter(text for run in missing for text in implausible(run.scene.sections)).items():
             suffix = f" (in {count} of {len(missing)} runs)" if count < len(missing) else ""
-            terminal.print(f"[yellow]note[/] {printable(text)}{suffix}", soft_wrap=True)
+            tell(f"{text}{suffix}", "[yellow]note[/] ")
         tasks = {_Task(Path(path), run.settings, folder / run.name, start[run.name] or "new"): run for run in missing}
         try:
             for task, failure in in_processes(_solve, deque(tasks), jobs, threads_per_run):
                 row = _row(tasks[task], folder, _crashed(task) if isinstance(failure, Crashed) else failure)
                 table.add(row)
-                terminal.print(printable(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}"), soft_wrap=True)
+                tell(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}")
         except KeyboardInterrupt:
-            terminal.print(
-                f"{len(rows)} of {len(runs)} runs are in {printable(str(folder / TABLE))}; run the same command again for the rest"
-            )
+            tell(f"{len(rows)} of {len(runs)} runs are in {folder / TABLE}; run the same command again for the rest")
             raise
         plot_error = _plot(folder, axes, list(rows.values()), sections)
         if plot_error:
-            terminal.print(f"[yellow]note[/] {PLOT} is not drawn: {printable(plot_error)}", soft_wrap=True)
+            tell(f"{PLOT} is not drawn: {plot_error}", "[yellow]note[/] ")
         return [rows[run.name] for run in runs]
 
 
