@@ -15,9 +15,11 @@ from ..arguments import Array
 from ..errors import AnalysisError, StvkError
 from ..mesh.locations import Where
 from ..nonlinear.outcome import Status
+from ..notebook import html_table
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.files import of_leader
 from ..results.monitors import Finding
+from ..results.plotting import thumbnail
 from ..results.reactions import constrained_vertices
 from ..results.vtu import DEFAULT
 from ..system import System
@@ -188,6 +190,18 @@ class Run:
             raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
         series = self.series
         return of_leader(self.system.space, lambda: animate(series, path, field, **options))
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("status", self.status),
+            ("message", self.message),
+            ("time [s]", f"{self.t:.6g}"),
+            ("steps", self.ledger.steps - 1),
+            ("integrator", self.integrator),
+            ("energy gained", f"{self.gained:.2g}"),
+            *((f"seconds, {name}", f"{seconds:.2g}") for name, seconds in self.seconds.items()),
+        ]
+        return html_table("Run", rows, thumbnail(self.system, lambda: self.state))
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())

@@ -16,6 +16,7 @@ from ..arguments import Array, choice, flag, number, shown, whole
 from ..arguments import path as path_of
 from ..errors import StateError, StvkError, SupportError
 from ..mesh.locations import Where, vertices_at
+from ..notebook import html_table
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
@@ -538,6 +539,11 @@ class Simulation:
         u = np.array(self._motion.states.expand(x))
         u.flags.writeable = False
         return u
+
+    def _repr_html_(self) -> str:
+        rows = [(name, f"{getattr(self, name):g}") for name in ("t", "dt", "steps", "failures")]
+        inputs = ", ".join(self._inputs.known)
+        return html_table("Simulation", [*rows, ("integrator", self._integrator), ("inputs", inputs), ("body", self._motion.body)])
 
     def __repr__(self) -> str:
         inputs = ", ".join(map(repr, self._inputs.known)) or "none"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, choice, whole
 from ..elements import Element
 from ..errors import Remark, name_ids
+from ..notebook import html_table
 from . import points
 from .diagnostics import faults, scale_of, sizes_of_parts, sound_elements
 from .facets import Cells
@@ -146,6 +147,12 @@ class MeshQuality:
             "shortest edge": (self.edges[0], -1, "length"),
             "longest edge": (self.edges[1], 1, "length"),
         }
+
+    def _repr_html_(self) -> str:
+        head = ("measure", "worst", "median", "in")
+        rows = [(one.name, f"{one.value:.4g}", f"{one.median:.4g}", name_ids(one.elements, "element")) for one in self.extremes(3)]
+        faults = [("refused" if fault.refused else "doubtful", fault.text) for fault in self.faults]
+        return html_table(f"MeshQuality: {self.mesh.nt} {self.mesh.kind}", [head, *rows, ("parts", len(self.parts)), *faults])
 
     def __repr__(self) -> str:
         parts = f"{len(self.parts)} part{'s' * (len(self.parts) != 1)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -60,6 +61,20 @@ def _checks(report: Findings, width: int) -> Table:
     columns = {"check": 0, "of": 0, "against": 108, "what": 0, "error": 0, "limit": 118, "worst in": 96, "passed": 0}
     shown = [column for column, needed in columns.items() if width >= needed]  # the rest is in report.json
     table = grid("Checks, the worst state of each", *shown, right=("error", "limit"))
+    for outcome, row in _rows(report):
+        styled = row | {"passed": f"[{STYLE[outcome]}]{row['passed']}[/]"}
+        table.add_row(*(styled[column] for column in shown))
+    return table
+
+
+def checks_as_rows(report: Findings) -> list[list[str]]:
+    """Return the names of the columns, and the worst state of each check as a row, failures first."""
+    rows = sorted(_rows(report), key=lambda entry: WORST_FIRST.index(entry[0]))
+    return [list(row) for _, row in rows[:1]] + [list(row.values()) for _, row in rows]
+
+
+def _rows(report: Findings) -> Iterator[tuple[CheckOutcome, dict[str, str]]]:
+    """Yield the outcome and the columns of each check, in its worst state."""
     for (check, subject, against, quantity), results in report.groups().items():
         outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
         worst = max((r for r in results if r.outcome is outcome), key=error_over_limit)
@@ -71,10 +86,9 @@ def _checks(report: Findings, width: int) -> Table:
             "error": _number(worst.measured),
             "limit": _number(worst.limit),
             "worst in": "" if outcome is CheckOutcome.NOT_APPLICABLE else worst.state,
-            "passed": f"[{STYLE[outcome]}]{_tally(results, outcome)}[/]",
+            "passed": _tally(results, outcome),
         }
-        table.add_row(*(row[column] for column in shown))
-    return table
+        yield outcome, row
 
 
 def _reasons(report: Findings) -> list[RenderableType]:

@@ -18,10 +18,11 @@ from ..arguments import path
 from ..errors import StvkError
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
+from ..notebook import html_table
 from ..results.files import cannot_write, replacing
 from ..terminal import CountedProgress, as_text
 from ..terms import StVK
-from .rendering import rendered
+from .rendering import checks_as_rows, rendered
 from .results import Findings, Task
 from .shape import Shape
 
@@ -60,6 +61,11 @@ class Report(Findings):
 
     def __str__(self) -> str:
         return as_text(rendered(self))
+
+    def _repr_html_(self) -> str:
+        title = f"{'PASSED' if self.passed else 'NOT PASSED'} in {self.seconds:.1f} s{', interrupted' if self.interrupted else ''}"
+        named = [("fault", *self.named.lines())] if self.named is not None else []
+        return html_table(title, [*named, *checks_as_rows(self)])
 
     def save(self, folder: str | Path) -> Path:
         """Write `report.json` and the self-contained `report.html` into a folder, and return its path.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,14 @@ def draw(picture: Picture, path: Path | None) -> Figure:
     if path is not None:
         figure.savefig(path, dpi=200, bbox_inches="tight")
     return figure
+
+
+def png(picture: Picture) -> bytes:
+    """Return a small picture as a PNG file."""
+    figure, file = new_figure((4.2, 2.7), interactive=False), io.BytesIO()
+    PictureAxes(figure, picture, View.of([picture])).show(picture)
+    figure.savefig(file, format="png", dpi=90)
+    return file.getvalue()
 
 
 def new_figure(size: tuple[float, float], interactive: bool) -> Figure:

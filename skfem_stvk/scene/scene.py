@@ -15,6 +15,7 @@ from ..arguments import path as checked_path
 from ..errors import StvkError, warn
 from ..kernels.threads import threads
 from ..mesh import ElementMesh
+from ..notebook import html_table
 from ..results.files import replacing
 from ..results.one_writer import OneWriter
 from ..results.state_files import parts_of_state
@@ -345,8 +346,18 @@ class Scene:
         files += [] if initial.file is None else parts_of_state(folder / initial.file, initial.at)
         return hash_of(self.source.data, files)
 
+    def _repr_html_(self) -> str:
+        entries = [(name, one) for name, value in self.data.items() for one in (value if isinstance(value, list) else [value])]
+        rows = [(name, _in_words(value)) for name, value in entries if value not in ({}, "")]
+        return html_table(f"Scene {self.source.name}", rows)
+
     def __repr__(self) -> str:
         return f"Scene({self.source.name}: {self.sections.analysis.type}, {len(self.sections.terms)} terms)"
+
+
+def _in_words(value: Any) -> str:
+    """Return a table of the scene as one line of keys and values."""
+    return ", ".join(f"{key} = {one}" for key, one in value.items()) if isinstance(value, dict) else str(value)
 
 
 def _tables(sections: SceneTables) -> dict[str, Any]:

@@ -17,7 +17,9 @@ from ..arguments import Array
 from ..errors import AnalysisError, StvkError
 from ..mesh.locations import Where
 from ..nonlinear.outcome import Status
+from ..notebook import html_table
 from ..results import Fields, Reaction, State, plot, write_vtu
+from ..results.plotting import thumbnail
 from ..results.reactions import constrained_vertices, ground_forces_at_rest
 from ..results.series import save_series
 from ..results.vtu import DEFAULT
@@ -172,6 +174,18 @@ class StaticResult:
             Options of `results.plot`.
         """
         return plot(self.state, field, **options)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("status", self.status),
+            ("message", self.message),
+            ("load factor", f"{self.t:.6g}"),
+            ("states", len(self.history)),
+            ("Newton iterations", self.history.iterations),
+            ("solver", self.solver),
+            *((f"seconds, {name}", f"{seconds:.2g}") for name, seconds in self.seconds.items()),
+        ]
+        return html_table("StaticResult", rows, thumbnail(self.system, lambda: self.state))
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())

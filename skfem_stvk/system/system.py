@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
@@ -24,6 +25,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import by_vertex
 from ..mesh.locations import DofsView
+from ..notebook import html_table
 from ..terms import (
     FollowerLoad,
     Grounded,
@@ -918,6 +920,15 @@ class System(BoundTerms):
             f"System: {self.mesh.element_count} {self.mesh.kind}{beside}, {self.space.count} degrees of freedom, "
             f"{len(self.terms)} term(s)"
         )
+
+    def _repr_html_(self) -> str:
+        meshes = [self.mesh, *(body.mesh for body in self.body.beside)]
+        with np.printoptions(threshold=6):  # options that are None are left out
+            terms = [(type(term).__name__, re.sub(r", \w+=None", "", repr(term))) for term in self.terms]
+        supports = [(name, shown(self.made_of[name])) for name in ("fixed", "prescribed") if self.made_of.get(name)]
+        elements = ", ".join(f"{mesh.element_count} {mesh.kind}" for mesh in meshes)
+        rows = [("elements", elements), ("degrees of freedom", self.space.count), *terms, *supports]
+        return html_table("System", rows)
 
 
 def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:
