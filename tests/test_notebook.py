@@ -1,4 +1,4 @@
-"""What notebooks show: tables of objects and the progress of analyses; and the log. No browser and no kernel are needed."""
+"""Tables and progress in notebooks, without a browser or a kernel; and the log."""
 
 import builtins
 import logging

@@ -51,9 +51,7 @@ def dent(result):
 def picture():
     """Draw the bag on its ropes, coloured by the stress of the cloth and the ball."""
     figure = bag.plot("von_mises_stress")
-    near = {"xlim": (-0.4, 0.4), "ylim": (-0.4, 0.4), "zlim": (-0.3, 0.75)}
-    figure.axes[0].set(**near)
-    figure.axes[0].set_box_aspect([high - low for low, high in near.values()], zoom=0.95)
+    figure.axes[0].set(xlim=(-0.7, 0.7), ylim=(-0.45, 0.85))  # on the screen [m], without the upper ends of the ropes
     return figure
 
 
