@@ -18,7 +18,7 @@ ENERGIES = {"kinetic": "kinetic_energy", "strain": "strain_energy", "total": "to
 
 
 class MotionProgress(Progress):
-    """Progress display: on a terminal or in a notebook a bar, drawn four times a second; elsewhere a line every few seconds; and a final line.
+    """Progress display: on a terminal or in a notebook a bar; elsewhere a line every few seconds; and a final line.
 
     It prints the last row of the ledger. A resumed run made `done` steps before.
     """
