@@ -198,7 +198,7 @@ class Run:
             ("time [s]", f"{self.t:.6g}"),
             ("steps", self.ledger.steps - 1),
             ("integrator", self.integrator),
-            ("energy gained", f"{self.gained:.2g}"),
+            ("relative energy gain", f"{self.gained:.2g}"),
             *((f"seconds, {name}", f"{seconds:.2g}") for name, seconds in self.seconds.items()),
         ]
         return html_table("Run", rows, thumbnail(self.system, lambda: self.state))
