@@ -11,15 +11,16 @@ import reprlib
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from inspect import signature
 from math import inf, isfinite
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import StateError, StvkError, name_ids, name_known
+from .errors import MaterialError, StateError, StvkError, name_ids, name_known
 
 #: Array of numbers, mostly in double precision: docstrings give the shape.
 Array = NDArray[Any]
@@ -64,6 +65,28 @@ class Quantity:
     values: tuple[str, ...] = ()
     components: bool = False
     otherwise: Any = None
+
+
+class Specification:
+    """Base of laws and materials. An unknown argument is refused with the argument that is probably meant.
+
+    >>> from skfem_stvk import StVK
+    >>> StVK(E=1e5, nu=0.3)
+    Traceback (most recent call last):
+    skfem_stvk.errors.MaterialError: StVK(E=...): there is no such argument; known: 'area', ... Did you mean 'young'?
+    """
+
+    def __new__(cls: type[Specified], *values: Any, **named: Any) -> Specified:
+        known = signature(cls.__init__).parameters
+        takes_all = any(one.kind is one.VAR_KEYWORD for one in known.values())
+        unknown = [] if takes_all else [name for name in named if name not in known]
+        if unknown:
+            names = name_known(unknown[0], (name for name in known if name != "self"))
+            raise MaterialError(f"{cls.__name__}({unknown[0]}=...): there is no such argument; {names}")
+        return super().__new__(cls)
+
+
+Specified = TypeVar("Specified", bound=Specification)
 
 
 def shown(value: Any) -> str:

@@ -272,7 +272,23 @@ def name_known(name: str, known: Iterable[str], most: int = 100) -> str:
     """
     known = list(known)
     names = nsmallest(most, known)
-    lower = {other.lower(): other for other in names} if len(known) <= most else {}
-    near = get_close_matches(name[:100].lower(), lower, n=1)
+    near = nearest(name, names) if len(known) <= most else None
     listed = ", ".join(map(repr, names)) + (f" and {len(known) - most} more" if len(known) > most else "")
-    return f"known: {listed or 'none'}." + (f" Did you mean {lower[near[0]]!r}?" if near else "")
+    return f"known: {listed or 'none'}." + (f" Did you mean {near!r}?" if near else "")
+
+
+#: Symbols in books and other codes, in small letters, and their names here.
+SYMBOLS = {"e": "young", "nu": "poisson", "rho": "density"}
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """Return the known name that `name` probably means: by its spelling, its beginning, or as a symbol of books; None if none.
+
+    >>> constants = ["density", "poisson", "young"]
+    >>> [nearest(name, constants) for name in ("poison", "youngs_modulus", "E", "color")]
+    ['poisson', 'young', 'young', None]
+    """
+    lower, given = {other.lower(): other for other in known}, name[:100].lower()
+    beginnings = [one for one in lower if len(one) > 2 and given.startswith(one)]
+    near = [one for one in (SYMBOLS.get(given), *get_close_matches(given, lower, n=1), *beginnings) if one in lower]
+    return lower[near[0]] if near else None

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array
 from ..errors import AnalysisError, StvkError
 from ..mesh.locations import Where
-from ..nonlinear.outcome import Status
+from ..nonlinear.outcome import Status, with_remedy
 from ..notebook import html_table
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
 from ..results.files import of_leader
@@ -230,7 +230,7 @@ class SimulationError(AnalysisError):
     """
 
     def __init__(self, run: Run | None, message: str = "") -> None:
-        super().__init__(message if run is None else run.message)
+        super().__init__(message if run is None else with_remedy(run))
         self.run: Any = run
 
     def __reduce__(self) -> Any:

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, Quantity, real_array, shown
+from ..arguments import Array, Quantity, Specification, real_array, shown
 from ..errors import MaterialError, name_ids
 
 
@@ -33,7 +33,7 @@ Density = Annotated[ArrayLike | None, Quantity("density", "Mass density; motion,
 
 
 @dataclass(frozen=True, eq=False)
-class Material:
+class Material(Specification):
     """A linear relation `S = C : E` of second Piola-Kirchhoff stress and Green-Lagrange strain, without a mesh."""
 
     density: Density = field(default=None, kw_only=True)

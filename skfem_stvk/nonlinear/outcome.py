@@ -77,6 +77,13 @@ class Interrupted(KeyboardInterrupt):
         return type(self), (self.result,)
 
 
+def with_remedy(result: Any) -> str:
+    """Return the message of the error for a result without success: that of the result, and how to get the result instead."""
+    if result.status is Status.INTERRUPTED:
+        return str(result.message)
+    return f"{result.message} With raise_on_failure=False, the result so far is returned instead of this error."
+
+
 @contextmanager
 def finishing_steps() -> Iterator[None]:
     """Make the first Ctrl-C end an analysis after its current step, and a second Ctrl-C end it at once.

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from ..arguments import shown
-from ..errors import SceneError, StvkError
+from ..errors import SceneError, StvkError, nearest
 from .schema.quantities import bare, is_union, literals, members
 from .source import SceneSource, refuse_all
-from .syntax import Loc, path_of
+from .syntax import Loc, path_of, value_text
 
 #: Expected values in words of TOML, by pydantic's type of error; others are in pydantic's words.
 EXPECTED = {
@@ -25,6 +25,8 @@ EXPECTED = {
     "list_type": "a list in [brackets]",
     **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "a table"),
 }
+#: Values in tables of places that are often written as lists of places; None for the place itself.
+OF_PLACES = {"fixed": "xyz", "prescribed": {"x": 0.01}, "probes": None, "reactions": None}
 #: Expected texts by their pattern.
 PATTERNS = {
     "^[xyz]+$": 'letters of components, such as "xyz" or "y"',
@@ -108,11 +110,14 @@ def _location_and_message(error: Any, schema: type[BaseModel]) -> tuple[Loc, str
     if kind == "literal_error":
         known = error["ctx"].get("names", literals(location.annotation))
         return location.loc, _unknown_value(given, list(map(str, known)))
-    return location.loc, f"got {shown(given)}; expected {_expected(error, given)}"
+    return location.loc, f"got {shown(given)}; expected {_expected(error, given, location.loc)}"
 
 
-def _expected(error: Any, given: Any) -> str:
+def _expected(error: Any, given: Any, loc: Loc) -> str:
     """Return the value that was expected, in words."""
+    if error["type"] == "dict_type" and loc[-1] in OF_PLACES and isinstance(given, list) and given:
+        table = {str(place): OF_PLACES[str(loc[-1])] or str(place) for place in given[:3]}
+        return f"a table, such as {loc[-1]} = {value_text(table)}"
     if error["type"] in EXPECTED:
         number = isinstance(given, str) and EXPECTED[error["type"]].endswith("number")
         return EXPECTED[error["type"]] + (" without quotation marks" if number else "")
@@ -143,14 +148,14 @@ def _kind_is_wrong(location: SchemaLocation, error: Any) -> tuple[Loc, str]:
 def _unknown(location: SchemaLocation) -> str:
     known = sorted(location.model.model_fields) if location.model is not None else []
     name = str(location.loc[-1])
-    near = get_close_matches(name.lower(), known, n=1)
-    meant = f"; did you mean {near[0]!r}?" if near else "."
+    near = nearest(name, known)
+    meant = f"; did you mean {near!r}?" if near else "."
     return f"unknown key{meant} Known here: {', '.join(known)}."
 
 
 def _unknown_value(given: Any, known: Sequence[str]) -> str:
-    near = get_close_matches(str(given).lower().replace("_", "-"), known, n=1)
-    meant = f"; did you mean {near[0]!r}?" if near else "."
+    near = nearest(str(given).replace("_", "-"), known)
+    meant = f"; did you mean {near!r}?" if near else "."
     return f"{shown(given)} is not known here{meant} Known: {_listed(known)}."
 
 

@@ -16,7 +16,7 @@ from .. import arguments
 from ..arguments import Array
 from ..errors import AnalysisError, StvkError
 from ..mesh.locations import Where
-from ..nonlinear.outcome import Status
+from ..nonlinear.outcome import Status, with_remedy
 from ..notebook import html_table
 from ..results import Fields, Reaction, State, plot, write_vtu
 from ..results.plotting import thumbnail
@@ -216,7 +216,7 @@ class SolveError(AnalysisError):
     """
 
     def __init__(self, result: StaticResult) -> None:
-        super().__init__(result.message)
+        super().__init__(with_remedy(result))
         self.result = result
 
     def __reduce__(self) -> Any:

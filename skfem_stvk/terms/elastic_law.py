@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..arguments import Array, Quantity, choice, own, shown
+from ..arguments import Array, Quantity, Specification, choice, own, shown
 from ..edges import Assembly
 from ..edges.stiffness import StoredLaw
 from ..errors import MaterialError
@@ -30,7 +30,7 @@ OfArea = Annotated[ArrayLike | None, Quantity("area", "Cross-section of segments
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticLaw(ABC):
+class ElasticLaw(Specification, ABC):
     """Law on the elements of a region, a specification without a mesh; for the parameters see `StVK`.
 
     Raises

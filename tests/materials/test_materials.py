@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bodies import MESHES
 
-from skfem_stvk import Anisotropic, Isotropic, MaterialError, Orthotropic, StVK, TransverselyIsotropic
+from skfem_stvk import Anisotropic, Isotropic, MaterialError, NeoHookean, Orthotropic, StVK, TransverselyIsotropic
 from skfem_stvk.materials import Hypothesis
 
 SOLID, PLANE_STRESS, UNIAXIAL = Hypothesis.SOLID, Hypothesis.PLANE_STRESS, Hypothesis.UNIAXIAL_STRESS
@@ -23,6 +23,22 @@ def test_lame_pair_gives_back_young_and_poisson(poisson):
     back = Isotropic.from_lame(lam, mu)
     assert back.young == pytest.approx(2.0, rel=1e-12)
     assert back.poisson == pytest.approx(poisson, abs=1e-12)
+
+
+@pytest.mark.parametrize("made", [StVK, NeoHookean, Isotropic, Orthotropic])
+@pytest.mark.parametrize(
+    ("given", "meant"), [("E", "young"), ("nu", "poisson"), ("youngs_modulus", "young"), ("poison", "poisson"), ("rho", "density")]
+)
+def test_an_unknown_constant_is_refused_with_the_constant_that_is_meant(made, given, meant):
+    with pytest.raises(
+        MaterialError, match=rf"^{made.__name__}\({given}=...\): there is no such argument; .*Did you mean '{meant}'"
+    ):
+        made(**{given: 0.3})
+
+
+def test_an_unknown_constant_like_no_other_is_refused_without_a_guess():
+    with pytest.raises(MaterialError, match=r"known: 'density', 'poisson', 'young'\.$"):
+        Isotropic(young=1.0, colour="red")
 
 
 def test_plane_stress_allows_poisson_up_to_one():

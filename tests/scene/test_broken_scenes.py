@@ -351,9 +351,25 @@ CASES = [
         (
             "scene.toml: expect.tpi.z, line 47: there is no result 'tpi.z'; known: 'blow_ups', 'displacement.largest', "
             "'energy.closure', 'energy.dissipated', 'energy.external', 'energy.kinetic', 'energy.potential', "
-            "'energy.removed', 'energy.strain', 'energy.total', 'energy_gained', 'steps', 'time', 'tip.x', 'tip.y', 'tip.z', "
+            "'energy.removed', 'energy.strain', 'energy.total', 'energy_gained', 'steps', 'stress.largest', 'time', 'tip.x', 'tip.y', 'tip.z', "
             "'volume_ratio.smallest', 'wall.x', 'wall.y', 'wall.z'. Did you mean 'tip.z'?"
         ),
+    ),
+    Broken(
+        "a list of reactions",
+        [('reactions = { wall = "left" }', 'reactions = ["left", "a b"]'), ('plots = ["tip", "ledger"]', "")],
+        "scene.toml: output.reactions, line 43: got ['left', 'a b']; expected a table, such as reactions = {left = \"left\", "
+        '"a b" = "a b"}',
+    ),
+    Broken(
+        "a list of fixed places",
+        [('[fixed]\nleft = "xyz"\n', ""), ('units = "SI"', 'units = "SI"\nfixed = ["left"]')],
+        "scene.toml: fixed, line 2: got ['left']; expected a table, such as fixed = {left = \"xyz\"}",
+    ),
+    Broken(
+        "the symbol of a constant",
+        [("density = 7850", "rho = 7850")],
+        "scene.toml: materials.steel.rho, line 16: unknown key; did you mean 'density'? Known here: density, model, poisson, young.",
     ),
     Broken(
         "an expectation without a tolerance",
@@ -445,7 +461,8 @@ CASES = [
     Broken(
         "unknown units",
         [('"SI"', '"si"')],
-        "scene.toml: units, line 1: 'si' is not known here. Known: SI, mm-N-MPa, mm-kg-ms, mm-g-ms, cm-g-s, um-kg-s, in-lbf-s.",
+        "scene.toml: units, line 1: 'si' is not known here; did you mean 'SI'? Known: SI, mm-N-MPa, mm-kg-ms, mm-g-ms, cm-g-s, "
+        "um-kg-s, in-lbf-s.",
     ),
     Broken(
         "too many threads",

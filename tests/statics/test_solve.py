@@ -82,6 +82,7 @@ def test_at_the_end_of_the_branch_without_inversion_the_last_good_state_is_retur
     system = block(0.4)
     with pytest.raises(SolveError, match=r"stable branch ends here.*elements? \(.*compression.*try.*VolumePenalty") as failure:
         solve_static(system, steps=20, quiet=True)
+    assert "raise_on_failure=False" in str(failure.value) and "raise_on_failure" not in failure.value.result.message
     result = failure.value.result
     assert result.status is Status.STOPPED and not result.success
     assert 0.29 < 0.4 * result.t < 0.33
