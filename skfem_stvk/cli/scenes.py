@@ -9,6 +9,7 @@ import shlex
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,8 +25,9 @@ from ..peers import PEERS
 from ..scene import Scene, sweep, templates
 from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
-from ..scene.outcome import SceneOutcome, as_printed
-from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_PASSED, WIDTH, console, printable
+from ..scene.outcome import SceneOutcome, SummaryRow, as_printed
+from ..scene.report import REPORT
+from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_PASSED, WIDTH, console, duration, printable
 
 #: Options for the material of a mesh.
 MATERIAL = ("young", "poisson", "density")
@@ -101,15 +103,17 @@ def _finishing_on_signals() -> Iterator[None]:
 
 
 def _solve(options: argparse.Namespace, comm: Any) -> int:
+    begin = time.perf_counter()
     changed = [*options.set, *([f"threads={options.threads}"] if options.threads is not None else [])]
     scene = Scene.read(options.scene, changed, comm)
     notes = console(stderr=True)
     for text in scene.implausible():
         notes.print(f"[yellow]note[/] {printable(text)}", soft_wrap=True)
     out = Path(options.out) if options.out is not None else scene.folder_of_results
+    built = time.perf_counter()
     outcome = scene.solve(out, resume=options.resume, force=options.force, quiet=options.quiet)
     if not options.quiet:
-        _print(outcome)
+        _print(outcome, built - begin, time.perf_counter() - built - outcome.seconds)
     if outcome.exit_code == INTERRUPTED:
         settings = [part for one in changed for part in ("--set", one)]
         launcher = [] if comm is None else ["mpiexec", "-n", str(comm.size)]
@@ -119,15 +123,19 @@ def _solve(options: argparse.Namespace, comm: Any) -> int:
     return outcome.exit_code
 
 
-def _print(outcome: SceneOutcome) -> None:
-    """Print the outcome, the expectations, and the folder of results."""
+def _print(outcome: SceneOutcome, building: float, writing: float) -> None:
+    """Print the outcome, the results that matter most, the times [s], the expectations, and the path of the report."""
     out = console()
-    out.print(f"{outcome.status}: {printable(outcome.message)}", soft_wrap=True)
+    out.print(printable(outcome.headline), soft_wrap=True)
+    times = f"body {duration(building)}, analysis {outcome.seconds_by_stage}, files and report {duration(writing)}"
+    for name, value, where in (*outcome.summary, SummaryRow("time", times)):
+        out.print(f"  {printable(name):26}  {printable('   '.join(filter(None, (value, where))))}", soft_wrap=True)
     for one in outcome.judged:
         verdict = "[green]as expected[/]" if one.passed else "[bold red]not as expected[/]"
         name, got = printable(one.name), as_printed(one.got)
         out.print(f"{verdict} {name} = {got}, expected {one.expected:.9g} within {one.allowed:.3g}", soft_wrap=True)
-    out.print(f"results are in {printable(str(outcome.folder))}", soft_wrap=True)
+    assert outcome.folder is not None
+    out.print(f"report: {printable(str(outcome.folder / REPORT))}", soft_wrap=True)
 
 
 def sweep_arguments(parser: argparse.ArgumentParser) -> None:

@@ -36,7 +36,7 @@ from .schema.sections import Expectation, Prescribed
 from .schema.terms import given_by, in_elements, in_time
 from .source import SceneSource
 
-_LAST = ("energy.strain", "displacement.largest", "volume_ratio.smallest", "steps")
+_LAST = ("energy.strain", "displacement.largest", "stress.largest", "volume_ratio.smallest", "steps")
 #: Results of a motion, by their columns in its energy ledger.
 ENERGIES = {
     "kinetic": "kinetic_energy",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..arguments import Array
-from ..terminal import DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED
+from ..terminal import DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED, duration
 from .build import Built
 
 
@@ -28,6 +28,14 @@ class ComparedResult(NamedTuple):
     expected: float
     allowed: float  # the largest difference
     passed: bool
+
+
+class SummaryRow(NamedTuple):
+    """Result that matters most, in words."""
+
+    name: str  # as "largest displacement"
+    value: str  # with its unit
+    where: str = ""  # its location
 
 
 def as_printed(value: float | None) -> str:
@@ -53,6 +61,8 @@ class SceneOutcome:
         Results at the end by dotted name, such as `energy.strain` and `tip.z`. NaN for an energy that does not exist.
     judged
         Results with their expectations.
+    summary
+        Results that matter most, with units and locations.
     seconds
         Duration of the analysis.
     folder
@@ -71,10 +81,23 @@ class SceneOutcome:
     curves: dict[str, Curve]
     values: dict[str, float]
     judged: tuple[ComparedResult, ...]
+    summary: tuple[SummaryRow, ...]
     seconds: float
     folder: Path | None = None
     warnings: tuple[str, ...] = field(default=())
     ranks: str = ""
+
+    @property
+    def headline(self) -> str:
+        """Status and message; the status only where the message does not say it."""
+        said = self.status.split()[0] in self.message.lower()
+        return self.message if said else f"{self.status}: {self.message}"
+
+    @property
+    def seconds_by_stage(self) -> str:
+        """Duration of the analysis, and of its parts where they were measured."""
+        parts = ", ".join(f"{name} {duration(seconds)}" for name, seconds in getattr(self.result, "seconds", {}).items() if seconds)
+        return duration(self.seconds) + (f" ({parts})" if parts else "")
 
     @property
     def exit_code(self) -> int:

@@ -29,6 +29,7 @@ from ..statics import StaticResult
 from .outcome import Curve, SceneOutcome, as_printed
 from .units import UNITS
 
+REPORT = "report.html"
 #: Displacements are enlarged to about this fraction of the body's size if they are below half of it.
 SHOWN = 0.08
 #: Number of elastic modes with a picture.
@@ -37,7 +38,7 @@ DOTS_PER_INCH = 130
 #: Dimensions of the fields.
 DIMENSIONS = {"Pa": "stress", "J/m^3": "stress", "m": "length", "m/s": "velocity"}
 #: Dimensions of results by the beginning of their names; those of probes and reactions are known from their curves.
-RESULTS = {"energy": "energy", "frequency": "frequency", "displacement": "length", "time": "time"}
+RESULTS = {"energy": "energy", "frequency": "frequency", "displacement": "length", "stress": "stress", "time": "time"}
 GREY, VERMILION = "#c8c8c8", "#D55E00"
 #: Labels of a curve.
 BACKED, SMALL = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5}, {"fontsize": 8, "color": VERMILION}
@@ -90,7 +91,7 @@ def write_report(folder: Path, outcome: SceneOutcome, draw: bool = True) -> Path
     except Exception as error:
         problems.append(f"{outcome.built.sections.output.file} is not written: {error}")
         failure = error
-    path = folder / "report.html"
+    path = folder / REPORT
     with replacing(path) as part:
         part.write_text(_page(folder, outcome, drawings, problems), encoding="utf-8", errors="backslashreplace")
     if failure is not None:

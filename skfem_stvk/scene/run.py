@@ -26,6 +26,7 @@ from .folder import Folder
 from .outcome import ComparedResult, Curve, SceneOutcome
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, StaticAnalysis, stop_of
+from .summary import largest_displacement, largest_stress, summary
 
 #: Default tolerance of the residual of a static state, as a fraction of loads and reactions.
 RTOL = 1e-8
@@ -54,7 +55,9 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         if isinstance(result, Run) and result.success and (result.blow_ups or result.gained > REPORTED):
             warn(_energy_message(result))
     curves = {} if isinstance(result, Modes) else _curves(built, result)
-    values = _values(result) | {
+    stress = None if isinstance(result, Modes) else largest_stress(result)
+    values = _values(result) | ({} if stress is None else {"stress.largest": stress.value})
+    values |= {
         f"{name}.{axis}": float(value)
         for name, curve in curves.items()
         for axis, value in zip("xyz", curve.values[-1], strict=False)
@@ -71,6 +74,7 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         curves=curves,
         values=values,
         judged=judged,
+        summary=tuple(summary(built, result, curves, values, stress)),
         seconds=time.perf_counter() - begin,
         folder=None if folder is None else folder.path,
         warnings=tuple(warned),
@@ -216,8 +220,7 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
             "modes.rigid": float(result.rigid.sum()),
             "modes.unstable": float(result.unstable.sum()),
         }
-    largest = result.system.space.most(float(np.linalg.norm(result.u.reshape(-1, result.system.mesh.d), axis=1).max()))
-    common = {"displacement.largest": largest}
+    common = {"displacement.largest": largest_displacement(result).value}
     smallest = float(result.system.smallest_volume_ratio(result.u))
     if np.isfinite(smallest):  # springs alone have none
         common["volume_ratio.smallest"] = smallest

@@ -14,6 +14,7 @@ from skfem_stvk.scene import report
 from skfem_stvk.scene.report import write_report
 
 Curve = namedtuple("Curve", "t values dimension")
+SummaryRow = namedtuple("SummaryRow", "name value where")
 ComparedResult = namedtuple("Judged", "name got expected allowed passed")
 STEEL = StVK(young=2.1e5, poisson=0.3, density=7.85e-9)  # in N, mm, t
 CLAMPED = {"left": "xyz"}
@@ -30,7 +31,7 @@ def bent():
     return solve_static(System(beam(), [STEEL, Traction("right", [0, 0, -1.0])], fixed=CLAMPED), 4, quiet=True)
 
 
-def outcome_of(result, *, kind, curves=None, judged=(), units="mm-N-MPa", title="", **output):
+def outcome_of(result, *, kind, curves=None, judged=(), summary=(), units="mm-N-MPa", title="", **output):
     """Return a stand-in for the outcome of a scene with this result of an analysis."""
     output = {"file": None, "fields": None, "picture": "", "animation": None, "plots": []} | output
     sections = SimpleNamespace(
@@ -52,7 +53,8 @@ def outcome_of(result, *, kind, curves=None, judged=(), units="mm-N-MPa", title=
         curves=curves or {},
         values={"load": 1.0, "energy.strain": 2.5, "tip.z": -0.125},
         judged=judged,
-        seconds=1.5,
+        summary=summary,
+        seconds_by_stage="1.5 s (assemble 1.1 s)",
         ranks="",
         folder=None,
         warnings=(),
@@ -135,6 +137,25 @@ def test_results_are_listed_with_their_expected_values(tmp_path, bent):
     page = write_report(tmp_path, outcome_of(bent, kind="static", judged=judged)).read_text(encoding="utf-8")
     assert "1 of 2 not as expected" in page
     assert page.count(">not as expected<") == 1 and page.count(">as expected<") == 1
+
+
+def test_results_precede_pictures_and_provenance_is_last(tmp_path, bent):
+    judged = (ComparedResult("load", 1.0, 1.0, 0.0, True),)
+    rows = (SummaryRow("largest displacement", "0.12 mm", "node 3 at (100, 0, 0)"),)
+    outcome = outcome_of(bent, kind="static", judged=judged, summary=rows, picture="displacement")
+    page = write_report(tmp_path, outcome).read_text(encoding="utf-8")
+    parts = (
+        "largest displacement",
+        "node 3 at",
+        "Expectations",
+        "Results at the end",
+        "<img",
+        "What was built",
+        "Versions and machine",
+    )
+    order = [page.index(part) for part in parts]
+    assert order == sorted(order)
+    assert "assemble" in page
 
 
 def test_a_failing_plot_is_reported_and_the_rest_is_written(tmp_path, bent, monkeypatch):

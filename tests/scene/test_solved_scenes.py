@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import signal
 import time
@@ -140,6 +141,30 @@ def test_the_resolved_scene_gives_the_same_results(tmp_path, parts):
     assert resolved.data["solver"]["name"] != "auto" and resolved.data["threads"] >= 1
     text = (tmp_path / "second" / "resolved.toml").read_text()
     assert text == (tmp_path / "first" / "resolved.toml").read_text()
+
+
+@pytest.mark.parametrize("analysis", [STATIC, MOTION], ids=["static", "dynamic"])
+def test_solve_prints_the_results_that_matter_with_their_locations(tmp_path, capsys, analysis):
+    assert main(["solve", str(scene(tmp_path, analysis, FOLLOWED))]) == 0
+    out = capsys.readouterr().out
+    outcome = Scene.read(tmp_path / "beam.toml").solve(quiet=True)
+    result, rows = outcome.result, dict(re.findall(r"^  (\S.*?)  +(.*)$", out, re.MULTILINE))
+    lengths, stress = np.linalg.norm(result.u.reshape(-1, 3), axis=1), result.state["von_mises_stress"]
+    node, element = lengths.argmax(), stress.argmax()
+    point, centre = result.system.mesh.p[:, node], result.system.mesh.p[:, result.system.mesh.t[:, element]].mean(axis=1)
+    assert rows["largest displacement"] == f"{lengths[node]:.6g} m   node {node} at {in_parentheses(point)}"
+    assert rows["largest von Mises stress"] == f"{stress[element]:.6g} Pa   mean of element {element} at {in_parentheses(centre)}"
+    assert outcome.values["stress.largest"] == stress[element]
+    assert rows["reaction of wall"] == rows["reaction of all supports"]
+    assert float(rows["reaction of wall"].split()[2].rstrip(")")) == pytest.approx(result.reaction().resultant[2], rel=1e-5)
+    assert rows["strain energy"].endswith(" J") and ("kinetic energy" in rows) == (analysis is MOTION)
+    assert "body" in rows["time"] and "assemble" in rows["time"] and "report" in rows["time"]
+    assert out.endswith(f"report: {tmp_path / 'beam' / 'report.html'}\n")
+    assert out.lower().count("converged") <= 1
+
+
+def in_parentheses(x):
+    return f"({', '.join(f'{value:.4g}' for value in x)})"
 
 
 def test_results_are_judged_by_the_expectations(tmp_path, capsys):
