@@ -134,6 +134,19 @@ def worst_locations(mesh: ElementMesh, error: NDArray[np.float64], limit: float)
     return locations
 
 
+def plain(value: Any) -> str:
+    """Return a value of a report as text, without the brackets of Python.
+
+    >>> plain({"shortest": 0.30000000000000004, "ids": [1, 2]}), plain({})
+    ('shortest 0.3, ids 1, 2', 'none')
+    """
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {plain(one)}" for name, one in value.items()) or "none"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(plain, value)) or "none"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
 def location_in_words(locations: dict[str, Any]) -> str:
     """Return the result of `worst_locations` as one line of text.
 
@@ -142,7 +155,7 @@ def location_in_words(locations: dict[str, Any]) -> str:
     'worst at dof 7 (node 2, y); 4 nodes off, all nodes of 1 element: 1'
     """
     if "dof" not in locations:
-        return "; ".join(f"{name} {value}" for name, value in locations.items())
+        return "; ".join(f"{name} {plain(value)}" for name, value in locations.items())
     words = f"worst at dof {locations['dof']} (node {locations['node']}, {locations['component']})"
     if locations.get("elements_off"):
         count = locations["elements_off"]

@@ -27,6 +27,7 @@ from .law_readings import (
     stvk_energy,
     stvk_stress,
 )
+from .moduli import engineering_constants
 from .results import CheckOutcome, Explanation, Naming, Result, largest
 
 #: Relative distance below which moduli are equal. Differences of sixth order, taken twice, are accurate to 1e-8.
@@ -108,7 +109,10 @@ class _Repair:
         first = next(iter(wrong.values()))
         alike = all(np.allclose(one, first, rtol=SAME, atol=SAME * mu) for one in wrong.values())
         if alike and len(wrong) == len(self.functions):
-            self.found.append(_moduli_in_words("", *first, lam, mu))
+            claims = self.checks.claims
+            name, words = _moduli_in_words("", *first, lam, mu)
+            constants = engineering_constants(*first, claims.material, claims.plane == "stress")
+            self.found.append((name, words + constants))
             self.tensor = lame_tensor(*first, self.law.d)
             return
         for quantity, (other, shear) in wrong.items():

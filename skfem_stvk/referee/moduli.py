@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..materials import Isotropic
+from ..errors import MaterialError
+from ..materials import Isotropic, Material
 from ..mesh import ElementMesh
 from ..terms import StVK
 from .bodies import is_condensed, reference_on, tensor_of
@@ -98,10 +99,12 @@ def _named(evidence: Evidence, regions: Sequence[StVK], pairs: Array) -> Iterato
     same = np.ptp(pairs, axis=0).max() <= 1e-6 * np.abs(pairs).max()
     numbers = "; ".join(
         f"your lambda is {number(pairs[i, 0])} x, your mu {number(pairs[i, 1])} x{'' if same else _where(regions[i])}"
+        f"{_of_region(evidence.case.mesh, regions[i], *pairs[i]) if not same or len(regions) == 1 else ''}"
         for i in (off[:1] if same else off)
     )
+    no_reading = "lambda and mu by region" if len(regions) > 1 else "lambda and mu"
     readings = [_readings(evidence.case.mesh, regions[i], *pairs[i]) for i in off]
-    for name in [name for name in readings[0] if all(name in each for each in readings)] or ["lambda and mu by region"]:
+    for name in [name for name in readings[0] if all(name in each for each in readings)] or [no_reading]:
         yield name, f"{numbers}{LAME_WORDS.get(name, '')}", _scaled(evidence, regions, pairs)
 
 
@@ -124,6 +127,39 @@ def number(factor: float) -> str:
     ('2.000', '1e-09')
     """
     return f"{factor + 0.0:.3f}" if factor == 0 or 0.01 <= abs(factor) < 1000 else f"{factor:.3g}"
+
+
+def engineering_constants(lam: float | Array, mu: float | Array, claimed: Material | None, condensed: bool = False) -> str:
+    """Return Young's modulus and Poisson's ratio of `lam` and `mu` in parentheses, where they differ from those of a material.
+
+    The text is empty if no material has these constants, or if they differ from element to element. `condensed`: `lam` is that of
+    plane stress.
+
+    >>> engineering_constants(2 * 1.5, 1.0, Isotropic(young=2.6, poisson=0.3))
+    ' (E = 2.75 where 2.6 was claimed, nu = 0.375 where 0.3 was claimed)'
+    """
+    if not isinstance(claimed, Isotropic) or claimed.poisson is None or np.ndim(claimed.young) or np.ndim(claimed.poisson):
+        return ""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        solid = 2 * lam * mu / (2 * mu - lam) if condensed else lam
+    try:
+        found = Isotropic.from_lame(solid, mu)
+    except MaterialError:
+        return ""
+    E, nu, *others = (float(np.asarray(one)) for one in (found.young, found.poisson, claimed.young, claimed.poisson))
+    texts = [
+        f"{name} = {one:.6g} where {other:.6g} was claimed"
+        for name, one, other in (("E", E, others[0]), ("nu", nu, others[1]))
+        if not np.isclose(one, other, 1e-6)
+    ]
+    return f" ({', '.join(texts)})" if texts else ""
+
+
+def _of_region(mesh: ElementMesh, term: StVK, of_lam: float, of_mu: float) -> str:
+    """Return the engineering constants of a region with these factors of lambda and mu."""
+    assert isinstance(term.material, Isotropic)
+    lam, mu = term.material.lame(term.hypothesis(mesh))
+    return engineering_constants(of_lam * lam, of_mu * mu, term.material, is_condensed(mesh, term))
 
 
 def _where(term: StVK) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from importlib.resources import files
+from typing import Any
 
 from jinja2 import Environment
 from matplotlib.axes import Axes
@@ -11,8 +13,9 @@ from matplotlib.figure import Figure
 
 from .case import OURS, REFERENCE
 from .checks.precision import TEXTBOOK
-from .judgement import location_in_words
-from .results import Findings
+from .judgement import location_in_words, plain
+from .rendering import WORST_FIRST, size_in_words, worst_failure, worst_outcome
+from .results import CheckOutcome, Findings, Result
 
 COLOURS = {OURS: "#0072B2", REFERENCE: "#D55E00", TEXTBOOK: "#009E73"}
 MARKERS = {"W": "s", "F": "o", "K": "^"}
@@ -67,8 +70,31 @@ def as_svg(figure: Figure) -> str:
 def page(report: Findings) -> str:
     """Return the report as the text of a self-contained HTML file, including the pictures."""
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["in_words"] = location_in_words
+    environment.filters |= {"in_words": location_in_words, "plain": plain, "tally": _tally}
+    environment.filters |= {"worst_first": _worst_first, "worst_failure": worst_failure, "size": size_in_words}
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
     measured = "lines" not in report.header
     pictures = [as_svg(error_against_strain(report)), as_svg(speed_against_error(report))] if measured else []
-    return template.render(report=report, header=report.header, pictures=pictures)
+    groups: dict[str, list[Any]] = {"failed": [], "passed": [], "others": []}
+    for group in report.groups().items():
+        worst = worst_outcome(group[1])
+        name = {CheckOutcome.PASSED: "passed", CheckOutcome.NOT_APPLICABLE: "others"}.get(worst, "failed")
+        groups[name].append(group)
+    return template.render(report=report, header=report.header, pictures=pictures, groups=groups)
+
+
+def _tally(results: Sequence[Result]) -> str:
+    """Return how many of the results passed, of those that apply.
+
+    >>> made = [Result("a", "b", "F", "rest", outcome) for outcome in (CheckOutcome.PASSED, CheckOutcome.NOT_APPLICABLE)]
+    >>> _tally(made), _tally(made[1:])
+    ('1 of 1 passed', 'not applicable')
+    """
+    run = [result for result in results if result.outcome is not CheckOutcome.NOT_APPLICABLE]
+    passed = sum(result.outcome is CheckOutcome.PASSED for result in run)
+    return f"{passed} of {len(run)} passed" if run else CheckOutcome.NOT_APPLICABLE.value
+
+
+def _worst_first(results: Sequence[Result]) -> list[Result]:
+    """Return the results in the order of their outcomes, failures first."""
+    return sorted(results, key=lambda result: WORST_FIRST.index(result.outcome))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -20,6 +20,11 @@ STYLE = {
     CheckOutcome.NOT_APPLICABLE: "dim",
 }
 WORST_FIRST = (CheckOutcome.FAILED, CheckOutcome.COULD_NOT_RUN, CheckOutcome.PASSED, CheckOutcome.NOT_APPLICABLE)
+
+
+def worst_outcome(results: Iterable[Result]) -> CheckOutcome:
+    """Return the worst outcome of the results of a group."""
+    return min((result.outcome for result in results), key=WORST_FIRST.index)
 
 
 def rendered(report: Findings, width: int = WIDTH) -> RenderableType:
@@ -76,7 +81,7 @@ def checks_as_rows(report: Findings) -> list[list[str]]:
 def _rows(report: Findings) -> Iterator[tuple[CheckOutcome, dict[str, str]]]:
     """Yield the outcome and the columns of each check, in its worst state."""
     for (check, subject, against, quantity), results in report.groups().items():
-        outcome = next(outcome for outcome in WORST_FIRST if any(r.outcome is outcome for r in results))
+        outcome = worst_outcome(results)
         worst = max((r for r in results if r.outcome is outcome), key=error_over_limit)
         row = {
             "check": check,
@@ -130,11 +135,8 @@ def _failures(report: Findings) -> list[RenderableType]:
     """
     parts: list[RenderableType] = []
     for results in report.groups().values():
-        failed = [r for r in results if r.outcome is CheckOutcome.FAILED]
-        if failed:
-            parts.append(
-                f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(failure_in_words(max(failed, key=error_over_limit)))}"
-            )
+        if worst := worst_failure(results):
+            parts.append(f"[{STYLE[CheckOutcome.FAILED]}]failed[/] {printable(failure_in_words(worst))}")
     for outcome in (CheckOutcome.COULD_NOT_RUN, CheckOutcome.NOT_APPLICABLE):
         reasons: dict[str, dict[str, dict[str, None]]] = {}
         for result in report.results:
@@ -154,14 +156,23 @@ def _states(states: list[str]) -> str:
     return f" in {', '.join(states[:3] if more else states)}{more}"
 
 
+def worst_failure(results: Iterable[Result]) -> Result | None:
+    """Return the worst failure of a group; None if none failed."""
+    failed = [result for result in results if result.outcome is CheckOutcome.FAILED]
+    return max(failed, key=error_over_limit, default=None)
+
+
 def failure_in_words(result: Result) -> str:
-    """Return a sentence on a failure with its state, size and worst location, or the reason why the check did not run."""
+    """Return a sentence on a failure with its check, state, size and worst location, or the reason why the check did not run."""
     what = f"{result.check}, {result.quantity} of {result.subject}" + (f" against {result.against}" if result.against else "")
+    return f"{what}, {size_in_words(result)}"
+
+
+def size_in_words(result: Result) -> str:
+    """Return the state of a failure, its size and its worst location, or the reason why the check did not run."""
     if result.measured is None:
-        return f"{what}, {result.state}: {result.reason}"
-    return (
-        f"{what}, {result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {location_in_words(result.worst)}"
-    )
+        return f"{result.state}: {result.reason}"
+    return f"{result.state}: {result.measured:.2e} > {result.limit:.0e} of {result.scale}. {location_in_words(result.worst)}"
 
 
 def _named(report: Findings) -> list[RenderableType]:

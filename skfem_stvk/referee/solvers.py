@@ -24,6 +24,7 @@ from .element_model import model_of, second_piola, small_strain
 from .implementations import ContractViolation, Implementation, guarded
 from .judgement import relative
 from .manufactured import Manufactured, fitted_order, moved_box
+from .moduli import engineering_constants
 from .report import Report, judge
 from .results import Explanation, Naming, Task
 from .shape import Shape
@@ -361,8 +362,8 @@ class _Evidence:
         problem = problem or trial.loaded()
         self.u = trial.answer(name, problem)
         self.boundary, self.free = problem.boundary, np.setdiff1d(np.arange(len(self.u)), problem.boundary.nodes)
-        self.shape, self.lam, self.mu = _shape(problem.mesh), trial.lam, trial.mu
-        self.model = model_of(self.shape.mesh, [StVK(trial.material)])
+        self.shape, self.lam, self.mu, self.material = _shape(problem.mesh), trial.lam, trial.mu, trial.material
+        self.model = model_of(self.shape.mesh, [StVK(self.material)])
         self.b = trial.young * LOAD[: trial.d]
         self.load = _at_nodes(problem.mesh, self.shape.volume)[:, None] * self.b
 
@@ -436,6 +437,7 @@ def _by_forces(e: _Evidence, limit: float) -> Iterator[list[Explanation]]:
     yield [Explanation(f"load x {c:.3f}", words, rest)]
     (lam, mu), rest = e.fitted([e.force(mu=0.0), e.force(lam=0.0)], e.load)
     words = f"your lambda is {lam:.3f} x and your mu {mu:.3f} x the requested ones"
+    words += engineering_constants(lam * e.lam, mu * e.mu, e.material)
     yield [Explanation(f"lambda x {lam:.3f}, mu x {mu:.3f}", words, rest)]
     others = []
     for name, words, force, right in (

@@ -110,7 +110,7 @@ def test_a_region_is_named():
     candidate = System(mesh, [StVK(young=2.0, poisson=0.3, region="left"), StVK(young=3.0, poisson=0.4, region="right")])
     naming = named(candidate, mesh, terms)
     assert naming.names == ["lambda and mu by region"]
-    assert naming.explanations[0].words == "your lambda is 3.000 x, your mu 3.000 x in right"
+    assert naming.explanations[0].words == "your lambda is 3.000 x, your mu 3.000 x in right (E = 3 where 1 was claimed)"
 
 
 def of_lame(lam, mu):
@@ -127,13 +127,26 @@ def test_a_fault_in_one_of_two_materials_is_named_with_its_region():
     term, lam, mu = StVK(young=E, poisson=nu), E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
     where = f"in the region of elements 0, 3, 6, ... ({stiff.sum()})"
     (one,) = named(of_lame(np.where(stiff, 2 * lam, lam), mu), terms=[term]).explanations
-    assert one.name == "lambda doubled" and one.words == f"your lambda is 2.000 x, your mu 1.000 x {where}"
+    assert one.name == "lambda doubled"
+    assert (
+        one.words
+        == f"your lambda is 2.000 x, your mu 1.000 x {where} (E = 2.11538 where 2 was claimed, nu = 0.375 where 0.3 was claimed)"
+    )
     (one,) = named(of_lame(np.where(stiff, mu, lam), np.where(stiff, lam, mu)), terms=[term]).explanations
-    assert one.name == "lambda and mu exchanged" and one.words == f"your lambda is 0.667 x, your mu 1.500 x {where}"
+    assert one.name == "lambda and mu exchanged" and one.words.startswith(f"your lambda is 0.667 x, your mu 1.500 x {where} (E = ")
     assert named(of_lame(mu, lam), terms=[term]).names == ["lambda and mu exchanged"]
     (one,) = named(of_lame(2 * lam, mu), terms=[term]).explanations
     assert one.words == "your lambda is 2.000 x, your mu 1.000 x"
     assert named(of_lame(2 * lam, 3 * mu), terms=[term]).names == ["lambda and mu by region"]
+
+
+@pytest.mark.parametrize("plane", [None, "stress"])
+def test_constants_of_one_region_are_named_as_young_and_poisson(plane):
+    mesh = MESH if plane is None else ElementMesh.of(skfem.MeshTri().refined(2))
+    term = StVK(young=1e5, poisson=0.3, plane=plane)
+    naming = named(System(mesh, StVK(young=1e5, poisson=0.45, plane=plane)), mesh, [term])
+    assert naming.names == ["lambda and mu"]
+    assert naming.explanations[0].words.endswith(" (nu = 0.45 where 0.3 was claimed)")
 
 
 def test_usual_causes_are_named_if_every_element_has_different_constants():

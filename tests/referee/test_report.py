@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import re
+from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from bodies import box
 
 from skfem_stvk import (
+    ElementMesh,
     Report,
     StVK,
     StvkError,
@@ -17,7 +20,8 @@ from skfem_stvk import (
     verify,
 )
 from skfem_stvk.about import circumstances
-from skfem_stvk.referee.results import Explanation, Naming, judged
+from skfem_stvk.referee.plots import page
+from skfem_stvk.referee.results import CheckOutcome, Explanation, Naming, Result, judged
 
 TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
@@ -146,6 +150,54 @@ def test_the_terminal_gives_the_reasons_of_limits_for_passed_checks_too():
     assert report.passed and "Why these limits agreement (W)" in text and "the flattest element in 50 digits" in text
     assert "1e-12 allows for round-off of another order of summation; 1e-15 is usual; up to" in text
     assert "20 eps x (longest edge + displacement)/smallest height" in text and "1e-13 allows for round-off at any strain" in text
+
+
+class PageText(HTMLParser):
+    """Text of a page as a browser shows it, without its style and pictures."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.parts, self.hidden = [], 0
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.hidden += tag in ("style", "svg")
+        self.parts += [" "] if tag in ("td", "br") else []
+
+    def handle_endtag(self, tag):
+        self.hidden -= tag in ("style", "svg")
+
+    def handle_data(self, data):
+        self.parts += [] if self.hidden else [data]
+
+    def __str__(self):
+        return " ".join("".join(self.parts).split())
+
+
+def test_a_page_begins_with_failed_checks_then_the_fault_and_ends_with_provenance():
+    mesh = ElementMesh(box(2).p, box(2).t, subdomains={"left": [0, 1]})
+    report = verify(mesh, TERM, candidate=System(mesh, StVK(young=2.0 * TERM.material.young, poisson=0.2)), **QUIET)
+    report.results.append(Result("patch test", "a cable", "F", "rest", CheckOutcome.NOT_APPLICABLE))
+    text = str(PageText(page(report)))
+    order = [text.index(heading) for heading in HEADINGS]
+    assert order == sorted(order)
+    failed, fault, passed, others, provenance = (text[a:b] for a, b in zip(order, [*order[1:], len(text)], strict=True))
+    assert "agreement" in failed and "> 1e-12 of" in failed and "where 0.3 was claimed" in fault
+    assert "of 8 passed" in passed and "failed" not in passed
+    assert "patch test, F of a cable: not applicable" in others and "0 of" not in others
+    assert "mesh: edges shortest 0." in provenance and "mesh: subdomains left 2" in provenance
+    assert "mesh: boundaries none" in provenance and "numpy " in provenance
+    assert not re.search(r"[{}]|\['", text)
+    assert re.search(r"\d failed, 1 not applicable in \d+\.\d s", text)
+
+
+HEADINGS = (
+    "Checks that failed or could not run",
+    "The fault",
+    "Checks that passed",
+    "Checks that do not apply",
+    "What was judged, where and with what",
+)
 
 
 def test_a_report_without_a_mesh_shows_its_lines(tmp_path):
