@@ -351,8 +351,8 @@ CASES = [
         (
             "scene.toml: expect.tpi.z, line 47: there is no result 'tpi.z'; known: 'blow_ups', 'displacement.largest', "
             "'energy.closure', 'energy.dissipated', 'energy.external', 'energy.kinetic', 'energy.potential', "
-            "'energy.removed', 'energy.strain', 'energy.total', 'energy_gained', 'steps', 'stress.largest', 'time', 'tip.x', 'tip.y', 'tip.z', "
-            "'volume_ratio.smallest', 'wall.x', 'wall.y', 'wall.z'. Did you mean 'tip.z'?"
+            "'energy.removed', 'energy.strain', 'energy.total', 'energy_gained', 'steps', 'stress.largest', 'time', 'tip.x', "
+            "'tip.y', 'tip.z', 'volume_ratio.smallest', 'wall.x', 'wall.y', 'wall.z'. Did you mean 'tip.z'?"
         ),
     ),
     Broken(
@@ -369,7 +369,8 @@ CASES = [
     Broken(
         "the symbol of a constant",
         [("density = 7850", "rho = 7850")],
-        "scene.toml: materials.steel.rho, line 16: unknown key; did you mean 'density'? Known here: density, model, poisson, young.",
+        "scene.toml: materials.steel.rho, line 16: unknown key; did you mean 'density'? Known here: density, model, "
+        "poisson, young.",
     ),
     Broken(
         "an expectation without a tolerance",
