@@ -4,8 +4,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-__version__ = "0.1.0"
-
 # A line `from .MODULE import NAME as NAME` for each public name. Names that a program does not use are not imported.
 with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as _stub:
     _MODULES = {words[-1]: words[1] for words in map(str.split, _stub) if words[:1] == ["from"]}
@@ -13,7 +11,9 @@ __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, or a submodule, which is imported on first access."""
+    """Return a public name, or a submodule, which is imported on first access; and the version of the installed package."""
+    if name == "__version__":
+        return import_module("importlib.metadata").version("skfem-stvk")
     if name in _MODULES:
         globals()[name] = getattr(import_module(_MODULES[name], __name__), name)
         return globals()[name]
