@@ -43,7 +43,7 @@ class Quantity:
     Attributes
     ----------
     dimension
-        Dimension of its values, as in `skfem_stvk.scene.units.DIMENSIONS`; None for pure numbers, texts and locations.
+        Dimension of its values, as in `skfem_stvk.units.DIMENSIONS`; None for pure numbers, texts and locations.
     sentence
         Sentence that describes the quantity.
     gt, ge, lt, le

@@ -28,6 +28,7 @@ from ..scene.info import Inspection, inspect_mesh, inspect_scene
 from ..scene.outcome import SceneOutcome, SummaryRow, as_printed
 from ..scene.report import REPORT
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_PASSED, WIDTH, console, duration, printable
+from ..units import UNITS
 
 #: Options for the material of a mesh.
 MATERIAL = ("young", "poisson", "density")
@@ -167,9 +168,10 @@ def info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", nargs="?", help="scene file (.toml), or mesh file; without one: versions, machine, optional packages"
     )
-    parser.add_argument("--young", type=float, help="Young's modulus of the mesh's material [Pa]")
+    parser.add_argument("--young", type=float, help="Young's modulus of the mesh's material [Pa, or the unit of --units]")
     parser.add_argument("--poisson", type=float, help="its Poisson's ratio")
-    parser.add_argument("--density", type=float, help="its mass density [kg/m^3]")
+    parser.add_argument("--density", type=float, help="its mass density [kg/m^3, or the unit of --units]")
+    parser.add_argument("--units", choices=list(UNITS), help="system of units of the mesh and its material; by default SI")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value in a scene")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     parser.add_argument("--footprint", action="store_true", help="elements, bytes and packages of each part of a scene")
@@ -224,9 +226,11 @@ def _caches() -> dict[str, str]:
 
 
 def _scene(options: argparse.Namespace) -> Scene:
-    given = [f"--{name}" for name in MATERIAL if getattr(options, name) is not None]
+    given = [f"--{name}" for name in (*MATERIAL, "units") if getattr(options, name) is not None]
     if given:
-        raise StvkError(f"{', '.join(given)}: a scene defines its materials. Change them with --set materials.NAME.young=...")
+        raise StvkError(
+            f"{', '.join(given)}: a scene defines its materials and units. Change them with --set materials.NAME.young=..."
+        )
     return Scene.read(options.file, options.set)
 
 
@@ -250,4 +254,4 @@ def _of_mesh(options: argparse.Namespace) -> Inspection:
     given = {name: getattr(options, name) for name in MATERIAL}
     if options.young is None and any(value is not None for value in given.values()):
         raise StvkError("A material needs --young (Pa), e.g. --young 70e9 --poisson 0.33 --density 2700.")
-    return inspect_mesh(read_mesh(Path(options.file)), **given)
+    return inspect_mesh(read_mesh(Path(options.file)), **given, units=options.units or "SI")

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, real_array, shown, whole
 from ..errors import StvkError, name_known
 from ..results.files import output_path, replacing
+from ..units import UNITS, UnitSystem
 
 FIRST_ROWS = 1024
 ROWS_AT_ONCE = 10_000
@@ -30,7 +31,7 @@ ENERGIES = {
     "total_energy": "#000000",
 }
 AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
-MOMENTA = {"linear_momentum": "linear\nmomentum [kg m/s]", "angular_momentum": "angular\nmomentum [kg m²/s]"}
+MOMENTA = {"linear_momentum": "kg m/s", "angular_momentum": "kg m²/s"}
 #: Largest number of points in a line: two for each pixel column that it crosses.
 MOST_POINTS = 4000
 Lines = list[tuple[str, str, str]]
@@ -73,6 +74,9 @@ class Ledger(Mapping[str, Array]):
     Traceback (most recent call last):
     skfem_stvk.dynamics.ledger.NoColumn: The ledger has no column 'kinetic'; known: 'kinetic_energy', 'time'. Did you mean ...?
     """
+
+    #: System of units of all values.
+    units: UnitSystem = UNITS["SI"]
 
     def __init__(self, names: Sequence[str], rows: ArrayLike | None = None) -> None:
         if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
@@ -212,9 +216,11 @@ class Panel(NamedTuple):
     height: float
 
 
-def _draw(ledger: Mapping[str, Array], path: Path | None) -> Any:
+def _draw(ledger: Ledger, path: Path | None) -> Any:
     """Draw all panels; write them to `path` if it is not None."""
-    figure = draw(ledger, _panels(ledger), interactive=path is None)
+    units = ledger.units
+    panels = [*energy_panels(ledger, units.of("J")), *_other_panels(ledger)]
+    figure = draw(ledger, panels, f"time [{units.of('s')}]", interactive=path is None)
     if path is not None:
         figure.savefig(path, dpi=160)
     return figure
@@ -246,14 +252,16 @@ def energy_panels(ledger: Mapping[str, Array], unit: str = "J") -> list[Panel]:
     return [Panel(f"energy [{unit}]", energies, 2.6), Panel(f"closure\nerror [{unit}]", closure, 1.0)]
 
 
-def _panels(ledger: Mapping[str, Array]) -> list[Panel]:
-    """Return the panels of energies, the closure error, momenta, displacements of probes, and reactions."""
-    panels = energy_panels(ledger)
-    for quantity, label in MOMENTA.items():
+def _other_panels(ledger: Ledger) -> list[Panel]:
+    """Return the panels of momenta, displacements of probes, and reactions."""
+    panels, units = [], ledger.units
+    for quantity, unit in MOMENTA.items():
+        label = quantity.replace("_", "\n") + f" [{units.of(unit)}]"
         panels.append(Panel(label, _along_axes(ledger, f"{quantity}_"), 1.2))
     probes = dict.fromkeys(name[:-2] for name in ledger if name[-2:] in (" x", " y", " z"))
     for probe in probes:
-        label = f"{probe} [N]" if probe.startswith("reaction ") else f"displacement\nof {probe} [m]"
+        force = probe.startswith("reaction ")
+        label = f"{probe} [{units.of('N')}]" if force else f"displacement\nof {probe} [{units.of('m')}]"
         panels.append(Panel(label, _along_axes(ledger, f"{probe} "), 1.2))
     return panels
 

@@ -10,6 +10,7 @@ from ..linear.choose import header_text
 from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
+from ..units import remarks
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import StepFailed
 from .ledger_rows import LedgerWriter, known_total
@@ -36,6 +37,7 @@ class Loop:
         motion = setup.motion
         self._steps = Steps(motion, setup.integrator, record, self._arrived, HALVINGS)
         self._stepper, self._limit = self._steps.stepper, self._steps.limit
+        record.ledger.units = motion.system.units
         self._ledger_writer = LedgerWriter(motion, setup.locations, record.ledger, record.clock.dt)
         self._begin()
         if record.origin is not None:
@@ -77,7 +79,7 @@ class Loop:
         header = f"{setup.motion.body!r}, {free.count} of them free; {setup.integrator}"
         if free.divided and solver is not None:
             header += f"; {header_text(solver, True)}"
-        header += space.parts
+        header += space.parts + remarks(setup.motion.system)
         with MotionProgress(header, record.ledger, record.steps, self._quiet or not space.prints) as progress:
             try:
                 self._outputs.save_if_due()

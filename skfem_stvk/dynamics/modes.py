@@ -115,13 +115,15 @@ class Modes:
         return save_series(path, ["von_mises_stress"], ((number, self.state(number, scale)) for number in range(len(self))))
 
     def _named(self, number: int) -> str:
+        units = self.system.units
         if self.rigid[number]:
             return "rigid"
         if self.flutter[number]:
-            return f"unstable, flutters at {self.frequencies[number]:.6g} Hz and grows by exp({self.growth[number]:.4g} t/s)"
+            growth = f"exp({self.growth[number]:.4g} t/{units.of('s')})"
+            return f"unstable, flutters at {self.frequencies[number]:.6g} {units.of('Hz')} and grows by {growth}"
         if self.unstable[number]:
-            return f"unstable, omega^2 = {self.eigenvalues[number]:.4g} 1/s^2"
-        return f"{self.frequencies[number]:.6g} Hz"
+            return f"unstable, omega^2 = {self.eigenvalues[number]:.4g} {units.of('1/s^2')}"
+        return f"{self.frequencies[number]:.6g} {units.of('Hz')}"
 
     def __repr__(self) -> str:
         rows = [f"{number:4d}  {self._named(number)}" for number in range(len(self))]

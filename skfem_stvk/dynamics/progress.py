@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping
 from math import isnan
-from typing import Any
 
 from rich.progress import BarColumn
 
 from ..terminal import LINE_INTERVAL, Progress, duration
+from ..units import UnitSystem
+from .ledger import Ledger
 
 #: Interval between two updates of a bar [s], and number of updates over which steps/s are averaged.
 REFRESH, WINDOW = 0.25, 10
@@ -23,7 +23,7 @@ class MotionProgress(Progress):
     It prints the last row of the ledger. A resumed run made `done` steps before.
     """
 
-    def __init__(self, header: str, ledger: Mapping[str, Any], done: int, quiet: bool) -> None:
+    def __init__(self, header: str, ledger: Ledger, done: int, quiet: bool) -> None:
         super().__init__("dynamics", quiet, (BarColumn(24),), auto_refresh=False)
         self._header, self._ledger, self._every = header, ledger, LINE_INTERVAL if self._bar is None else REFRESH
         self._number = self._steps = self._done = done
@@ -66,11 +66,11 @@ class MotionProgress(Progress):
         speed = f"{rate:,.0f} steps/s" if rate >= 100 else f"{rate:.3g} steps/s"
         parts = [f"step {self._number}/{self._steps}", speed, end]
         if len(ledger["time"]):
-            parts.append(f"t {ledger['time'][-1]:.4g} s")
-            parts += [f"{words} {_joules(ledger[name][-1])}" for words, name in ENERGIES.items() if name in ledger]
+            parts.append(f"t {ledger['time'][-1]:.4g} {ledger.units.of('s')}")
+            parts += [f"{words} {_energy(ledger[name][-1], ledger.units)}" for words, name in ENERGIES.items() if name in ledger]
         return "   ".join(part for part in parts if part)
 
 
-def _joules(energy: float) -> str:
+def _energy(energy: float, units: UnitSystem) -> str:
     """Return an energy as text; "-" for one that does not exist."""
-    return "-" if isnan(energy) else f"{energy:.3g} J"
+    return "-" if isnan(energy) else f"{energy:.3g} {units.of('J')}"

@@ -21,6 +21,7 @@ from ..results.files import of_leader
 from ..results.monitors import Finding
 from ..results.plotting import thumbnail
 from ..results.reactions import constrained_vertices
+from ..results.table import labels_of_files
 from ..results.vtu import DEFAULT
 from ..system import System
 from .guards import relative_closure_error
@@ -138,7 +139,7 @@ class Run:
         vertices = constrained_vertices(self.system, where)
         since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
         forces, mesh = self.motion.ground_forces(self.u, self.v, self.t, since), self.system.mesh
-        return Reaction.of(mesh, self.u, forces, mesh.node_numbers[vertices])
+        return Reaction.of(mesh, self.u, forces, mesh.node_numbers[vertices], self.system.units)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the last state, coloured by a field.
@@ -189,7 +190,9 @@ class Run:
         if self.series is None:
             raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
         series = self.series
-        return of_leader(self.system.space, lambda: animate(series, path, field, **options))
+        return of_leader(
+            self.system.space, lambda: animate(series, path, field, **(labels_of_files(field, self.system.units) | options))
+        )
 
     def _repr_html_(self) -> str:
         rows = [

@@ -15,6 +15,7 @@ from ..elements import rule_of
 from ..errors import StvkError
 from ..linear.space import Space
 from ..mesh.displacements import by_vertex
+from ..units import UNITS, UnitSystem
 from .response import ElasticBody, Masked, Response
 from .table import find
 
@@ -69,9 +70,12 @@ class Fields(ElasticBody):
         """
         fields = cls(system.mesh, system.body.terms, getattr(system, "quadrature", None))
         fields.leave_out(system.removed)
+        fields.units = system.units
         fields.beside = tuple(cls(body.mesh, body.terms) for body in system.body.beside)
         return fields
 
+    #: System of units of all values.
+    units: UnitSystem = UNITS["SI"]
     #: Fields of elements of lower dimensions on the same nodes.
     beside: tuple[Fields, ...] = ()
 

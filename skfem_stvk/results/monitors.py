@@ -119,7 +119,8 @@ class Monitors:
             ids, lowest = system.space.element_ids(here), system.space.least(float(values.min(initial=np.inf)))
             if len(ids):
                 what = (
-                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest:.3g} Pa): the "
+                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest:.3g} "
+                    f"{system.units.of('Pa')}): the "
                     "material may localise in bands as narrow as an element, so that further results depend on the mesh. Compare "
                     "with a finer mesh. This package has no material for such compression."
                 )

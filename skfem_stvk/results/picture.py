@@ -17,6 +17,8 @@ from .fields import NodalAverage, State, checked_state, masked, split_nodes, who
 from .law import in_space
 from .table import FIELDS, VECTORS, find
 
+#: Units that get a prefix.
+PREFIXED = {"m", "m/s", "Pa", "J/m^3"}
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 Ids = NDArray[np.int64]
 SHARP = np.cos(np.radians(30))
@@ -103,6 +105,7 @@ def picture_of(state: State, field: str | ArrayLike, scale: float, label: str | 
     scale, label = checked_scale(scale), checked_label(label)
     _, named, unit = corner_values(whole_state(checked_state(state)), field)
     picture = VisibleBody(state).picture(state, field, named if label is None else label, scale)
+    picture = replace(picture, length_unit=state.fields.units.of("m"))
     return picture.in_unit(*prefixed(picture.largest, unit)) if label is None else picture
 
 
@@ -274,7 +277,7 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
     if not isinstance(field, str):
         return _given(state, field), "", ""
     if field in state.vectors:
-        return np.linalg.norm(state.vectors[field], axis=1)[mesh.t], field, VECTORS[field]
+        return np.linalg.norm(state.vectors[field], axis=1)[mesh.t], field, state.fields.units.of(VECTORS[field])
     found = find(field, state.vectors)
     if found.shape:
         scalars = ", ".join([*state.vectors, *(other.name for other in FIELDS if not other.shape)])
@@ -284,7 +287,7 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
             f'in a component and its label: field=state["{field}"][:, 0{", 0" if len(found.shape) == 2 else ""}], label="...".'
         )
     values = state.raw(found.name) if len(state.fields.points) == 1 else state.extrapolated(found.name)
-    return _by_material(state, *values), found.words, found.unit.replace("-", "")
+    return _by_material(state, *values), found.words, state.fields.units.of(found.unit.replace("-", ""))
 
 
 def _given(state: State, values: Any) -> Array:
@@ -310,8 +313,11 @@ def _by_material(state: State, values: Array, missing: NDArray[np.bool_]) -> Arr
 
 
 def prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """Return a factor that brings the largest value into 1 ... 1000, and the unit with the matching prefix."""
-    if not unit or not largest:
+    """Return a factor that brings the largest value into 1 ... 1000, and the unit of SI with the matching prefix.
+
+    Values in other units are not converted.
+    """
+    if unit not in PREFIXED or not largest:
         return 1.0, unit
     power = int(np.clip(3 * np.floor(np.log10(largest) / 3 + 1e-9), min(PREFIXES), max(PREFIXES)))
     return 10.0**-power, PREFIXES[power] + unit.replace("^3", "³")

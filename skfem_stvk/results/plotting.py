@@ -44,7 +44,7 @@ def plot(
     *,
     scale: float = 1.0,
     label: str | None = None,
-    length_unit: str = "m",
+    length_unit: str | None = None,
     path: str | os.PathLike[str] | None = None,
     backend: str | None = None,
 ) -> Any:
@@ -60,7 +60,7 @@ def plot(
     label
         Label of the colour bar; by default the field's name and unit.
     length_unit
-        Unit of coordinates, on the axes of bodies in a plane.
+        Unit of coordinates, on the axes of bodies in a plane; by default that of the system of units.
     path
         Path of a .png, .pdf or .svg file to write.
     backend
@@ -78,12 +78,13 @@ def plot(
     StvkError
         for an unknown field or backend, or a path that cannot be written, before any work.
     """
-    length_unit = text("length_unit", length_unit)
+    length_unit = None if length_unit is None else text("length_unit", length_unit)
     backend = "matplotlib" if backend is None else choice("backend", backend, BACKENDS)
     target = None if path is None else output_path(path, ".png", ".pdf", ".svg")
     if backend == "pyvista" and not find_spec("pyvista"):
         raise StvkError("PyVista is not installed: pip install 'skfem-stvk[plot]', or take backend=\"matplotlib\".")
-    picture = replace(picture_of(state, field, scale, label), length_unit=length_unit)
+    picture = picture_of(state, field, scale, label)
+    picture = picture if length_unit is None else replace(picture, length_unit=length_unit)
     if backend == "matplotlib" or target is not None:
         from .matplotlib_plot import draw
 
@@ -112,7 +113,7 @@ def animate(
     *,
     scale: float = 1.0,
     label: str | None = None,
-    length_unit: str = "m",
+    length_unit: str | None = None,
     fps: float = 20.0,
 ) -> Path:
     """Write a film of the deformed body, coloured by a field; axes and colours are the same in all frames.
@@ -131,7 +132,7 @@ def animate(
     label
         Label of the colour bar; by default the field's name and unit.
     length_unit
-        Unit of coordinates, on the axes of bodies in a plane.
+        Unit of coordinates, on the axes of bodies in a plane; by default that of the system of units.
     fps
         Frames per second. A .gif counts in hundredths of a second.
 
@@ -142,7 +143,8 @@ def animate(
         written, or without ffmpeg: before any work.
     """
     path = output_path(path, ".gif", ".mp4")
-    scale, label, length_unit = checked_scale(scale), checked_label(label), text("length_unit", length_unit)
+    scale, label = checked_scale(scale), checked_label(label)
+    length_unit = None if length_unit is None else text("length_unit", length_unit)
     fps = arguments.number("fps", fps, "frames per second, up to 100", 0.0, np.nextafter(100.0, 101.0))
     if path.suffix.lower() == ".mp4" and not _ffmpeg():
         raise StvkError(
@@ -156,7 +158,7 @@ def animate(
     from .matplotlib_plot import write_film
 
     with replacing(path) as part:
-        write_film(replace(film, length_unit=length_unit), part, path.suffix.lower(), fps)
+        write_film(film if length_unit is None else replace(film, length_unit=length_unit), part, path.suffix.lower(), fps)
     return path
 
 
@@ -188,7 +190,7 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
             bodies[removed] = VisibleBody(state)
         return bodies[removed].picture(state, field, label or named, scale)
 
-    return Film([t for t, _ in pairs], picture, "" if label else unit)
+    return Film([t for t, _ in pairs], picture, "" if label else unit, pairs[0][1].fields.units.of("m"))
 
 
 def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: str | None) -> Film:

@@ -16,6 +16,7 @@ from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.locations import Where, describe, vertices_at
 from ..system import FreeDofs, System
+from ..units import UNITS, UnitSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,8 @@ class Reaction:
         (n, d) force on each node [N].
     rest, u
         (n, d) positions of the nodes at rest, and their displacements [m].
+    units
+        System of units, for the text.
 
     Examples
     --------
@@ -46,9 +49,10 @@ class Reaction:
     by_node: Array
     rest: Array
     u: Array
+    units: UnitSystem = UNITS["SI"]
 
     @classmethod
-    def of(cls, mesh: ElementMesh, u: ArrayLike, forces: ArrayLike, vertices: Where) -> Reaction:
+    def of(cls, mesh: ElementMesh, u: ArrayLike, forces: ArrayLike, vertices: Where, units: UnitSystem = UNITS["SI"]) -> Reaction:
         """Return the nodal forces (nv, d) [N], flat or not, on the vertices at a location at displacements `u` (ndofs,) [m].
 
         Raises
@@ -60,7 +64,7 @@ class Reaction:
         """
         mesh = ElementMesh.of(mesh)
         ids = np.sort(vertices_at(mesh, vertices, "Reaction at vertices"))
-        here = cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids])
+        here = cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids], units)
         return here._of_all_parts(mesh) if mesh.space.divided else here
 
     def _of_all_parts(self, mesh: ElementMesh) -> Reaction:
@@ -68,7 +72,8 @@ class Reaction:
         own = mesh.space.counted(np.ones(mesh.nv))[self.vertices] > 0
         values = np.stack([self.by_node, self.rest, self.u], axis=1)[own]
         ids, values = mesh.space.gather(mesh.node_numbers[self.vertices[own]], values)
-        return Reaction(ids, *values.transpose(1, 0, 2))
+        forces, rest, u = values.transpose(1, 0, 2)
+        return Reaction(ids, forces, rest, u, self.units)
 
     @property
     def resultant(self) -> Array:
@@ -101,8 +106,12 @@ class Reaction:
 
     def __repr__(self) -> str:
         count = f"{len(self.vertices)} {'vertex' if len(self.vertices) == 1 else 'vertices'}"
-        moment = "" if self.rest.shape[1] == 1 else f", moment {_digits(self.moment())} N m about {_digits(self.centroid)}"
-        return f"Reaction at {count}: resultant {_digits(self.resultant)} N{moment}"
+        moment = (
+            ""
+            if self.rest.shape[1] == 1
+            else f", moment {_digits(self.moment())} {self.units.of('N m')} about {_digits(self.centroid)}"
+        )
+        return f"Reaction at {count}: resultant {_digits(self.resultant)} {self.units.of('N')}{moment}"
 
 
 def ground_forces_at_rest(system: System, u: Array, t: float, projected: bool = False) -> Array:

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..errors import StvkError, name_ids, name_known, warn
+from ..units import UnitSystem
 from .ellipticity import smallest_acoustic_eigenvalue
 from .law import current_normals, in_space
 from .response import Masked, Response
@@ -230,3 +232,17 @@ def find_all(given: Sequence[str]) -> list[Field]:
     if not isinstance(given, list | tuple):
         raise StvkError(f"fields = {shown(given)}; expected a list of names of fields.")
     return [find(name) for name in given]
+
+
+def labels_of_files(field: str, units: UnitSystem) -> dict[str, Any]:
+    """Return the arguments of `animate` for files of a body in other units than SI, because files do not name their units.
+
+    >>> from skfem_stvk.units import UNITS
+    >>> labels_of_files("von_mises", UNITS["mm-N-MPa"])
+    {'label': 'von Mises stress [MPa]', 'length_unit': 'mm'}
+    """
+    if units.name == "SI":
+        return {}
+    known = {name: (one.words, one.unit) for one in FIELDS for name in (one.name, one.name.removesuffix("_stress"))}
+    words, unit = (known | {name: (name, unit) for name, unit in VECTORS.items()}).get(field, (field, "-"))
+    return {"label": words if unit == "-" else f"{words} [{units.of(unit)}]", "length_unit": units.of("m")}

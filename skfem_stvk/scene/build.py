@@ -362,7 +362,8 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     system = None
     with complaints.at(), _naming_terms(complaints, mesh, terms):
         options = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
-        system = System(mesh, terms, fixed or None, prescribed or None, **options)
+        system = System(mesh, terms, fixed or None, prescribed or None, **options, units=sections.units)
+        system.remarked = True  # the scene has remarks of its own, with its keys
     complaints.refuse()
     assert system is not None
     _check_energies(complaints, sections, system)

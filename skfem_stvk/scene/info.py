@@ -15,7 +15,7 @@ from rich.console import Group, RenderableType
 from scipy.linalg import eigh
 from scipy.spatial import cKDTree
 
-from ..arguments import Array
+from ..arguments import Array, choice
 from ..dynamics import EdgeDamping, Rayleigh, critical_elements, critical_step, modes
 from ..dynamics.motion import Motion
 from ..dynamics.simulate import first_state
@@ -33,13 +33,14 @@ from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.rigid import free_rigid_modes
 from ..terminal import grid, printable
 from ..terms import StVK
+from ..units import UNITS
 from .build import Built
 from .run import on_threads
 from .scene import Scene
 from .schema import SceneTables
 from .schema.analyses import DynamicAnalysis
 from .schema.terms import material_table
-from .units import UNITS, implausible
+from .units import implausible
 
 #: Bodies with more rigid motions than this, such as bodies in many pieces, get no eigenfrequencies.
 MOST_FREE_MOTIONS = 60
@@ -166,7 +167,12 @@ class Inspection:
 
 
 def inspect_mesh(
-    mesh: ElementMesh, *, young: float | None = None, poisson: float | None = None, density: float | None = None
+    mesh: ElementMesh,
+    *,
+    young: float | None = None,
+    poisson: float | None = None,
+    density: float | None = None,
+    units: str = "SI",
 ) -> Inspection:
     """Inspect a mesh, and the free body of one material on it, without supports and loads.
 
@@ -176,21 +182,23 @@ def inspect_mesh(
     ----------
     young, poisson, density
         Constants of the material [Pa, -, kg/m^3]; without them only the mesh is inspected.
+    units
+        System of units of all values, such as "mm-N-MPa".
     """
-    found = Inspection("SI")
+    found = Inspection(choice("units", units, UNITS))
     _mesh(found, mesh)
     constants: dict[str, Any] = {name: value for name, value in (("young", young), ("density", density)) if value is not None}
     with found.part("units"):
         model = material_table("isotropic", Isotropic)
-        given = SceneTables.model_construct(materials={"given": model.model_construct(**constants)})
+        given = SceneTables.model_construct(units=units, materials={"given": model.model_construct(**constants)})
         for text in implausible(given, mesh):
             found.remark("implausible", text.replace("materials.given.", "--"))
     if young is None:
         found.remark("material", "Without a material only the mesh is inspected; add --young, --poisson and --density.")
     elif not found.refused:
         with found.part("body", refused=True):
-            system = System(mesh, StVK(young=young, poisson=poisson, density=density))
-            _body(found, system, [f"stvk, E = {young:g} Pa, nu = {poisson}"])
+            system = System(mesh, StVK(young=young, poisson=poisson, density=density), units=units)
+            _body(found, system, [f"stvk, E = {young:g} {found.symbol('stress')}, nu = {poisson}"])
     return found
 
 

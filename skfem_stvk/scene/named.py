@@ -61,7 +61,7 @@ class NamedSystem:
             expected = 'a table such as {"type": "static", "steps": 10}, or an analysis of skfem_stvk.scene.schema.analyses'
             raise StvkError(f"analysis = {shown(analysis)}; expected {expected}.")
         made, names = system.made_of, SceneNames(system.mesh)
-        data: dict[str, Any] = {"mesh": {"file": MESH}}
+        data: dict[str, Any] = {"units": system.units.name, "mesh": {"file": MESH}}
         data["mesh"] |= {name: made[name] for name in ("quadrature", "hourglass") if made[name] is not None}
         given = made["terms"] if isinstance(made["terms"], list | tuple) else [made["terms"]]
         lower_terms = [id(term) for body in system.body.beside for term in body.terms]

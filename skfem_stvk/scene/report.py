@@ -7,7 +7,6 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -23,11 +22,11 @@ from ..results import animate, write_vtu
 from ..results.files import replacing
 from ..results.picture import Picture, View, picture_of
 from ..results.series import read_list
-from ..results.table import VECTORS, find
+from ..results.table import VECTORS, labels_of_files
 from ..results.vtu import DEFAULT, read_vtu
 from ..statics import StaticResult
+from ..units import UNITS
 from .outcome import Curve, SceneOutcome, as_printed
-from .units import UNITS
 
 REPORT = "report.html"
 #: Displacements are enlarged to about this fraction of the body's size if they are below half of it.
@@ -35,8 +34,6 @@ SHOWN = 0.08
 #: Number of elastic modes with a picture.
 MOST_MODES = 4
 DOTS_PER_INCH = 130
-#: Dimensions of the fields.
-DIMENSIONS = {"Pa": "stress", "J/m^3": "stress", "m": "length", "m/s": "velocity"}
 #: Dimensions of results by the beginning of their names; those of probes and reactions are known from their curves.
 RESULTS = {"energy": "energy", "frequency": "frequency", "displacement": "length", "stress": "stress", "time": "time"}
 GREY, VERMILION = "#c8c8c8", "#D55E00"
@@ -167,7 +164,7 @@ def _save_animation(folder: Path, outcome: SceneOutcome, problems: list[str]) ->
     series, target = folder / output.file, folder / output.animation
     try:
         scale = 1.0 if isinstance(outcome.result, Modes) else _scale(outcome.built.mesh.p, _largest_saved(series))
-        animate(series, target, field, scale=scale, label=_label(outcome, field), length_unit=_symbol(outcome, "length"))
+        animate(series, target, field, scale=scale, **labels_of_files(field, outcome.built.system.units))
         if target.suffix == ".gif":
             yield Drawing(f"The states in {output.file}{_times(scale)}", target)
     except Exception as error:
@@ -189,9 +186,9 @@ def _last_state(outcome: SceneOutcome) -> Any:
     mesh = outcome.built.mesh
     scale = _scale(mesh.p, _largest(result.u.reshape(-1, mesh.d)))
     when = f"time {result.t:.6g} {_symbol(outcome, 'time')}" if isinstance(result, Run) else f"load factor {result.t:.6g}"
-    picture = picture_of(result.state, field, scale, _label(outcome, field))
+    picture = picture_of(result.state, field, scale, None)
     if np.ma.getmaskarray(picture.values).all():  # no term has the field, for example stresses
-        picture = picture_of(result.state, "displacement", scale, _label(outcome, "displacement"))
+        picture = picture_of(result.state, "displacement", scale, None)
     return _body(outcome, picture, f"{when}{_times(scale)}")
 
 
@@ -206,7 +203,7 @@ def _mode(outcome: SceneOutcome, number: int) -> Any:
 def _body(outcome: SceneOutcome, picture: Picture, title: str) -> Any:
     from ..results.matplotlib_plot import SIZE, PictureAxes, new_figure  # matplotlib is imported only when something is drawn
 
-    figure, picture = new_figure(SIZE, interactive=False), replace(picture, length_unit=_symbol(outcome, "length"))
+    figure = new_figure(SIZE, interactive=False)
     PictureAxes(figure, picture, View.of([picture])).show(picture)
     for text in list(figure.texts):
         text.remove()  # the title states the factor of displacements
@@ -308,14 +305,6 @@ def _path(outcome: SceneOutcome) -> Any:
 
 def _symbol(outcome: SceneOutcome, dimension: str) -> str:
     return UNITS[outcome.built.sections.units].symbol(dimension)
-
-
-def _label(outcome: SceneOutcome, field: str) -> str | None:
-    """Return label and unit of a field; None in SI, where numbers get prefixes such as M for 1e6."""
-    if outcome.built.sections.units == "SI":
-        return None
-    words, unit = (field, VECTORS[field]) if field in VECTORS else (find(field).words, find(field).unit)
-    return f"{words} [{_symbol(outcome, DIMENSIONS[unit])}]" if unit in DIMENSIONS else words
 
 
 def _unit_of_result(outcome: SceneOutcome, name: str) -> str:

@@ -14,9 +14,9 @@ from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..results.monitors import point_of
 from ..statics import StaticResult
+from ..units import UNITS
 from .build import Built
 from .outcome import Curve, SummaryRow
-from .units import UNITS
 
 #: Field of the largest stress.
 STRESS = "von_mises_stress"

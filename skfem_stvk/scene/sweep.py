@@ -26,6 +26,7 @@ from ..nonlinear.processes import Crashed, in_processes, is_worker_process
 from ..results.files import content_of, replacing
 from ..results.one_writer import OneWriter
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED, console, printable
+from ..units import UNITS
 from .build import expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, make, names_with, visible
 from .outcome import as_printed
@@ -34,7 +35,7 @@ from .scene import Scene
 from .schema import SceneTables
 from .source import Axis, SceneSource, axes_of, refuse_all
 from .syntax import Loc
-from .units import UNITS, dimension_of, implausible
+from .units import dimension_of, implausible
 
 TABLE, PLOT = "table.csv", "sweep.png"
 #: Columns between the values and the results.

@@ -11,10 +11,11 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from ..arguments import choice
+from ..units import UNITS, UnitSystem
 from .schema import scene_tables
 from .schema.quantities import bare, is_union, literals, members
 from .syntax import Loc, lines_of, parsed, value_text
-from .units import UNITS, UnitSystem, dimension_of
+from .units import dimension_of
 
 #: Column of the sentences after the values of examples.
 COLUMN = 40

@@ -101,7 +101,7 @@ class StaticResult:
         """
         vertices = constrained_vertices(self.system, where)
         forces = ground_forces_at_rest(self.system, self.u, self.t, self.projected)
-        return Reaction.of(self.system.mesh, self.u, forces, self.system.mesh.node_numbers[vertices])
+        return Reaction.of(self.system.mesh, self.u, forces, self.system.mesh.node_numbers[vertices], self.system.units)
 
     @cached_property
     def state(self) -> State:

@@ -26,6 +26,7 @@ from ..system.divided import refuse_divided
 from ..system.free_tangent import solver_for
 from ..system.protocol import ReducedLike, checked_system
 from ..system.signature import AUTO, sums_of
+from ..units import remarks
 from .arc_length import ArcLength
 from .continuation import Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
@@ -271,7 +272,7 @@ class _Solve:
         """Return the result, or raise the error that replaces it."""
         options, history, problem, body = self._options, self._history, self._problem, self._problem.body
         solver, space = header_text(problem.tangent.solver, problem.space.divided), self._system.space
-        header = f"{body!r}, {problem.space.count} of them free; {solver}{space.parts}"
+        header = f"{body!r}, {problem.space.count} of them free; {solver}{space.parts}{remarks(self._system)}"
         start = {"u0": sums_of(self._start, space)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
         signed = AUTO if problem.space.divided and is_auto(options.solver) else self._requested_solver
         files = opened(options.output_files, self._system, options.signature(signed), start)

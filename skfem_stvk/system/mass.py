@@ -176,7 +176,8 @@ class Mass(ABC):
             )
 
     def __repr__(self) -> str:
-        return f"Mass: {self.total:g} kg at {len(self.vertex)} {'vertices' if self._word == 'vertex' else 'nodes'}, {self.kind}"
+        total, word = f"{self.total:g} {self._system.units.of('kg')}", "vertices" if self._word == "vertex" else "nodes"
+        return f"Mass: {total} at {len(self.vertex)} {word}, {self.kind}"
 
 
 class LumpedMass(Mass):

@@ -19,6 +19,7 @@ from ..kernels.topology import block_indices, expand, lexicographic_order, stars
 from ..linear.space import Space
 from ..mesh.displacements import finite_vector
 from ..mesh.mesh import check_index_range
+from ..units import UnitSystem
 
 
 class Structure:
@@ -131,6 +132,8 @@ class Pattern(Structure):
 
 class HasPattern(Protocol):
     """Object with degrees of freedom and a pattern of K, made on request."""
+
+    units: UnitSystem
 
     @property
     def ndofs(self) -> int:

@@ -42,6 +42,7 @@ from ..terms import (
 from ..terms.connectivity import connected
 from ..terms.load import Moment, Time
 from ..terms.protocols import set_time
+from ..units import UNITS, questions
 from .bound import BoundTerms, checked_terms
 from .divided import refuse_divided
 from .mass import KINDS, Mass
@@ -99,6 +100,16 @@ class System(BoundTerms):
     dtype
         Type of results and coefficients, float64; or float32, with half the memory and more speed on large meshes. Errors of
         float32 are 1e-6 instead of 1e-15, relative to the largest entry and on elements that are not flat.
+    units
+        System of units of all values, such as "mm-N-MPa", whose densities are in t/mm^3; see `skfem_stvk.units.UNITS`. Plots,
+        tables and messages name its units instead of those of SI. No number is converted.
+
+    Attributes
+    ----------
+    units
+        The system of units.
+    remarked
+        Whether the remarks of `implausible` were made already, so that headers of runs leave them out.
 
     Raises
     ------
@@ -132,8 +143,10 @@ class System(BoundTerms):
         quadrature: str | None = None,
         hourglass: float | None = None,
         dtype: DTypeLike = np.float64,
+        units: str = "SI",
     ) -> None:
-        own = {"quadrature": quadrature, "hourglass": hourglass, "dtype": dtype}
+        self.units, self.remarked = UNITS[choice("units", units, UNITS)], False
+        own = {"quadrature": quadrature, "hourglass": hourglass, "dtype": dtype, "units": units}
         self._made_of: dict[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
         double = _float_type(dtype) == np.float64
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
@@ -247,7 +260,7 @@ class System(BoundTerms):
     def made_of(self) -> Mapping[str, Any]:
         """Arguments of the system other than the mesh, as passed in.
 
-        The keys are `terms`, `fixed`, `prescribed`, `quadrature`, `hourglass` and `dtype`.
+        The keys are `terms`, `fixed`, `prescribed`, `quadrature`, `hourglass`, `dtype` and `units`.
         """
         return MappingProxyType(self._made_of)
 
@@ -914,11 +927,29 @@ class System(BoundTerms):
             self._whole = make(whole)
             return free.matrix(self._whole, K)
 
+    def implausible(self) -> list[str]:
+        """Return, in a sentence each, the values that are implausible in the units of the system: the size and the materials.
+
+        Examples
+        --------
+        >>> import skfem
+        >>> from skfem_stvk import StVK
+        >>> plate = skfem.MeshTri().scaled((100.0, 20.0)).with_boundaries({"left": lambda x: x[0] == 0})
+        >>> print(*System(plate, StVK(young=2.1e5, poisson=0.3)).implausible())                             # millimetres and MPa
+        material 0: young = 210000 Pa is too soft for a body of 100 m, which would collapse under its own weight. ...
+        >>> print(*System(plate, StVK(young=2.1e5, poisson=0.3, density=7850.0), units="mm-N-MPa").implausible())
+        material 0.density = 7850 t/mm^3 is unusual; usual are 1e-11 to 3e-08 t/mm^3: 7850 kg/m^3 is 7.85e-09 t/mm^3. ...
+        """
+        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if hasattr(term, "material")]
+        size = float(np.ptp(self.mesh.bounds, axis=1).max())
+        return list(questions(self.units, size, ((f"material {number}", law) for number, law in enumerate(laws))).values())
+
     def __repr__(self) -> str:
+        units = "" if self.units.name == "SI" else f", {self.units.name}"
         beside = "".join(f", {body.mesh.element_count} {body.mesh.element.name}" for body in self.body.beside)
         return (
             f"System: {self.mesh.element_count} {self.mesh.kind}{beside}, {self.space.count} degrees of freedom, "
-            f"{len(self.terms)} term(s)"
+            f"{len(self.terms)} term(s){units}"
         )
 
     def _repr_html_(self) -> str:

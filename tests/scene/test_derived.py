@@ -18,7 +18,7 @@ from skfem_stvk.scene.build import Names
 from skfem_stvk.scene.schema.derived import derived
 from skfem_stvk.scene.schema.terms import AnyTerm, Time, material_tables, term_tables
 from skfem_stvk.scene.templates import rows_of
-from skfem_stvk.scene.units import DIMENSIONS
+from skfem_stvk.units import DIMENSIONS
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ def beam(d=3):
 @pytest.fixture(scope="module")
 def bent():
     """Return the path of a steel cantilever in mm, N and MPa."""
-    return solve_static(System(beam(), [STEEL, Traction("right", [0, 0, -1.0])], fixed=CLAMPED), 4, quiet=True)
+    return solve_static(System(beam(), [STEEL, Traction("right", [0, 0, -1.0])], fixed=CLAMPED, units="mm-N-MPa"), 4, quiet=True)
 
 
 def outcome_of(result, *, kind, curves=None, judged=(), summary=(), units="mm-N-MPa", title="", **output):
@@ -96,7 +96,7 @@ def test_labels_have_the_units_of_the_scene(bent):
 
 
 def test_axes_in_a_plane_and_animations_have_the_unit_of_length(tmp_path):
-    system = System(beam(2), [STEEL, Gravity([0, -9810.0])], fixed={"left": "xy"})
+    system = System(beam(2), [STEEL, Gravity([0, -9810.0])], fixed={"left": "xy"}, units="mm-N-MPa")
     run = simulate(system, EnergyMomentum(dt=1e-3), until=3e-3, save=tmp_path / "a.pvd", every=1, quiet=True)
     outcome = outcome_of(run, kind="dynamic", picture="von_mises_stress", plots=["ledger"], file="a.pvd", animation="a.gif")
     assert "x [mm]" in text_of(report._last_state(outcome))
@@ -120,7 +120,12 @@ def test_the_factor_is_round_and_large_displacements_are_not_scaled(largest, fac
 
 
 def test_a_body_without_the_field_is_coloured_by_its_displacements():
-    system = System(beam(2), [SpringNetwork(rule="van-gelder", young=2.1e5, poisson=0.3, density=7.85e-9)], fixed={"left": "xy"})
+    system = System(
+        beam(2),
+        [SpringNetwork(rule="van-gelder", young=2.1e5, poisson=0.3, density=7.85e-9)],
+        fixed={"left": "xy"},
+        units="mm-N-MPa",
+    )
     run = simulate(system, EnergyMomentum(dt=1e-3), until=2e-3, quiet=True, v0=np.where(system.mesh.p.T.ravel() > 50, 1.0, 0.0))
     texts = text_of(report._last_state(outcome_of(run, kind="dynamic", picture="von_mises_stress")))
     assert "displacement [mm]" in texts and not any("stress" in text for text in texts)

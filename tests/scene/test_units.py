@@ -11,7 +11,8 @@ from skfem_stvk import StvkError
 from skfem_stvk.mesh import box
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.schema import scene_tables
-from skfem_stvk.scene.units import DIMENSIONS, KEYS, LOADS, UNITS, implausible
+from skfem_stvk.scene.units import LOADS, implausible
+from skfem_stvk.units import DIMENSIONS, KEYS, UNITS
 
 
 def of(dimension):

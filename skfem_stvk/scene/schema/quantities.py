@@ -20,7 +20,7 @@ class Part(BaseModel):
 
 
 def key(sentence: str, dimension: str | None = None, **limits: Any) -> Any:
-    """Declare a key: its sentence, the dimension of its value (see `scene.units`), and its limits as in pydantic's `Field`."""
+    """Declare a key: its sentence, the dimension of its value (see `skfem_stvk.units`), and its limits as in pydantic's `Field`."""
     return Field(description=sentence, json_schema_extra={"dimension": dimension}, **limits)
 
 

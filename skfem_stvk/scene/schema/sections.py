@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, create_model
 from ...dynamics.integrators import INTEGRATORS
 from ...materials import MATERIALS
 from ...terms import TERMS
-from ..units import UNITS
+from ...units import UNITS
 from .analyses import ReducedBasis, Solver, analyses
 from .derived import one_of
 from .mesh import Mesh

@@ -1,0 +1,120 @@
+"""Units of a system name values in plots, tables and messages, and convert none."""
+
+import re
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import BackwardEuler, Gravity, Scene, StVK, StvkError, System, modes, simulate, solve_static
+from skfem_stvk.cli.main import main
+from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.results import animate
+from skfem_stvk.results.vtu import write_mesh
+from skfem_stvk.scene.units import implausible
+from skfem_stvk.units import UNITS
+
+STEEL = {"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9}
+
+
+def beam(**options):
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 100, 9), np.linspace(0, 10, 3)).with_defaults()
+    given = {"units": "mm-N-MPa"} | options
+    return System(mesh, [StVK(**STEEL), Gravity([0, -9810.0])], fixed={"left": "xy"}, **given)
+
+
+def texts(figure):
+    labels = [words.get_text() for axes in figure.axes for words in (axes.xaxis.label, axes.yaxis.label)]
+    return [*labels, *(words.get_text() for words in figure.texts)]
+
+
+def test_no_number_is_converted():
+    given, si = solve_static(beam(), quiet=True), solve_static(beam(units="SI"), quiet=True)
+    assert given.u.tobytes() == si.u.tobytes() and given.state["von_mises"].tobytes() == si.state["von_mises"].tobytes()
+    assert given.reaction().by_node.tobytes() == si.reaction().by_node.tobytes()
+
+
+def test_pictures_and_texts_of_a_state_name_the_units():
+    result = solve_static(beam(), quiet=True)
+    found = texts(result.plot())
+    assert "von Mises stress [MPa]" in found and "x [mm]" in found
+    assert "displacement [mm]" in texts(result.plot("displacement"))
+    assert re.search(r"resultant .* N, moment .* N mm about", repr(result.reaction()))
+    assert repr(result.system).endswith("2 term(s), mm-N-MPa") and repr(beam(units="SI")).endswith("term(s)")
+    assert " t at 27 vertices" in repr(result.system.mass())
+    assert "kHz" in repr(modes(beam(units="mm-kg-ms"), 1))
+
+
+def test_motions_name_the_units(tmp_path, capfd):
+    run = simulate(beam(), BackwardEuler(dt=1e-4), until=3e-4, save=tmp_path / "a.pvd", every=1, probes={"tip": [4]})
+    assert re.search(r"kinetic \S+ mJ   strain \S+ mJ", capfd.readouterr().out)
+    found = texts(run.ledger.plot())
+    assert {"energy [mJ]", "linear\nmomentum [t mm/s]", "displacement\nof tip [mm]", "time [s]"} <= set(found)
+    assert "J]" not in " ".join(found).replace("mJ]", "") and Ledger(["time"]).units.name == "SI"
+    assert "von Mises stress [MPa]" in texts(run.plot())
+    drawn = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("skfem_stvk.dynamics.run.animate", lambda *given, **options: drawn.append(options))
+        run.animate(tmp_path / "a.gif", "von_mises")
+    assert drawn == [{"label": "von Mises stress [MPa]", "length_unit": "mm"}]
+    animate([(0.0, run.state), (1.0, run.state)], tmp_path / "b.gif")
+
+
+def test_derived_systems_keep_their_units():
+    body = beam()
+    assert body.without([0]).units is UNITS["mm-N-MPa"] and body.made_of["units"] == "mm-N-MPa"
+    assert Scene.of(body, {"type": "static"}).data["units"] == "mm-N-MPa"
+
+
+def test_unknown_units_are_refused():
+    with pytest.raises(StvkError, match=r"units = .mm-N-Mpa.; known: .* Did you mean .mm-N-MPa.\?"):
+        beam(units="mm-N-Mpa")
+
+
+def test_a_large_soft_body_in_si_gets_a_question():
+    (text,) = beam(units="SI", hourglass=None).implausible()[-1:]
+    assert "material 0" in text
+    soft = System(skfem.MeshTri().scaled(100.0), StVK(young=2.1e5, poisson=0.3))
+    assert "Millimetres and MPa?" in soft.implausible()[0] and "mm-N-MPa" in soft.implausible()[0]
+    for usual in (
+        System(skfem.MeshTri().scaled(100.0), StVK(young=2.1e11, poisson=0.3)),
+        System(skfem.MeshTri().scaled(0.1), StVK(young=2.1e5, poisson=0.3)),
+        beam(),
+    ):
+        assert usual.implausible() == []
+
+
+def test_a_density_in_kilograms_is_questioned_in_millimetres():
+    body = System(skfem.MeshTri().scaled(100.0), StVK(young=2.1e5, poisson=0.3, density=7850.0), units="mm-N-MPa")
+    assert any("7850 kg/m^3 is 7.85e-09 t/mm^3" in text for text in body.implausible())
+
+
+def test_headers_of_runs_ask_once(capfd):
+    mesh = skfem.MeshTri().scaled(100.0).with_defaults()
+    solve_static(System(mesh, StVK(young=2.1e5, poisson=0.3), fixed={"left": "xy"}, prescribed={"right": {"x": 0.1}}))
+    assert capfd.readouterr().out.count("note: material 0: young = 210000 Pa is too soft") == 1
+
+
+def test_scenes_ask_the_same_question():
+    data = {
+        "mesh": {"type": "box", "size": [100.0, 10.0], "cells": [4, 2]},
+        "materials": {"steel": {"model": "isotropic", "young": 2.1e5, "poisson": 0.3}},
+        "terms": [{"type": "stvk", "material": "steel"}],
+        "analysis": {"type": "static"},
+        "fixed": {"left": "xy"},
+    }
+    scene = Scene.of_data(data)
+    assert scene.system().remarked and any(
+        "Millimetres and MPa?" in text for text in implausible(scene.sections, scene.system().mesh)
+    )
+    scene = Scene.of_data(data | {"units": "mm-N-MPa"})
+    assert scene.system().units is UNITS["mm-N-MPa"] and scene.implausible() == []
+
+
+def test_info_takes_units(tmp_path, capsys):
+    file = str(write_mesh(tmp_path / "beam.vtu", beam().mesh))
+    given = ["info", file, "--young", "2.1e5", "--poisson", "0.3"]
+    assert main(given) == 0 and "Millimetres and MPa?" in capsys.readouterr().out
+    assert main([*given, "--density", "7.85e-9", "--units", "mm-N-MPa"]) == 0
+    out = capsys.readouterr().out
+    assert "E = 210000 MPa" in out and "no problem was found" in out and re.search(r"mass\s+7.85e-06 t", out)
