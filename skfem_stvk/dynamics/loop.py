@@ -10,7 +10,7 @@ from ..linear.choose import header_text
 from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
-from ..units import remarks
+from ..units import UnitSystem, remarks
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import StepFailed
 from .ledger_rows import LedgerWriter, known_total
@@ -37,7 +37,6 @@ class Loop:
         motion = setup.motion
         self._steps = Steps(motion, setup.integrator, record, self._arrived, HALVINGS)
         self._stepper, self._limit = self._steps.stepper, self._steps.limit
-        record.ledger.units = motion.system.units
         self._ledger_writer = LedgerWriter(motion, setup.locations, record.ledger, record.clock.dt)
         self._begin()
         if record.origin is not None:
@@ -131,7 +130,10 @@ class Loop:
             self._ledger_writer.append_row(state, self._stepper.strain_energy(state))
             if self._guard.blown_up():
                 total = known_total(record.ledger)[-1]
-                return Status.BLEW_UP, f"energy was created numerically, {total:.3g} J in all at t = {t:.6g} s"
+                return (
+                    Status.BLEW_UP,
+                    f"energy was created numerically, {total:.3g} {self._units.of('J')} in all at {self._time(t)}",
+                )
             if whole:
                 removed = self._removal is not None and self._remove(self._removal.chosen(record))
                 self._steps.review(recompute=removed)
@@ -158,6 +160,10 @@ class Loop:
         self._steps.start()
         self._ledger_writer.append_row(state, self._stepper.strain_energy(state))
         return True
+
+    @property
+    def _units(self) -> UnitSystem:
+        return self.setup.motion.system.units
 
     @property
     def _monitors(self) -> Monitors:
@@ -223,18 +229,21 @@ class Loop:
             return ". ".join([self._reached(), *(finding.text.rstrip(".") for finding in findings)]) + "." * bool(findings)
         there = "".join(f" {finding.text}" for finding in findings if finding.name == "inside out")
         if status is Status.BLEW_UP:
-            return f"blew up soon after t = {t:.6g} s, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
+            return f"blew up soon after {self._time(t)}, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
         if status is Status.NOT_CONVERGED:
             penalty = ", or VolumePenalty() among the terms if elements invert" * (not self._inversions.resisted)
-            parts = f"the step from t = {t:.6g} s did not converge, not even in 64 parts: {detail}.{there}"
+            parts = f"the step from {self._time(t)} did not converge, not even in 64 parts: {detail}.{there}"
             return f"{parts} Try a smaller dt or another tangent{penalty}."
         if isinstance(cause, WriteError):
-            return f"interrupted at t = {t:.6g} s: {cause}{detail}"
+            return f"interrupted at {self._time(t)}: {cause}{detail}"
         if isinstance(cause, OSError):
             remedy = "Free disk space, or choose another folder."
-            return f"interrupted at t = {t:.6g} s: results could not be written ({cause}). {remedy}{detail}{there}"
+            return f"interrupted at {self._time(t)}: results could not be written ({cause}). {remedy}{detail}{there}"
         by = f" by {type(cause).__name__}: {str(cause).rstrip('.')}" if str(cause) else ""
-        return f"interrupted at t = {t:.6g} s{by}.{detail}{there}"
+        return f"interrupted at {self._time(t)}{by}.{detail}{there}"
+
+    def _time(self, t: float) -> str:
+        return f"t = {t:.6g} {self._units.of('s')}"
 
     def _reached(self) -> str:
         """Return the message that the end is reached, with notable events of the run."""
@@ -243,7 +252,7 @@ class Loop:
         gained = _gain_text(relative_closure_error(record.ledger))
         way = f"{cuts}{self._stepper.remark}{halving_text(record.reviews)}{gained}{inversion_text(record.ledger)}"
         way += removal_text(record.removed, record.removed_at)
-        return f"reached t = {record.state.t:.6g} s in {record.steps} steps{way}"
+        return f"reached {self._time(record.state.t)} in {record.steps} steps{way}"
 
 
 def _gain_text(part: float) -> str:

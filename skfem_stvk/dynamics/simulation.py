@@ -565,7 +565,9 @@ def removed_by_hand(t: float, u: Array) -> None:
 def _with_removed_energy(ledger: Ledger, names: Sequence[str]) -> Ledger:
     """Return the ledger with the additional column of the energy of removed elements, zero so far."""
     columns = [ledger[name] if name in ledger else np.zeros(ledger.steps) for name in names]
-    return Ledger(names, np.column_stack(columns))
+    wider = Ledger(names, np.column_stack(columns))
+    wider.units = ledger.units
+    return wider
 
 
 def _body(system: System | ReducedLike) -> System | Coordinates:

@@ -37,7 +37,7 @@ class Steps:
         self.stepper, self.limit = integrator.stepper(motion), StableStep(motion, integrator)
         self.stepper.counts.add(record.counts)
         self.stepper.watch.add(record.watch.parts())
-        record.counts, record.watch = self.stepper.counts, self.stepper.watch
+        record.counts, record.watch, record.ledger.units = self.stepper.counts, self.stepper.watch, motion.system.units
         if not record.clock.dt:
             record.clock.dt, record.reviews = self.limit.first(record.state)
         self._consecutive = 0

@@ -52,12 +52,17 @@ def test_motions_name_the_units(tmp_path, capfd):
     assert {"energy [mJ]", "linear\nmomentum [t mm/s]", "displacement\nof tip [mm]", "time [s]"} <= set(found)
     assert "J]" not in " ".join(found).replace("mJ]", "") and Ledger(["time"]).units.name == "SI"
     assert "von Mises stress [MPa]" in texts(run.plot())
+    assert run.message.startswith("reached t = 0.0003 s") and "ms" in moved(beam(units="mm-kg-ms")).message
     drawn = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("skfem_stvk.dynamics.run.animate", lambda *given, **options: drawn.append(options))
         run.animate(tmp_path / "a.gif", "von_mises")
     assert drawn == [{"label": "von Mises stress [MPa]", "length_unit": "mm"}]
     animate([(0.0, run.state), (1.0, run.state)], tmp_path / "b.gif")
+
+
+def moved(system):
+    return simulate(system, BackwardEuler(dt=1e-4), until=2e-4, quiet=True)
 
 
 def test_derived_systems_keep_their_units():
