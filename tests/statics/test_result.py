@@ -23,7 +23,7 @@ def result():
 def test_one_line_per_step_is_printed(capsys):
     result = solve_static(bent(), steps=3)
     out, err = capsys.readouterr()
-    lines = [line for line in out.splitlines() if not line.startswith("note: ")]  # the stiffness of 1 Pa is noted
+    lines = [line for line in out.splitlines() if not line.startswith("note: ")]  # the density of 1 kg/m^3 is noted
     assert len(lines) == 1 + len(result.history) + len(result.history.attempts)
     assert "iterations" in out and "residual" in out and not err
 
