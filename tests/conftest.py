@@ -47,3 +47,9 @@ def pytest_xdist_make_scheduler(config, log):
     from xdist.scheduler import WorkStealingScheduling
 
     return WorkStealingScheduling(config, log)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Run tests on several ranks last: the kernels are compiled then, and not by all ranks of each test at the same time."""
+    items.sort(key=lambda item: "on_ranks" in getattr(item, "fixturenames", ()))

@@ -78,6 +78,8 @@ class Inputs:
             self.known[name] = Input(slice(at, at + d), 1, d, "components of the total force [N]")
             self._dofs.append(dofs)
             at += d
+        if taken := {"until", "self"} & self.known.keys():
+            raise StvkError(f"An input is named {shown(min(taken))}, as an argument of step(); expected another name: rename it.")
         self.pushes = bool(self._dofs)
         self._columns = None
         if isinstance(body, Coordinates) and self.pushes:

@@ -366,6 +366,9 @@ def test_inputs_need_named_locations_of_their_own():
         Simulation(gripped(), BackwardEuler(DT), pushed=["right"])
     with pytest.raises(StvkError, match="pushed = 'middle'; expected a list"):
         Simulation(gripped(), BackwardEuler(DT), pushed="middle")
+    named = ElementMesh(mesh.p, mesh.t, boundaries={"left": mesh.boundaries["left"], "until": mesh.boundaries["right"]})
+    with pytest.raises(StvkError, match=r"An input is named 'until', as an argument of step\(\)"):
+        Simulation(System(named, terms, fixed={"left": "xyz"}), BackwardEuler(DT), pushed=["until"])
     with pytest.raises(LoadError, match="Nothing moves the body"):
         Simulation(System(mesh, terms, fixed={"left": "xyz"}), BackwardEuler(DT))
 
