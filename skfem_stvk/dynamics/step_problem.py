@@ -103,7 +103,10 @@ class StepProblem(Equation):
         with self._watch("assemble"):
             fixed, linear = self.motion.free.fixed, self._linear(w)
             self._add_edge_damping(w, u, linear)
-            return linear[fixed] - self.offset[fixed] + self._internal[fixed] - self.motion.loads(u, t)[fixed]
+            linear -= self.offset
+            linear += self._internal
+            linear -= self.motion.loads(u, t)
+            return linear[fixed]
 
     def residual(self, w: Array, t: Time) -> Residual:
         with self._watch("assemble"):

@@ -69,9 +69,10 @@ class RigidParts:
 
 
 def pseudo_inverse(E: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of a symmetric matrix, or 0 along eigenvectors without a positive eigenvalue.
+    """Return the inverse of a symmetric positive semi-definite matrix, 0 along eigenvectors without a positive eigenvalue.
 
-    Rows and columns are scaled, so that the size of the motions has no effect. Zero if an entry is not finite.
+    Rows and columns are scaled, so that the size of the motions has no effect. It is zero if an entry is not finite, or if the
+    matrix is indefinite: then K is, too, and conjugate gradients shall find its direction of negative curvature as without motions.
 
     >>> pseudo_inverse(np.diag([4.0, 0.0]))
     array([[0.25, 0.  ],
@@ -82,6 +83,8 @@ def pseudo_inverse(E: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.zeros_like(E)
     scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), 0)
     values, vectors = np.linalg.eigh(scale[:, None] * (E + E.T) / 2 * scale)
+    if values[0] < -DEPENDENT * values[-1]:
+        return np.zeros_like(E)
     positive = values > DEPENDENT * values[-1]
     columns = scale[:, None] * vectors[:, positive]
     return np.asarray(columns / values[positive] @ columns.T)

@@ -51,7 +51,7 @@ def implausible(sections: BaseModel, mesh: ElementMesh | None = None) -> list[st
         if text := unusual(units, "the size of the mesh", "size", "length", size):
             found["mesh"] = f"{text} A file in other units can be scaled: mesh.scale."
         for path, material in _parts(sections, "materials"):
-            if path not in found and (text := too_soft(units, path, material, size)):
+            if not {path, path + ".young"} & found.keys() and (text := too_soft(units, path, material, size)):
                 found[path] = text
     return list(found.values())
 

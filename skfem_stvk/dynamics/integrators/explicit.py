@@ -55,7 +55,9 @@ class ExplicitStepper(Stepper):
         """Evaluate the internal force at the first state, and copy the inverse masses, and the masses of the supports."""
         motion = self.motion
         self.inverse[:] = motion.mass.solve(np.ones(len(self.inverse)))
-        self.masses = motion.mass.vertex[motion.free.fixed // motion.system.mesh.d]
+        self._fixed = motion.free.fixed
+        self.masses = motion.mass.vertex[self._fixed // motion.system.mesh.d]
+        self._held, self._loaded = np.zeros(len(self._fixed)), np.zeros(len(self._fixed))
         self.evaluate(state)
 
     def external(self, u: Array, v: Array, t: float) -> Array:
@@ -66,6 +68,12 @@ class ExplicitStepper(Stepper):
         self._damped[:] = 0
         self.motion.add_damping(u, v, self._damped)
         return np.subtract(loads, self._damped, out=self._damped)
+
+    def hold(self, state: MotionState, external: Array) -> None:
+        """Set the reactions of supports that do not move, `F - h`."""
+        np.take(self.internal, self._fixed, out=self._held, mode="clip")
+        self._held -= np.take(external, self._fixed, out=self._loaded, mode="clip")
+        state.reaction[self._fixed] = self._held
 
     def move_supports(self, state: MotionState, t: float) -> None:
         """Set the time of the state to `t`, and constrained degrees of freedom to their prescribed displacements."""
@@ -124,12 +132,15 @@ class ForwardEulerStepper(ExplicitStepper):
     def step(self, state: MotionState, t: float) -> None:
         h, fixed = t - state.t, self.motion.free.fixed
         external = self.external(state.u, state.v, t)
-        before, velocities, force = state.u[fixed], state.v[fixed], external[fixed] - self.internal[fixed]
+        if self.motion.moving:
+            before, velocities, force = state.u[fixed], state.v[fixed], external[fixed] - self.internal[fixed]
+        else:
+            self.hold(state, external)
         kernels.push_and_drift(self.inverse, external, self.internal, h, state.v, state.u)
         self.move_supports(state, t)
         if self.motion.moving:
             state.v[fixed] = (state.u[fixed] - before) / h
-        state.reaction[fixed] = self.masses * (state.v[fixed] - velocities) / h - force
+            state.reaction[fixed] = self.masses * (state.v[fixed] - velocities) / h - force
         self.evaluate(state)
 
 
@@ -186,9 +197,9 @@ class VelocityVerletStepper(ExplicitStepper):
         if motion.moving:
             state.v[fixed] = 2 * (state.u[fixed] - before) / h - velocities
         external = self.external(state.u, state.v + (h / 2) * state.a if motion.damped else state.v, t)
-        after = external[fixed] - self.internal[fixed]
         if motion.moving:
-            state.reaction[fixed] = self.masses * (state.v[fixed] - velocities) / h - (force + after) / 2
+            inertia = self.masses * (state.v[fixed] - velocities) / h
+            state.reaction[fixed] = inertia - (force + external[fixed] - self.internal[fixed]) / 2
         else:  # the force at the beginning would cost an evaluation of loads and damping
-            state.reaction[fixed] = -after
+            self.hold(state, external)
         kernels.accelerate(self.inverse, external, self.internal, h / 2, state.a, state.v)
