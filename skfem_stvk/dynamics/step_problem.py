@@ -95,8 +95,8 @@ class StepProblem(Equation):
             self.full -= self.motion.loads(self._u0, t)
             return self.full
 
-    def reactions(self, w: Array, u: Array, t: float) -> Array:
-        """Return the forces of the supports after a step by `w` to `u`, at constrained degrees of freedom, from the stored force.
+    def reactions(self, w: Array, u: Array, t: float, out: Array) -> Array:
+        """Return, in `out`, the forces of the supports after a step by `w` to `u`, from the stored force.
 
         It is valid for equations at the end of a step.
         """
@@ -106,7 +106,7 @@ class StepProblem(Equation):
             linear -= self.offset
             linear += self._internal
             linear -= self.motion.loads(u, t)
-            return linear[fixed]
+            return np.take(linear, fixed, out=out, mode="clip")
 
     def residual(self, w: Array, t: Time) -> Residual:
         with self._watch("assemble"):

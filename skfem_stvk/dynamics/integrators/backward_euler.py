@@ -160,6 +160,7 @@ class LinearStepper(ImplicitStepper):
         n, free = motion.states.n, len(motion.free.free)
         self._w, self._predicted, self._zero = (np.zeros(n) for _ in range(3))
         self._b, self._start, self._x = (np.zeros(free) for _ in range(3))
+        self._held = np.zeros(len(motion.free.fixed))
 
     @property
     def remark(self) -> str:
@@ -203,7 +204,7 @@ class LinearStepper(ImplicitStepper):
         self.integrator.update(state, w, h)
         state.u += w
         self._energy = self.problem.store_internal_force(state.u)
-        state.reaction[self.motion.free.fixed] = self.problem.reactions(w, state.u, moment.time)
+        state.reaction[self.motion.free.fixed] = self.problem.reactions(w, state.u, moment.time, self._held)
 
     def strain_energy(self, state: MotionState) -> float:
         return self._energy
