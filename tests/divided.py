@@ -172,14 +172,14 @@ def part_of(mesh, parts, number, exchange):
 
 
 class Division:
-    """A body, a mesh or its name, in parts: strips along x, or random ones. Each element has another stiffness."""
+    """A body, a mesh or its name, in three parts: strips along x, or random ones. Each element has another stiffness."""
 
-    def __init__(self, mesh, how, parts=3):
+    def __init__(self, mesh, how):
         bare, rng = EVERY_MESH[mesh] if isinstance(mesh, str) else mesh, np.random.default_rng(3)
         self.mesh = ElementMesh(bare.p, bare.t, boundaries={"skin": bare.surface}, element=bare.element)
         self.young = rng.uniform(1, 5, self.mesh.nt)
         order = np.argsort(bare.p[0, bare.t].mean(axis=0)) if how == "strips" else rng.permutation(bare.nt)
-        self.parts = [np.sort(ids) for ids in np.array_split(order, parts)]
+        self.parts = [np.sort(ids) for ids in np.array_split(order, 3)]
 
     def run(self, work, make):
         """Return for each part its degrees of freedom and `work(system, dofs)`, and the result of the whole body.

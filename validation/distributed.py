@@ -44,7 +44,6 @@ def main(quick: bool = False) -> int:
     wrong = _equal(console, 1_500 if quick else 10_000)
     _one_rank(console, 5_000 if quick else 40_000)
     _scaling(console, cores, 20_000 if quick else 1_000_000, 10_000 if quick else 200_000)
-    _iterations(console, "block-jacobi-cg", [(ranks, 5_000 if quick else 40_000) for ranks in (2, 4, 8)])
     if Petsc().available:
         sizes = (1_500, 5_000) if quick else (5_000, 20_000, 80_000, 320_000, 1_500_000)
         _iterations(console, "petsc", [(ranks, size) for size in sizes for ranks in (1, 2)])

@@ -150,7 +150,8 @@ class StepMatrix:
                 if tangent is Tangent.SHIFTED:
                     self.tangent.add_shift(K)
         with self._watch("factor"):
-            self.tangent.position = self._u0 + w
+            if not self.tangent.solver.matrix_free:
+                self.tangent.position = self._u0 + w
             if multigrid is None:
                 return self.tangent.factorise(K, exact)
             before = multigrid.hierarchy

@@ -329,35 +329,6 @@ def step_and_precondition(
 
 
 @kernel
-def add_rigid_forces(begin: int, end: int, owner: Ids, rotations: Reals, r: Reals, out: Reals) -> None:
-    """Add the resultants of the forces `r` in some block rows to those of their owners, `out` (parts, 6).
-
-    `rotations` (9 rows,) are the displacements of each component due to the three rotations.
-    """
-    for i in range(begin, end):
-        o = uint64(owner[uint64(i)])
-        for c in range(3):
-            k = uint64(3) * uint64(i) + uint64(c)
-            out[o, uint64(c)] += r[k]
-            for j in range(3):
-                out[o, uint64(3 + j)] += rotations[uint64(3) * k + uint64(j)] * r[k]
-
-
-@kernel
-def add_rigid_motions(owner: Ids, rotations: Reals, constrained: Ids, amounts: Reals, out: Reals) -> None:
-    """Add the translations and rotations `amounts` (parts, 6) of the owners of block rows to `out`, which is 0 if constrained."""
-    for i in range(len(owner)):
-        o = uint64(owner[uint64(i)])
-        for c in range(3):
-            k = uint64(3) * uint64(i) + uint64(c)
-            total = amounts[o, uint64(c)]
-            for j in range(3):
-                total += rotations[uint64(3) * k + uint64(j)] * amounts[o, uint64(3 + j)]
-            out[k] += total
-    _zero_constrained(constrained, out)
-
-
-@kernel
 def shifted_diagonal(edges: Ids, blocks: Reals, constrained: Ids, indices: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
     """Set `diagonal` (3 n,) to `shift` at the unknowns' `indices`, and `out` (9 n,) to `A_aa = S_a - sum_b A_ab`.
 

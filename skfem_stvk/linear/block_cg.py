@@ -29,9 +29,6 @@ class BlockJacobiCg:
     For a body with one term, the whole loop is compiled and runs on one thread. This is faster than Python with products on any
     number of threads.
 
-    On several ranks, the rigid motions of the parts are a coarse space, if the body is in space and has one term. Four parts then
-    take less than half of the iterations of a static solve.
-
     Attributes
     ----------
     assembled
@@ -123,8 +120,7 @@ class BlockJacobiAnalysis:
         inverse[self._vertices] = self._inverse_of(K).reshape(-1, 9)
         if self._edges is not edges.edges:
             self._edges, self._nodes = edges.edges, edges.vertices[edges.edges].astype(np.int32)
-        indices = 3 * self._unknowns.vertex.astype(np.int64) + self._component
-        return PartCg(self._nodes, edges, inverse.ravel(), indices, space, self._unknowns.near_null_space)
+        return PartCg(self._nodes, edges, inverse.ravel(), 3 * self._unknowns.vertex.astype(np.int64) + self._component, space)
 
     def _search_on(self, K: EdgeBlocks) -> EdgeCg | None:
         """Return the compiled loop on these edges, and store it. Return None if a vertex with unknowns has no edge."""

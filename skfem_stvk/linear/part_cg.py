@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from math import isfinite, nan, sqrt
 
@@ -14,14 +13,8 @@ from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import run
 from .cg import solve_by
-from .rigid_parts import RigidParts
 from .solver import EdgeBlocks, Outcome, Solution, Vector
 from .space import Space
-
-#: Number of iterations that take as long as setting up the coarse space. Time steps that start near their solution need fewer.
-LONG = 50
-#: Number of parts up to which there is a coarse space. Beyond it, the product with its inverse takes as long as one with K.
-MOST_PARTS = 128
 
 
 class PartCg:
@@ -30,25 +23,11 @@ class PartCg:
     `space` is that of the nodes, and `edges` (ne, 2) are pairs of them; `indices` (n,) are the indices `3 node + component` of the
     unknowns. `inverse` (9 nv,) are the inverses of the diagonal blocks of the whole K. Residuals are zero at constrained
     components. An iteration has one exchange at shared nodes and two reductions.
-
-    From iteration `LONG` of each solve on, the rigid motions of the parts are a coarse space (`RigidParts`). `motions` returns
-    those of the unknowns (n, 6), translations first; None means no coarse space.
     """
 
-    def __init__(
-        self,
-        edges: Ids,
-        K: EdgeBlocks,
-        inverse: Vector,
-        indices: NDArray[np.int64],
-        space: Space,
-        motions: Callable[[], Vector] | None = None,
-    ) -> None:
+    def __init__(self, edges: Ids, K: EdgeBlocks, inverse: Vector, indices: NDArray[np.int64], space: Space) -> None:
         self._edges, self._blocks, self._inverse = edges, K.blocks, inverse
         self._indices, self._space, n = indices, space, space.n
-        self._motions = motions if space.size <= MOST_PARTS else None
-        self._coarse: RigidParts | None = None
-        self._coarse_of_k: RigidParts | None = None
         is_constrained = np.ones(n, dtype=bool)
         is_constrained[indices] = False
         self._constrained = np.flatnonzero(is_constrained)
@@ -65,7 +44,7 @@ class PartCg:
         self._out = np.empty(len(b)) if out is None else out
         for full, vector in ((self._b, b), (self._x, x0)):
             full[self._indices] = 0.0 if vector is None else vector
-        self.iterations, self.curvature, self._rho, self._last, self._coarse = 0, nan, 0.0, 0.0, None
+        self.iterations, self.curvature, self._rho, self._last = 0, nan, 0.0, 0.0
         self.size = self._space.norm(self._b)
         self.true_residual()
         return solve_by(self, b, rtol, max_iterations)
@@ -92,10 +71,6 @@ class PartCg:
                 return Outcome.OUT_OF_ITERATIONS
             if not self._rho > 0:
                 return Outcome.NEGATIVE_CURVATURE if isfinite(self._rho) else Outcome.NOT_FINITE
-            if self._motions is not None and self._coarse is None and self.iterations >= LONG:
-                self._coarse = self._coarse_of_k = self._coarse_of_k or self._rigid_parts(self._motions())
-                self.true_residual()
-                continue
             self._multiply(self._rho / self._last if self._last else 0.0, self._s)
             curvature = self._dot(self._p, self._q)
             if not curvature > 0:
@@ -110,18 +85,8 @@ class PartCg:
 
     def _multiply(self, beta: float, s: Vector) -> None:
         """Update the search direction, `p = s + beta p`, and compute `q = K p`."""
-        self._space.share(self._of_part(beta, s))
-
-    def _of_part(self, beta: float, s: Vector) -> Vector:
-        """Compute as `_multiply`, and return `q` with the contributions of this part alone."""
         kernels.update_and_multiply(self._edges, self._blocks, self._diagonal, self._constrained, beta, s, self._p, self._q)
-        return self._q
-
-    def _rigid_parts(self, motions: Vector) -> RigidParts:
-        """Return the coarse space; the columns of `motions` (n, 6) are translations and rotations."""
-        rotations = np.zeros((self._space.n, 3))
-        rotations[self._indices] = motions[:, 3:]
-        return RigidParts(rotations, self._constrained, self._space, lambda v: self._of_part(0.0, v))
+        self._space.share(self._q)
 
     def _update(self, alpha: float) -> None:
         """Update x and the residual along `p`, precondition the residual, and compute `|r|` and `r'M^-1 r`."""
@@ -130,12 +95,7 @@ class PartCg:
             found = kernels.step_and_precondition(begin // 3, end // 3, alpha, *arrays)
             if counted:
                 sums += found
-        if self._coarse is not None:
-            sums = np.append(sums, self._coarse.force(self._r))
-        sums = self._space.total(sums)
-        square, self._rho = sums[:2].tolist()
-        if self._coarse is not None:
-            self._rho += self._coarse.add(sums[2:], self._s)
+        square, self._rho = self._space.total(sums).tolist()
         self.norm = sqrt(square) if square >= 0 else nan
 
     def _dot(self, x: Vector, y: Vector) -> float:

@@ -93,7 +93,7 @@ class Unknowns:
         Structure of K in CSR format, columns sorted; None if K is never formed.
     near_null_space
         Function that returns the (n, r) rigid motions, restricted to the unknowns, of the body in its state at the time of the
-        call. AMG requires it; `BlockJacobiCg` uses it for bodies that are divided into parts.
+        call. AMG requires it.
     ends
         (nv, 2) for each vertex in the middle of an edge of a quadratic element, the vertices at both ends; for a corner its own
         number twice. None if there are no such vertices.

@@ -75,7 +75,7 @@ class FreeTangent:
         """Return the unknowns, with the structure of K unless the solver never forms K."""
         vertices_and_components = np.divmod(self.free.free, self.system.mesh.d)
         if self.solver.matrix_free:
-            return Unknowns(*vertices_and_components, near_null_space=self.rigid_modes, space=self.space)
+            return Unknowns(*vertices_and_components, space=self.space)
         structure, ends = self.free.structure, self.system.mesh.ends()
         return Unknowns(*vertices_and_components, structure.indptr, structure.indices, self.rigid_modes, ends, self.space)
 

@@ -38,6 +38,7 @@ def rows_of(made, body):
     return [budget.measured(row, work) for row, work in made.rows() if row.body == body]
 
 
+@pytest.mark.slow
 def test_the_table_has_each_integrator_and_solver_each_size_and_the_response(file, capsys):
     assert main(["budget", file, *MATERIAL, "--step", "1e-3"]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -197,7 +197,7 @@ def test_a_signal_stops_the_command_on_one_machine(scene, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("do", "code", "words"),
     [
-        ("raise MeshError('a bad part')", 2, "error on rank 1 of 2: a bad part"),
+        pytest.param("raise MeshError('a bad part')", 2, "error on rank 1 of 2: a bad part", marks=pytest.mark.slow),
         ("raise RuntimeError('a fault')", 1, "RuntimeError: a fault"),
         pytest.param("raise KeyboardInterrupt", 130, "error on rank 1 of 2", marks=pytest.mark.slow),
     ],

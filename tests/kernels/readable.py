@@ -1543,22 +1543,6 @@ def step_and_precondition(
     return float(r[own] @ r[own]), float(r[own] @ s[own])
 
 
-def add_rigid_forces(begin: int, end: int, owner: Ids, rotations: Reals, r: Reals, out: Reals) -> None:
-    """Add the resultants of the forces `r` in some block rows to those of their owners, `out` (parts, 6)."""
-    along = rotations.reshape(-1, 3, 3)
-    for i in range(begin, end):
-        f = r[3 * i : 3 * i + 3]
-        out[owner[i], :3] += f
-        out[owner[i], 3:] += along[i].T @ f
-
-
-def add_rigid_motions(owner: Ids, rotations: Reals, constrained: Ids, amounts: Reals, out: Reals) -> None:
-    """Add the translations and rotations `amounts` (parts, 6) of the owners of block rows to `out`, which is 0 if constrained."""
-    own = amounts[owner]
-    out += (own[:, :3] + np.einsum("ncj,nj->nc", rotations.reshape(-1, 3, 3), own[:, 3:])).ravel()
-    out[constrained] = 0
-
-
 def shifted_diagonal(edges: Ids, blocks: Reals, constrained: Ids, indices: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
     """Write the diagonal blocks of the matrix, with the shift, and return their sum."""
     if len(shift):

@@ -317,6 +317,7 @@ def build(tmp_path_factory):
     return folder / "build"
 
 
+@pytest.mark.slow
 def test_the_workflow_builds_the_library_and_its_test_passes(build):
     page = (build / "report" / "report.html").read_text()
     assert "mine_body, mine_W, mine_F, mine_K of" in page and "libmine" in page

@@ -194,7 +194,14 @@ def test_the_table_of_another_program_is_refused(content, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", [{"results": {"tip.y": [1]}}, {"results": 3}, {"exit_code": 3, "expectations": [{}]}, {"seconds": "x"}]
+    "change",
+    [
+        {"results": {"tip.y": [1]}},
+        *(
+            pytest.param(change, marks=pytest.mark.slow)
+            for change in ({"results": 3}, {"exit_code": 3, "expectations": [{}]}, {"seconds": "x"})
+        ),
+    ],
 )
 def test_a_run_with_a_damaged_summary_does_not_count_as_finished(change, tmp_path):
     path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
