@@ -5,8 +5,12 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = (
+    pytest.mark.slow
+)  # minutes: all kinds of elements and terms; `tests/system/test_divided.py` has them on parts in threads
 
-@pytest.fixture(scope="module", params=[2, pytest.param(3, marks=pytest.mark.slow)])
+
+@pytest.fixture(scope="module", params=[2, 3])
 def differences(request, on_ranks, tmp_path_factory):
     out = tmp_path_factory.mktemp("fields") / "out.json"
     divisions = ["random"] if request.param == 2 else []  # 3 ranks: all of them
