@@ -19,7 +19,7 @@ from ..system.coordinates import Coordinates
 
 @dataclass(frozen=True)
 class Input:
-    """One input: its part of the vector of all inputs, as `nodes` times `components` numbers, and its meaning in words."""
+    """Part of the vector of all inputs that belongs to one of them: `nodes` times `components` numbers, and their meaning."""
 
     part: slice
     nodes: int
@@ -57,24 +57,27 @@ class Inputs:
     """
 
     def __init__(self, body: System | Coordinates, pushed: Sequence[str]) -> None:
-        system, on_basis = (body, False) if isinstance(body, System) else (body.system, True)
+        basis = body if isinstance(body, Coordinates) else None
+        system = body if isinstance(body, System) else body.system
         d, at = system.mesh.d, 0
         self.known: dict[str, Input] = {}
         indices = [np.empty(0, dtype=np.int64)]
         for name, location in system.supports.moved.items():
-            n, k = location.indices.shape if not on_basis else (1, location.indices.shape[1])
+            n, k = location.indices.shape if basis is None else (1, location.indices.shape[1])
             words = f"displacements along {', '.join(location.components)} [m]"
             self.known[name] = Input(slice(at, at + n * k), n, k, words)
             indices.append(location.indices.ravel())
             at += n * k
         self._count, self.moved = at, np.concatenate(indices)
-        if isinstance(body, Coordinates):
-            self.moved = np.arange(len(body.free.fixed) - at, len(body.free.fixed))
+        if basis is not None:  # the lifts of inputs are the last ones
+            self.moved = np.arange(len(basis.free.fixed) - at, len(basis.free.fixed))
         self._dofs: list[NDArray[np.int64]] = []
         for name in _checked_names(pushed):
             dofs = d * vertices_at(system.mesh, name, f"pushed = {name!r}")[:, None] + np.arange(d)
-            if name in self.known or np.isin(dofs, system.supports.held).all():
-                raise LoadError(f"pushed = {name!r}; expected a location with free nodes: its nodes are constrained, named once.")
+            if np.isin(dofs, system.supports.held).all():
+                raise LoadError(f"pushed = {name!r}; expected a location with free nodes: supports constrain all of its nodes.")
+            if name in self.known:
+                raise LoadError(f"pushed = {name!r}; expected another location: its displacements are inputs already.")
             self.known[name] = Input(slice(at, at + d), 1, d, "components of the total force [N]")
             self._dofs.append(dofs)
             at += d
@@ -82,8 +85,8 @@ class Inputs:
             raise StvkError(f"An input is named {shown(min(taken))}, as an argument of step(); expected another name: rename it.")
         self.pushes = bool(self._dofs)
         self._columns = None
-        if isinstance(body, Coordinates) and self.pushes:
-            self._columns = np.concatenate([body.columns[dofs].mean(axis=0).T for dofs in self._dofs], axis=1)
+        if basis is not None and self.pushes:
+            self._columns = np.concatenate([basis.columns[dofs].mean(axis=0).T for dofs in self._dofs], axis=1)
         self.values = np.zeros(at)
         self.values.flags.writeable = False
         self._before, self._begin, self._end = self.values, 0.0, 0.0

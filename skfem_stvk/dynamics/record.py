@@ -207,14 +207,21 @@ class RunRecord:
         """Whether the state is at the end of a whole step. A run can continue only from such a state."""
         return self.state.t == self.clock.t
 
+    def snapshot(self) -> Snapshot:
+        """Return a copy of the present state, clock and counts."""
+        return Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps)
+
+    def return_to(self, then: Snapshot) -> None:
+        """Return to the state of a snapshot, and delete the later rows of the ledger."""
+        self.state.copy_from(then.state)
+        self.clock, self.reviews, self.steps, self.cuts = replace(then.clock), then.reviews, then.steps, then.cuts
+        self.ledger.truncate(then.rows)
+
     def store_good_state(self) -> None:
         """Store the present state as the last good state."""
-        self.good = Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps)
+        self.good = self.snapshot()
 
     def return_to_good_state(self) -> None:
         """Return to the last good state."""
         assert self.good is not None
-        good = self.good
-        self.state.copy_from(good.state)
-        self.clock, self.reviews, self.steps, self.cuts = replace(good.clock), good.reviews, good.steps, good.cuts
-        self.ledger.truncate(good.rows)
+        self.return_to(self.good)

@@ -158,9 +158,7 @@ def simulate(
     ('finished', True)
     """
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
-    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
-    if isinstance(body, System) and body.dtype != np.float64:
-        raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
+    body = checked_body(system)
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
     older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # supported until 1.0
     output_files = OutputFiles.checked(
@@ -200,6 +198,14 @@ def simulate(
 
             start = resumed(body, options, stack, checkpoint_file.source)
         return Loop(*start, quiet).run(raise_on_failure)
+
+
+def checked_body(system: System | ReducedLike) -> System | Coordinates:
+    """Return the body whose states a motion has; refuse one in single precision, and any other object."""
+    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
+    if isinstance(body, System) and body.dtype != np.float64:
+        raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
+    return body
 
 
 def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:

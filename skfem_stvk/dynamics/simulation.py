@@ -20,8 +20,9 @@ from ..notebook import html_table
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
-from ..system.protocol import ReducedLike, checked_system
+from ..system.protocol import ReducedLike
 from ..system.signature import Fingerprint, sums_of
+from ..terms import HasState
 from .damping import Damping
 from .inputs import Inputs
 from .integrators import Integrator, StepFailed
@@ -32,7 +33,7 @@ from .options import Options, basis_of, checked_integrator, method_options, refu
 from .record import SLACK, Clock, HierarchyOrigin, MotionState, RunRecord, Snapshot
 from .removal import rule_text
 from .run import SimulationError
-from .simulate import first_state
+from .simulate import checked_body, first_state
 from .steps import Steps
 
 #: Largest number of times that a step may be halved.
@@ -292,9 +293,8 @@ class Simulation:
         RegionError
             if there are no such nodes.
         """
-        d = self.system.mesh.d
-        dofs = (d * vertices_at(self.system.mesh, nodes, "u_at")[:, None] + np.arange(d)).ravel()
-        return np.array(self._motion.states.entries(dofs)(self._record.state.u)).reshape(-1, d)
+        dofs = self._dofs_at(nodes, "u_at")
+        return np.array(self._motion.states.entries(dofs.ravel())(self._record.state.u)).reshape(dofs.shape)
 
     def mean(self, name: str) -> Array:
         """Return the mean displacement (d,) [m] of the nodes at a named location.
@@ -310,11 +310,15 @@ class Simulation:
             if there is no such location.
         """
         if name not in self._means:
-            d = self.system.mesh.d
-            dofs = (d * vertices_at(self.system.mesh, name, "mean")[:, None] + np.arange(d)).ravel()
-            self._means[name] = self._motion.states.entries(dofs)
+            self._means[name] = self._motion.states.entries(self._dofs_at(name, "mean").ravel())
         mean: Array = self._means[name](self._record.state.u).reshape(-1, self.system.mesh.d).mean(axis=0)
         return mean
+
+    def _dofs_at(self, where: Where, what: str) -> NDArray[np.int64]:
+        """Return the degrees of freedom (n, d) of the nodes at a location."""
+        d = self.system.mesh.d
+        dofs: NDArray[np.int64] = d * vertices_at(self.system.mesh, where, what)[:, None] + np.arange(d)
+        return dofs
 
     def energy(self) -> Energies:
         """Return the kinetic energy, the strain energy and the potential of the loads [J]."""
@@ -349,17 +353,17 @@ class Simulation:
     def _reaction_at(self, name: str) -> Callable[[], Array]:
         """Return the function that computes the reaction at a location."""
         motion, state, supports, d = self._motion, self._record.state, self.system.supports, self.system.mesh.d
-        nodes = vertices_at(self.system.mesh, name, "reaction")
-        held = np.isin(d * nodes[:, None] + np.arange(d), supports.held)
+        dofs = self._dofs_at(name, "reaction")
+        held = np.isin(dofs, supports.held)
         if not held.any():
             raise SupportError(
                 f"reaction: no support acts at {shown(name)}; expected a location with fixed or prescribed components."
             )
         if not isinstance(motion.body, Coordinates):
-            return lambda: np.asarray(state.reaction.reshape(-1, d)[nodes].sum(axis=0))
+            return lambda: np.asarray(state.reaction[dofs].sum(axis=0))
         moved = supports.moved.get(name)
         if moved is None or np.count_nonzero(held) > moved.indices.size:
-            return lambda: np.asarray((self._ground_forces().reshape(-1, d)[nodes] * held).sum(axis=0))
+            return lambda: np.asarray((self._ground_forces()[dofs] * held).sum(axis=0))
         lifts = motion.free.fixed[self._inputs.moved[self._inputs.known[name].part]]
         along = np.eye(d)[["xyz".index(letter) for letter in moved.components]]
         return lambda: np.asarray(state.reaction[lifts] @ along)
@@ -410,11 +414,8 @@ class Simulation:
     def copy_state(self) -> SavedState:
         """Return a copy of the state, from which `restore` leads to the same steps, to the last bit."""
         record = self._record
-        snapshot = Snapshot(
-            record.state.copy(), replace(record.clock), record.reviews, record.steps, record.cuts, record.ledger.steps
-        )
         removed = record.removed, record.removed_at
-        return SavedState(record.state.t, snapshot, self._inputs.values, self.system, record.origin, removed)
+        return SavedState(record.state.t, record.snapshot(), self._inputs.values, self.system, record.origin, removed)
 
     def restore(self, saved: SavedState) -> None:
         """Go back to a state, and to the inputs that it had.
@@ -440,15 +441,13 @@ class Simulation:
     def _go_back(self, then: Snapshot, inputs: Array, origin: HierarchyOrigin | None) -> None:
         record = self._record
         self._inputs.stay(inputs)
-        record.state.copy_from(then.state)
-        record.clock, record.reviews, record.steps, record.cuts = replace(then.clock), then.reviews, then.steps, then.cuts
+        record.return_to(then)
         self._motion.body.restore()
         self._steps.start()
         record.origin = origin
         if origin is not None:
             self._steps.stepper.rebuild(origin)
         if self._writer is not None:
-            record.ledger.truncate(then.rows)
             self._writer.begin(record.state)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -572,8 +571,12 @@ def _with_removed_energy(ledger: Ledger, names: Sequence[str]) -> Ledger:
 
 def _body(system: System | ReducedLike) -> System | Coordinates:
     """Return the body of the states; refuse bodies that cannot be stepped."""
-    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
-    if isinstance(body, System) and body.dtype != np.float64:
-        raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
+    body = checked_body(system)
     refuse_divided(body.space, "Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
+    terms = (*body.bound_terms, *body.bound_loads) if isinstance(body, System) else ()
+    if history := [type(term).__qualname__ for term in terms if isinstance(term, HasState)]:
+        raise StvkError(
+            f"{', '.join(history)}: terms with history; expected others, because a Simulation goes back to earlier states, which such "
+            "terms do not store. Use simulate(...)."
+        )
     return body
