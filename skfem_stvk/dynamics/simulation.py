@@ -576,7 +576,7 @@ def _body(system: System | ReducedLike) -> System | Coordinates:
     terms = (*body.bound_terms, *body.bound_loads) if isinstance(body, System) else ()
     if history := [type(term).__qualname__ for term in terms if isinstance(term, HasState)]:
         raise StvkError(
-            f"{', '.join(history)}: terms with history; expected others, because a Simulation goes back to earlier states, which such "
-            "terms do not store. Use simulate(...)."
+            f"{', '.join(history)}: terms with history; expected others, because a Simulation goes back to earlier states, which "
+            "such terms do not store. Use simulate(...)."
         )
     return body
