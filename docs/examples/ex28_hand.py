@@ -66,7 +66,7 @@ def picture():
     facets = mesh.facets[:, mesh.boundary_facets()]
     for u, colour, alpha in ((0 * states[:, -1], "0.6", 0.15), (states[:, -1], "tab:red", 0.8)):
         body.plot_trisurf(*(mesh.p + u.reshape(-1, 3).T), triangles=facets.T, color=colour, alpha=alpha, lw=0)
-    body.set_box_aspect(np.ptp(mesh.p, axis=1), zoom=1.5)
+    body.set_box_aspect(np.ptp(mesh.p, axis=1), zoom=1.2)
     body.set_axis_off()
     return figure
 
