@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, choice, flag, number, shown, whole
+from ..arguments import Array, choice, flag, number, shown, text, whole
 from ..arguments import path as path_of
 from ..errors import StateError, StvkError, SupportError
 from ..mesh.locations import Where, vertices_at
@@ -309,6 +309,7 @@ class Simulation:
         RegionError
             if there is no such location.
         """
+        name = text("name", name)
         if name not in self._means:
             self._means[name] = self._motion.states.entries(self._dofs_at(name, "mean").ravel())
         mean: Array = self._means[name](self._record.state.u).reshape(-1, self.system.mesh.d).mean(axis=0)
@@ -346,6 +347,7 @@ class Simulation:
         """
         if not self.steps:
             raise StvkError(f"reaction({name!r}) before the first step; expected a call of step() before.")
+        name = text("name", name)
         if name not in self._reactions:
             self._reactions[name] = self._reaction_at(name)
         return self._reactions[name]()

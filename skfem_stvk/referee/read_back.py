@@ -59,7 +59,7 @@ def verify_results(folder: str | Path, vectors: Vectors | str | Path | None = No
     --------
     >>> import tempfile
     >>> from skfem_stvk.referee.vectors import published_vectors
-    >>> from skfem_stvk.referee.vector_files import write_text
+    >>> from skfem_stvk.results.array_files import write_text
     >>> one = published_vectors("tetrahedron")
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_text(Path(folder) / "results.txt", {name: one.arrays[name] for name in ("digest", "W", "F")})

@@ -17,8 +17,9 @@ from skfem_stvk.results import Fields, State
 
 from .call import Call
 
-#: Legal for optional arguments.
+#: Legal for optional arguments, and for flags.
 OPTIONAL = frozenset({"None"})
+FLAG = frozenset({"True"})
 #: Legal for positive numbers, for non-negative numbers, and for all numbers.
 POSITIVE = frozenset({"0.5"})
 NOT_NEGATIVE = POSITIVE | {"0"}

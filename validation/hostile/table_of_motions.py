@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from skfem_stvk import (
     BackwardEuler,
     EdgeDamping,
@@ -16,6 +18,7 @@ from skfem_stvk import (
     PrincipalStressLimit,
     Rayleigh,
     Run,
+    Simulation,
     VelocityVerlet,
     critical_elements,
     critical_step,
@@ -25,7 +28,7 @@ from skfem_stvk import (
 from skfem_stvk.dynamics import LargestFrequency, Ledger, Modes
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call, displacements, drawn, system
+from .small_bodies import FLAG, NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, system
 
 IMPLICIT = (BackwardEuler, LinearBackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 MORE: dict[type, dict[str, Any]] = {Newmark: {"beta": 0.5, "gamma": 0.5}, GeneralizedAlpha: {"rho": 0.5}}
@@ -145,6 +148,45 @@ def calls() -> list[Call]:
             {"name": frozenset({"text"})},
             {"name": "column"},
         ),
+        call(
+            "Simulation",
+            _driven,
+            {
+                "t0": NUMBER,
+                "u0": OPTIONAL,
+                "v0": OPTIONAL,
+                "mass": OPTIONAL,
+                "damping": OPTIONAL | {"empty list"},
+                "halvings": frozenset({"0"}),
+                "ledger": FLAG,
+                "pushed": frozenset({"empty list"}),
+            },
+            {"t0": r"\bt0\b|after t ="},
+            system=system(),
+            integrator=EnergyMomentum(0.125),
+            pushed=["tip"],
+            u0=np.zeros(12),
+            v0=np.zeros(12),
+            t0=0.0,
+            mass="lumped",
+            damping=[],
+            halvings=1,
+            on_failure="raise",
+            ledger=True,
+        ),
+        call("Simulation.step", _stepped, {"until": POSITIVE | OPTIONAL}, until=0.25, tip=np.array([0.25, -0.5])),
+        Call("Simulation.u_at", lambda: (_simulation().u_at, {"nodes": "left"}), {}, {"nodes": PLACE}),
+        Call("Simulation.mean", lambda: (_simulation().mean, {"name": "left"}), {}, {"name": rf"\bname\b|{PLACE}"}),
+        Call("Simulation.reaction", lambda: (_simulation().reaction, {"name": "left"}), {}, {"name": rf"\bname\b|{PLACE}"}),
+        Call("Simulation.restore", lambda: (_simulation().restore, {"state": _simulation().copy_state()})),
+        call("Simulation.save", _saved, {"path": TEXT - {"empty text", "long text", "NUL"}}, path="simulation"),
+        call(
+            "Simulation.remove",
+            _removed,
+            {"elements": frozenset({"empty list", "empty array"})},
+            {"elements": "region|subdomain|elements"},
+            elements=np.array([3]),
+        ),
         Call("Run.reaction", lambda: (motion().reaction, {"where": "left"}), {"where": OPTIONAL}, {"where": PLACE}),
         Call(
             "Run.plot",
@@ -163,6 +205,36 @@ def _run_with(kind: type) -> Any:
         return found.status.value, found.u
 
     return run
+
+
+@cache
+def _simulation() -> Simulation:
+    """Return a driven motion after one step."""
+    sim = Simulation(system(), EnergyMomentum(0.125), pushed=["tip"])
+    sim.step()
+    return sim
+
+
+def _driven(**given: Any) -> Any:
+    sim = Simulation(**given)
+    sim.step()
+    return sim.t, sim.u
+
+
+def _stepped(**given: Any) -> Any:
+    sim = Simulation(system(), EnergyMomentum(0.125), pushed=["tip"])
+    sim.step(**given)
+    return sim.t, sim.u
+
+
+def _saved(path: Any) -> None:
+    _simulation().save(path, overwrite=True)
+
+
+def _removed(elements: Any) -> Any:
+    sim = Simulation(system(), EnergyMomentum(0.125))
+    sim.remove(elements)
+    return sim.system.mesh.nt
 
 
 def _ledger() -> Ledger:

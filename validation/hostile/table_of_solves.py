@@ -26,10 +26,9 @@ from skfem_stvk.linear import SOLVERS, BlockJacobiCg, Kind, Petsc, SsorCg, Unkno
 from skfem_stvk.linear.solver import Analysis, Factors
 
 from .call import Call
-from .small_bodies import NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call, costly, drawn, square, system, tetrahedra
+from .small_bodies import FLAG, NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, call, costly, drawn, square, system, tetrahedra
 
 RIGHT = np.arange(1.0, 5.0)
-FLAG = frozenset({"True"})
 
 
 class Springs:
