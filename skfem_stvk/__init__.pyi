@@ -18,6 +18,7 @@ from .dynamics.critical_elements import critical_elements as critical_elements
 from .dynamics.critical_step import critical_step as critical_step
 from .dynamics.modes import modes as modes
 from .dynamics.simulate import simulate as simulate
+from .errors import ContactError as ContactError
 from .errors import LoadError as LoadError
 from .errors import MaterialError as MaterialError
 from .errors import MeshError as MeshError
@@ -64,6 +65,7 @@ from .terms import BodyForce as BodyForce
 from .terms import Corotated as Corotated
 from .terms import EdgeNetwork as EdgeNetwork
 from .terms import ElasticFoundation as ElasticFoundation
+from .terms import Friction as Friction
 from .terms import Gravity as Gravity
 from .terms import InvertibleStVK as InvertibleStVK
 from .terms import LinearElastic as LinearElastic
@@ -71,6 +73,11 @@ from .terms import NeoHookean as NeoHookean
 from .terms import NodalLoad as NodalLoad
 from .terms import Pressure as Pressure
 from .terms import Ramp as Ramp
+from .terms import RigidBox as RigidBox
+from .terms import RigidContact as RigidContact
+from .terms import RigidCylinder as RigidCylinder
+from .terms import RigidPlane as RigidPlane
+from .terms import RigidSphere as RigidSphere
 from .terms import Sine as Sine
 from .terms import SpringNetwork as SpringNetwork
 from .terms import StVK as StVK

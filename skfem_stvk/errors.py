@@ -103,6 +103,18 @@ class LoadError(StvkError):
     """
 
 
+class ContactError(StvkError):
+    """Contact with invalid parameters, or that does not fit the body or the analysis.
+
+    Examples
+    --------
+    >>> from skfem_stvk import RigidSphere
+    >>> RigidSphere((0, 0, 0), -1.0)
+    Traceback (most recent call last):
+    skfem_stvk.errors.ContactError: RigidSphere: radius = -1; expected a positive length.
+    """
+
+
 class SupportError(StvkError):
     """Error of a body with insufficient or contradictory supports.
 

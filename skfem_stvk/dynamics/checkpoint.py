@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Mapping
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -215,6 +216,7 @@ class Saved(NamedTuple):
         last_good = None if good is None else self._snapshot(good, "good ")
         record = RunRecord(then.state, then.clock, self.ledger, then.reviews, then.steps, then.cuts, last_good)
         record.removed, record.removed_at = self.removed
+        record.history = then.history
         if self.header.hierarchy is not None:
             u0, w = (self.arrays[name] for name in HIERARCHY)
             record.origin = HierarchyOrigin(u0, w, **self.header.hierarchy.model_dump())
@@ -230,7 +232,12 @@ class Saved(NamedTuple):
     def _snapshot(self, moment: MomentRecord, prefix: str) -> Snapshot:
         state = MotionState(moment.t, *(self.arrays[prefix + name] for name in ARRAYS))
         clock, reviews = Clock(**moment.clock.model_dump()), Reviews(**moment.looks.model_dump())
-        return Snapshot(state, clock, reviews, moment.steps, moment.cuts, moment.rows)
+        return Snapshot(state, clock, reviews, moment.steps, moment.cuts, moment.rows, self.history(prefix))
+
+    def history(self, prefix: str = "") -> tuple[Array, ...]:
+        """Return the histories of the terms that have one."""
+        names = takewhile(self.arrays.__contains__, (f"{prefix}history {i}" for i in count()))
+        return tuple(self.arrays[name] for name in names)
 
 
 def packed(
@@ -242,10 +249,12 @@ def packed(
     """
     about: dict[str, Any] = {"now": _moment(record, record.ledger.steps), "good": None}
     arrays = {name: getattr(record.state, name) for name in ARRAYS}
+    arrays |= {f"history {i}": one for i, one in enumerate(record.history)}
     good = record.good
     if found and good is not None and good.steps < record.steps:
         about["good"] = _moment(good, good.rows)
         arrays |= {f"good {name}": getattr(good.state, name) for name in ARRAYS}
+        arrays |= {f"good history {i}": one for i, one in enumerate(good.history)}
     if record.origin is not None:
         u0, w, *others = record.origin
         about["hierarchy"] = dict(zip(HierarchyOrigin._fields[2:], others, strict=True))
@@ -364,6 +373,7 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
     last = moment.rows - 1
     row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}
     kinetic = motion.states.dot(state["v"], motion.mass.multiply(state["v"])) / 2
+    motion.body.return_to(saved.history(prefix))
     strain = motion.energy(state["u"])
     for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
         if not np.isclose(row[name], energy, rtol=ENERGY, atol=ENERGY**2 * (kinetic + abs(strain))):

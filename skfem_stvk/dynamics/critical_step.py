@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -133,10 +134,13 @@ class LargestFrequency:
         """
         tau_share, beta_share = 2 * self._damping.tau / step, 2 * self._damping.beta / step
         retained = Tensions(1 / (1 + tau_share), 1 / (1 + tau_share)) if tau_share else ALL
-        if self._operator is None:
-            self._operator = self._system.linear_operator(u, kept=retained)
-        else:
-            self._operator.prepare(u, kept=retained)
+        with ExitStack() as stack:  # a body may meet a shape before the next review of the step
+            for contact in self._system.contacts:
+                stack.enter_context(contact.touching())
+            if self._operator is None:
+                self._operator = self._system.linear_operator(u, kept=retained)
+            else:
+                self._operator.prepare(u, kept=retained)
         if beta_share and self._at_rest is None:
             self._at_rest = self._system.linear_operator(np.zeros(self._system.ndofs))
         if tau_share or beta_share:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..errors import StvkError
+from ..mesh.displacements import by_vertex
 from ..mesh.locations import Where, vertices_at
 from ..results.reactions import constrained_vertices
 from ..system import System
@@ -184,7 +185,7 @@ class LedgerWriter:
         self._without_value = [ledger.names.index(name) for name in columns_without_value(motion.system)]
         self._first = float(known_total(ledger)[0]) if ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
-        self._has_work = motion.moving or motion.damped or motion.driven
+        self._has_work = motion.moving or motion.damped or motion.driven or bool(motion.system.working_contacts)
         self._t, self._u = 0.0, np.zeros(motion.states.n)
         self._driving_force: Array = np.zeros(motion.states.n)
 
@@ -211,6 +212,10 @@ class LedgerWriter:
         motion, before, since = self.motion, self._driving_force, self._t
         self.dissipated += motion.dissipated(self._u, state.u, state.t - since)
         change = state.u - self._u
+        for term in motion.system.working_contacts:
+            u0, u1 = (by_vertex(motion.system.mesh, u) for u in (self._u, state.u))
+            work, lost = term.work(u0, u1)
+            self.external, self.dissipated = self.external + work, self.dissipated + lost
         self._begin(state)
         dot = motion.states.dot
         self.external += (dot(before, change) + dot(self._driving_force, change)) / 2

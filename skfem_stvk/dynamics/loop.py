@@ -155,6 +155,7 @@ class Loop:
         state, d = record.state, motion.system.mesh.d
         self._ledger_writer.record_removal(state, lambda: motion.remove_elements(elements))
         record.add_removed(elements, state.t)
+        record.history = motion.body.history()
         state.v.reshape(-1, d)[motion.system.bare] = 0
         state.a[:] = 0
         self._steps.start()
@@ -172,7 +173,6 @@ class Loop:
 
     def _arrived(self, state: MotionState) -> None:
         self._ledger_writer.add_work(state)
-        self.setup.motion.body.commit(state.u)
 
     def _restart_from_good_state(self) -> bool:
         """Return to the last good state after a motion has blown up.
@@ -197,6 +197,7 @@ class Loop:
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
         setup, record = self.setup, self.record
+        setup.motion.body.return_to(record.history)
         u, v = (setup.motion.states.expand(x) for x in (record.state.u, record.state.v))
         findings = self._monitors.at(u)
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):

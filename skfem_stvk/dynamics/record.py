@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import ceil, isfinite, nan, ulp
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,6 +175,7 @@ class Snapshot:
     steps: int
     cuts: int
     rows: int  # number of rows of the ledger
+    history: tuple[Array, ...]  # of the terms that have one
 
 
 @dataclass
@@ -194,8 +195,14 @@ class RunRecord:
     counts: Counts = field(default_factory=Counts)  # iterations of the steps
     watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # run time by part
     origin: HierarchyOrigin | None = None  # origin of multigrid's hierarchy
+    history: tuple[Array, ...] = ()  # of the terms that have one, at the state
     removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # removed elements, in order
     removed_at: Array = field(default_factory=lambda: np.empty(0))  # time of removal [s]; NaN before the run
+
+    @classmethod
+    def at(cls, state: MotionState, ledger: Ledger, body: Any) -> RunRecord:
+        """Return the record of a run that begins with this state of the body."""
+        return cls(state, Clock(state.t, 0.0), ledger, history=body.history())
 
     def add_removed(self, elements: NDArray[np.int64], t: float) -> None:
         """Record that elements were removed at this time. The last good state is never older than the last removal."""
@@ -209,12 +216,14 @@ class RunRecord:
 
     def snapshot(self) -> Snapshot:
         """Return a copy of the present state, clock and counts."""
-        return Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps)
+        progress = replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps
+        return Snapshot(self.state.copy(), *progress, self.history)
 
     def return_to(self, then: Snapshot) -> None:
         """Return to the state of a snapshot, and delete the later rows of the ledger."""
         self.state.copy_from(then.state)
         self.clock, self.reviews, self.steps, self.cuts = replace(then.clock), then.reviews, then.steps, then.cuts
+        self.history = then.history
         self.ledger.truncate(then.rows)
 
     def store_good_state(self) -> None:

@@ -27,7 +27,7 @@ from .loop import Loop
 from .motion import Motion
 from .options import Options, Setup, checked_integrator, refuse_on_basis, too_early
 from .outputs import Outputs
-from .record import Clock, MotionState, RunRecord
+from .record import MotionState, RunRecord
 from .removal import Rule, checked_rule
 from .run import Run
 
@@ -201,11 +201,13 @@ def simulate(
 
 
 def checked_body(system: System | ReducedLike) -> System | Coordinates:
-    """Return the body whose states a motion has; refuse one in single precision, and any other object."""
+    """Return the body whose states a motion has, with a history of its own; refuse one in single precision, and other objects."""
     body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
-    if isinstance(body, System) and body.dtype != np.float64:
+    if not isinstance(body, System):
+        return body
+    if body.dtype != np.float64:
         raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
-    return body
+    return body.for_analysis()
 
 
 def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
@@ -221,7 +223,7 @@ def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> 
     state = first_state(motion, options.u0, options.v0, options.t0, dt)
     setup = Setup(motion, integrator, locations, options.until, options.remove)
     names = column_names(body, *locations, removing=options.remove is not None)
-    record = RunRecord(state, Clock(state.t, 0.0), Ledger(names))
+    record = RunRecord.at(state, Ledger(names), body)
     record.add_removed(system.removed, np.nan)
     return setup, record, Outputs.opened(setup, record, options, stack)
 
@@ -254,7 +256,7 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         u, v = body.state(u, moment), body.state(v, moment)
     state = MotionState.at(t0, body.prescribe(u, moment), v)
     state.v[motion.free.fixed] = motion.constrained_velocities(t0, dt)
-    if not (space.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads):
+    if not (space.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     return state
 

@@ -22,7 +22,6 @@ from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
 from ..system.protocol import ReducedLike
 from ..system.signature import Fingerprint, sums_of
-from ..terms import HasState
 from .damping import Damping
 from .inputs import Inputs
 from .integrators import Integrator, StepFailed
@@ -138,7 +137,7 @@ class Simulation:
         refuse_on_basis(motion, integrator, removing=False)
         state = first_state(motion, u0, v0, t0, integrator.dt or 1e-6)
         names = column_names(motion.body) if flag("ledger", ledger) else ["time"]
-        self._begin(motion, integrator, RunRecord(state, Clock(t0, 0.0), Ledger(names)), halvings, on_failure)
+        self._begin(motion, integrator, RunRecord.at(state, Ledger(names), motion.body), halvings, on_failure)
         self._first = self.system, self._numbers()
 
     def _begin(self, motion: Motion, integrator: Integrator, record: RunRecord, halvings: int, on_failure: str) -> None:
@@ -191,7 +190,7 @@ class Simulation:
         record, values, before = self._record, self._inputs.changed(inputs), self._inputs.values
         state, clock = record.state, record.clock
         rows, then = record.ledger.steps, (clock.start, clock.dt, clock.count, record.reviews, record.steps, record.cuts)
-        origin = record.origin
+        origin, history = record.origin, record.history
         if until is None:
             end = clock.next(inf)[0]
             self._inputs.begin(values, state.t, end)
@@ -206,7 +205,7 @@ class Simulation:
                     self._one_step(end)
             self._inputs.stay(values)
         except BaseException as error:
-            snapshot = Snapshot(self._before.copy(), Clock(*then[:3]), *then[3:], rows)
+            snapshot = Snapshot(self._before.copy(), Clock(*then[:3]), *then[3:], rows, history)
             self._go_back(snapshot, before, origin)
             if not isinstance(error, StepFailed | StateError):
                 raise
@@ -230,7 +229,6 @@ class Simulation:
     def _arrived(self, state: MotionState) -> None:
         if self._writer is not None:
             self._writer.add_work(state)
-        self._motion.body.commit(state.u)
 
     def _failure(self, error: Exception, end: float) -> str:
         halved = f", not even in {2**self._steps.halvings} parts" if self._steps.halvings else ""
@@ -406,6 +404,7 @@ class Simulation:
                 self._writer = self._written(record.ledger)
             self._writer.record_removal(state, lambda: motion.remove_elements(ids))
         record.add_removed(ids, state.t)
+        record.history = motion.body.history()
         state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
         state.a[:] = 0
         self._steps.start()
@@ -444,7 +443,6 @@ class Simulation:
         record = self._record
         self._inputs.stay(inputs)
         record.return_to(then)
-        self._motion.body.restore()
         self._steps.start()
         record.origin = origin
         if origin is not None:
@@ -479,7 +477,7 @@ class Simulation:
             ledger = Ledger(column_names(motion.body))
             self._written(ledger)
             record = RunRecord(record.state, Clock(self.t, self.dt), ledger, replace(record.reviews, next=next_review))
-            record.removed, record.origin = self._record.removed, self._record.origin
+            record.removed, record.origin, record.history = self._record.removed, self._record.origin, self._record.history
         record = replace(record, removed_at=removed_at)
         removing = REMOVED in record.ledger
         method = method_options(motion, self._integrator, removed_by_hand if removing else None)
@@ -575,10 +573,4 @@ def _body(system: System | ReducedLike) -> System | Coordinates:
     """Return the body of the states; refuse bodies that cannot be stepped."""
     body = checked_body(system)
     refuse_divided(body.space, "Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
-    terms = (*body.bound_terms, *body.bound_loads) if isinstance(body, System) else ()
-    if history := [type(term).__qualname__ for term in terms if isinstance(term, HasState)]:
-        raise StvkError(
-            f"{', '.join(history)}: terms with history; expected others, because a Simulation goes back to earlier states, which "
-            "such terms do not store. Use simulate(...)."
-        )
     return body

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple
 
@@ -217,18 +218,24 @@ class StepMatrix:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
+    def _between(self, w: Array) -> AbstractContextManager[None]:
+        """Return a context in which contacts have the tangent of their mean force, if the equation has that force."""
+        return self._system.between(self._u0, self._u0 + w) if self._mean and self._system.contacts else nullcontext()
+
     def _matrix(self, w: Array, t: Time, retained: Tensions) -> csr_matrix:
         """Return the matrix of the step over the free degrees of freedom."""
         factor, within, retained = self._parts(retained)
         at_rest = self._chosen is StepTangent.REST  # K(0) has no stiffness of follower loads, which changes
         position, moment = self._position(w), None if at_rest else t
         if self.tangent.needs_only_free and self._tensions is None and not self._motion.beta:
-            Kff = self.tangent.free_matrix(position, moment, within)
+            with self._between(w):
+                Kff = self.tangent.free_matrix(position, moment, within)
             if factor != 1:
                 Kff.data *= factor
             self._motion.mass.add_to(Kff, self._inertia_factor, self.tangent.free)
             return Kff
-        K = self.tangent.matrix(position, moment, within)
+        with self._between(w):
+            K = self.tangent.matrix(position, moment, within)
         if factor != 1:
             K.data *= factor
         if self._tensions is not None and retained != NONE:
@@ -252,7 +259,8 @@ class StepMatrix:
 
     def _prepared(self, w: Array, retained: Tensions) -> TangentOperator:
         factor, within, retained = self._parts(retained)
-        operator = self.tangent.operator(self._position(w), within)
+        with self._between(w):
+            operator = self.tangent.operator(self._position(w), within)
         others = [(self._motion.beta * self._g, self._motion.at_rest)] if self._motion.beta else []
         if self._tensions is not None and retained != NONE:
             others += self._tensions.operators(retained)

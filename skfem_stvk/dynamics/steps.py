@@ -44,6 +44,7 @@ class Steps:
 
     def start(self) -> None:
         """Prepare for a step from the state of the record."""
+        self._motion.body.return_to(self._record.history)
         self.stepper.start(self._record.state)
 
     def advance(self, t: float, whole: bool) -> None:
@@ -77,11 +78,13 @@ class Steps:
         except StepFailed:
             if not self.halvings:
                 raise
-            before = state.copy()
+            before, history = state.copy(), self._record.history
             try:
                 self._halves(state, t, 1)
             except StepFailed:
                 state.copy_from(before)
+                self._record.history = history
+                self._motion.body.return_to(history)
                 raise
             self._consecutive += 1
             if self._consecutive == MANY:
@@ -100,10 +103,13 @@ class Steps:
                 self._halves(state, end, depth + 1)
 
     def _part(self, state: MotionState, t: float) -> None:
-        """Make one step of the integrator. If it fails, terms with history return to the last state."""
+        """Make one step of the integrator. Terms with history store the state at its beginning, unless it fails."""
+        body = self._motion.body
+        body.commit(state.u, self._motion.moment(state.t))
         try:
             self.stepper.step(state, t)
         except StepFailed:
-            self._motion.body.restore()
+            body.return_to(self._record.history)
             raise
+        self._record.history = body.history()
         self._arrived(state)

@@ -32,6 +32,7 @@ class End(Enum):
     AT_ROUND_OFF = "the residual is as small as round-off allows"
     OUT_OF_ITERATIONS = "Newton's method ran out of iterations"
     INSIDE_OUT = "elements would invert"
+    CONTACT = "the body would pass through a contact"
     NO_DESCENT = "no tangent gave a direction of descent"
     NO_LENGTH = "the residual does not fall along the direction of Newton's method"
     OVERFLOW = "displacements grew without bound"
@@ -195,10 +196,15 @@ class _Descent:
             self._record.lengths.append(1.0)
             return u + v
         limit = np.inf if inverted else self._problem.step_limit(u, v)
+        through, contact = self._problem.contact_limit(u, v)
+        limit = min(limit, through)
         s = length(self._problem, u, v, self._t, residual, BEFORE_THE_LIMIT * limit)
         if s is None:
             return End.NO_LENGTH
         if s < SHORTEST and s == BEFORE_THE_LIMIT * limit:
+            if limit == through:
+                self._record.detail = f"{contact!r}. Try a smaller step"
+                return End.CONTACT
             self._record.detail = self._problem.named(self._problem.inside_out(u + 1.01 * limit * v))
             return End.INSIDE_OUT
         self._record.lengths.append(s)

@@ -96,8 +96,11 @@ class Problem(Protocol):
     def step_limit(self, u: Array, v: Array) -> float:
         """Return the largest `s` up to which no further element inverts along `u + s v`; infinity if there is no limit."""
 
+    def contact_limit(self, u: Array, v: Array) -> tuple[float, str]:
+        """Return the largest `s` up to which the body passes through nothing along `u + s v`, and the name of the contact."""
+
     def keeps_orientations(self, u: Array, found: Array) -> bool:
-        """Return whether no element becomes flat on the straight line from `u` to `found`, that is, none is inverted on the way."""
+        """Return whether no element becomes flat and no contact is passed on the straight line from `u` to `found`."""
 
     def inside_out(self, u: Array) -> Sized:
         """Return the inverted elements at `u`. The length of the result is their number, and `named` describes them."""

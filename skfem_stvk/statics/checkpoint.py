@@ -159,9 +159,12 @@ class PathCheckpoint(FolderStore[StateHeader]):
                 )
             header, arrays = self.read_own(file, REMEDY)
             with refusing_damage(file, self.remedy):
-                self.steps.append(_unpacked(header.step, arrays, self._system))
+                u = expect(arrays, "u", (self._system.ndofs,))
+                if self.steps:
+                    self._system.commit(self.steps[-1].u, self.steps[-1].t)
+                _check_equilibrium(self._system, u, header)
+                self.steps.append(_unpacked(header.step, u, arrays, self._system))
                 _check_order(self.steps, header, number)
-                _check_equilibrium(self._system, self.steps[-1], header)
             self.saved = header.walk.model_dump(exclude_unset=True)
         self._count = len(files)
 
@@ -177,12 +180,11 @@ def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str
     return {"step": plain, "walk": saved}, arrays
 
 
-def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> Step:
-    """Return the state of a file.
+def _unpacked(record: StepRecord, u: Array, arrays: dict[str, Array], system: System) -> Step:
+    """Return the state of a file, with displacements `u`.
 
     Raise ValueError or KeyError with a message if it does not belong to the system.
     """
-    n = system.ndofs
     plain = record.model_dump()
     plain |= {"status": Status[record.status], "end": End[record.end], "iterations": Iterations(**plain["iterations"])}
     plain["findings"] = tuple(
@@ -190,9 +192,8 @@ def _unpacked(record: StepRecord, arrays: dict[str, Array], system: System) -> S
     )
     critical = []
     for i, one in enumerate(record.critical):
-        u, mode = expect(arrays, f"critical {i}", (2, n))
-        critical.append(CriticalPoint(one.kind, one.t, u, mode, one.resolved))
-    u = expect(arrays, "u", (n,))
+        there, mode = expect(arrays, f"critical {i}", (2, len(u)))
+        critical.append(CriticalPoint(one.kind, one.t, there, mode, one.resolved))
     energy = sum(system.elastic_energies(u))
     if not np.isclose(record.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny, equal_nan=True):
         raise ValueError(f"its strain energy is {record.strain_energy:g}; expected {energy:g}, the energy of its displacements")
@@ -237,16 +238,15 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
         )
 
 
-def _check_equilibrium(system: System, step: Step, header: StateHeader) -> None:
+def _check_equilibrium(system: System, u: Array, header: StateHeader) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
+    step = header.step
     constrained, prescribed = system.supports.held, system.supports.values(step.t)
-    gap, *sizes = (
-        system.space.most(float(np.abs(x).max(initial=0.0))) for x in (step.u[constrained] - prescribed, prescribed, step.u)
-    )
+    gap, *sizes = (system.space.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
     if gap > 1e-9 * sum(sizes):
         raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
-    loads = system.external_force(step.u, step.t)
-    forces = system.internal_force(step.u) - loads
+    loads = system.external_force(u, step.t)
+    forces = system.internal_force(u) - loads
     reactions = forces[constrained].copy()
     forces[constrained] = 0
     scale = system.space.norm(loads) + system.space.on(constrained).norm(reactions)

@@ -72,12 +72,15 @@ class Continuation(ABC):
             if outcome is not None:
                 yield outcome
                 self._reset_reference_force()
+        body = self.problem.body
         while not self._failed and not self.reached:
+            history = body.history()
+            body.commit(self.u, self.t)
             outcome = self._advance()
+            if not isinstance(outcome, Step):
+                body.return_to(history)
             if outcome is None:
                 return
-            if isinstance(outcome, Attempt):
-                self.problem.body.restore()
             yield outcome
 
     def _begin(self) -> Step | Attempt | None:
@@ -143,7 +146,6 @@ class Continuation(ABC):
         """Accept a state of the path and return its step; `critical` are the points before it, if they are known."""
         problem, before = self.problem, self._point
         problem.accept(u, t)
-        problem.body.commit(u)
         inverted, full = problem.inside_out(u), problem.states.expand(u)
         if critical is None and not problem.iterative and not (before and record.negative_pivots == before.negative):
             problem.factorise(u, t)  # the last tangent of Newton's method, if any, belongs to the iterate before

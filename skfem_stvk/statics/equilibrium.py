@@ -72,6 +72,8 @@ class Equilibrium(Equation):
             force -= external
             free = self.space.restrict(force)
             size, scale = self.space.norm(free), self.tangent.scale(external, force)
+            if self.system.contacts:
+                scale += self.states.norm(self.system.contact_force(u))
             if not np.isfinite(size + scale):
                 largest = self.states.most(float(np.abs(self.states.expand(u)).max()))
                 raise StateError(f"The residual overflows at displacements of up to {largest:.1e}.")

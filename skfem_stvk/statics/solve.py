@@ -160,7 +160,7 @@ def solve_static(
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
-    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system)
+    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system).for_analysis()
     return _Solve(body, u0, options).result()
 
 
@@ -245,7 +245,8 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
         raise StvkError(
             f"dtype = {system.dtype} of the system, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
-    if u0 is None and not system.loads and not system.space.any(system.supports.prescribed.size > 0):
+    acted_on = system.loads or system.contacts or system.space.any(system.supports.prescribed.size > 0)
+    if u0 is None and not acted_on:
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )
@@ -263,6 +264,7 @@ class _Solve:
         self._options, self._watch, self._history = options, Stopwatch(), History()
         solver = options.solver_for(body)
         self._start = _start(system, u0)
+        system.commit(self._start, float(options.t0))
         self._problem = Equilibrium(body, solver, self._watch)
         self._requested_solver = self._problem.tangent.solver.name
         self._verdict, self._branch = Verdict(True, None), ""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from typing import Any, cast
 
@@ -16,8 +17,24 @@ from ..errors import RegionError, StvkError, warn
 from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
-from ..terms import Body, BoundLoad, BoundTerm, CanRemove, Grounded, HasState, HasStretch, HasVolume, Load, Term, is_load
+from ..terms import (
+    Body,
+    BoundLoad,
+    BoundTerm,
+    CanRemove,
+    DoesWork,
+    Grounded,
+    HasContact,
+    HasHistory,
+    HasStretch,
+    HasVolume,
+    Load,
+    Term,
+    is_load,
+)
 from ..terms.connectivity import Connected
+from ..terms.load import Moment, Time
+from ..terms.protocols import set_time
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
@@ -113,7 +130,7 @@ class BoundTerms:
         unsupported += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not isinstance(bound, CanRemove) and (isinstance(bound, HasState) or hasattr(bound, "pattern_version"))
+            if not isinstance(bound, CanRemove) and (isinstance(bound, HasHistory) or hasattr(bound, "pattern_version"))
         ]
         if unsupported:
             raise StvkError(
@@ -130,24 +147,27 @@ class BoundTerms:
             return bound.without(removed[self.mesh.elements(getattr(specification, "region", None))])
 
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
-        self.bound_terms = tuple(
-            term if number else remaining(specification, cast(CanRemove, term)) for number, specification, term in every
-        )
-        self.pair_terms = tuple(
-            pairs.of(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
-            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
-        )
+        terms = [term if number else remaining(specification, cast(CanRemove, term)) for number, specification, term in every]
         joined_nodes = np.zeros(self.mesh.nv, dtype=bool)
-        for term in self.bound_terms:
+        for term in terms:
             joined_nodes[joined(term).ravel()] = True
             if isinstance(term, Grounded):
                 joined_nodes[term.grounded // self.mesh.d] = True
         self.body = self.body.without(removed, self._used & ~joined_nodes)
-        self.bound_loads = tuple(
+        loads = [
             remaining(load, bound) if isinstance(bound, CanRemove) else load.bind(self.body)
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
+        ]
+        self._replace_bound(terms, loads)
+
+    def _replace_bound(self, terms: Sequence[Any], loads: Sequence[BoundLoad]) -> None:
+        """Replace the bound terms and loads of a copy by others that couple the same pairs."""
+        self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
+        self.pair_terms = tuple(
+            pairs.of(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
+            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
         )
-        for name in ("_with_history", "_with_volume"):
+        for name in ("_with_history", "_with_volume", "contacts", "working_contacts"):
             self.__dict__.pop(name, None)
 
     @property
@@ -184,19 +204,25 @@ class BoundTerms:
     def _elastic(self) -> bool:
         return not self.without_energy and all(term.symmetric for term in self.bound_terms)
 
-    def commit(self, u: ArrayLike) -> None:
-        """Accept displacements `u` (ndofs,) as a state of the analysis; terms with history store it."""
-        for term in self._with_history:
-            term.commit(self._state(u))
+    def commit(self, u: ArrayLike, t: Time) -> None:
+        """Begin a step at displacements `u` (ndofs,), at the load factor or moment `t`; terms with history store them."""
+        if self._with_history:
+            set_time(self._with_history, t)
+            for term in self._with_history:
+                term.commit(self._state(u), Moment.of(t).time)
 
-    def restore(self) -> None:
-        """Discard states after the last accepted one in terms with history."""
-        for term in self._with_history:
-            term.restore()
+    def history(self) -> tuple[Array, ...]:
+        """Return copies of the histories of all terms that have one, for `return_to`."""
+        return tuple(term.history.copy() for term in self._with_history)
+
+    def return_to(self, history: Sequence[Array]) -> None:
+        """Go back to a result of `history`. Raises ValueError if it is of another body."""
+        for term, one in zip(self._with_history, history, strict=True):
+            term.history = one
 
     @cached_property
-    def _with_history(self) -> list[HasState]:
-        return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasState)]
+    def _with_history(self) -> list[HasHistory]:
+        return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasHistory)]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.
@@ -225,6 +251,36 @@ class BoundTerms:
         """
         x, y = self._state(u), self._state(v, "v")
         return self.space.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
+
+    def contact_limit(self, u: ArrayLike, v: ArrayLike) -> tuple[float, str]:
+        """Return the largest `s` up to which no contact is passed on the way `u + s v`, and the contact's name; infinity and ""."""
+        limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts]
+        return min(limits, default=(np.inf, ""))
+
+    def contact_force(self, u: ArrayLike) -> Array:
+        """Return the force (ndofs,) [N] of contacts on the body."""
+        x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
+        for term in self.contacts:
+            term.energy_and_force(x, force)
+        return -force.ravel()
+
+    @contextmanager
+    def between(self, u0: ArrayLike, u1: ArrayLike) -> Iterator[None]:
+        """Let the tangent contain twice the derivative of mean forces of contacts by `u1` within the block."""
+        with ExitStack() as stack:
+            for term in self.contacts:
+                stack.enter_context(term.between(self._state(u0), self._state(u1)))
+            yield
+
+    @cached_property
+    def working_contacts(self) -> list[DoesWork]:
+        """Bound terms of contact that move or rub."""
+        return [term for term in self.bound_terms if isinstance(term, DoesWork)]
+
+    @cached_property
+    def contacts(self) -> list[HasContact]:
+        """Bound terms of contact."""
+        return [term for term in self.bound_terms if isinstance(term, HasContact)]
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""

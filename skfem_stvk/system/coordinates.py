@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
@@ -162,10 +163,14 @@ class Coordinates(ABC):
             last = self._last_inverted = z.copy(), self.system.inside_out(self.space.expand(z))
         return last[1]
 
-    def commit(self, z: Array) -> None:  # noqa: B027
+    def commit(self, z: Array, t: Time) -> None:  # noqa: B027
         """Do nothing, because no term has history."""
 
-    def restore(self) -> None:  # noqa: B027
+    def history(self) -> tuple[Array, ...]:
+        """Return nothing, as in `commit`."""
+        return ()
+
+    def return_to(self, history: Sequence[Array]) -> None:  # noqa: B027
         """Do nothing, as in `commit`."""
 
 

@@ -74,8 +74,16 @@ class Equation:
         with self._watch("assemble"):
             return self.system.step_limit(self._body_state(u), v)
 
+    def contact_limit(self, u: Array, v: Array) -> tuple[float, str]:
+        if not self.system.contacts:
+            return float("inf"), ""
+        with self._watch("assemble"):
+            return self.system.contact_limit(self._body_state(u), v)
+
     def keeps_orientations(self, u: Array, found: Array) -> bool:
-        """Return as in `Problem`; always True for states with inverted elements, which must pass through zero volume."""
+        """Return as in `Problem`; states with inverted elements must pass through zero volume."""
+        if self.contact_limit(u, found - u)[0] <= 1:
+            return False
         return self.step_limit(u, found - u) > 1 or len(self.inside_out(u)) > 0
 
     def inside_out(self, u: Array) -> NDArray[np.int64]:

@@ -29,6 +29,7 @@ from ..notebook import html_table
 from ..terms import (
     FollowerLoad,
     Grounded,
+    HasHistory,
     HasMemory,
     HasRoundOff,
     HasStress,
@@ -226,12 +227,27 @@ class System(BoundTerms):
         super()._remove_elements(elements)
         self.__dict__.pop("grounded", None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
+        self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
+
+    def for_analysis(self: SystemType) -> SystemType:
+        """Return the body with new terms where terms have history, because history belongs to one analysis; otherwise itself."""
+        if not self._with_history:
+            return self
+        other = copy(self)
+        bound = (
+            [term.with_new_history() if isinstance(term, HasHistory) else term for term in terms]
+            for terms in (self.bound_terms, self.bound_loads)
+        )
+        other._replace_bound(*bound)
+        return other
+
+    def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:
+        super()._replace_bound(terms, loads)
         self._follower_loads = [
             (load, of.of(load)) for load, (_, of) in zip(self._bound_follower_loads(), self._follower_loads, strict=True)
         ]
         self._with_changing_pairs = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
         self._operator = None
-        self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
     def remove(self, elements: str | ArrayLike) -> NoReturn:
         """Raise StvkError that refers to `without`: systems do not change.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
@@ -118,14 +119,24 @@ class HasRoundOff(Protocol):
 
 
 @runtime_checkable
-class HasState(Protocol):
-    """Term with history, such as friction; an analysis calls `commit` for each accepted state."""
+class HasHistory(Protocol):
+    """Term with history, such as friction. Each analysis has terms of its own, and calls `commit` for the state at the beginning of
+    each step. After a step, the history is still that of its beginning, so that forces are those of the equation of the step.
 
-    def commit(self, u: Array) -> None:
-        """Store the history at displacements `u` (nv, d), which an analysis has accepted."""
+    Attributes
+    ----------
+    history
+        (n,) numbers from which the term continues, of any n. An analysis copies them, and sets them to go back; the term raises
+        ValueError for numbers that are not its own.
+    """
 
-    def restore(self) -> None:
-        """Restore the history that was stored last, since later states were not accepted."""
+    history: Array
+
+    def with_new_history(self) -> Any:
+        """Return the term for a new analysis. Both have a history of their own."""
+
+    def commit(self, u: Array, t: float) -> None:
+        """Store in the history that a step begins at displacements `u` (nv, d), at the load factor or time `t`."""
 
 
 @runtime_checkable
@@ -196,6 +207,45 @@ class Grounded(Protocol):
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the strain energy [J]; add the internal force [N], minus that of the ground on the body, to `force` (nv, d)."""
+
+
+@runtime_checkable
+class HasContact(Protocol):
+    """Term with forces where the surface of the body touches something. Its force is external, and has a discrete gradient.
+
+    Attributes
+    ----------
+    name
+        Name in results and messages.
+    """
+
+    name: str
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Return the energy [J]; add the internal force [N], minus that on the body, to `force` (nv, d)."""
+
+    def identity(self) -> list[float]:
+        """Return numbers that differ from those of another contact, for checkpoints."""
+
+    def contact_limit(self, u: Array, v: Array) -> float:
+        """Return the largest `s` up to which nothing passes through anything on the way `u + s v`, or infinity."""
+
+    def between(self, u0: Array, u1: Array) -> AbstractContextManager[None]:
+        """Return a context in which `add_blocks` adds twice the derivative of the mean force by `u1` (nv, d)."""
+
+    def touching(self) -> AbstractContextManager[None]:
+        """Return a context in which `add_blocks` adds the largest stiffness, as if the whole surface touched, for stable steps."""
+
+
+@runtime_checkable
+class DoesWork(Protocol):
+    """Contact that does work on the body by its motion, or dissipates energy by friction."""
+
+    def work(self, u0: Array, u1: Array) -> tuple[float, float]:
+        """Return the work [J] on the body, and the dissipated energy, from the last accepted state `u0` (nv, d) to `u1`."""
+
+    def predict(self, u: Array) -> None:
+        """Make friction linear, with the force per slip at `u` (nv, d), until the next state is accepted: for linear steps."""
 
 
 @runtime_checkable

@@ -456,13 +456,6 @@ def test_four_threads_give_the_answers_of_one(integrator, reduced):
     assert abs(found["alone", 0][0] - found["alone", 3][0]).max() > 1e-3
 
 
-def test_terms_with_history_are_refused_because_states_are_restored():
-    system = gripped()
-    system.bound_terms[0].commit = system.bound_terms[0].restore = lambda *u: None
-    with pytest.raises(StvkError, match=r"terms with history.*Use simulate"):
-        Simulation(system, LinearBackwardEuler(DT))
-
-
 def test_questions_are_answered_or_refused():
     sim = Simulation(gripped(), LinearBackwardEuler(DT), t0=2.0)
     assert "inputs: 'right'" in repr(sim) and sim.t == 2.0 and not len(sim.inside_out())

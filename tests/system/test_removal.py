@@ -434,14 +434,14 @@ def test_history_of_terms_is_copied_and_independent():
     mesh, rng = EVERY_MESH["tetrahedra"], np.random.default_rng(3)
     whole = System(mesh, [StVK(young=1.0, poisson=0.3), RemovableFriction([1, 4], 2.0)])
     u, v, w = 0.1 * rng.standard_normal((3, whole.ndofs))
-    whole.commit(u)
+    whole.commit(u, 0.0)
     torn = whole.without([0])
     for later in (u, v):
         for body, kept in ((torn, later), (whole, u)):
             energy = ((w - kept).reshape(-1, 3)[[1, 4]] ** 2).sum()  # 1/2 k slip^2
             assert body.energies(w)["RemovableFriction 1"] == pytest.approx(energy, rel=1e-14)
             assert body.linearize(w)[0] == pytest.approx(body.energy(w), rel=1e-14)
-        torn.commit(v)
+        torn.commit(v, 0.0)
 
 
 def test_degrees_of_freedom_of_the_whole_body_are_those_of_the_remaining_one():

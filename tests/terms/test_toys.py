@@ -8,8 +8,10 @@ from bodies import MESHES
 from terms.test_conformance import CASES, dense, derivative, force_of, states, with_its_blocks
 from terms.toys import Anchors, Areas, Contacts, Friction, Springs, Vortex, Wind
 
-from skfem_stvk import Gravity, NodalLoad, StVK, StvkError, System, solve_static
-from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, Newmark, VelocityVerlet, simulate
+from skfem_stvk import Gravity, NodalLoad, Simulation, StVK, StvkError, System, solve_static
+from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, LinearBackwardEuler, Newmark, VelocityVerlet, simulate
+from skfem_stvk.dynamics.integrators import StepFailed
+from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.mesh import ElementMesh
 
 MESH = MESHES["tetrahedra"]
@@ -100,15 +102,80 @@ def test_a_body_of_springs_only_has_mass_moves_and_has_an_equilibrium():
     assert run.success and abs(run.ledger["closure_error"][-1]) < 1e-4 * np.abs(run.ledger["kinetic_energy"]).max()
 
 
-def test_terms_with_history_get_the_accepted_states():
+def test_terms_with_history_get_the_state_at_the_beginning_of_each_step():
+    """Each analysis has terms of its own: those of the system get nothing."""
     system = System(MESH, [SOLID, Friction([5, 6], 20.0), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
-    friction = system.bound_terms[1]
     found = solve_static(system, steps=4, quiet=True)
-    states = [step.u.reshape(-1, 3) for step in found.history]
-    assert len(friction.commits) == len(states) and all(map(np.array_equal, friction.commits, states))
-    friction.commits.clear()
+    states = [(0.0, np.zeros(system.ndofs)), *((step.t, step.u) for step in found.history[:-1])]
+    commits = found.system.bound_terms[1].commits
+    commits = commits[1:]  # the start is stored before and in the first step
+    assert len(commits) == len(states)
+    assert all(t == s and np.array_equal(u.ravel(), v) for (t, u), (s, v) in zip(commits, states, strict=True))
     run = simulate(system, until=0.05, integrator=BackwardEuler(0.01), quiet=True)
-    assert len(friction.commits) == run.ledger.steps - 1 and np.array_equal(friction.commits[-1].ravel(), run.u)
+    commits = run.system.bound_terms[1].commits
+    assert [t for t, _ in commits] == list(run.ledger["time"][:-1]) and not np.array_equal(commits[-1][1].ravel(), run.u)
+    assert not system.bound_terms[1].commits and not system.bound_terms[1].history.any()
+
+
+def test_two_simulations_of_one_system_do_not_affect_each_other():
+    system = System(MESH, [SOLID, Friction([5, 6], 20.0), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
+    alone = Simulation(system, BackwardEuler(0.01))
+    for _ in range(6):
+        alone.step()
+    one, other = Simulation(system, BackwardEuler(0.01)), Simulation(system, BackwardEuler(0.02))
+    for _ in range(6):
+        one.step()
+        other.step()
+    assert np.array_equal(one.u, alone.u) and abs(one.u - other.u).max() > 0.01 * abs(one.u).max()
+
+
+@pytest.mark.parametrize("integrator", [BackwardEuler(0.01), LinearBackwardEuler(0.01), EnergyMomentum(0.01), VelocityVerlet(1e-3)])
+def test_a_simulation_goes_back_to_the_history_of_a_saved_state(integrator, tmp_path):
+    system = System(MESH, [SOLID, Friction([5, 6], 20.0), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
+    sim = Simulation(system, integrator)
+    sim.step()
+    saved, _, (history,) = sim.copy_state(), sim.save(tmp_path), sim.system.history()
+    for _ in range(3):
+        sim.step()
+    u = sim.u
+    sim.restore(saved)
+    loaded = Simulation.load(tmp_path, system)
+    for _ in range(3):
+        sim.step()
+        loaded.step()
+    assert np.array_equal(sim.u, u) and np.array_equal(loaded.u, u)
+    assert not np.array_equal(sim.system.history()[0], history)
+    sim.restore(saved)
+    assert np.array_equal(sim.system.history()[0], history)
+
+
+@pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")
+def test_a_step_whose_second_half_fails_leaves_history_and_state_as_they_were(monkeypatch):
+    system = System(MESH, [SOLID, Friction([5, 6], 20.0), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
+    sim, step = Simulation(system, BackwardEuler(0.01), halvings=1, on_failure="hold"), ImplicitStepper.step
+    sim.step()
+    u, (history,), times = sim.u, sim.system.history(), []
+
+    def fails(self, state, t):
+        times.append(t)
+        if len(times) != 2:  # the whole step and its second half
+            raise StepFailed("planted")
+        step(self, state, t)
+
+    monkeypatch.setattr(ImplicitStepper, "step", fails)
+    sim.step()
+    assert sim.failures == 1 and len(times) == 3 and np.array_equal(sim.u, u)
+    assert np.array_equal(sim.system.history()[0], history)
+
+
+def test_a_static_path_is_resumed_with_its_history(tmp_path):
+    system = System(MESH, [SOLID, Friction([5, 6], 20.0), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
+    whole = solve_static(system, steps=4, checkpoint=tmp_path, quiet=True)
+    for file in sorted(tmp_path.glob("state_*.npz"))[2:]:
+        file.unlink()
+    again = solve_static(system, steps=4, checkpoint=tmp_path, resume=True, quiet=True)
+    assert np.array_equal(again.u, whole.u) and len(again.history) == len(whole.history)
+    assert np.array_equal(again.system.history()[0], whole.system.history()[0])
 
 
 def test_changed_pairs_make_a_new_pattern_and_discard_all_derived_data():
@@ -140,14 +207,14 @@ def test_changed_pairs_make_a_new_pattern_and_discard_all_derived_data():
 def test_a_solve_continues_when_the_pairs_change():
     system = System(MESH, [SOLID, Contacts([[0], [1]]), NodalLoad([MESH.nv - 1], (0.03, 0.02, -0.1))], FIXED)
     contacts = system.bound_terms[1]
-    contacts.commits = 0
+    contacts.commits, contacts.history = 0, np.zeros(0)
 
-    def commit(u):
+    def commit(u, t):
         contacts.commits += 1
-        if contacts.commits == 2:
+        if contacts.commits == 4:
             contacts.take(PAIRS)
 
-    contacts.commit, contacts.restore = commit, lambda: None
+    contacts.commit, contacts.with_new_history = commit, lambda: contacts
     found = solve_static(system, steps=4, solver="superlu", quiet=True)
     assert found.success and system.pattern_version == 1 and balance(system, found.u) < 1e-8
 

@@ -191,17 +191,17 @@ class Friction(MinimalTerm):
     class Bound(Anchors.Bound):
         def __init__(self, spec, mesh):
             super().__init__(spec, mesh)
-            self.kept, self.commits, self.restores = np.zeros(mesh.p.T.shape), [], 0
+            self._spec, self._mesh, self.history, self.commits = spec, mesh, np.zeros(mesh.p.size), []
 
-        def commit(self, u):
-            self.kept = u.copy()
-            self.commits.append(u.copy())
+        def with_new_history(self):
+            return type(self)(self._spec, self._mesh)
 
-        def restore(self):
-            self.restores += 1
+        def commit(self, u, t):
+            self.history = u.ravel().copy()
+            self.commits.append((t, u.copy()))
 
         def energy_and_force(self, u, force=None):
-            slip = (u - self.kept)[self.nodes]
+            slip = (u - self.history.reshape(u.shape))[self.nodes]
             if force is not None:
                 force[self.nodes] += self._k * slip
             return float(self._k * (slip**2).sum() / 2)

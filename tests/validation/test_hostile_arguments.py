@@ -79,7 +79,7 @@ WITHOUT = {
         "HasPressure",
         "HasResponse",
         "HasRoundOff",
-        "HasState",
+        "HasHistory",
         "HasStrainProducts",
         "HasStress",
         "HasStretch",

@@ -16,6 +16,7 @@ from ...nonlinear.problem import Tangent
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...terms.load import Moment
+from ...terms.protocols import set_time
 from ..forces import damping_is_of_edges
 from ..motion import Motion
 from ..record import MotionState
@@ -178,6 +179,7 @@ class LinearStepper(ImplicitStepper):
         free, fixed, w = self.motion.free.free, self.motion.free.fixed, self._w
         problem.begin(state, self.integrator.coefficients(state, h, self))
         predicted = self.predicted(state, t)
+        self._begin_contacts(state, predicted, moment)
         np.take(problem.before_step(t), free, out=self._b, mode="clip")
         np.negative(self._b, out=self._b)
         np.take(predicted, free, out=self._start, mode="clip")
@@ -185,6 +187,15 @@ class LinearStepper(ImplicitStepper):
         w[fixed] = predicted[fixed]
         w[free] = self._solution(w, moment)
         self.accept(state, w, h, moment)
+
+    def _begin_contacts(self, state: MotionState, predicted: Array, moment: Moment) -> None:
+        """Move shapes to the end of the step, and let friction resist with the force per slip of the predicted displacements."""
+        system = self.motion.system
+        if system.working_contacts:
+            set_time(system.bound_terms, moment)
+            self.problem.store_internal_force(state.u)  # without the friction of the previous step
+            for contact in system.working_contacts:
+                contact.predict((state.u + predicted).reshape(-1, system.mesh.d))
 
     def predicted(self, state: MotionState, t: float) -> Array:
         """Return the prediction with the acceleration of the previous step, which saves a fifth of the iterations."""

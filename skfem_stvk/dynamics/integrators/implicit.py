@@ -14,7 +14,7 @@ from ...arguments import Array, choice, number
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...linear.dense import DenseSolver
-from ...nonlinear.newton import Iterations, NewtonOptions, newton
+from ...nonlinear.newton import BEFORE_THE_LIMIT, Iterations, NewtonOptions, newton
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
@@ -176,6 +176,9 @@ class ImplicitStepper(Stepper):
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
         w[fixed] = self.motion.constrained_displacements(t) - state.u[fixed]
+        limit, _ = self.problem.contact_limit(np.zeros_like(w), w)
+        if limit <= 1:  # beyond it, the body might be in equilibrium on the other side
+            w[self.motion.free.free] *= BEFORE_THE_LIMIT * limit
         return w
 
     def accept(self, state: MotionState, w: Array, h: float, moment: Moment) -> None:

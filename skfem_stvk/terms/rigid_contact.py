@@ -1,0 +1,502 @@
+"""Contact of the surface of a body with a rigid shape, by a penalty, with friction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import copy
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..arguments import Array, Quantity, number, own, shown, text
+from ..edges import ALL, NodeBlocks, Tensions
+from ..elements import Element, rule_of
+from ..errors import ContactError, name_ids
+from ..kernels import contact as kernels
+from ..kernels.contact import Surface
+from ..kernels.topology import edges_of_simplices
+from ..materials import Isotropic
+from ..mesh import ElementMesh
+from ..mesh.facets import facets_of, find_facets
+from ..mesh.locations import Where, describe, facets_at
+from ..mesh.points import sizes_of
+from .body import Body
+from .connectivity import simplices_of
+from .load import Moment, Time, Value
+from .rigid_shapes import RigidShape
+from .spread import Spread
+
+#: Stiffness by default, in units of E/h: Young's modulus by the mean length of the facet's edges.
+STIFFNESS = 10.0
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb friction, whose force rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
+
+    The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
+    the last accepted state, so that friction lags behind by a step. Its stiffness is symmetric. In motions the width is `slip_speed`
+    times the step: a body that sticks creeps slower than that.
+
+    Parameters
+    ----------
+    coefficient
+        Coefficient of friction.
+    slip_speed
+        Speed up to which friction rises in motions [m/s].
+    slip_length
+        Slip up to which friction rises in statics, per step of the load [m].
+
+    Raises
+    ------
+    ContactError
+        if a value is not positive, or none of the two widths is given; by analyses that need the other one.
+
+    Notes
+    -----
+    Source: the smoothing f1 is that of the IPC Toolkit (Li et al. 2020).
+
+    Examples
+    --------
+    >>> Friction(0.3, slip_speed=1e-3).slip_length is None
+    True
+    """
+
+    coefficient: float
+    slip_speed: float | None = None
+    slip_length: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, unit in (("coefficient", ""), ("slip_speed", " [m/s]"), ("slip_length", " [m]")):
+            given = getattr(self, name)
+            if given is None and name != "coefficient":
+                continue
+            value = number(f"Friction: {name}", given, f"a positive number{unit}", error=ContactError)
+            if not value > 0:
+                raise ContactError(f"Friction: {name} = {value:g}; expected a positive number{unit}.")
+            object.__setattr__(self, name, value)
+        if self.slip_speed is None and self.slip_length is None:
+            raise ContactError(
+                "Friction: neither slip_speed nor slip_length; expected slip_speed=... [m/s] for motions, such as a "
+                "hundredth of the speed of sliding, or slip_length=... [m] for statics."
+            )
+
+    def width(self, t: Time, since: float, what: str) -> float:
+        """Return the slip [m] up to which friction rises at load factor or time `t`, since the state at `since`."""
+        if isinstance(t, Moment):
+            if self.slip_speed is None:
+                raise ContactError(f"{what}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
+            return self.slip_speed * max(t.time - since, 0.0)
+        if self.slip_length is None:
+            raise ContactError(f"{what}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
+        return self.slip_length
+
+
+@dataclass(frozen=True, eq=False)
+class RigidContact:
+    """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
+
+    ::
+
+        W = integral of psi(depth) dA        psi'' = k, or k min(1, depth/onset)
+
+    The integral is over the surface at rest. Points are the vertices with their areas, and on quadratic elements and hexahedra the
+    points of the facets' rule for masses. In `EnergyMomentum` the force is a discrete gradient of W, so that the energy is kept.
+
+    Parameters
+    ----------
+    shape
+        `RigidPlane`, `RigidSphere`, `RigidCylinder` or `RigidBox`.
+    where
+        Location of the facets that may touch, as in `Traction`; of surfaces in space a subdomain or ids. By default the whole
+        surface.
+    stiffness
+        Stiffness `k` [N/m^3]. By default `10 E/h`, with Young's modulus E of the element behind each facet and the mean length h of
+        its edges: a pressure of `E/10` makes a depth of 1 % of the element.
+    friction
+        `Friction` between the body and the shape; by default none.
+    onset
+        Depth over which the stiffness rises to `k` [m]; 0 by default. It softens impacts, and lets pressed bodies sink in.
+    motion
+        (d,) displacement of the shape [m], which ramps with the load factor, or a function of t. By default the shape rests.
+    name
+        Name in results, ledgers and messages.
+    simplices
+        Surface in space outside the mesh, such as a membrane on tetrahedra, as in `Pressure`.
+
+    Raises
+    ------
+    ContactError
+        if the stiffness is not positive, the onset negative, or `shape` no rigid shape. When it is bound: if the shape has another
+        dimension than the mesh, the body has no surface, or a law has no Young's modulus and `stiffness` is None.
+    RegionError
+        when it is bound, if there is no facet.
+
+    Examples
+    --------
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import RigidPlane, StVK, System
+    >>> floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), stiffness=1e6)
+    >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), floor])
+    >>> u = np.tile([0, 0, -0.01], 8)                       # 1 cm deep: 1/2 k depth^2 [J], k depth [N] on 1 m^2
+    >>> round(cube.energy(u), 9), float(cube.internal_force(u).reshape(-1, 3).sum(axis=0)[2].round(9))
+    (50.0, -10000.0)
+    """
+
+    per_element: ClassVar[bool] = False
+
+    shape: RigidShape
+    where: Annotated[Where | None, Quantity(None, "Place of the boundary facets that may touch; by default all.")] = None
+    stiffness: Annotated[float | None, Quantity("stiffness per area", "Stiffness per area; by default 10 E/h.", gt=0)] = None
+    friction: Friction | None = None
+    onset: Annotated[float, Quantity("length", "Depth over which the stiffness rises.", ge=0)] = 0.0
+    motion: Annotated[Any, Quantity("length", "Displacement of the shape.", components=True)] = None
+    name: Annotated[str, Quantity(None, "Name in results and messages.")] = "contact"
+    simplices: Annotated[Any, Quantity(None, "A surface in space, on nodes of the mesh: the simplices of its law.")] = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.shape, RigidShape):
+            raise ContactError(
+                f"RigidContact: shape = {shown(self.shape)}; expected RigidPlane(...), RigidSphere(...), RigidCylinder(...) or "
+                "RigidBox(...)."
+            )
+        own(self)
+        if not isinstance(self.friction, Friction | None):
+            raise ContactError(f"RigidContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
+        object.__setattr__(self, "name", text("RigidContact: name", self.name))
+        if self.stiffness is not None:
+            k = number(f"{self.what}: stiffness", self.stiffness, "a positive number [N/m^3]", error=ContactError)
+            if not k > 0:
+                raise ContactError(f"{self.what}: stiffness = {k:g}; expected a positive number [N/m^3].")
+            object.__setattr__(self, "stiffness", k)
+        onset = number(f"{self.what}: onset", self.onset, "a depth [m], zero or more", error=ContactError)
+        if onset < 0:
+            raise ContactError(f"{self.what}: onset = {onset:g}; expected a depth [m], zero or more.")
+        object.__setattr__(self, "onset", onset)
+
+    @property
+    def what(self) -> str:
+        """Beginning of messages."""
+        return f"RigidContact {self.name!r}"
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundRigidContact:
+        """Return the contact of a body; a mesh alone has thickness or area 1.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
+        body = body if isinstance(body, Body) else Body(body, [])
+        if self.shape.d != body.mesh.d:
+            raise ContactError(
+                f"{self.what}: its {self.shape.name} has {self.shape.d} components; expected {body.mesh.d}, as the mesh."
+            )
+        plain = self.motion is None and self.friction is None
+        return (BoundRigidContact if plain else RigidContactWithHistory)(self, body)
+
+
+class BoundRigidContact:
+    """Contact on a mesh. It couples the nodes of each facet, if its points are not the vertices, and joins none of them.
+
+    Attributes
+    ----------
+    contact, name
+        Specification, and its name.
+    areas
+        (n, nq) areas of the points at rest [m^2].
+    nodes, nodes_paired
+        Nodes (m,) of the facets, and pairs (2, n) of nodes of a facet with points between them.
+    """
+
+    symmetric = has_energy = True
+    balanced = False
+    nodes_joined = np.empty((2, 0), dtype=np.int32)
+
+    def __init__(self, contact: RigidContact, body: Body) -> None:
+        self.contact, self.name = contact, contact.name
+        self._shape, self._shift = kernels.Shape(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
+        self._between: tuple[Array, Array] | None = None
+        self._is_touching_everywhere = False
+        self._facets, self._element = _facets_of(contact, body)
+        self._set_areas(body)
+        N, t, X = self._surface
+        self.nodes = np.unique(t).astype(np.int32)
+        local = np.searchsorted(self.nodes, t).astype(np.int32)
+        self._own_surface = Surface(N, local, X[self.nodes])
+        self._first, self._second = np.triu_indices(t.shape[1], 1)
+        between = np.stack([self._first, self._second], axis=1)
+        pairs, self._sides = edges_of_simplices(np.ascontiguousarray(local.T), between, len(self.nodes))
+        self.nodes_paired = self.nodes[pairs]
+
+    def _set_areas(self, body: Body) -> None:
+        """Use the areas of the facets of a body, and the stiffness of its materials."""
+        self._body, contact = body, self.contact
+        areas = _areas(contact, body, self._facets, self._element)
+        self._surface, self.areas = _points_of(body.mesh, self._element, self._facets, areas)
+        if contact.stiffness is None:
+            stiffness = _default_stiffness(contact, body, self._facets, self._element)
+            self._weights = _points_of(body.mesh, self._element, self._facets, areas * stiffness)[1]
+        else:
+            self._weights = contact.stiffness * self.areas
+
+    def without(self, removed: NDArray[np.bool_]) -> BoundRigidContact:
+        """Return the contact without the facets whose elements are all removed, `removed` (nt,). New faces do not touch."""
+        other = copy(self)
+        other._set_areas(self._body.without(removed, self._body.bare))
+        return other
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Return the energy [J] at `u` (nv, d); add the internal force [N], minus that of the shape, to `force` (nv, d)."""
+        out = np.empty_like(u[:0]) if force is None else force
+        e = self.contact.onset
+        return float(kernels.energy_and_force(self._surface, self._weights, self._shape, self._shift, e, u, out))
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        """Add the blocks of K [N/m] at `u` (nv, d); within `between`, those of the mean force."""
+        start, e = (self._own_surface, self._weights, self._shape), self.contact.onset
+        if self._between is None:
+            everywhere = self._is_touching_everywhere
+            kernels.add_blocks(*start, self._shift, e, u[self.nodes], kept.negative, everywhere, self._into(blocks))
+        else:
+            u0, u1 = (one[self.nodes] for one in self._between)
+            kernels.add_mean_blocks(*start, self._start_shift, self._shift, e, u0, u1, self._into(blocks))
+
+    def _into(self, blocks: NodeBlocks) -> kernels.Blocks:
+        """Return the arrays of the blocks, and the numbers of the pairs of nodes."""
+        assert blocks.own is not None
+        return kernels.Blocks(self._sides, self._first, self._second, blocks.pairs, blocks.own)
+
+    @property
+    def _start_shift(self) -> Array:
+        """Displacement (3,) of the shape at the last accepted state [m]."""
+        return self._shift
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add the sum of the `weights` times the discrete gradient of the energy to `force` (nv, d); return 0."""
+        start, e = (self._surface, self._weights, self._shape, self._start_shift, self._shift), self.contact.onset
+        kernels.add_mean_force(*start, e, u0, u1, sum(weights), force)
+        return 0.0
+
+    @contextmanager
+    def between(self, u0: Array, u1: Array) -> Iterator[None]:
+        """Let `add_blocks` add twice the derivative of the mean force by `u1` (nv, d) within the block."""
+        self._between = u0, u1
+        try:
+            yield
+        finally:
+            self._between = None
+
+    @contextmanager
+    def touching(self) -> Iterator[None]:
+        """Let `add_blocks` add the largest stiffness of all points, as if they touched, within the block."""
+        self._is_touching_everywhere = True
+        try:
+            yield
+        finally:
+            self._is_touching_everywhere = False
+
+    def contact_limit(self, u: Array, v: Array) -> float:
+        """Return the smallest `s > 0` at which a point is deepest on its way `u + s v` through the shape, or infinity."""
+        return float(kernels.step_limit(self._surface, self._shape, self._shift, u, v))
+
+    def identity(self) -> list[float]:
+        """Return numbers that differ from those of another contact."""
+        rubs = self.contact.friction
+        widths = (0.0, 0.0, 0.0) if rubs is None else (rubs.coefficient, rubs.slip_speed or 0.0, rubs.slip_length or 0.0)
+        finite = np.nan_to_num(self._shape.numbers).tolist()
+        return [self._shape.kind, *finite, self.contact.onset, *widths, float(self._weights.sum()), *self._shift.tolist()]
+
+    def gaps(self, u: Array) -> tuple[Array, Array]:
+        """Return the gaps (n, nq) [m] of the points at `u` (nv, d), negative in the shape, and the normals (n, nq, d) there."""
+        gaps, normals = np.empty_like(self.areas), np.empty((*self.areas.shape, u.shape[1]))
+        kernels.find_gaps(self._surface, self._shape, self._shift, u, gaps, normals)
+        return gaps, normals
+
+    def memory(self) -> dict[str, int]:
+        """Return the bytes of its arrays, by part."""
+        arrays = *self._surface, *self._own_surface, self.areas, self._weights, self._sides, self._facets, self.nodes
+        return {"contact": sum(array.nbytes for array in (*arrays, self.nodes_paired))}
+
+
+class RigidContactWithHistory(BoundRigidContact):
+    """Contact with a shape that moves, or with friction.
+
+    The history is the displacement (3,) of the shape at the last accepted state and its time; with friction also the position, the
+    largest friction [N] and the normal of each point, (n, nq, 7).
+    """
+
+    def __init__(self, contact: RigidContact, body: Body) -> None:
+        super().__init__(contact, body)
+        d, motion = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
+        self._motion = Value(motion, (d,), np.zeros((d, 1)), contact.what, ContactError, "motion")
+        self._width = 0.0  # slip up to which friction rises [m]
+        self._secants: Array = np.empty((0, 0))
+        self._forget()
+
+    def _forget(self) -> None:
+        count = 7 * self.areas.size if self.contact.friction else 0
+        self._history = np.zeros(4 + count)
+
+    @property
+    def history(self) -> Array:
+        """Numbers (n,) of the last accepted state."""
+        return self._history
+
+    @history.setter
+    def history(self, numbers: Array) -> None:
+        if numbers.shape != self._history.shape or numbers.dtype != np.float64 or not np.isfinite(numbers).all():
+            raise ValueError(f"the history of {self.contact.what} is {shown(numbers)}; expected {self._history.size} numbers")
+        self._history = numbers.copy()
+        self._secants = np.empty((0, 0))
+
+    @property
+    def _past(self) -> Array:
+        """Position, largest friction and normal of each point (n, nq, 7)."""
+        return self._history[4:].reshape(*self.areas.shape, 7)
+
+    def with_new_history(self) -> RigidContactWithHistory:
+        """Return the contact for a new analysis."""
+        other = copy(self)
+        other._forget()
+        other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
+        return other
+
+    def at(self, t: Time) -> None:
+        """Move the shape to its place at load factor or time `t`, and set the slip up to which friction rises."""
+        self._shift = np.zeros(3)
+        self._shift[: self._body.mesh.d] = self._motion.at(t)[:, 0]
+        friction = self.contact.friction
+        if friction is not None:
+            self._width = friction.width(t, self._history[3], self.contact.what)
+
+    def commit(self, u: Array, t: float) -> None:
+        """Store the accepted state."""
+        self._history = self._history.copy()
+        self._history[:3], self._history[3] = self._shift, t
+        self._secants = np.empty((0, 0))
+        if self.contact.friction is not None:
+            start, e = (self._surface, self._weights, self._shape, self._shift), self.contact.onset
+            kernels.remember(*start, e, u, self.contact.friction.coefficient, self._past)
+
+    @property
+    def _start_shift(self) -> Array:
+        return self._history[:3]
+
+    @property
+    def _rubs(self) -> bool:
+        """Whether there is friction: not in the accepted state itself."""
+        return self.contact.friction is not None and self._width > 0
+
+    @property
+    def _slipped(self) -> tuple[kernels.Shape, Array, Array, float]:
+        """Arguments of the kernels of friction."""
+        return self._shape, self._shift, self._past, self._width
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        if force is not None and self._rubs:
+            kernels.add_friction(self._surface, *self._slipped, self._secants, u, 1.0, force)
+        return super().energy_and_force(u, force)
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        super().add_blocks(u, blocks, kept)
+        if self._rubs:
+            end, factor = (u, 1.0) if self._between is None else (self._between[1], 2.0)
+            slipped = *self._slipped, self._secants
+            kernels.add_friction_blocks(self._own_surface, *slipped, end[self.nodes], factor, self._into(blocks))
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        if self._rubs:
+            kernels.add_friction(self._surface, *self._slipped, self._secants, u1, sum(weights), force)
+        return super().mean_force(u0, u1, weights, theta, force)
+
+    def predict(self, u: Array) -> None:
+        """Use the force per slip at `u` (nv, d) for all slips until the next state is accepted."""
+        if self._rubs:
+            self._secants = np.zeros(self.areas.shape)
+            kernels.find_secants(self._surface, *self._slipped, u, self._secants)
+
+    def work(self, u0: Array, u1: Array) -> tuple[float, float]:
+        """Return the work [J] of the moving shape on the body, and that against friction, from the last accepted state to `u1`."""
+        moved, work, lost = self._shift - self._start_shift, 0.0, 0.0
+        if self._rubs:
+            force = np.zeros_like(u1)
+            lost = float(kernels.add_friction(self._surface, *self._slipped, self._secants, u1, 1.0, force))
+            work -= float(force.sum(axis=0) @ moved[: u1.shape[1]])
+        if moved.any():
+            force = np.zeros_like(u1)
+            BoundRigidContact.mean_force(self, u0, u1, (0.5, 0.5), 0.5, force)
+            work -= float(force.sum(axis=0) @ moved[: u1.shape[1]])
+        return work, lost
+
+
+def _facets_of(contact: RigidContact, body: Body) -> tuple[NDArray[np.int32], Element]:
+    """Return the facets (m, n) that may touch, and their kind."""
+    mesh: Any = body.mesh
+    where: Any = contact.where
+    if contact.simplices is not None:
+        t, element = simplices_of(contact.simplices, mesh.p, mesh.element.degree, mesh, f"{contact.what}: simplices")
+        mesh = mesh.beside(t, element)
+    if mesh.k == 1 < mesh.d:
+        raise ContactError(f"{contact.what}: the mesh has {mesh.kind}, which have no surface; expected solids or membranes.")
+    if mesh.k < mesh.d:
+        if callable(where):
+            raise ContactError(
+                f"{contact.what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, "
+                "element ids or a mask, or None."
+            )
+        return mesh.t[:, mesh.elements(where)], mesh.element
+    return (mesh.surface if where is None else facets_at(mesh, where, f"{contact.what} on {describe(where)}")), body.facet
+
+
+def _areas(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
+    """Return the areas (n,) of the facets at rest [m^2]."""
+    mesh: Any = body.mesh
+    if contact.simplices is not None:
+        return sizes_of(mesh.p, facets, element)
+    return body.facet_areas(facets) if mesh.k == mesh.d else body.sizes[mesh.elements(contact.where)]
+
+
+def _points_of(mesh: ElementMesh, element: Element, facets: NDArray[np.int32], sizes: Array) -> tuple[Surface, Array]:
+    """Return the points of facets (m, n), and their shares (n, nq) of the `sizes` (n,) of the facets."""
+    spread, X = Spread(mesh, element, facets, sizes), np.ascontiguousarray(mesh.p.T)
+    if element.is_linear_simplex:  # the vertices
+        return Surface(np.ones((1, 1)), spread.vertices[:, None].astype(np.int32), X), spread.total[:, None]
+    N = np.ascontiguousarray(element.values(rule_of(element, "mass").points))
+    return Surface(N, np.ascontiguousarray(facets.T, dtype=np.int32), X), np.ascontiguousarray(spread.at_points.T)
+
+
+def _default_stiffness(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
+    """Return `10 E/h` (n,) [N/m^3] of the facets."""
+    mesh: Any = body.mesh
+    if contact.simplices is not None:
+        raise ContactError(f"{contact.what}: stiffness = None with simplices; expected a positive number [N/m^3].")
+    young = np.full(mesh.nt, np.nan)
+    for term in body.terms:
+        material = getattr(term, "material", None)
+        if isinstance(material, Isotropic):
+            ids = mesh.elements(term.region)
+            young[ids] = np.nan_to_num(young[ids]) + np.broadcast_to(material.young, len(ids))
+    if mesh.k == mesh.d:
+        every, t2f = facets_of(mesh.t, mesh.nv, mesh.element)
+        owner = np.empty(every.shape[1], dtype=np.int64)
+        owner[t2f.ravel()] = np.tile(np.arange(mesh.nt), len(t2f))
+        behind = owner[find_facets(facets, every, mesh.nv)]
+    else:
+        behind = mesh.elements(contact.where)
+    E = young[behind]
+    if np.isnan(E).any():
+        raise ContactError(
+            f"{contact.what}: {name_ids(np.unique(behind[np.isnan(E)]), 'element')} without Young's modulus, from which the "
+            "default stiffness is; expected stiffness=... [N/m^3], such as 10 E/h of the softest body."
+        )
+    if element.k == 0:
+        return STIFFNESS * E / body.sizes[behind]
+    ends = mesh.p[:, facets[np.array(element.edges).T]]
+    h = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=0).mean(axis=0)
+    return STIFFNESS * E / h

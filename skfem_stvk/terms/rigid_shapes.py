@@ -1,0 +1,239 @@
+"""Rigid shapes that bodies touch: planes, spheres, cylinders and boxes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import flag, number, real_array, shown
+from ..errors import ContactError
+from ..kernels import contact as kernels
+
+
+class RigidShape(ABC):
+    """Rigid shape. Its `kind` and `numbers` are those of `kernels.contact`.
+
+    Attributes
+    ----------
+    d
+        Dimension of the space: the number of components of its points.
+    """
+
+    kind: ClassVar[int]
+    vectors: ClassVar[tuple[str, ...]]  # names of the fields with one component per dimension
+
+    def __post_init__(self) -> None:
+        for name in self.vectors:
+            object.__setattr__(self, name, self._vector(name))
+        counts = {len(getattr(self, name)) for name in self.vectors}
+        if len(counts) > 1:
+            sizes = ", ".join(f"{name} {len(getattr(self, name))}" for name in self.vectors)
+            raise ContactError(f"{type(self).__name__}: numbers of components: {sizes}; expected as many in each.")
+
+    @property
+    def d(self) -> int:
+        return len(getattr(self, self.vectors[0]))
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        return type(self).__name__
+
+    @abstractmethod
+    def numbers(self) -> NDArray[np.float64]:
+        """Return the numbers of the shape for the kernels."""
+
+    def _vector(self, name: str) -> tuple[float, ...]:
+        given = getattr(self, name)
+        x = real_array(given)
+        if x is None or x.ndim != 1 or not 1 <= len(x) <= 3 or not np.isfinite(x).all():
+            raise ContactError(f"{self.name}: {name} = {shown(given)}; expected one to three finite components.")
+        return tuple(x.tolist())
+
+    def _direction(self, name: str) -> tuple[float, ...]:
+        given = self._vector(name)
+        length = float(np.linalg.norm(given))
+        if not length > 0:
+            raise ContactError(f"{self.name}: {name} = {given}; expected a direction, not all zero.")
+        return tuple((np.array(given) / length).tolist())
+
+    def _positive(self, name: str) -> float:
+        value = number(f"{self.name}: {name}", getattr(self, name), "a positive length", error=ContactError)
+        if not value > 0:
+            raise ContactError(f"{self.name}: {name} = {value:g}; expected a positive length.")
+        return value
+
+    def _packed(
+        self, position: ArrayLike, direction: ArrayLike = (), radius: float = 0.0, inside: bool = False
+    ) -> NDArray[np.float64]:
+        packed = np.zeros(kernels.COUNT)
+        packed[: self.d] = position
+        packed[kernels.DIRECTION : kernels.DIRECTION + np.size(direction)] = direction
+        packed[kernels.RADIUS], packed[kernels.SIGN] = radius, -1.0 if inside else 1.0
+        return packed
+
+
+@dataclass(frozen=True)
+class RigidPlane(RigidShape):
+    """Plane; in two dimensions a line. The body is on the side of the normal.
+
+    Parameters
+    ----------
+    point
+        (d,) coordinates of a point of the plane [m].
+    normal
+        (d,) direction towards the body, of any length.
+
+    Raises
+    ------
+    ContactError
+        for components that are not finite, and for a normal of zeros.
+
+    Examples
+    --------
+    >>> RigidPlane((0, 0, 0), (0, 0, 2)).normal
+    (0.0, 0.0, 1.0)
+    """
+
+    kind, vectors = kernels.PLANE, ("point", "normal")
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "normal", self._direction("normal"))
+
+    def numbers(self) -> NDArray[np.float64]:
+        return self._packed(self.point, self.normal)
+
+
+@dataclass(frozen=True)
+class RigidSphere(RigidShape):
+    """Sphere; in two dimensions a disc.
+
+    Parameters
+    ----------
+    centre
+        (d,) coordinates of the centre [m].
+    radius
+        Radius [m].
+    inside
+        Whether the body is inside.
+
+    Raises
+    ------
+    ContactError
+        for components that are not finite, and for a radius that is not positive.
+
+    Examples
+    --------
+    >>> RigidSphere((0, 0, 2), 1.0).d
+    3
+    """
+
+    kind, vectors = kernels.SPHERE, ("centre",)
+    centre: tuple[float, ...]
+    radius: float
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "radius", self._positive("radius"))
+        object.__setattr__(self, "inside", flag(f"{self.name}: inside", self.inside, ContactError))
+
+    def numbers(self) -> NDArray[np.float64]:
+        return self._packed(self.centre, (), self.radius, self.inside)
+
+
+@dataclass(frozen=True)
+class RigidCylinder(RigidShape):
+    """Cylinder without ends, in space.
+
+    Parameters
+    ----------
+    point
+        (3,) coordinates of a point of the axis [m].
+    axis
+        (3,) direction of the axis, of any length.
+    radius
+        Radius [m].
+    inside
+        Whether the body is inside.
+
+    Raises
+    ------
+    ContactError
+        for components that are not finite, an axis of zeros or in the plane, and a radius that is not positive.
+
+    Examples
+    --------
+    >>> RigidCylinder((0, 0, 0), (0, 3, 0), 0.5).axis
+    (0.0, 1.0, 0.0)
+    """
+
+    kind, vectors = kernels.CYLINDER, ("point", "axis")
+    point: tuple[float, ...]
+    axis: tuple[float, ...]
+    radius: float
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.d != 3:
+            raise ContactError(
+                f"RigidCylinder: {self.d} components; expected three. In the plane take a RigidSphere, a disc there."
+            )
+        object.__setattr__(self, "axis", self._direction("axis"))
+        object.__setattr__(self, "radius", self._positive("radius"))
+        object.__setattr__(self, "inside", flag(f"{self.name}: inside", self.inside, ContactError))
+
+    def numbers(self) -> NDArray[np.float64]:
+        return self._packed(self.point, self.axis, self.radius, self.inside)
+
+
+@dataclass(frozen=True)
+class RigidBox(RigidShape):
+    """Box along the axes; in two dimensions a rectangle. The body is outside.
+
+    Parameters
+    ----------
+    low, high
+        (d,) smallest and largest coordinates [m].
+    radius
+        Radius of the rounded edges [m], at most half of the shortest side. Where points are deeper than the radius, the nearest
+        face counts: the force jumps from one face to the next.
+
+    Raises
+    ------
+    ContactError
+        for components that are not finite, if `low` is not below `high`, and for a radius that does not fit.
+
+    Examples
+    --------
+    >>> RigidBox((0, 0, 0), (2, 1, 1), radius=0.1).d
+    3
+    """
+
+    kind, vectors = kernels.BOX, ("low", "high")
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        sides = np.subtract(self.high, self.low)
+        if not (sides > 0).all():
+            raise ContactError(f"RigidBox: low = {self.low}, high = {self.high}; expected low below high along each axis.")
+        radius = number("RigidBox: radius", self.radius, "a length, zero or more", error=ContactError)
+        if not 0 <= radius <= sides.min() / 2:
+            raise ContactError(f"RigidBox: radius = {radius:g}; expected 0 to {sides.min() / 2:g}, half of the shortest side.")
+        object.__setattr__(self, "radius", radius)
+
+    def numbers(self) -> NDArray[np.float64]:
+        half = np.full(3, np.inf)
+        half[: self.d] = np.subtract(self.high, self.low) / 2
+        return self._packed(np.add(self.low, self.high) / 2, half, self.radius)
