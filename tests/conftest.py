@@ -4,6 +4,7 @@ import os
 
 import pytest
 from hypothesis import settings
+from slow import mark_thinned
 
 # Tests have no time limit, because the first example may compile a kernel. Examples are the same in every run. Failing examples are
 # printed, so that they can be run again.
@@ -49,7 +50,8 @@ def pytest_xdist_make_scheduler(config, log):
     return WorkStealingScheduling(config, log)
 
 
-@pytest.hookimpl(trylast=True)
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Run tests on several ranks last: the kernels are compiled then, and not by all ranks of each test at the same time."""
+    """Mark slow tests. Run tests on several ranks last: the kernels are compiled then, and not by all ranks at the same time."""
+    mark_thinned(items)
     items.sort(key=lambda item: "on_ranks" in getattr(item, "fixturenames", ()))

@@ -27,6 +27,7 @@ def different(found):
     return {case: of for case, of in found.items() if any(one != of[0] for one in of)}
 
 
+@pytest.mark.slow
 def test_motions_without_strain_are_named_as_on_one_machine(messages):
     texts = [of[0] for of in messages.values()]
     assert min(sum(word in text for text in texts) for word in ("rigid mode", "mechanism", "the line through", "more joints")) > 2
@@ -34,6 +35,7 @@ def test_motions_without_strain_are_named_as_on_one_machine(messages):
     assert not different(messages)
 
 
+@pytest.mark.slow
 def test_locations_are_those_of_the_whole_body(places):
     assert sum(bool(of[0][1]) for of in places.values()) > 40 and sum(bool(of[0][0]) for of in places.values()) > 30
     assert not different(places)

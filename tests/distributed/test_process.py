@@ -66,6 +66,7 @@ def test_ranks_without_a_hook_are_refused_with_the_line_to_type(on_ranks):
     assert done.returncode and re.search(r"distribute on 2 ranks: .* mpiexec -n 2 python -m mpi4py \S*program.py", done.stderr)
 
 
+@pytest.mark.slow
 def test_the_example_on_two_ranks_is_that_on_one(on_ranks, tmp_path):
     """The picture is drawn into a copy of the example's folder."""
     for name in ("scenes/bracket.msh", "examples/ex27_ranks.py"):
@@ -207,12 +208,14 @@ def test_an_error_on_one_rank_ends_the_command_with_its_exit_code(on_ranks, scen
     assert done.returncode == code and done.stderr.count("error on rank") == 1 and words in done.stderr, done.stderr
 
 
+@pytest.mark.slow
 def test_a_file_that_one_rank_cannot_write_is_an_error_of_all(on_ranks, scene):
     done = command(on_ranks, 2, "solve", scene, do="setattr(os, 'replace', lambda *names: open('/proc/nothing', 'w'))", check=False)
     assert done.returncode == 2 and done.stderr.count("beam_0002_r0001.vtu could not be written") == 1, done.stderr
     assert "MPI_ABORT" not in done.stderr and summary(scene.with_suffix(""))["status"] == "failed"
 
 
+@pytest.mark.slow
 def test_a_partition_file_is_the_mesh_of_a_scene(on_ranks, tmp_path, capsys):
     assert main(["partition", str(BRACKET.with_name("bracket.msh")), str(tmp_path / "bracket.h5"), "--parts", "4"]) == 0
     divided = ["solve", str(BRACKET), "--set", f"mesh.file={tmp_path / 'bracket.h5'}", "--out", str(tmp_path / "out")]
@@ -249,6 +252,7 @@ def test_warnings_of_all_ranks_are_printed_once_and_each_rank_has_its_log(on_ran
     assert log.count("note on rank 1") == 1 and "note on rank 0" not in log and "t 1 " in log
 
 
+@pytest.mark.slow
 def test_commands_for_one_machine_and_foreign_launchers_are_refused(on_ranks, scene):
     done = command(on_ranks, 2, "sweep", scene, "--set", "analysis.steps=1,2", check=False)
     assert done.returncode == 2 and done.stderr.count("skfem-stvk sweep on 2 ranks: expected one process") == 1

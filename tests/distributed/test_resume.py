@@ -48,6 +48,7 @@ def folders(on_ranks, tmp_path_factory):
     return of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["path", *MOTIONS])
 def test_a_killed_run_is_resumed_bit_for_bit_on_the_same_ranks(folders, name):
     whole, again = (np.load(folders[one] / f"{name}.npz") for one in ("whole", "killed on 3"))
@@ -56,6 +57,7 @@ def test_a_killed_run_is_resumed_bit_for_bit_on_the_same_ranks(folders, name):
         assert np.array_equal(whole[key], again[key], equal_nan=True), key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["path", *MOTIONS])
 @pytest.mark.parametrize("how", ["killed on 1", "killed on 2", "early on 2", "early on 3"])
 def test_a_run_is_resumed_on_other_ranks_within_the_tolerance_of_its_solves(folders, how, name):
@@ -68,6 +70,7 @@ def test_a_run_is_resumed_on_other_ranks_within_the_tolerance_of_its_solves(fold
         assert (np.abs(whole["ledger"] - again["ledger"]) <= 1e-8 * np.maximum(size, energies)).all()
 
 
+@pytest.mark.slow
 def test_the_series_of_a_resumed_run_has_all_states(folders):
     for how in ("whole", "killed on 1", "killed on 2", "killed on 3", "early on 2"):
         for name in ("path", *MOTIONS):
@@ -82,6 +85,7 @@ def test_the_series_of_a_resumed_run_has_all_states(folders):
             assert {file.name for _, file in listed} <= files <= pieces | {file.name for _, file in listed}
 
 
+@pytest.mark.slow
 def test_states_of_files_on_ranks_are_read_on_one_machine(folders):
     mesh = ElementMesh.of(plate())
     for name in ("path", *MOTIONS):
@@ -93,12 +97,14 @@ def test_states_of_files_on_ranks_are_read_on_one_machine(folders):
     assert animate(folders["killed on 2"] / "path.pvd", folders["whole"] / "path.gif", "von_mises_stress").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_the_ledger_is_written_once(folders):
     for name in MOTIONS:
         table = np.genfromtxt(folders["whole"] / f"{name}.csv", delimiter=",", names=True)
         assert len(table) == len(np.load(folders["whole"] / f"{name}.npz")["ledger"])
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_one_machine_has_its_former_form(folders):
     with np.load(folders["early"] / "euler" / "motion.npz") as file:
         header = json.loads(str(file["header"]))
@@ -106,6 +112,7 @@ def test_a_checkpoint_of_one_machine_has_its_former_form(folders):
     assert not [*folders["killed on 1"].glob("*/rank*_motion_*")]
 
 
+@pytest.mark.slow
 def test_one_rank_writes_the_checkpoint_of_one_machine(folders, tmp_path):
     """Its nodes have an order of their own."""
     distribute = pytest.importorskip("skfem_stvk.distributed").distribute
@@ -121,6 +128,7 @@ def test_one_rank_writes_the_checkpoint_of_one_machine(folders, tmp_path):
     assert np.array_equal(back.u, there)
 
 
+@pytest.mark.slow
 def test_a_header_is_written_after_the_parts_and_names_them(folders):
     killed = folders["killed"]
     for name in MOTIONS:
@@ -134,6 +142,7 @@ def test_a_header_is_written_after_the_parts_and_names_them(folders):
     assert parts <= {f"rank{rank:04d}_state_00002" for rank in (0, 2)}
 
 
+@pytest.mark.slow
 def test_a_part_that_is_missing_or_changed_is_named(folders, tmp_path):
     serial = system_on(ElementMesh.of(plate()))
     for fault in (lambda file: file.unlink(), lambda file: file.write_bytes(file.read_bytes()[:-200])):
@@ -144,6 +153,7 @@ def test_a_part_that_is_missing_or_changed_is_named(folders, tmp_path):
             motion(serial, "euler", folder, resume=True)
 
 
+@pytest.mark.slow
 def test_a_full_disk_of_one_rank_ends_the_job_with_one_message(folders):
     code, took, stderr = json.loads((folders["killed"] / "full.json").read_text())
     said = set(re.findall(r"\S+ could not be written: [^.]*\.", stderr))

@@ -78,6 +78,7 @@ def test_the_library_of_the_docs_passes_and_its_planted_fault_is_named(libraries
     assert "lambda doubled: your lambda is 2.000 x, your mu 1.000 x" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_a_product_takes_the_place_of_a_tangent_and_each_element_has_its_material(libraries):
     """The body has two materials. Its K is judged by products alone."""
     functions = {"body": "mine_body", "product": "mine_Kv"}
@@ -323,6 +324,7 @@ def test_the_workflow_builds_the_library_and_its_test_passes(build):
     assert "mine_body, mine_W, mine_F, mine_K of" in page and "libmine" in page
 
 
+@pytest.mark.slow
 def test_the_module_of_pybind11_is_a_candidate(build, monkeypatch):
     """A Python program as on the page checks it, and another lambda is named."""
     pytest.importorskip("pybind11")

@@ -34,6 +34,7 @@ def test_a_single_wrong_sign_in_one_tetrahedron_is_found_in_that_tetrahedron():
     assert f"all nodes of 1 element: {MESH.nt // 2}" in " ".join(str(report).split())
 
 
+@pytest.mark.slow
 def test_a_single_wrong_sign_is_caught_on_the_embedded_mesh():
     mesh = ElementMesh(embedded_mesh().p, embedded_mesh().t)
     report = checked(FAULTS["one wrong sign"].make(mesh, [TERM]), mesh)

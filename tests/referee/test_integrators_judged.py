@@ -154,6 +154,7 @@ def newmark(beta):
     return step
 
 
+@pytest.mark.slow
 def test_a_wrong_beta_of_newmark_is_caught_by_its_limit_and_named():
     claims = {"order": 2, "stable": 20.0}
     assert judged(newmark(1 / 4), **claims).passed

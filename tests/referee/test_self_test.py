@@ -24,6 +24,7 @@ def found():
     return self_test(quiet=True)
 
 
+@pytest.mark.slow
 def test_every_fault_is_caught_and_every_check_is_needed(found):
     assert found.passed and not found.missed and not found.idle
     assert len(found.caught) == len(FAULTS) >= 50
@@ -32,6 +33,7 @@ def test_every_fault_is_caught_and_every_check_is_needed(found):
     assert all(FAULTS[name].description for name in FAULTS) and {fault.body for fault in FAULTS.values()} == set(bodies())
 
 
+@pytest.mark.slow
 def test_the_page_equals_the_output_of_the_command(found):
     printed = re.sub(r" in \d+ s$", "", str(found))
     text = PAGE.read_text(encoding="utf-8")
@@ -39,6 +41,7 @@ def test_the_page_equals_the_output_of_the_command(found):
     assert all(f"- **{name}**: {fault.description}" in " ".join(text.split()) for name, fault in FAULTS.items())
 
 
+@pytest.mark.slow
 def test_the_self_test_is_saved_as_json_and_html(found, tmp_path):
     found.save(tmp_path / "out")
     data = json.loads((tmp_path / "out" / "self-test.json").read_text())
@@ -51,6 +54,7 @@ def test_an_uncaught_fault_does_not_pass():
     assert not missed.passed and missed.missed == ["twice lambda"] and "not caught: twice lambda" in str(missed)
 
 
+@pytest.mark.slow
 def test_a_wrong_name_does_not_pass(found):
     assert len(found.named) == len(FAULTS) and not found.unnamed and not found.wrong_names and "wrong names: 0" in str(found)
     for names in ([], ["mu halved", "lambda doubled"]):
@@ -64,6 +68,7 @@ def test_a_check_that_catches_nothing_does_not_pass():
     assert "patch test" in idle.idle and not idle.passed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("check", BACKS_UP)
 def test_a_check_without_a_fault_of_its_own_must_back_up_others(found, check):
     others, _ = BACKS_UP[check]
@@ -72,6 +77,7 @@ def test_a_check_without_a_fault_of_its_own_must_back_up_others(found, check):
     assert check in SelfTest(caught=caught, false_alarms=found.false_alarms).idle
 
 
+@pytest.mark.slow
 def test_a_right_model_that_fails_does_not_pass(found):
     wrong = SelfTest(caught=found.caught, false_alarms={"curved": {"symmetry": "K"}})
     assert found.passed and not wrong.passed and "the correct model fails on curved" in as_text(wrong.rendered())

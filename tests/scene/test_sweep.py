@@ -111,6 +111,7 @@ def test_the_table_is_the_same_with_two_jobs(swept, tmp_path):
     assert rows[0].results["tip.y"] == float(table(tmp_path / "two")[0]["tip.y"])
 
 
+@pytest.mark.slow
 def test_a_second_call_solves_only_missing_runs(tmp_path, capsys):
     path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
     sweep(path, {YOUNG: [1e6, 2e6]}, jobs=1, quiet=True)
@@ -127,6 +128,7 @@ def test_a_second_call_solves_only_missing_runs(tmp_path, capsys):
     assert tips[0] < tips[1] < tips[2] < 0
 
 
+@pytest.mark.slow
 def test_runs_of_another_scene_are_replaced_only_by_force(tmp_path, capsys):
     path, out = scene(tmp_path, STATIC), tmp_path / "beam-sweep"
     (before,) = sweep(path, {YOUNG: [1e6]}, jobs=1, quiet=True)
@@ -327,6 +329,7 @@ def test_child_processes_end_with_their_parent(tmp_path, started):
     assert len(list(states.glob("*.vtu"))) == before
 
 
+@pytest.mark.slow
 def test_a_crashed_process_does_not_end_other_runs(tmp_path, started):
     """A worker that is killed, as by a system without memory, has the status "crashed", and the other runs succeed."""
     path, out = scene(tmp_path, MOTION), tmp_path / "beam-sweep"

@@ -50,6 +50,7 @@ def test_all_candidates_for_the_kernels_agree(capsys):
     assert out.count("TSEP list") == 4 and "lanes: the package" in out
 
 
+@pytest.mark.slow
 def test_edge_by_edge_gives_the_blocks_of_K():
     from bodies import box
 
