@@ -150,6 +150,10 @@ class PairBlocks:
         """Pairs (n, 2) of indices into `own.vertices`, in the order of the blocks, if there are no other blocks; else None."""
         return self._edges.edges
 
+    def of_vertices(self, blocks: Array) -> tuple[NDArray[np.int32], Array] | None:
+        """Return the vertices (m,) and their blocks (m, d, d), if the blocks couple each vertex with itself alone; else None."""
+        return None
+
     def zeroed(self, blocks: Array) -> NodeBlocks:
         """Set the `blocks` to zero and return views into them, to which a term adds."""
         blocks[:] = 0
@@ -217,6 +221,10 @@ class GeneralBlocks(PairBlocks):
     @property
     def edges(self) -> None:
         return None
+
+    def of_vertices(self, blocks: Array) -> tuple[NDArray[np.int32], Array] | None:
+        alone = self._symmetric and not self._balanced and not self._edges.total
+        return (self.own.vertices[self._nodes], self._views(blocks)[2]) if alone else None
 
     def zeroed(self, blocks: Array) -> NodeBlocks:
         blocks[:] = 0
@@ -448,6 +456,11 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
             "is a Load."
         )
     return AccumulatedTerm(term, nv, d, dtype)
+
+
+def couples_single_nodes(term: Any) -> bool:
+    """Return whether a term couples each node with itself alone, with symmetric blocks: products with K then need no matrix."""
+    return bool(term.symmetric and not term.nodes_paired.size)
 
 
 def joined(term: Any) -> NDArray[np.int32]:

@@ -1,6 +1,6 @@
 """Conjugate gradients on edge blocks, compiled as a whole: no Python in the loop, and no allocation.
 
-    (A v)_a = S_a v_a + sum_b A_ab (v_b - v_a)        of an edge form, with a shift, diagonal `S_a`
+    (A v)_a = (S_a + G_a) v_a + sum_b A_ab (v_b - v_a)        of an edge form, with a shift, diagonal `S_a`, and ground blocks `G_a`
     (A v)_a = A_aa v_a + sum_b A_ab v_b               of an assembled matrix                            A_ba = A_ab'
 
 With `A = D + L + L'`, D the diagonal blocks and L the blocks below the diagonal, the preconditioner is
@@ -14,6 +14,8 @@ SSOR needs no product with A (Eisenstat 1981). With r the residual and t the sea
 
 Therefore an iteration is a backward sweep, for t, and a forward sweep, for u, each over all blocks. The scalar products are `t'A t
 = p'(t + w)` and `r'M^-1 r = s'E^-1 s`.
+
+Ground blocks are few, for nodes in contact: `grounded` (m,) are their block rows, `ground` (9 m,) the blocks.
 
 Arrays: `edges` (ne, 2) are block rows, and `blocks` (9 ne,) their blocks, row by row. For SSOR the edges are sorted, with a < b in
 each. `diagonal` is S (3 n,) or `A_aa` (9 n,); its length distinguishes the two. `inverse` (9 n,) are the inverses of the blocks of
@@ -103,7 +105,7 @@ def _multiply_diagonal(blocks, v, out):
 
 
 @inlined
-def _multiply(edges, blocks, diagonal, constrained, v, out):
+def _multiply(edges, blocks, diagonal, grounded, ground, constrained, v, out):
     """Write `A v`, with zeros at constrained components."""
     if len(diagonal) == len(v):
         for i in range(len(v)):
@@ -112,6 +114,10 @@ def _multiply(edges, blocks, diagonal, constrained, v, out):
     else:
         _multiply_diagonal(diagonal, v, out)
         _add_values(edges, blocks, v, out)
+    for i in range(len(grounded)):
+        a = uint64(3) * uint64(grounded[uint64(i)])
+        s0, s1, s2 = _times(ground, uint64(9 * i), v[a], v[a + uint64(1)], v[a + uint64(2)])
+        _add(out, a, s0, s1, s2)
     _zero_constrained(constrained, out)
 
 
@@ -160,7 +166,7 @@ def _forward(edges, blocks, inverse, p, t, h, u):
 
 
 @inlined
-def _update_search_direction(beta, edges, blocks, diagonal, inverse, constrained, omega, s, p, t, h, u):
+def _update_search_direction(beta, edges, blocks, diagonal, grounded, ground, inverse, constrained, omega, s, p, t, h, u):
     """Update `p = s + beta p`, compute the search direction `t` and the change `u` of s along it, and return `t'A t`."""
     for i in range(len(p)):
         p[uint64(i)] = s[uint64(i)] + beta * p[uint64(i)]
@@ -170,7 +176,7 @@ def _update_search_direction(beta, edges, blocks, diagonal, inverse, constrained
         _zero_constrained(constrained, u)
     else:
         _multiply_diagonal(inverse, p, t)
-        _multiply(edges, blocks, diagonal, constrained, t, u)
+        _multiply(edges, blocks, diagonal, grounded, ground, constrained, t, u)
         total = 0.0
         for i in range(len(p)):
             total += t[uint64(i)] * u[uint64(i)]
@@ -222,7 +228,16 @@ def _norm(edges, blocks, inverse, constrained, omega, s, r):
 
 @kernel
 def residual(
-    edges: Ids, blocks: Reals, diagonal: Reals, constrained: Ids, indices: Ids, b: Reals, state: Reals, work: Reals
+    edges: Ids,
+    blocks: Reals,
+    diagonal: Reals,
+    grounded: Ids,
+    ground: Reals,
+    constrained: Ids,
+    indices: Ids,
+    b: Reals,
+    state: Reals,
+    work: Reals,
 ) -> None:
     """Write `r = b - A x` to s, and `|r|` to `state`. The iteration starts again. Entry i of b belongs to component `indices[i]`.
 
@@ -234,7 +249,7 @@ def residual(
         size += abs(x[uint64(i)])
         s[uint64(i)] = p[uint64(i)] = t[uint64(i)] = u[uint64(i)] = 0.0
     if size != 0:
-        _multiply(edges, blocks, diagonal, constrained, x, u)
+        _multiply(edges, blocks, diagonal, grounded, ground, constrained, x, u)
     for i in range(len(indices)):
         s[uint64(indices[uint64(i)])] = b[uint64(i)]
     for i in range(len(s)):
@@ -260,6 +275,8 @@ def iterate(
     edges: Ids,
     blocks: Reals,
     diagonal: Reals,
+    grounded: Ids,
+    ground: Reals,
     inverse: Reals,
     constrained: Ids,
     omega: float,
@@ -284,7 +301,9 @@ def iterate(
         if not rho > 0:
             ended = NEGATIVE if np.isfinite(rho) else NOT_FINITE
             break
-        curvature = _update_search_direction(beta, edges, blocks, diagonal, inverse, constrained, omega, s, p, t, h, u)
+        curvature = _update_search_direction(
+            beta, edges, blocks, diagonal, grounded, ground, inverse, constrained, omega, s, p, t, h, u
+        )
         if not curvature > 0:
             ended = NEGATIVE if np.isfinite(curvature) else NOT_FINITE
             break
@@ -302,12 +321,21 @@ def iterate(
 
 @kernel
 def update_and_multiply(
-    edges: Ids, blocks: Reals, diagonal: Reals, constrained: Ids, beta: float, s: Reals, p: Reals, q: Reals
+    edges: Ids,
+    blocks: Reals,
+    diagonal: Reals,
+    grounded: Ids,
+    ground: Reals,
+    constrained: Ids,
+    beta: float,
+    s: Reals,
+    p: Reals,
+    q: Reals,
 ) -> None:
     """Update the search direction, `p = s + beta p`, and write `A p` to `q`, with zeros at constrained components."""
     for i in range(len(p)):
         p[uint64(i)] = s[uint64(i)] + beta * p[uint64(i)]
-    _multiply(edges, blocks, diagonal, constrained, p, q)
+    _multiply(edges, blocks, diagonal, grounded, ground, constrained, p, q)
 
 
 @kernel
@@ -329,8 +357,18 @@ def step_and_precondition(
 
 
 @kernel
-def shifted_diagonal(edges: Ids, blocks: Reals, constrained: Ids, indices: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
-    """Set `diagonal` (3 n,) to `shift` at the unknowns' `indices`, and `out` (9 n,) to `A_aa = S_a - sum_b A_ab`.
+def shifted_diagonal(
+    edges: Ids,
+    blocks: Reals,
+    grounded: Ids,
+    ground: Reals,
+    constrained: Ids,
+    indices: Ids,
+    shift: Reals,
+    diagonal: Reals,
+    out: Reals,
+) -> float:
+    """Set `diagonal` (3 n,) to `shift` at the unknowns' `indices`, and `out` (9 n,) to `A_aa = S_a + G_a - sum_b A_ab`.
 
     Rows and columns of `out` at constrained components are zero. An empty `shift` means no shift. Returns a sum that is not finite
     if any entry is not finite.
@@ -344,6 +382,9 @@ def shifted_diagonal(edges: Ids, blocks: Reals, constrained: Ids, indices: Ids, 
             for c in range(3):
                 out[a + uint64(3 * r + c)] -= blocks[k + uint64(3 * r + c)]
                 out[b + uint64(3 * r + c)] -= blocks[k + uint64(3 * c + r)]
+    for i in range(len(grounded)):
+        for k in range(9):
+            out[uint64(9) * uint64(grounded[uint64(i)]) + uint64(k)] += ground[uint64(9 * i + k)]
     for i in range(len(shift)):
         at = uint64(indices[uint64(i)])
         diagonal[at] = shift[uint64(i)]

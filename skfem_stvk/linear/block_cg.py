@@ -105,7 +105,7 @@ class BlockJacobiAnalysis:
             return EdgeFactors(self._search_in_part(K, by_edges, by_edges.space), self.n, self._latest)
         search = None if by_edges is None else self._search_on(by_edges)
         if by_edges is not None and search is not None:
-            search.shift(by_edges.blocks, by_edges.shift)
+            search.shift(by_edges)
             return EdgeFactors(search, self.n, self._latest)
         return BlockJacobiFactors(self, K, self._inverse_of(K), self._latest)
 

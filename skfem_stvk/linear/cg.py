@@ -19,7 +19,7 @@ from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import parts_of, run, threads
 from .checks import LatestFactors, checked_right, latest_only, written_to
-from .solver import Outcome, Solution, Vector
+from .solver import NO_BLOCKS, NO_ROWS, EdgeBlocks, Outcome, Solution, Vector
 from .space import Space
 
 Map = Callable[[Vector], Vector]
@@ -202,19 +202,22 @@ class EdgeCg:
         self._none, self._work, self._state = np.zeros(rows), np.zeros((6, 3 * rows)), np.zeros(4)
         self._blocks: NDArray[np.floating[Any]] = np.empty(0)
         self._indefinite = False
+        self._ground: tuple[Ids, NDArray[np.floating[Any]]] = NO_ROWS, NO_BLOCKS
         self._b: Vector = np.empty(0)
         self.iterations, self.size, self.norm, self.curvature = 0, 0.0, 0.0, nan
 
-    def shift(self, blocks: NDArray[np.floating[Any]], shift: NDArray[np.floating[Any]] | None) -> None:
-        """Set the blocks of the edges, and the stiffness of each unknown against the ground."""
+    def shift(self, K: EdgeBlocks) -> None:
+        """Set the blocks of the edges, and the stiffness of unknowns and of vertices against the ground."""
+        shift, self._ground = K.shift, (K.grounded, K.ground)
         added = self._none[:0] if shift is None else shift
         if shift is None:
             self.diagonal[:] = 0
         elif shift.shape != self._indices.shape:
             expected = f"{self._indices.shape}, a value for each free degree of freedom"
             raise StvkError(f"The shift has shape {shift.shape}; expected {expected}.")
-        blocks = self._sorted(blocks)
-        total = kernels.shifted_diagonal(self.edges, blocks, self._constrained, self._indices, added, self.diagonal, self.inverse)
+        blocks = self._sorted(K.blocks)
+        unknowns = self._constrained, self._indices
+        total = kernels.shifted_diagonal(self.edges, blocks, *self._ground, *unknowns, added, self.diagonal, self.inverse)
         self._invert(blocks, total)
 
     def fill(self, blocks: NDArray[np.floating[Any]]) -> None:
@@ -262,7 +265,7 @@ class EdgeCg:
         return np.asarray(self._work[kernels.T, self._indices])
 
     def true_residual(self) -> float:
-        own = self.edges, self._blocks, self.diagonal, self._constrained
+        own = self.edges, self._blocks, self.diagonal, *self._ground, self._constrained
         kernels.residual(*own, self._indices, self._b, self._state, self._work)
         self.norm = float(self._state[kernels.NORM])
         return self.norm
@@ -275,7 +278,7 @@ class EdgeCg:
         """
         if self._indefinite:
             return Outcome.NEGATIVE_CURVATURE
-        own = self.edges, self._blocks, self.diagonal, self.inverse, self._constrained, self._omega
+        own = self.edges, self._blocks, self.diagonal, *self._ground, self.inverse, self._constrained, self._omega
         stretch, ended = max(1, STRETCH // max(1, len(self.edges))), kernels.UNFINISHED
         while ended == kernels.UNFINISHED:
             if self.iterations >= max_iterations:

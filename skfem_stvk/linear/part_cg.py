@@ -13,7 +13,7 @@ from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import run
 from .cg import solve_by
-from .solver import EdgeBlocks, Outcome, Solution, Vector
+from .solver import NO_BLOCKS, NO_ROWS, EdgeBlocks, Outcome, Solution, Vector
 from .space import Space
 
 
@@ -85,7 +85,9 @@ class PartCg:
 
     def _multiply(self, beta: float, s: Vector) -> None:
         """Update the search direction, `p = s + beta p`, and compute `q = K p`."""
-        kernels.update_and_multiply(self._edges, self._blocks, self._diagonal, self._constrained, beta, s, self._p, self._q)
+        kernels.update_and_multiply(
+            self._edges, self._blocks, self._diagonal, NO_ROWS, NO_BLOCKS, self._constrained, beta, s, self._p, self._q
+        )
         self._space.share(self._q)
 
     def _update(self, alpha: float) -> None:

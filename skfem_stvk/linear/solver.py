@@ -139,8 +139,15 @@ def structure_of(unknowns: Unknowns) -> tuple[NDArray[np.integer[Any]], NDArray[
     return unknowns.indptr, unknowns.indices
 
 
+NO_ROWS, NO_BLOCKS = np.empty(0, dtype=np.int64), np.empty(0)
+
+
 class EdgeBlocks(NamedTuple):
-    """K over the unknowns as blocks of edges: `(K v)_a = S_a v_a + sum_b K_ab (v_b - v_a)`, with `v = 0` at constrained components.
+    """K over the unknowns as blocks of edges, with `v = 0` at constrained components.
+
+    ::
+
+        (K v)_a = (S_a + G_a) v_a + sum_b K_ab (v_b - v_a)
 
     Attributes
     ----------
@@ -152,6 +159,8 @@ class EdgeBlocks(NamedTuple):
         (rows,) vertex of each block row.
     shift
         (n,) diagonal of all `S_a` for the unknowns; None means zero.
+    grounded, ground
+        (m,) block rows with blocks `G_a` (9 m,), such as those of contact; empty without any.
     space
         Space of the displacements of all vertices of a part of a divided body, which has further blocks in other parts; None for a
         body that is not divided.
@@ -161,6 +170,8 @@ class EdgeBlocks(NamedTuple):
     blocks: NDArray[np.floating[Any]]
     vertices: NDArray[np.integer[Any]]
     shift: NDArray[np.floating[Any]] | None
+    grounded: NDArray[np.integer[Any]] = NO_ROWS
+    ground: NDArray[np.floating[Any]] = NO_BLOCKS
     space: Space | None = None
 
 

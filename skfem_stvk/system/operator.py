@@ -18,6 +18,7 @@ from ..errors import StateError, StvkError
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import CopyableLock, locked, parts_of, run, threads
 from ..linear import EdgeBlocks
+from ..linear.solver import NO_BLOCKS, NO_ROWS
 from ..mesh import ElementMesh
 from ..mesh.displacements import all_finite, by_vertex
 from .pattern import FreeDofs
@@ -132,18 +133,35 @@ class TangentOperator(LinearOperator):
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """Return the blocks without a copy, for solvers with products of their own.
 
-        Return None unless the operator consists of one term on elements, in space if the body is divided.
+        Return None unless the operator consists of one term on elements, and of terms with blocks of single vertices. A divided body
+        must be in space, and have one term.
 
         Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
         term, *others = self._terms
-        edges = term.pairs.edges
-        divided = self.space.divided
-        if self.space.any(bool(others) or edges is None or (divided and self._mesh.d < 3)) or edges is None:
+        edges, vertices, divided = term.pairs.edges, term.pairs.own.vertices, self.space.divided
+        grounding = self._blocks_of_vertices(vertices)
+        if self.space.any(grounding is None or edges is None or (divided and (bool(others) or self._mesh.d < 3))):
             return None
+        assert edges is not None and grounding is not None
         space = self.space if divided else None
-        return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], term.pairs.own.vertices, shift, space)
+        return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], vertices, shift, *grounding, space)
+
+    def _blocks_of_vertices(self, vertices: Array) -> tuple[Array, Array] | None:
+        """Return the rows and the blocks (9 m,) of the terms after the first one; None if they couple different vertices."""
+        d, rows, every = self._mesh.d, [NO_ROWS], [NO_BLOCKS]
+        for term, blocks in zip(self._terms[1:], self._blocks[1:], strict=True):
+            found = term.pairs.of_vertices(blocks)
+            row = None if found is None else np.searchsorted(vertices, found[0])
+            if found is None or row is None or not np.array_equal(vertices[np.minimum(row, len(vertices) - 1)], found[0]):
+                return None
+            touching = found[1].any(axis=(1, 2))
+            nine = np.zeros((np.count_nonzero(touching), 3, 3))
+            nine[:, :d, :d] = found[1][touching]
+            rows.append(row[touching])
+            every.append(nine.ravel())
+        return np.concatenate(rows), np.concatenate(every)
 
     def memory(self) -> int:
         """Return the bytes of the prepared data."""

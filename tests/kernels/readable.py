@@ -1435,8 +1435,10 @@ def multiply_diagonal(begin: int, end: int, blocks: Reals, x: Reals, out: Reals)
     out.reshape(-1, 3)[begin:end] = np.einsum("nij,nj->ni", blocks.reshape(-1, 3, 3)[begin:end], x.reshape(-1, 3)[begin:end])
 
 
-def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, n: int) -> Reals:
-    """Return the dense matrix (3 n, 3 n) with `A_ab`, `A_ba = A_ab'`, and `A_aa`, either user-supplied or `s_a - sum_b A_ab`."""
+def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, grounded: Ids, ground: Reals, n: int) -> Reals:
+    """Return the dense matrix (3 n, 3 n) with `A_ab`, `A_ba = A_ab'`, and `A_aa`, either user-supplied or `s_a - sum_b A_ab`, with
+    the ground blocks added.
+    """
     A = np.zeros((n, n, 3, 3))
     shifted = len(diagonal) == 3 * n
     A[range(n), range(n)] = diagonal.reshape(n, 3, 1) * np.eye(3) if shifted else diagonal.reshape(n, 3, 3)
@@ -1445,15 +1447,17 @@ def matrix_of_edges(edges: Ids, blocks: Reals, diagonal: Reals, n: int) -> Reals
         A[b, a] += block.T
         A[a, a] -= shifted * block
         A[b, b] -= shifted * block.T
+    for a, block in zip(grounded, ground.reshape(-1, 3, 3), strict=True):
+        A[a, a] += block
     return A.swapaxes(1, 2).reshape(3 * n, 3 * n)
 
 
 def filtered(
-    edges: Ids, blocks: Reals, diagonal: Reals, inverse: Reals, constrained: Ids, omega: float
+    edges: Ids, blocks: Reals, diagonal: Reals, grounded: Ids, ground: Reals, inverse: Reals, constrained: Ids, omega: float
 ) -> tuple[Reals, Reals, Reals]:
     """Return A, E and L without the rows and columns of constrained components; E has ones on their diagonal."""
     n = len(inverse) // 9
-    A, E = matrix_of_edges(edges, blocks, diagonal, n), np.zeros((3 * n, 3 * n))
+    A, E = matrix_of_edges(edges, blocks, diagonal, grounded, ground, n), np.zeros((3 * n, 3 * n))
     A[constrained] = 0
     A[:, constrained] = 0
     for i in range(n):
@@ -1464,10 +1468,19 @@ def filtered(
 
 
 def residual(
-    edges: Ids, blocks: Reals, diagonal: Reals, constrained: Ids, indices: Ids, b: Reals, state: Reals, work: Reals
+    edges: Ids,
+    blocks: Reals,
+    diagonal: Reals,
+    grounded: Ids,
+    ground: Reals,
+    constrained: Ids,
+    indices: Ids,
+    b: Reals,
+    state: Reals,
+    work: Reals,
 ) -> None:
     """Write `r = b - A x` to s, and `|r|` to `state`."""
-    A = matrix_of_edges(edges, blocks, diagonal, work.shape[1] // 3)
+    A = matrix_of_edges(edges, blocks, diagonal, grounded, ground, work.shape[1] // 3)
     A[constrained] = 0
     work[S] = -A @ work[X]
     work[S, indices] += b
@@ -1477,7 +1490,7 @@ def residual(
 
 def precondition(edges: Ids, blocks: Reals, inverse: Reals, constrained: Ids, omega: float, work: Reals) -> None:
     """Compute `t = M^-1 r` for an r stored in s."""
-    _, E, L = filtered(edges, blocks, np.zeros(len(inverse) // 3), inverse, constrained, omega)
+    _, E, L = filtered(edges, blocks, np.zeros(len(inverse) // 3), edges[:0, 0], blocks[:0], inverse, constrained, omega)
     work[T] = np.linalg.solve((E + L) @ np.linalg.solve(E, E + L.T), work[S])
 
 
@@ -1485,6 +1498,8 @@ def iterate(
     edges: Ids,
     blocks: Reals,
     diagonal: Reals,
+    grounded: Ids,
+    ground: Reals,
     inverse: Reals,
     constrained: Ids,
     omega: float,
@@ -1497,7 +1512,7 @@ def iterate(
 
     alpha = s'E^-1 s / t'A t
     """
-    A, E, L = filtered(edges, blocks, diagonal, inverse, constrained, omega)
+    A, E, L = filtered(edges, blocks, diagonal, grounded, ground, inverse, constrained, omega)
     if state[RHO_AT_NORM] == 0 and state[NORM] > tolerance:
         work[S] = E @ np.linalg.solve(E + L, work[S])
         state[RHO_AT_NORM] = state[RHO] = work[S] @ np.linalg.solve(E, work[S])
@@ -1524,11 +1539,20 @@ def iterate(
 
 
 def update_and_multiply(
-    edges: Ids, blocks: Reals, diagonal: Reals, constrained: Ids, beta: float, s: Reals, p: Reals, q: Reals
+    edges: Ids,
+    blocks: Reals,
+    diagonal: Reals,
+    grounded: Ids,
+    ground: Reals,
+    constrained: Ids,
+    beta: float,
+    s: Reals,
+    p: Reals,
+    q: Reals,
 ) -> None:
     """Write `s + beta p` to `p`, and `A p` to `q`."""
     p[:] = s + beta * p
-    q[:] = matrix_of_edges(edges, blocks, diagonal, len(p) // 3) @ p
+    q[:] = matrix_of_edges(edges, blocks, diagonal, grounded, ground, len(p) // 3) @ p
     q[constrained] = 0
 
 
@@ -1543,12 +1567,22 @@ def step_and_precondition(
     return float(r[own] @ r[own]), float(r[own] @ s[own])
 
 
-def shifted_diagonal(edges: Ids, blocks: Reals, constrained: Ids, indices: Ids, shift: Reals, diagonal: Reals, out: Reals) -> float:
+def shifted_diagonal(
+    edges: Ids,
+    blocks: Reals,
+    grounded: Ids,
+    ground: Reals,
+    constrained: Ids,
+    indices: Ids,
+    shift: Reals,
+    diagonal: Reals,
+    out: Reals,
+) -> float:
     """Write the diagonal blocks of the matrix, with the shift, and return their sum."""
     if len(shift):
         diagonal[indices] = shift
     n = len(out) // 9
-    A = matrix_of_edges(edges, blocks, diagonal, n)
+    A = matrix_of_edges(edges, blocks, diagonal, grounded, ground, n)
     A[constrained] = 0
     A[:, constrained] = 0
     out[:] = A.reshape(n, 3, n, 3)[range(n), :, range(n)].ravel()

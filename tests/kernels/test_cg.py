@@ -11,13 +11,14 @@ from skfem_stvk.linear import BlockJacobiCg, Kind, SsorCg, Unknowns
 from skfem_stvk.system import FreeOperator
 
 DIAGONAL = BlockJacobiCg()
+NO_GROUND = np.empty(0, dtype=np.int64), np.empty(0)
 preconditioned = pytest.mark.parametrize("solver", [DIAGONAL, SsorCg()], ids=lambda solver: solver.name)
 
 
 class Problem:
-    """Data of a stretched body with a shift, both as arrays of the kernels and as the matrix of its unknowns."""
+    """Data of a stretched body with a shift and ground blocks, both as arrays of the kernels and as the matrix of its unknowns."""
 
-    def __init__(self, name="box", dtype=np.float64, shift=0.5, solver=DIAGONAL):
+    def __init__(self, name="box", dtype=np.float64, shift=0.5, solver=DIAGONAL, stiff=1.0):
         system = body(name)
         self.free, d, x = supported(system), system.mesh.d, system.mesh.p.T
         u = self.free.vector((0.1 * (x - x.min(axis=0)) @ np.eye(d)[::-1]).ravel()[self.free.free])
@@ -27,21 +28,34 @@ class Problem:
         self.operator = FreeOperator(tangent, self.free, self.shift)
         self.K = self.free.matrix(system.tangent(u)).toarray() + np.diag(self.shift)
         search = solver.analyse(Unknowns(self.free.free // d, self.free.free % d))
+        edges = self.operator.by_edges()
+        self.grounded, roots = np.arange(0, len(edges.vertices), 3), np.zeros((len(edges.vertices[::3]), 3, 3))
+        roots[:, :d, :d] = np.random.default_rng(5).standard_normal((len(roots), d, d))
+        self.ground = (roots @ roots.transpose(0, 2, 1)).ravel() * np.abs(self.K).max() / 9 * stiff
+        self.operator.by_edges = lambda: edges._replace(grounded=self.grounded, ground=self.ground)
         search = search.factorise(self.operator, Kind.SYMMETRIC)._search
         self.edges, self.constrained, self.indices, self.omega = search.edges, search._constrained, search._indices, solver.omega
         self.blocks, self.diagonal, self.inverse = search._blocks.astype(dtype), search.diagonal.copy(), search.inverse.copy()
         self.b = np.random.default_rng(3).standard_normal(n)
+        for row, block in zip(self.grounded, self.ground.reshape(-1, 3, 3), strict=True):
+            own = np.flatnonzero(self.indices // 3 == row)
+            self.K[np.ix_(own, own)] += block[np.ix_(self.indices[own] % 3, self.indices[own] % 3)]
+
+    @property
+    def own_ground(self):
+        return self.grounded, self.ground
 
     def begin(self, kernels=cg, x0=0.0, constrained=None):
         work, state = np.zeros((6, 3 * (len(self.inverse) // 9))), np.zeros(4)
         work[X, self.indices] = x0
         constrained = self.constrained if constrained is None else constrained
-        kernels.residual(self.edges, self.blocks, self.diagonal, constrained, self.indices, self.b, state, work)
+        own = self.edges, self.blocks, self.diagonal, *self.own_ground
+        kernels.residual(*own, constrained, self.indices, self.b, state, work)
         return work, state
 
     def iterate(self, work, state, most, kernels=cg, enough=0.0, constrained=None):
         constrained = self.constrained if constrained is None else constrained
-        own = self.edges, self.blocks, self.diagonal, self.inverse, constrained, self.omega
+        own = self.edges, self.blocks, self.diagonal, *self.own_ground, self.inverse, constrained, self.omega
         return kernels.iterate(*own, enough, most, state, work)
 
     def iterates(self, most, constrained=None):
@@ -141,8 +155,9 @@ def test_compiled_and_readable_loops_agree(name, assembled, solver):
     problem = Problem(name, solver=solver)
     if assembled:
         rows = np.arange(len(problem.inverse) // 9)
-        A = readable.matrix_of_edges(problem.edges, problem.blocks, problem.diagonal, len(rows))
+        A = readable.matrix_of_edges(problem.edges, problem.blocks, problem.diagonal, *problem.own_ground, len(rows))
         problem.diagonal = A.reshape(len(rows), 3, len(rows), 3)[rows, :, rows].ravel()
+        problem.grounded, problem.ground = problem.grounded[:0], problem.ground[:0]
     x0 = 0.1 * np.random.default_rng(4).standard_normal(len(problem.b))
     one, other = problem.begin(x0=x0), problem.begin(readable, x0)
     for most in (0, 1, 9):
@@ -159,7 +174,8 @@ def test_compiled_and_readable_pieces_for_parts_agree(name):
     n = len(problem.inverse) // 9
     for kernels in (cg, readable):
         p, q, x, r, s = np.random.default_rng(7).standard_normal((5, 3 * n))
-        kernels.update_and_multiply(problem.edges, problem.blocks, problem.diagonal, problem.constrained, 0.7, s.copy(), p, q)
+        own = problem.edges, problem.blocks, problem.diagonal, *problem.own_ground, problem.constrained
+        kernels.update_and_multiply(*own, 0.7, s.copy(), p, q)
         sums = [kernels.step_and_precondition(*rows, 0.3, problem.inverse, p, q, x, r, s) for rows in ((0, n), (n // 3, n // 2))]
         found[kernels] = p, q, x, r, s, np.array(sums)
     assert not found[cg][1][problem.constrained].any()
@@ -175,7 +191,8 @@ def test_diagonals_agree_and_are_those_of_the_matrix(name, shifted):
     found = {}
     for kernels in (cg, readable):
         diagonal, out = np.zeros_like(problem.diagonal), np.full_like(problem.inverse, 7.0)
-        total = kernels.shifted_diagonal(problem.edges, problem.blocks, problem.constrained, problem.indices, shift, diagonal, out)
+        own = problem.edges, problem.blocks, *problem.own_ground, problem.constrained, problem.indices
+        total = kernels.shifted_diagonal(*own, shift, diagonal, out)
         found[kernels] = total, diagonal, out
     for one, other in zip(found[cg], found[readable], strict=True):
         assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
@@ -201,7 +218,7 @@ def test_a_matrix_gives_the_same_edge_blocks_by_both_kernels(name):
         found[kernels] = arrays
     for one, other in zip(found[cg], found[readable], strict=True):
         assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
-    A = readable.matrix_of_edges(analysis._search.edges, found[cg][0], found[cg][1], above.n)[rows.unknown_indices][
+    A = readable.matrix_of_edges(analysis._search.edges, *found[cg], *NO_GROUND, above.n)[rows.unknown_indices][
         :, rows.unknown_indices
     ]
     assert np.abs(A - problem.K).max() < 1e-13 * np.abs(problem.K).max()
@@ -249,7 +266,7 @@ def test_negative_curvature_is_noticed_before_the_step():
 
 @preconditioned
 def test_negative_curvature_behind_a_positive_definite_diagonal_is_found(solver):
-    problem = Problem(shift=-0.02, solver=solver)
+    problem = Problem(shift=-0.02, solver=solver, stiff=0.0)
     assert np.linalg.eigvalsh(problem.K)[0] < 0 < np.linalg.eigvalsh(problem.preconditioner())[0]
     work, state = problem.begin()
     ended, done = problem.iterate(work, state, 300)
