@@ -22,6 +22,7 @@ from ..results.state_files import MOTION, MOTION_FILE
 from ..results.store import FolderStore, Header, Record, expect, refusing_damage
 from ..system import System
 from ..system.signature import Fingerprint
+from ..terms.protocols import set_time
 from .integrators import Integrator
 from .ledger import Ledger
 from .ledger_rows import REMOVED, LedgerLocations, column_names, columns_without_value, known_strain, known_total
@@ -374,6 +375,7 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
     row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}
     kinetic = motion.states.dot(state["v"], motion.mass.multiply(state["v"])) / 2
     motion.body.return_to(saved.history(prefix))
+    set_time(motion.system.bound_terms, motion.moment(moment.t))
     strain = motion.energy(state["u"])
     for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
         if not np.isclose(row[name], energy, rtol=ENERGY, atol=ENERGY**2 * (kinetic + abs(strain))):

@@ -17,6 +17,7 @@ from ..mesh.locations import Where
 from ..nonlinear.outcome import Status, with_remedy
 from ..notebook import html_table
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
+from ..results.contact import ContactState, contact_state
 from ..results.files import of_leader
 from ..results.monitors import Finding
 from ..results.plotting import thumbnail
@@ -140,6 +141,21 @@ class Run:
         since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
         forces, mesh = self.motion.ground_forces(self.u, self.v, self.t, since), self.system.mesh
         return Reaction.of(mesh, self.u, forces, mesh.node_numbers[vertices], self.system.units)
+
+    def contact(self, name: str) -> ContactState:
+        """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
+
+        Parameters
+        ----------
+        name
+            Name of the contact, as in `RigidContact(..., name="floor")`.
+
+        Raises
+        ------
+        ContactError
+            if there is no such contact.
+        """
+        return contact_state(self.system, name, self.u, self.motion.moment(self.t))
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the last state, coloured by a field.

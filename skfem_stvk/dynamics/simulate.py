@@ -207,7 +207,7 @@ def checked_body(system: System | ReducedLike) -> System | Coordinates:
         return body
     if body.dtype != np.float64:
         raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
-    return body.for_analysis()
+    return body.for_analysis(in_time=True)
 
 
 def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:

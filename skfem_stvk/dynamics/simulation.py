@@ -17,6 +17,7 @@ from ..arguments import path as path_of
 from ..errors import StateError, StvkError, SupportError
 from ..mesh.locations import Where, vertices_at
 from ..notebook import html_table
+from ..results.contact import ContactState, contact_state
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
@@ -371,6 +372,21 @@ class Simulation:
     def _ground_forces(self) -> Array:
         """Return the forces (ndofs,) of supports and foundations at the end of the step, from one evaluation on the mesh."""
         return self._motion.ground_forces(self.u, self.v, self.t, self.t - self.dt)
+
+    def contact(self, name: str) -> ContactState:
+        """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
+
+        Parameters
+        ----------
+        name
+            Name of the contact, as in `RigidContact(..., name="floor")`.
+
+        Raises
+        ------
+        ContactError
+            if there is no such contact.
+        """
+        return contact_state(self.system, name, self.u, self._motion.moment(self.t))
 
     def inside_out(self) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements, ascending."""

@@ -375,15 +375,27 @@ def add_mean_blocks(
 
 
 @kernel
-def find_gaps(surface: Surface, shape: Shape, shift: Reals, u: Reals, gaps: Reals, normals: Reals) -> None:
-    """Write the gaps (n, nq) [m] and normals (n, nq, d) of all points."""
+def find_gaps(surface: Surface, weights: Reals, shape: Shape, shift: Reals, e: float, u: Reals, gaps: Reals, forces: Reals) -> None:
+    """Write the gaps (n, nq) [m] of all points, and the normal forces on them (n, nq) [N]."""
     N, t, X = surface
     kind, numbers = shape
     for i in range(len(t)):
         for q in range(len(N)):
-            gaps[i, q], n = _gap(kind, numbers, _point(N, t, i, q, X, u, shift, numbers))
-            for j in range(normals.shape[2]):
-                normals[i, q, j] = n[j]
+            g, _ = _gap(kind, numbers, _point(N, t, i, q, X, u, shift, numbers))
+            gaps[i, q] = g
+            forces[i, q] = weights[i, q] * _penalty(-g, e)[1] if g < 0 else 0.0
+
+
+@kernel
+def find_normals(surface: Surface, shape: Shape, shift: Reals, u: Reals, gaps: Reals, normals: Reals) -> None:
+    """Write the gaps (n,) [m] of points and the normals (n, d) there, of facets with one point each."""
+    N, t, X = surface
+    kind, numbers = shape
+    for i in range(len(t)):
+        g, n = _gap(kind, numbers, _point(N, t, i, 0, X, u, shift, numbers))
+        gaps[i] = g
+        for j in range(normals.shape[1]):
+            normals[i, j] = n[j]
 
 
 @inlined

@@ -137,6 +137,9 @@ class ReducedSystem:
         if body.without_energy:
             names = ", ".join(body.without_energy)
             raise StvkError(f"{names}: its force is not the gradient of an energy; expected terms that have one, such as StVK.")
+        if body.contacts:
+            names = ", ".join(repr(contact.name) for contact in body.contacts)
+            raise StvkError(f"contacts {names}; expected none: a basis has no fields for touching surfaces. Use the System itself.")
         body.check_held()
         if body.dtype != np.float64:
             raise StvkError("The body is in float32; expected float64: coefficients of a quartic are sums over all elements.")

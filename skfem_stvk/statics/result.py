@@ -19,6 +19,7 @@ from ..mesh.locations import Where
 from ..nonlinear.outcome import Status, with_remedy
 from ..notebook import html_table
 from ..results import Fields, Reaction, State, plot, write_vtu
+from ..results.contact import ContactState, contact_state
 from ..results.plotting import thumbnail
 from ..results.reactions import constrained_vertices, ground_forces_at_rest
 from ..results.series import save_series
@@ -102,6 +103,21 @@ class StaticResult:
         vertices = constrained_vertices(self.system, where)
         forces = ground_forces_at_rest(self.system, self.u, self.t, self.projected)
         return Reaction.of(self.system.mesh, self.u, forces, self.system.mesh.node_numbers[vertices], self.system.units)
+
+    def contact(self, name: str) -> ContactState:
+        """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
+
+        Parameters
+        ----------
+        name
+            Name of the contact, as in `RigidContact(..., name="floor")`.
+
+        Raises
+        ------
+        ContactError
+            if there is no such contact.
+        """
+        return contact_state(self.system, name, self.u, self.t)
 
     @cached_property
     def state(self) -> State:

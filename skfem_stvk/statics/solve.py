@@ -26,6 +26,7 @@ from ..system.divided import refuse_divided
 from ..system.free_tangent import solver_for
 from ..system.protocol import ReducedLike, checked_system
 from ..system.signature import AUTO, sums_of
+from ..terms.protocols import set_time
 from ..units import remarks
 from .arc_length import ArcLength
 from .continuation import Continuation, ContinuationOptions
@@ -160,7 +161,7 @@ def solve_static(
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
-    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system).for_analysis()
+    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system).for_analysis(in_time=False)
     return _Solve(body, u0, options).result()
 
 
@@ -236,7 +237,7 @@ class StaticOptions:
         }
 
 
-def _start(system: System, u0: ArrayLike | None) -> Array:
+def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
     """Return the initial displacements.
 
     Refuse a system on which nothing acts, or that can move without strain.
@@ -252,7 +253,8 @@ def _start(system: System, u0: ArrayLike | None) -> Array:
         )
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
     system.elastic_energies(start)  # raises an error on overflow
-    system.check_held()
+    set_time(system.bound_terms, t0)
+    system.check_held(start)
     return start
 
 
@@ -263,7 +265,7 @@ class _Solve:
         self._system = system = body.system if isinstance(body, Coordinates) else body
         self._options, self._watch, self._history = options, Stopwatch(), History()
         solver = options.solver_for(body)
-        self._start = _start(system, u0)
+        self._start = _start(system, u0, float(options.t0))
         system.commit(self._start, float(options.t0))
         self._problem = Equilibrium(body, solver, self._watch)
         self._requested_solver = self._problem.tangent.solver.name

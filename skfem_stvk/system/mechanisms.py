@@ -84,10 +84,17 @@ class PartMotions(NamedTuple):
     joints: int
 
 
-def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], constrained: NDArray[Any], solid: NDArray[np.bool_]) -> None:
+def check_held(
+    mesh: ElementMesh,
+    terms: Sequence[BoundTerm],
+    constrained: NDArray[Any],
+    solid: NDArray[np.bool_],
+    touching: tuple[NDArray[Any], Array] | None = None,
+) -> None:
     """Raise SupportError if a body can move without strain; in a divided body, on all of its parts.
 
-    The `terms` connect the body and tie it to the ground. The supports constrain the degrees of freedom `constrained`.
+    The `terms` connect the body and tie it to the ground. The supports constrain the degrees of freedom `constrained`. Contacts, if
+    there are any, hold vertices (m,) that are `touching` along directions (m, d).
 
     Mechanisms are searched among elements that are rigid when unstrained. These elements are `solid` (nt,), that is, of an elastic
     material, and have the dimension of the space or the plane. Cables, trusses and membranes in space are stabilised by tension,
@@ -96,12 +103,14 @@ def check_held(mesh: ElementMesh, terms: Sequence[BoundTerm], constrained: NDArr
     edges, space = [joined(term) for term in terms], mesh.space
     constrained = space.union(np.union1d(constrained, grounded_dofs(terms)).astype(np.int64), mesh.p.size)
     part = parts_of(edges, mesh.nv, space)
-    free = free_rigid_modes(mesh.p, part, constrained, mesh.word, space)
+    free = free_rigid_modes(mesh.p, part, constrained, mesh.word, space, touching)
     messages = []
     if free:
         messages.append(
             f"{_listed(free, 'parts')}. Fix more components (fixed={{place: 'xyz'}}), prescribe them, or add an "
             "ElasticFoundation. To join parts, merge the vertices of their common faces."
+            + " A contact holds a body along its normals alone, and where it touches at the start; otherwise simulate the motion with "
+            "damping." * (touching is not None)
         )
     if mesh.k == mesh.d > 1 and space.any(bool(solid.any())):
         loose = mechanisms(

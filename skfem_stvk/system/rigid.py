@@ -60,11 +60,16 @@ class FreeMotions:
 
 
 def free_rigid_modes(
-    p: Array, part: NDArray[Any], constrained: NDArray[Any], word: str = "vertex", space: Space | None = None
+    p: Array,
+    part: NDArray[Any],
+    constrained: NDArray[Any],
+    word: str = "vertex",
+    space: Space | None = None,
+    touching: tuple[NDArray[Any], Array] | None = None,
 ) -> list[FreeMotions]:
     """Return the rigid motions of each part of a body when degrees of freedom `constrained` are constrained.
 
-    `part` (nv,) are the numbers of the parts.
+    `part` (nv,) are the numbers of the parts. `touching` are vertices (m,) that are also constrained along directions (m, d).
 
     `word` is the name of a node in messages. The `space` of the displacements has the other nodes of a divided body.
 
@@ -81,6 +86,9 @@ def free_rigid_modes(
     vertex, component = np.divmod(np.unique(constrained).astype(np.int64), d)
     vertex, component = vertex[own[vertex] > 0], component[own[vertex] > 0]
     resisted = space.total(_gram(modes[vertex, component][:, None], part[vertex], len(size)))
+    if touching is not None:
+        vertex, directions = touching
+        resisted += _gram(np.einsum("mc,mcr->mr", directions, modes[vertex])[:, None], part[vertex], len(size))
     lowest, trace = np.linalg.eigvalsh(resisted)[:, 0], np.trace(resisted, axis1=1, axis2=2)
     loose = np.flatnonzero(lowest <= NOTHING * trace)
     if not len(loose):

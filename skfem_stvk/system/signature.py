@@ -106,7 +106,11 @@ class Fingerprint:
 
     def _compute_numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """Return numbers that depend on mesh, terms and supports, and on loads and prescribed displacements at these moments."""
-        system, mesh, space = self.system.for_analysis(), self.system.mesh, self.system.space  # without the present history
+        system, mesh, space = (
+            self.system.for_analysis(self._kind == "motion"),
+            self.system.mesh,
+            self.system.space,
+        )  # without the present history
         x = mesh.p.T - mean_of_nodes(mesh.p.T, space)
         u = (x @ (SHEAR * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d)))).ravel()
         pressed = -COMPRESSED * x.ravel() + u
@@ -132,7 +136,9 @@ class Fingerprint:
             moment = KINDS[self._kind](t)
             numbers[f"the loads at t = {t:g}{unit}"] = sums_of(system.external_force(u, moment), space)
             if system.contacts:
-                numbers[f"the contacts at t = {t:g}{unit}"] = [x for contact in system.contacts for x in contact.identity()]
+                numbers[f"the contacts at t = {t:g}{unit}"] = sums(
+                    np.array([x for contact in system.contacts for x in contact.identity()])
+                )
             prescribed = space.gather(space.numbers[system.supports.held][own], system.supports.values(moment)[own])[1]
             numbers[f"prescribed displacements at t = {t:g}{unit}"] = sums(prescribed)
         if self._kind == "motion":

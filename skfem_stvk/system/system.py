@@ -229,13 +229,19 @@ class System(BoundTerms):
         self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
-    def for_analysis(self: SystemType) -> SystemType:
-        """Return the body with new terms where terms have history, because history belongs to one analysis; otherwise itself."""
+    def for_analysis(self: SystemType, in_time: bool) -> SystemType:
+        """Return the body with new terms where terms have history, because history belongs to one analysis; otherwise itself.
+
+        Parameters
+        ----------
+        in_time
+            Whether the analysis is a motion in time; otherwise it is a path of equilibria.
+        """
         if not self._with_history:
             return self
         other = copy(self)
         bound = (
-            [term.with_new_history() if isinstance(term, HasHistory) else term for term in terms]
+            [term.with_new_history(in_time) if isinstance(term, HasHistory) else term for term in terms]
             for terms in (self.bound_terms, self.bound_loads)
         )
         other._replace_bound(*bound)
@@ -792,8 +798,13 @@ class System(BoundTerms):
         self.space.together(of_part)
         return self.space.share(sums).ravel()
 
-    def check_held(self) -> None:
-        """Check that supports and foundations leave the body no motion without strain.
+    def check_held(self, u: ArrayLike | None = None) -> None:
+        """Check that supports, foundations and contacts leave the body no motion without strain.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m] at which contacts touch or do not, by default zero.
 
         Raises
         ------
@@ -808,7 +819,13 @@ class System(BoundTerms):
             elif isinstance(term, HoldsShape):
                 solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
-        check_held(self.mesh, self.bound_terms, np.union1d(self.supports.held, stay), solid & ~self.body.removed)
+        touching = None
+        if self.contacts:
+            x = np.zeros(self.mesh.p.T.shape) if u is None else self._state(u)
+            nodes, directions = zip(*(contact.held_directions(x) for contact in self.contacts), strict=True)
+            touching = np.concatenate(nodes), np.concatenate(directions)
+        constrained = np.union1d(self.supports.held, stay)
+        check_held(self.mesh, self.bound_terms, constrained, solid & ~self.body.removed, touching)
 
     def parts(self) -> NDArray[np.int32]:
         """Return the part number (nv,) of each node: parts are connected by terms."""

@@ -132,8 +132,8 @@ class HasHistory(Protocol):
 
     history: Array
 
-    def with_new_history(self) -> Any:
-        """Return the term for a new analysis. Both have a history of their own."""
+    def with_new_history(self, in_time: bool) -> Any:
+        """Return the term for a new analysis, `in_time` or along load factors. Both have a history of their own."""
 
     def commit(self, u: Array, t: float) -> None:
         """Store in the history that a step begins at displacements `u` (nv, d), at the load factor or time `t`."""
@@ -226,6 +226,12 @@ class HasContact(Protocol):
 
     def identity(self) -> list[float]:
         """Return numbers that differ from those of another contact, for checkpoints."""
+
+    def evaluated(self, u: Array) -> tuple[Array, Array, float]:
+        """Return the pressure (nv,) [Pa] and the smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
+
+    def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return nodes (m,) that touch at `u` (nv, d), and unit vectors (m, d) along which the contact holds them."""
 
     def contact_limit(self, u: Array, v: Array) -> float:
         """Return the largest `s` up to which nothing passes through anything on the way `u + s v`, or infinity."""

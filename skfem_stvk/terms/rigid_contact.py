@@ -31,6 +31,8 @@ from .spread import Spread
 
 #: Stiffness by default, in units of E/h: Young's modulus by the mean length of the facet's edges.
 STIFFNESS = 10.0
+#: Gap of nodes that touch at the start of a static solve, as a fraction of the size of the body.
+TOUCHING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -84,15 +86,17 @@ class Friction:
                 "hundredth of the speed of sliding, or slip_length=... [m] for statics."
             )
 
-    def width(self, t: Time, since: float, what: str) -> float:
-        """Return the slip [m] up to which friction rises at load factor or time `t`, since the state at `since`."""
-        if isinstance(t, Moment):
-            if self.slip_speed is None:
-                raise ContactError(f"{what}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
-            return self.slip_speed * max(t.time - since, 0.0)
-        if self.slip_length is None:
+    def check(self, in_time: bool, what: str) -> None:
+        """Raise ContactError if the width that an analysis needs is missing."""
+        if in_time and self.slip_speed is None:
+            raise ContactError(f"{what}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
+        if not in_time and self.slip_length is None:
             raise ContactError(f"{what}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
-        return self.slip_length
+
+    def width(self, duration: float | None) -> float:
+        """Return the slip [m] up to which friction rises, in motions over a `duration` [s]."""
+        width = self.slip_length if duration is None else (self.slip_speed or 0.0) * max(duration, 0.0)
+        return width or 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,11 +316,30 @@ class BoundRigidContact:
         finite = np.nan_to_num(self._shape.numbers).tolist()
         return [self._shape.kind, *finite, self.contact.onset, *widths, float(self._weights.sum()), *self._shift.tolist()]
 
-    def gaps(self, u: Array) -> tuple[Array, Array]:
-        """Return the gaps (n, nq) [m] of the points at `u` (nv, d), negative in the shape, and the normals (n, nq, d) there."""
-        gaps, normals = np.empty_like(self.areas), np.empty((*self.areas.shape, u.shape[1]))
-        kernels.find_gaps(self._surface, self._shape, self._shift, u, gaps, normals)
-        return gaps, normals
+    def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return nodes (m,) of facets that touch at `u` (nv, d), and the normals (m, d) there.
+
+        Friction holds nothing at the start, because it lags behind by a step.
+        """
+        d, facets = u.shape[1], self._surface.t
+        gaps, normals = np.empty(len(self.nodes)), np.empty((len(self.nodes), d))
+        at_nodes = Surface(np.ones((1, 1)), self.nodes[:, None], self._surface.X)
+        kernels.find_normals(at_nodes, self._shape, self._shift, u, gaps, normals)
+        size = float(np.ptp(self._surface.X, axis=0).max())
+        held = (gaps <= TOUCHING * size) & np.isin(self.nodes, facets[(self.areas > 0).any(axis=1)])
+        return self.nodes[held].astype(np.int64), normals[held]
+
+    def evaluated(self, u: Array) -> tuple[Array, Array, float]:
+        """Return the pressure (nv,) [Pa] and the smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
+        (N, t, _), gaps, slopes = self._surface, np.empty_like(self.areas), np.empty_like(self.areas)
+        kernels.find_gaps(self._surface, self._weights, self._shape, self._shift, self.contact.onset, u, gaps, slopes)
+        sums = [np.zeros(len(u)) for _ in range(2)]
+        for values, out in zip((slopes, self.areas), sums, strict=True):
+            np.add.at(out, t, values @ np.abs(N))
+        smallest = np.full(len(u), np.inf)
+        np.minimum.at(smallest, t, gaps.min(axis=1)[:, None])
+        pressure = np.divide(sums[0], sums[1], out=np.zeros(len(u)), where=sums[1] > 0)
+        return pressure, smallest, float(self.areas[gaps < 0].sum())
 
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
@@ -335,6 +358,7 @@ class RigidContactWithHistory(BoundRigidContact):
         super().__init__(contact, body)
         d, motion = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
         self._motion = Value(motion, (d,), np.zeros((d, 1)), contact.what, ContactError, "motion")
+        self._in_time = False
         self._width = 0.0  # slip up to which friction rises [m]
         self._secants: Array = np.empty((0, 0))
         self._forget()
@@ -360,9 +384,12 @@ class RigidContactWithHistory(BoundRigidContact):
         """Position, largest friction and normal of each point (n, nq, 7)."""
         return self._history[4:].reshape(*self.areas.shape, 7)
 
-    def with_new_history(self) -> RigidContactWithHistory:
+    def with_new_history(self, in_time: bool) -> RigidContactWithHistory:
         """Return the contact for a new analysis."""
         other = copy(self)
+        if self.contact.friction is not None:
+            self.contact.friction.check(in_time, self.contact.what)
+        other._in_time = in_time
         other._forget()
         other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
         return other
@@ -371,9 +398,9 @@ class RigidContactWithHistory(BoundRigidContact):
         """Move the shape to its place at load factor or time `t`, and set the slip up to which friction rises."""
         self._shift = np.zeros(3)
         self._shift[: self._body.mesh.d] = self._motion.at(t)[:, 0]
-        friction = self.contact.friction
-        if friction is not None:
-            self._width = friction.width(t, self._history[3], self.contact.what)
+        if self.contact.friction is not None:
+            since = Moment.of(t).time - self._history[3]
+            self._width = self.contact.friction.width(since if self._in_time else None)
 
     def commit(self, u: Array, t: float) -> None:
         """Store the accepted state."""

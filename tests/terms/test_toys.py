@@ -214,7 +214,7 @@ def test_a_solve_continues_when_the_pairs_change():
         if contacts.commits == 4:
             contacts.take(PAIRS)
 
-    contacts.commit, contacts.with_new_history = commit, lambda: contacts
+    contacts.commit, contacts.with_new_history = commit, lambda in_time: contacts
     found = solve_static(system, steps=4, solver="superlu", quiet=True)
     assert found.success and system.pattern_version == 1 and balance(system, found.u) < 1e-8
 

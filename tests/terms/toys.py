@@ -193,7 +193,7 @@ class Friction(MinimalTerm):
             super().__init__(spec, mesh)
             self._spec, self._mesh, self.history, self.commits = spec, mesh, np.zeros(mesh.p.size), []
 
-        def with_new_history(self):
+        def with_new_history(self, in_time):
             return type(self)(self._spec, self._mesh)
 
         def commit(self, u, t):

@@ -1,0 +1,373 @@
+"""Contact with rigid shapes: exact derivatives and works, closed forms of friction, and balances of whole analyses."""
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import (
+    Anisotropic,
+    BackwardEuler,
+    ContactError,
+    EnergyMomentum,
+    Friction,
+    Gravity,
+    LinearBackwardEuler,
+    NeoHookean,
+    ReducedSystem,
+    RigidBox,
+    RigidContact,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
+    Simulation,
+    StVK,
+    StvkError,
+    SupportError,
+    System,
+    Traction,
+    VelocityVerlet,
+    critical_step,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.edges import NONE as GAUSS_NEWTON
+from skfem_stvk.mesh import ElementMesh, box
+from skfem_stvk.terms.load import Moment
+
+LAW = StVK(young=1e3, poisson=0.3, density=1.0)
+MESHES = {
+    "tetrahedra": box((1.0, 1.0, 1.0), (3, 3, 3)),
+    "quadratic tetrahedra": box((1.0, 1.0, 1.0), (1, 1, 1)).with_degree(2),
+    "hexahedra": ElementMesh.of(skfem.MeshHex().refined(1)),
+    "membrane": ElementMesh(*(lambda m: (np.vstack([m.p, 0.2 + 0 * m.p[:1]]), m.t))(skfem.MeshTri().refined(2))),
+}
+SHAPES = {
+    "plane": RigidPlane((0, 0, 0.3), (0.1, 0.2, 1)),
+    "sphere": RigidSphere((0.5, 0.5, -0.4), 0.7),
+    "inside a sphere": RigidSphere((0.5, 0.5, 0.5), 0.6, inside=True),
+    "cylinder": RigidCylinder((0.5, 0.5, -0.3), (0, 1, 0.2), 0.6),
+    "inside a cylinder": RigidCylinder((0.5, 0.5, 0.5), (0, 1, 0.2), 0.45, inside=True),
+    "box": RigidBox((0.1, 0.2, -0.75), (0.9, 0.8, 0.4)),
+    "rounded box": RigidBox((0.1, 0.2, -0.75), (0.9, 0.8, 0.4), radius=0.25),
+}
+
+
+def BOTTOM(x):
+    return x[2] == 0
+
+
+def TOP(x):
+    return x[2] == 1
+
+
+#: Supports that leave translation along z free.
+UPRIGHT = {lambda x: (x[0] == 0) & (x[1] == 0): "xy", lambda x: (x[0] == 1) & (x[1] == 0): "y"}
+
+
+def bound(mesh="tetrahedra", shape="sphere", **options):
+    """Return a body without and with a contact, the bound contact, and a state with velocities of size 1."""
+    law = StVK(young=1e3, poisson=0.3, thickness=0.1) if mesh == "membrane" else LAW
+    contact = RigidContact(SHAPES[shape], stiffness=1e4, **options)
+    without, body = System(MESHES[mesh], [law]), System(MESHES[mesh], [law, contact])
+    u, v = np.random.default_rng(0).normal(size=(2, body.ndofs))
+    return without, body, body.bound_terms[1], 0.02 * u, v / np.abs(v).max()
+
+
+def of_vertices(x):
+    return x.reshape(-1, 3)
+
+
+def force(term, u):
+    out = np.zeros_like(of_vertices(u))
+    term.energy_and_force(of_vertices(u), out)
+    return out.ravel()
+
+
+def slope(f, h=1e-6):
+    return (f(h) - f(-h)) / (2 * h)
+
+
+@pytest.mark.parametrize("onset", [0.0, 0.05])
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("mesh", MESHES)
+def test_force_and_stiffness_are_derivatives(mesh, shape, onset):
+    without, body, term, u, v = bound(mesh, shape, onset=onset)
+    W, F = term.energy_and_force(of_vertices(u)), force(term, u)
+    assert W > 0 and slope(lambda s: term.energy_and_force(of_vertices(u + s * v))) == pytest.approx(F @ v, rel=1e-6)
+    K = (body.tangent(u) - without.tangent(u)).toarray()
+    change = slope(lambda s: force(term, u + s * v))
+    assert np.abs(K @ v - change).max() < 1e-6 * np.abs(change).max() and np.abs(K - K.T).max() < 1e-10 * np.abs(K).max()
+    assert np.abs(body.product(u, v) - body.tangent(u) @ v).max() < 1e-10 * np.abs(body.tangent(u) @ v).max()
+    assert (
+        np.linalg.eigvalsh((body.jacobian(u, kept=GAUSS_NEWTON) - without.jacobian(u, kept=GAUSS_NEWTON)).toarray()).min() > -1e-8
+    )
+
+
+@pytest.mark.parametrize("onset", [0.0, 0.05])
+@pytest.mark.parametrize("size", [0.2, 1e-3, 1e-9])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_work_of_the_mean_force_is_the_change_of_energy(shape, size, onset):
+    """Changes are relative to the energies' own derivative, so that a cancelling difference would show."""
+    _, _, term, u, v = bound(shape=shape, onset=onset)
+    u0, u1 = of_vertices(u), of_vertices(u + size * v)
+    f = np.zeros_like(u0)
+    term.mean_force(u0, u1, (0.5, 0.5), 0.5, f)
+    work, change = float((f * (u1 - u0)).sum()), term.energy_and_force(u1) - term.energy_and_force(u0)
+    if size > 1e-6:
+        assert work == pytest.approx(change, rel=1e-11, abs=1e-13 * term.energy_and_force(u0))
+    near = force(term, u)
+    assert np.abs(f.ravel() - near).max() < 60 * size * np.abs(near).max() + 1e-9 * np.abs(near).max()
+
+
+@pytest.mark.parametrize("onset", [0.0, 0.05])
+def test_twice_the_slope_of_the_mean_force_on_a_plane_is_exact(onset):
+    without, body, term, u, v = bound(shape="plane", onset=onset)
+    u1, other = u + 0.1 * v, without.tangent(u)
+
+    def twice(s):
+        f = np.zeros_like(of_vertices(u))
+        term.mean_force(of_vertices(u), of_vertices(u1 + s * v), (1.0, 1.0), 0.5, f)
+        return f.ravel()
+
+    with body.between(u, u1):
+        K = body.tangent(u) - other
+    change = slope(twice)
+    assert np.abs(K @ v - change).max() < 1e-6 * np.abs(change).max()
+    assert np.abs((body.tangent(u) - other) @ v - change).max() > 0.01 * np.abs(change).max()  # K in the state is another
+
+
+@pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
+def test_the_limit_is_the_deepest_point_on_a_way_through(shape):
+    _, body, term, u, _ = bound(shape=shape)
+    x, down = of_vertices(u), np.tile([0.0, 0.0, -1.0], (MESHES["tetrahedra"].nv, 1))
+    above = x - 2 * down
+    limit = term.contact_limit(above, down)
+    depths = []
+    for s in np.linspace(0, 5, 2001):
+        gaps = term.evaluated(above + s * down)[1]
+        depths.append(gaps[np.isfinite(gaps)])
+    depths = np.array(depths)
+    through = depths.min(axis=0) < -1e-3
+    deepest = depths[:, through].argmin(axis=0).min() * 5 / 2000
+    assert limit == pytest.approx(deepest, abs=0.02) if shape != "box" else deepest < limit < 2.5  # the middle of the way through
+    assert body.contact_limit(above.ravel(), down.ravel()) == (limit, "contact")
+    assert term.contact_limit(above, -down) == np.inf
+    assert bound(shape="plane")[2].contact_limit(x, down) == bound(shape="inside a sphere")[2].contact_limit(x, down) == np.inf
+
+
+def test_a_block_on_a_plane_has_a_constant_pressure():
+    mesh = box((1.0, 1.0, 1.0), (4, 4, 4))
+    floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM, name="floor")
+    lid = RigidContact(RigidPlane((0, 0, 1), (0, 0, -1)), TOP, name="lid", motion=(0, 0, -0.1))
+    body = System(mesh, [NeoHookean(young=1e3, poisson=0.0), floor, lid], fixed=UPRIGHT)
+    result = solve_static(body, quiet=True)
+    state = result.contact("floor")
+    pressed = state.pressure[state.pressure > 0]
+    assert len(pressed) == 25 and np.ptp(pressed) < 1e-10 * pressed.max() and state.area == pytest.approx(1.0)
+    assert state.resultant == pytest.approx([0, 0, pressed[0]], abs=1e-9)
+    assert result.contact("lid").resultant == pytest.approx(-state.resultant, abs=1e-6)
+    assert state.gap.min() == pytest.approx(-pressed[0] / (10 * 1e3 / ((2 + np.sqrt(2)) / 3 / 4)), rel=1e-6)
+    assert "contact 'floor': (" in repr(state)
+    with pytest.raises(ContactError, match=r"name = 'wall'; expected a contact of the body; known: 'floor', 'lid'"):
+        result.contact("wall")
+
+
+def dropped(contact, integrator, until=0.03, **options):
+    mesh = box((0.1, 0.1, 0.1), (3, 3, 3))
+    terms = [StVK(young=3e4, poisson=0.4, density=1000.0), Gravity((0, 0, -9.81)), contact]
+    v0 = np.zeros((mesh.nv, 3))
+    v0[:, 2], v0[:, 0] = -0.5, 0.2 + 2 * mesh.p[2]
+    return simulate(System(mesh, terms), integrator, until=until, v0=v0.ravel(), quiet=True, **options)
+
+
+def floor(**options):
+    return RigidContact(RigidPlane((0, 0, -2e-3), (0, 0, 1)), name="floor", **options)
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        floor(),
+        floor(stiffness=1e8, onset=1e-3),
+        RigidContact(RigidSphere((0.05, 0.05, -0.1), 0.095)),
+        RigidContact(RigidBox((-0.1, -0.1, -0.1), (0.05, 0.2, -0.002), radius=0.01)),
+        RigidContact(RigidPlane((0, 0, -2e-3), (0, 0, 1)), motion=lambda t: (0.1 * t, 0, 0.2 * t)),
+        floor(friction=Friction(0.3, slip_speed=0.1)),
+        RigidContact(RigidSphere((0.05, 0.05, -0.1), 0.095), motion=lambda t: (0, t, t), friction=Friction(0.5, slip_speed=0.1)),
+    ],
+    ids=["plane", "stiff plane", "sphere", "box", "moving plane", "friction", "moving sphere with friction"],
+)
+def test_energy_is_kept_but_for_friction_and_the_work_of_the_shape(contact):
+    run = dropped(contact, EnergyMomentum(1e-3))
+    kinetic = run.ledger["kinetic_energy"][0]
+    assert run.success and np.abs(run.ledger["closure_error"]).max() < 1e-12 * kinetic
+    assert np.abs(run.ledger["strain_energy RigidContact 2"]).max() > 1e-3 * kinetic
+    assert (run.ledger["dissipated_work"][-1] > 1e-3 * kinetic) == (contact.friction is not None)
+    assert (abs(run.ledger["external_work"][-1]) > 1e-3 * kinetic) == (contact.motion is not None)
+
+
+def test_critical_steps_count_shapes_before_they_touch():
+    run = dropped(floor(), VelocityVerlet())
+    assert run.blow_ups == 0 and np.abs(run.ledger["closure_error"]).max() < 0.03 * run.ledger["kinetic_energy"][0]
+    mesh = box((0.1, 0.1, 0.1), (3, 3, 3))
+    law, far = StVK(young=3e4, poisson=0.4, density=1000.0), RigidContact(RigidPlane((0, 0, -9), (0, 0, 1)))
+    assert critical_step(System(mesh, [law, far])).step < 0.7 * critical_step(System(mesh, [law])).step
+
+
+MU, G, SLIP = 0.3, 9.81, 1e-3
+
+
+def slid(part, integrator, start=None):
+    """Return the speeds of a block on a slope of `part` of the friction angle, over the steps."""
+    mesh, angle = box((0.1, 0.1, 0.05), (2, 2, 1)), part * np.arctan(MU)
+    k = 4e8
+    slope = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM, stiffness=k, friction=Friction(MU, slip_speed=SLIP))
+    down = Gravity((G * np.sin(angle), 0, -G * np.cos(angle)))
+    u0 = np.tile([0, 0, -1000 * G * np.cos(angle) * 0.05 / k], (mesh.nv, 1))
+    body = System(mesh, [StVK(young=1e6, poisson=0.2, density=1000.0), slope, down])
+    run = simulate(body, integrator, until=0.2, u0=u0.ravel(), quiet=True)
+    return angle, np.array(run.ledger["time"]), run.ledger["linear_momentum_x"] / (1000 * 0.1 * 0.1 * 0.05)
+
+
+def test_a_block_below_the_friction_angle_creeps():
+    angle, _, speed = slid(0.99, BackwardEuler(2e-3))
+    assert speed[-1] / SLIP == pytest.approx(1 - np.sqrt(1 - np.tan(angle) / MU), rel=1e-3)
+
+
+@pytest.mark.parametrize("integrator", [BackwardEuler(2e-3), LinearBackwardEuler(2e-3, rtol=1e-6)], ids=lambda one: one.name)
+@pytest.mark.parametrize("part", [1.1, 1.3])
+def test_a_block_above_the_friction_angle_has_coulombs_acceleration(part, integrator):
+    angle, t, speed = slid(part, integrator)
+    half = len(t) // 2
+    acceleration = (speed[-1] - speed[half]) / (t[-1] - t[half])
+    assert acceleration == pytest.approx(G * (np.sin(angle) - MU * np.cos(angle)), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [EnergyMomentum(1e-3), BackwardEuler(1e-3), LinearBackwardEuler(1e-3), VelocityVerlet(1e-4)],
+    ids=lambda one: one.name,
+)
+def test_friction_and_moving_shapes_are_resumed_and_restored_to_the_last_bit(integrator, tmp_path):
+    contact = RigidContact(
+        RigidPlane((0, 0, -1e-4), (0, 0, 1)), motion=lambda t: (0, 0, 0.1 * t), friction=Friction(0.3, slip_speed=0.05)
+    )
+    whole = dropped(contact, integrator, 0.012)
+    dropped(contact, integrator, 0.006, checkpoint=tmp_path)
+    resumed = dropped(contact, integrator, 0.012, checkpoint=tmp_path, resume=True)
+    assert np.array_equal(resumed.u, whole.u) and np.array_equal(resumed.ledger.rows(), whole.ledger.rows())
+    assert np.abs(whole.contact("contact").resultant).min() > 0
+    sim = Simulation(whole.system, integrator, v0=whole.v, u0=whole.u, t0=whole.t)
+    for _ in range(5):
+        sim.step()
+    saved = sim.copy_state()
+    for _ in range(5):
+        sim.step()
+    u, total = sim.u, sim.contact("contact").resultant
+    sim.restore(saved)
+    for _ in range(5):
+        sim.step()
+    assert np.array_equal(sim.u, u) and np.array_equal(sim.contact("contact").resultant, total)
+
+
+def test_a_body_that_would_pass_through_a_shape_in_one_step_is_stopped():
+    """At 100 m/s a block passes a ball of 6 cm in one step of 10 ms; without the limit it meets nothing."""
+    mesh = box((0.1, 0.1, 0.1), (2, 2, 2))
+    ball = RigidContact(RigidSphere((0.05, 0.05, -0.3), 0.06), stiffness=1e9)
+    v0 = np.tile([0, 0, -100.0], (mesh.nv, 1))
+    body = System(mesh, [NeoHookean(young=3e7, poisson=0.3, density=1000.0), ball])
+    run = simulate(body, BackwardEuler(1e-2), until=1e-2, v0=v0.ravel(), quiet=True, raise_on_failure=False)
+    assert run.u.reshape(-1, 3)[:, 2].min() > -0.5 or "pass through a contact" in run.message
+
+
+def test_a_contact_that_touches_holds_a_body():
+    mesh = box((1.0, 1.0, 1.0), (2, 2, 2))
+    held = System(mesh, [LAW, Gravity((0, 0, -1.0)), RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM)], UPRIGHT)
+    assert solve_static(held, quiet=True).contact("contact").resultant[2] == pytest.approx(1.0, rel=1e-6)
+    apart = RigidContact(RigidPlane((0, 0, -0.1), (0, 0, 1)), BOTTOM)
+    with pytest.raises(SupportError, match=r"translation along z.*A contact holds a body along its normals alone.*damping"):
+        solve_static(System(mesh, [LAW, Gravity((0, 0, -1.0)), apart], UPRIGHT), quiet=True)
+
+
+def test_friction_carries_a_part_of_a_static_load():
+    """A pressed block is pulled: friction takes its share of what its supports took before, at most the coefficient."""
+    mesh, held = box((1.0, 1.0, 1.0), (2, 2, 2)), {TOP: "xy"}
+    for friction, share in ((None, 0.0), (Friction(0.2, slip_length=1e-5), 0.2)):
+        plane = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM, stiffness=1e5, friction=friction)
+        pulled = Traction(BOTTOM, lambda t: (100 * max(0.0, t - 0.5), 0, 0))
+        pressed = System(mesh, [LAW, plane, pulled, Traction(TOP, lambda t: (0, 0, -40 * min(1.0, 2 * t)))], held)
+        force = solve_static(pressed, steps=10, quiet=True).contact("contact").resultant
+        assert force == pytest.approx([-share * 40, 0, 40], rel=2e-3, abs=0.05)
+
+
+def test_a_named_plane_that_is_not_touched_changes_no_bit():
+    still = RigidContact(RigidPlane((0, 0, -9), (0, 0, 1)))
+    mesh = box((0.1, 0.1, 0.1), (2, 2, 2))
+    law, down = StVK(young=3e4, poisson=0.4, density=1000.0), Gravity((0, 0, -9.81))
+    runs = [
+        simulate(System(mesh, terms, {"left": "xyz"}), LinearBackwardEuler(1e-3), until=0.02, quiet=True)
+        for terms in ([law, down], [law, down, still])
+    ]
+    assert np.array_equal(runs[0].u, runs[1].u)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: RigidSphere((0, 0, 0), -1.0), "RigidSphere: radius = -1; expected a positive length"),
+        (lambda: RigidPlane((0, 0, 0), (0, 0, 0)), r"normal = \(0.0, 0.0, 0.0\); expected a direction"),
+        (lambda: RigidPlane((0, 0), (0, 0, 1)), "numbers of components: point 2, normal 3"),
+        (lambda: RigidCylinder((0, 0), (0, 1), 1.0), "In the plane take a RigidSphere"),
+        (lambda: RigidBox((0, 0, 0), (1, 1, 0)), "expected low below high"),
+        (lambda: RigidBox((0, 0, 0), (1, 1, 1), radius=0.6), "radius = 0.6; expected 0 to 0.5"),
+        (lambda: Friction(0.3), "neither slip_speed nor slip_length"),
+        (lambda: Friction(-0.3, slip_speed=1.0), "coefficient = -0.3; expected a positive number"),
+        (lambda: RigidContact("plane"), r"shape = 'plane'; expected RigidPlane\(...\)"),
+        (lambda: floor(stiffness=0.0), "RigidContact 'floor': stiffness = 0; expected a positive number"),
+        (lambda: floor(onset=-1.0), "onset = -1; expected a depth"),
+        (lambda: floor(friction=0.3), r"friction = 0.3; expected Friction\(...\)"),
+        (lambda: System(skfem.MeshTri(), [LAW, floor()]), "its RigidPlane has 3 components; expected 2"),
+        (
+            lambda: System(skfem.MeshTet(), [StVK(Anisotropic(np.eye(6))), floor()]),
+            r"without Young's modulus.*expected stiffness=",
+        ),
+        (
+            lambda: dropped(floor(friction=Friction(0.3, slip_length=1.0)), BackwardEuler(1e-3)),
+            r"Friction\(slip_speed=None\) in a motion",
+        ),
+        (
+            lambda: solve_static(
+                System(MESHES["tetrahedra"], [LAW, floor(friction=Friction(0.3, slip_speed=1.0))], {"left": "xyz"}), quiet=True
+            ),
+            r"Friction\(slip_length=None\) in statics",
+        ),
+    ],
+)
+def test_bad_contacts_are_refused(make, words):
+    with pytest.raises(ContactError, match=words):
+        make()
+
+
+def test_reduced_bodies_refuse_contacts():
+    body = System(box((1.0, 1.0, 1.0), (2, 2, 2)), [LAW, floor()], {"left": "xyz"})
+    with pytest.raises(StvkError, match="contacts 'floor'; expected none"):
+        ReducedSystem(body, 5, quiet=True)
+
+
+def test_the_shape_moves_with_time_and_the_load_factor():
+    contact = floor(motion=lambda t: (0, 0, t), stiffness=1.0)
+    term = System(MESHES["tetrahedra"], [LAW, contact]).bound_terms[1]
+    u = np.zeros((MESHES["tetrahedra"].nv, 3))
+    for t in (0.2, Moment(0.4, 1.0)):
+        term.at(t)
+        assert term.evaluated(u)[1].min() == pytest.approx(2e-3 - Moment.of(t).time)
+
+
+def test_removed_elements_take_their_facets_with_them():
+    body = System(box((1.0, 1.0, 1.0), (2, 2, 2)), [LAW, RigidContact(RigidPlane((0, 0, 0.1), (0, 0, 1)), BOTTOM)])
+    x = body.mesh.p[:, body.mesh.t].mean(axis=1)
+    torn = body.without(np.flatnonzero(x[0] < 0.5))
+    u = np.zeros(body.ndofs)
+    assert torn.bound_terms[1].energy_and_force(of_vertices(u)) == pytest.approx(
+        body.bound_terms[1].energy_and_force(of_vertices(u)) / 2
+    )
