@@ -15,6 +15,7 @@ from skfem_stvk import (
     EdgeNetwork,
     ElasticFoundation,
     ElementMesh,
+    Friction,
     Gravity,
     InvertibleStVK,
     Isotropic,
@@ -25,6 +26,11 @@ from skfem_stvk import (
     Pressure,
     PrincipalStressLimit,
     Ramp,
+    RigidBox,
+    RigidContact,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
     Sine,
     SpringNetwork,
     Stop,
@@ -80,6 +86,21 @@ ARRAYS = {
     "Pressure": (lambda p: with_load(Pressure(TIP, p)), np.linspace(1, 2, len(TIP))),
     "Pressure, where": (lambda ids: with_load(Pressure(ids, 2.0)), WALL),
     "ElasticFoundation": (lambda k: with_load(ElasticFoundation(WALL, k)), np.array([1.0, 2.0, 3.0])),
+    "RigidSphere": (
+        lambda c: with_load(RigidContact(RigidSphere(c, 0.6), stiffness=3.0, friction=Friction(0.1, slip_length=1.0))),
+        np.array([0.1, 0.2, 0.3]),
+    ),
+    "RigidPlane": (lambda x: with_load(RigidContact(RigidPlane(x, (0, 0, 1)), stiffness=3.0)), np.array([0.1, 0.2, 0.3])),
+    "RigidContact, where": (lambda ids: with_load(RigidContact(RigidPlane((0, 0, 0.5), (0, 0, 1)), ids, 3.0)), WALL),
+    "RigidContact, motion": (
+        lambda m: with_load(RigidContact(RigidPlane((0, 0, 0.5), (0, 0, 1)), stiffness=3.0, motion=m)),
+        np.array([0.0, 0.0, 0.2]),
+    ),
+    "RigidBox": (lambda low: with_load(RigidContact(RigidBox(low, (2.0, 2.0, 2.0)), stiffness=3.0)), np.array([0.3, 0.2, 0.1])),
+    "RigidCylinder": (
+        lambda point: with_load(RigidContact(RigidCylinder(point, (0, 1, 0), 0.5), stiffness=3.0)),
+        np.array([0.1, 0.2, 0.3]),
+    ),
     "ElasticFoundation, where": (lambda ids: with_load(ElasticFoundation(ids, 3.0)), WALL),
     "EdgeNetwork": (lambda edges: [EdgeNetwork(edges, NETWORK.L)], NETWORK.edges),
     "SpringNetwork": (lambda k: [SpringNetwork(stiffness=k)], SPRINGS),
@@ -168,7 +189,7 @@ def test_objects_that_numpy_converts_to_arrays_are_copied_too():
 def test_every_public_specification_is_in_the_table():
     plain = {"BackwardEuler", "EdgeDamping", "EnergyMomentum", "ForwardEuler", "GeneralizedAlpha", "LinearBackwardEuler", "Newmark"}
     plain |= {"Rayleigh", "VelocityVerlet"}  # numbers and names only, which cannot change
-    plain |= {"Box", "NearestNode", "Plane"}  # tuples of numbers
+    plain |= {"Box", "NearestNode", "Plane", "Friction"}  # tuples of numbers, and numbers
     results = {"MeshQuality", "Report", "Run", "StaticResult"}
     known = {name.split(",")[0] for name in ARRAYS} | {"ElementMesh", "Stop", "PrincipalStressLimit"}
     public = {name for name in skfem_stvk.__all__ if dataclasses.is_dataclass(getattr(skfem_stvk, name))}

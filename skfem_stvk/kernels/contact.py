@@ -1,7 +1,7 @@
 """Contact of points with a rigid shape by a penalty: gaps, forces, blocks of K, mean forces and step limits.
 
-The surface of a body has facets with `nq` points each. Point q of a facet is at `x = sum_a N_qa x_a`, with the nodes a of the facet.
-Its gap `g` to the shape is positive outside, its depth is `p = max(-g, 0)`, and `n = dg/dx` is the normal. With the penalty
+The surface of a body has facets with `nq` points each. Point q of a facet is at `x = sum_a N_qa x_a`, with the nodes a of the
+facet. Its gap `g` to the shape is positive outside, its depth is `p = max(-g, 0)`, and `n = dg/dx` is the normal. With the penalty
 
     psi(p) = k p^2/2                                                       onset e = 0
     psi(p) = k p^3/(6 e) for p <= e, k (p^2/2 - e p/2 + e^2/6) above       0 < e: psi'' = k min(p/e, 1)
@@ -10,12 +10,13 @@ energy, force and stiffness are sums over points of the area `w` at rest:
 
     W = sum w psi        f_a = sum w psi_g N_a n        K_ab = sum w N_a N_b (psi_gg n n' + psi_g dn/dx)        psi_g = -psi'(p)
 
-Between two states with gaps `g0` and `g1`, the mean force `s N_a n` has the slope `s = (psi(g1) - psi(g0))/(g1 - g0)` and a mean normal
-with `n . (dx - dx_shape) = g1 - g0`, so that its work is exact. The slope is the mean of `psi_g` over the depths between them, and is
-computed on each branch of psi, without cancellation.
+Between two states with gaps `g0` and `g1`, the mean force `s N_a n` has the slope `s = (psi(g1) - psi(g0))/(g1 - g0)`. Its mean
+normal has `n . (dx - dx_shape) = g1 - g0`, so that its work is exact. The slope is the mean of `psi_g` over the depths between
+them. It is computed on each branch of psi, without cancellation.
 
-The numbers of a shape are a position (3), a direction or half sizes (3), the radius and the sign (-1 if the body is inside). The shape is
-displaced by `shift` (3,). Arrays: `weights` (n, nq) areas times `k`, `u` (nv, d), at most 3 components. Forces are added to `f` (nv, d).
+The numbers of a shape are a position (3), a direction or half sizes (3), the radius and the sign (-1 if the body is inside). The
+shape is displaced by `shift` (3,). Arrays: `weights` (n, nq) areas times `k`, `u` (nv, d), at most 3 components. Forces are added
+to `f` (nv, d).
 """
 
 from __future__ import annotations
@@ -37,8 +38,10 @@ class Surface(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Blocks of the nodes `own` (nodes, d, d) and of `pairs` (pairs, d, d) [N/m]. Nodes `first` and `second` (p,) of facet i are pair
-    `sides` (p, n)."""
+    """Blocks of the nodes `own` (nodes, d, d) and of `pairs` (pairs, d, d) [N/m].
+
+    Nodes `first` and `second` (p,) of facet i are the pairs `sides` (p, n).
+    """
 
     sides: Ids
     first: Ids
@@ -47,7 +50,7 @@ class Blocks(NamedTuple):
     own: Reals
 
 
-class Shape(NamedTuple):
+class ShapeNumbers(NamedTuple):
     """A rigid shape: its kind and its numbers (8,)."""
 
     kind: int
@@ -207,9 +210,9 @@ def _mean_slope(q0, q1, e):
 
 @inlined
 def _mean_stiffness(q0, q1, e):
-    """Return `2 integral of s psi''(q0 + s (q1 - q0)) ds` for k = 1 over s from 0 to 1: twice the derivative of the mean slope by `q1`.
+    """Return `2 integral of s psi''(q0 + s (q1 - q0)) ds` for k = 1 over s from 0 to 1.
 
-    The mean force enters the equation of a step twice.
+    It is twice the derivative of the mean slope by `q1`, because the mean force enters the equation of a step twice.
     """
     change = q1 - q0
     if change == 0:
@@ -252,7 +255,7 @@ def _spread(c, n, N, t, i, q, f):
 
 
 @kernel
-def energy_and_force(surface: Surface, weights: Reals, shape: Shape, shift: Reals, e: float, u: Reals, f: Reals) -> float:
+def energy_and_force(surface: Surface, weights: Reals, shape: ShapeNumbers, shift: Reals, e: float, u: Reals, f: Reals) -> float:
     """Return the energy [J]; add the internal force [N] to `f`, unless that is empty."""
     N, t, X = surface
     kind, numbers = shape
@@ -300,7 +303,7 @@ def _stiffness(normal, curved, n, B):
 def add_blocks(
     surface: Surface,
     weights: Reals,
-    shape: Shape,
+    shape: ShapeNumbers,
     shift: Reals,
     e: float,
     u: Reals,
@@ -308,7 +311,10 @@ def add_blocks(
     everywhere: bool,
     blocks: Blocks,
 ) -> None:
-    """Add the blocks of K [N/m]; `kept` is the factor of `psi_g dn/dx`. `everywhere`: with `psi'' = k`, as if all points touched."""
+    """Add the blocks of K [N/m]; `kept` is the factor of `psi_g dn/dx`.
+
+    `everywhere`: with `psi'' = k`, as if all points touched.
+    """
     N, t, X = surface
     kind, numbers = shape
     for i in range(len(t)):
@@ -328,7 +334,7 @@ def add_blocks(
 def add_mean_force(
     surface: Surface,
     weights: Reals,
-    shape: Shape,
+    shape: ShapeNumbers,
     shift0: Reals,
     shift1: Reals,
     e: float,
@@ -353,7 +359,7 @@ def add_mean_force(
 def add_mean_blocks(
     surface: Surface,
     weights: Reals,
-    shape: Shape,
+    shape: ShapeNumbers,
     shift0: Reals,
     shift1: Reals,
     e: float,
@@ -375,7 +381,9 @@ def add_mean_blocks(
 
 
 @kernel
-def find_gaps(surface: Surface, weights: Reals, shape: Shape, shift: Reals, e: float, u: Reals, gaps: Reals, forces: Reals) -> None:
+def find_gaps(
+    surface: Surface, weights: Reals, shape: ShapeNumbers, shift: Reals, e: float, u: Reals, gaps: Reals, forces: Reals
+) -> None:
     """Write the gaps (n, nq) [m] of all points, and the normal forces on them (n, nq) [N]."""
     N, t, X = surface
     kind, numbers = shape
@@ -387,7 +395,7 @@ def find_gaps(surface: Surface, weights: Reals, shape: Shape, shift: Reals, e: f
 
 
 @kernel
-def find_normals(surface: Surface, shape: Shape, shift: Reals, u: Reals, gaps: Reals, normals: Reals) -> None:
+def find_normals(surface: Surface, shape: ShapeNumbers, shift: Reals, u: Reals, gaps: Reals, normals: Reals) -> None:
     """Write the gaps (n,) [m] of points and the normals (n, d) there, of facets with one point each."""
     N, t, X = surface
     kind, numbers = shape
@@ -425,7 +433,7 @@ def _chord(kind, numbers, x, v):
 
 
 @kernel
-def step_limit(surface: Surface, shape: Shape, shift: Reals, u: Reals, v: Reals) -> float:
+def step_limit(surface: Surface, shape: ShapeNumbers, shift: Reals, u: Reals, v: Reals) -> float:
     """Return the smallest `s > 0` at which a point is deepest on its way `u + s v` through the shape, or infinity.
 
     Beyond it, the penalty would push the point out on the other side. A plane, and a shape around the body, have no other side.
@@ -463,7 +471,15 @@ def _friction(y, width):
 
 @kernel
 def add_friction(
-    surface: Surface, shape: Shape, shift: Reals, past: Reals, width: float, secants: Reals, u: Reals, factor: float, f: Reals
+    surface: Surface,
+    shape: ShapeNumbers,
+    shift: Reals,
+    past: Reals,
+    width: float,
+    secants: Reals,
+    u: Reals,
+    factor: float,
+    f: Reals,
 ) -> float:
     """Add `factor` times the force against the slip to `f`, unless that is empty; return the work against it [J].
 
@@ -487,7 +503,7 @@ def add_friction(
 
 
 @kernel
-def find_secants(surface: Surface, shape: Shape, shift: Reals, past: Reals, width: float, u: Reals, out: Reals) -> None:
+def find_secants(surface: Surface, shape: ShapeNumbers, shift: Reals, past: Reals, width: float, u: Reals, out: Reals) -> None:
     """Write the force per slip (n, nq) [N/m] at `u`."""
     N, t, X = surface
     numbers = shape.numbers
@@ -502,7 +518,7 @@ def find_secants(surface: Surface, shape: Shape, shift: Reals, past: Reals, widt
 @kernel
 def add_friction_blocks(
     surface: Surface,
-    shape: Shape,
+    shape: ShapeNumbers,
     shift: Reals,
     past: Reals,
     width: float,
@@ -540,7 +556,7 @@ def add_friction_blocks(
 
 @kernel
 def remember(
-    surface: Surface, weights: Reals, shape: Shape, shift: Reals, e: float, u: Reals, coefficient: float, past: Reals
+    surface: Surface, weights: Reals, shape: ShapeNumbers, shift: Reals, e: float, u: Reals, coefficient: float, past: Reals
 ) -> None:
     """Write position, largest friction `coefficient w psi'` [N] and normal of each point at an accepted state to `past`."""
     N, t, X = surface

@@ -70,4 +70,4 @@ def contact_state(system: System, name: str, u: Array, t: Time) -> ContactState:
     force = np.zeros(x.shape)
     term.energy_and_force(x, force)
     pressure, gap, area = term.evaluated(x)
-    return ContactState(name, -force, pressure, gap, area, system.units)
+    return ContactState(term.name, -force, pressure, gap, area, system.units)

@@ -266,7 +266,6 @@ class _Solve:
         self._options, self._watch, self._history = options, Stopwatch(), History()
         solver = options.solver_for(body)
         self._start = _start(system, u0, float(options.t0))
-        system.commit(self._start, float(options.t0))
         self._problem = Equilibrium(body, solver, self._watch)
         self._requested_solver = self._problem.tangent.solver.name
         self._verdict, self._branch = Verdict(True, None), ""

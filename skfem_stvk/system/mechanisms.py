@@ -109,8 +109,8 @@ def check_held(
         messages.append(
             f"{_listed(free, 'parts')}. Fix more components (fixed={{place: 'xyz'}}), prescribe them, or add an "
             "ElasticFoundation. To join parts, merge the vertices of their common faces."
-            + " A contact holds a body along its normals alone, and where it touches at the start; otherwise simulate the motion with "
-            "damping." * (touching is not None)
+            + " A contact holds a body along its normals alone, and where it touches at the start; otherwise simulate the motion "
+            "with damping." * (touching is not None)
         )
     if mesh.k == mesh.d > 1 and space.any(bool(solid.any())):
         loose = mechanisms(

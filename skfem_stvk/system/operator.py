@@ -133,8 +133,8 @@ class TangentOperator(LinearOperator):
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """Return the blocks without a copy, for solvers with products of their own.
 
-        Return None unless the operator consists of one term on elements, and of terms with blocks of single vertices. A divided body
-        must be in space, and have one term.
+        Return None unless the operator consists of one term on elements, and of terms with blocks of single vertices. A divided
+        body must be in space, and have one term.
 
         Errors as in `diagonal_blocks`.
         """
@@ -150,6 +150,8 @@ class TangentOperator(LinearOperator):
 
     def _blocks_of_vertices(self, vertices: Array) -> tuple[Array, Array] | None:
         """Return the rows and the blocks (9 m,) of the terms after the first one; None if they couple different vertices."""
+        if len(self._terms) == 1:
+            return NO_ROWS, NO_BLOCKS
         d, rows, every = self._mesh.d, [NO_ROWS], [NO_BLOCKS]
         for term, blocks in zip(self._terms[1:], self._blocks[1:], strict=True):
             found = term.pairs.of_vertices(blocks)

@@ -819,9 +819,8 @@ class System(BoundTerms):
             elif isinstance(term, HoldsShape):
                 solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
-        touching = None
+        x, touching = self._state(np.zeros(self.ndofs) if u is None else u), None
         if self.contacts:
-            x = np.zeros(self.mesh.p.T.shape) if u is None else self._state(u)
             nodes, directions = zip(*(contact.held_directions(x) for contact in self.contacts), strict=True)
             touching = np.concatenate(nodes), np.concatenate(directions)
         constrained = np.union1d(self.supports.held, stay)

@@ -228,7 +228,7 @@ class HasContact(Protocol):
         """Return numbers that differ from those of another contact, for checkpoints."""
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
-        """Return the pressure (nv,) [Pa] and the smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
+        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
 
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
         """Return nodes (m,) that touch at `u` (nv, d), and unit vectors (m, d) along which the contact holds them."""

@@ -40,8 +40,8 @@ class Friction:
     """Coulomb friction, whose force rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
 
     The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
-    the last accepted state, so that friction lags behind by a step. Its stiffness is symmetric. In motions the width is `slip_speed`
-    times the step: a body that sticks creeps slower than that.
+    the last accepted state, so that friction lags behind by a step. Its stiffness is symmetric. In motions the width is
+    `slip_speed` times the step: a body that sticks creeps slower than that.
 
     Parameters
     ----------
@@ -86,18 +86,6 @@ class Friction:
                 "hundredth of the speed of sliding, or slip_length=... [m] for statics."
             )
 
-    def check(self, in_time: bool, what: str) -> None:
-        """Raise ContactError if the width that an analysis needs is missing."""
-        if in_time and self.slip_speed is None:
-            raise ContactError(f"{what}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
-        if not in_time and self.slip_length is None:
-            raise ContactError(f"{what}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
-
-    def width(self, duration: float | None) -> float:
-        """Return the slip [m] up to which friction rises, in motions over a `duration` [s]."""
-        width = self.slip_length if duration is None else (self.slip_speed or 0.0) * max(duration, 0.0)
-        return width or 0.0
-
 
 @dataclass(frozen=True, eq=False)
 class RigidContact:
@@ -116,7 +104,7 @@ class RigidContact:
         `RigidPlane`, `RigidSphere`, `RigidCylinder` or `RigidBox`.
     where
         Location of the facets that may touch, as in `Traction`; of surfaces in space a subdomain or ids. By default the whole
-        surface.
+        surface: then the areas of all facets count at edges of the body, also of those that face away.
     stiffness
         Stiffness `k` [N/m^3]. By default `10 E/h`, with Young's modulus E of the element behind each facet and the mean length h of
         its edges: a pressure of `E/10` makes a depth of 1 % of the element.
@@ -143,7 +131,7 @@ class RigidContact:
     --------
     >>> import numpy as np, skfem
     >>> from skfem_stvk import RigidPlane, StVK, System
-    >>> floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), stiffness=1e6)
+    >>> floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), where=lambda x: x[2] == 0, stiffness=1e6)
     >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), floor])
     >>> u = np.tile([0, 0, -0.01], 8)                       # 1 cm deep: 1/2 k depth^2 [J], k depth [N] on 1 m^2
     >>> round(cube.energy(u), 9), float(cube.internal_force(u).reshape(-1, 3).sum(axis=0)[2].round(9))
@@ -224,7 +212,7 @@ class BoundRigidContact:
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
         self.contact, self.name = contact, contact.name
-        self._shape, self._shift = kernels.Shape(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
+        self._shape, self._shift = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
         self._between: tuple[Array, Array] | None = None
         self._is_touching_everywhere = False
         self._facets, self._element = _facets_of(contact, body)
@@ -330,7 +318,7 @@ class BoundRigidContact:
         return self.nodes[held].astype(np.int64), normals[held]
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
-        """Return the pressure (nv,) [Pa] and the smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
+        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
         (N, t, _), gaps, slopes = self._surface, np.empty_like(self.areas), np.empty_like(self.areas)
         kernels.find_gaps(self._surface, self._weights, self._shape, self._shift, self.contact.onset, u, gaps, slopes)
         sums = [np.zeros(len(u)) for _ in range(2)]
@@ -350,8 +338,8 @@ class BoundRigidContact:
 class RigidContactWithHistory(BoundRigidContact):
     """Contact with a shape that moves, or with friction.
 
-    The history is the displacement (3,) of the shape at the last accepted state and its time; with friction also the position, the
-    largest friction [N] and the normal of each point, (n, nq, 7).
+    The history is the displacement (3,) of the shape at the beginning of the step, and its time. With friction, the position, the
+    largest friction [N] and the normal of each point follow, (n, nq, 7).
     """
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
@@ -387,8 +375,11 @@ class RigidContactWithHistory(BoundRigidContact):
     def with_new_history(self, in_time: bool) -> RigidContactWithHistory:
         """Return the contact for a new analysis."""
         other = copy(self)
-        if self.contact.friction is not None:
-            self.contact.friction.check(in_time, self.contact.what)
+        friction, what = self.contact.friction, self.contact.what
+        if friction is not None and in_time and friction.slip_speed is None:
+            raise ContactError(f"{what}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
+        if friction is not None and not in_time and friction.slip_length is None:
+            raise ContactError(f"{what}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
         other._in_time = in_time
         other._forget()
         other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
@@ -398,9 +389,10 @@ class RigidContactWithHistory(BoundRigidContact):
         """Move the shape to its place at load factor or time `t`, and set the slip up to which friction rises."""
         self._shift = np.zeros(3)
         self._shift[: self._body.mesh.d] = self._motion.at(t)[:, 0]
-        if self.contact.friction is not None:
-            since = Moment.of(t).time - self._history[3]
-            self._width = self.contact.friction.width(since if self._in_time else None)
+        friction = self.contact.friction
+        if friction is not None:
+            duration = max(Moment.of(t).time - self._history[3], 0.0)
+            self._width = (friction.slip_speed or 0.0) * duration if self._in_time else friction.slip_length or 0.0
 
     def commit(self, u: Array, t: float) -> None:
         """Store the accepted state."""
@@ -421,7 +413,7 @@ class RigidContactWithHistory(BoundRigidContact):
         return self.contact.friction is not None and self._width > 0
 
     @property
-    def _slipped(self) -> tuple[kernels.Shape, Array, Array, float]:
+    def _slipped(self) -> tuple[kernels.ShapeNumbers, Array, Array, float]:
         """Arguments of the kernels of friction."""
         return self._shape, self._shift, self._past, self._width
 

@@ -127,6 +127,9 @@ class Wells:
     def step_limit(self, u, v):
         return np.inf
 
+    def contact_limit(self, u, v):
+        return np.inf, ""
+
     def keeps_orientations(self, u, found):
         return True
 
@@ -207,6 +210,11 @@ FAULTS = {
         lambda: faulty(step_limit=lambda u, v: 1e-4, named=lambda found: "this one"),
         {"full_first": False},
         End.INSIDE_OUT,
+    ),
+    "a contact limit far below one": (
+        lambda: faulty(contact_limit=lambda u, v: (1e-4, "floor")),
+        {"full_first": False},
+        End.CONTACT,
     ),
     "a result with inverted elements": (
         lambda: faulty(inside_out=lambda u: ["corner"] * int(np.abs(u).max() > 0.1)),

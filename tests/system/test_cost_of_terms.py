@@ -23,6 +23,8 @@ from skfem_stvk import (
     NeoHookean,
     NodalLoad,
     Pressure,
+    RigidContact,
+    RigidPlane,
     SpringNetwork,
     StVK,
     System,
@@ -54,6 +56,7 @@ ELEMENTS = {
 }
 OTHERS = {
     ElasticFoundation: ElasticFoundation("right", 1e4),
+    RigidContact: RigidContact(RigidPlane((0.0, 0.0, 0.1), (0.0, 0.0, 1.0)), "right"),
     Gravity: Gravity((0.0, 0.0, -9.81)),
     BodyForce: BodyForce((0.0, 0.0, -1.0)),
     NodalLoad: NodalLoad("right", (0.0, 0.0, -1.0)),

@@ -17,8 +17,12 @@ from skfem_stvk import (
     Newmark,
     PrincipalStressLimit,
     Rayleigh,
+    RigidContact,
+    RigidPlane,
     Run,
     Simulation,
+    StVK,
+    System,
     VelocityVerlet,
     critical_elements,
     critical_step,
@@ -28,7 +32,7 @@ from skfem_stvk import (
 from skfem_stvk.dynamics import LargestFrequency, Ledger, Modes
 
 from .call import Call
-from .small_bodies import FLAG, NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, system
+from .small_bodies import FLAG, NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, system
 
 IMPLICIT = (BackwardEuler, LinearBackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 MORE: dict[type, dict[str, Any]] = {Newmark: {"beta": 0.5, "gamma": 0.5}, GeneralizedAlpha: {"rho": 0.5}}
@@ -178,6 +182,7 @@ def calls() -> list[Call]:
         Call("Simulation.u_at", lambda: (_simulation().u_at, {"nodes": "left"}), {}, {"nodes": PLACE}),
         Call("Simulation.mean", lambda: (_simulation().mean, {"name": "left"}), {}, {"name": rf"\bname\b|{PLACE}"}),
         Call("Simulation.reaction", lambda: (_simulation().reaction, {"name": "left"}), {}, {"name": rf"\bname\b|{PLACE}"}),
+        Call("Simulation.contact", lambda: (_touching().contact, {"name": "floor"}), {}, {"name": r"\bname\b|contact"}),
         Call("Simulation.restore", lambda: (_simulation().restore, {"state": _simulation().copy_state()})),
         call("Simulation.save", _saved, {"path": TEXT - {"empty text", "long text", "NUL"}}, path="simulation"),
         call(
@@ -213,6 +218,13 @@ def _simulation() -> Simulation:
     sim = Simulation(system(), EnergyMomentum(0.125), pushed=["tip"])
     sim.step()
     return sim
+
+
+@cache
+def _touching() -> Simulation:
+    """Return a driven motion with a contact."""
+    floor = RigidContact(RigidPlane((0.0, 0.1), (0.0, 1.0)), stiffness=1.0, name="floor")
+    return Simulation(System(mesh(), [StVK(young=2.0, poisson=0.25, density=1.0), floor]), EnergyMomentum(0.125))
 
 
 def _driven(**given: Any) -> Any:

@@ -132,6 +132,7 @@ def calls() -> list[Call]:
             free=np.arange(10.0),
             fixed=[0.5, 0.25],
         ),
+        call("System.check_held", body.check_held, {"u": OPTIONAL}, u=u),
         call(
             "System.without",
             _left,
