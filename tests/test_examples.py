@@ -243,6 +243,13 @@ def test_ex29_finger():
     assert example.miss["proportional"] > 2 * example.miss["looking ahead"]
 
 
+def test_ex30_bounce():
+    example = run("ex30_bounce")
+    assert example.run.success and example.missing < 1e-12
+    assert 0.3 < example.energies["lost to friction"][-1] / example.energies["motion"][0] < 0.5
+    assert example.energies["contact"].max() > 0.02 * example.energies["motion"][0]
+
+
 def test_every_example_has_a_test_and_a_picture():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
