@@ -86,6 +86,14 @@ class UnitSystem:
         dimensions = {symbol: dimension for dimension, symbol in UNITS["SI"].symbols.items()}
         return re.sub("|".join(sorted(dimensions, key=len, reverse=True)), lambda one: self.symbols[dimensions[one[0]]], unit)
 
+    def text(self, sentence: str) -> str:
+        """Return a sentence whose lengths, times, forces, stresses and energies have the units of this system; numbers stay.
+
+        >>> UNITS["mm-kg-ms"].text("t = 3 s: a step of 1e-05 s is below 2 steps, 0.1 m in 5 parts")
+        't = 3 ms: a step of 1e-05 ms is below 2 steps, 0.1 mm in 5 parts'
+        """
+        return re.sub(r"(?<=\d )(?:s|m|N|Pa|J)(?![\w/^])", lambda one: self.of(one[0]), sentence)
+
     def factor(self, dimension: str | None) -> float:
         """Return the unit of a dimension in SI units; 1 for pure numbers. StvkError for an unknown dimension."""
         if dimension is None:

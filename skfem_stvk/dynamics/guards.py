@@ -107,7 +107,8 @@ class Inversions:
         inverted = self._elements(record.state)
         if len(inverted) and not self._warned:
             self._warned = True
-            warn(f"t = {record.state.t:.4g} s: {name_ids(inverted, 'element')} inverted. {self._advice()}")
+            text = f"t = {record.state.t:.4g} s: {name_ids(inverted, 'element')} inverted. {self._advice()}"
+            warn(self._motion.system.units.text(text))
         return len(inverted)
 
     @property
@@ -166,11 +167,12 @@ class Jumps:
         t, sizes = found
         self._active = False
         vertices = self._vertices(fast[sizes > 0])
-        warn(
+        text = (
             f"t = {t:.6g} s: the supports of {name_ids(vertices, 'vertex')} jump by up to {sizes.max():.3g} m. The energy of "
             f"a jump depends on dt. Move them by a ramp over {STEPS} steps or more, or start from a deformed state: "
             "u0=solve_static(...).u."
         )
+        warn(self._motion.system.units.text(text))
 
     def _vertices(self, jumping: NDArray[np.intp]) -> NDArray[np.int64]:
         """Return the vertices that the jumping constrained degrees of freedom move."""

@@ -202,7 +202,7 @@ class Loop:
         findings = self._monitors.at(u)
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
             status = Status.ENDED_INVERTED
-        message = self._message(status, detail, cause, findings)
+        message = self._units.text(self._message(status, detail, cause, findings))
         return Run(
             motion=setup.motion,
             integrator=setup.integrator,

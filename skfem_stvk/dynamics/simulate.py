@@ -246,11 +246,11 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.most(float(np.abs(prescribed).max(initial=0.0))))]
     if len(far):
         vertices = name_ids(np.unique(mesh.node_numbers[far // mesh.d]), "vertex")
-        raise SupportError(
-            f"{vertices}: u0 differs from the supports at t0 = {t0:g} s by up to "
-            f"{gap.max():.3g} m. In dynamics constants do not ramp. Prescribe a function of t that starts at u0, or start from an "
-            "equilibrium: u0=solve_static(...).u."
+        text = (
+            f"{vertices}: u0 differs from the supports at t0 = {t0:g} s by up to {gap.max():.3g} m. In dynamics constants do not "
+            "ramp. Prescribe a function of t that starts at u0, or start from an equilibrium: u0=solve_static(...).u."
         )
+        raise SupportError(system.units.text(text))
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

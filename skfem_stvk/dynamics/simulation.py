@@ -196,7 +196,7 @@ class Simulation:
             end = clock.next(inf)[0]
             self._inputs.begin(values, state.t, end)
         else:
-            end = number("until", until, f"a time after t = {state.t:.9g} s", state.t)
+            end = number("until", until, self.system.units.text(f"a time after t = {state.t:.9g} s"), state.t)
             self._inputs.begin(values, state.t, end - SLACK * clock.dt)
         self._before.copy_from(state)
         try:
@@ -233,7 +233,7 @@ class Simulation:
 
     def _failure(self, error: Exception, end: float) -> str:
         halved = f", not even in {2**self._steps.halvings} parts" if self._steps.halvings else ""
-        return (
+        return self.system.units.text(
             f"No state was found between t = {self.t:.6g} s and {end:.6g} s{halved}: {str(error).rstrip('.')}. The simulation is "
             "as it was before. Try a smaller dt, smaller changes of the inputs, or halvings=6; on_failure='hold' goes on without "
             "an error."
@@ -562,7 +562,7 @@ class Simulation:
 
     def __repr__(self) -> str:
         inputs = ", ".join(map(repr, self._inputs.known)) or "none"
-        return (
+        return self.system.units.text(
             f"Simulation at t = {self.t:g} s, {self.steps} steps with {self._integrator}; inputs: {inputs}; {self._motion.body!r}"
         )
 

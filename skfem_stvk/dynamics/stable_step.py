@@ -30,7 +30,7 @@ class StableStep:
     def __init__(self, motion: Motion, integrator: Integrator) -> None:
         self._user_dt, self._integrator, self._warned = integrator.dt, integrator, False
         self._last: CriticalStep | None = None
-        self._motion = motion
+        self._motion, self._text = motion, motion.system.units.text
         self._largest = self._frequencies()
 
     def _frequencies(self) -> LargestFrequency | None:
@@ -46,10 +46,11 @@ class StableStep:
         """Return the first step [s] and the schedule of its reviews. Refuse a step that the rounding of times does not resolve."""
         dt, reviews = self._first(state)
         if not Clock(state.t, dt).resolves(dt):
-            raise StvkError(
+            earlier = (
                 f"t0 = {state.t:g} s; expected an earlier time for steps of dt = {dt:.4g} s, because times there are rounded to "
                 f"{ulp(state.t):.2g} s. Count the time from 0: leave t0 out, and shift functions of t by t0."
             )
+            raise StvkError(self._text(earlier))
         return dt, reviews
 
     @np.errstate(over="ignore", invalid="ignore")  # a body may be about to blow up
@@ -76,9 +77,8 @@ class StableStep:
         elif clock.dt > share * MOST * step or clock.dt < share * min(LEAST * step, reviews.largest):
             dt = share * min(SAFETY * step, reviews.largest)
             if not clock.resolves(dt):
-                raise StateError(
-                    f"the body is so stiff there that steps would be of {dt:.2g} s, which rounded times do not resolve"
-                )
+                stiff = f"the body is so stiff there that steps would be of {dt:.2g} s, which rounded times do not resolve"
+                raise StateError(self._text(stiff))
             return dt, reviews
         return clock.dt, reviews
 
@@ -132,10 +132,11 @@ class StableStep:
     def _warn(self, dt: float, t: float) -> None:
         if self._last is not None and dt > self._last.step:
             self._warned = True
-            warn(
+            above = (
                 f"t = {t:.4g} s: the step dt = {dt:.4g} s is above the critical one, {self._last.step:.4g} s (safe bound "
                 f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller step, or dt=None to have it computed."
             )
+            warn(self._text(above))
 
 
 def halving_text(reviews: Reviews) -> str:

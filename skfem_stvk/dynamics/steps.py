@@ -88,7 +88,8 @@ class Steps:
                 raise
             self._consecutive += 1
             if self._consecutive == MANY:
-                warn(f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent.")
+                text = f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent."
+                warn(self._motion.system.units.text(text))
             return True
         self._consecutive = 0
         return False

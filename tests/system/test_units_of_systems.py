@@ -6,7 +6,21 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk import BackwardEuler, Gravity, Scene, StVK, StvkError, System, modes, simulate, solve_static
+from skfem_stvk import (
+    BackwardEuler,
+    Gravity,
+    Scene,
+    Simulation,
+    StVK,
+    StvkError,
+    StvkWarning,
+    SupportError,
+    System,
+    VelocityVerlet,
+    modes,
+    simulate,
+    solve_static,
+)
 from skfem_stvk.cli.main import main
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.results import animate
@@ -20,7 +34,7 @@ STEEL = {"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9}
 def beam(**options):
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 100, 9), np.linspace(0, 10, 3)).with_defaults()
     given = {"units": "mm-N-MPa"} | options
-    return System(mesh, [StVK(**STEEL), Gravity([0, -9810.0])], fixed={"left": "xy"}, **given)
+    return System(mesh, [StVK(**STEEL), Gravity([0, -9810.0])], **({"fixed": {"left": "xy"}} | given))
 
 
 def texts(figure):
@@ -92,6 +106,20 @@ def test_a_large_soft_body_in_si_gets_a_question():
 def test_a_density_in_kilograms_is_questioned_in_millimetres():
     body = System(skfem.MeshTri().scaled(100.0), StVK(young=2.1e5, poisson=0.3, density=7850.0), units="mm-N-MPa")
     assert any("7850 kg/m^3 is 7.85e-09 t/mm^3" in text for text in body.implausible())
+
+
+@pytest.mark.parametrize(("units", "time", "length"), [("mm-kg-ms", "ms", "mm"), ("SI", "s", "m")])
+def test_messages_on_steps_and_jumps_name_the_units(units, time, length):
+    body = beam(units=units)
+    with pytest.warns(StvkWarning, match=rf"t = 0 {time}: the step dt = 1 {time} is above the critical one, \S+ {time} \(safe"):
+        run = simulate(body, VelocityVerlet(1.0), until=30.0, quiet=True, raise_on_failure=False)
+    assert f"The step was 1 {time} (critical step " in run.message and (time == "s") == bool(re.search(r"\d s\b", run.message))
+    with pytest.raises(SupportError, match=rf"t0 = 0 {time} by up to 0.1 {length}\. In dynamics"):
+        simulate(beam(units=units, fixed={}, prescribed={"left": {"x": 0.1}}), VelocityVerlet(), until=1.0, quiet=True)
+    sim = Simulation(body, VelocityVerlet(1e-7), t0=2.0)
+    assert repr(sim).startswith(f"Simulation at t = 2 {time}, 0 steps")
+    with pytest.raises(StvkError, match=rf"until = 1; expected a time after t = 2 {time}"):
+        sim.step(until=1.0)
 
 
 def test_headers_of_runs_ask_once(capfd):
