@@ -118,7 +118,7 @@ def test_messages_on_steps_and_jumps_name_the_units(units, time, length):
         simulate(beam(units=units, fixed={}, prescribed={"left": {"x": 0.1}}), VelocityVerlet(), until=1.0, quiet=True)
     sim = Simulation(body, VelocityVerlet(1e-7), t0=2.0)
     assert repr(sim).startswith(f"Simulation at t = 2 {time}, 0 steps")
-    with pytest.raises(StvkError, match=rf"until = 1; expected a time after t = 2 {time}"):
+    with pytest.raises(StvkError, match=rf"until = 1.0; expected a time after t = 2 {time}"):
         sim.step(until=1.0)
 
 
