@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse.linalg
 from bodies import BODIES, MESHES, state
 
-from skfem_stvk import ElasticFoundation, StateError, StVK, System
+from skfem_stvk import ElasticFoundation, RigidContact, RigidPlane, StateError, StVK, System
 from skfem_stvk.edges import ALL, NONE, TENSILE
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.errors import StvkError
@@ -375,18 +375,24 @@ def test_a_changed_shift_takes_effect_in_the_next_product():
     assert np.abs(added[held.free] - shift).max() < 1e-13 * np.abs(diagonal).max() and not added[held.fixed].any()
 
 
-def test_the_blocks_by_edges_are_the_same_matrix():
-    body, held = System(SOLID.mesh, TERM), SOLID.free_dofs(np.arange(7))
+@pytest.mark.parametrize("touching", [False, True])
+def test_the_blocks_by_edges_are_the_same_matrix(touching):
+    """Terms of single vertices, such as contact, are blocks against the ground."""
+    middle = SOLID.mesh.p.mean(axis=1)
+    terms = [TERM, *[RigidContact(RigidPlane(middle, normal), stiffness=1e3) for normal in ((1, 2, 3), (3, 2, -1))] * touching]
+    body, held = System(SOLID.mesh, terms), SOLID.free_dofs(np.arange(7))
     u, shift = state(SOLID.mesh), np.linspace(1, 2, SOLID.ndofs - 7)
     operator = FreeOperator(body.linear_operator(u), held, shift)
-    edges, blocks, vertices, same, space = operator.by_edges()
-    assert same is shift and space is None
+    edges, blocks, vertices, same, grounded, ground, space = operator.by_edges()
+    assert same is shift and space is None and (len(np.unique(grounded)) > 5) == touching
     v = state(SOLID.mesh, seed=9)
     v[held.fixed] = 0
     x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
     for (a, b), block in zip(edges, blocks.reshape(-1, 3, 3), strict=True):
         product[a] += block @ (x[b] - x[a])
         product[b] += block.T @ (x[a] - x[b])
+    for a, block in zip(grounded, ground.reshape(-1, 3, 3), strict=True):
+        product[a] += block @ x[a]
     found = np.zeros((SOLID.mesh.nv, 3))
     found[vertices] = product
     wanted = operator @ v[held.free]
