@@ -56,6 +56,7 @@ def test_the_table_has_each_integrator_and_solver_each_size_and_the_response(fil
     assert {line[-1] for line in table if line[0] in ("5", "9", "precomputed")} == {"%"}
 
 
+@pytest.mark.slow
 def test_a_step_above_the_critical_one_is_named_and_the_critical_step_is_printed(file, capsys):
     assert main(["budget", file, *MATERIAL, "--step", "0.1"]) == 0
     out = capsys.readouterr().out

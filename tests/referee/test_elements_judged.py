@@ -126,6 +126,7 @@ def test_the_head_has_element_rule_and_number_of_curved_elements():
     assert "integrated by 4 points of order 2" in text
 
 
+@pytest.mark.slow
 def test_a_right_model_passes_and_single_precision_does_not():
     candidate = model_of(CURVED, [TERM])
     assert verify(CURVED, TERM, candidate=candidate, **QUIET).passed

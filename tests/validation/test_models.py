@@ -61,6 +61,7 @@ def test_invertible_elements_come_back_from_every_start_and_stvk_does_not():
     assert not any("back" in one for one in found["StVK"][:4]) and set(found["neo-Hookean"]) == {"refused"}
 
 
+@pytest.mark.slow
 def test_no_random_start_ends_at_a_saddle_point_and_such_an_end_is_detected(monkeypatch):
     study = from_random_starts(quick=True)
     assert study.passed, study.failures
