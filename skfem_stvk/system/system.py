@@ -29,6 +29,7 @@ from ..notebook import html_table
 from ..terms import (
     FollowerLoad,
     Grounded,
+    HasContact,
     HasHistory,
     HasMemory,
     HasRoundOff,
@@ -230,21 +231,23 @@ class System(BoundTerms):
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
     def for_analysis(self: SystemType, in_time: bool) -> SystemType:
-        """Return the body with new terms where terms have history, because history belongs to one analysis; otherwise itself.
+        """Return the body with new terms where they have history or contacts, whose state belongs to one analysis; otherwise itself.
 
         Parameters
         ----------
         in_time
             Whether the analysis is a motion in time; otherwise it is a path of equilibria.
         """
-        if not self._with_history:
+        if not self._with_history and not self.contacts:
             return self
+
+        def begun(term: Any) -> Any:
+            if isinstance(term, HasHistory):
+                return term.with_new_history(in_time)
+            return copy(term) if isinstance(term, HasContact) else term
+
         other = copy(self)
-        bound = (
-            [term.with_new_history(in_time) if isinstance(term, HasHistory) else term for term in terms]
-            for terms in (self.bound_terms, self.bound_loads)
-        )
-        other._replace_bound(*bound)
+        other._replace_bound(*([begun(term) for term in terms] for terms in (self.bound_terms, self.bound_loads)))
         return other
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:

@@ -1,5 +1,8 @@
 """Contact with rigid shapes: exact derivatives and works, closed forms of friction, and balances of whole analyses."""
 
+import sys
+import threading
+
 import numpy as np
 import pytest
 import skfem
@@ -268,6 +271,35 @@ def test_friction_and_moving_shapes_are_resumed_and_restored_to_the_last_bit(int
     for _ in range(5):
         sim.step()
     assert np.array_equal(sim.u, u) and np.array_equal(sim.contact("contact").resultant, total)
+
+
+def test_simulations_of_one_body_in_threads_do_not_affect_each_other():
+    """Energy-momentum takes the tangent of the mean force, backward Euler that of the state, explicit steps that of all points."""
+    mesh = box((0.1, 0.1, 0.1), (2, 2, 2))
+    body = System(mesh, [StVK(young=3e4, poisson=0.4, density=1000.0), Gravity((0, 0, -9.81)), floor()])
+    v0 = np.tile([0.1, 0, -0.5], mesh.nv)
+    integrators = {"mean": EnergyMomentum(1e-3), "end": BackwardEuler(1e-3), "explicit": VelocityVerlet()}
+    found = {}
+
+    def go(name, how):
+        sim = Simulation(body, integrators[name], v0=v0)
+        sim.step(until=0.02)
+        found[how, name] = sim.u
+
+    for name in integrators:
+        go(name, "alone")
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=go, args=(name, "together")) for name in integrators]
+        for one in threads:
+            one.start()
+        for one in threads:
+            one.join()
+    finally:
+        sys.setswitchinterval(interval)
+    for name in integrators:
+        assert np.array_equal(found["together", name], found["alone", name])
 
 
 def test_a_body_that_would_pass_through_a_shape_in_one_step_is_stopped():
