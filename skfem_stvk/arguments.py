@@ -271,6 +271,24 @@ def vector(name: str, given: Any, n: int, each: str = "degree of freedom", *, ki
     return np.ascontiguousarray(values, precision)
 
 
+def points(kind: str, given: Mapping[str, Any], error: type[StvkError] = StvkError) -> dict[str, tuple[float, ...]]:
+    """Return points or directions with one to three finite components, as many in each; errors name their `kind` of object.
+
+    >>> points("RigidPlane", {"point": (0, 0), "normal": np.array([0, 1])})
+    {'point': (0.0, 0.0), 'normal': (0.0, 1.0)}
+    """
+    expected, found = "one to three coordinates, as many as the mesh has dimensions", {}
+    for name, value in given.items():
+        point = array(f"{kind}: {name}", value, (None,), expected, error)
+        if not 1 <= len(point) <= 3:
+            raise error(f"{kind}: {name} = {shown(value)}; expected {expected}.")
+        found[name] = tuple(point.tolist())
+    if len({len(point) for point in found.values()}) > 1:
+        (one, n), (other, m) = ((name, len(point)) for name, point in found.items())
+        raise error(f"{kind}: {one} has {n} components and {other} {m}; expected as many of both.")
+    return found
+
+
 def real_array(given: Any) -> NDArray[np.float64] | None:
     """Return an array in double precision, possibly the argument itself.
 

@@ -111,7 +111,7 @@ class ContactError(StvkError):
     >>> from skfem_stvk import RigidSphere
     >>> RigidSphere((0, 0, 0), -1.0)
     Traceback (most recent call last):
-    skfem_stvk.errors.ContactError: RigidSphere: radius = -1; expected a positive length.
+    skfem_stvk.errors.ContactError: RigidSphere: radius = -1.0; expected a positive length.
     """
 
 

@@ -24,7 +24,7 @@ energies = {
     "strain": ledger["strain_energy NeoHookean 0"],
     "contact": ledger["strain_energy RigidContact 2"],
     "height": ledger["potential_energy"],
-    "lost to friction": ledger["dissipated_work"],
+    "lost to friction": ledger["friction_work"],
 }
 missing = float(np.abs(ledger["closure_error"]).max() / ledger["kinetic_energy"][0])
 

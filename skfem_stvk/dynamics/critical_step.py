@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ from ..system import System, TangentOperator
 from ..system.mass import Mass
 from ..system.protocol import checked_system
 from ..terms.load import Moment
+from ..terms.protocols import Assumed
 from .damping import Damping, damping_factors
 
 #: Largest number of estimates with damping, and the relative change of the step at which they end.
@@ -134,15 +134,14 @@ class LargestFrequency:
         """
         tau_share, beta_share = 2 * self._damping.tau / step, 2 * self._damping.beta / step
         retained = Tensions(1 / (1 + tau_share), 1 / (1 + tau_share)) if tau_share else ALL
-        with ExitStack() as stack:  # a body may meet a shape before the next review of the step
-            for contact in self._system.contacts:
-                stack.enter_context(contact.touching())
+        with self._system.assuming(Assumed.TOUCHING):
             if self._operator is None:
                 self._operator = self._system.linear_operator(u, kept=retained)
             else:
                 self._operator.prepare(u, kept=retained)
         if beta_share and self._at_rest is None:
-            self._at_rest = self._system.linear_operator(np.zeros(self._system.ndofs))
+            with self._system.assuming(Assumed.APART):
+                self._at_rest = self._system.linear_operator(np.zeros(self._system.ndofs))
         if tau_share or beta_share:
             self._operator.scale_and_add(
                 1 + tau_share, [(beta_share, self._at_rest)] if beta_share and self._at_rest is not None else []

@@ -23,6 +23,8 @@ from .record import MotionState
 
 #: Column with the number of inverted elements.
 INSIDE_OUT = "inside_out"
+#: Column with the energy that friction dissipated.
+FRICTION = "friction_work"
 #: Column with the energy of the elements that were removed.
 REMOVED = "removed_energy"
 Vertices = Mapping[str, NDArray[np.int64]]
@@ -73,7 +75,9 @@ def column_names(
     `external_work`                      work since the first step of loads without a potential, of prescribed motion and of
                                          loads that change with time [J]
 
-    `dissipated_work`                    energy lost to damping since the first step [J]
+    `dissipated_work`                    energy lost to damping and friction since the first step [J]
+
+    `friction_work`                      only with friction: its part of `dissipated_work` [J]
 
     `removed_energy`                     only with `simulate(..., remove=...)`: kinetic, strain and potential energy of the
                                          elements that were removed since the first step [J]
@@ -102,6 +106,7 @@ def column_names(
         "potential_energy",
         "external_work",
         "dissipated_work",
+        *((FRICTION,) if _has_friction(body) else ()),
         *((REMOVED,) if removing else ()),
         *Balance._fields,
         INSIDE_OUT,
@@ -110,6 +115,10 @@ def column_names(
         *(f"{probe} {axis}" for probe in probes for axis in axes),
         *(f"reaction {location} {axis}" for location in reactions for axis in axes),
     )
+
+
+def _has_friction(body: System | Coordinates) -> bool:
+    return isinstance(body, System) and any(contact.has_friction for contact in body.working_contacts)
 
 
 def columns_without_value(system: System) -> list[str]:
@@ -180,7 +189,8 @@ class LedgerWriter:
         self._probed = [mesh.space.total(len(vertices)) for vertices in probes]
         self._angular = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
         self._sums = np.zeros(8)
-        self.external = self.dissipated = self.removed = 0.0
+        self.external = self.dissipated = self.friction = self.removed = 0.0
+        self._has_friction = FRICTION in self.ledger.names
         self._removing = REMOVED in self.ledger.names
         self._without_value = [ledger.names.index(name) for name in columns_without_value(motion.system)]
         self._first = float(known_total(ledger)[0]) if ledger.steps else None
@@ -196,6 +206,7 @@ class LedgerWriter:
         """
         if self.ledger.steps:
             self.external, self.dissipated = (float(self.ledger[name][-1]) for name in ("external_work", "dissipated_work"))
+            self.friction = float(self.ledger[FRICTION][-1]) if self._has_friction else 0.0
             self.removed = float(self.ledger[REMOVED][-1]) if self._removing else 0.0
         self._begin(state)
 
@@ -215,7 +226,7 @@ class LedgerWriter:
         for term in motion.system.working_contacts:
             u0, u1 = (by_vertex(motion.system.mesh, u) for u in (self._u, state.u))
             work, lost = term.work(u0, u1)
-            self.external, self.dissipated = self.external + work, self.dissipated + lost
+            self.external, self.dissipated, self.friction = self.external + work, self.dissipated + lost, self.friction + lost
         self._begin(state)
         dot = motion.states.dot
         self.external += (dot(before, change) + dot(self._driving_force, change)) / 2
@@ -237,7 +248,8 @@ class LedgerWriter:
             self._first = balance.total_energy
         row = [state.t, kinetic, strain_energy, *motion.term_energies(state.u)]
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
-        row += [potential, self.external, self.dissipated, *([self.removed] if self._removing else []), *balance, inside_out]
+        optional = *([self.friction] if self._has_friction else []), *([self.removed] if self._removing else [])
+        row += [potential, self.external, self.dissipated, *optional, *balance, inside_out]
         row += [*sums[1 : 1 + mesh.d], *sums[self._angular]]
         for displacements, count in zip(self._probes, self._probed, strict=True):
             row += list(mesh.space.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)

@@ -17,7 +17,7 @@ from ..system import System
 from ..system.coordinates import CoordinateMass, Coordinates
 from ..terms import BoundLoad, TakesTime
 from ..terms.load import Moment
-from ..terms.protocols import set_time
+from ..terms.protocols import Assumed, set_time
 from .at_rest import AtRest
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
@@ -134,8 +134,9 @@ class Motion:
 
     @cached_property
     def at_rest(self) -> Any:
-        """Tangent stiffness K(0) of the body at rest, for products `K @ v`."""
-        return self.body.linear_operator(np.zeros(self.states.n))
+        """Tangent stiffness K(0) of the body at rest, without contacts, for products `K @ v`."""
+        with self.system.assuming(Assumed.APART):
+            return self.body.linear_operator(np.zeros(self.states.n))
 
     @property
     def damped(self) -> bool:

@@ -23,12 +23,17 @@ from ..system.coordinates import Coordinates, DenseTangent
 from ..system.free_tangent import FreeTangent, kind_of
 from ..terms import HasMeanForce
 from ..terms.load import Moment, Time
+from ..terms.protocols import Assumed
 from .forces import StartTensions, add_mean_force
 from .motion import Motion
 from .record import HierarchyOrigin
 
 #: Gauss points at which the force over a step of a body on a basis is averaged. The average is exact for a cubic force.
 GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
+
+
+#: Context in which contacts have the tangent of their state. It is made once, because each step needs it.
+OF_STATE = nullcontext()
 
 
 class StepTangent(Enum):
@@ -218,9 +223,14 @@ class StepMatrix:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
-    def _between(self, w: Array) -> AbstractContextManager[None]:
-        """Return a context in which contacts have the tangent of their mean force, if the equation has that force."""
-        return self._system.between(self._u0, self._u0 + w) if self._mean and self._system.contacts else nullcontext()
+    def _assuming(self, w: Array) -> AbstractContextManager[None]:
+        """Return a context in which contacts have the tangent that belongs to the equation."""
+        d = self._system.mesh.d
+        if not self._system.contacts:
+            return OF_STATE
+        if self._chosen is StepTangent.REST:
+            return self._system.assuming(Assumed.APART)
+        return self._system.assuming((self._u0.reshape(-1, d), (self._u0 + w).reshape(-1, d)) if self._mean else None)
 
     def _matrix(self, w: Array, t: Time, retained: Tensions) -> csr_matrix:
         """Return the matrix of the step over the free degrees of freedom."""
@@ -228,13 +238,13 @@ class StepMatrix:
         at_rest = self._chosen is StepTangent.REST  # K(0) has no stiffness of follower loads, which changes
         position, moment = self._position(w), None if at_rest else t
         if self.tangent.needs_only_free and self._tensions is None and not self._motion.beta:
-            with self._between(w):
+            with self._assuming(w):
                 Kff = self.tangent.free_matrix(position, moment, within)
             if factor != 1:
                 Kff.data *= factor
             self._motion.mass.add_to(Kff, self._inertia_factor, self.tangent.free)
             return Kff
-        with self._between(w):
+        with self._assuming(w):
             K = self.tangent.matrix(position, moment, within)
         if factor != 1:
             K.data *= factor
@@ -242,7 +252,8 @@ class StepMatrix:
             K.data += self._tensions.values(t, retained)
         if self._motion.beta:
             if self._rest is None:
-                self._rest = self._system.tangent(np.zeros(self._system.ndofs))
+                with self._system.assuming(Assumed.APART):
+                    self._rest = self._system.tangent(np.zeros(self._system.ndofs))
             K.data += self._motion.beta * self._g * self._rest.data
         self._motion.mass.add_to(K, self._inertia_factor)
         return self.tangent.restricted(K)
@@ -259,7 +270,7 @@ class StepMatrix:
 
     def _prepared(self, w: Array, retained: Tensions) -> TangentOperator:
         factor, within, retained = self._parts(retained)
-        with self._between(w):
+        with self._assuming(w):
             operator = self.tangent.operator(self._position(w), within)
         others = [(self._motion.beta * self._g, self._motion.at_rest)] if self._motion.beta else []
         if self._tensions is not None and retained != NONE:

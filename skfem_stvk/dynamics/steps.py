@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..errors import warn
+from ..nonlinear.newton import End
 from .integrators import Integrator, StepFailed
 from .motion import Motion
 from .record import MotionState, RunRecord
@@ -105,12 +106,18 @@ class Steps:
 
     def _part(self, state: MotionState, t: float) -> None:
         """Make one step of the integrator. Terms with history store the state at its beginning, unless it fails."""
-        body = self._motion.body
+        body, system = self._motion.body, self._motion.system
+        before = state.copy() if system.contacts else None
         body.commit(state.u, self._motion.moment(state.t))
         try:
             self.stepper.step(state, t)
+            if before is not None and (name := system.passed_contact(before.u, state.u)):
+                state.copy_from(before)
+                raise StepFailed(f"{End.CONTACT.value}: {name!r}")
         except StepFailed:
             body.return_to(self._record.history)
+            if before is not None:
+                self.stepper.start(state)
             raise
         self._record.history = body.history()
         self._arrived(state)

@@ -382,72 +382,77 @@ def add_mean_blocks(
 
 @kernel
 def find_gaps(
-    surface: Surface, weights: Reals, shape: ShapeNumbers, shift: Reals, e: float, u: Reals, gaps: Reals, forces: Reals
+    surface: Surface,
+    weights: Reals,
+    shape: ShapeNumbers,
+    shift: Reals,
+    e: float,
+    u: Reals,
+    gaps: Reals,
+    forces: Reals,
+    normals: Reals,
 ) -> None:
-    """Write the gaps (n, nq) [m] of all points, and the normal forces on them (n, nq) [N]."""
+    """Write the gaps (n, nq) [m] of all points, the normal forces on them (n, nq) [N] and the normals (n, nq, d)."""
     N, t, X = surface
     kind, numbers = shape
     for i in range(len(t)):
         for q in range(len(N)):
-            g, _ = _gap(kind, numbers, _point(N, t, i, q, X, u, shift, numbers))
+            g, n = _gap(kind, numbers, _point(N, t, i, q, X, u, shift, numbers))
             gaps[i, q] = g
             forces[i, q] = weights[i, q] * _penalty(-g, e)[1] if g < 0 else 0.0
-
-
-@kernel
-def find_normals(surface: Surface, shape: ShapeNumbers, shift: Reals, u: Reals, gaps: Reals, normals: Reals) -> None:
-    """Write the gaps (n,) [m] of points and the normals (n, d) there, of facets with one point each."""
-    N, t, X = surface
-    kind, numbers = shape
-    for i in range(len(t)):
-        g, n = _gap(kind, numbers, _point(N, t, i, 0, X, u, shift, numbers))
-        gaps[i] = g
-        for j in range(normals.shape[1]):
-            normals[i, j] = n[j]
+            for j in range(normals.shape[2]):
+                normals[i, q, j] = n[j]
 
 
 @inlined
-def _chord(kind, numbers, x, v):
-    """Return the parameters `s` at which the line `x + s v` enters and leaves the shape; an empty interval if it does not."""
-    if kind == BOX:  # slabs of the box, without the rounding of its edges
-        low, high = -inf, inf
+def _way_through(kind, numbers, x, v):
+    """Return the parameters `s` at which the line `x + s v` enters and leaves the shape; an empty interval if it does not pass.
+
+    A line passes if the normals where it enters and leaves are at more than a right angle. Others graze the shape, and the penalty
+    pushes points back to where they came from.
+    """
+    if kind == BOX:  # slabs of the box, without the rounding of its edges: lines pass from a face to the opposite one
+        low, high, first, last = -inf, inf, 0, 0
         for j in range(3):
             h = numbers[DIRECTION + j]
             if v[j] != 0:
                 a, b = (-h - x[j]) / v[j], (h - x[j]) / v[j]
-                low, high = max(low, min(a, b)), min(high, max(a, b))
+                if min(a, b) > low:
+                    low, first = min(a, b), j
+                if max(a, b) < high:
+                    high, last = max(a, b), j
             elif abs(x[j]) >= h:
                 return 1.0, 0.0
-        return low, high
+        return (low, high) if first == last else (1.0, 0.0)
     arm, along = _arm(kind, numbers, x), _arm(kind, numbers, v)
-    speed = _dot(along, along)
+    speed, radius = _dot(along, along), numbers[RADIUS]
     if speed == 0:
         return 1.0, 0.0
     middle = -_dot(arm, along) / speed
     nearest = _sum(arm, _times(middle, along))
-    inside = numbers[RADIUS] * numbers[RADIUS] - _dot(nearest, nearest)
-    if inside <= 0:
+    square = radius * radius - _dot(nearest, nearest)  # of half the length within the shape
+    if 2 * square <= radius * radius:
         return 1.0, 0.0
-    half = sqrt(inside / speed)
+    half = sqrt(square / speed)
     return middle - half, middle + half
 
 
 @kernel
-def step_limit(surface: Surface, shape: ShapeNumbers, shift: Reals, u: Reals, v: Reals) -> float:
-    """Return the smallest `s > 0` at which a point is deepest on its way `u + s v` through the shape, or infinity.
+def step_limit(surface: Surface, shape: ShapeNumbers, shift: Reals, moved: Reals, u: Reals, v: Reals) -> float:
+    """Return the smallest `s > 0` at which a point is halfway on its way `u + s v` through the shape, or infinity.
 
-    Beyond it, the penalty would push the point out on the other side. A plane, and a shape around the body, have no other side.
+    The shape moves from `shift` by `s` times `moved` (3,). Halfway through a sphere or a cylinder, a point is deepest. Beyond it, the
+    penalty would push it out on the other side. A plane, and a shape around the body, have no other side.
     """
     N, t, X = surface
     kind, numbers = shape
     least, nothing, origin = inf, np.zeros_like(X), np.zeros(COUNT)
     if kind == PLANE or numbers[SIGN] < 0:
         return least
-    rest = np.zeros(3)
     for i in range(len(t)):
         for q in range(len(N)):
             x = _point(N, t, i, q, X, u, shift, numbers)
-            low, high = _chord(kind, numbers, x, _point(N, t, i, q, nothing, v, rest, origin))
+            low, high = _way_through(kind, numbers, x, _point(N, t, i, q, nothing, v, moved, origin))
             if low < high and 0 < low + high < 2 * least:
                 least = (low + high) / 2
     return least

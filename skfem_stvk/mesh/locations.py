@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from skfem.assembly.dofs import DofsView
 
-from ..arguments import array, number, shown, whole_array
+from ..arguments import number, points, shown, whole_array
 from ..elements.element import named
 from ..errors import RegionError, name_ids, name_known
 from ..linear.space import Space
@@ -31,13 +31,8 @@ class LocationShape(ABC):
     points: ClassVar[tuple[str, ...]]  # names of the fields with one coordinate per dimension
 
     def __post_init__(self) -> None:
-        kind = type(self).__name__
-        for name in self.points:
-            object.__setattr__(self, name, _point(f"{kind}: {name}", getattr(self, name)))
-        counts = [len(getattr(self, name)) for name in self.points]
-        if len(set(counts)) > 1:
-            (one, other), (n, m) = self.points, counts
-            raise RegionError(f"{kind}: {one} has {n} components and {other} {m}; expected as many of both.")
+        for name, point in points(type(self).__name__, {name: getattr(self, name) for name in self.points}, RegionError).items():
+            object.__setattr__(self, name, point)
 
     @property
     def dimension(self) -> int:
@@ -203,15 +198,6 @@ class NearestNode(LocationShape):
             )
         numbers = np.where(distance == nearest, space.numbers[:: len(x)], space.count)
         return np.asarray(numbers == space.least(float(numbers.min())))
-
-
-def _point(name: str, value: Any) -> tuple[float, ...]:
-    """Return one to three finite coordinates."""
-    expected = "one to three coordinates, as many as the mesh has dimensions"
-    point = array(name, value, (None,), expected, RegionError)
-    if not 1 <= len(point) <= 3:
-        raise RegionError(f"{name} = {shown(value)}; expected {expected}.")
-    return tuple(point.tolist())
 
 
 def _written(point: Any) -> str:

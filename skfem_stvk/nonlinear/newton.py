@@ -113,7 +113,7 @@ def newton(problem: Problem, u: Array, t: Time, options: NewtonOptions) -> tuple
     if options.full_first:
         found, end = _Descent(problem, t, options, record, search=False).from_state(u)
         stable = end.converged and not record.negative_pivots
-        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.keeps_orientations(u, found):
+        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.way_is_free(u, found):
             return found, end, record
         record.restarted = len(record)
     found, end = _Descent(problem, t, options, record, search=True).from_state(u)

@@ -99,7 +99,7 @@ class Problem(Protocol):
     def contact_limit(self, u: Array, v: Array) -> tuple[float, str]:
         """Return the largest `s` up to which the body passes through nothing along `u + s v`, and the name of the contact."""
 
-    def keeps_orientations(self, u: Array, found: Array) -> bool:
+    def way_is_free(self, u: Array, found: Array) -> bool:
         """Return whether no element becomes flat and no contact is passed on the straight line from `u` to `found`."""
 
     def inside_out(self, u: Array) -> Sized:

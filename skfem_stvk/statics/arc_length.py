@@ -184,7 +184,7 @@ class ArcLength(Continuation):
         if not end.converged:
             return Attempt(t, end, record)
         inverted = self.problem.inside_out(u)
-        if len(inverted) > self._allowed or not self.problem.keeps_orientations(self.u, u):
+        if len(inverted) > self._allowed or not self.problem.way_is_free(self.u, u):
             record.detail = self.problem.named(inverted)
             return Attempt(t, End.INSIDE_OUT, record)
         return u, t, end, record

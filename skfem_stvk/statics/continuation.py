@@ -128,7 +128,7 @@ class Continuation(ABC):
     def _newton(self, start: Array, t: float, full_first: bool) -> tuple[Array, End, Iterations] | Attempt:
         """Apply Newton's method at the load factor `t`; fail at once if the start has inverted elements."""
         inverted = self.problem.inside_out(start)
-        if len(inverted) > self._allowed or not self.problem.keeps_orientations(self.u, start):
+        if len(inverted) > self._allowed or not self.problem.way_is_free(self.u, start):
             return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(inverted)))
         watch = partial(self._options.iterating, t)
         u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any, cast
 
@@ -34,7 +34,7 @@ from ..terms import (
 )
 from ..terms.connectivity import Connected
 from ..terms.load import Moment, Time
-from ..terms.protocols import set_time
+from ..terms.protocols import Assumption, set_time
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
@@ -257,20 +257,20 @@ class BoundTerms:
         limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts]
         return min(limits, default=(np.inf, ""))
 
-    def contact_force(self, u: ArrayLike) -> Array:
-        """Return the force (ndofs,) [N] of contacts on the body."""
-        x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
-        for term in self.contacts:
-            term.energy_and_force(x, force)
-        return -force.ravel()
-
     @contextmanager
-    def between(self, u0: ArrayLike, u1: ArrayLike) -> Iterator[None]:
-        """Let the tangent contain twice the derivative of mean forces of contacts by `u1` within the block."""
-        with ExitStack() as stack:
-            for term in self.contacts:
-                stack.enter_context(term.between(self._state(u0), self._state(u1)))
+    def assuming(self, what: Assumption) -> Iterator[None]:
+        """Let tangents contain what contacts would add under an assumption, within the block; states are (nv, d)."""
+        for term in self.contacts:
+            term.assumed = what
+        try:
             yield
+        finally:
+            for term in self.contacts:
+                term.assumed = None
+
+    def passed_contact(self, u0: ArrayLike, u1: ArrayLike) -> str:
+        """Return the name of a contact that the body passes through from `u0` to `u1` over the present step; "" if there is none."""
+        return next((term.name for term in self.contacts if term.passes(self._state(u0), self._state(u1))), "")
 
     @cached_property
     def working_contacts(self) -> list[DoesWork]:

@@ -80,7 +80,7 @@ class Equation:
         with self._watch("assemble"):
             return self.system.contact_limit(self._body_state(u), v)
 
-    def keeps_orientations(self, u: Array, found: Array) -> bool:
+    def way_is_free(self, u: Array, found: Array) -> bool:
         """Return as in `Problem`; states with inverted elements must pass through zero volume."""
         if self.contact_limit(u, found - u)[0] <= 1:
             return False

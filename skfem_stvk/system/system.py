@@ -727,11 +727,30 @@ class System(BoundTerms):
         StateError
             as `energy`.
         """
+        grounding = [term for term in self.bound_terms if isinstance(term, Grounded)]
+        return self._force_on_body(grounding, u, "The force of foundations")
+
+    def contact_force(self, u: ArrayLike) -> Array:
+        """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
+        return self._force_on_body(self.contacts, u, "The force of contacts")
+
+    def _force_on_body(self, terms: Sequence[Any], u: ArrayLike, name: str) -> Array:
+        """Return minus the internal force (ndofs,) [N] of some terms."""
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
-        for term in self.bound_terms:
-            if isinstance(term, Grounded):
-                term.energy_and_force(x, force)
-        self.space.together(refuse_overflow, force, "The force of foundations", x)
+        for term in terms:
+            term.energy_and_force(x, force)
+        self.space.together(refuse_overflow, force, name, x)
         return -self.space.share(force).ravel()
 
     @property

@@ -7,6 +7,7 @@ from .corotated import Corotated
 from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .edge_network import EdgeNetwork
 from .foundation import ElasticFoundation
+from .friction import Friction
 from .invertible import InvertibleStVK
 from .linear_elastic import LinearElastic
 from .neo_hookean import NeoHookean
@@ -39,7 +40,7 @@ from .protocols import (
     Term,
     is_load,
 )
-from .rigid_contact import Friction, RigidContact
+from .rigid_contact import RigidContact
 from .rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .spring_network import SpringNetwork
 from .stvk import StVK

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
+from enum import Enum
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -209,6 +209,22 @@ class Grounded(Protocol):
         """Return the strain energy [J]; add the internal force [N], minus that of the ground on the body, to `force` (nv, d)."""
 
 
+class Assumed(Enum):
+    """What the stiffness of a contact assumes, in place of the state.
+
+    APART       nothing touches: for K at rest
+    TOUCHING    the whole surface touches: for stable steps, because a body may meet a shape before the next review of its step
+    """
+
+    APART = "apart"
+    TOUCHING = "touching"
+
+
+#: What the stiffness of a contact assumes: None for the state; with two states (nv, d), a contact adds twice the derivative of its
+#: mean force between them by the second one.
+Assumption: TypeAlias = Assumed | tuple[Array, Array] | None
+
+
 @runtime_checkable
 class HasContact(Protocol):
     """Term with forces where the surface of the body touches something. Its force is external, and has a discrete gradient.
@@ -217,9 +233,12 @@ class HasContact(Protocol):
     ----------
     name
         Name in results and messages.
+    assumed
+        What `add_blocks` assumes; `System.assuming` sets it.
     """
 
     name: str
+    assumed: Assumption
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J]; add the internal force [N], minus that on the body, to `force` (nv, d)."""
@@ -236,16 +255,21 @@ class HasContact(Protocol):
     def contact_limit(self, u: Array, v: Array) -> float:
         """Return the largest `s` up to which nothing passes through anything on the way `u + s v`, or infinity."""
 
-    def between(self, u0: Array, u1: Array) -> AbstractContextManager[None]:
-        """Return a context in which `add_blocks` adds twice the derivative of the mean force by `u1` (nv, d)."""
-
-    def touching(self) -> AbstractContextManager[None]:
-        """Return a context in which `add_blocks` adds the largest stiffness, as if the whole surface touched, for stable steps."""
+    def passes(self, u0: Array, u1: Array) -> bool:
+        """Return whether something passes through something on the way from `u0` to `u1` (nv, d) over the present step."""
 
 
 @runtime_checkable
 class DoesWork(Protocol):
-    """Contact that does work on the body by its motion, or dissipates energy by friction."""
+    """Contact that does work on the body by its motion, or dissipates energy by friction.
+
+    Attributes
+    ----------
+    has_friction
+        Whether it dissipates energy by friction.
+    """
+
+    has_friction: bool
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return the work [J] on the body, and the dissipated energy, from the last accepted state `u0` (nv, d) to `u1`."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
@@ -25,7 +23,9 @@ from ..mesh.locations import Where, describe, facets_at
 from ..mesh.points import sizes_of
 from .body import Body
 from .connectivity import simplices_of
+from .friction import Friction
 from .load import Moment, Time, Value
+from .protocols import Assumed, Assumption
 from .rigid_shapes import RigidShape
 from .spread import Spread
 
@@ -33,58 +33,6 @@ from .spread import Spread
 STIFFNESS = 10.0
 #: Gap of nodes that touch at the start of a static solve, as a fraction of the size of the body.
 TOUCHING = 1e-6
-
-
-@dataclass(frozen=True)
-class Friction:
-    """Coulomb friction, whose force rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
-
-    The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
-    the last accepted state, so that friction lags behind by a step. Its stiffness is symmetric. In motions the width is
-    `slip_speed` times the step: a body that sticks creeps slower than that.
-
-    Parameters
-    ----------
-    coefficient
-        Coefficient of friction.
-    slip_speed
-        Speed up to which friction rises in motions [m/s].
-    slip_length
-        Slip up to which friction rises in statics, per step of the load [m].
-
-    Raises
-    ------
-    ContactError
-        if a value is not positive, or none of the two widths is given; by analyses that need the other one.
-
-    Notes
-    -----
-    Source: the smoothing f1 is that of the IPC Toolkit (Li et al. 2020).
-
-    Examples
-    --------
-    >>> Friction(0.3, slip_speed=1e-3).slip_length is None
-    True
-    """
-
-    coefficient: float
-    slip_speed: float | None = None
-    slip_length: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, unit in (("coefficient", ""), ("slip_speed", " [m/s]"), ("slip_length", " [m]")):
-            given = getattr(self, name)
-            if given is None and name != "coefficient":
-                continue
-            value = number(f"Friction: {name}", given, f"a positive number{unit}", error=ContactError)
-            if not value > 0:
-                raise ContactError(f"Friction: {name} = {value:g}; expected a positive number{unit}.")
-            object.__setattr__(self, name, value)
-        if self.slip_speed is None and self.slip_length is None:
-            raise ContactError(
-                "Friction: neither slip_speed nor slip_length; expected slip_speed=... [m/s] for motions, such as a "
-                "hundredth of the speed of sliding, or slip_length=... [m] for statics."
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,17 +108,13 @@ class RigidContact:
             raise ContactError(f"RigidContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
         object.__setattr__(self, "name", text("RigidContact: name", self.name))
         if self.stiffness is not None:
-            k = number(f"{self.what}: stiffness", self.stiffness, "a positive number [N/m^3]", error=ContactError)
-            if not k > 0:
-                raise ContactError(f"{self.what}: stiffness = {k:g}; expected a positive number [N/m^3].")
+            k = number(f"{self.label}: stiffness", self.stiffness, "a positive number [N/m^3]", 0.0, error=ContactError)
             object.__setattr__(self, "stiffness", k)
-        onset = number(f"{self.what}: onset", self.onset, "a depth [m], zero or more", error=ContactError)
-        if onset < 0:
-            raise ContactError(f"{self.what}: onset = {onset:g}; expected a depth [m], zero or more.")
+        onset = number(f"{self.label}: onset", self.onset, "a depth [m], zero or more", 0.0, closed=True, error=ContactError)
         object.__setattr__(self, "onset", onset)
 
     @property
-    def what(self) -> str:
+    def label(self) -> str:
         """Beginning of messages."""
         return f"RigidContact {self.name!r}"
 
@@ -187,7 +131,7 @@ class RigidContact:
         body = body if isinstance(body, Body) else Body(body, [])
         if self.shape.d != body.mesh.d:
             raise ContactError(
-                f"{self.what}: its {self.shape.name} has {self.shape.d} components; expected {body.mesh.d}, as the mesh."
+                f"{self.label}: its {self.shape.name} has {self.shape.d} components; expected {body.mesh.d}, as the mesh."
             )
         plain = self.motion is None and self.friction is None
         return (BoundRigidContact if plain else RigidContactWithHistory)(self, body)
@@ -213,8 +157,7 @@ class BoundRigidContact:
     def __init__(self, contact: RigidContact, body: Body) -> None:
         self.contact, self.name = contact, contact.name
         self._shape, self._shift = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
-        self._between: tuple[Array, Array] | None = None
-        self._is_touching_everywhere = False
+        self.assumed: Assumption = None
         self._facets, self._element = _facets_of(contact, body)
         self._set_areas(body)
         N, t, X = self._surface
@@ -250,14 +193,14 @@ class BoundRigidContact:
         return float(kernels.energy_and_force(self._surface, self._weights, self._shape, self._shift, e, u, out))
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
-        """Add the blocks of K [N/m] at `u` (nv, d); within `between`, those of the mean force."""
-        start, e = (self._own_surface, self._weights, self._shape), self.contact.onset
-        if self._between is None:
-            everywhere = self._is_touching_everywhere
-            kernels.add_blocks(*start, self._shift, e, u[self.nodes], kept.negative, everywhere, self._into(blocks))
-        else:
-            u0, u1 = (one[self.nodes] for one in self._between)
-            kernels.add_mean_blocks(*start, self._start_shift, self._shift, e, u0, u1, self._into(blocks))
+        """Add the blocks of K [N/m] at `u` (nv, d), or those that are `assumed`."""
+        start, e, into = (self._own_surface, self._weights, self._shape), self.contact.onset, self._into(blocks)
+        if isinstance(self.assumed, tuple):
+            u0, u1 = (one[self.nodes] for one in self.assumed)
+            kernels.add_mean_blocks(*start, self._start_shift, self._shift, e, u0, u1, into)
+        elif self.assumed is not Assumed.APART:
+            everywhere = self.assumed is Assumed.TOUCHING
+            kernels.add_blocks(*start, self._shift, e, u[self.nodes], kept.negative, everywhere, into)
 
     def _into(self, blocks: NodeBlocks) -> kernels.Blocks:
         """Return the arrays of the blocks, and the numbers of the pairs of nodes."""
@@ -275,32 +218,19 @@ class BoundRigidContact:
         kernels.add_mean_force(*start, e, u0, u1, sum(weights), force)
         return 0.0
 
-    @contextmanager
-    def between(self, u0: Array, u1: Array) -> Iterator[None]:
-        """Let `add_blocks` add twice the derivative of the mean force by `u1` (nv, d) within the block."""
-        self._between = u0, u1
-        try:
-            yield
-        finally:
-            self._between = None
-
-    @contextmanager
-    def touching(self) -> Iterator[None]:
-        """Let `add_blocks` add the largest stiffness of all points, as if they touched, within the block."""
-        self._is_touching_everywhere = True
-        try:
-            yield
-        finally:
-            self._is_touching_everywhere = False
-
     def contact_limit(self, u: Array, v: Array) -> float:
-        """Return the smallest `s > 0` at which a point is deepest on its way `u + s v` through the shape, or infinity."""
-        return float(kernels.step_limit(self._surface, self._shape, self._shift, u, v))
+        """Return the smallest `s > 0` at which a point is halfway on its way `u + s v` through the resting shape, or infinity."""
+        return float(kernels.step_limit(self._surface, self._shape, self._shift, np.zeros(3), u, v))
+
+    def passes(self, u0: Array, u1: Array) -> bool:
+        """Return whether a point gets halfway through the moving shape, or farther, on the way from `u0` to `u1` (nv, d)."""
+        moved = self._shift - self._start_shift
+        return bool(kernels.step_limit(self._surface, self._shape, self._start_shift, moved, u0, u1 - u0) <= 1)
 
     def identity(self) -> list[float]:
         """Return numbers that differ from those of another contact."""
-        rubs = self.contact.friction
-        widths = (0.0, 0.0, 0.0) if rubs is None else (rubs.coefficient, rubs.slip_speed or 0.0, rubs.slip_length or 0.0)
+        of = self.contact.friction
+        widths = (0.0, 0.0, 0.0) if of is None else (of.coefficient, of.slip_speed or 0.0, of.slip_length or 0.0)
         finite = np.nan_to_num(self._shape.numbers).tolist()
         return [self._shape.kind, *finite, self.contact.onset, *widths, float(self._weights.sum()), *self._shift.tolist()]
 
@@ -309,20 +239,24 @@ class BoundRigidContact:
 
         Friction holds nothing at the start, because it lags behind by a step.
         """
-        d, facets = u.shape[1], self._surface.t
-        gaps, normals = np.empty(len(self.nodes)), np.empty((len(self.nodes), d))
         at_nodes = Surface(np.ones((1, 1)), self.nodes[:, None], self._surface.X)
-        kernels.find_normals(at_nodes, self._shape, self._shift, u, gaps, normals)
+        gaps, _, normals = self._gaps(at_nodes, np.zeros((len(self.nodes), 1)), u)
         size = float(np.ptp(self._surface.X, axis=0).max())
-        held = (gaps <= TOUCHING * size) & np.isin(self.nodes, facets[(self.areas > 0).any(axis=1)])
-        return self.nodes[held].astype(np.int64), normals[held]
+        there = np.isin(self.nodes, self._surface.t[(self.areas > 0).any(axis=1)])
+        held = (gaps[:, 0] <= TOUCHING * size) & there
+        return self.nodes[held].astype(np.int64), normals[held, 0]
+
+    def _gaps(self, surface: Surface, weights: Array, u: Array) -> tuple[Array, Array, Array]:
+        """Return gaps (n, nq) [m], normal forces (n, nq) [N] and normals (n, nq, d) of the points of a surface."""
+        gaps, forces, normals = np.empty_like(weights), np.empty_like(weights), np.empty((*weights.shape, u.shape[1]))
+        kernels.find_gaps(surface, weights, self._shape, self._shift, self.contact.onset, u, gaps, forces, normals)
+        return gaps, forces, normals
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
         """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
-        (N, t, _), gaps, slopes = self._surface, np.empty_like(self.areas), np.empty_like(self.areas)
-        kernels.find_gaps(self._surface, self._weights, self._shape, self._shift, self.contact.onset, u, gaps, slopes)
+        (N, t, _), (gaps, forces, _) = self._surface, self._gaps(self._surface, self._weights, u)
         sums = [np.zeros(len(u)) for _ in range(2)]
-        for values, out in zip((slopes, self.areas), sums, strict=True):
+        for values, out in zip((forces, self.areas), sums, strict=True):
             np.add.at(out, t, values @ np.abs(N))
         smallest = np.full(len(u), np.inf)
         np.minimum.at(smallest, t, gaps.min(axis=1)[:, None])
@@ -345,8 +279,8 @@ class RigidContactWithHistory(BoundRigidContact):
     def __init__(self, contact: RigidContact, body: Body) -> None:
         super().__init__(contact, body)
         d, motion = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
-        self._motion = Value(motion, (d,), np.zeros((d, 1)), contact.what, ContactError, "motion")
-        self._in_time = False
+        self._motion = Value(motion, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
+        self.has_friction, self._in_time = contact.friction is not None, False
         self._width = 0.0  # slip up to which friction rises [m]
         self._secants: Array = np.empty((0, 0))
         self._forget()
@@ -357,13 +291,13 @@ class RigidContactWithHistory(BoundRigidContact):
 
     @property
     def history(self) -> Array:
-        """Numbers (n,) of the last accepted state."""
+        """Numbers (n,) of the state at the beginning of the step."""
         return self._history
 
     @history.setter
     def history(self, numbers: Array) -> None:
         if numbers.shape != self._history.shape or numbers.dtype != np.float64 or not np.isfinite(numbers).all():
-            raise ValueError(f"the history of {self.contact.what} is {shown(numbers)}; expected {self._history.size} numbers")
+            raise ValueError(f"the history of {self.contact.label} is {shown(numbers)}; expected {self._history.size} numbers")
         self._history = numbers.copy()
         self._secants = np.empty((0, 0))
 
@@ -375,11 +309,11 @@ class RigidContactWithHistory(BoundRigidContact):
     def with_new_history(self, in_time: bool) -> RigidContactWithHistory:
         """Return the contact for a new analysis."""
         other = copy(self)
-        friction, what = self.contact.friction, self.contact.what
+        friction, label = self.contact.friction, self.contact.label
         if friction is not None and in_time and friction.slip_speed is None:
-            raise ContactError(f"{what}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
+            raise ContactError(f"{label}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
         if friction is not None and not in_time and friction.slip_length is None:
-            raise ContactError(f"{what}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
+            raise ContactError(f"{label}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
         other._in_time = in_time
         other._forget()
         other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
@@ -395,7 +329,7 @@ class RigidContactWithHistory(BoundRigidContact):
             self._width = (friction.slip_speed or 0.0) * duration if self._in_time else friction.slip_length or 0.0
 
     def commit(self, u: Array, t: float) -> None:
-        """Store the accepted state."""
+        """Store the state at the beginning of a step."""
         self._history = self._history.copy()
         self._history[:3], self._history[3] = self._shift, t
         self._secants = np.empty((0, 0))
@@ -408,9 +342,9 @@ class RigidContactWithHistory(BoundRigidContact):
         return self._history[:3]
 
     @property
-    def _rubs(self) -> bool:
-        """Whether there is friction: not in the accepted state itself."""
-        return self.contact.friction is not None and self._width > 0
+    def _slips(self) -> bool:
+        """Whether friction acts now: not in the state at the beginning of a step."""
+        return self.has_friction and self._width > 0
 
     @property
     def _slipped(self) -> tuple[kernels.ShapeNumbers, Array, Array, float]:
@@ -418,32 +352,32 @@ class RigidContactWithHistory(BoundRigidContact):
         return self._shape, self._shift, self._past, self._width
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        if force is not None and self._rubs:
+        if force is not None and self._slips:
             kernels.add_friction(self._surface, *self._slipped, self._secants, u, 1.0, force)
         return super().energy_and_force(u, force)
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         super().add_blocks(u, blocks, kept)
-        if self._rubs:
-            end, factor = (u, 1.0) if self._between is None else (self._between[1], 2.0)
+        if self._slips and self.assumed is not Assumed.APART:
+            end, factor = (self.assumed[1], 2.0) if isinstance(self.assumed, tuple) else (u, 1.0)
             slipped = *self._slipped, self._secants
             kernels.add_friction_blocks(self._own_surface, *slipped, end[self.nodes], factor, self._into(blocks))
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        if self._rubs:
+        if self._slips:
             kernels.add_friction(self._surface, *self._slipped, self._secants, u1, sum(weights), force)
         return super().mean_force(u0, u1, weights, theta, force)
 
     def predict(self, u: Array) -> None:
         """Use the force per slip at `u` (nv, d) for all slips until the next state is accepted."""
-        if self._rubs:
+        if self._slips:
             self._secants = np.zeros(self.areas.shape)
             kernels.find_secants(self._surface, *self._slipped, u, self._secants)
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return the work [J] of the moving shape on the body, and that against friction, from the last accepted state to `u1`."""
         moved, work, lost = self._shift - self._start_shift, 0.0, 0.0
-        if self._rubs:
+        if self._slips:
             force = np.zeros_like(u1)
             lost = float(kernels.add_friction(self._surface, *self._slipped, self._secants, u1, 1.0, force))
             work -= float(force.sum(axis=0) @ moved[: u1.shape[1]])
@@ -459,18 +393,18 @@ def _facets_of(contact: RigidContact, body: Body) -> tuple[NDArray[np.int32], El
     mesh: Any = body.mesh
     where: Any = contact.where
     if contact.simplices is not None:
-        t, element = simplices_of(contact.simplices, mesh.p, mesh.element.degree, mesh, f"{contact.what}: simplices")
+        t, element = simplices_of(contact.simplices, mesh.p, mesh.element.degree, mesh, f"{contact.label}: simplices")
         mesh = mesh.beside(t, element)
     if mesh.k == 1 < mesh.d:
-        raise ContactError(f"{contact.what}: the mesh has {mesh.kind}, which have no surface; expected solids or membranes.")
+        raise ContactError(f"{contact.label}: the mesh has {mesh.kind}, which have no surface; expected solids or membranes.")
     if mesh.k < mesh.d:
         if callable(where):
             raise ContactError(
-                f"{contact.what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, "
+                f"{contact.label}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, "
                 "element ids or a mask, or None."
             )
         return mesh.t[:, mesh.elements(where)], mesh.element
-    return (mesh.surface if where is None else facets_at(mesh, where, f"{contact.what} on {describe(where)}")), body.facet
+    return (mesh.surface if where is None else facets_at(mesh, where, f"{contact.label} on {describe(where)}")), body.facet
 
 
 def _areas(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
@@ -494,7 +428,7 @@ def _default_stiffness(contact: RigidContact, body: Body, facets: NDArray[np.int
     """Return `10 E/h` (n,) [N/m^3] of the facets."""
     mesh: Any = body.mesh
     if contact.simplices is not None:
-        raise ContactError(f"{contact.what}: stiffness = None with simplices; expected a positive number [N/m^3].")
+        raise ContactError(f"{contact.label}: stiffness = None with simplices; expected a positive number [N/m^3].")
     young = np.full(mesh.nt, np.nan)
     for term in body.terms:
         material = getattr(term, "material", None)
@@ -511,7 +445,7 @@ def _default_stiffness(contact: RigidContact, body: Body, facets: NDArray[np.int
     E = young[behind]
     if np.isnan(E).any():
         raise ContactError(
-            f"{contact.what}: {name_ids(np.unique(behind[np.isnan(E)]), 'element')} without Young's modulus, from which the "
+            f"{contact.label}: {name_ids(np.unique(behind[np.isnan(E)]), 'element')} without Young's modulus, from which the "
             "default stiffness is; expected stiffness=... [N/m^3], such as 10 E/h of the softest body."
         )
     if element.k == 0:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import flag, number, real_array, shown
+from ..arguments import flag, number, points
 from ..errors import ContactError
 from ..kernels import contact as kernels
 
@@ -27,12 +27,8 @@ class RigidShape(ABC):
     vectors: ClassVar[tuple[str, ...]]  # names of the fields with one component per dimension
 
     def __post_init__(self) -> None:
-        for name in self.vectors:
-            object.__setattr__(self, name, self._vector(name))
-        counts = {len(getattr(self, name)) for name in self.vectors}
-        if len(counts) > 1:
-            sizes = ", ".join(f"{name} {len(getattr(self, name))}" for name in self.vectors)
-            raise ContactError(f"{type(self).__name__}: numbers of components: {sizes}; expected as many in each.")
+        for name, vector in points(self.name, {name: getattr(self, name) for name in self.vectors}, ContactError).items():
+            object.__setattr__(self, name, vector)
 
     @property
     def d(self) -> int:
@@ -47,25 +43,15 @@ class RigidShape(ABC):
     def numbers(self) -> NDArray[np.float64]:
         """Return the numbers of the shape for the kernels."""
 
-    def _vector(self, name: str) -> tuple[float, ...]:
+    def _unit_vector(self, name: str) -> tuple[float, ...]:
         given = getattr(self, name)
-        x = real_array(given)
-        if x is None or x.ndim != 1 or not 1 <= len(x) <= 3 or not np.isfinite(x).all():
-            raise ContactError(f"{self.name}: {name} = {shown(given)}; expected one to three finite components.")
-        return tuple(x.tolist())
-
-    def _direction(self, name: str) -> tuple[float, ...]:
-        given = self._vector(name)
         length = float(np.linalg.norm(given))
         if not length > 0:
             raise ContactError(f"{self.name}: {name} = {given}; expected a direction, not all zero.")
         return tuple((np.array(given) / length).tolist())
 
     def _positive(self, name: str) -> float:
-        value = number(f"{self.name}: {name}", getattr(self, name), "a positive length", error=ContactError)
-        if not value > 0:
-            raise ContactError(f"{self.name}: {name} = {value:g}; expected a positive length.")
-        return value
+        return number(f"{self.name}: {name}", getattr(self, name), "a positive length", 0.0, error=ContactError)
 
     def _packed(
         self, position: ArrayLike, direction: ArrayLike = (), radius: float = 0.0, inside: bool = False
@@ -105,7 +91,7 @@ class RigidPlane(RigidShape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "normal", self._direction("normal"))
+        object.__setattr__(self, "normal", self._unit_vector("normal"))
 
     def numbers(self) -> NDArray[np.float64]:
         return self._packed(self.point, self.normal)
@@ -187,7 +173,7 @@ class RigidCylinder(RigidShape):
             raise ContactError(
                 f"RigidCylinder: {self.d} components; expected three. In the plane take a RigidSphere, a disc there."
             )
-        object.__setattr__(self, "axis", self._direction("axis"))
+        object.__setattr__(self, "axis", self._unit_vector("axis"))
         object.__setattr__(self, "radius", self._positive("radius"))
         object.__setattr__(self, "inside", flag(f"{self.name}: inside", self.inside, ContactError))
 
@@ -228,9 +214,9 @@ class RigidBox(RigidShape):
         sides = np.subtract(self.high, self.low)
         if not (sides > 0).all():
             raise ContactError(f"RigidBox: low = {self.low}, high = {self.high}; expected low below high along each axis.")
-        radius = number("RigidBox: radius", self.radius, "a length, zero or more", error=ContactError)
-        if not 0 <= radius <= sides.min() / 2:
-            raise ContactError(f"RigidBox: radius = {radius:g}; expected 0 to {sides.min() / 2:g}, half of the shortest side.")
+        most = float(sides.min()) / 2
+        expected = f"0 to {most:g}, half of the shortest side"
+        radius = number("RigidBox: radius", self.radius, expected, 0.0, most, closed=True, error=ContactError)
         object.__setattr__(self, "radius", radius)
 
     def numbers(self) -> NDArray[np.float64]:

@@ -205,8 +205,7 @@ def test_corners_are_a_better_second_level_of_quadratic_elements(of):
 
 
 def test_supports_of_a_few_nodes_cost_no_iterations_of_their_own():
-    """Aggregates, and with them an iteration, depend on the number of threads."""
-    assert solved(*quadratic(3, slides=True)).iterations <= solved(*quadratic(3)).iterations + 1
+    assert solved(*quadratic(3, slides=True)).iterations <= solved(*quadratic(3)).iterations
 
 
 def test_factors_of_middles_exceed_one_only_next_to_single_supports():

@@ -130,7 +130,7 @@ class Wells:
     def contact_limit(self, u, v):
         return np.inf, ""
 
-    def keeps_orientations(self, u, found):
+    def way_is_free(self, u, found):
         return True
 
     def inside_out(self, u):
@@ -242,7 +242,7 @@ def test_an_allowed_number_of_inverted_elements_converges():
 
 
 def test_full_steps_across_a_flat_state_are_rejected():
-    problem = faulty(keeps_orientations=lambda u, found: False)
+    problem = faulty(way_is_free=lambda u, found: False)
     _, end, record = solved(problem)
     assert end.converged and 0 < record.restarted < len(record)
 

@@ -16,6 +16,7 @@ from skfem_stvk import (
     Gravity,
     LinearBackwardEuler,
     NeoHookean,
+    Rayleigh,
     ReducedSystem,
     RigidBox,
     RigidContact,
@@ -23,6 +24,7 @@ from skfem_stvk import (
     RigidPlane,
     RigidSphere,
     Simulation,
+    SimulationError,
     StVK,
     StvkError,
     SupportError,
@@ -48,8 +50,8 @@ SHAPES = {
     "plane": RigidPlane((0, 0, 0.3), (0.1, 0.2, 1)),
     "sphere": RigidSphere((0.5, 0.5, -0.4), 0.7),
     "inside a sphere": RigidSphere((0.5, 0.5, 0.5), 0.6, inside=True),
-    "cylinder": RigidCylinder((0.5, 0.5, -0.3), (0, 1, 0.2), 0.6),
-    "inside a cylinder": RigidCylinder((0.5, 0.5, 0.5), (0, 1, 0.2), 0.45, inside=True),
+    "cylinder": RigidCylinder((0.5, 0.5, -0.3), (0.3, 1, 0.2), 0.6),
+    "inside a cylinder": RigidCylinder((0.5, 0.5, 0.5), (0.3, 1, 0.2), 0.45, inside=True),
     "box": RigidBox((0.1, 0.2, -0.75), (0.9, 0.8, 0.4)),
     "rounded box": RigidBox((0.1, 0.2, -0.75), (0.9, 0.8, 0.4), radius=0.25),
 }
@@ -132,7 +134,7 @@ def test_twice_the_slope_of_the_mean_force_on_a_plane_is_exact(onset):
         term.mean_force(of_vertices(u), of_vertices(u1 + s * v), (1.0, 1.0), 0.5, f)
         return f.ravel()
 
-    with body.between(u, u1):
+    with body.assuming((of_vertices(u), of_vertices(u1))):
         K = body.tangent(u) - other
     change = slope(twice)
     assert np.abs(K @ v - change).max() < 1e-6 * np.abs(change).max()
@@ -205,7 +207,12 @@ def test_energy_is_kept_but_for_friction_and_the_work_of_the_shape(contact):
     kinetic = run.ledger["kinetic_energy"][0]
     assert run.success and np.abs(run.ledger["closure_error"]).max() < 1e-12 * kinetic
     assert np.abs(run.ledger["strain_energy RigidContact 2"]).max() > 1e-3 * kinetic
-    assert (run.ledger["dissipated_work"][-1] > 1e-3 * kinetic) == (contact.friction is not None)
+    assert (run.ledger["dissipated_work"][-1] > 1e-3 * kinetic) == (contact.friction is not None) == ("friction_work" in run.ledger)
+    if contact.friction is not None:
+        damped = dropped(contact, EnergyMomentum(1e-3), damping=Rayleigh(10.0, 1e-4))
+        assert np.abs(damped.ledger["closure_error"]).max() < 1e-12 * kinetic
+        assert np.array_equal(run.ledger["friction_work"], run.ledger["dissipated_work"])
+        assert 1e-3 * kinetic < damped.ledger["friction_work"][-1] < 0.9 * damped.ledger["dissipated_work"][-1]
     assert (abs(run.ledger["external_work"][-1]) > 1e-3 * kinetic) == (contact.motion is not None)
 
 
@@ -215,6 +222,59 @@ def test_critical_steps_count_shapes_before_they_touch():
     mesh = box((0.1, 0.1, 0.1), (3, 3, 3))
     law, far = StVK(young=3e4, poisson=0.4, density=1000.0), RigidContact(RigidPlane((0, 0, -9), (0, 0, 1)))
     assert critical_step(System(mesh, [law, far])).step < 0.7 * critical_step(System(mesh, [law])).step
+
+
+@pytest.mark.parametrize("shape", ["plane", "sphere", "cylinder"])
+@pytest.mark.parametrize("mesh", ["tetrahedra", "quadratic tetrahedra", "hexahedra"])
+def test_friction_opposes_the_slip_and_has_the_derivative_of_its_force(mesh, shape):
+    """Some points stick and others slide: the width is that of the middle slip."""
+    friction = Friction(0.4, slip_speed=0.8)
+    without, body, _, u, v = bound(mesh, shape, friction=friction)
+    rubbing, plain = body.for_analysis(in_time=True), bound(mesh, shape)[2]
+    term, law = rubbing.bound_terms[1], without.internal_force
+    rubbing.commit(u, Moment(1.0, 1.0))
+    term.at(Moment(1.0, 1.0))
+    assert np.array_equal(force(term, u), force(plain, u)) and np.array_equal(force(term, u + v), force(plain, u + v))
+    term.at(Moment(1.01, 1.0))
+    slip = 0.02 * v
+    rub = force(term, u + slip) - force(plain, u + slip)
+    assert np.array_equal(force(term, u), force(plain, u)) and rub @ slip > 0
+    pushed = np.zeros_like(of_vertices(u))
+    plain.energy_and_force(of_vertices(u), pushed)
+    sizes, most = np.linalg.norm(of_vertices(rub), axis=1), 0.4 * np.linalg.norm(pushed, axis=1)
+    if mesh == "tetrahedra":  # points are vertices: Coulomb's limit, reached by some
+        touching = most > 0
+        assert (sizes <= most * (1 + 1e-12)).all()
+        assert 0 < np.count_nonzero(sizes[touching] < 0.99 * most[touching]) < np.count_nonzero(touching)
+        normals = pushed[touching] / np.linalg.norm(pushed[touching], axis=1, keepdims=True)
+        assert np.abs((of_vertices(rub)[touching] * normals).sum(axis=1)).max() < 1e-12 * sizes.max()
+    K = (rubbing.tangent(u + slip) - without.tangent(u + slip)).toarray()
+    change = slope(lambda s: rubbing.internal_force(u + slip + s * v) - law(u + slip + s * v))
+    assert np.abs(K @ v - change).max() < 1e-5 * np.abs(change).max() and np.abs(K - K.T).max() < 1e-10 * np.abs(K).max()
+
+    def twice(s):
+        f = np.zeros_like(of_vertices(u))
+        term.mean_force(of_vertices(u), of_vertices(u + slip + s * v), (1.0, 1.0), 0.5, f)
+        return f.ravel() - of_mean(s)
+
+    def of_mean(s):
+        f = np.zeros_like(of_vertices(u))
+        plain.mean_force(of_vertices(u), of_vertices(u + slip + s * v), (1.0, 1.0), 0.5, f)
+        return f.ravel()
+
+    states = of_vertices(u), of_vertices(u + slip)
+    with rubbing.assuming(states):
+        of_friction = rubbing.tangent(u + slip)
+    still = System(MESHES[mesh], [LAW, RigidContact(SHAPES[shape], stiffness=1e4)])
+    with still.assuming(states):
+        of_friction = of_friction - still.tangent(u + slip)
+    assert np.abs(of_friction @ v - slope(twice)).max() < 1e-5 * np.abs(slope(twice)).max()
+    term.predict(of_vertices(u + slip))
+    assert np.abs(force(term, u + slip) - force(plain, u + slip) - rub).max() < 1e-12 * np.abs(rub).max()
+    linear = force(term, u + 3 * slip) - force(plain, u + 3 * slip)
+    assert np.abs(linear - 3 * rub).max() < 1e-10 * np.abs(rub).max()
+    K = rubbing.tangent(u) - still.tangent(u)
+    assert np.abs(K @ slip - rub).max() < 1e-10 * np.abs(rub).max()
 
 
 MU, G, SLIP = 0.3, 9.81, 1e-3
@@ -302,14 +362,136 @@ def test_simulations_of_one_body_in_threads_do_not_affect_each_other():
         assert np.array_equal(found["together", name], found["alone", name])
 
 
-def test_a_body_that_would_pass_through_a_shape_in_one_step_is_stopped():
-    """At 100 m/s a block passes a ball of 6 cm in one step of 10 ms; without the limit it meets nothing."""
-    mesh = box((0.1, 0.1, 0.1), (2, 2, 2))
-    ball = RigidContact(RigidSphere((0.05, 0.05, -0.3), 0.06), stiffness=1e9)
-    v0 = np.tile([0, 0, -100.0], (mesh.nv, 1))
-    body = System(mesh, [NeoHookean(young=3e7, poisson=0.3, density=1000.0), ball])
-    run = simulate(body, BackwardEuler(1e-2), until=1e-2, v0=v0.ravel(), quiet=True, raise_on_failure=False)
-    assert run.u.reshape(-1, 3)[:, 2].min() > -0.5 or "pass through a contact" in run.message
+def thrown(stiffness=1e9, cells=2, speed=100.0, rests=True):
+    """Return a block above a ball of 6 cm, and its velocities: the block falls on the ball, or the ball is thrown at the block."""
+    mesh, motion = box((0.1, 0.1, 0.1), (cells,) * 3), None if rests else lambda t: (0, 0, speed * t)
+    ball = RigidContact(RigidSphere((0.05, 0.05, -0.1), 0.06), stiffness=stiffness, motion=motion, name="ball")
+    rubber = NeoHookean(young=3e7, poisson=0.3, density=1000.0)
+    return System(mesh, [rubber, ball]), np.tile([0, 0, -speed * rests], mesh.nv)
+
+
+@pytest.mark.parametrize("rests", [True, False], ids=["the block moves", "the ball moves"])
+@pytest.mark.parametrize("integrator", [LinearBackwardEuler, BackwardEuler, EnergyMomentum], ids=lambda one: one.__name__)
+def test_nothing_passes_through_a_ball_in_one_step(integrator, rests):
+    """At 100 m/s a block passes a ball of 6 cm in one step of 4 ms: no such step is accepted."""
+    body, v0 = thrown(rests=rests)
+    sim = Simulation(body, integrator(4e-3), v0=v0)
+    with pytest.raises(SimulationError):
+        sim.step()
+    assert sim.t == 0 and not sim.u.any()
+    body, v0 = thrown(3e10, 4, 20.0, rests)
+    run = simulate(body, integrator(1e-4), until=8e-3, v0=v0, quiet=True)
+    height = body.mesh.p[2].mean() + run.u.reshape(-1, 3)[:, 2].mean() - (0 if rests else 20.0 * run.t)
+    assert run.success and run.ledger["strain_energy RigidContact 1"].max() > 1.0 and height > 0
+
+
+def test_without_the_check_a_block_passes_through_a_ball(monkeypatch):
+    body, v0 = thrown()
+    monkeypatch.setattr(System, "passed_contact", lambda *given: "")
+    sim = Simulation(body, LinearBackwardEuler(4e-3), v0=v0)
+    sim.step()
+    assert (body.mesh.p[2] + sim.u.reshape(-1, 3)[:, 2]).max() < -0.16
+
+
+@pytest.mark.parametrize(
+    ("shape", "aside", "passes"),
+    [
+        ("sphere", 0.0, True),
+        ("sphere", 0.6 * 0.7, True),
+        ("sphere", 0.8 * 0.7, False),
+        ("cylinder", 0.0, True),
+        ("cylinder", 0.9 * 0.6, False),
+        ("box", 0.0, True),
+        ("inside a sphere", 0.0, False),
+        ("plane", 0.0, False),
+    ],
+)
+def test_points_pass_where_they_leave_on_the_other_side(shape, aside, passes):
+    """Lines that graze a sphere or a cylinder, at an angle of less than a right one between the normals, do not pass it."""
+    _, body, term, u, _ = bound(shape=shape)
+    start = np.tile([0.5 + aside, 0.5, 5.0], (len(u) // 3, 1)) - body.mesh.p.T  # all nodes at one point, above the shape
+    fall = np.tile([0, 0, -12.0], (len(u) // 3, 1))
+    assert term.passes(start, start + fall) == passes == (body.passed_contact(start.ravel(), (start + fall).ravel()) == "contact")
+    assert not term.passes(start, start + 0.3 * fall)
+
+
+FLAT = {
+    "triangles": ElementMesh.of(skfem.MeshTri().refined(2)),
+    "quadratic triangles": ElementMesh.of(skfem.MeshTri().refined(1)).with_degree(2),
+    "quadrilaterals": ElementMesh.of(skfem.MeshQuad().refined(2)),
+    "segments": ElementMesh.of(skfem.MeshLine(np.linspace(0, 1, 5))),
+}
+
+
+@pytest.mark.parametrize(
+    ("mesh", "shape"),
+    [
+        *((mesh, shape) for mesh in list(FLAT)[:3] for shape in (RigidPlane((0, 0.2), (0.3, 1)), RigidSphere((0.5, -0.4), 0.6))),
+        *(
+            ("triangles", shape)
+            for shape in (RigidBox((0.2, -1), (0.9, 0.3), radius=0.2), RigidSphere((0.5, 0.5), 0.6, inside=True))
+        ),
+        ("segments", RigidPlane((0.1,), (2.0,))),
+    ],
+)
+def test_lines_discs_and_rectangles_touch_bodies_in_the_plane_and_points_bars(mesh, shape):
+    flat = FLAT[mesh]
+    law = StVK(young=1e3, poisson=0.3, **({"area": 0.2} if mesh == "segments" else {"thickness": 0.2}))
+    without, body = System(flat, law), System(flat, [law, RigidContact(shape, stiffness=1e4)])
+    term, d = body.bound_terms[1], flat.d
+    u, v = np.random.default_rng(0).normal(size=(2, body.ndofs)) * [[0.02], [0.5]]
+
+    def force(x):
+        out = np.zeros((flat.nv, d))
+        term.energy_and_force(x.reshape(-1, d), out)
+        return out.ravel()
+
+    def energy(x):
+        return term.energy_and_force(x.reshape(-1, d))
+
+    assert energy(u) > 0 and slope(lambda s: energy(u + s * v)) == pytest.approx(force(u) @ v, rel=1e-6)
+    K, change = body.tangent(u) - without.tangent(u), slope(lambda s: force(u + s * v))
+    assert np.abs(K @ v - change).max() < 1e-6 * np.abs(change).max()
+    f = np.zeros((flat.nv, d))
+    term.mean_force(u.reshape(-1, d), (u + 0.1 * v).reshape(-1, d), (0.5, 0.5), 0.5, f)
+    assert 0.1 * (f.ravel() @ v) == pytest.approx(energy(u + 0.1 * v) - energy(u), rel=1e-11)
+    facing = System(flat, [law, RigidContact(shape, (lambda x: x[0] == 0) if d == 1 else (lambda x: x[1] == 0), stiffness=1.0)])
+    assert facing.bound_terms[1].areas.sum() == pytest.approx(0.2)  # thickness times length, or the area of the bar
+
+
+def test_the_default_stiffness_is_ten_times_the_modulus_behind_each_facet_over_its_size():
+    mesh = box((1.0, 1.0, 1.0), (4, 4, 4))
+    young = np.where(mesh.p[0, mesh.t].mean(axis=0) < 0.5, 1e3, 5e3)
+    plane = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM)
+    depth, h = 1e-3, (2 + np.sqrt(2)) / 3 / 4
+    u = np.tile([0, 0, -depth], mesh.nv).reshape(-1, 3)
+    for flipped in (False, True):
+        t = mesh.t[[1, 0, 2, 3]] if flipped else mesh.t
+        term = System(ElementMesh(mesh.p, t), [StVK(young=young, poisson=0.3), plane]).bound_terms[1]
+        assert term.energy_and_force(u) == pytest.approx(10 * (1e3 + 5e3) / 2 / h * depth**2 / 2, rel=1e-12)
+        force = np.zeros_like(u)
+        term.energy_and_force(u, force)
+        soft, stiff = (force[(mesh.p[0] == x) & (mesh.p[1] == 0.5) & (mesh.p[2] == 0), 2] for x in (0.25, 0.75))
+        assert stiff == pytest.approx(5 * soft)
+
+
+def test_damping_by_the_stiffness_at_rest_leaves_contacts_out(tmp_path):
+    """K(0) is computed once. With contacts in it, it would depend on the time at which it was computed."""
+    contact = RigidContact(
+        RigidPlane((0, 0, 1e-3), (0, 0, 1)), motion=lambda t: (0, 0, 0.1 * t), friction=Friction(0.3, slip_speed=0.05)
+    )
+    for integrator in (BackwardEuler(1e-3), LinearBackwardEuler(1e-3), EnergyMomentum(1e-3), VelocityVerlet(5e-5)):
+        options, folder = {"damping": Rayleigh(1.0, 1e-4)}, tmp_path / integrator.name
+        whole = dropped(contact, integrator, 0.01, **options)
+        dropped(contact, integrator, 0.005, checkpoint=folder, **options)
+        assert np.array_equal(dropped(contact, integrator, 0.01, checkpoint=folder, resume=True, **options).u, whole.u)
+    body = whole.system
+    K = System(body.mesh, body.terms[:1]).tangent(np.zeros(body.ndofs))
+    v = np.cos(np.arange(body.ndofs))
+    assert np.abs(whole.motion.at_rest @ v - K @ v).max() < 1e-12 * np.abs(K @ v).max()
+    assert np.abs(body.product(np.zeros(body.ndofs), v) - K @ v).max() > 0.1 * np.abs(K @ v).max()
+    with pytest.raises(StvkError, match="tangent='rest' would leave out the stiffness of contacts"):
+        dropped(contact, LinearBackwardEuler(1e-3, tangent="rest"))
 
 
 def test_a_contact_that_touches_holds_a_body():
@@ -346,17 +528,17 @@ def test_a_named_plane_that_is_not_touched_changes_no_bit():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: RigidSphere((0, 0, 0), -1.0), "RigidSphere: radius = -1; expected a positive length"),
+        (lambda: RigidSphere((0, 0, 0), -1.0), "RigidSphere: radius = -1.0; expected a positive length"),
         (lambda: RigidPlane((0, 0, 0), (0, 0, 0)), r"normal = \(0.0, 0.0, 0.0\); expected a direction"),
-        (lambda: RigidPlane((0, 0), (0, 0, 1)), "numbers of components: point 2, normal 3"),
+        (lambda: RigidPlane((0, 0), (0, 0, 1)), "point has 2 components and normal 3"),
         (lambda: RigidCylinder((0, 0), (0, 1), 1.0), "In the plane take a RigidSphere"),
         (lambda: RigidBox((0, 0, 0), (1, 1, 0)), "expected low below high"),
         (lambda: RigidBox((0, 0, 0), (1, 1, 1), radius=0.6), "radius = 0.6; expected 0 to 0.5"),
         (lambda: Friction(0.3), "neither slip_speed nor slip_length"),
         (lambda: Friction(-0.3, slip_speed=1.0), "coefficient = -0.3; expected a positive number"),
         (lambda: RigidContact("plane"), r"shape = 'plane'; expected RigidPlane\(...\)"),
-        (lambda: floor(stiffness=0.0), "RigidContact 'floor': stiffness = 0; expected a positive number"),
-        (lambda: floor(onset=-1.0), "onset = -1; expected a depth"),
+        (lambda: floor(stiffness=0.0), "RigidContact 'floor': stiffness = 0.0; expected a positive number"),
+        (lambda: floor(onset=-1.0), "onset = -1.0; expected a depth"),
         (lambda: floor(friction=0.3), r"friction = 0.3; expected Friction\(...\)"),
         (lambda: System(skfem.MeshTri(), [LAW, floor()]), "its RigidPlane has 3 components; expected 2"),
         (

@@ -146,6 +146,10 @@ class LinearBackwardEuler(BackwardEuler):
                 "LinearBackwardEuler: EdgeDamping would also damp follower loads, foundations and volume penalties. Take "
                 "Rayleigh(beta=tau), or BackwardEuler."
             )
+        if rest and motion.system.contacts:
+            raise StvkError(
+                "LinearBackwardEuler: tangent='rest' would leave out the stiffness of contacts. Take another tangent, or BackwardEuler."
+            )
         if rest and motion.tau:
             raise StvkError(
                 "LinearBackwardEuler: tangent='rest' would damp as if the body had not rotated. Take Rayleigh(beta=tau), or "

@@ -1,0 +1,58 @@
+"""Coulomb friction of contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..arguments import number
+from ..errors import ContactError
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb friction, whose force rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
+
+    The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
+    the last accepted state, so that friction lags behind by a step. Its stiffness is symmetric. In motions the width is
+    `slip_speed` times the step: a body that sticks creeps slower than that.
+
+    Parameters
+    ----------
+    coefficient
+        Coefficient of friction.
+    slip_speed
+        Speed up to which friction rises in motions [m/s].
+    slip_length
+        Slip up to which friction rises in statics, per step of the load [m].
+
+    Raises
+    ------
+    ContactError
+        if a value is not positive, or none of the two widths is given; by analyses that need the other one.
+
+    Notes
+    -----
+    Source: the smoothing f1 is that of the IPC Toolkit (Li et al. 2020).
+
+    Examples
+    --------
+    >>> Friction(0.3, slip_speed=1e-3).slip_length is None
+    True
+    """
+
+    coefficient: float
+    slip_speed: float | None = None
+    slip_length: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, unit in (("coefficient", ""), ("slip_speed", " [m/s]"), ("slip_length", " [m]")):
+            given = getattr(self, name)
+            if given is None and name != "coefficient":
+                continue
+            value = number(f"Friction: {name}", given, f"a positive number{unit}", 0.0, error=ContactError)
+            object.__setattr__(self, name, value)
+        if self.slip_speed is None and self.slip_length is None:
+            raise ContactError(
+                "Friction: neither slip_speed nor slip_length; expected slip_speed=... [m/s] for motions, such as a "
+                "hundredth of the speed of sliding, or slip_length=... [m] for statics."
+            )
