@@ -441,8 +441,8 @@ def _way_through(kind, numbers, x, v):
 def step_limit(surface: Surface, shape: ShapeNumbers, shift: Reals, moved: Reals, u: Reals, v: Reals) -> float:
     """Return the smallest `s > 0` at which a point is halfway on its way `u + s v` through the shape, or infinity.
 
-    The shape moves from `shift` by `s` times `moved` (3,). Halfway through a sphere or a cylinder, a point is deepest. Beyond it, the
-    penalty would push it out on the other side. A plane, and a shape around the body, have no other side.
+    The shape moves from `shift` by `s` times `moved` (3,). Halfway through a sphere or a cylinder, a point is deepest. Beyond
+    it, the penalty would push it out on the other side. A plane, and a shape around the body, have no other side.
     """
     N, t, X = surface
     kind, numbers = shape

@@ -217,6 +217,8 @@ class BoundTerms:
 
     def return_to(self, history: Sequence[Array]) -> None:
         """Go back to a result of `history`. Raises ValueError if it is of another body."""
+        if len(history) != len(self._with_history):
+            raise ValueError(f"it has the histories of {len(history)} terms; expected {len(self._with_history)}")
         for term, one in zip(self._with_history, history, strict=True):
             term.history = one
 
@@ -269,7 +271,7 @@ class BoundTerms:
                 term.assumed = None
 
     def passed_contact(self, u0: ArrayLike, u1: ArrayLike) -> str:
-        """Return the name of a contact that the body passes through from `u0` to `u1` over the present step; "" if there is none."""
+        """Return the name of a contact that is passed through from `u0` to `u1` over the present step; "" if there is none."""
         return next((term.name for term in self.contacts if term.passes(self._state(u0), self._state(u1))), "")
 
     @cached_property

@@ -231,7 +231,7 @@ class System(BoundTerms):
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
     def for_analysis(self: SystemType, in_time: bool) -> SystemType:
-        """Return the body with new terms where they have history or contacts, whose state belongs to one analysis; otherwise itself.
+        """Return the body with terms of its own where their state belongs to one analysis: history, contacts; otherwise itself.
 
         Parameters
         ----------

@@ -210,7 +210,7 @@ class Grounded(Protocol):
 
 
 class Assumed(Enum):
-    """What the stiffness of a contact assumes, in place of the state.
+    """Assumption on which the stiffness of a contact is computed, in place of the state.
 
     APART       nothing touches: for K at rest
     TOUCHING    the whole surface touches: for stable steps, because a body may meet a shape before the next review of its step

@@ -332,7 +332,6 @@ class RigidContactWithHistory(BoundRigidContact):
         """Store the state at the beginning of a step."""
         self._history = self._history.copy()
         self._history[:3], self._history[3] = self._shift, t
-        self._secants = np.empty((0, 0))
         if self.contact.friction is not None:
             start, e = (self._surface, self._weights, self._shape, self._shift), self.contact.onset
             kernels.remember(*start, e, u, self.contact.friction.coefficient, self._past)

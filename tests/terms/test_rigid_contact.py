@@ -35,8 +35,10 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
+from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
 from skfem_stvk.edges import NONE as GAUSS_NEWTON
 from skfem_stvk.mesh import ElementMesh, box
+from skfem_stvk.results.store import read_archive, write_archive
 from skfem_stvk.terms.load import Moment
 
 LAW = StVK(young=1e3, poisson=0.3, density=1.0)
@@ -370,6 +372,25 @@ def thrown(stiffness=1e9, cells=2, speed=100.0, rests=True):
     return System(mesh, [rubber, ball]), np.tile([0, 0, -speed * rests], mesh.nv)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda one: one[:-1], "the history of RigidContact 'floor' is .*; expected"),
+        (lambda one: np.where(np.arange(len(one)) == 9, np.nan, one), "the history of RigidContact 'floor'"),
+        (None, "it has the histories of 0 terms; expected 1"),
+    ],
+)
+def test_a_checkpoint_with_a_damaged_history_is_refused(change, words, tmp_path):
+    contact = floor(friction=Friction(0.3, slip_speed=0.05))
+    dropped(contact, BackwardEuler(1e-3), 0.005, checkpoint=tmp_path)
+    header, arrays = read_archive(tmp_path / "motion.npz", MotionHeader, MotionCheckpoint.known, "")
+    header = header.model_dump(mode="json")
+    history = arrays.pop("history 0")
+    write_archive(tmp_path / "motion.npz", header, arrays if change is None else arrays | {"history 0": change(history)})
+    with pytest.raises(StvkError, match=f"is damaged: {words}"):
+        dropped(contact, BackwardEuler(1e-3), 0.01, checkpoint=tmp_path, resume=True)
+
+
 @pytest.mark.parametrize("rests", [True, False], ids=["the block moves", "the ball moves"])
 @pytest.mark.parametrize("integrator", [LinearBackwardEuler, BackwardEuler, EnergyMomentum], ids=lambda one: one.__name__)
 def test_nothing_passes_through_a_ball_in_one_step(integrator, rests):
@@ -383,6 +404,19 @@ def test_nothing_passes_through_a_ball_in_one_step(integrator, rests):
     run = simulate(body, integrator(1e-4), until=8e-3, v0=v0, quiet=True)
     height = body.mesh.p[2].mean() + run.u.reshape(-1, 3)[:, 2].mean() - (0 if rests else 20.0 * run.t)
     assert run.success and run.ledger["strain_energy RigidContact 1"].max() > 1.0 and height > 0
+
+
+def test_the_halves_of_a_step_that_would_pass_are_two_steps_of_half_the_length():
+    """Forces that equation 9 has stored for the next step are those of the state before, not of the state that was refused."""
+    body, v0 = thrown(1e9)
+    halved = Simulation(body, LinearBackwardEuler(1.6e-3), v0=v0, halvings=1)
+    half = Simulation(body, LinearBackwardEuler(0.8e-3), v0=v0)
+    halved.step()
+    half.step()
+    half.step()
+    assert np.array_equal(halved.u, half.u) and half.contact("ball").resultant[2] > 1.0
+    with pytest.raises(SimulationError, match="the body would pass through a contact: 'ball'"):
+        Simulation(body, LinearBackwardEuler(1.6e-3), v0=v0).step()
 
 
 def test_without_the_check_a_block_passes_through_a_ball(monkeypatch):

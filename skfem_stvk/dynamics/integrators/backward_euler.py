@@ -148,7 +148,8 @@ class LinearBackwardEuler(BackwardEuler):
             )
         if rest and motion.system.contacts:
             raise StvkError(
-                "LinearBackwardEuler: tangent='rest' would leave out the stiffness of contacts. Take another tangent, or BackwardEuler."
+                "LinearBackwardEuler: tangent='rest' would leave out the stiffness of contacts. Take another tangent, or "
+                "BackwardEuler."
             )
         if rest and motion.tau:
             raise StvkError(
