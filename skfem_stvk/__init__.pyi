@@ -69,6 +69,7 @@ from .terms import Friction as Friction
 from .terms import Gravity as Gravity
 from .terms import InvertibleStVK as InvertibleStVK
 from .terms import LinearElastic as LinearElastic
+from .terms import MeshContact as MeshContact
 from .terms import NeoHookean as NeoHookean
 from .terms import NodalLoad as NodalLoad
 from .terms import Pressure as Pressure

@@ -15,6 +15,7 @@ from ..system.operator import refuse_overflow
 from ..system.system import array_to_fill
 from ..terms import HasDampingForce, HasMeanForce, HasVolume
 from ..terms.load import Time
+from ..terms.protocols import Assumed
 
 
 def add_mean_force(
@@ -129,12 +130,13 @@ def passes_inversion(system: System) -> bool:
 class StartTensions:
     """Part of the tangent due to the tensions at the beginning of a step, `sum t_i(u_0) Lap_i`, computed at the first request.
 
-    It is the difference of two tangents at `u_0`: one with the retained tensions, one without tensions.
+    It is the difference of two tangents at `u_0`: one with the retained tensions, one without tensions. Contacts have none.
     """
 
     def __init__(self, system: System) -> None:
         self._system, self._u0 = system, np.zeros(system.ndofs)
         self._matrices: list[csr_matrix | None] = [None, None]
+        self._version = system.pattern_version  # of the matrices
         self._operators: list[TangentOperator] = []
         self._matrices_for: Tensions | None = None
         self._operators_for: Tensions | None = None
@@ -147,9 +149,12 @@ class StartTensions:
     def values(self, t: Time, retained: Tensions) -> Array:
         """Return the values of a matrix of the system's pattern, with the tensions that `retained` retains."""
         difference, without = self._matrices
+        if self._version != self._system.pattern_version:
+            difference, without, self._version = None, None, self._system.pattern_version
         if self._matrices_for != retained or difference is None:
-            difference = self._system.jacobian(self._u0, t, out=difference, kept=retained)
-            without = self._system.jacobian(self._u0, t, out=without, kept=NONE)
+            with self._system.assuming(Assumed.APART):
+                difference = self._system.jacobian(self._u0, t, out=difference, kept=retained)
+                without = self._system.jacobian(self._u0, t, out=without, kept=NONE)
             difference.data -= without.data
             self._matrices, self._matrices_for = [difference, without], retained
         values: Array = difference.data
@@ -157,10 +162,11 @@ class StartTensions:
 
     def operators(self, retained: Tensions) -> list[tuple[float, TangentOperator]]:
         """Return factors and operators, in the form that `TangentOperator.scale_and_add` takes."""
-        if not self._operators:
-            self._operators = [self._system.linear_operator(self._u0, kept=which) for which in (retained, NONE)]
-        elif self._operators_for != retained:
-            for operator, which in zip(self._operators, (retained, NONE), strict=True):
-                operator.prepare(self._u0, kept=which)
+        with self._system.assuming(Assumed.APART):
+            if not self._operators:
+                self._operators = [self._system.linear_operator(self._u0, kept=which) for which in (retained, NONE)]
+            elif self._operators_for != retained:
+                for operator, which in zip(self._operators, (retained, NONE), strict=True):
+                    operator.prepare(self._u0, kept=which)
         self._operators_for = retained
         return list(zip((1.0, -1.0), self._operators, strict=True))

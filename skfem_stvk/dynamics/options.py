@@ -96,8 +96,14 @@ def basis_of(motion: Motion) -> dict[str, list[float]]:
     return {BASIS: motion.body.signature} if isinstance(motion.body, Coordinates) else {}
 
 
-def refuse_on_basis(motion: Motion, integrator: Integrator, removing: bool) -> None:
-    """Refuse damping, integrators and removal rules that the motion of a body on a basis does not support."""
+def refuse_unsupported(motion: Motion, integrator: Integrator, removing: bool) -> None:
+    """Refuse integrators that terms of the body do not support, and on a basis also damping and removal rules."""
+    names = [contact.name for contact in motion.system.contacts if getattr(contact, "needs_newton", False)]
+    if names and (integrator.explicit or getattr(integrator, "starts_near", False)):
+        raise StvkError(
+            f"integrator = {integrator.name}(...) with the MeshContact {names[0]!r}; expected an implicit integrator with Newton's "
+            "method, such as BackwardEuler or EnergyMomentum: others would step through the barrier."
+        )
     if not isinstance(motion.body, Coordinates):
         return
     if motion.tau:

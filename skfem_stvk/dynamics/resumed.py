@@ -24,7 +24,7 @@ from .inputs import Inputs
 from .integrators import INTEGRATORS, Integrator
 from .ledger_rows import LedgerLocations
 from .motion import Motion
-from .options import BASIS, Options, Setup, basis_of, checked_integrator, method_options, refuse_on_basis, too_early
+from .options import BASIS, Options, Setup, basis_of, checked_integrator, method_options, refuse_unsupported, too_early
 from .outputs import Outputs
 from .record import SLACK, RunRecord
 
@@ -56,7 +56,7 @@ def restored(
     stored: Damping = [Rayleigh(method.damping.alpha, method.damping.beta), EdgeDamping(method.damping.tau)]
     damping = stored if options.damping is None else options.damping
     motion = Motion(body, method.mass if options.mass is None else options.mass, damping, inputs)
-    refuse_on_basis(motion, integrator, options.remove is not None)
+    refuse_unsupported(motion, integrator, options.remove is not None)
     system, then = motion.system, header.problem.numbers
     start = {name: then.get(name, []) for name in ("t0", "u0", "v0")} | options.start(system)
     start |= ({BASIS: []} if BASIS in then else {}) | basis_of(motion)

@@ -25,7 +25,7 @@ from .ledger import Ledger
 from .ledger_rows import LedgerLocations, column_names
 from .loop import Loop
 from .motion import Motion
-from .options import Options, Setup, checked_integrator, refuse_on_basis, too_early
+from .options import Options, Setup, checked_integrator, refuse_unsupported, too_early
 from .outputs import Outputs
 from .record import MotionState, RunRecord
 from .removal import Rule, checked_rule
@@ -216,7 +216,7 @@ def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> 
     system = body.system if isinstance(body, Coordinates) else body
     locations = LedgerLocations.checked(system, options.probes, options.reactions)
     motion = Motion(body, options.mass, options.damping)
-    refuse_on_basis(motion, integrator, options.remove is not None)
+    refuse_unsupported(motion, integrator, options.remove is not None)
     if not options.until > options.t0:
         raise too_early(options.until, options.t0)
     dt = min(integrator.dt or 1e-6, options.until - options.t0)

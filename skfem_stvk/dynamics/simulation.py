@@ -29,7 +29,7 @@ from .integrators import Integrator, StepFailed
 from .ledger import Ledger
 from .ledger_rows import REMOVED, LedgerLocations, LedgerWriter, column_names
 from .motion import Motion
-from .options import Options, basis_of, checked_integrator, method_options, refuse_on_basis
+from .options import Options, basis_of, checked_integrator, method_options, refuse_unsupported
 from .record import SLACK, Clock, HierarchyOrigin, MotionState, RunRecord, Snapshot
 from .removal import rule_text
 from .run import SimulationError
@@ -135,7 +135,7 @@ class Simulation:
         integrator, t0 = checked_integrator(integrator), number("t0", t0, "a time in seconds")
         body = _body(system)
         motion = Motion(body, mass, damping, Inputs(body, pushed))
-        refuse_on_basis(motion, integrator, removing=False)
+        refuse_unsupported(motion, integrator, removing=False)
         state = first_state(motion, u0, v0, t0, integrator.dt or 1e-6)
         names = column_names(motion.body) if flag("ledger", ledger) else ["time"]
         self._begin(motion, integrator, RunRecord.at(state, Ledger(names), motion.body), halvings, on_failure)

@@ -101,7 +101,7 @@ class StepMatrix:
         self._motion, self._system, self._watch = motion, motion.system, watch
         self._chosen, self._mean = chosen, mean
         self._u0, self._at = np.zeros(motion.states.n), np.zeros(motion.states.n)
-        self._rest: Any = None  # K(0)
+        self._rest: tuple[int, csr_matrix] | None = None  # version of the pattern, and K(0)
         between = mean and any(isinstance(term, HasMeanForce) for term in motion.system.bound_terms)
         self._tensions = StartTensions(motion.system) if between and chosen is not StepTangent.REST else None
         self.with_tensions = True
@@ -251,10 +251,10 @@ class StepMatrix:
         if self._tensions is not None and retained != NONE:
             K.data += self._tensions.values(t, retained)
         if self._motion.beta:
-            if self._rest is None:
+            if self._rest is None or self._rest[0] != self._system.pattern_version:
                 with self._system.assuming(Assumed.APART):
-                    self._rest = self._system.tangent(np.zeros(self._system.ndofs))
-            K.data += self._motion.beta * self._g * self._rest.data
+                    self._rest = self._system.pattern_version, self._system.tangent(np.zeros(self._system.ndofs))
+            K.data += self._motion.beta * self._g * self._rest[1].data
         self._motion.mass.add_to(K, self._inertia_factor)
         return self.tangent.restricted(K)
 

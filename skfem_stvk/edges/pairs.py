@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -438,6 +439,7 @@ class AccumulatedTerm(AccumulatedBlocks, PairTerm):
         return self.term.energy_and_force(u, force)
 
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
+        look_at([self.term], u)
         pairs = self.pairs
         blocks = np.empty(pairs.size, dtype=pairs.own.dtype) if out is None or len(out) != pairs.size else out
         self.term.add_blocks(u, pairs.zeroed(blocks), kept)
@@ -472,3 +474,10 @@ def joined(term: Any) -> NDArray[np.int32]:
 def version_of(term: Any) -> int:
     """Return how often the pairs that a term couples have changed."""
     return int(getattr(term, "pattern_version", 0))
+
+
+def look_at(terms: Iterable[Any], u: Array) -> None:
+    """Let the terms whose pairs follow the body couple those that their stiffness at `u` (nv, d) contains."""
+    for term in terms:
+        if hasattr(term, "look"):
+            term.look(u)

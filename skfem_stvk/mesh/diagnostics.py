@@ -23,11 +23,11 @@ ROUND_OFF = 1e-14
 CHUNK = 512
 
 
-def check_mesh(mesh: ElementMesh, others: Sequence[ElementMesh] = ()) -> None:
+def check_mesh(mesh: ElementMesh, others: Sequence[ElementMesh] = (), in_parts: bool = False) -> None:
     """Refuse a mesh that cannot carry an elastic body, and warn of a mesh that is probably not intended.
 
     The `others` are meshes on the same nodes, such as cables. Each of them is checked as well, and its nodes count as nodes on an
-    element.
+    element. `in_parts` says that parts that are not connected are intended.
 
     Negative orientation is normal (half of the elements of `MeshTet.init_tensor`) and accepted. `mesh_quality` reports all faults.
     A mesh that was checked as a whole is not checked again in parts.
@@ -47,6 +47,8 @@ def check_mesh(mesh: ElementMesh, others: Sequence[ElementMesh] = ()) -> None:
         for fault in faults(one, (*others, mesh)):
             if one is not mesh and fault.name not in ("collapsed", "flat", "folded", "duplicates"):
                 continue  # this is a fault of nodes, reported once
+            if in_parts and fault.name == "parts":
+                continue
             text = f"The {one.element.name}: {fault.text}" if others else fault.text
             if fault.refused:
                 raise MeshError(text)

@@ -107,7 +107,7 @@ class FreeTangent:
         If `t` is None, return the elastic K. If a term has changed the nodes it couples, K has another structure, which is analysed
         again.
         """
-        self._follow_pattern()
+        self._follow_pattern(u)
         self._free_arguments = None
         if t is None:
             self._K = self.system.tangent(u, out=self._K)
@@ -127,7 +127,7 @@ class FreeTangent:
         """Return K as in `matrix`, over the free degrees of freedom; all of K is assembled only where it is needed."""
         if not self.needs_only_free:
             return self.restricted(self.matrix(u, t, kept))
-        self._follow_pattern()
+        self._follow_pattern(u)
         if self._assembled_at is None:
             self._assembled_at = np.empty(self.system.ndofs)
         self._assembled_at[:] = u
@@ -146,7 +146,9 @@ class FreeTangent:
             self._operator.prepare(u, kept=kept)
         return self._operator
 
-    def _follow_pattern(self) -> None:
+    def _follow_pattern(self, u: Array) -> None:
+        """Analyse the structure of K at `u` (ndofs,) if it is another one than before."""
+        self.system.look(u)
         if self.system.pattern_version != self._version:
             self.use_solver(self.solver)
 

@@ -39,6 +39,7 @@ class TangentOperator(LinearOperator):
     def __init__(self, mesh: ElementMesh, terms: Sequence[PairTerm], u: ArrayLike, dtype: DTypeLike, kept: Tensions = ALL) -> None:
         self._mesh, self._terms, self.space = mesh, terms, mesh.space
         self._blocks: list[Any] = [None] * len(terms)
+        self._pairs: list[Any] = [None] * len(terms)  # those of the blocks: a term may couple other pairs later
         self._at: Tensions | None = None
         self._u = np.empty((mesh.p.shape[1], mesh.d))
         self.nodal_shape = self._u.shape
@@ -68,6 +69,7 @@ class TangentOperator(LinearOperator):
         self._ready = False  # until all blocks are computed
         for i, term in enumerate(self._terms):
             part, self._blocks[i] = term.blocks(x, force, self._blocks[i], kept)
+            self._pairs[i] = term.pairs
             energy += part
             refuse_overflow(self._blocks[i], "K", x)
         np.copyto(self._u, x)
@@ -93,6 +95,10 @@ class TangentOperator(LinearOperator):
         for i, blocks in enumerate(self._blocks):
             blocks *= factor
             for c, other in others:
+                if other._pairs[i] is not self._pairs[i]:
+                    if other._blocks[i].any():
+                        raise StvkError("Got an operator whose terms couple other nodes; expected one prepared after the last change.")
+                    continue
                 n = min(len(blocks), len(other._blocks[i]))  # entries after the edges depend on the thread count
                 run(block_kernels.add_scaled, parts_of(n, 0.02, threads()), c, other._blocks[i], blocks)
 
@@ -111,8 +117,8 @@ class TangentOperator(LinearOperator):
         self._refuse_unprepared()
         nv, d = self.nodal_shape
         out = np.zeros((nv, d, d), dtype=self.dtype)
-        for term, blocks in zip(self._terms, self._blocks, strict=True):
-            term.pairs.add_diagonal(blocks, out)
+        for pairs, blocks in zip(self._pairs, self._blocks, strict=True):
+            pairs.add_diagonal(blocks, out)
         return self.space.share(out)
 
     def add_norms(self, x: Array, out: Array) -> None:
@@ -121,14 +127,14 @@ class TangentOperator(LinearOperator):
         Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
-        for term, blocks in zip(self._terms, self._blocks, strict=True):
-            term.pairs.add_norms(blocks, x, out)
+        for pairs, blocks in zip(self._pairs, self._blocks, strict=True):
+            pairs.add_norms(blocks, x, out)
 
     def add_product(self, x: Array, out: Array) -> None:
         """Add `K x` to `out`; `x` and `out` are (nv, d). Errors as in `diagonal_blocks`."""
         self._refuse_unprepared()
-        for term, blocks in zip(self._terms, self._blocks, strict=True):
-            term.pairs.add_product(blocks, x, out)
+        for pairs, blocks in zip(self._pairs, self._blocks, strict=True):
+            pairs.add_product(blocks, x, out)
 
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """Return the blocks without a copy, for solvers with products of their own.
@@ -139,22 +145,22 @@ class TangentOperator(LinearOperator):
         Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
-        term, *others = self._terms
-        edges, vertices, divided = term.pairs.edges, term.pairs.own.vertices, self.space.divided
+        pairs, *others = self._pairs
+        edges, vertices, divided = pairs.edges, pairs.own.vertices, self.space.divided
         grounding = self._blocks_of_vertices(vertices)
         if self.space.any(grounding is None or edges is None or (divided and (bool(others) or self._mesh.d < 3))):
             return None
         assert edges is not None and grounding is not None
         space = self.space if divided else None
-        return EdgeBlocks(edges, self._blocks[0][: term.pairs.size], vertices, shift, *grounding, space)
+        return EdgeBlocks(edges, self._blocks[0][: pairs.size], vertices, shift, *grounding, space)
 
     def _blocks_of_vertices(self, vertices: Array) -> tuple[Array, Array] | None:
         """Return the rows and the blocks (9 m,) of the terms after the first one; None if they couple different vertices."""
         if len(self._terms) == 1:
             return NO_ROWS, NO_BLOCKS
         d, rows, every = self._mesh.d, [NO_ROWS], [NO_BLOCKS]
-        for term, blocks in zip(self._terms[1:], self._blocks[1:], strict=True):
-            found = term.pairs.of_vertices(blocks)
+        for pairs, blocks in zip(self._pairs[1:], self._blocks[1:], strict=True):
+            found = pairs.of_vertices(blocks)
             row = None if found is None else np.searchsorted(vertices, found[0])
             if found is None or row is None or not np.array_equal(vertices[np.minimum(row, len(vertices) - 1)], found[0]):
                 return None

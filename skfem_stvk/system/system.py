@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
 from ..edges.elements import Quadrature, nbytes
-from ..edges.pairs import AccumulatedBlocks, joined, version_of
+from ..edges.pairs import AccumulatedBlocks, joined, look_at, version_of
 from ..elements import HOURGLASS
 from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import CopyableLock, locked
@@ -36,6 +36,7 @@ from ..terms import (
     HasStress,
     HoldsShape,
     Load,
+    MeshContact,
     Quartic,
     TakesTime,
     Term,
@@ -154,7 +155,7 @@ class System(BoundTerms):
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
         mesh, self._made_from = found.mesh, found.source
         rule = _checked_rule(mesh, quadrature, hourglass)
-        check_mesh(mesh, found.beside)
+        check_mesh(mesh, found.beside, in_parts=any(isinstance(term, MeshContact) for term in found.terms))
         if not double:
             refuse_divided(mesh.space, "dtype = float32", "float64", "sums over the parts are in double precision.")
             warn_of_flat_elements(mesh)
@@ -315,6 +316,24 @@ class System(BoundTerms):
         """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
         return sum(map(version_of, self._with_changing_pairs))
 
+    def look(self, u: ArrayLike) -> None:
+        """Let terms whose pairs follow the body, such as contacts, couple those of the tangent at displacements `u`.
+
+        `tangent`, `linearize` and `jacobian` call it. Data that depend on `pattern_version` may have to be made again.
+
+        Parameters
+        ----------
+        u
+            (ndofs,) displacements [m].
+
+        Raises
+        ------
+        StateError
+            as `energy`.
+        """
+        if self._with_changing_pairs:
+            look_at(self._with_changing_pairs, self._state(u))
+
     @property
     @locked
     def pattern(self) -> Pattern:
@@ -391,10 +410,11 @@ class System(BoundTerms):
         energy, force = self._energy_and_force(u, force)
         return energy, force.reshape(-1) if out is None else out
 
+    @locked
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
         """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m].
 
-        The pattern is always the same, and zeros are stored.
+        The pattern is always the same, unless a `MeshContact` couples other nodes, and zeros are stored.
 
         Parameters
         ----------
@@ -414,12 +434,14 @@ class System(BoundTerms):
             if `out` has another pattern.
         """
         x = self._state(u)
+        look_at(self._with_changing_pairs, x)
         if free is not None:
             return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
         K, every = self._matrix(out, self.pattern), self._rows()[0]
         self.space.together(self._fill, x, K.data, every, None)
         return K
 
+    @locked
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
         """Return `W(u)` [J], `F(u)` (ndofs,) [N] and `K(u)` (ndofs, ndofs) [N/m] from one pass over the elements.
 
@@ -441,6 +463,7 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         x = self._state(u)
+        look_at(self._with_changing_pairs, x)
         K, every, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
 
         def of_part() -> float:
@@ -613,6 +636,7 @@ class System(BoundTerms):
         """
         moment, factors, x = self._moment(t), _factors(kept), self._state(u)
         set_time(self.bound_terms, moment)
+        look_at(self._with_changing_pairs, x)
         if free is not None:
             return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
         K, (every, of_loads) = self._matrix(out, self.pattern), self._rows()

@@ -10,6 +10,7 @@ from .foundation import ElasticFoundation
 from .friction import Friction
 from .invertible import InvertibleStVK
 from .linear_elastic import LinearElastic
+from .mesh_contact import MeshContact
 from .neo_hookean import NeoHookean
 from .pressure import Pressure
 from .protocols import (
@@ -97,6 +98,7 @@ __all__ = [
     "InvertibleStVK",
     "LinearElastic",
     "Load",
+    "MeshContact",
     "NeoHookean",
     "NodalLoad",
     "PointResponse",

@@ -12,17 +12,15 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array, Quantity, number, own, shown, text
 from ..edges import ALL, NodeBlocks, Tensions
 from ..elements import Element, rule_of
-from ..errors import ContactError, name_ids
+from ..errors import ContactError
 from ..kernels import contact as kernels
 from ..kernels.contact import Surface
 from ..kernels.topology import edges_of_simplices
-from ..materials import Isotropic
 from ..mesh import ElementMesh
-from ..mesh.facets import facets_of, find_facets
-from ..mesh.locations import Where, describe, facets_at
+from ..mesh.locations import Where
 from ..mesh.points import sizes_of
 from .body import Body
-from .connectivity import simplices_of
+from .contact_surface import elements_behind, surface_at, young_of
 from .friction import Friction
 from .load import Moment, Time, Value
 from .protocols import Assumed, Assumption
@@ -158,7 +156,7 @@ class BoundRigidContact:
         self.contact, self.name = contact, contact.name
         self._shape, self._shift = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
         self.assumed: Assumption = None
-        self._facets, self._element = _facets_of(contact, body)
+        self._facets, self._element = surface_at(body, contact.where, contact.label, contact.simplices)
         self._set_areas(body)
         N, t, X = self._surface
         self.nodes = np.unique(t).astype(np.int32)
@@ -230,7 +228,7 @@ class BoundRigidContact:
     def identity(self) -> list[float]:
         """Return numbers that differ from those of another contact."""
         of = self.contact.friction
-        widths = (0.0, 0.0, 0.0) if of is None else (of.coefficient, of.slip_speed or 0.0, of.slip_length or 0.0)
+        widths = (0.0, 0.0, 0.0) if of is None else of.numbers
         finite = np.nan_to_num(self._shape.numbers).tolist()
         return [self._shape.kind, *finite, self.contact.onset, *widths, float(self._weights.sum()), *self._shift.tolist()]
 
@@ -309,11 +307,8 @@ class RigidContactWithHistory(BoundRigidContact):
     def with_new_history(self, in_time: bool) -> RigidContactWithHistory:
         """Return the contact for a new analysis."""
         other = copy(self)
-        friction, label = self.contact.friction, self.contact.label
-        if friction is not None and in_time and friction.slip_speed is None:
-            raise ContactError(f"{label}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
-        if friction is not None and not in_time and friction.slip_length is None:
-            raise ContactError(f"{label}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
+        if self.contact.friction is not None:
+            self.contact.friction.check(in_time, self.contact.label)
         other._in_time = in_time
         other._forget()
         other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
@@ -325,8 +320,7 @@ class RigidContactWithHistory(BoundRigidContact):
         self._shift[: self._body.mesh.d] = self._motion.at(t)[:, 0]
         friction = self.contact.friction
         if friction is not None:
-            duration = max(Moment.of(t).time - self._history[3], 0.0)
-            self._width = (friction.slip_speed or 0.0) * duration if self._in_time else friction.slip_length or 0.0
+            self._width = friction.width(Moment.of(t).time - self._history[3], self._in_time)
 
     def commit(self, u: Array, t: float) -> None:
         """Store the state at the beginning of a step."""
@@ -387,25 +381,6 @@ class RigidContactWithHistory(BoundRigidContact):
         return work, lost
 
 
-def _facets_of(contact: RigidContact, body: Body) -> tuple[NDArray[np.int32], Element]:
-    """Return the facets (m, n) that may touch, and their kind."""
-    mesh: Any = body.mesh
-    where: Any = contact.where
-    if contact.simplices is not None:
-        t, element = simplices_of(contact.simplices, mesh.p, mesh.element.degree, mesh, f"{contact.label}: simplices")
-        mesh = mesh.beside(t, element)
-    if mesh.k == 1 < mesh.d:
-        raise ContactError(f"{contact.label}: the mesh has {mesh.kind}, which have no surface; expected solids or membranes.")
-    if mesh.k < mesh.d:
-        if callable(where):
-            raise ContactError(
-                f"{contact.label}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, "
-                "element ids or a mask, or None."
-            )
-        return mesh.t[:, mesh.elements(where)], mesh.element
-    return (mesh.surface if where is None else facets_at(mesh, where, f"{contact.label} on {describe(where)}")), body.facet
-
-
 def _areas(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
     """Return the areas (n,) of the facets at rest [m^2]."""
     mesh: Any = body.mesh
@@ -425,28 +400,11 @@ def _points_of(mesh: ElementMesh, element: Element, facets: NDArray[np.int32], s
 
 def _default_stiffness(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
     """Return `10 E/h` (n,) [N/m^3] of the facets."""
-    mesh: Any = body.mesh
     if contact.simplices is not None:
         raise ContactError(f"{contact.label}: stiffness = None with simplices; expected a positive number [N/m^3].")
-    young = np.full(mesh.nt, np.nan)
-    for term in body.terms:
-        material = getattr(term, "material", None)
-        if isinstance(material, Isotropic):
-            ids = mesh.elements(term.region)
-            young[ids] = np.nan_to_num(young[ids]) + np.broadcast_to(material.young, len(ids))
-    if mesh.k == mesh.d:
-        every, t2f = facets_of(mesh.t, mesh.nv, mesh.element)
-        owner = np.empty(every.shape[1], dtype=np.int64)
-        owner[t2f.ravel()] = np.tile(np.arange(mesh.nt), len(t2f))
-        behind = owner[find_facets(facets, every, mesh.nv)]
-    else:
-        behind = mesh.elements(contact.where)
-    E = young[behind]
-    if np.isnan(E).any():
-        raise ContactError(
-            f"{contact.label}: {name_ids(np.unique(behind[np.isnan(E)]), 'element')} without Young's modulus, from which the "
-            "default stiffness is; expected stiffness=... [N/m^3], such as 10 E/h of the softest body."
-        )
+    mesh, expected = body.mesh, "stiffness=... [N/m^3], such as 10 E/h of the softest body"
+    behind = elements_behind(body, contact.where, facets)
+    E = young_of(body, behind, contact.label, expected)
     if element.k == 0:
         return STIFFNESS * E / body.sizes[behind]
     ends = mesh.p[:, facets[np.array(element.edges).T]]

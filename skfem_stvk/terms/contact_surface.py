@@ -1,0 +1,77 @@
+"""Surfaces of bodies that may touch something, and the stiffness of the elements behind them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..elements import Element
+from ..errors import ContactError, name_ids
+from ..materials import Isotropic
+from ..mesh.facets import facets_of, find_facets
+from ..mesh.locations import Where, describe, facets_at
+from .body import Body
+from .connectivity import simplices_of
+
+
+def surface_at(body: Body, where: Where | None, label: str, simplices: Any = None) -> tuple[NDArray[np.int32], Element]:
+    """Return the facets (m, n) at a location, or all of the surface, and their kind; for surfaces in space, their elements.
+
+    A location is as in `Traction`, or the name of a subdomain of solids, which means the part of the surface that belongs to it.
+    `simplices` are those of a surface in space on nodes of the mesh. `label` begins messages.
+
+    Raises
+    ------
+    ContactError
+        if the body has no surface.
+    RegionError
+        if there is no facet.
+    """
+    mesh: Any = body.mesh
+    if simplices is not None:
+        t, element = simplices_of(simplices, mesh.p, mesh.element.degree, mesh, f"{label}: simplices")
+        mesh = mesh.beside(t, element)
+    if mesh.k == 1 < mesh.d:
+        raise ContactError(f"{label}: the mesh has {mesh.kind}, which have no surface; expected solids or membranes.")
+    if mesh.k == mesh.d:
+        if isinstance(where, str) and where in mesh.subdomains and where not in mesh.boundaries:
+            return mesh.surface[:, np.isin(elements_behind(body, None, mesh.surface), mesh.elements(where))], body.facet
+        return (mesh.surface if where is None else facets_at(mesh, where, f"{label} on {describe(where)}")), body.facet
+    if callable(where):
+        raise ContactError(
+            f"{label}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, element ids or a "
+            "mask, or None."
+        )
+    return mesh.t[:, mesh.elements(where)], mesh.element
+
+
+def elements_behind(body: Body, where: Any, facets: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the element (n,) behind each of the facets (m, n) of `surface_at(body, where)`."""
+    mesh = body.mesh
+    if mesh.k < mesh.d:
+        return mesh.elements(where)
+    every, t2f = facets_of(mesh.t, mesh.nv, mesh.element)
+    owner = np.empty(every.shape[1], dtype=np.int64)
+    owner[t2f.ravel()] = np.tile(np.arange(mesh.nt), len(t2f))
+    return owner[find_facets(facets, every, mesh.nv)]
+
+
+def young_of(body: Body, elements: NDArray[np.int64], label: str, expected: str) -> Array:
+    """Return Young's modulus (n,) [Pa] of elements, from all terms on each; raise ContactError with what is expected without it."""
+    mesh: Any = body.mesh
+    young = np.full(mesh.nt, np.nan)
+    for term in body.terms:
+        material = getattr(term, "material", None)
+        if isinstance(material, Isotropic):
+            ids = mesh.elements(term.region)
+            young[ids] = np.nan_to_num(young[ids]) + np.broadcast_to(material.young, len(ids))
+    E = young[elements]
+    if np.isnan(E).any():
+        raise ContactError(
+            f"{label}: {name_ids(np.unique(elements[np.isnan(E)]), 'element')} without Young's modulus, from which the default "
+            f"stiffness is; expected {expected}."
+        )
+    return E

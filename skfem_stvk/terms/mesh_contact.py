@@ -1,0 +1,508 @@
+"""Contact between the surfaces of a mesh, by a barrier, with friction."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from scipy.sparse import csr_matrix
+
+from ..arguments import Array, Quantity, number, own, shown, text
+from ..edges import ALL, NodeBlocks, Tensions
+from ..errors import ContactError, name_ids
+from ..mesh import ElementMesh
+from ..mesh.diagnostics import parts
+from ..mesh.locations import Where
+from .body import Body
+from .contact_surface import elements_behind, surface_at, young_of
+from .friction import Friction
+from .ipc import Barrier, Collisions
+from .load import Moment, Time
+from .protocols import Assumed, Assumption
+
+#: Triangles of facets by the number of their nodes: quadrilaterals in two, quadratic triangles in four.
+TRIANGLES = {3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)], 6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)]}
+#: Numbers of Gauss points over a step at which its mean force is evaluated, until its work fits within `WORK` of the energy.
+POINTS, WORK = (2, 4, 8, 16), 1e-6
+#: Pairs of nodes that are not in contact stay in K until they are this fraction of all.
+UNUSED = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class MeshContact:
+    """Contact of two surfaces of a mesh, or of a surface with itself: a barrier at small distances, which nothing passes.
+
+    ::
+
+        W = sum over pairs of primitives of w b(distance)        b = 0 beyond `distance`, infinite at 0
+
+    Primitives are triangles, edges and vertices, and `w` their areas at rest. Facets of quadratic elements count as four triangles,
+    and quadrilaterals as two. It is for meshes in 3 dimensions, for statics and implicit integrators except
+    `LinearBackwardEuler`. It requires the IPC Toolkit: `pip install 'skfem-stvk[contact]'`.
+
+    Parameters
+    ----------
+    first
+        Location of the facets of the first surface, as in `Traction`, or the name of a subdomain, for its part of the surface of
+        the body; of surfaces in space a subdomain or ids. None for the whole surface.
+    second
+        The same for the second surface. By default the first surface touches itself.
+    distance
+        Distance below which the surfaces repel each other [m], at most the length of the shortest edge.
+    stiffness
+        Stiffness of the barrier [Pa]: by default the smallest Young's modulus of the elements behind the facets.
+    friction
+        `Friction` between the surfaces; by default none.
+    name
+        Name in results, ledgers and messages.
+
+    Raises
+    ------
+    ContactError
+        if a value is not positive. When it is bound: if the mesh is not in 3 dimensions, the surfaces share nodes, intersect or lie
+        inside each other at rest, the distance is larger than the shortest edge, a law has no Young's modulus and `stiffness` is
+        None, or the toolkit is not installed.
+    RegionError
+        when it is bound, if there is no facet.
+
+    Notes
+    -----
+    Source: IPC Toolkit, see `skfem_stvk.terms.ipc`.
+
+    Examples
+    --------
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import StVK, System
+    >>> cubes = skfem.MeshTet() + skfem.MeshTet().translated((0.2, 0.1, 1.05))         # 5 cm apart
+    >>> cubes = cubes.with_subdomains({"lower": lambda x: x[2] < 1, "upper": lambda x: x[2] > 1})
+    >>> pair = System(cubes, [StVK(young=1e5, poisson=0.3), MeshContact("lower", "upper", distance=0.1)])
+    >>> force = pair.internal_force(np.zeros(pair.ndofs)).reshape(-1, 3)
+    >>> bool(force[cubes.p[2] < 1.04, 2].sum() > 100), bool(abs(force.sum(axis=0)).max() < 1e-9)
+    (True, True)
+    """
+
+    per_element: ClassVar[bool] = False
+
+    first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
+    second: Annotated[Where | None, Quantity(None, "Place of the facets of the second surface; by default the first one.")] = None
+    distance: Annotated[float, Quantity("length", "Distance below which the surfaces repel each other.", gt=0)] = field(kw_only=True)
+    stiffness: Annotated[float | None, Quantity("stress", "Stiffness of the barrier; by default Young's modulus.", gt=0)] = None
+    friction: Friction | None = None
+    name: Annotated[str, Quantity(None, "Name in results and messages.")] = "contact"
+
+    def __post_init__(self) -> None:
+        own(self)
+        if not isinstance(self.friction, Friction | None):
+            raise ContactError(f"MeshContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
+        object.__setattr__(self, "name", text("MeshContact: name", self.name))
+        distance = number(f"{self.label}: distance", self.distance, "a positive distance [m]", 0.0, error=ContactError)
+        object.__setattr__(self, "distance", distance)
+        if self.stiffness is not None:
+            k = number(f"{self.label}: stiffness", self.stiffness, "a positive number [Pa]", 0.0, error=ContactError)
+            object.__setattr__(self, "stiffness", k)
+
+    @property
+    def label(self) -> str:
+        """Beginning of messages."""
+        return f"MeshContact {self.name!r}"
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundMeshContact:
+        """Return the contact of a body.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
+        body = body if isinstance(body, Body) else Body(body, [])
+        if body.mesh.d != 3:
+            raise ContactError(
+                f"{self.label}: the mesh has {body.mesh.d} dimensions; expected 3. In the plane, RigidContact is for rigid shapes."
+            )
+        return (BoundMeshContact if self.friction is None else MeshContactWithFriction)(self, body)
+
+
+class Mean(NamedTuple):
+    """Mean force on the straight way between two states, from Gauss points.
+
+    Attributes
+    ----------
+    x0, x1
+        (m, 3) positions at both ends [m].
+    force
+        (m, 3) mean force, scaled so that its work is the change of the energy [N].
+    points, weights
+        (n,) Gauss points between 0 and 1, and their weights.
+    states
+        Collisions at the points.
+    """
+
+    x0: Array
+    x1: Array
+    force: Array
+    points: Array
+    weights: Array
+    states: list[Collisions]
+
+
+class BoundMeshContact:
+    """Contact between surfaces of a body. It joins no nodes, and couples those of the collisions at the present state.
+
+    The history has the pairs of nodes in K. In an analysis they grow, so that the pattern of K changes seldom; elsewhere K has the
+    pairs of its state alone.
+
+    Attributes
+    ----------
+    contact, name
+        Specification, and its name.
+    nodes
+        Nodes (m,) of the first of two surfaces, on which the resultant of the contact acts, otherwise of the whole surface.
+    pattern_version
+        Number of changes of the pairs.
+    """
+
+    symmetric = balanced = has_energy = needs_newton = True
+    nodes_joined = np.empty((2, 0), dtype=np.int32)
+
+    def __init__(self, contact: MeshContact, body: Body) -> None:
+        self.contact, self.name, self._body = contact, contact.name, body
+        self.assumed: Assumption = None
+        self.pattern_version, self._remembers, self._time = 0, False, 0.0
+        self._keys = np.empty(0, dtype=np.int64)  # a nv + b of the pairs of nodes a < b in K, ascending
+        self._start: Array | None = None  # positions (m, 3) at the beginning of the step, with friction [m]
+        self._found: Collisions | None = None
+        self._last_mean: Mean | None = None
+        self._valued: tuple[tuple[Array, ...], bool, NDArray[np.int64], Array] | None = None
+        wheres = (contact.first,) if contact.second is None else (contact.first, contact.second)
+        surfaces = [surface_at(body, where, contact.label) for where in wheres]
+        self._facets = [facets for facets, _ in surfaces]
+        self._behind = [elements_behind(body, where, facets) for where, facets in zip(wheres, self._facets, strict=True)]
+        self._stiffness = contact.stiffness
+        if self._stiffness is None:
+            every = np.concatenate(self._behind)
+            self._stiffness = float(young_of(body, every, contact.label, "stiffness=... [Pa], such as that of the softest body").min())
+        self._set_surface(body)
+        self._refuse_long_distance()
+        self._refuse_bad_start(self._X)
+
+    def _set_surface(self, body: Body) -> None:
+        """Use the facets of the elements of a body that are not removed."""
+        kept = [facets[:, ~body.removed[behind]] for facets, behind in zip(self._facets, self._behind, strict=True)]
+        sides = [_triangles_of(facets) for facets in kept]
+        nodes = [np.unique(facets) for facets in self._facets]
+        self._nodes, self.nodes, patches = np.unique(np.concatenate(nodes)), nodes[0].astype(np.int32), None
+        if len(nodes) == 2:
+            both = np.intersect1d(nodes[0], nodes[1])
+            if len(both):
+                raise ContactError(
+                    f"{self.contact.label}: {name_ids(both, 'node')} in both surfaces; expected surfaces without common nodes, or "
+                    "one name for contact of a surface with itself."
+                )
+            patches = np.isin(self._nodes, nodes[1]).astype(np.int32)
+        self._X = body.mesh.p.T[self._nodes]
+        triangles = np.searchsorted(self._nodes, np.concatenate(sides)).astype(np.int32)
+        assert self._stiffness is not None
+        self._barrier = Barrier(self._X, triangles, patches, self.contact.distance, self._stiffness)
+        self._nv = body.mesh.nv
+
+    def _refuse_long_distance(self) -> None:
+        """Raise ContactError if the distance is larger than the shortest edge: neighbours of a primitive would repel it."""
+        ends = self._X[self._barrier.edges]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        if self.contact.distance > lengths.min():
+            a, b = self._nodes[self._barrier.edges[lengths.argmin()]]
+            raise ContactError(
+                f"{self.contact.label}: distance = {self.contact.distance:.4g} m; expected at most the shortest edge of the surfaces, "
+                f"{lengths.min():.4g} m between nodes {a} and {b}. A tenth of the usual edge is a good choice."
+            )
+
+    def _refuse_bad_start(self, x: Array) -> None:
+        """Raise ContactError if surfaces at `x` (m, 3) intersect, or one lies inside the other body."""
+        crossing, barrier = self._barrier.intersections(x), self._barrier
+        if len(crossing):
+            edge, triangle = crossing[0]
+            raise ContactError(
+                f"{self.contact.label}: {len(crossing)} edges and triangles intersect at the start, first the edge of nodes "
+                f"{tuple(self._nodes[barrier.edges[edge]].tolist())} and the triangle of nodes "
+                f"{tuple(self._nodes[barrier.triangles[triangle]].tolist())}; expected surfaces apart. Move the bodies, or mesh them "
+                "again."
+            )
+        inside = self._inside(x)
+        if len(inside):
+            raise ContactError(
+                f"{self.contact.label}: {name_ids(inside, 'node')} inside another part of the body at the start; expected parts apart."
+            )
+
+    def _inside(self, x: Array) -> NDArray[np.int64]:
+        """Return nodes, one of each part of the surfaces at most, that are inside the elements of another part."""
+        mesh = self._body.mesh
+        if mesh.k < 3:
+            return np.empty(0, dtype=np.int64)
+        part, p = parts([mesh]), mesh.p.T.copy()
+        p[self._nodes] = x
+        sides = _triangles_of(mesh.surface)
+        numbers, first = np.unique(part[self._nodes], return_index=True)
+        probes = self._nodes[first]
+        inside = np.zeros(len(probes), dtype=bool)
+        for number_of_part in np.unique(part[sides[:, 0]]) if len(numbers) > 1 else ():
+            around = _winding_numbers(p[probes], p[sides[part[sides[:, 0]] == number_of_part]])
+            inside |= (np.abs(around) > 0.5) & (numbers != number_of_part)
+        return probes[inside].astype(np.int64)
+
+    @property
+    def nodes_paired(self) -> NDArray[np.int32]:
+        """Pairs of nodes `a < b` (2, n) in K at present."""
+        return np.stack(np.divmod(self._keys, self._nv)).astype(np.int32)
+
+    def _moved(self, u: Array) -> Array:
+        return self._X + u[self._nodes]
+
+    def _collisions(self, x: Array) -> Collisions:
+        """Return the collisions at `x` (m, 3), those of the last call if nothing has moved."""
+        found = self._found
+        if found is None or not np.array_equal(found.x, x):
+            self._found = found = self._barrier.collisions(x)
+        return found
+
+    def look(self, u: Array) -> None:
+        """Couple the pairs of nodes that the stiffness at `u` (nv, 3) contains."""
+        if self.assumed is Assumed.APART:
+            return
+        keys = self._blocks_at(u, clamped=False)[0]
+        if not self._remembers:
+            self._use(keys)
+        elif not np.isin(keys, self._keys, assume_unique=True).all():
+            self._use(np.union1d(self._keys, keys))
+
+    def _use(self, keys: NDArray[np.int64]) -> None:
+        if not np.array_equal(keys, self._keys):
+            self._keys, self.pattern_version = keys, self.pattern_version + 1
+
+    def _sorted_blocks(self, K: csr_matrix) -> tuple[NDArray[np.int64], Array]:
+        """Return numbers (n,) of the pairs of nodes of a symmetric matrix, ascending, and their blocks (n, 3, 3)."""
+        blocks = K.T.tobsr((3, 3))
+        row = np.repeat(self._nodes, np.diff(blocks.indptr))
+        column = self._nodes[blocks.indices]
+        upper = row < column
+        return row[upper] * self._nv + column[upper], blocks.data[upper]
+
+    def _blocks_at(self, u: Array, clamped: bool) -> tuple[NDArray[np.int64], Array]:
+        """Return pairs of nodes and their blocks at `u`, or of the mean force if that is assumed; those of the last call if equal."""
+        states = self.assumed if isinstance(self.assumed, tuple) else (u,)
+        xs = tuple(self._moved(state) for state in states)
+        valued = self._valued
+        if valued is None or valued[1] != clamped or len(valued[0]) != len(xs) or not np.array_equal(valued[0], xs):
+            self._valued = valued = (xs, clamped, *self._sorted_blocks(self._stiffness_at(xs, clamped)))
+        return valued[2:]
+
+    def _stiffness_at(self, xs: tuple[Array, ...], clamped: bool) -> csr_matrix:
+        """Return the stiffness (3 m, 3 m) at a state, or twice the derivative of the mean force between two by the second one."""
+        if len(xs) == 1:
+            return self._barrier.stiffness(self._collisions(xs[0]), clamped)
+        mean, K = self._mean(*xs), csr_matrix((xs[0].size,) * 2)
+        for s, w, state in zip(mean.points, mean.weights, mean.states, strict=True):
+            K = K + 2 * s * w * self._barrier.stiffness(state, clamped)
+        return K
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Return the energy [J] at `u` (nv, 3); add the internal force [N] to `force` (nv, 3)."""
+        at = self._collisions(self._moved(u))
+        if force is not None:
+            force[self._nodes] += self._barrier.force(at)
+        return self._barrier.energy(at)
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        """Add the blocks of K [N/m] at `u` (nv, 3), or those that are `assumed`; `look` must have been called for it."""
+        if self.assumed is not Assumed.APART:
+            keys, values = self._blocks_at(u, clamped=kept.negative < 1 and not isinstance(self.assumed, tuple))
+            blocks.pairs[np.searchsorted(self._keys, keys)] += values
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the absolute values of the force's summands [N] to `out` (nv, 3)."""
+        at = self._collisions(self._moved(u))
+        K = self._barrier.stiffness(at, clamped=False)
+        out[self._nodes] += (abs(K) @ np.abs(at.x).ravel()).reshape(-1, 3) + np.abs(self._barrier.force(at))
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add the sum of the `weights` times the mean force on the straight way, scaled to the work `W(u1) - W(u0)`; return 0."""
+        force[self._nodes] += sum(weights) * self._mean(self._moved(u0), self._moved(u1)).force
+        return 0.0
+
+    def _mean(self, x0: Array, x1: Array) -> Mean:
+        """Return the mean force from `x0` to `x1` (m, 3), that of the last call if the states are the same."""
+        last, d, barrier = self._last_mean, x1 - x0, self._barrier
+        if last is not None and np.array_equal(last.x1, x1) and np.array_equal(last.x0, x0):
+            return last
+        change = barrier.energy(self._collisions(x1)) - barrier.energy(self._collisions(x0))
+        for n in POINTS:
+            points, weights = np.polynomial.legendre.leggauss(n)
+            points, weights = (points + 1) / 2, weights / 2
+            states = [barrier.collisions(x0 + s * d) for s in points]
+            force = np.asarray(sum(w * barrier.force(state) for w, state in zip(weights, states, strict=True)))
+            work, size = float((force * d).sum()), float(np.abs(force * d).sum()) + abs(change)
+            if abs(work - change) <= WORK * size:
+                break
+        if abs(work) > 1e-3 * size:  # otherwise the force does hardly any work, and its error is as small
+            force *= change / work
+        self._last_mean = mean = Mean(x0, x1, force, points, weights, states)
+        return mean
+
+    def contact_limit(self, u: Array, v: Array) -> float:
+        """Return the largest `s <= 2` up to which nothing passes through anything on the way `u + s v`."""
+        return 2 * self._barrier.limit(self._moved(u), self._moved(u + 2 * v))
+
+    def passes(self, u0: Array, u1: Array) -> bool:
+        """Return whether something passes through something on the straight way from `u0` to `u1` (nv, 3)."""
+        return self._barrier.limit(self._moved(u0), self._moved(u1)) < 1
+
+    def identity(self) -> list[float]:
+        """Return numbers that differ from those of another contact."""
+        friction = self.contact.friction
+        widths = (0.0, 0.0, 0.0) if friction is None else friction.numbers
+        assert self._stiffness is not None
+        return [self.contact.distance, self._stiffness, *widths, len(self._nodes), float(self._barrier.areas().sum())]
+
+    def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return no nodes: parts of the body hold each other, but not to the ground."""
+        return np.empty(0, dtype=np.int64), np.empty((0, 3))
+
+    def evaluated(self, u: Array) -> tuple[Array, Array, float]:
+        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, 3), and the area [m^2] that touches."""
+        at, areas = self._collisions(self._moved(u)), self._barrier.areas()
+        forces = np.linalg.norm(self._barrier.force(at), axis=1)
+        pressure, gap = np.zeros(self._nv), np.full(self._nv, np.inf)
+        pressure[self._nodes] = np.divide(forces, areas, out=np.zeros(len(areas)), where=areas > 0)
+        gap[self._nodes] = self._barrier.smallest_distances(at)
+        return pressure, gap, float(areas[forces > 0].sum())
+
+    @property
+    def history(self) -> Array:
+        """Numbers (n,): time of the beginning of the step, number of pairs in K, the pairs, and with friction positions then."""
+        start = [] if self._start is None else [self._start.ravel()]
+        return np.concatenate([[self._time, len(self._keys)], self._keys.astype(np.float64), *start])
+
+    @history.setter
+    def history(self, numbers: Array) -> None:
+        count = int(numbers[1]) if len(numbers) > 1 and np.isfinite(numbers).all() else -1
+        keys, start = numbers[2 : 2 + count].astype(np.int64), numbers[2 + count :]
+        right = count >= 0 and len(keys) == count and (np.diff(keys) > 0).all() and len(start) in (0, self._X.size)
+        if not right or (keys < 0).any() or (keys >= self._nv**2).any():
+            raise ValueError(f"the history of {self.contact.label} is {shown(numbers)}; expected a time, pairs of nodes and positions")
+        self._valued = None
+        self._time, self._start = float(numbers[0]), start.reshape(-1, 3).copy() if len(start) else None
+        self._use(keys)
+
+    def with_new_history(self, in_time: bool) -> BoundMeshContact:
+        """Return the contact for a new analysis, which remembers the pairs of nodes in K."""
+        other = copy(self)
+        other._remembers, other._time = True, 0.0
+        other._use(np.empty(0, dtype=np.int64))
+        return other
+
+    def commit(self, u: Array, t: float) -> None:
+        """Begin a step at `u` (nv, 3); leave out pairs of nodes if too many are not in contact any more."""
+        self._time, keys = t, self._sorted_blocks(self._barrier.stiffness(self._collisions(self._moved(u)), clamped=False))[0]
+        if len(keys) < (1 - UNUSED) * len(self._keys):
+            self._use(keys)
+
+    def without(self, removed: NDArray[np.bool_]) -> BoundMeshContact:
+        """Return the contact without the facets whose elements are removed, `removed` (nt,). New faces do not touch."""
+        other = copy(self)
+        other._found = other._valued = other._last_mean = None
+        other._set_surface(self._body.without(removed, self._body.bare))
+        return other
+
+    def memory(self) -> dict[str, int]:
+        """Return the bytes of its arrays, by part, without those of the toolkit."""
+        arrays = self._X, self._nodes, self._keys, self._barrier.edges, self._barrier.triangles, *self._facets, *self._behind
+        return {"contact": sum(array.nbytes for array in arrays)}
+
+
+class MeshContactWithFriction(BoundMeshContact):
+    """Contact between surfaces that rub, with the normal forces and the tangents of the beginning of each step."""
+
+    has_friction = True
+
+    def __init__(self, contact: MeshContact, body: Body) -> None:
+        super().__init__(contact, body)
+        self._in_time, self._width = False, 0.0  # slip up to which friction rises [m]
+        self._rubbing: tuple[Array, Any] | None = None  # positions (m, 3), and the collisions there
+
+    def with_new_history(self, in_time: bool) -> MeshContactWithFriction:
+        self._friction.check(in_time, self.contact.label)
+        other = cast(MeshContactWithFriction, super().with_new_history(in_time))
+        other._in_time, other._width, other._start = in_time, 0.0, None
+        return other
+
+    @property
+    def _friction(self) -> Friction:
+        assert self.contact.friction is not None
+        return self.contact.friction
+
+    def at(self, t: Time) -> None:
+        """Set the slip up to which friction rises, for a step to load factor or time `t`."""
+        width = self._friction.width(Moment.of(t).time - self._time, self._in_time)
+        if width != self._width:
+            self._width, self._valued = width, None
+
+    def commit(self, u: Array, t: float) -> None:
+        super().commit(u, t)
+        self._start, self._valued = self._moved(u), None
+
+    def _slip(self, x: Array) -> tuple[Any, Array, float] | None:
+        """Return the arguments of friction at `x` (m, 3); None in the state at the beginning of a step, where it is zero."""
+        if self._start is None or not self._width > 0:
+            return None
+        if self._rubbing is None or self._rubbing[0] is not self._start:
+            self._rubbing = self._start, self._barrier.rubbing(self._collisions(self._start), self._friction.coefficient)
+        return self._rubbing[1], x - self._start, self._width
+
+    def _friction_at(self, x: Array) -> Array:
+        slip = self._slip(x)
+        return np.zeros_like(x) if slip is None else self._barrier.friction(*slip)
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        if force is not None:
+            force[self._nodes] += self._friction_at(self._moved(u))
+        return super().energy_and_force(u, force)
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        force[self._nodes] += sum(weights) * self._friction_at(self._moved(u1))
+        return super().mean_force(u0, u1, weights, theta, force)
+
+    def _stiffness_at(self, xs: tuple[Array, ...], clamped: bool) -> csr_matrix:
+        K, slip = super()._stiffness_at(xs, clamped), self._slip(xs[-1])
+        return K if slip is None else K + len(xs) * self._barrier.friction_stiffness(*slip)
+
+    def predict(self, u: Array) -> None:
+        """Do nothing: linear steps are refused."""
+
+    def work(self, u0: Array, u1: Array) -> tuple[float, float]:
+        """Return no external work, and the work [J] against friction from the last accepted state to `u1`."""
+        x = self._moved(u1)
+        return 0.0, 0.0 if self._start is None else float((self._friction_at(x) * (x - self._start)).sum())
+
+
+def _triangles_of(facets: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the corners (m, 3) of the triangles that stand for facets (nodes, n)."""
+    return np.concatenate([facets[list(corners)].T for corners in TRIANGLES[len(facets)]])
+
+
+def _winding_numbers(points: Array, triangles: Array) -> Array:
+    """Return how often (n,) a closed surface of triangles (m, 3, 3) winds around each point (n, 3): 0 outside, +-1 inside.
+
+    Source: van Oosterom and Strackee (1983), the solid angle of a triangle.
+    """
+    numbers = np.empty(len(points))
+    for i, point in enumerate(points):
+        a, b, c = np.moveaxis(triangles - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
+        volume = np.einsum("ni,ni->n", a, np.cross(b, c))
+        dots = [np.einsum("ni,ni->n", one, other) * length for one, other, length in ((a, b, lc), (b, c, la), (c, a, lb))]
+        numbers[i] = np.arctan2(volume, la * lb * lc + sum(dots)).sum() / (2 * np.pi)
+    return numbers
