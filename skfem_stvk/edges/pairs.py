@@ -462,7 +462,7 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
 
 def couples_single_nodes(term: Any) -> bool:
     """Return whether a term couples each node with itself alone, with symmetric blocks: products with K then need no matrix."""
-    return bool(term.symmetric and not term.nodes_paired.size)
+    return bool(term.symmetric and not term.nodes_paired.size and not hasattr(term, "look"))
 
 
 def joined(term: Any) -> NDArray[np.int32]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array, text
 from ..errors import ContactError, name_known
@@ -30,6 +31,8 @@ class ContactState:
         (nv,) smallest gap of the points of each node's facets [m], negative where they touch; infinite at other nodes.
     area
         Area at rest of the points that touch [m^2].
+    nodes
+        Nodes (m,) on which the resultant acts: those of the facets that may touch a rigid shape, or those of the first of two surfaces.
     units
         System of units of the values.
     """
@@ -39,12 +42,13 @@ class ContactState:
     pressure: Array
     gap: Array
     area: float
+    nodes: NDArray[np.int32]
     units: UnitSystem
 
     @property
     def resultant(self) -> Array:
-        """Sum (d,) of the forces on the body [N]."""
-        return np.asarray(self.force.sum(axis=0))
+        """Sum (d,) of the forces on the `nodes` [N]."""
+        return np.asarray(self.force[self.nodes].sum(axis=0))
 
     def __repr__(self) -> str:
         of, total = self.units.of, ", ".join(f"{component:.4g}" for component in self.resultant)
@@ -70,4 +74,4 @@ def contact_state(system: System, name: str, u: Array, t: Time) -> ContactState:
     force = np.zeros(x.shape)
     term.energy_and_force(x, force)
     pressure, gap, area = term.evaluated(x)
-    return ContactState(term.name, -force, pressure, gap, area, system.units)
+    return ContactState(term.name, -force, pressure, gap, area, term.nodes, system.units)

@@ -21,7 +21,7 @@ from ..mesh.displacements import finite_vector
 from ..mesh.points import sizes_at_points
 from ..terms import Body
 from ..terms.spread import Spread
-from .pattern import FreeDofs, HasPattern
+from .pattern import FreeDofs, HasPattern, Pattern
 
 #: Largest ratio of Jacobians in an element that counts as straight in the eigenvalue bounds of element masses.
 STRAIGHT = 1.02
@@ -85,7 +85,7 @@ class Mass(ABC):
         is_free = np.ones(self.vertex.size * self._d, dtype=bool)
         is_free[self._constrained] = False
         self.free = is_free.reshape(-1, self._d) & ~self._body.bare[:, None]
-        self._diagonal_indices: tuple[int, NDArray[np.intp]] | None = None
+        self._diagonal_indices: tuple[Pattern, NDArray[np.intp]] | None = None
         self._part: tuple[NDArray[np.int32], NDArray[np.intp], Array] | None = None
         self._refuse_bare()
 
@@ -155,11 +155,11 @@ class Mass(ABC):
         K.data[indices] += number("factor", factor, "a finite number") * values
 
     def _diagonals(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.intp]:
-        """Return the indices (n, d) of the diagonals of blocks `(a, b)` in the values of K, cached for each pattern version."""
+        """Return the indices (n, d) of the diagonals of blocks `(a, b)` in the values of K, cached for each pattern."""
         pattern, known = self._system.pattern, self._diagonal_indices
-        if known is None or known[0] != pattern.version:
+        if known is None or known[0] is not pattern:
             first, steps = pattern.block_indices(a, b), np.arange(self._d)
-            self._diagonal_indices = known = pattern.version, first[:, None] + steps * (pattern.strides[a][:, None] + 1)
+            self._diagonal_indices = known = pattern, first[:, None] + steps * (pattern.strides[a][:, None] + 1)
         return known[1]
 
     def _vector(self, name: str, value: Any) -> Array:

@@ -97,7 +97,9 @@ class TangentOperator(LinearOperator):
             for c, other in others:
                 if other._pairs[i] is not self._pairs[i]:
                     if other._blocks[i].any():
-                        raise StvkError("Got an operator whose terms couple other nodes; expected one prepared after the last change.")
+                        raise StvkError(
+                            "Got an operator whose terms couple other nodes; expected one prepared after the last change."
+                        )
                     continue
                 n = min(len(blocks), len(other._blocks[i]))  # entries after the edges depend on the thread count
                 run(block_kernels.add_scaled, parts_of(n, 0.02, threads()), c, other._blocks[i], blocks)

@@ -207,7 +207,7 @@ class FreeDofs:
         if not space.any(len(self.free) > 0):
             raise StvkError(f"All {space.count} degrees of freedom are fixed: there is nothing to solve for.")
         self._system = system
-        self._known: tuple[int, Structure, NDArray[np.int32]] | None = None
+        self._known: tuple[Pattern, Structure, NDArray[np.int32]] | None = None
 
     def of(self, system: HasPattern) -> FreeDofs:
         """Return the same degrees of freedom for another system with the same pattern of K."""
@@ -233,11 +233,11 @@ class FreeDofs:
     def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
         """Return the structure of K over the free degrees of freedom, and the indices of its values in those of K.
 
-        Both are cached for each version of the pattern.
+        Both are cached for each pattern.
         """
         pattern, known = self._system.pattern, self._known
-        if known is None or known[0] != pattern.version:
-            self._known = known = pattern.version, *self._restricted(pattern)
+        if known is None or known[0] is not pattern:
+            self._known = known = pattern, *self._restricted(pattern)
         return known[1:]
 
     def _restricted(self, pattern: Pattern) -> tuple[Structure, NDArray[np.int32]]:

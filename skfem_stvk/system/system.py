@@ -249,6 +249,7 @@ class System(BoundTerms):
 
         other = copy(self)
         other._replace_bound(*([begun(term) for term in terms] for terms in (self.bound_terms, self.bound_loads)))
+        other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
         return other
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:

@@ -88,7 +88,9 @@ class MeshContact:
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
     second: Annotated[Where | None, Quantity(None, "Place of the facets of the second surface; by default the first one.")] = None
-    distance: Annotated[float, Quantity("length", "Distance below which the surfaces repel each other.", gt=0)] = field(kw_only=True)
+    distance: Annotated[float, Quantity("length", "Distance below which the surfaces repel each other.", gt=0)] = field(
+        kw_only=True
+    )
     stiffness: Annotated[float | None, Quantity("stress", "Stiffness of the barrier; by default Young's modulus.", gt=0)] = None
     friction: Friction | None = None
     name: Annotated[str, Quantity(None, "Name in results and messages.")] = "contact"
@@ -185,7 +187,9 @@ class BoundMeshContact:
         self._stiffness = contact.stiffness
         if self._stiffness is None:
             every = np.concatenate(self._behind)
-            self._stiffness = float(young_of(body, every, contact.label, "stiffness=... [Pa], such as that of the softest body").min())
+            self._stiffness = float(
+                young_of(body, every, contact.label, "stiffness=... [Pa], such as that of the softest body").min()
+            )
         self._set_surface(body)
         self._refuse_long_distance()
         self._refuse_bad_start(self._X)
@@ -194,7 +198,7 @@ class BoundMeshContact:
         """Use the facets of the elements of a body that are not removed."""
         kept = [facets[:, ~body.removed[behind]] for facets, behind in zip(self._facets, self._behind, strict=True)]
         sides = [_triangles_of(facets) for facets in kept]
-        nodes = [np.unique(facets) for facets in self._facets]
+        nodes = [np.unique(facets) for facets in kept]  # a vertex of no triangle would be a point that touches
         self._nodes, self.nodes, patches = np.unique(np.concatenate(nodes)), nodes[0].astype(np.int32), None
         if len(nodes) == 2:
             both = np.intersect1d(nodes[0], nodes[1])
@@ -289,7 +293,8 @@ class BoundMeshContact:
         row = np.repeat(self._nodes, np.diff(blocks.indptr))
         column = self._nodes[blocks.indices]
         upper = row < column
-        return row[upper] * self._nv + column[upper], blocks.data[upper]
+        keys = row[upper].astype(np.int64) * self._nv + column[upper]
+        return keys, blocks.data[upper]
 
     def _blocks_at(self, u: Array, clamped: bool) -> tuple[NDArray[np.int64], Array]:
         """Return pairs of nodes and their blocks at `u`, or of the mean force if that is assumed; those of the last call if equal."""
@@ -392,7 +397,9 @@ class BoundMeshContact:
         keys, start = numbers[2 : 2 + count].astype(np.int64), numbers[2 + count :]
         right = count >= 0 and len(keys) == count and (np.diff(keys) > 0).all() and len(start) in (0, self._X.size)
         if not right or (keys < 0).any() or (keys >= self._nv**2).any():
-            raise ValueError(f"the history of {self.contact.label} is {shown(numbers)}; expected a time, pairs of nodes and positions")
+            raise ValueError(
+                f"the history of {self.contact.label} is {shown(numbers)}; expected a time, pairs of nodes and positions"
+            )
         self._valued = None
         self._time, self._start = float(numbers[0]), start.reshape(-1, 3).copy() if len(start) else None
         self._use(keys)
@@ -415,6 +422,8 @@ class BoundMeshContact:
         other = copy(self)
         other._found = other._valued = other._last_mean = None
         other._set_surface(self._body.without(removed, self._body.bare))
+        if self._start is not None:
+            other._start = self._start[np.isin(self._nodes, other._nodes)]
         return other
 
     def memory(self) -> dict[str, int]:

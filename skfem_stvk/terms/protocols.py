@@ -227,17 +227,20 @@ Assumption: TypeAlias = Assumed | tuple[Array, Array] | None
 
 @runtime_checkable
 class HasContact(Protocol):
-    """Term with forces where the surface of the body touches something. Its force is external, and has a discrete gradient.
+    """Term with forces where the surface of the body touches something. It joins no nodes, and its force has a discrete gradient.
 
     Attributes
     ----------
     name
         Name in results and messages.
+    nodes
+        Nodes (m,) on which its resultant acts.
     assumed
         What `add_blocks` assumes; `System.assuming` sets it.
     """
 
     name: str
+    nodes: NDArray[np.int32]
     assumed: Assumption
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:

@@ -122,6 +122,7 @@ class ImplicitStepper(Stepper):
         self.problem = StepProblem(motion, self._matrix(), self.watch, integrator.mean, integrator.secant)
         self._most_inside_out = motion.system.mesh.element_count if passes_inversion(motion.system) else None
         self.scratch = np.zeros(motion.states.n)
+        self._met = ""  # remark on the contact that cut the first guess of the step
 
     def _matrix(self) -> StepMatrix | DenseStepMatrix:
         motion, integrator = self.motion, self.integrator
@@ -155,7 +156,7 @@ class ImplicitStepper(Stepper):
         w, found, record = self.solve(w, moment, most_inverted)
         self.counts.iterations += len(record)
         if found:
-            raise StepFailed(found)
+            raise StepFailed(found + self._met)
         self.accept(state, w, h, moment)
 
     def length(self, state: MotionState, t: float) -> float:
@@ -177,8 +178,9 @@ class ImplicitStepper(Stepper):
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
         w[fixed] = self.motion.constrained_displacements(t) - state.u[fixed]
-        limit, _ = self.problem.contact_limit(np.zeros_like(w), w)
-        if limit <= 1:  # beyond it, the body might be in equilibrium on the other side
+        limit, name = self.problem.contact_limit(np.zeros_like(w), w)
+        self._met = f"; its speed would carry the body through the contact {name!r} within the step" if limit <= 1 else ""
+        if self._met:  # beyond the limit, the body might be in equilibrium on the other side
             w[self.motion.free.free] *= BEFORE_THE_LIMIT * limit
         return w
 

@@ -1,0 +1,467 @@
+"""Contact between surfaces: exact derivatives and works, balances, passing, and the pairs of nodes that follow the body."""
+
+import sys
+import threading
+
+import numpy as np
+import pytest
+import skfem
+
+from skfem_stvk import (
+    BackwardEuler,
+    ContactError,
+    EnergyMomentum,
+    Friction,
+    GeneralizedAlpha,
+    LinearBackwardEuler,
+    MeshContact,
+    NeoHookean,
+    Newmark,
+    Rayleigh,
+    ReducedSystem,
+    Simulation,
+    SimulationError,
+    StVK,
+    StvkError,
+    System,
+    Traction,
+    VelocityVerlet,
+    simulate,
+    solve_static,
+)
+from skfem_stvk.edges import TENSILE
+from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.terms import ipc
+from skfem_stvk.terms.protocols import Assumed
+
+LAW = StVK(young=3e4, poisson=0.3, density=1000.0)
+#: Distance of the barrier, and gap at rest; both are small against the edges.
+DISTANCE, GAP = 4e-3, 3e-3
+
+
+def tensor(size, n, kind=skfem.MeshTet):
+    return kind.init_tensor(*(np.linspace(0, length, parts + 1) for length, parts in zip(size, n, strict=True)))
+
+
+def two(kind="tetrahedra", gap=GAP, n=3):
+    """Return a lower and a smaller upper block, or sheet, whose meshes do not match."""
+    flat = kind in ("triangles", "quadrilaterals")
+    shape = {"hexahedra": skfem.MeshHex, "triangles": skfem.MeshTri, "quadrilaterals": skfem.MeshQuad}.get(kind, skfem.MeshTet)
+    lower = tensor((0.1, 0.1), (n, n), shape) if flat else tensor((0.1, 0.1, 0.05), (n, n, 2), shape)
+    upper = tensor((0.08, 0.07), (n - 1, n), shape) if flat else tensor((0.08, 0.07, 0.05), (n - 1, n, 2), shape)
+    height = 0.0 if flat else 0.05
+    p = [np.vstack([m.p, 0 * m.p[:1]]) if flat else m.p for m in (lower, upper)]
+    p[1] = p[1] + np.array([[0.013], [0.017], [height + gap]])
+    t = np.hstack([lower.t, upper.t + p[0].shape[1]])
+    halves = {"lower": np.arange(lower.t.shape[1]), "upper": np.arange(lower.t.shape[1], t.shape[1])}
+    element = {"hexahedra": "hexahedra", "quadrilaterals": "quadrilaterals"}.get(kind)
+    mesh = (
+        ElementMesh.of(shape(np.hstack(p), t)) if not flat else ElementMesh(np.hstack(p), t, element=element) if element else None
+    )
+    if mesh is None:
+        mesh = ElementMesh(np.hstack(p), t)
+    mesh = ElementMesh(mesh.p, mesh.t, subdomains=halves, element=mesh.element)
+    return mesh.with_degree(2) if kind == "quadratic tetrahedra" else mesh
+
+
+KINDS = ("tetrahedra", "quadratic tetrahedra", "hexahedra", "triangles")
+
+
+def pair(kind="tetrahedra", gap=GAP, friction=None, law=LAW, fixed=None, n=3, **options):
+    """Return the system of two bodies with contact, and one without."""
+    law = StVK(young=3e4, poisson=0.3, thickness=0.01) if kind == "triangles" else law
+    mesh = two(kind, gap, n)
+    options = {"distance": DISTANCE, "name": "pair"} | options
+    with_contact = System(mesh, [law, MeshContact("lower", "upper", friction=friction, **options)], fixed)
+    apart = MeshContact("lower", "upper", distance=1e-9)
+    return with_contact, System(mesh, [law, apart], fixed)
+
+
+def upper(system):
+    """Return the nodes of the upper body."""
+    return np.unique(system.mesh.t[:, system.mesh.elements("upper")])
+
+
+def deformed(system, size=1.0, seed=0):
+    """Return displacements by which the upper body stays above the lower one, and a direction of size 1."""
+    u, v = np.random.default_rng(seed).normal(size=(2, system.ndofs))
+    return 2e-4 * size * u, v / np.abs(v).max()
+
+
+def by_node(x):
+    return x.reshape(-1, 3)
+
+
+def force_of(term, u):
+    out = np.zeros_like(by_node(u))
+    term.energy_and_force(by_node(u), out)
+    return out.ravel()
+
+
+def slope(f, h=1e-7):
+    return (f(h) - f(-h)) / (2 * h)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_force_and_stiffness_are_derivatives(kind):
+    system, without = pair(kind)
+    term, (u, v) = system.bound_terms[1], deformed(system)
+    W, F = term.energy_and_force(by_node(u)), force_of(term, u)
+    assert W > 0 and slope(lambda s: term.energy_and_force(by_node(u + s * v))) == pytest.approx(F @ v, rel=1e-5)
+    K = system.tangent(u).toarray() - without.tangent(u).toarray()
+    change = slope(lambda s: force_of(term, u + s * v))
+    assert np.abs(K @ v - change).max() < 1e-5 * np.abs(change).max() and np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
+    assert np.abs(system.product(u, v) - system.tangent(u) @ v).max() < 1e-10 * np.abs(system.tangent(u) @ v).max()
+    clamped = system.jacobian(u, kept=TENSILE).toarray() - without.jacobian(u, kept=TENSILE).toarray()
+    assert np.linalg.eigvalsh(clamped).min() > -1e-9 * np.abs(K).max() > np.linalg.eigvalsh(K).min()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_bodies_push_each_other_with_no_force_and_no_torque_in_total(kind):
+    system, _ = pair(kind)
+    term, (u, _) = system.bound_terms[1], deformed(system)
+    F, x = by_node(force_of(term, u)), system.mesh.p.T + by_node(u)
+    size, on_upper = np.abs(F).sum(), F[upper(system)].sum(axis=0)
+    assert np.abs(F.sum(axis=0)).max() < 1e-13 * size and np.abs(np.cross(x, F).sum(axis=0)).max() < 1e-13 * size
+    assert -on_upper[2] > 0.3 * size / 2 and np.abs(on_upper[:2]).max() < 0.1 * -on_upper[2]
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    turned = (x @ turn.T + [0.3, -0.2, 0.1] - system.mesh.p.T).ravel()
+    assert term.energy_and_force(by_node(turned)) == pytest.approx(term.energy_and_force(by_node(u)), rel=1e-9)
+    assert np.abs(by_node(force_of(term, turned)) - F @ turn.T).max() < 1e-8 * np.abs(F).max()
+
+
+@pytest.mark.parametrize("size", [1.0, 0.1, 1e-4])
+def test_the_work_of_the_mean_force_is_the_change_of_energy(size):
+    system, _ = pair()
+    term, (u, v) = system.bound_terms[1], deformed(system)
+    u0, u1 = by_node(u), by_node(u + 1e-3 * size * v)
+    f = np.zeros_like(u0)
+    term.mean_force(u0, u1, (0.5, 0.5), 0.5, f)
+    change = term.energy_and_force(u1) - term.energy_and_force(u0)
+    assert (
+        float((f * (u1 - u0)).sum()) == pytest.approx(change, rel=1e-10) and np.abs(f.sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
+    )
+    near = by_node(force_of(term, u + 0.5e-3 * size * v))
+    assert np.abs(f - near).max() < 0.2 * size * np.abs(near).max() + 1e-8 * np.abs(near).max()
+
+
+def test_the_mean_tangent_is_near_twice_the_derivative_of_the_mean_force():
+    system, without = pair()
+    term, (u, v) = system.bound_terms[1], deformed(system)
+    u1 = u + 2e-4 * v
+
+    def twice(s):
+        f = np.zeros_like(by_node(u))
+        term.mean_force(by_node(u), by_node(u1 + s * v), (1.0, 1.0), 0.5, f)
+        return f.ravel()
+
+    with system.assuming((by_node(u), by_node(u1))):
+        K = system.tangent(u).toarray() - without.tangent(u).toarray()
+    change = slope(twice)
+    assert np.abs(K @ v - change).max() < 0.02 * np.abs(change).max()
+
+
+def test_contact_limit_is_the_fraction_of_the_way_at_which_surfaces_meet():
+    system, _ = pair()
+    term, down = system.bound_terms[1], np.zeros((system.mesh.nv, 3))
+    down[upper(system), 2] = -2.5 * GAP
+    assert term.contact_limit(0 * down, down) == pytest.approx(1 / 2.5, rel=2e-3)
+    assert term.passes(0 * down, down) and not term.passes(0 * down, 0.39 * down)
+    assert term.contact_limit(0 * down, -down) == 2.0 and system.contact_limit(0 * down.ravel(), down.ravel())[1] == "pair"
+    through = 40 * down  # from above to below the lower body
+    assert term.passes(0 * down, through) and not len(term._barrier.intersections(term._moved(through)))
+
+
+def test_pairs_of_nodes_follow_the_body_and_results_do_not_depend_on_earlier_calls():
+    system, _ = pair()
+    u, _ = deformed(system)
+    apart = np.zeros_like(by_node(u))
+    apart[upper(system), 2] = 0.02
+    near = system.tangent(u)
+    far = system.tangent(apart.ravel())
+    assert near.nnz > far.nnz and system.pattern_version == 2 and not system.bound_terms[1].nodes_paired.size
+    again, other = system.tangent(u), pair()[0].tangent(u)
+    for one in (again, other):
+        assert np.array_equal(one.indices, near.indices) and np.array_equal(one.data, near.data)
+    with pytest.raises(StvkError, match="does not have the pattern"):
+        system.tangent(u, out=far)
+    held = system.free_dofs("lower" if "lower" in system.mesh.node_sets else np.arange(30))
+    Kff = system.tangent(u, free=held)
+    assert abs(Kff - near[held.free][:, held.free]).max() < 1e-12 * abs(near).max()
+    operator = system.linear_operator(u)
+    system.tangent(apart.ravel())
+    assert np.array_equal(operator @ u, system.linear_operator(u) @ u)  # an operator keeps its pairs
+    system.bound_terms[1].assumed = Assumed.APART
+    version = system.pattern_version
+    system.look(apart.ravel())
+    assert system.pattern_version == version
+
+
+def test_in_an_analysis_the_pairs_stay_until_too_many_are_unused():
+    system, _ = pair()
+    term = system.bound_terms[1].with_new_history(in_time=True)
+    u, _ = deformed(system)
+    apart = np.zeros_like(by_node(u))
+    apart[upper(system), 2] = 0.02
+    term.look(by_node(u))
+    pairs, version = term.nodes_paired, term.pattern_version
+    term.look(apart)
+    assert pairs.size and np.array_equal(term.nodes_paired, pairs) and term.pattern_version == version
+    history = term.history
+    term.commit(apart, 1.0)
+    assert not term.nodes_paired.size and term.pattern_version == version + 1
+    term.history = history
+    assert np.array_equal(term.nodes_paired, pairs) and term.pattern_version == version + 2
+    assert not system.bound_terms[1].nodes_paired.size
+    for wrong in (np.empty(0), history[:-1], np.append(history, 1.0), np.full(5, np.nan), -history):
+        with pytest.raises(ValueError, match="MeshContact 'pair'"):
+            term.history = wrong
+
+
+# Whole analyses
+
+
+def thrown(system, speed=0.5, along=0.1):
+    """Return velocities at which the upper body falls on the lower one."""
+    v = np.zeros((system.mesh.nv, 3))
+    v[upper(system)] = along, 0, -speed
+    return v.ravel()
+
+
+def FLOOR(x):
+    return x[2] == 0
+
+
+def test_energy_momentum_keeps_energy_and_linear_momentum():
+    system, _ = pair()
+    run = simulate(system, EnergyMomentum(dt=1e-3), until=0.02, v0=thrown(system), quiet=True)
+    ledger, kinetic = run.ledger, run.ledger["kinetic_energy"][0]
+    assert np.abs(ledger["closure_error"]).max() < 1e-12 * kinetic and ledger["strain_energy MeshContact 1"].max() > 1e-4 * kinetic
+    assert np.abs(np.diff([ledger[f"linear_momentum_{axis}"] for axis in "xyz"])).max() < 1e-12
+    turned = np.array([ledger[f"angular_momentum_{axis}"] for axis in "xyz"])
+    assert np.abs(turned - turned[:, :1]).max() < 1e-3 * np.abs(turned).max() + 1e-6  # to O(dt^2)
+    away = by_node(run.v)[upper(system), 2].mean() - np.delete(by_node(run.v), upper(system), axis=0)[:, 2].mean()
+    assert away > 0.1 and run.contact("pair").gap.min() > 0
+
+
+@pytest.mark.parametrize("integrator", [BackwardEuler(dt=1e-3), Newmark(dt=1e-3), GeneralizedAlpha(dt=1e-3)])
+def test_implicit_integrators_stop_a_falling_body(integrator):
+    system, _ = pair(fixed={FLOOR: "xyz"})
+    run = simulate(system, integrator, until=0.02, v0=thrown(system), damping=Rayleigh(beta=1e-4), quiet=True)
+    assert run.contact("pair").gap.min() > 0 and by_node(run.v)[upper(system), 2].mean() > -0.1
+    assert run.ledger["strain_energy MeshContact 1"].max() > 1e-5 * run.ledger["kinetic_energy"][0]
+
+
+def test_friction_slows_a_sliding_body_and_its_work_is_in_the_ledger():
+    runs = []
+    for friction in (None, Friction(0.4, slip_speed=0.05)):
+        system, _ = pair(friction=friction, fixed={FLOOR: "xyz"})
+        runs.append((system, simulate(system, EnergyMomentum(dt=1e-3), until=0.015, v0=thrown(system, 0.4, 0.3), quiet=True)))
+    speeds = [by_node(run.v)[upper(system), 0].mean() for system, run in runs]
+    ledger, kinetic = runs[1][1].ledger, runs[1][1].ledger["kinetic_energy"][0]
+    assert speeds[1] < 0.9 * speeds[0]
+    assert np.abs(ledger["closure_error"]).max() < 1e-11 * kinetic and ledger["friction_work"][-1] > 0.01 * kinetic
+    assert "friction_work" not in runs[0][1].ledger
+
+
+def test_friction_is_at_most_coulombs_and_acts_against_the_slip():
+    friction = Friction(0.4, slip_length=1e-4)
+    system, _ = pair(friction=friction)
+    without, _ = pair()
+    term = system.bound_terms[1].with_new_history(in_time=False)
+    u, _ = deformed(system, 0.0)
+    term.commit(by_node(u), 0.0)
+    term.at(1.0)
+    normal = by_node(force_of(without.bound_terms[1], u))[upper(system), 2].sum()
+    assert np.abs(by_node(force_of(term, u))[:, :2]).max() < 0.02 * abs(normal)  # none without a slip
+    for slip, share in ((0.5e-4, 0.75), (1e-3, 1.0)):
+        moved = by_node(u).copy()
+        moved[upper(system), 0] += slip
+        with_friction, smooth = force_of(term, moved.ravel()), force_of(without.bound_terms[1], moved.ravel())
+        rub = by_node(with_friction - smooth)
+        assert rub[upper(system), 0].sum() == pytest.approx(share * 0.4 * abs(normal), rel=1e-3)
+        assert np.abs(rub.sum(axis=0)).max() < 1e-12 and term.work(by_node(u), moved)[1] == pytest.approx(
+            slip * rub[upper(system), 0].sum()
+        )
+    direction = np.random.default_rng(5).normal(size=moved.size) * 1e-2
+    term.look(moved)
+    other = System(system.mesh, system.terms)
+    other._replace_bound([other.bound_terms[0], term], [])
+    K = other.tangent(moved.ravel()).toarray() - System(system.mesh, [LAW, MeshContact("lower", "upper", distance=1e-9)]).tangent(
+        moved.ravel()
+    )
+    change = slope(lambda s: force_of(term, moved.ravel() + s * direction), 1e-6)
+    assert np.abs(K @ direction - change).max() < 1e-4 * np.abs(change).max()
+
+
+@pytest.mark.parametrize("friction", [None, Friction(0.3, slip_speed=0.05)])
+def test_a_resumed_run_and_a_restored_simulation_have_the_same_bits(tmp_path, friction):
+    system, _ = pair(friction=friction, fixed={FLOOR: "xyz"})
+    options = {"v0": thrown(system), "quiet": True}
+    whole = simulate(system, BackwardEuler(dt=1e-3), until=0.02, **options)
+    simulate(system, BackwardEuler(dt=1e-3), until=0.012, checkpoint=tmp_path, **options)
+    again = simulate(system, BackwardEuler(dt=1e-3), until=0.02, checkpoint=tmp_path, resume=True, quiet=True)
+    assert np.array_equal(again.u, whole.u) and np.array_equal(again.v, whole.v)
+    sim = Simulation(system, BackwardEuler(dt=1e-3), v0=thrown(system))
+    for _ in range(8):
+        sim.step()
+    saved, ends = sim.copy_state(), []
+    for _ in range(2):
+        for _ in range(6):
+            sim.step()
+        ends.append((sim.u.copy(), sim.v.copy()))
+        sim.restore(saved)
+    assert np.array_equal(ends[0], ends[1])
+
+
+def test_simulations_of_one_system_in_threads_do_not_affect_each_other():
+    system, _ = pair(friction=Friction(0.3, slip_speed=0.05), fixed={FLOOR: "xyz"})
+    speeds, found = (0.5, 0.4), {}
+
+    def run(speed, key):
+        found[key] = simulate(system, BackwardEuler(dt=1e-3), until=0.01, v0=thrown(system, speed), quiet=True).u
+
+    for speed in speeds:
+        run(speed, ("alone", speed))
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=run, args=(speed, ("beside", speed))) for speed in speeds]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    for speed in speeds:
+        assert np.array_equal(found["alone", speed], found["beside", speed])
+
+
+def test_a_fast_body_does_not_pass_through_another_one():
+    system, _ = pair(gap=0.02, fixed={FLOOR: "xyz"})
+    run = simulate(system, BackwardEuler(dt=1e-3), until=3e-3, v0=thrown(system, 100.0, 0.0), quiet=True, raise_on_failure=False)
+    z = (system.mesh.p.T + by_node(run.u))[:, 2]
+    assert z[upper(system)].min() > 0 and run.contact("pair").gap.min() > 0
+    assert run.status.value == "finished" or "'pair'" in run.message or "invert" in run.message
+    with pytest.raises(SimulationError, match="would carry the body through the contact 'pair' within the step"):
+        Simulation(system, EnergyMomentum(dt=1e-2), v0=thrown(system, 100.0, 0.0)).step()
+
+
+def test_two_blocks_pressed_carry_the_load():
+    """The blocks have the same cross-section, so that the state is homogeneous, for nu = 0."""
+    lower, above = tensor((0.1, 0.1, 0.05), (4, 4, 2)), tensor((0.1, 0.1, 0.05), (3, 3, 2))
+    p = np.hstack([lower.p, above.p + [[0.0], [0.0], [0.05 + 2e-3]]])
+    t = np.hstack([lower.t, above.t + lower.p.shape[1]])
+    halves = {"lower": np.arange(lower.t.shape[1]), "upper": np.arange(lower.t.shape[1], t.shape[1])}
+    mesh = ElementMesh(p, t, subdomains=halves)
+    law, lid = StVK(young=3e4, poisson=0.0), mesh.p[2].max()
+    terms = [law, MeshContact("lower", "upper", distance=2e-3, name="pair")]
+    found = solve_static(
+        System(mesh, terms, {FLOOR: "xyz"}, {lambda x: x[2] == lid: {"x": 0.0, "y": 0.0, "z": -5e-3}}), steps=4, quiet=True
+    )
+    assert found.success
+    state = found.contact("pair")
+    assert state.resultant[2] == pytest.approx(found.reaction(lambda x: x[2] == lid).resultant[2], rel=1e-6)
+    inner = np.flatnonzero((np.abs(p[2] - 0.05) < 1e-9) & (np.abs(p[:2] - 0.05).max(axis=0) < 0.03))
+    assert state.pressure[inner].mean() == pytest.approx(-state.resultant[2] / 0.01, rel=0.1)
+
+
+def jaw():
+    """Return a block with a slit, open at one side: its two arms touch when they are pressed."""
+    mesh = tensor((0.12, 0.04, 0.10), (6, 2, 5))
+    inside = (mesh.p[:, mesh.t].mean(axis=1)[0] > 0.04) & (np.abs(mesh.p[:, mesh.t].mean(axis=1)[2] - 0.05) < 0.01)
+    return ElementMesh.of(mesh.remove_elements(np.flatnonzero(inside)))
+
+
+def test_a_body_touches_itself():
+    mesh = jaw()
+
+    def tip(x):
+        return (x[2] == x[2].max()) & (x[0] > 0.09)
+
+    contact = MeshContact(None, distance=3e-3, name="skin")
+    terms = [NeoHookean(young=3e4, poisson=0.3, density=1e3), contact, Traction(tip, (0, 0, -3e3))]
+    found = solve_static(System(mesh, terms, {FLOOR: "xyz"}), steps=5, quiet=True)
+    assert found.success and 0 < found.contact("skin").gap.min() < 3e-3 and found.contact("skin").area > 0
+    assert np.abs(found.contact("skin").resultant).max() < 1e-10
+    without = solve_static(System(mesh, [terms[0], terms[2]], {FLOOR: "xyz"}), steps=5, quiet=True, raise_on_failure=False)
+    upper_arm = np.flatnonzero((np.abs(mesh.p[2] - 0.06) < 1e-9) & (mesh.p[0] > 0.1))
+    assert by_node(without.u)[upper_arm, 2].min() < by_node(found.u)[upper_arm, 2].min()
+
+
+def test_removed_elements_take_their_facets_with_them():
+    system, _ = pair()
+    u, _ = deformed(system)
+    torn = system.without(system.mesh.elements("upper")[: len(system.mesh.elements("upper")) // 2])
+    whole, rest = (one.bound_terms[1].energy_and_force(by_node(u)) for one in (system, torn))
+    assert 0 < rest < whole and np.isfinite(torn.tangent(u).data).all()
+
+
+# Bad input
+
+
+BAD = {
+    "names no location": (dict(first="lowr"), "lowr"),
+    "common nodes": (dict(second=None, first="lower", distance=1.0), "distance = 1 m; expected at most"),
+    "distance 0": (dict(distance=0.0), "distance = 0"),
+    "stiffness < 0": (dict(stiffness=-1.0), "stiffness = -1"),
+    "friction": (dict(friction=0.3), "friction = 0.3; expected Friction"),
+    "longer than an edge": (dict(distance=0.03), "distance = 0.03 m; expected at most the shortest edge"),
+    "the same surface": (dict(second="lower"), "in both surfaces"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_refused(name):
+    given, message = BAD[name]
+    options = {"first": "lower", "second": "upper", "distance": DISTANCE} | given
+    with pytest.raises(StvkError, match=message):
+        System(two(), [LAW, MeshContact(**options)])
+
+
+def test_surfaces_that_intersect_or_lie_inside_another_body_are_refused_with_ids():
+    with pytest.raises(ContactError, match=r"edges and triangles intersect at the start, first the edge of nodes \(\d+, \d+\) and"):
+        pair(gap=-0.01)
+    outer, inner = tensor((0.1, 0.1, 0.1), (2, 2, 2)), tensor((0.02, 0.02, 0.02), (1, 1, 1))
+    p = np.hstack([outer.p, inner.p + 0.031])
+    t = np.hstack([outer.t, inner.t + outer.p.shape[1]])
+    halves = {"outer": np.arange(outer.t.shape[1]), "inner": np.arange(outer.t.shape[1], t.shape[1])}
+    mesh = ElementMesh(p, t, subdomains=halves)
+    for contact in (MeshContact("outer", "inner", distance=1e-3), MeshContact(None, distance=1e-3)):
+        with pytest.raises(ContactError, match="inside another part of the body at the start"):
+            System(mesh, [LAW, contact])
+
+
+def test_what_pairs_do_not_support_is_refused():
+    system, _ = pair(fixed={FLOOR: "xyz"})
+    for integrator in (LinearBackwardEuler(dt=1e-3), VelocityVerlet(), VelocityVerlet(dt=1e-6)):
+        with pytest.raises(StvkError, match="with the MeshContact 'pair'; expected an implicit integrator"):
+            simulate(system, integrator, until=0.01, v0=thrown(system), quiet=True)
+        with pytest.raises(StvkError, match="with the MeshContact 'pair'; expected an implicit integrator"):
+            Simulation(system, integrator)
+    with pytest.raises(StvkError, match="'pair'"):
+        ReducedSystem(system, size=3)
+    plane = skfem.MeshTri()
+    with pytest.raises(ContactError, match="2 dimensions; expected 3"):
+        System(plane, [LAW, MeshContact(None, distance=1e-3)])
+    for friction, solve in (
+        (Friction(0.3, slip_speed=1.0), lambda body: solve_static(body, quiet=True)),
+        (Friction(0.3, slip_length=1.0), lambda body: simulate(body, BackwardEuler(dt=1e-3), until=1e-3, quiet=True)),
+    ):
+        body, _ = pair(friction=friction, fixed={FLOOR: "xyz"})
+        with pytest.raises(ContactError, match="slip_(speed|length)=None"):
+            solve(body)
+
+
+def test_a_missing_or_other_toolkit_is_named_with_the_command_that_installs_it(monkeypatch):
+    monkeypatch.setattr(ipc, "version", lambda name: "1.7.2")
+    with pytest.raises(ContactError, match=r"ipctk 1.7.2 is installed; expected 1.6.1 or later, before 1.7. Run pip install"):
+        pair()
+
+    def absent(name):
+        raise ipc.PackageNotFoundError(name)
+
+    monkeypatch.setattr(ipc, "version", absent)
+    with pytest.raises(ContactError, match=r"not installed; expected the package ipctk. Run pip install 'skfem-stvk\[contact\]'"):
+        pair()
