@@ -32,7 +32,7 @@ class ContactState:
     area
         Area at rest of the points that touch [m^2].
     nodes
-        Nodes (m,) on which the resultant acts: those of the facets that may touch a rigid shape, or those of the first of two surfaces.
+        Nodes (m,) on which the resultant acts: those of the facets that may touch a shape, or of the first of two surfaces.
     units
         System of units of the values.
     """

@@ -57,18 +57,20 @@ class Friction:
                 "hundredth of the speed of sliding, or slip_length=... [m] for statics."
             )
 
-    @property
-    def numbers(self) -> tuple[float, float, float]:
-        """Coefficient and widths, with 0 for a width that is not given."""
-        return self.coefficient, self.slip_speed or 0.0, self.slip_length or 0.0
 
-    def check(self, in_time: bool, label: str) -> None:
-        """Raise ContactError if the width of a motion, or of statics, is not given; `label` begins the message."""
-        if in_time and self.slip_speed is None:
-            raise ContactError(f"{label}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
-        if not in_time and self.slip_length is None:
-            raise ContactError(f"{label}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
+def refuse_missing_width(friction: Friction, in_time: bool, label: str) -> None:
+    """Raise ContactError if the width of a motion, or of statics, is not given; `label` begins the message."""
+    if in_time and friction.slip_speed is None:
+        raise ContactError(f"{label}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
+    if not in_time and friction.slip_length is None:
+        raise ContactError(f"{label}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
 
-    def width(self, duration: float, in_time: bool) -> float:
-        """Return the slip up to which friction rises [m], over a step of this duration [s] or over a step of the load."""
-        return (self.slip_speed or 0.0) * max(duration, 0.0) if in_time else self.slip_length or 0.0
+
+def width_of(friction: Friction, duration: float, in_time: bool) -> float:
+    """Return the slip up to which friction rises [m], over a step of this duration [s] or over a step of the load."""
+    return (friction.slip_speed or 0.0) * max(duration, 0.0) if in_time else friction.slip_length or 0.0
+
+
+def numbers_of(friction: Friction | None) -> tuple[float, float, float]:
+    """Return the coefficient and both widths, with 0 for those that are not given."""
+    return (0.0, 0.0, 0.0) if friction is None else (friction.coefficient, friction.slip_speed or 0.0, friction.slip_length or 0.0)

@@ -109,7 +109,7 @@ class Barrier:
         return potential.hessian(rubbing, self._mesh, np.asfortranarray(slip), self._projection(False))
 
     def limit(self, x: Array, y: Array) -> float:
-        """Return the fraction of the straight way from `x` to `y` up to which nothing passes through anything; 1 if nothing does."""
+        """Return the fraction of the straight way from `x` to `y` before anything passes through anything; 1 if nothing does."""
         x, y = np.asfortranarray(x), np.asfortranarray(y)
         search = self._toolkit.LBVH()
         return float(self._toolkit.compute_collision_free_stepsize(self._mesh, x, y, 0.0, search, self._detection))

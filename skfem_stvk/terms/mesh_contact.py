@@ -18,7 +18,7 @@ from ..mesh.diagnostics import parts
 from ..mesh.locations import Where
 from .body import Body
 from .contact_surface import elements_behind, surface_at, young_of
-from .friction import Friction
+from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .ipc import Barrier, Collisions
 from .load import Moment, Time
 from .protocols import Assumed, Assumption
@@ -91,9 +91,11 @@ class MeshContact:
     distance: Annotated[float, Quantity("length", "Distance below which the surfaces repel each other.", gt=0)] = field(
         kw_only=True
     )
-    stiffness: Annotated[float | None, Quantity("stress", "Stiffness of the barrier; by default Young's modulus.", gt=0)] = None
-    friction: Friction | None = None
-    name: Annotated[str, Quantity(None, "Name in results and messages.")] = "contact"
+    stiffness: Annotated[float | None, Quantity("stress", "Stiffness of the barrier; by default Young's modulus.", gt=0)] = field(
+        default=None, kw_only=True
+    )
+    friction: Friction | None = field(default=None, kw_only=True)
+    name: Annotated[str, Quantity(None, "Name in results and messages.")] = field(default="contact", kw_only=True)
 
     def __post_init__(self) -> None:
         own(self)
@@ -221,8 +223,8 @@ class BoundMeshContact:
         if self.contact.distance > lengths.min():
             a, b = self._nodes[self._barrier.edges[lengths.argmin()]]
             raise ContactError(
-                f"{self.contact.label}: distance = {self.contact.distance:.4g} m; expected at most the shortest edge of the surfaces, "
-                f"{lengths.min():.4g} m between nodes {a} and {b}. A tenth of the usual edge is a good choice."
+                f"{self.contact.label}: distance = {self.contact.distance:.4g} m; expected at most the shortest edge of the "
+                f"surfaces, {lengths.min():.4g} m between nodes {a} and {b}. A tenth of the usual edge is a good choice."
             )
 
     def _refuse_bad_start(self, x: Array) -> None:
@@ -233,13 +235,14 @@ class BoundMeshContact:
             raise ContactError(
                 f"{self.contact.label}: {len(crossing)} edges and triangles intersect at the start, first the edge of nodes "
                 f"{tuple(self._nodes[barrier.edges[edge]].tolist())} and the triangle of nodes "
-                f"{tuple(self._nodes[barrier.triangles[triangle]].tolist())}; expected surfaces apart. Move the bodies, or mesh them "
-                "again."
+                f"{tuple(self._nodes[barrier.triangles[triangle]].tolist())}; expected surfaces apart. Move the bodies, or "
+                "mesh them again."
             )
         inside = self._inside(x)
         if len(inside):
             raise ContactError(
-                f"{self.contact.label}: {name_ids(inside, 'node')} inside another part of the body at the start; expected parts apart."
+                f"{self.contact.label}: {name_ids(inside, 'node')} inside another part of the body at the start; "
+                "expected parts apart."
             )
 
     def _inside(self, x: Array) -> NDArray[np.int64]:
@@ -297,7 +300,7 @@ class BoundMeshContact:
         return keys, blocks.data[upper]
 
     def _blocks_at(self, u: Array, clamped: bool) -> tuple[NDArray[np.int64], Array]:
-        """Return pairs of nodes and their blocks at `u`, or of the mean force if that is assumed; those of the last call if equal."""
+        """Return pairs of nodes and their blocks at `u`, or of the mean force if that is assumed, computed once."""
         states = self.assumed if isinstance(self.assumed, tuple) else (u,)
         xs = tuple(self._moved(state) for state in states)
         valued = self._valued
@@ -367,10 +370,14 @@ class BoundMeshContact:
 
     def identity(self) -> list[float]:
         """Return numbers that differ from those of another contact."""
-        friction = self.contact.friction
-        widths = (0.0, 0.0, 0.0) if friction is None else friction.numbers
         assert self._stiffness is not None
-        return [self.contact.distance, self._stiffness, *widths, len(self._nodes), float(self._barrier.areas().sum())]
+        return [
+            self.contact.distance,
+            self._stiffness,
+            *numbers_of(self.contact.friction),
+            len(self._nodes),
+            float(self._barrier.areas().sum()),
+        ]
 
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
         """Return no nodes: parts of the body hold each other, but not to the ground."""
@@ -443,7 +450,7 @@ class MeshContactWithFriction(BoundMeshContact):
         self._rubbing: tuple[Array, Any] | None = None  # positions (m, 3), and the collisions there
 
     def with_new_history(self, in_time: bool) -> MeshContactWithFriction:
-        self._friction.check(in_time, self.contact.label)
+        refuse_missing_width(self._friction, in_time, self.contact.label)
         other = cast(MeshContactWithFriction, super().with_new_history(in_time))
         other._in_time, other._width, other._start = in_time, 0.0, None
         return other
@@ -455,7 +462,7 @@ class MeshContactWithFriction(BoundMeshContact):
 
     def at(self, t: Time) -> None:
         """Set the slip up to which friction rises, for a step to load factor or time `t`."""
-        width = self._friction.width(Moment.of(t).time - self._time, self._in_time)
+        width = width_of(self._friction, Moment.of(t).time - self._time, self._in_time)
         if width != self._width:
             self._width, self._valued = width, None
 

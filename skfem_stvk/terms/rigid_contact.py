@@ -21,7 +21,7 @@ from ..mesh.locations import Where
 from ..mesh.points import sizes_of
 from .body import Body
 from .contact_surface import elements_behind, surface_at, young_of
-from .friction import Friction
+from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .load import Moment, Time, Value
 from .protocols import Assumed, Assumption
 from .rigid_shapes import RigidShape
@@ -227,10 +227,15 @@ class BoundRigidContact:
 
     def identity(self) -> list[float]:
         """Return numbers that differ from those of another contact."""
-        of = self.contact.friction
-        widths = (0.0, 0.0, 0.0) if of is None else of.numbers
         finite = np.nan_to_num(self._shape.numbers).tolist()
-        return [self._shape.kind, *finite, self.contact.onset, *widths, float(self._weights.sum()), *self._shift.tolist()]
+        return [
+            self._shape.kind,
+            *finite,
+            self.contact.onset,
+            *numbers_of(self.contact.friction),
+            float(self._weights.sum()),
+            *self._shift.tolist(),
+        ]
 
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
         """Return nodes (m,) of facets that touch at `u` (nv, d), and the normals (m, d) there.
@@ -308,7 +313,7 @@ class RigidContactWithHistory(BoundRigidContact):
         """Return the contact for a new analysis."""
         other = copy(self)
         if self.contact.friction is not None:
-            self.contact.friction.check(in_time, self.contact.label)
+            refuse_missing_width(self.contact.friction, in_time, self.contact.label)
         other._in_time = in_time
         other._forget()
         other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
@@ -320,7 +325,7 @@ class RigidContactWithHistory(BoundRigidContact):
         self._shift[: self._body.mesh.d] = self._motion.at(t)[:, 0]
         friction = self.contact.friction
         if friction is not None:
-            self._width = friction.width(Moment.of(t).time - self._history[3], self._in_time)
+            self._width = width_of(friction, Moment.of(t).time - self._history[3], self._in_time)
 
     def commit(self, u: Array, t: float) -> None:
         """Store the state at the beginning of a step."""

@@ -20,6 +20,7 @@ from skfem_stvk import (
     Gravity,
     InvertibleStVK,
     LinearElastic,
+    MeshContact,
     NeoHookean,
     NodalLoad,
     Pressure,
@@ -56,6 +57,7 @@ ELEMENTS = {
 }
 OTHERS = {
     ElasticFoundation: ElasticFoundation("right", 1e4),
+    MeshContact: MeshContact("right", distance=0.01),
     RigidContact: RigidContact(RigidPlane((0.0, 0.0, 0.1), (0.0, 0.0, 1.0)), "right"),
     Gravity: Gravity((0.0, 0.0, -9.81)),
     BodyForce: BodyForce((0.0, 0.0, -1.0)),

@@ -351,7 +351,7 @@ def test_a_fast_body_does_not_pass_through_another_one():
 def test_two_blocks_pressed_carry_the_load():
     """The blocks have the same cross-section, so that the state is homogeneous, for nu = 0."""
     lower, above = tensor((0.1, 0.1, 0.05), (4, 4, 2)), tensor((0.1, 0.1, 0.05), (3, 3, 2))
-    p = np.hstack([lower.p, above.p + [[0.0], [0.0], [0.05 + 2e-3]]])
+    p = np.hstack([lower.p, [*above.p, [0.0], [0.0], [0.05 + 0.002]]])
     t = np.hstack([lower.t, above.t + lower.p.shape[1]])
     halves = {"lower": np.arange(lower.t.shape[1]), "upper": np.arange(lower.t.shape[1], t.shape[1])}
     mesh = ElementMesh(p, t, subdomains=halves)
@@ -402,13 +402,13 @@ def test_removed_elements_take_their_facets_with_them():
 
 
 BAD = {
-    "names no location": (dict(first="lowr"), "lowr"),
-    "common nodes": (dict(second=None, first="lower", distance=1.0), "distance = 1 m; expected at most"),
-    "distance 0": (dict(distance=0.0), "distance = 0"),
-    "stiffness < 0": (dict(stiffness=-1.0), "stiffness = -1"),
-    "friction": (dict(friction=0.3), "friction = 0.3; expected Friction"),
-    "longer than an edge": (dict(distance=0.03), "distance = 0.03 m; expected at most the shortest edge"),
-    "the same surface": (dict(second="lower"), "in both surfaces"),
+    "names no location": ({"first": "lowr"}, "lowr"),
+    "common nodes": ({"second": None, "first": "lower", "distance": 1.0}, "distance = 1 m; expected at most"),
+    "distance 0": ({"distance": 0.0}, "distance = 0"),
+    "stiffness < 0": ({"stiffness": -1.0}, "stiffness = -1"),
+    "friction": ({"friction": 0.3}, "friction = 0.3; expected Friction"),
+    "longer than an edge": ({"distance": 0.03}, "distance = 0.03 m; expected at most the shortest edge"),
+    "the same surface": ({"second": "lower"}, "in both surfaces"),
 }
 
 
@@ -450,7 +450,7 @@ def test_what_pairs_do_not_support_is_refused():
         (Friction(0.3, slip_length=1.0), lambda body: simulate(body, BackwardEuler(dt=1e-3), until=1e-3, quiet=True)),
     ):
         body, _ = pair(friction=friction, fixed={FLOOR: "xyz"})
-        with pytest.raises(ContactError, match="slip_(speed|length)=None"):
+        with pytest.raises(ContactError, match=r"slip_(speed|length)=None"):
             solve(body)
 
 
