@@ -76,7 +76,7 @@ def _pressures(name: str, mesh: ElementMesh) -> Iterator[Check]:
     }
     for kind, (load, expected) in loads.items():
         body = System(mesh, [StVK(young=YOUNG, poisson=POISSON), floor, load], fixed={corner: "xy", edge: "y"})
-        pressure = solve_static(body, rtol=1e-13, quiet=True).contact("floor").pressure[at_bottom(mesh.p)]
+        pressure = solve_static(body, quiet=True).contact("floor").pressure[at_bottom(mesh.p)]
         yield Check(f"{name}, {kind}", float(pressure[np.abs(pressure - expected).argmax()]), expected, 1e-10)
 
 
