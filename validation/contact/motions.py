@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import skfem
 
 from skfem_stvk import (
     BackwardEuler,
-    ElementMesh,
     EnergyMomentum,
     Friction,
     Gravity,
@@ -20,8 +19,8 @@ from skfem_stvk import (
     System,
     simulate,
 )
-from skfem_stvk.dynamics.ledger import Ledger
-from skfem_stvk.mesh import box
+from skfem_stvk.arguments import Array
+from skfem_stvk.mesh import ElementMesh, box
 
 from ..statics.study import Study
 from .check import Check, study_of
@@ -57,7 +56,7 @@ def slope(quick: bool) -> Study:
     )
 
 
-def slid(angle: float) -> tuple[np.ndarray, np.ndarray]:
+def slid(angle: float) -> tuple[Array, Array]:
     """Return times and mean speeds of a block that starts at rest on a slope."""
     mesh, k = box((0.1, 0.1, 0.05), (2, 2, 1)), 4e8
     friction = Friction(FRICTION, slip_speed=SLIP_SPEED)
@@ -120,6 +119,6 @@ def bounce(quick: bool) -> Study:
     )
 
 
-def _lost(ledger: Ledger) -> float:
+def _lost(ledger: Mapping[str, Array]) -> float:
     """Return the largest error of the balance of energy in units of the first kinetic energy."""
     return float(np.abs(ledger["closure_error"]).max() / ledger["kinetic_energy"][0])
