@@ -65,8 +65,9 @@ def test_another_indentation_and_a_soft_plate_are_detected(monkeypatch, gmsh):
 
 
 def test_the_stiffness_of_the_contact_counts(monkeypatch, gmsh):
+    monkeypatch.setattr(hertz, "PENALTIES", hertz.PENALTIES[:3])
     study = hertz.stiffness(True)
-    assert study.passed and [row[2] for row in study.rows[:2]] == ["-1.35%", "-0.14%"]
+    assert study.passed and float(study.rows[0][2].rstrip("%")) < -1
     monkeypatch.setattr(hertz, "hertz_force", lambda a, right=hertz.hertz_force: 1.01 * right(a))
     assert not hertz.stiffness(True).passed
 
