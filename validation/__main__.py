@@ -12,6 +12,7 @@ from . import (
     aspect,
     bench,
     clamp,
+    contact,
     distributed,
     dynamics,
     elements,
@@ -56,6 +57,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "elements": (elements.main, ("quick", "only", "out")),
     "models": (models.main, ("quick", "only", "out")),
     "reduced": (reduced.main, ("quick", "only", "out")),
+    "contact": (contact.main, ("quick", "only")),
     "hostile": (hostile.main, ("quick", "only", "case")),
     "fuzz": (fuzz.main, ("cases",)),
 }
@@ -69,6 +71,7 @@ PARTS = {
     "elements": elements.NAMES,
     "models": models.NAMES,
     "reduced": reduced.NAMES,
+    "contact": contact.NAMES,
     "hostile": hostile.NAMES,
 }
 

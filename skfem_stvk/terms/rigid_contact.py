@@ -266,6 +266,13 @@ class BoundRigidContact:
         pressure = np.divide(sums[0], sums[1], out=np.zeros(len(u)), where=sums[1] > 0)
         return pressure, smallest, float(self.areas[gaps < 0].sum())
 
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the stiffness of the points that touch, times the coordinates that their depths subtract [N], to `out` (nv, d)."""
+        (N, t, X), (gaps, _, normals) = self._surface, self._gaps(self._surface, self._weights, u)
+        largest = (np.abs(X[t]) + np.abs(u[t])).max(axis=(1, 2)) + np.abs([*self._shape.numbers[:3], *self._shift]).max()
+        touching = np.where(gaps < 0, self._weights, 0.0) * largest[:, None]
+        np.add.at(out, t, np.einsum("nq,qm,nqd->nmd", touching, np.abs(N), np.abs(normals)))
+
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
         arrays = *self._surface, *self._own_surface, self.areas, self._weights, self._sides, self._facets, self.nodes

@@ -537,6 +537,17 @@ def test_a_contact_that_touches_holds_a_body():
         solve_static(System(mesh, [LAW, Gravity((0, 0, -1.0)), apart], UPRIGHT), quiet=True)
 
 
+@pytest.mark.parametrize("mesh", ["quadratic tetrahedra", "hexahedra"])
+def test_a_block_between_two_planes_that_it_touches_exactly_is_pressed(mesh):
+    """Points between vertices are at gaps of 1e-17 m then, and their forces at the start are round-off."""
+    floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM, stiffness=1e4, name="floor")
+    lid = RigidContact(RigidPlane((0, 0, 1), (0, 0, -1)), TOP, stiffness=1e4, motion=(0, 0, -0.1), name="lid")
+    body = System(MESHES[mesh], [LAW, floor, lid], UPRIGHT)
+    start = np.zeros(body.ndofs)
+    assert 0 < np.abs(body.internal_force(start)).max() <= np.finfo(float).eps * body.round_off(start).max()
+    assert solve_static(body, quiet=True).contact("floor").resultant[2] > 50
+
+
 def test_friction_carries_a_part_of_a_static_load():
     """A pressed block is pulled: friction takes its share of what its supports took before, at most the coefficient."""
     mesh, held = box((1.0, 1.0, 1.0), (2, 2, 2)), {TOP: "xy"}

@@ -147,6 +147,15 @@ PARTS: dict[str, dict[str, Part]] = {
         "wrinkles": Part(PUBLISHED, "tension fields", ANALYTIC, "Pipkin 1986"),
         "costs": Part(CODE, "the full body", ITSELF, "validation/reduced/costs.py", speed=True),
     },
+    "contact": {
+        "patch": Part(CODE, "a homogeneous state", ANALYTIC, "closed form"),
+        "hertz": Part(PUBLISHED, "Hertz's force and contact radius", ANALYTIC, "Hertz 1881, Tatara 1991"),
+        "stiffness": Part(SOLUTION, "Hertz's force", ANALYTIC, "Hertz 1881, Tatara 1991", whole_only=True),
+        "capstan": Part(PUBLISHED, "exp(mu angle)", ANALYTIC, "Euler 1769, Eytelwein 1808"),
+        "slope": Part(CODE, "Coulomb's law", ANALYTIC, "closed form"),
+        "bar": Part(CODE, "the wave equation", ANALYTIC, "closed form"),
+        "bounce": Part(CODE, "energy", ANALYTIC, "conservation laws"),
+    },
     "hard": {
         name: Part(CODE, "tiny steps of Newton or Verlet by scikit-fem, closed forms", OTHER_CODE, "validation/hard")
         for name in ("deformed", "crushed", "elements", "starts", "unstable", "slender", "slack", "scales", "motion")

@@ -1,0 +1,102 @@
+"""Studies of contact: the quick versions hold, and each claim can fail."""
+
+from dataclasses import replace
+
+import pytest
+
+from skfem_stvk.terms.rigid_contact import BoundRigidContact
+from validation import contact
+from validation.contact import hertz, motions, pressed
+from validation.contact.check import Check, study_of
+from validation.contact.studies import STUDIES, run
+
+
+@pytest.fixture
+def changed(monkeypatch):
+    """Return a function that changes arguments of a class that a module of the study calls."""
+
+    def change(module, name, **factors):
+        right = getattr(module, name)
+
+        def other(*given, **options):
+            one = right(*given, **options)
+            return replace(one, **{key: factor and factor * getattr(one, key) for key, factor in factors.items()})
+
+        monkeypatch.setattr(module, name, other)
+
+    return change
+
+
+def test_every_name_has_a_study():
+    assert tuple(STUDIES) == contact.NAMES
+
+
+@pytest.mark.parametrize("name", [name for name in contact.NAMES if name != contact.WHOLE_ONLY])
+def test_the_quick_study_holds(name, gmsh):
+    study = STUDIES[name](True)
+    assert study.passed and len(study.rows) > 2, study.failures
+
+
+def test_the_areas_of_facets_that_face_away_are_detected(changed):
+    changed(pressed, "RigidContact", where=None)
+    assert len(pressed.patch(True).failures) == 6
+
+
+def test_a_doubled_stiffness_is_detected(changed):
+    """Under a traction the pressure does not depend on the stiffness."""
+    changed(pressed, "RigidContact", stiffness=2.0)
+    failures = pressed.patch(True).failures
+    assert len(failures) == 3 and all("lid: " in failure for failure in failures)
+
+
+@pytest.mark.parametrize(("module", "study"), [(pressed, "capstan"), (motions, "slope")])
+def test_another_coefficient_of_friction_is_detected(changed, monkeypatch, module, study):
+    monkeypatch.setattr(pressed, "FRICTIONS", (0.3,))
+    monkeypatch.setattr(motions, "ANGLES", (1.1,))
+    changed(module, "Friction", coefficient=1.05)
+    assert not STUDIES[study](True).passed
+
+
+def test_another_indentation_and_a_soft_plate_are_detected(monkeypatch, gmsh):
+    """Hertz's approach without Tatara's correction, and a stiffness of 10 E/h, change the force by more than 0.5 %."""
+    assert abs(hertz.pressed(hertz.LinearElastic, 0.1, k=10.0).force - 1) > hertz.FORCE_LIMIT
+    monkeypatch.setattr(hertz, "approach", lambda a: a**2)
+    assert any("force" in failure for failure in hertz.hertz(True).failures)
+
+
+def test_the_stiffness_of_the_contact_counts(monkeypatch, gmsh):
+    monkeypatch.setattr(hertz, "PENALTIES", hertz.PENALTIES[:3])
+    study = hertz.stiffness(True)
+    assert study.passed and float(study.rows[0][2].rstrip("%")) < -1
+    monkeypatch.setattr(hertz, "hertz_force", lambda a, right=hertz.hertz_force: 1.01 * right(a))
+    assert not hertz.stiffness(True).passed
+
+
+def test_a_soft_wall_and_a_heavy_bar_are_detected(changed, monkeypatch):
+    monkeypatch.setattr(motions, "ELEMENTS", 20)
+    right = motions.StVK
+    monkeypatch.setattr(motions, "StVK", lambda density, **given: right(density=1.1 * density, **given))
+    assert abs([*motions.impact(10.0)][1].error) > 5e-3
+    changed(motions, "RigidContact", stiffness=0.1)
+    assert abs(next(motions.impact(1.0)).error) > 0.03
+
+
+@pytest.mark.parametrize("study", ["bar", "bounce"])
+def test_the_force_at_the_end_of_a_step_loses_energy(monkeypatch, study):
+    def end(self, u0, u1, weights, theta, force):
+        before = force.copy()
+        self.energy_and_force(u1, force)
+        force[:] = before + sum(weights) * (force - before)
+        return 0.0
+
+    monkeypatch.setattr(BoundRigidContact, "mean_force", end)
+    monkeypatch.setattr(motions, "ELEMENTS", 20)
+    assert any("lost energy" in failure for failure in STUDIES[study](True).failures)
+
+
+def test_a_number_that_is_not_expected_fails_the_command(monkeypatch, capsys):
+    wrong = study_of("a study", "1 = 2", [Check("one", float("nan"), 1.0, 0.1), Check("two", 2.0), Check("three", 3.1, 3.0, 0.1)])
+    assert len(wrong.failures) == 1 and "one: nan; expected 1," in wrong.failures[0]
+    monkeypatch.setitem(STUDIES, "bar", lambda quick: wrong)
+    assert run(["bar"], quick=True) == 1
+    assert "DOES NOT HOLD: a study" in capsys.readouterr().out
