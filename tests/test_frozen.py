@@ -102,7 +102,7 @@ ARRAYS = {
         lambda point: with_load(RigidContact(RigidCylinder(point, (0, 1, 0), 0.5), stiffness=3.0)),
         np.array([0.1, 0.2, 0.3]),
     ),
-    "MeshContact, first": (lambda ids: with_load(MeshContact(ids, distance=1e-3)), WALL),
+    "MeshContact, first, mask": (lambda mask: with_load(MeshContact(mask, distance=0.2, stiffness=100.0)), MESH.p[0] < 0.8),
     "ElasticFoundation, where": (lambda ids: with_load(ElasticFoundation(ids, 3.0)), WALL),
     "EdgeNetwork": (lambda edges: [EdgeNetwork(edges, NETWORK.L)], NETWORK.edges),
     "SpringNetwork": (lambda k: [SpringNetwork(stiffness=k)], SPRINGS),
