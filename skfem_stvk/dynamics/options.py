@@ -98,7 +98,7 @@ def basis_of(motion: Motion) -> dict[str, list[float]]:
 
 def refuse_unsupported(motion: Motion, integrator: Integrator, removing: bool) -> None:
     """Refuse integrators that terms of the body do not support, and on a basis also damping and removal rules."""
-    names = [contact.name for contact in motion.system.contacts if getattr(contact, "needs_newton", False)]
+    names = [contact.name for contact in motion.system.contacts if contact.is_barrier]
     if names and (integrator.explicit or getattr(integrator, "starts_near", False)):
         raise StvkError(
             f"integrator = {integrator.name}(...) with the MeshContact {names[0]!r}; expected an implicit integrator with Newton's "

@@ -69,6 +69,10 @@ class Problem(Protocol):
     def quartic(self) -> bool:
         """Whether the residual is the gradient of a potential that is a quartic along any line."""
 
+    @property
+    def has_barrier(self) -> bool:
+        """Whether the potential is infinite in some states, which full steps would jump over."""
+
     def residual(self, u: Array, t: Time) -> Residual:
         """Return the residual at `u`; raise StateError if numbers overflow."""
 

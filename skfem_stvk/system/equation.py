@@ -54,6 +54,11 @@ class Equation:
     def iterative(self) -> bool:
         return self.tangent.solver.iterative
 
+    @property
+    def has_barrier(self) -> bool:
+        """Whether surfaces of the body repel each other at a distance."""
+        return any(contact.is_barrier for contact in self.system.contacts)
+
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
         """Solve `K x = b` to the tolerance `rtol`, or to `largest_rtol` if that is smaller."""
         with self._watch("solve"):

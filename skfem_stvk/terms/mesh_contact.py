@@ -170,7 +170,7 @@ class BoundMeshContact:
         Number of changes of the pairs.
     """
 
-    symmetric = balanced = has_energy = needs_newton = True
+    symmetric = balanced = has_energy = is_barrier = True
     nodes_joined = np.empty((2, 0), dtype=np.int32)
 
     def __init__(self, contact: MeshContact, body: Body) -> None:

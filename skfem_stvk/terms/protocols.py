@@ -235,12 +235,15 @@ class HasContact(Protocol):
         Name in results and messages.
     nodes
         Nodes (m,) on which its resultant acts.
+    is_barrier
+        Whether its energy is infinite where surfaces meet, so that steps need Newton's method with a line search.
     assumed
         What `add_blocks` assumes; `System.assuming` sets it.
     """
 
     name: str
     nodes: NDArray[np.int32]
+    is_barrier: bool
     assumed: Assumption
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:

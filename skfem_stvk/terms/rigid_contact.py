@@ -149,7 +149,7 @@ class BoundRigidContact:
     """
 
     symmetric = has_energy = True
-    balanced = False
+    balanced = is_barrier = False
     nodes_joined = np.empty((2, 0), dtype=np.int32)
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
