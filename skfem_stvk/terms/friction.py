@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from ..arguments import number
+from ..arguments import Quantity, number
 from ..errors import ContactError
 
 
@@ -40,9 +41,9 @@ class Friction:
     True
     """
 
-    coefficient: float
-    slip_speed: float | None = None
-    slip_length: float | None = None
+    coefficient: Annotated[float, Quantity(None, "Coefficient of friction.", gt=0)]
+    slip_speed: Annotated[float | None, Quantity("velocity", "Speed up to which friction rises in motions.", gt=0)] = None
+    slip_length: Annotated[float | None, Quantity("length", "Slip up to which friction rises in statics, per step.", gt=0)] = None
 
     def __post_init__(self) -> None:
         for name, unit in (("coefficient", ""), ("slip_speed", " [m/s]"), ("slip_length", " [m]")):

@@ -87,13 +87,15 @@ class RigidContact:
     """
 
     per_element: ClassVar[bool] = False
+    given_by: ClassVar[str] = "motion"
+    on_elements: ClassVar[bool] = True
 
-    shape: RigidShape
+    shape: Annotated[RigidShape, Quantity(None, "The rigid shape.")]
     where: Annotated[Where | None, Quantity(None, "Place of the boundary facets that may touch; by default all.")] = None
     stiffness: Annotated[float | None, Quantity("stiffness per area", "Stiffness per area; by default 10 E/h.", gt=0)] = None
-    friction: Friction | None = None
+    friction: Annotated[Friction | None, Quantity(None, "Friction; by default none.")] = None
     onset: Annotated[float, Quantity("length", "Depth over which the stiffness rises.", ge=0)] = 0.0
-    motion: Annotated[Any, Quantity("length", "Displacement of the shape.", components=True)] = None
+    motion: Annotated[Any, Quantity("length", "Displacement of the shape; by default it rests.", components=True)] = None
     name: Annotated[str, Quantity(None, "Name in results and messages.")] = "contact"
     simplices: Annotated[Any, Quantity(None, "A surface in space, on nodes of the mesh: the simplices of its law.")] = None
 
