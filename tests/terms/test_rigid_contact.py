@@ -308,6 +308,19 @@ def test_a_block_above_the_friction_angle_has_coulombs_acceleration(part, integr
     assert acceleration == pytest.approx(G * (np.sin(angle) - MU * np.cos(angle)), rel=1e-3)
 
 
+@pytest.mark.parametrize("integrator", [BackwardEuler(2e-3), LinearBackwardEuler(2e-3, rtol=1e-6)], ids=lambda one: one.name)
+def test_a_belt_drags_a_block_with_coulombs_acceleration_up_to_its_speed(integrator):
+    mesh, k, speed = box((0.1, 0.1, 0.05), (2, 2, 1)), 4e8, 0.3
+    friction = Friction(MU, slip_speed=SLIP)
+    belt = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM, k, friction, motion=lambda t: (speed * t, 0, 0))
+    u0 = np.tile([0, 0, -1000 * G * 0.05 / k], (mesh.nv, 1))
+    body = System(mesh, [StVK(young=1e6, poisson=0.2, density=1000.0), belt, Gravity((0, 0, -G))])
+    run = simulate(body, integrator, until=0.2, u0=u0.ravel(), quiet=True)
+    t, found = np.array(run.ledger["time"]), run.ledger["linear_momentum_x"] / (1000 * 0.1 * 0.1 * 0.05)
+    half = len(t) // 4
+    assert found[half] / t[half] == pytest.approx(MU * G, rel=0.05) and found[-1] == pytest.approx(speed, rel=1e-2)
+
+
 @pytest.mark.parametrize(
     "integrator",
     [EnergyMomentum(1e-3), BackwardEuler(1e-3), LinearBackwardEuler(1e-3), VelocityVerlet(1e-4)],
