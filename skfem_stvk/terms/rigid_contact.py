@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -139,6 +139,13 @@ class RigidContact:
         return (BoundRigidContact if plain else RigidContactWithHistory)(self, body)
 
 
+class Displacement(Protocol):
+    """Displacement of a shape as a function of the load factor or time."""
+
+    def at(self, t: Time) -> Array:
+        """Return the components (d, 1) at `t` [m]."""
+
+
 class BoundRigidContact:
     """Contact on a mesh. It couples the nodes of each facet, if its points are not the vertices, and joins none of them.
 
@@ -187,6 +194,12 @@ class BoundRigidContact:
         other = copy(self)
         other._set_areas(self._body.without(removed, self._body.bare))
         return other
+
+    def moved_by(self, motion: Displacement) -> RigidContactWithHistory:
+        """Return the contact for a motion in time that displaces its shape."""
+        moved = RigidContactWithHistory(self.contact, self._body).with_new_history(in_time=True)
+        moved._motion = motion
+        return moved
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J] at `u` (nv, d); add the internal force [N], minus that of the shape, to `force` (nv, d)."""
@@ -281,7 +294,8 @@ class RigidContactWithHistory(BoundRigidContact):
     def __init__(self, contact: RigidContact, body: Body) -> None:
         super().__init__(contact, body)
         d, motion = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
-        self._motion = Value(motion, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
+        self._own_motion = Value(motion, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
+        self._motion: Displacement = self._own_motion
         self.has_friction, self._in_time = contact.friction is not None, False
         self._width = 0.0  # slip up to which friction rises [m]
         self._secants: Array = np.empty((0, 0))
@@ -316,7 +330,7 @@ class RigidContactWithHistory(BoundRigidContact):
             raise ContactError(f"{label}: Friction(slip_speed=None) in a motion; expected slip_speed=... [m/s].")
         if friction is not None and not in_time and friction.slip_length is None:
             raise ContactError(f"{label}: Friction(slip_length=None) in statics; expected slip_length=... [m].")
-        other._in_time = in_time
+        other._in_time, other._motion = in_time, self._own_motion
         other._forget()
         other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
         return other
