@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-from ..arguments import Quantity, number
-from ..errors import ContactError
+from ..arguments import Quantity, Specification, number
+from ..errors import ContactError, StvkError
 
 
 @dataclass(frozen=True)
-class Friction:
+class Friction(Specification):
     """Coulomb friction, whose force rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
 
     The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
@@ -40,6 +40,8 @@ class Friction:
     >>> Friction(0.3, slip_speed=1e-3).slip_length is None
     True
     """
+
+    error: ClassVar[type[StvkError]] = ContactError
 
     coefficient: Annotated[float, Quantity(None, "Coefficient of friction.", gt=0)]
     slip_speed: Annotated[float | None, Quantity("velocity", "Speed up to which friction rises in motions.", gt=0)] = None

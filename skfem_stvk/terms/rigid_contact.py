@@ -9,10 +9,10 @@ from typing import Annotated, Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..arguments import Array, Quantity, number, own, shown, text
+from ..arguments import Array, Quantity, Specification, number, own, shown, text
 from ..edges import ALL, NodeBlocks, Tensions
 from ..elements import Element, rule_of
-from ..errors import ContactError, name_ids
+from ..errors import ContactError, StvkError, name_ids
 from ..kernels import contact as kernels
 from ..kernels.contact import Surface
 from ..kernels.topology import edges_of_simplices
@@ -36,7 +36,7 @@ TOUCHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class RigidContact:
+class RigidContact(Specification):
     """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
 
     ::
@@ -86,6 +86,7 @@ class RigidContact:
     (50.0, -10000.0)
     """
 
+    error: ClassVar[type[StvkError]] = ContactError
     per_element: ClassVar[bool] = False
     given_by: ClassVar[str] = "motion"
     on_elements: ClassVar[bool] = True

@@ -9,12 +9,12 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Quantity, flag, number, points
-from ..errors import ContactError
+from ..arguments import Quantity, Specification, flag, number, points
+from ..errors import ContactError, StvkError
 from ..kernels import contact as kernels
 
 
-class RigidShape(ABC):
+class RigidShape(Specification, ABC):
     """Rigid shape. Its `kind` and `numbers` are those of `kernels.contact`.
 
     Attributes
@@ -23,6 +23,7 @@ class RigidShape(ABC):
         Dimension of the space: the number of components of its points.
     """
 
+    error: ClassVar[type[StvkError]] = ContactError
     kind: ClassVar[int]
     vectors: ClassVar[tuple[str, ...]]  # names of the fields with one component per dimension
 

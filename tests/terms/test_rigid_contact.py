@@ -587,6 +587,23 @@ def test_a_named_plane_that_is_not_touched_changes_no_bit():
         (lambda: floor(stiffness=0.0), "RigidContact 'floor': stiffness = 0.0; expected a positive number"),
         (lambda: floor(onset=-1.0), "onset = -1.0; expected a depth"),
         (lambda: floor(friction=0.3), r"friction = 0.3; expected Friction\(...\)"),
+        (lambda: RigidContact(RigidPlane((0, 0), (0, 1)), frictoin=3), r"RigidContact\(frictoin=...\): there .* mean 'friction'\?"),
+        (lambda: Friction(mu=0.3), r"Friction\(mu=...\): there is no such argument; known: .* Did you mean 'coefficient'\?"),
+        (lambda: RigidPlane(origin=(0, 0), normal=(0, 1)), r"RigidPlane\(origin=...\): there .* Did you mean 'point'\?"),
+        (lambda: RigidSphere(center=(0, 0), radius=1.0), r"RigidSphere\(center=...\): there .* Did you mean 'centre'\?"),
+        (
+            lambda: System(MESHES["tetrahedra"], [LAW, floor(), floor(), RigidContact(SHAPES["plane"])]),
+            "name = 'floor': several contacts; expected a name of its own for each, such as name='floor'",
+        ),
+        (
+            lambda: System(MESHES["tetrahedra"], [LAW, floor(motion=lambda t: (0, 0))]),
+            r"RigidContact 'floor': what the function motion returned at t = 0 has shape \(2,\)|RigidContact 'floor': .*expected 3",
+        ),
+        (
+            lambda: dropped(floor(motion=lambda t: (0, 0, np.nan if 0.0055 < t < 0.5 else 0.0)), BackwardEuler(1e-3)),
+            "RigidContact 'floor': what the function motion returned at t = 0.006 is not finite",
+        ),
+        (lambda: System(MESHES["tetrahedra"], [LAW, floor(motion=(0, 0))]), "RigidContact 'floor': motion has shape"),
         (lambda: System(skfem.MeshTri(), [LAW, floor()]), "its RigidPlane has 3 components; expected 2"),
         (
             lambda: System(skfem.MeshTet(), [StVK(Anisotropic(np.eye(6))), floor()]),
