@@ -73,9 +73,9 @@ class Simulation:
         M v' + D v + F(u) = h(u, t) + pushed forces
 
     Inputs are the displacements of locations whose components have no value, `System(..., prescribed={"grip": "xyz"})`, the total
-    forces on the `pushed` locations, and the displacements of the shapes of `moved` contacts. They are zero at first and keep their values until others are given. Within a call of
-    `step`, they go straight from their last values to the new ones. One simulation belongs to one thread. Several of them, also of
-    one body, can run side by side.
+    forces on the `pushed` locations, and the displacements of the shapes of `moved` contacts. They are zero at first and keep their
+    values until others are given. Within a call of `step`, they go straight from their last values to the new ones. One simulation
+    belongs to one thread. Several of them, also of one body, can run side by side.
 
     Parameters
     ----------
@@ -184,7 +184,8 @@ class Simulation:
         **inputs
             Values at the end of the call, by the name of the location: (k,) displacements [m] of all nodes at a moved location,
             along its k components, or (n, k) with one row per node, ascending; (d,) total force [N] on a pushed location; (d,)
-            displacement [m] of the shape of a moved contact. A `ReducedSystem` takes (k,) only. Use `**{"a name": value}` for names that Python does not allow here.
+            displacement [m] of the shape of a moved contact. A `ReducedSystem` takes (k,) only. Use `**{"a name": value}` for names
+            that Python does not allow here.
 
         Raises
         ------

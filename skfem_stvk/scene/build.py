@@ -291,15 +291,14 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
     for table in ("probes", "reactions"):
         for name in sorted(taken.intersection(getattr(output, table))):
             complaints.add(("output", table, name), "is also the name of a result or plot; choose another name")
-    contacts = {} if isinstance(sections.analysis, ModesAnalysis) else contacts_of(sections)
-    for name, number in contacts.items():
-        if name in {*followed, *taken}:
-            complaints.add(
-                ("terms", number, "name"),
-                f"{name!r} is also the name of a probe, a reaction, a result or a plot; choose another name",
-            )
+    contacts = contacts_of(sections)
+    for number, name in contacts.items():
+        also = "a probe, a reaction, a result or a plot" if name in {*followed, *taken} else ""
+        also = "another contact" if name in [contacts[other] for other in contacts if other < number] else also
+        if also:
+            complaints.add(("terms", number, "name"), f"{name!r} is also the name of {also}; choose another name")
     if isinstance(sections.analysis, ModesAnalysis):
-        known = []
+        known, contacts = [], {}
         for name in ("probes", "reactions"):
             if getattr(output, name):
                 complaints.add(("output", name), "modes have no history in time; remove this key")
@@ -317,7 +316,7 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
             complaints.add(("output", name), f"{given!r} is not a file name; expected a name without folders, such as 'body.pvd'")
     if output.animation is not None and not (output.file or "").endswith(".pvd"):
         complaints.add(("output", "animation"), 'needs saved states; add file = "NAME.pvd"')
-    results = {*(f"{name}.{axis}" for name in (*followed, *contacts) for axis in "xyz"), *RESULTS[sections.analysis.type]}
+    results = {*(f"{name}.{axis}" for name in (*followed, *contacts.values()) for axis in "xyz"), *RESULTS[sections.analysis.type]}
     for loc, one in expectations(sections.expect).items():
         name = ".".join(loc)
         if name not in results and not NUMBERED.fullmatch(name):
@@ -326,9 +325,9 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
             complaints.add(("expect", *loc), "give either rtol or atol, the largest difference")
 
 
-def contacts_of(sections: SceneTables) -> dict[str, int]:
-    """Return the numbers of the contacts among the terms, by name."""
-    return {term.name: number for number, term in enumerate(sections.terms) if term.library is RigidContact}
+def contacts_of(sections: SceneTables) -> dict[int, str]:
+    """Return the names of the contacts, by their number among the terms."""
+    return {number: term.name for number, term in enumerate(sections.terms) if term.library is RigidContact}
 
 
 def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict[tuple[str, ...], Expectation]:

@@ -310,7 +310,7 @@ def _symbol(outcome: SceneOutcome, dimension: str) -> str:
 
 def _unit_of_result(outcome: SceneOutcome, name: str) -> str:
     first = name.partition(".")[0]
-    forces = dict.fromkeys(contacts_of(outcome.built.sections), "force")
+    forces = dict.fromkeys(contacts_of(outcome.built.sections).values(), "force")
     dimension = ({one: curve.dimension for one, curve in outcome.curves.items()} | forces | RESULTS).get(first)
     return "" if dimension is None else _symbol(outcome, dimension)
 

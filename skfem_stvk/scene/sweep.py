@@ -428,7 +428,7 @@ def _results_to_plot(rows: Sequence[SweepRow], sections: SceneTables) -> Iterato
     expected = [name for name in (".".join(loc) for loc in expectations(sections.expect)) if name in found]
     yield from expected
     others = [name for name in found if name not in expected and name not in COUNTED and _differs(name, rows)]
-    followed = (*sections.output.probes, *sections.output.reactions, *contacts_of(sections), "frequency", "critical")
+    followed = (*sections.output.probes, *sections.output.reactions, *contacts_of(sections).values(), "frequency", "critical")
     followed_results = [name for name in others if name.startswith(tuple(f"{one}." for one in followed))]
     yield from followed_results or ([] if expected else others)
 
@@ -450,7 +450,7 @@ def _figure(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names:
         label = ", ".join(f"{one.loc[-1]} = {value_in_name(row.values[one.path])}" for one in others if len(one.values) > 1)
         lines.setdefault(label, []).append(row)
     output, columns = sections.output, min(len(names), 2)
-    forces = (*output.reactions, *contacts_of(sections))
+    forces = (*output.reactions, *contacts_of(sections).values())
     dimensions = RESULTS | dict.fromkeys(output.probes, "length") | dict.fromkeys(forces, "force")
     rows_of_panels = -(-len(names) // columns)
     figure = new_figure((1.5 + 4.0 * columns, 0.6 + 2.6 * rows_of_panels), interactive=False)

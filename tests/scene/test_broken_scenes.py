@@ -138,6 +138,11 @@ CASES = [
         "name",
     ),
     Broken(
+        "two contacts of one name",
+        touching(PLANE + 'name = "floor"\n\n[[terms]]\ntype = "rigid-contact"\nname = "floor"\n' + PLANE),
+        "scene.toml: terms[4].name, line 38: 'floor' is also the name of another contact; choose another name",
+    ),
+    Broken(
         "a contact on an unknown place",
         touching(PLANE + 'on = "botom"'),
         "scene.toml: terms[3].on, line 34: there is no place 'botom'; known: 'back', 'bottom', 'edge', 'front', 'half', 'left', "
