@@ -27,7 +27,7 @@ from ..results.table import find
 from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
-from ..terms import Body, RigidContact, is_load
+from ..terms import TERMS, Body, RigidContact, is_load
 from .complaints import Complaints
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
@@ -327,7 +327,7 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
 
 def contacts_of(sections: SceneTables) -> dict[int, str]:
     """Return the names of the contacts, by their number among the terms."""
-    return {number: term.name for number, term in enumerate(sections.terms) if term.library is RigidContact}
+    return {number: term.name for number, term in enumerate(sections.terms) if TERMS.get(term.type) is RigidContact}
 
 
 def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict[tuple[str, ...], Expectation]:
