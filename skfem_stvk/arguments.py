@@ -15,7 +15,7 @@ from inspect import signature
 from math import inf, isfinite
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ class Quantity:
 
 
 class Specification:
-    """Base of laws and materials. An unknown argument is refused with the argument that is probably meant.
+    """Base of laws, materials and contacts. An unknown argument is refused with the argument that is probably meant.
 
     >>> from skfem_stvk import StVK
     >>> StVK(E=1e5, nu=0.3)
@@ -76,13 +76,16 @@ class Specification:
     skfem_stvk.errors.MaterialError: StVK(E=...): there is no such argument; known: 'area', ... Did you mean 'young'?
     """
 
+    #: Class of the error for an unknown argument.
+    error: ClassVar[type[StvkError]] = MaterialError
+
     def __new__(cls: type[Specified], *values: Any, **named: Any) -> Specified:
         known = signature(cls.__init__).parameters
         takes_all = any(one.kind is one.VAR_KEYWORD for one in known.values())
         unknown = [] if takes_all else [name for name in named if name not in known]
         if unknown:
             names = name_known(unknown[0], (name for name in known if name != "self"))
-            raise MaterialError(f"{cls.__name__}({unknown[0]}=...): there is no such argument; {names}")
+            raise cls.error(f"{cls.__name__}({unknown[0]}=...): there is no such argument; {names}")
         return super().__new__(cls)
 
 

@@ -290,7 +290,7 @@ def name_known(name: str, known: Iterable[str], most: int = 100) -> str:
 
 
 #: Symbols in books and other codes, in small letters, and their names here.
-SYMBOLS = {"e": "young", "nu": "poisson", "rho": "density"}
+SYMBOLS = {"e": "young", "nu": "poisson", "rho": "density", "mu": "coefficient", "r": "radius", "origin": "point"}
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:

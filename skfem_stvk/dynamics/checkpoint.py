@@ -139,6 +139,7 @@ class MotionHeader(Header):
     every: PositiveInt  # steps from one saved state to the next
     hierarchy: OriginRecord | None = None  # origin of multigrid's hierarchy
     pushed: tuple[str, ...] = ()  # locations on which a `Simulation` pushes
+    moved: tuple[str, ...] = ()  # contacts whose shapes it moves
 
 
 class MotionCheckpoint(FolderStore[MotionHeader]):

@@ -42,7 +42,8 @@ class Motion:
     """
 
     def __init__(self, body: System | Coordinates, mass: str | None, damping: Damping | None, inputs: Inputs | None = None) -> None:
-        self.body, self._damping, self.inputs = body, damping, inputs
+        self.body, self._damping, self.inputs = body if inputs is None else inputs.moving(body), damping, inputs
+        body = self.body
         self.system = body if isinstance(body, System) else body.system
         self.mass: Any = body.mass("lumped" if mass is None else mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)

@@ -14,7 +14,7 @@ from ..arguments import Array
 from ..errors import StvkError, StvkWarning, name_ids
 from ..linear.choose import solver_names
 from ..results.files import ForeignFile
-from ..results.store import refusing_damage
+from ..results.store import expect, refusing_damage
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint
@@ -32,8 +32,9 @@ from .record import SLACK, RunRecord
 def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
     """Return a run that continues from a checkpoint. Arguments that describe its beginning must agree with the file."""
     saved = load(file, body.space)
-    if np.any(saved.arrays.get(INPUTS, 0)):
-        raise StvkError(f"{file} is of a Simulation with inputs that are not zero. Continue it with Simulation.load.")
+    if np.any(saved.arrays.get(INPUTS, 0)) or saved.header.moved:
+        moves = "moved contacts" if saved.header.moved else "inputs that are not zero"
+        raise StvkError(f"{file} is of a Simulation with {moves}. Continue it with Simulation.load.")
     motion, integrator, locations, problem = restored(body, options, saved, file)
     options.refuse_other_locations(file, problem.system, locations)
     record = saved.record()
@@ -72,6 +73,8 @@ def restored(
             warnings.simplefilter("ignore", StvkWarning)  # about parts that came loose then
             motion.remove_elements(removed)
     with refusing_damage(file, START_AGAIN):
+        if inputs is not None and INPUTS in saved.arrays:
+            inputs.stay(expect(saved.arrays, INPUTS, inputs.values.shape))
         return motion, integrator, refuse_inconsistent(saved, motion, integrator), problem
 
 

@@ -72,10 +72,10 @@ class Simulation:
 
         M v' + D v + F(u) = h(u, t) + pushed forces
 
-    Inputs are the displacements of locations whose components have no value, `System(..., prescribed={"grip": "xyz"})`, and the
-    total forces on the `pushed` locations. They are zero at first and keep their values until others are given. Within a call of
-    `step`, they go straight from their last values to the new ones. One simulation belongs to one thread. Several of them, also of
-    one body, can run side by side.
+    Inputs are the displacements of locations whose components have no value, `System(..., prescribed={"grip": "xyz"})`, the total
+    forces on the `pushed` locations, and the displacements of the shapes of `moved` contacts. They are zero at first and keep their
+    values until others are given. Within a call of `step`, they go straight from their last values to the new ones. One simulation
+    belongs to one thread. Several of them, also of one body, can run side by side.
 
     Parameters
     ----------
@@ -85,6 +85,8 @@ class Simulation:
         Time integrator, as in `simulate`.
     pushed
         Names of locations on which total forces act, in equal parts on the nodes.
+    moved
+        Names of contacts whose shapes are displaced: `RigidContact(..., name="ball")` without a `motion`.
     u0, v0, t0, mass, damping
         Initial state, kind of the mass and damping, as in `simulate`.
     halvings
@@ -103,6 +105,8 @@ class Simulation:
     ------
     MaterialError, LoadError, SupportError, StateError, StvkError
         as in `simulate`.
+    ContactError
+        if a `moved` contact does not exist, or has a motion of its own.
 
     Examples
     --------
@@ -123,6 +127,7 @@ class Simulation:
         integrator: Integrator,
         *,
         pushed: Sequence[str] = (),
+        moved: Sequence[str] = (),
         u0: ArrayLike | None = None,
         v0: ArrayLike | None = None,
         t0: float = 0.0,
@@ -134,7 +139,7 @@ class Simulation:
     ) -> None:
         integrator, t0 = checked_integrator(integrator), number("t0", t0, "a time in seconds")
         body = _body(system)
-        motion = Motion(body, mass, damping, Inputs(body, pushed))
+        motion = Motion(body, mass, damping, Inputs(body, pushed, moved))
         refuse_unsupported(motion, integrator, removing=False)
         state = first_state(motion, u0, v0, t0, integrator.dt or 1e-6)
         names = column_names(motion.body) if flag("ledger", ledger) else ["time"]
@@ -178,8 +183,9 @@ class Simulation:
             step is made.
         **inputs
             Values at the end of the call, by the name of the location: (k,) displacements [m] of all nodes at a moved location,
-            along its k components, or (n, k) with one row per node, ascending; (d,) total force [N] on a pushed location. A
-            `ReducedSystem` takes (k,) only. Use `**{"a name": value}` for names that Python does not allow here.
+            along its k components, or (n, k) with one row per node, ascending; (d,) total force [N] on a pushed location; (d,)
+            displacement [m] of the shape of a moved contact. A `ReducedSystem` takes (k,) only. Use `**{"a name": value}` for names
+            that Python does not allow here.
 
         Raises
         ------
@@ -501,7 +507,7 @@ class Simulation:
             file.belongs_to(Fingerprint("motion", system, method, start["t0"], start), flag("overwrite", overwrite))
             about, arrays = packed(record, LedgerLocations(), False, motion.system.mesh)
             about |= {"counts": vars(record.counts), "seconds": {}, "every": 1, "save": None}
-            about["pushed"] = [name for name in self._inputs.known if name not in motion.system.supports.moved]
+            about |= {"pushed": self._inputs.pushed, "moved": self._inputs.shapes}
             file.write(about, arrays | {INPUTS: self._inputs.values}, record.ledger)
             return file.file
 
@@ -533,18 +539,15 @@ class Simulation:
         StvkError
             if the checkpoint is missing or damaged, or of another problem.
         """
-        from ..results.store import expect, refusing_damage  # imports pydantic, only if there are files
-        from .checkpoint import INPUTS, START_AGAIN, file_of, load
+        from .checkpoint import file_of, load  # imports pydantic, only if there are files
         from .resumed import restored
 
         file, body = file_of(path_of("path", path)), _body(system)
         saved = load(file, body.space)
         by_hand = saved.method.remove == rule_text(removed_by_hand)
         options = Options(until=inf, integrator=integrator, remove=removed_by_hand if by_hand else None)
-        inputs = Inputs(body, saved.header.pushed)
+        inputs = Inputs(body, saved.header.pushed, saved.header.moved)
         motion, own, _, problem = restored(body, options, saved, file, inputs)
-        with refusing_damage(file, START_AGAIN):
-            inputs.stay(expect(saved.arrays, INPUTS, inputs.values.shape) if INPUTS in saved.arrays else inputs.values)
         made: Simulation = cls.__new__(cls)
         made._first = problem.system, saved.header.problem.numbers
         made._begin(motion, own, saved.record(), halvings, on_failure)

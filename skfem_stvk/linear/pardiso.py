@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import weakref
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -228,6 +229,7 @@ def _package(mtype: int) -> tuple[type[Any], Any]:
     if not hasattr(package.PyPardisoSolver, "_call_pardiso"):
         raise ImportError("This version of pypardiso is not supported. Install one that is: pip install 'skfem-stvk[pardiso]'")
     pardiso = package.PyPardisoSolver(mtype=mtype)
+    os.environ.setdefault("PYPARDISO_MKL_RT", pardiso.libmkl._name)  # otherwise each solver searches all folders again, .5 s
     for number, value in OPTIONS[mtype].items():
         pardiso.set_iparm(number, value)
     return package.PyPardisoError, pardiso

@@ -27,7 +27,7 @@ from ..results.table import find
 from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
-from ..terms import Body, is_load
+from ..terms import TERMS, Body, RigidContact, is_load
 from .complaints import Complaints
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
@@ -71,7 +71,7 @@ class Names:
     def material(self, name: str) -> Material:
         """Return a material by its name."""
         if name not in self._materials:
-            self._materials[name] = self.sections.materials[name].material()
+            self._materials[name] = self.sections.materials[name].made()
         return self._materials[name]
 
     def place(self, where: Any) -> Where:
@@ -169,7 +169,7 @@ def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             f"{sections.threads}; expected at most {most}, the number of threads of this process, which NUMBA_NUM_THREADS sets",
         )
     _check_files(sections, source, complaints, mesh)
-    for complain in (_check_materials, _check_analysis, _check_reduced, _check_outputs):
+    for complain in (_check_materials, _check_analysis, _check_friction, _check_reduced, _check_outputs):
         complain(sections, source, complaints)
     complaints.refuse()
 
@@ -244,6 +244,16 @@ def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Comp
         complaints.add(("initial", name), f"is for motion, not for type = {analysis.type!r}; remove it")
 
 
+def _check_friction(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+    """Complain about friction without the width that the analysis needs."""
+    widths = {"dynamic": "slip_speed", "static": "slip_length", "arc-length": "slip_length"}
+    name = widths.get(sections.analysis.type)
+    for number, term in enumerate(sections.terms):
+        friction = getattr(term, "friction", None)
+        if friction is not None and name is not None and getattr(friction, name) is None:
+            complaints.add(("terms", number, "friction"), f"type = {sections.analysis.type!r} needs {name}; add {name} = ...")
+
+
 def _check_reduced(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
     """Complain about keys that need all displacements, which a reduced analysis does not have."""
     analysis, solver = sections.analysis, sections.solver
@@ -281,8 +291,14 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
     for table in ("probes", "reactions"):
         for name in sorted(taken.intersection(getattr(output, table))):
             complaints.add(("output", table, name), "is also the name of a result or plot; choose another name")
+    contacts = contacts_of(sections)
+    for number, name in contacts.items():
+        also = "a probe, a reaction, a result or a plot" if name in {*followed, *taken} else ""
+        also = "another contact" if name in [contacts[other] for other in contacts if other < number] else also
+        if also:
+            complaints.add(("terms", number, "name"), f"{name!r} is also the name of {also}; choose another name")
     if isinstance(sections.analysis, ModesAnalysis):
-        known = []
+        known, contacts = [], {}
         for name in ("probes", "reactions"):
             if getattr(output, name):
                 complaints.add(("output", name), "modes have no history in time; remove this key")
@@ -300,13 +316,18 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
             complaints.add(("output", name), f"{given!r} is not a file name; expected a name without folders, such as 'body.pvd'")
     if output.animation is not None and not (output.file or "").endswith(".pvd"):
         complaints.add(("output", "animation"), 'needs saved states; add file = "NAME.pvd"')
-    results = {*(f"{name}.{axis}" for name in followed for axis in "xyz"), *RESULTS[sections.analysis.type]}
+    results = {*(f"{name}.{axis}" for name in (*followed, *contacts.values()) for axis in "xyz"), *RESULTS[sections.analysis.type]}
     for loc, one in expectations(sections.expect).items():
         name = ".".join(loc)
         if name not in results and not NUMBERED.fullmatch(name):
             complaints.add(("expect", *loc), f"there is no result {name!r}; {name_known(name, results)}")
         if (one.rtol is None) == (one.atol is None):
             complaints.add(("expect", *loc), "give either rtol or atol, the largest difference")
+
+
+def contacts_of(sections: SceneTables) -> dict[int, str]:
+    """Return the names of the contacts, by their number among the terms."""
+    return {number: term.name for number, term in enumerate(sections.terms) if TERMS.get(term.type) is RigidContact}
 
 
 def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict[tuple[str, ...], Expectation]:
@@ -467,6 +488,9 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
             fits["on"] = True
     name = given_by(term.library)
     given = getattr(term, name, None)
+    if given is None and getattr(term, "time", None) is not None:
+        complaints.add(("terms", number, "time"), f"is the factor of {name}, which is missing; add {name} = [...], or remove it")
+        fits[name] = False
     if isinstance(given, list) and len(given) != mesh.d:
         complaints.add(("terms", number, name), f"has {len(given)} components; expected {mesh.d}: {', '.join('xyz'[: mesh.d])}")
         fits[name] = False
@@ -485,7 +509,7 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -
         body = Body(mesh, [term for term in terms if not is_load(term)])
         for number, term in enumerate(terms):
             try:
-                term.bind(body) if is_load(term) else System(mesh, term)
+                term.bind(body) if is_load(term) or isinstance(term, RigidContact) else System(mesh, term)
             except StvkError as error:
                 complaints.add(("terms", number), str(error))
                 found = True

@@ -20,7 +20,7 @@ from ..mesh.locations import Box, DofsView, NearestNode, Plane, describe, vertic
 from ..system import System
 from ..system.supports import fixed_dofs
 from ..terms import EdgeNetwork, Ramp, Sine, Table
-from .schema.derived import KEYS
+from .schema.derived import KEYS, PARTS
 from .schema.quantities import bare, literals, members
 from .schema.terms import given_by, in_elements, material_tables, term_tables
 
@@ -116,9 +116,13 @@ class SceneNames:
         model = _model(term_tables(), term, "term")
         if hasattr(term, "laws"):
             return self._network(term, model)
-        table = {"type": _kind(model, "type")}
-        for one in fields(term):
-            name, value = KEYS.get(one.name, one.name), getattr(term, one.name)
+        return self._table(model, term)
+
+    def _table(self, model: Any, given: Any) -> dict[str, Any]:
+        """Return the table of an object of the library, with its type if there are several."""
+        table: dict[str, Any] = {"type": _kind(model, "type")} if "type" in model.model_fields else {}
+        for one in fields(given):
+            name, value = KEYS.get(one.name, one.name), getattr(given, one.name)
             if value is not None and value is not False:
                 table |= self._entry(model, name, value)
         return table
@@ -133,6 +137,8 @@ class SceneNames:
             return {name: self.region(value)}
         if name == "simplices":
             return {name: self.simplices(value)}
+        if name in PARTS:
+            return {name: self._table(_model(PARTS[name], value, name), value)}
         if name == "on":
             return {name: self._marked_elements(value) if in_elements(model.library, self.mesh) else self.place(value)}
         if name == given_by(model.library):

@@ -26,6 +26,7 @@ from ..results.table import VECTORS, labels_of_files
 from ..results.vtu import DEFAULT, read_vtu
 from ..statics import StaticResult
 from ..units import UNITS
+from .build import contacts_of
 from .outcome import Curve, SceneOutcome, as_printed
 
 REPORT = "report.html"
@@ -34,7 +35,7 @@ SHOWN = 0.08
 #: Number of elastic modes with a picture.
 MOST_MODES = 4
 DOTS_PER_INCH = 130
-#: Dimensions of results by the beginning of their names; those of probes and reactions are known from their curves.
+#: Dimensions of results by the beginning of their names, other than probes, reactions and contacts.
 RESULTS = {"energy": "energy", "frequency": "frequency", "displacement": "length", "stress": "stress", "time": "time"}
 GREY, VERMILION = "#c8c8c8", "#D55E00"
 #: Labels of a curve.
@@ -309,7 +310,8 @@ def _symbol(outcome: SceneOutcome, dimension: str) -> str:
 
 def _unit_of_result(outcome: SceneOutcome, name: str) -> str:
     first = name.partition(".")[0]
-    dimension = ({one: curve.dimension for one, curve in outcome.curves.items()} | RESULTS).get(first)
+    forces = dict.fromkeys(contacts_of(outcome.built.sections).values(), "force")
+    dimension = ({one: curve.dimension for one, curve in outcome.curves.items()} | forces | RESULTS).get(first)
     return "" if dimension is None else _symbol(outcome, dimension)
 
 

@@ -55,12 +55,13 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         if isinstance(result, Run) and result.success and (result.blow_ups or result.gained > REPORTED):
             warn(_energy_message(result))
     curves = {} if isinstance(result, Modes) else _curves(built, result)
+    last = {name: curve.values[-1] for name, curve in curves.items()}
+    if not isinstance(result, Modes):
+        last |= {contact.name: result.contact(contact.name).resultant for contact in built.system.contacts}
     stress = None if isinstance(result, Modes) else largest_stress(result)
     values = _values(result) | ({} if stress is None else {"stress.largest": stress.value})
     values |= {
-        f"{name}.{axis}": float(value)
-        for name, curve in curves.items()
-        for axis, value in zip("xyz", curve.values[-1], strict=False)
+        f"{name}.{axis}": float(value) for name, components in last.items() for axis, value in zip("xyz", components, strict=False)
     }
     status, message = ("finished", repr(result)) if isinstance(result, Modes) else (result.status.value, result.message)
     success = isinstance(result, Modes) or _success(sections, result)

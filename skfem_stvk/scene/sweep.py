@@ -27,7 +27,7 @@ from ..results.files import content_of, replacing
 from ..results.one_writer import OneWriter
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED, console, printable
 from ..units import UNITS
-from .build import expectations
+from .build import contacts_of, expectations
 from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, make, names_with, visible
 from .outcome import as_printed
 from .report import DOTS_PER_INCH, RESULTS
@@ -428,7 +428,7 @@ def _results_to_plot(rows: Sequence[SweepRow], sections: SceneTables) -> Iterato
     expected = [name for name in (".".join(loc) for loc in expectations(sections.expect)) if name in found]
     yield from expected
     others = [name for name in found if name not in expected and name not in COUNTED and _differs(name, rows)]
-    followed = (*sections.output.probes, *sections.output.reactions, "frequency", "critical")
+    followed = (*sections.output.probes, *sections.output.reactions, *contacts_of(sections).values(), "frequency", "critical")
     followed_results = [name for name in others if name.startswith(tuple(f"{one}." for one in followed))]
     yield from followed_results or ([] if expected else others)
 
@@ -450,7 +450,8 @@ def _figure(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names:
         label = ", ".join(f"{one.loc[-1]} = {value_in_name(row.values[one.path])}" for one in others if len(one.values) > 1)
         lines.setdefault(label, []).append(row)
     output, columns = sections.output, min(len(names), 2)
-    dimensions = RESULTS | dict.fromkeys(output.probes, "length") | dict.fromkeys(output.reactions, "force")
+    forces = (*output.reactions, *contacts_of(sections).values())
+    dimensions = RESULTS | dict.fromkeys(output.probes, "length") | dict.fromkeys(forces, "force")
     rows_of_panels = -(-len(names) // columns)
     figure = new_figure((1.5 + 4.0 * columns, 0.6 + 2.6 * rows_of_panels), interactive=False)
     panels = list(figure.subplots(rows_of_panels, columns, squeeze=False).flat)

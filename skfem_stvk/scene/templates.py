@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from ..arguments import choice
+from ..terms.rigid_shapes import SHAPES
 from ..units import UNITS, UnitSystem
 from .schema import scene_tables
 from .schema.quantities import bare, is_union, literals, members
@@ -265,13 +266,13 @@ def _plural(word: str) -> str:
 def title_of(model: type[BaseModel]) -> str:
     """Return the name of a table on the page: its kind, or its own name."""
     for name in ("type", "model"):
-        if name in model.model_fields:
+        if name in model.model_fields and model.__name__ not in TITLES:
             (kind,) = literals(model.model_fields[name].annotation)
             return str(kind)
     return TITLES.get(model.__name__, model.__name__)
 
 
-#: Names of tables without a kind that differ from those of their classes.
+#: Names of tables that differ from their kind, or from their class.
 TITLES = {
     "SceneTables": "Scene",
     "MeshFile": "Mesh file",
@@ -280,6 +281,8 @@ TITLES = {
     "DisplacementLevel": "Level",
     "ReducedBasis": "Reduced basis",
     "Prescribed": "Displacements",
+    "FrictionDerived": "Friction",
+    **{f"{kind.capitalize()}Shape": f"Rigid {kind}" for kind in SHAPES},
 }
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
 from ..edges.pairs import AccumulatedTerm, joined, with_blocks
-from ..errors import RegionError, StvkError, warn
+from ..errors import ContactError, RegionError, StvkError, warn
 from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
@@ -74,6 +74,11 @@ class BoundTerms:
         self.bound_terms: tuple[BoundTerm, ...] = tuple(
             term.bind(bodies[number], self.dtype) for number, term in zip(self._of, self.elastic_terms, strict=True)
         )
+        names = [contact.name for contact in self.contacts]
+        if len(set(names)) < len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            listed = ", ".join(f"name = {name!r}" for name in twice)
+            raise ContactError(f"{listed}: several contacts; expected a name of its own for each, such as name='floor'.")
         self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self.body) for load in self.loads)
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)

@@ -45,6 +45,7 @@ from ..terms import (
 from ..terms.connectivity import connected
 from ..terms.load import Moment, Time
 from ..terms.protocols import set_time
+from ..terms.rigid_contact import BoundRigidContact, Displacement
 from ..units import UNITS, questions
 from .bound import BoundTerms, checked_terms
 from .divided import refuse_divided
@@ -250,6 +251,22 @@ class System(BoundTerms):
         other = copy(self)
         other._replace_bound(*([begun(term) for term in terms] for terms in (self.bound_terms, self.bound_loads)))
         other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
+        return other
+
+    def with_moved_shapes(self: SystemType, motions: Mapping[str, Displacement]) -> SystemType:
+        """Return the body for one motion in time, in which the shapes of these contacts have displacements given by name.
+
+        Parameters
+        ----------
+        motions
+            Displacements by the name of a `RigidContact`.
+        """
+        terms = [
+            term.moved_by(motions[term.name]) if isinstance(term, BoundRigidContact) and term.name in motions else term
+            for term in self.bound_terms
+        ]
+        other = copy(self)
+        other._replace_bound(terms, self.bound_loads)
         return other
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:

@@ -59,6 +59,7 @@ TERMS: dict[str, Any] = {
     "edge-network": EdgeNetwork,
     "volume-penalty": VolumePenalty,
     "elastic-foundation": ElasticFoundation,
+    "rigid-contact": RigidContact,
     "gravity": Gravity,
     "body-force": BodyForce,
     "nodal-load": NodalLoad,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
-from ..arguments import number
-from ..errors import ContactError
+from ..arguments import Quantity, Specification, number
+from ..errors import ContactError, StvkError
 
 
 @dataclass(frozen=True)
-class Friction:
+class Friction(Specification):
     """Coulomb friction, whose force rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
 
     The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
@@ -40,9 +41,11 @@ class Friction:
     True
     """
 
-    coefficient: float
-    slip_speed: float | None = None
-    slip_length: float | None = None
+    error: ClassVar[type[StvkError]] = ContactError
+
+    coefficient: Annotated[float, Quantity(None, "Coefficient of friction.", gt=0)]
+    slip_speed: Annotated[float | None, Quantity("velocity", "Speed up to which friction rises in motions.", gt=0)] = None
+    slip_length: Annotated[float | None, Quantity("length", "Slip up to which friction rises in statics, per step.", gt=0)] = None
 
     def __post_init__(self) -> None:
         for name, unit in (("coefficient", ""), ("slip_speed", " [m/s]"), ("slip_length", " [m]")):

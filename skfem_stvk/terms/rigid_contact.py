@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..arguments import Array, Quantity, number, own, shown, text
+from ..arguments import Array, Quantity, Specification, number, own, shown, text
 from ..edges import ALL, NodeBlocks, Tensions
 from ..elements import Element, rule_of
-from ..errors import ContactError
+from ..errors import ContactError, StvkError
 from ..kernels import contact as kernels
 from ..kernels.contact import Surface
 from ..kernels.topology import edges_of_simplices
@@ -34,7 +34,7 @@ TOUCHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class RigidContact:
+class RigidContact(Specification):
     """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
 
     ::
@@ -84,14 +84,17 @@ class RigidContact:
     (50.0, -10000.0)
     """
 
+    error: ClassVar[type[StvkError]] = ContactError
     per_element: ClassVar[bool] = False
+    given_by: ClassVar[str] = "motion"
+    on_elements: ClassVar[bool] = True
 
-    shape: RigidShape
+    shape: Annotated[RigidShape, Quantity(None, "The rigid shape.")]
     where: Annotated[Where | None, Quantity(None, "Place of the boundary facets that may touch; by default all.")] = None
     stiffness: Annotated[float | None, Quantity("stiffness per area", "Stiffness per area; by default 10 E/h.", gt=0)] = None
-    friction: Friction | None = None
+    friction: Annotated[Friction | None, Quantity(None, "Friction; by default none.")] = None
     onset: Annotated[float, Quantity("length", "Depth over which the stiffness rises.", ge=0)] = 0.0
-    motion: Annotated[Any, Quantity("length", "Displacement of the shape.", components=True)] = None
+    motion: Annotated[Any, Quantity("length", "Displacement of the shape; by default it rests.", components=True)] = None
     name: Annotated[str, Quantity(None, "Name in results and messages.")] = "contact"
     simplices: Annotated[Any, Quantity(None, "A surface in space, on nodes of the mesh: the simplices of its law.")] = None
 
@@ -133,6 +136,13 @@ class RigidContact:
             )
         plain = self.motion is None and self.friction is None
         return (BoundRigidContact if plain else RigidContactWithHistory)(self, body)
+
+
+class Displacement(Protocol):
+    """Displacement of a shape as a function of the load factor or time."""
+
+    def at(self, t: Time) -> Array:
+        """Return the components (d, 1) at `t` [m]."""
 
 
 class BoundRigidContact:
@@ -183,6 +193,12 @@ class BoundRigidContact:
         other = copy(self)
         other._set_areas(self._body.without(removed, self._body.bare))
         return other
+
+    def moved_by(self, motion: Displacement) -> RigidContactWithHistory:
+        """Return the contact for a motion in time that displaces its shape."""
+        moved = RigidContactWithHistory(self.contact, self._body).with_new_history(in_time=True)
+        moved._motion = motion
+        return moved
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J] at `u` (nv, d); add the internal force [N], minus that of the shape, to `force` (nv, d)."""
@@ -289,7 +305,8 @@ class RigidContactWithHistory(BoundRigidContact):
     def __init__(self, contact: RigidContact, body: Body) -> None:
         super().__init__(contact, body)
         d, motion = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
-        self._motion = Value(motion, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
+        self._own_motion = Value(motion, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
+        self._motion: Displacement = self._own_motion
         self.has_friction, self._in_time = contact.friction is not None, False
         self._width = 0.0  # slip up to which friction rises [m]
         self._secants: Array = np.empty((0, 0))
@@ -321,7 +338,7 @@ class RigidContactWithHistory(BoundRigidContact):
         other = copy(self)
         if self.contact.friction is not None:
             refuse_missing_width(self.contact.friction, in_time, self.contact.label)
-        other._in_time = in_time
+        other._in_time, other._motion = in_time, self._own_motion
         other._forget()
         other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
         return other

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import flag, number, points
-from ..errors import ContactError
+from ..arguments import Quantity, Specification, flag, number, points
+from ..errors import ContactError, StvkError
 from ..kernels import contact as kernels
 
 
-class RigidShape(ABC):
+class RigidShape(Specification, ABC):
     """Rigid shape. Its `kind` and `numbers` are those of `kernels.contact`.
 
     Attributes
@@ -23,6 +23,7 @@ class RigidShape(ABC):
         Dimension of the space: the number of components of its points.
     """
 
+    error: ClassVar[type[StvkError]] = ContactError
     kind: ClassVar[int]
     vectors: ClassVar[tuple[str, ...]]  # names of the fields with one component per dimension
 
@@ -48,7 +49,7 @@ class RigidShape(ABC):
         length = float(np.linalg.norm(given))
         if not length > 0:
             raise ContactError(f"{self.name}: {name} = {given}; expected a direction, not all zero.")
-        return tuple((np.array(given) / length).tolist())
+        return given if abs(length - 1) < 1e-15 else tuple((np.array(given) / length).tolist())
 
     def _positive(self, name: str) -> float:
         return number(f"{self.name}: {name}", getattr(self, name), "a positive length", 0.0, error=ContactError)
@@ -86,8 +87,8 @@ class RigidPlane(RigidShape):
     """
 
     kind, vectors = kernels.PLANE, ("point", "normal")
-    point: tuple[float, ...]
-    normal: tuple[float, ...]
+    point: Annotated[tuple[float, ...], Quantity("length", "A point of the plane.", components=True)]
+    normal: Annotated[tuple[float, ...], Quantity(None, "Direction towards the body, of any length.", components=True)]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -122,9 +123,9 @@ class RigidSphere(RigidShape):
     """
 
     kind, vectors = kernels.SPHERE, ("centre",)
-    centre: tuple[float, ...]
-    radius: float
-    inside: bool = False
+    centre: Annotated[tuple[float, ...], Quantity("length", "The centre.", components=True)]
+    radius: Annotated[float, Quantity("length", "Radius.", gt=0)]
+    inside: Annotated[bool, Quantity(None, "Whether the body is inside.")] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -162,10 +163,10 @@ class RigidCylinder(RigidShape):
     """
 
     kind, vectors = kernels.CYLINDER, ("point", "axis")
-    point: tuple[float, ...]
-    axis: tuple[float, ...]
-    radius: float
-    inside: bool = False
+    point: Annotated[tuple[float, ...], Quantity("length", "A point of the axis.", components=True)]
+    axis: Annotated[tuple[float, ...], Quantity(None, "Direction of the axis, of any length.", components=True)]
+    radius: Annotated[float, Quantity("length", "Radius.", gt=0)]
+    inside: Annotated[bool, Quantity(None, "Whether the body is inside.")] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -205,9 +206,9 @@ class RigidBox(RigidShape):
     """
 
     kind, vectors = kernels.BOX, ("low", "high")
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    radius: float = 0.0
+    low: Annotated[tuple[float, ...], Quantity("length", "Smallest coordinates.", components=True)]
+    high: Annotated[tuple[float, ...], Quantity("length", "Largest coordinates.", components=True)]
+    radius: Annotated[float, Quantity("length", "Radius of the rounded edges.", ge=0)] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -223,3 +224,7 @@ class RigidBox(RigidShape):
         half = np.full(3, np.inf)
         half[: self.d] = np.subtract(self.high, self.low) / 2
         return self._packed(np.add(self.low, self.high) / 2, half, self.radius)
+
+
+#: Shapes that scenes know, by their `type`.
+SHAPES: dict[str, Any] = {"plane": RigidPlane, "sphere": RigidSphere, "cylinder": RigidCylinder, "box": RigidBox}

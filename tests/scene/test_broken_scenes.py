@@ -70,7 +70,84 @@ class Broken(NamedTuple):
     message: str
 
 
+def touching(lines):
+    """Return the edit that adds a contact with these keys, from line 32, to a good scene."""
+    contact = '[[terms]]\ntype = "rigid-contact"\n' + lines
+    return [('[fixed]\nleft = "xyz"', contact + '\n\n[fixed]\nleft = "xyz"')]
+
+
+PLANE = 'shape = { type = "plane", point = [0, 0, -1], normal = [0, 0, 1] }\n'
 CASES = [
+    Broken(
+        "an unknown shape",
+        touching('shape = { type = "plain", point = [0, 0, 0] }'),
+        "scene.toml: terms[3].shape.type, line 33: 'plain' is not known here; did you mean 'plane'? Known: plane, sphere, "
+        "cylinder, box.",
+    ),
+    Broken(
+        "a shape by its name",
+        touching('shape = "plane"'),
+        "scene.toml: terms[3].shape, line 33: got 'plane'; expected a table",
+    ),
+    Broken(
+        "a plane without a normal",
+        touching('shape = { type = "plane", point = [0, 0, 0] }'),
+        "scene.toml: terms[3].shape.normal, line 33: is missing: Direction towards the body, of any length",
+    ),
+    Broken(
+        "a misspelt key of a shape",
+        touching('shape = { type = "sphere", center = [0, 0, 0], radius = 1 }'),
+        "scene.toml has 2 errors: terms[3].shape.centre, line 33: is missing: The centre terms[3].shape.center, line 33: unknown "
+        "key; did you mean 'centre'? Known here: centre, inside, radius, type.",
+    ),
+    Broken(
+        "a plane in two dimensions",
+        touching('shape = { type = "plane", point = [0, 0], normal = [0, 1] }'),
+        "scene.toml: terms[3], line 31: RigidContact 'contact': its RigidPlane has 2 components; expected 3, as the mesh.",
+    ),
+    Broken(
+        "friction without a width",
+        touching(PLANE + "friction = { coefficient = 0.3 }"),
+        "scene.toml: terms[3].friction, line 34: type = 'dynamic' needs slip_speed; add slip_speed = ...",
+    ),
+    Broken(
+        "friction of statics in a motion",
+        touching(PLANE + "friction = { coefficient = 0.3, slip_length = 1e-3 }"),
+        "scene.toml: terms[3].friction, line 34: type = 'dynamic' needs slip_speed; add slip_speed = ...",
+    ),
+    Broken(
+        "a misspelt key of friction",
+        touching(PLANE + "friction = { coefficient = 0.3, slip-speed = 1e-3 }"),
+        "scene.toml: terms[3].friction.slip-speed, line 34: unknown key; did you mean 'slip_speed'? Known here: coefficient, "
+        "slip_length, slip_speed.",
+    ),
+    Broken(
+        "a time without a motion",
+        touching(PLANE + 'time = { type = "ramp", until = 1 }'),
+        "scene.toml: terms[3].time, line 34: is the factor of motion, which is missing; add motion = [...], or remove it",
+    ),
+    Broken(
+        "a motion of two components",
+        touching(PLANE + "motion = [0, 1]"),
+        "scene.toml: terms[3].motion, line 34: has 2 components; expected 3: x, y, z",
+    ),
+    Broken(
+        "a contact that is named as a probe",
+        touching(PLANE + 'name = "tip"'),
+        "scene.toml: terms[3].name, line 34: 'tip' is also the name of a probe, a reaction, a result or a plot; choose another "
+        "name",
+    ),
+    Broken(
+        "two contacts of one name",
+        touching(PLANE + 'name = "floor"\n\n[[terms]]\ntype = "rigid-contact"\nname = "floor"\n' + PLANE),
+        "scene.toml: terms[4].name, line 38: 'floor' is also the name of another contact; choose another name",
+    ),
+    Broken(
+        "a contact on an unknown place",
+        touching(PLANE + 'on = "botom"'),
+        "scene.toml: terms[3].on, line 34: there is no place 'botom'; known: 'back', 'bottom', 'edge', 'front', 'half', 'left', "
+        "'right', 'top'. Did you mean 'bottom'?",
+    ),
     Broken(
         "an expectation that is a number",
         [("tip.z = { value = 0, atol = 1 }", "tip.z = 3")],
@@ -125,7 +202,7 @@ CASES = [
         (
             "scene.toml: terms[1].type, line 23: 'gravitation' is not known here; did you mean 'gravity'? Known: stvk, "
             "neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, "
-            "elastic-foundation, gravity, body-force, nodal-load, traction, pressure."
+            "elastic-foundation, rigid-contact, gravity, body-force, nodal-load, traction, pressure."
         ),
     ),
     Broken(
@@ -134,7 +211,7 @@ CASES = [
         (
             "scene.toml: terms[2].tipe, line 27: unknown key; did you mean 'type'? It selects the kind: one of stvk, "
             "neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, "
-            "elastic-foundation, gravity, body-force, nodal-load, traction, pressure"
+            "elastic-foundation, rigid-contact, gravity, body-force, nodal-load, traction, pressure"
         ),
     ),
     Broken(

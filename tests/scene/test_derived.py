@@ -7,7 +7,22 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from skfem_stvk import Corotated, InvertibleStVK, LinearElastic, NeoHookean, Sine, SpringNetwork, StVK, VolumePenalty
+from skfem_stvk import (
+    Corotated,
+    Friction,
+    InvertibleStVK,
+    LinearElastic,
+    NeoHookean,
+    RigidBox,
+    RigidContact,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
+    Sine,
+    SpringNetwork,
+    StVK,
+    VolumePenalty,
+)
 from skfem_stvk.arguments import Quantity
 from skfem_stvk.dynamics.integrators import INTEGRATORS, GeneralizedAlpha, Newmark
 from skfem_stvk.errors import StvkError
@@ -15,7 +30,7 @@ from skfem_stvk.materials import Anisotropic, Isotropic, Orthotropic, Transverse
 from skfem_stvk.mesh import box
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.build import Names
-from skfem_stvk.scene.schema.derived import derived
+from skfem_stvk.scene.schema.derived import PARTS, derived
 from skfem_stvk.scene.schema.terms import AnyTerm, Time, material_tables, term_tables
 from skfem_stvk.scene.templates import rows_of
 from skfem_stvk.units import DIMENSIONS
@@ -86,7 +101,8 @@ def test_the_object_of_the_library_has_the_values_of_the_keys():
 
 
 def test_every_declared_dimension_is_one_of_units():
-    dimensions = {row.dimension for table in (*term_tables(), *material_tables()) for row in rows_of(table)}
+    parts = [table for tables in PARTS.values() for table in tables]
+    dimensions = {row.dimension for table in (*term_tables(), *material_tables(), *parts) for row in rows_of(table)}
     assert {"stress", "density", "acceleration"} <= dimensions <= {None, *DIMENSIONS}
 
 
@@ -113,6 +129,11 @@ GOOD = {
     Corotated: ON_ELEMENTS | {"rotation": "vertex"},
     InvertibleStVK: ON_ELEMENTS | {"threshold": 0.7, "extend": "stress"},
     VolumePenalty: {"stiffness": 1.0, "kind": "quadratic"},
+    RigidContact: {"shape": RigidPlane((0, 0, 0), (0, 0, 1)), "stiffness": 1.0, "onset": 0.1},
+    RigidSphere: {"centre": (0, 0, 0), "radius": 1.0},
+    RigidCylinder: {"point": (0, 0, 0), "axis": (0, 0, 1), "radius": 1.0},
+    RigidBox: {"low": (0, 0, 0), "high": (1, 1, 1), "radius": 0.1},
+    Friction: {"coefficient": 0.3, "slip_speed": 1e-3, "slip_length": 1e-3},
     Sine: {"value": 1.0, "frequency": 2.0, "phase": 0.1},
 }
 
@@ -145,6 +166,7 @@ def wrong_arguments():
 
 def test_good_arguments_cover_all_declared_limits():
     made = {table.library for table in (*term_tables(), *material_tables(), *get_args(get_args(Time)[0]))} | {*INTEGRATORS.values()}
+    made |= {table.library for tables in PARTS.values() for table in tables}
     limited = {one for one in made if any(is_limited(found) for _, found in declared(one))}
     assert limited == GOOD.keys() and len(list(wrong_arguments())) >= 20
 

@@ -16,6 +16,7 @@ from skfem_stvk import (
     ElasticFoundation,
     ElementMesh,
     EnergyMomentum,
+    Friction,
     Gravity,
     InvertibleStVK,
     Isotropic,
@@ -27,6 +28,11 @@ from skfem_stvk import (
     Plane,
     Pressure,
     Ramp,
+    RigidBox,
+    RigidContact,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
     Sine,
     SpringNetwork,
     Stop,
@@ -81,13 +87,13 @@ def assert_same(other, system):
     rng = np.random.default_rng(7)
     u = 0.02 * rng.standard_normal(system.ndofs)
     assert np.array_equal(other.mesh.p, system.mesh.p) and np.array_equal(other.mesh.t, system.mesh.t)
+    one, two = other.jacobian(u, 0.7), system.jacobian(u, 0.7)  # shapes that move are now where they are at 0.7
+    assert np.array_equal(one.data, two.data) and np.array_equal(one.indices, two.indices)
     np.testing.assert_array_equal(other.elastic_energies(u), system.elastic_energies(u))
     assert np.array_equal(other.internal_force(u), system.internal_force(u))
     for t in (0.0, 0.3, 1.0):
         assert np.array_equal(other.external_force(u, t), system.external_force(u, t))
         assert np.array_equal(other.supports.values(t), system.supports.values(t))
-    one, two = other.jacobian(u, 0.7), system.jacobian(u, 0.7)
-    assert np.array_equal(one.data, two.data) and np.array_equal(one.indices, two.indices)
     assert np.array_equal(other.supports.fixed, system.supports.fixed)
     assert np.array_equal(other.supports.prescribed, system.supports.prescribed)
 
@@ -146,6 +152,14 @@ LOADS = {
     "pressure on all": (SHEET, Pressure(None, 1 / 7)),
     "pressure on some": (SHEET, Pressure([1, 4], Sine(1 / 7, 2.0))),
     "foundation": (SOLID, ElasticFoundation("left", (0, 1 / 3, 2.0))),
+    "plane": (SOLID, RigidContact(RigidPlane((0, 0, 0.1), (0.1, 0.2, 1)), "front", friction=Friction(0.3, slip_length=1 / 3))),
+    "sphere": (BOXES, RigidContact(RigidSphere((0, 0, -0.1), 0.3), stiffness=1 / 7, onset=0.01, name="ball")),
+    "inside a cylinder": (
+        SOLID,
+        RigidContact(RigidCylinder((0.1, 0.2, 0), (1, 0, 0.3), 0.3, True), motion=Ramp((0, 0, -0.1), 0.3)),
+    ),
+    "box": (FLAT, RigidContact(RigidBox((0, 0), (0.2, 0.3), 0.05), lambda x: x[0] < 0.1, motion=(1 / 30, 0))),
+    "some of a membrane": (SHEET, RigidContact(RigidPlane((0, 0, 0.1), (0, 0, 1)), [1, 4], motion=Sine((0, 0, 0.1), 2.0))),
     "foundation alike": (BOXES, ElasticFoundation(Plane((0, 0, 0), (0, 0, 1), within=0.03), 1 / 3)),
 }
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk import Gravity, StVK, System, solve_static
+from skfem_stvk import EnergyMomentum, Friction, Gravity, RigidContact, RigidPlane, StVK, System, simulate, solve_static
 from skfem_stvk.errors import StvkWarning
+from skfem_stvk.mesh import box
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.info import inspect_scene
 
@@ -19,8 +20,8 @@ SCENES = sorted(path.name for path in FOLDER.glob("*.toml"))
 QUICK = {"thrown.toml": ["analysis.until=5e-4"]}
 
 
-def test_there_are_eleven_scenes():
-    assert len(SCENES) == 11
+def test_there_are_twelve_scenes():
+    assert len(SCENES) == 12
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -46,6 +47,17 @@ def test_the_disc_equals_the_membrane_in_python_bit_for_bit():
     sheet = [StVK(young=1e9, poisson=0.3, thickness=1e-3, density=1000.0), Gravity(g=(0, 0, -9.81))]
     sagged = solve_static(System((flat, disc.t), sheet, fixed={tuple(rim): "xyz"}), quiet=True)
     assert Scene.read(FOLDER / "disc.toml").solve(quiet=True).result.u.tobytes() == sagged.u.tobytes()
+
+
+def test_the_dropped_block_equals_the_block_in_python_bit_for_bit():
+    outcome = Scene.read(FOLDER / "dropped.toml").solve(quiet=True)
+    mesh = box((0.1, 0.1, 0.1), (4, 4, 4))
+    floor = RigidContact(RigidPlane((0, 0, -0.005), (0, 0, 1)), "front", friction=Friction(0.3, slip_speed=0.01), name="floor")
+    body = System(mesh, [StVK(young=1e5, poisson=0.4, density=1000.0), Gravity((0, 0, -9.81)), floor])
+    run = simulate(body, EnergyMomentum(2.5e-4), until=0.015, v0=np.tile([0.5, 0.0, -1.0], mesh.nv), quiet=True)
+    assert outcome.result.u.tobytes() == run.u.tobytes()
+    assert [outcome.values[f"floor.{axis}"] for axis in "xyz"] == run.contact("floor").resultant.tolist()
+    assert "force of contact floor" in [row.name for row in outcome.summary] and outcome.values["energy.dissipated"] > 0.01
 
 
 @pytest.mark.parametrize("name", ["bag.toml", "disc.toml", "block.toml"])

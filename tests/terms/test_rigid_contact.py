@@ -32,6 +32,7 @@ from skfem_stvk import (
     Traction,
     VelocityVerlet,
     critical_step,
+    modes,
     simulate,
     solve_static,
 )
@@ -306,6 +307,19 @@ def test_a_block_above_the_friction_angle_has_coulombs_acceleration(part, integr
     half = len(t) // 2
     acceleration = (speed[-1] - speed[half]) / (t[-1] - t[half])
     assert acceleration == pytest.approx(G * (np.sin(angle) - MU * np.cos(angle)), rel=1e-3)
+
+
+@pytest.mark.parametrize("integrator", [BackwardEuler(2e-3), LinearBackwardEuler(2e-3, rtol=1e-6)], ids=lambda one: one.name)
+def test_a_belt_drags_a_block_with_coulombs_acceleration_up_to_its_speed(integrator):
+    mesh, k, speed = box((0.1, 0.1, 0.05), (2, 2, 1)), 4e8, 0.3
+    friction = Friction(MU, slip_speed=SLIP)
+    belt = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), BOTTOM, k, friction, motion=lambda t: (speed * t, 0, 0))
+    u0 = np.tile([0, 0, -1000 * G * 0.05 / k], (mesh.nv, 1))
+    body = System(mesh, [StVK(young=1e6, poisson=0.2, density=1000.0), belt, Gravity((0, 0, -G))])
+    run = simulate(body, integrator, until=0.2, u0=u0.ravel(), quiet=True)
+    t, found = np.array(run.ledger["time"]), run.ledger["linear_momentum_x"] / (1000 * 0.1 * 0.1 * 0.05)
+    half = len(t) // 4
+    assert found[half] / t[half] == pytest.approx(MU * G, rel=0.05) and found[-1] == pytest.approx(speed, rel=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -585,6 +599,19 @@ def test_a_named_plane_that_is_not_touched_changes_no_bit():
         (lambda: floor(stiffness=0.0), "RigidContact 'floor': stiffness = 0.0; expected a positive number"),
         (lambda: floor(onset=-1.0), "onset = -1.0; expected a depth"),
         (lambda: floor(friction=0.3), r"friction = 0.3; expected Friction\(...\)"),
+        (lambda: RigidContact(RigidPlane((0, 0), (0, 1)), frictoin=3), r"RigidContact\(frictoin=...\): there .* mean 'friction'\?"),
+        (lambda: Friction(mu=0.3), r"Friction\(mu=...\): there is no such argument; known: .* Did you mean 'coefficient'\?"),
+        (lambda: RigidPlane(origin=(0, 0), normal=(0, 1)), r"RigidPlane\(origin=...\): there .* Did you mean 'point'\?"),
+        (lambda: RigidSphere(center=(0, 0), radius=1.0), r"RigidSphere\(center=...\): there .* Did you mean 'centre'\?"),
+        (
+            lambda: System(MESHES["tetrahedra"], [LAW, floor(), floor(), RigidContact(SHAPES["plane"])]),
+            "name = 'floor': several contacts; expected a name of its own for each, such as name='floor'",
+        ),
+        (
+            lambda: System(MESHES["tetrahedra"], [LAW, floor(motion=lambda t: (0, 0))]),
+            r"RigidContact 'floor': what the function motion returned at t = 0 has shape \(2,\)|RigidContact 'floor': .*expected 3",
+        ),
+        (lambda: System(MESHES["tetrahedra"], [LAW, floor(motion=(0, 0))]), "RigidContact 'floor': motion has shape"),
         (lambda: System(skfem.MeshTri(), [LAW, floor()]), "its RigidPlane has 3 components; expected 2"),
         (
             lambda: System(skfem.MeshTet(), [StVK(Anisotropic(np.eye(6))), floor()]),
@@ -605,6 +632,27 @@ def test_a_named_plane_that_is_not_touched_changes_no_bit():
 def test_bad_contacts_are_refused(make, words):
     with pytest.raises(ContactError, match=words):
         make()
+
+
+def test_a_motion_that_ends_in_nan_names_its_contact():
+    with pytest.raises(SimulationError, match="RigidContact 'floor': what the function motion returned at t = 0"):
+        dropped(floor(motion=lambda t: (0, 0, np.nan if 0.0055 < t < 0.5 else 0.0)), BackwardEuler(1e-3))
+
+
+def test_modes_count_the_points_that_touch_and_no_friction():
+    mesh, top = box((1.0, 1.0, 1.0), (2, 2, 2)), {TOP: "xyz"}
+    deep, rub = RigidPlane((0, 0, 0.01), (0, 0, 1)), Friction(0.3, slip_length=1e-3)
+    alone = modes(System(mesh, LAW, top), 4).frequencies
+    bedded = modes(System(mesh, [LAW, RigidContact(deep, BOTTOM, 1e3, rub)], top), 4).frequencies
+    apart = modes(System(mesh, [LAW, RigidContact(RigidPlane((0, 0, -0.01), (0, 0, 1)), BOTTOM)], top), 4).frequencies
+    smooth = modes(System(mesh, [LAW, RigidContact(deep, BOTTOM, 1e3)], top), 4).frequencies
+    assert np.array_equal(apart, alone) and np.array_equal(bedded, smooth) and bedded[0] > 1.01 * alone[0]
+
+
+def test_a_static_body_without_loads_stays_where_a_contact_does_not_touch():
+    mesh = box((1.0, 1.0, 1.0), (2, 2, 2))
+    result = solve_static(System(mesh, [LAW, RigidContact(RigidPlane((0, 0, -1), (0, 0, 1)))], {TOP: "xyz"}), quiet=True)
+    assert result.success and not result.u.any() and not result.contact("contact").force.any()
 
 
 def test_reduced_bodies_refuse_contacts():

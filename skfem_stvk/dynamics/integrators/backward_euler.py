@@ -198,9 +198,9 @@ class LinearStepper(ImplicitStepper):
         system = self.motion.system
         if system.working_contacts:
             set_time(system.bound_terms, moment)
-            self.problem.store_internal_force(state.u)  # without the friction of the previous step
             for contact in system.working_contacts:
                 contact.predict((state.u + predicted).reshape(-1, system.mesh.d))
+            self.problem.store_internal_force(state.u)  # with the force per slip of this step, times the slip of the moved shape
 
     def predicted(self, state: MotionState, t: float) -> Array:
         """Return the prediction with the acceleration of the previous step, which saves a fifth of the iterations."""

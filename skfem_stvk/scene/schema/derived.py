@@ -11,6 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_
 from pydantic import Field, create_model
 
 from ...arguments import Quantity
+from ...terms.friction import Friction
+from ...terms.rigid_shapes import SHAPES
 from .places import PlaceOrName, Region, Simplices
 from .quantities import Components, Name, Part, bare, is_union, key
 
@@ -34,6 +36,10 @@ class Derived(Part):
 
     library: ClassVar[Any]
 
+    def made(self) -> Any:
+        """Return the object of the library with the values of the keys."""
+        return self.library(**{name: value for name, value in self if name not in ("type", "model")})
+
 
 def derived(
     tag: str, kind: str, library: Any, base: type[Derived] = Derived, keys: Mapping[str, tuple[Any, Any]] | None = None
@@ -43,7 +49,7 @@ def derived(
     Parameters
     ----------
     tag, kind
-        The key that distinguishes this table from others, and its value: "type", "gravity".
+        The key that distinguishes this table from others, and its value: "type", "gravity". A table that stands alone has none: "".
     base
         Class with the methods of the table.
     keys
@@ -52,7 +58,7 @@ def derived(
     name = "".join(word.capitalize() for word in kind.split("-")) + base.__name__.removeprefix("Any")
     keys = keys_of(library) if keys is None else keys
     model: Any = create_model(  # type: ignore[call-overload]
-        name, __base__=base, __module__=__name__, **{tag: (Literal[kind], ...)}, **keys
+        name, __base__=base, __module__=__name__, **({tag: (Literal[kind], ...)} if tag else {}), **keys
     )
     model.__doc__, model.library = " ".join((getdoc(library) or "").split("\n\n")[0].split()), library
     return model
@@ -105,3 +111,15 @@ def type_of(name: str, annotation: Any, quantity: Quantity) -> tuple[Any, Mappin
     if entries[-1] is ...:
         return list[entry], {"min_length": 1}  # type: ignore[valid-type]
     return Annotated[list[entry], Field(min_length=len(entries), max_length=len(entries))], {}  # type: ignore[valid-type]
+
+
+class AnyShape(Derived):
+    """A rigid shape, whose parameters are the keys."""
+
+
+#: Tables within those of terms, by the name of their key.
+PARTS: dict[str, list[Any]] = {
+    "shape": [derived("type", kind, shape, AnyShape) for kind, shape in SHAPES.items()],
+    "friction": [derived("", "friction", Friction)],
+}
+TYPES |= {"shape": one_of(PARTS["shape"], "type"), "friction": PARTS["friction"][0]}

@@ -98,7 +98,7 @@ class SceneTables(Part):
     mesh: Annotated[Mesh, key("The mesh: a file, or one that is generated.")]
     places: Annotated[dict[Name, Place], key("Places by name, in addition to the boundaries and node sets of the mesh.")] = {}
     materials: Annotated[dict[Name, Any], key("Materials by name.")] = {}
-    terms: Annotated[list[Any], key("Laws, loads and foundations of the body.")]
+    terms: Annotated[list[Any], key("Laws, loads, foundations and contacts of the body.")]
     fixed: Annotated[
         dict[Name, Annotated[str, Field(pattern="^[xyz]+$")]], key("Constrained components, by name of the place.")
     ] = {}

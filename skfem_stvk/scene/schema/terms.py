@@ -15,18 +15,12 @@ from ...mesh import ElementMesh
 from ...mesh.locations import Where
 from ...terms.elastic_law import ElasticLaw
 from ...terms.times import Ramp, Sine, Table
-from .derived import KEYS, Derived, derived, keys_of, one_of
+from .derived import KEYS, PARTS, Derived, derived, keys_of, one_of
 from .quantities import key
 
 
 class AnyModel(Derived):
     """A material of the library, whose constants are the keys."""
-
-    def material(self) -> materials.Material:
-        """Return the material of the library."""
-        constants = {name: value for name, value in self if name != "model"}
-        made: materials.Material = self.library(**constants)
-        return made
 
 
 @cache
@@ -109,6 +103,7 @@ class AnyTerm(Derived):
             "region": known.region,
             "on": lambda where: by_name(where) if isinstance(where, str) else known.place(where),
             "simplices": in_columns,
+            **dict.fromkeys(PARTS, lambda part: part.made()),
             given_by(self.library): lambda value: in_time(value, getattr(self, "time", None)),
         }
         given = {}
