@@ -27,10 +27,11 @@ from ..results.table import find
 from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
-from ..terms import TERMS, Body, RigidContact, is_load
+from ..terms import TERMS, Body, MeshContact, RigidContact, is_load
 from .complaints import Complaints
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
+from .schema.derived import SURFACES
 from .schema.places import BoxPlace, where_of
 from .schema.sections import Expectation, Prescribed
 from .schema.terms import given_by, in_elements, in_time
@@ -55,6 +56,8 @@ RESULTS = {
     "dynamic": ("time", *(f"energy.{name}" for name in ENERGIES), "energy_gained", "blow_ups", *_LAST),
     "modes": ("modes.rigid", "modes.unstable"),
 }
+#: Terms with forces where surfaces touch.
+CONTACTS = RigidContact, MeshContact
 #: Results that need an energy of each term.
 OF_ENERGY = "energy.strain", "energy.total"
 #: Results with several values.
@@ -84,6 +87,11 @@ class Names:
                 hint = " It is a region of elements." if where in self.mesh.subdomains else ""
                 raise RegionError(f"there is no place {shown(where)}; {name_known(where, {*places, *marked})}{hint}")
         return where_of(where)
+
+    def surface(self, where: Any) -> Where:
+        """Return a place, or the name of a region of the mesh, which means its part of the surface."""
+        region = isinstance(where, str) and where in self.mesh.subdomains and where not in self.sections.places
+        return where if region and where not in self.mesh.boundaries else self.place(where)
 
     def region(self, region: Any) -> Any:
         """Return a region as terms take it: the name of a subdomain, or listed elements, or those with their centres in a box."""
@@ -327,7 +335,7 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
 
 def contacts_of(sections: SceneTables) -> dict[int, str]:
     """Return the names of the contacts, by their number among the terms."""
-    return {number: term.name for number, term in enumerate(sections.terms) if TERMS.get(term.type) is RigidContact}
+    return {number: term.name for number, term in enumerate(sections.terms) if TERMS.get(term.type) in CONTACTS}
 
 
 def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict[tuple[str, ...], Expectation]:
@@ -486,6 +494,12 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
         with complaints.at("terms", number, "on"):
             vertices_at(mesh, names.place(term.on), "on")
             fits["on"] = True
+    for name in SURFACES:
+        if getattr(term, name, None) is not None:
+            fits[name] = False
+            with complaints.at("terms", number, name):
+                names.region(getattr(term, name)) if in_elements(term.library, mesh) else names.surface(getattr(term, name))
+                fits[name] = True
     name = given_by(term.library)
     given = getattr(term, name, None)
     if given is None and getattr(term, "time", None) is not None:
@@ -509,7 +523,7 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -
         body = Body(mesh, [term for term in terms if not is_load(term)])
         for number, term in enumerate(terms):
             try:
-                term.bind(body) if is_load(term) or isinstance(term, RigidContact) else System(mesh, term)
+                term.bind(body) if is_load(term) or isinstance(term, CONTACTS) else System(mesh, term)
             except StvkError as error:
                 complaints.add(("terms", number), str(error))
                 found = True

@@ -20,7 +20,7 @@ from ..mesh.locations import Box, DofsView, NearestNode, Plane, describe, vertic
 from ..system import System
 from ..system.supports import fixed_dofs
 from ..terms import EdgeNetwork, Ramp, Sine, Table
-from .schema.derived import KEYS, PARTS
+from .schema.derived import KEYS, PARTS, SURFACES
 from .schema.quantities import bare, literals, members
 from .schema.terms import given_by, in_elements, material_tables, term_tables
 
@@ -139,7 +139,9 @@ class SceneNames:
             return {name: self.simplices(value)}
         if name in PARTS:
             return {name: self._table(_model(PARTS[name], value, name), value)}
-        if name == "on":
+        if name == "on" or name in SURFACES:
+            if name in SURFACES and isinstance(value, str) and value in self.mesh.subdomains:
+                return {name: value}
             return {name: self._marked_elements(value) if in_elements(model.library, self.mesh) else self.place(value)}
         if name == given_by(model.library):
             value, time = in_time(value, name, *self._shapes(model, name))

@@ -60,6 +60,7 @@ TERMS: dict[str, Any] = {
     "volume-penalty": VolumePenalty,
     "elastic-foundation": ElasticFoundation,
     "rigid-contact": RigidContact,
+    "mesh-contact": MeshContact,
     "gravity": Gravity,
     "body-force": BodyForce,
     "nodal-load": NodalLoad,

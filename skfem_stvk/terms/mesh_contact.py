@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array, Quantity, number, own, shown, text
+from ..arguments import Array, Quantity, Specification, number, own, shown, text
 from ..edges import ALL, NodeBlocks, Tensions
-from ..errors import ContactError, name_ids
+from ..errors import ContactError, StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.diagnostics import parts
 from ..mesh.locations import Where
@@ -32,7 +32,7 @@ UNUSED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class MeshContact:
+class MeshContact(Specification):
     """Contact of two surfaces of a mesh, or of a surface with itself: a barrier at small distances, which nothing passes.
 
     ::
@@ -84,6 +84,8 @@ class MeshContact:
     (True, True)
     """
 
+    error: ClassVar[type[StvkError]] = ContactError
+    on_elements: ClassVar[bool] = True
     per_element: ClassVar[bool] = False
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
@@ -94,7 +96,7 @@ class MeshContact:
     stiffness: Annotated[float | None, Quantity("stress", "Stiffness of the barrier; by default Young's modulus.", gt=0)] = field(
         default=None, kw_only=True
     )
-    friction: Friction | None = field(default=None, kw_only=True)
+    friction: Annotated[Friction | None, Quantity(None, "Friction between the surfaces.")] = field(default=None, kw_only=True)
     name: Annotated[str, Quantity(None, "Name in results and messages.")] = field(default="contact", kw_only=True)
 
     def __post_init__(self) -> None:

@@ -59,7 +59,7 @@ class Wells:
     entries count.
     """
 
-    iterative, quartic, symmetric = False, True, True
+    iterative, quartic, symmetric, has_barrier = False, True, True, False
     states, space = WithGhosts(), Unknown()
 
     def __init__(self, spring=1.0, well=0.5):

@@ -202,7 +202,7 @@ CASES = [
         (
             "scene.toml: terms[1].type, line 23: 'gravitation' is not known here; did you mean 'gravity'? Known: stvk, "
             "neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, "
-            "elastic-foundation, rigid-contact, gravity, body-force, nodal-load, traction, pressure."
+            "elastic-foundation, rigid-contact, mesh-contact, gravity, body-force, nodal-load, traction, pressure."
         ),
     ),
     Broken(
@@ -211,7 +211,7 @@ CASES = [
         (
             "scene.toml: terms[2].tipe, line 27: unknown key; did you mean 'type'? It selects the kind: one of stvk, "
             "neo-hookean, linear-elastic, corotated, invertible-stvk, spring-network, edge-network, volume-penalty, "
-            "elastic-foundation, rigid-contact, gravity, body-force, nodal-load, traction, pressure"
+            "elastic-foundation, rigid-contact, mesh-contact, gravity, body-force, nodal-load, traction, pressure"
         ),
     ),
     Broken(

@@ -21,6 +21,7 @@ from skfem_stvk import (
     InvertibleStVK,
     Isotropic,
     LinearElastic,
+    MeshContact,
     NearestNode,
     NeoHookean,
     NodalLoad,
@@ -160,6 +161,9 @@ LOADS = {
     ),
     "box": (FLAT, RigidContact(RigidBox((0, 0), (0.2, 0.3), 0.05), lambda x: x[0] < 0.1, motion=(1 / 30, 0))),
     "some of a membrane": (SHEET, RigidContact(RigidPlane((0, 0, 0.1), (0, 0, 1)), [1, 4], motion=Sine((0, 0, 0.1), 2.0))),
+    "touching itself": (SOLID, MeshContact(None, distance=0.01, friction=Friction(0.3, slip_length=1 / 3))),
+    "two surfaces": (BOXES, MeshContact("left", "right", distance=0.01, stiffness=1 / 7, name="ends")),
+    "elements of a membrane": (SHEET, MeshContact([1], [4], distance=0.01, stiffness=1 / 7)),
     "foundation alike": (BOXES, ElasticFoundation(Plane((0, 0, 0), (0, 0, 1), within=0.03), 1 / 3)),
 }
 

@@ -18,9 +18,13 @@ from .quantities import Components, Name, Part, bare, is_union, key
 
 #: Names of keys, by the names of their parameters that differ.
 KEYS = {"where": "on"}
+#: Keys of terms that hold a place, or the name of a region, which means its part of the surface.
+SURFACES = "first", "second"
 #: Types of keys whose parameters have a wider type, by the name of the parameter.
 TYPES: dict[str, Any] = {
     "where": PlaceOrName,
+    "first": PlaceOrName,
+    "second": PlaceOrName,
     "region": Region,
     "simplices": Simplices,
     "material": Name,

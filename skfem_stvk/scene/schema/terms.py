@@ -15,7 +15,7 @@ from ...mesh import ElementMesh
 from ...mesh.locations import Where
 from ...terms.elastic_law import ElasticLaw
 from ...terms.times import Ramp, Sine, Table
-from .derived import KEYS, PARTS, Derived, derived, keys_of, one_of
+from .derived import KEYS, PARTS, SURFACES, Derived, derived, keys_of, one_of
 from .quantities import key
 
 
@@ -44,6 +44,9 @@ class Known(Protocol):
 
     def place(self, where: Any) -> Where:
         """Return a place as `System` takes it."""
+
+    def surface(self, where: Any) -> Where:
+        """Return a place, or the name of a subdomain, which means its part of the surface."""
 
     def region(self, region: Any) -> Any:
         """Return a region as terms take it."""
@@ -97,11 +100,13 @@ class AnyTerm(Derived):
 
     def given(self, known: Known) -> dict[str, Any]:
         """Return the arguments of the library's term."""
-        by_name = known.region if in_elements(self.library, known.mesh) else known.place
+        on_elements = in_elements(self.library, known.mesh)
+        by_name, surface = (known.region, known.region) if on_elements else (known.place, known.surface)
         looked_up = {
             "material": known.material,
             "region": known.region,
             "on": lambda where: by_name(where) if isinstance(where, str) else known.place(where),
+            **dict.fromkeys(SURFACES, lambda where: surface(where) if isinstance(where, str) else known.place(where)),
             "simplices": in_columns,
             **dict.fromkeys(PARTS, lambda part: part.made()),
             given_by(self.library): lambda value: in_time(value, getattr(self, "time", None)),
