@@ -250,6 +250,13 @@ def test_ex30_bounce():
     assert example.energies["contact"].max() > 0.02 * example.energies["motion"][0]
 
 
+def test_ex31_grip():
+    example = run("ex31_grip")
+    slipped = 0.02 - example.height
+    assert 0 < slipped < 0.02 * 0.12 and example.grip > example.weight
+    assert all(0 < example.run.contact(side).gap.min() < 5e-4 for side in ("left", "right"))
+
+
 def test_every_example_has_a_test_and_a_picture():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}
