@@ -155,6 +155,9 @@ class PairBlocks:
         """Return the vertices (m,) and their blocks (m, d, d), if the blocks couple each vertex with itself alone; else None."""
         return None
 
+    def move_to(self, first: PairBlocks, blocks: Array, of_first: Array) -> None:
+        """Move the blocks of pairs that `first` has, too, to `of_first`, its blocks; if all are, `of_vertices` has the rest."""
+
     def zeroed(self, blocks: Array) -> NodeBlocks:
         """Set the `blocks` to zero and return views into them, to which a term adds."""
         blocks[:] = 0
@@ -214,6 +217,8 @@ class GeneralBlocks(PairBlocks):
         self._nodes = np.arange(len(own.vertices)) if nodes is None else np.searchsorted(own.vertices, nodes)
         a, b = edges.edges.T
         self._row, self._column = np.concatenate([a, b, self._nodes]), np.concatenate([b, a, self._nodes])
+        self._moved_to: PairBlocks | None = None
+        self._places: tuple[NDArray[np.intp], NDArray[np.bool_]] | None = None
 
     @property
     def size(self) -> int:
@@ -224,13 +229,43 @@ class GeneralBlocks(PairBlocks):
         return None
 
     def of_vertices(self, blocks: Array) -> tuple[NDArray[np.int32], Array] | None:
-        alone = self._symmetric and not self._balanced and not self._edges.total
+        alone = self._symmetric and not self._balanced and (self._places is not None or not self._edges.total)
         return (self.own.vertices[self._nodes], self._views(blocks)[2]) if alone else None
 
     def zeroed(self, blocks: Array) -> NodeBlocks:
         blocks[:] = 0
         pairs, reverse, own = self._views(blocks)
         return NodeBlocks(pairs, None if self._symmetric else reverse, None if self._balanced else own)
+
+    def move_to(self, first: PairBlocks, blocks: Array, of_first: Array) -> None:
+        if not self._symmetric or self._balanced or not self._edges.total:
+            return
+        if self._moved_to is not first:
+            self._moved_to, self._places = first, self._places_in(first)
+        if self._places is None:
+            return
+        (places, turned), (pairs, reverse, own) = self._places, self._views(blocks)
+        if not pairs.any():
+            return
+        into = of_first[: first.size].reshape(-1, 3, 3)[:, : self.d, : self.d]
+        into[places] += np.where(turned[:, None, None], reverse, pairs)
+        others = 2 * self._edges.total  # rows of `first` sum to zero, so these blocks also enter its diagonal, with the other sign
+        sums = self._to_rows[:, :others] @ blocks[: others * self.d**2].reshape(others, -1)
+        own += sums[self._nodes].reshape(own.shape)
+        pairs[:] = reverse[:] = 0
+
+    def _places_in(self, first: PairBlocks) -> tuple[NDArray[np.intp], NDArray[np.bool_]] | None:
+        """Return indices (n,) of the pairs among those of `first`, and whether their order is the other one; None if some miss."""
+        if first.edges is None:
+            return None
+        own, all_edges = self.own.vertices[self._edges.edges].astype(np.int64), first.own.vertices[first.edges].astype(np.int64)
+        count = int(first.own.vertices.max()) + 1
+        keys, wanted = (edges.min(axis=1) * count + edges.max(axis=1) for edges in (all_edges, own))
+        order = np.argsort(keys)
+        places = order[np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)]
+        if (own >= count).any() or not np.array_equal(keys[places], wanted):
+            return None
+        return places, all_edges[places, 0] != own[:, 0]
 
     def complete(self, blocks: Array) -> None:
         pairs, reverse, own = self._views(blocks)
@@ -460,9 +495,13 @@ def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
     return AccumulatedTerm(term, nv, d, dtype)
 
 
-def couples_single_nodes(term: Any) -> bool:
-    """Return whether a term couples each node with itself alone, with symmetric blocks: products with K then need no matrix."""
-    return bool(term.symmetric and not term.nodes_paired.size and not hasattr(term, "look"))
+def couples_pairs_of(first: Any, term: Any) -> bool:
+    """Return whether a term couples no other nodes than `first`, with symmetric blocks: products with K then need no matrix."""
+    if not term.symmetric or hasattr(term, "look"):
+        return False
+    pairs, known = (one.nodes_paired.astype(np.int64) for one in (term, first))
+    count = max(pairs.max(initial=0), known.max(initial=0)) + 1
+    return not pairs.size or (not term.balanced and bool(np.isin(pairs[0] * count + pairs[1], known[0] * count + known[1]).all()))
 
 
 def joined(term: Any) -> NDArray[np.int32]:

@@ -72,6 +72,8 @@ class TangentOperator(LinearOperator):
             self._pairs[i] = term.pairs
             energy += part
             refuse_overflow(self._blocks[i], "K", x)
+            if i:
+                term.pairs.move_to(self._pairs[0], self._blocks[i], self._blocks[0])
         np.copyto(self._u, x)
         return energy
 
@@ -141,7 +143,7 @@ class TangentOperator(LinearOperator):
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """Return the blocks without a copy, for solvers with products of their own.
 
-        Return None unless the operator consists of one term on elements, and of terms with blocks of single vertices. A divided
+        Return None unless the operator consists of one term on elements, and of terms that couple no other vertices. A divided
         body must be in space, and have one term.
 
         Errors as in `diagonal_blocks`.
@@ -161,11 +163,13 @@ class TangentOperator(LinearOperator):
         if len(self._terms) == 1:
             return NO_ROWS, NO_BLOCKS
         d, rows, every = self._mesh.d, [NO_ROWS], [NO_BLOCKS]
+        row_of = np.full(len(self._u), -1)
+        row_of[vertices] = np.arange(len(vertices))
         for pairs, blocks in zip(self._pairs[1:], self._blocks[1:], strict=True):
             found = pairs.of_vertices(blocks)
-            row = None if found is None else np.searchsorted(vertices, found[0])
-            if found is None or row is None or not np.array_equal(vertices[np.minimum(row, len(vertices) - 1)], found[0]):
+            if found is None or (row_of[found[0]] < 0).any():
                 return None
+            row = row_of[found[0]]
             touching = found[1].any(axis=(1, 2))
             nine = np.zeros((np.count_nonzero(touching), 3, 3))
             nine[:, :d, :d] = found[1][touching]

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import scipy.sparse.linalg
+import skfem
 from bodies import BODIES, MESHES, state
 
 from skfem_stvk import ElasticFoundation, RigidContact, RigidPlane, StateError, StVK, System
 from skfem_stvk.edges import ALL, NONE, TENSILE
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.errors import StvkError
+from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.system import FreeOperator, TangentOperator
 
 TERM = StVK(young=2.0, poisson=0.3)
@@ -397,6 +399,32 @@ def test_the_blocks_by_edges_are_the_same_matrix(touching):
     found[vertices] = product
     wanted = operator @ v[held.free]
     assert np.abs(found.ravel()[held.free] + shift * v[held.free] - wanted).max() < 1e-13 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize(
+    "mesh", [SOLID.mesh.with_degree(2), ElementMesh.of(skfem.MeshHex().refined(1))], ids=["quadratic tetrahedra", "hexahedra"]
+)
+def test_pairs_that_the_first_term_has_are_added_to_its_blocks(mesh):
+    """Contact and foundations on facets with points between their nodes couple pairs of the body."""
+    middle = mesh.p.mean(axis=1)
+    law, contact = StVK(young=2.0, poisson=0.3), RigidContact(RigidPlane(middle, (1, 2, 3)), stiffness=30.0)
+    body = System(mesh, [law, contact, ElasticFoundation(lambda x: x[0] == x[0].min(), 5.0)])
+    u, v = 0.02 * np.random.default_rng(0).normal(size=(2, body.ndofs))
+    K, operator = body.tangent(u), body.linear_operator(u)
+    assert np.abs(operator @ v - K @ v).max() < 1e-14 * np.abs(K @ v).max() + 1e-15
+    first = 3 * np.arange(len(u) // 3)[:, None] + np.arange(3)
+    diagonal = np.array([K[rows][:, rows].toarray() for rows in first])
+    assert np.abs(operator.diagonal_blocks() - diagonal).max() < 1e-14 * np.abs(diagonal).max()
+    edges, blocks, vertices, _, grounded, ground, _ = operator.by_edges()
+    x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
+    for (a, b), block in zip(edges, blocks.reshape(-1, 3, 3), strict=True):
+        product[a] += block @ (x[b] - x[a])
+        product[b] += block.T @ (x[a] - x[b])
+    for a, block in zip(grounded, ground.reshape(-1, 3, 3), strict=True):
+        product[a] += block @ x[a]
+    assert np.abs(product - (K @ v).reshape(-1, 3)[vertices]).max() < 1e-13 * np.abs(K @ v).max()
+    operator.prepare(u)
+    assert np.abs(operator @ v - K @ v).max() < 1e-14 * np.abs(K @ v).max() + 1e-15  # nothing is added twice
 
 
 def test_several_terms_have_no_common_edges():

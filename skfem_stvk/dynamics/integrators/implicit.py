@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from ...arguments import Array, choice, number
-from ...edges.pairs import couples_single_nodes
+from ...edges.pairs import couples_pairs_of
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...linear.dense import DenseSolver
@@ -74,7 +74,8 @@ class Implicit(Integrator):
             what = f"mass = 'consistent' with solver = '{solver.name}'"
             refuse_divided(motion.system.space, what, "'lumped', or solver='petsc'", "a consistent mass requires a matrix.")
         own = solver if isinstance(solver, BlockJacobiCg) else SsorCg()
-        several = isinstance(solver, SsorCg) and not all(map(couples_single_nodes, motion.system.bound_terms[1:]))
+        first, *others = motion.system.bound_terms
+        several = isinstance(solver, SsorCg) and not all(couples_pairs_of(first, term) for term in others)
         return replace(own, assembled=True) if several or motion.mass.kind == "consistent" else solver
 
     def _named(self, system: System, kind: Kind) -> str | LinearSolver:
