@@ -100,10 +100,10 @@ def newton(problem: Problem, u: Array, t: Time, options: NewtonOptions) -> tuple
     `u` must satisfy the prescribed displacements at `t`.
 
     With `full_first`, the method first tries full steps of the exact tangent. Slender bodies bend in a third of the iterations this
-    way. A full step stretches them first, and a line search does not allow that. With a barrier between surfaces, full steps are
-    left out: they jump into each other, where the search for collisions takes 40 times as long. The result of the full steps is accepted if it
-    meets three conditions. It is a stable equilibrium. It has at most `most_inside_out` inverted elements. No element would become
-    flat on the straight line from `u` to the result.
+    way. A full step stretches them first, and a line search does not allow that. With a barrier between surfaces full steps are
+    left out: they jump into each other, where the search for collisions takes 40 times as long. The result of the full steps is
+    accepted if it meets three conditions. It is a stable equilibrium. It has at most `most_inside_out` inverted elements. No
+    element would become flat on the straight line from `u` to the result.
 
     Otherwise the method restarts from `u` with the line search. The line search is exact where W is a quartic along any line and
     loads are dead. If the exact tangent gives no direction of descent, a positive definite tangent replaces it. Steps end before

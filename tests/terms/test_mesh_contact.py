@@ -285,14 +285,48 @@ def test_friction_is_at_most_coulombs_and_acts_against_the_slip():
             slip * rub[upper(system), 0].sum()
         )
     direction = np.random.default_rng(5).normal(size=moved.size) * 1e-2
-    term.look(moved)
     other = System(system.mesh, system.terms)
     other._replace_bound([other.bound_terms[0], term], [])
-    K = other.tangent(moved.ravel()).toarray() - System(system.mesh, [LAW, MeshContact("lower", "upper", distance=1e-9)]).tangent(
-        moved.ravel()
-    )
-    change = slope(lambda s: force_of(term, moved.ravel() + s * direction), 1e-6)
-    assert np.abs(K @ direction - change).max() < 1e-4 * np.abs(change).max()
+    elastic = System(system.mesh, [LAW, MeshContact("lower", "upper", distance=1e-9)])
+
+    def check():
+        K = (other.tangent(moved.ravel()) - elastic.tangent(moved.ravel())) @ direction
+        change = slope(lambda s: force_of(term, moved.ravel() + s * direction), 1e-6)
+        assert np.abs(K - change).max() < 1e-4 * np.abs(change).max()
+
+    check()
+    term.commit(moved, 1.0)
+    term.at(2.0)
+    moved[upper(system), 1] += 2e-5
+    check()
+
+
+def test_friction_has_the_width_of_its_step_and_the_start_of_its_analysis():
+    system, _ = pair(friction=Friction(0.4, slip_speed=0.1))
+    u, _ = deformed(system, 0.0)
+    moved = by_node(u).copy()
+    moved[upper(system), 0] += 1e-4
+    one = system.bound_terms[1].with_new_history(in_time=True)
+    one.commit(by_node(u), 0.0)
+    found = []
+    for t in (1e-3, 4e-3):  # widths of .1 and .4 mm
+        one.at(t)
+        one.look(moved)
+        found.append((by_node(force_of(one, moved))[upper(system), 0].sum(), one._blocks_at(moved, False)[1].copy()))
+    assert found[1][0] == pytest.approx(found[0][0] * 0.4375, rel=2e-3) and not np.array_equal(found[0][1], found[1][1])
+    with_mean = []
+    for states in (None, (by_node(u), moved)):
+        one.assumed = states
+        with_mean.append(one._stiffness_at(tuple(one._moved(state) for state in states or (moved,)), False))
+    without = pair()[0].bound_terms[1]
+    smooth = [
+        without._stiffness_at(tuple(without._moved(state) for state in states), False) for states in ((moved,), (by_node(u), moved))
+    ]
+    twice, once = with_mean[1] - smooth[1], with_mean[0] - smooth[0]
+    assert abs(twice - 2 * once).max() < 1e-9 * abs(once).max() and abs(once).max() > 0  # the equation has twice the mean force
+    again = one.with_new_history(in_time=True)
+    again.at(1e-3)
+    assert again.work(by_node(u), moved) == (0.0, 0.0) and len(again.history) == 2
 
 
 @pytest.mark.parametrize("friction", [None, Friction(0.3, slip_speed=0.05)])
@@ -396,6 +430,19 @@ def test_removed_elements_take_their_facets_with_them():
     torn = system.without(system.mesh.elements("upper")[: len(system.mesh.elements("upper")) // 2])
     whole, rest = (one.bound_terms[1].energy_and_force(by_node(u)) for one in (system, torn))
     assert 0 < rest < whole and np.isfinite(torn.tangent(u).data).all()
+
+
+def test_a_contact_with_friction_has_the_positions_of_the_remaining_nodes():
+    system, _ = pair(friction=Friction(0.4, slip_length=1e-4))
+    term, (u, v) = system.bound_terms[1].with_new_history(in_time=False), deformed(system)
+    term.commit(by_node(u), 0.0)
+    removed = np.zeros(system.mesh.nt, dtype=bool)
+    removed[system.mesh.elements("upper")[:40]] = True
+    rest = term.without(removed)
+    rest.at(1.0)
+    assert len(rest._start) == len(rest._nodes) < len(term._nodes) and np.array_equal(rest._start, rest._moved(by_node(u)))
+    assert np.isfinite(force_of(rest, u + 1e-5 * v)).all()
+    rest.history = rest.history
 
 
 # Bad input
