@@ -10,6 +10,7 @@ from rich.console import Console
 from skfem_stvk.terminal import WIDTH
 
 from ..statics.study import Study
+from .hard import hard
 from .hertz import hertz, stiffness
 from .motions import bar, bounce, slope
 from .pairs import collision, pair
@@ -25,6 +26,7 @@ STUDIES: dict[str, Callable[[bool], Study]] = {
     "bounce": bounce,
     "pair": pair,
     "collision": collision,
+    "hard": hard,
 }
 
 
