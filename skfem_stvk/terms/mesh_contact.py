@@ -295,6 +295,7 @@ class BoundMeshContact:
     def _sorted_blocks(self, K: csr_matrix) -> tuple[NDArray[np.int64], Array]:
         """Return numbers (n,) of the pairs of nodes of a symmetric matrix, ascending, and their blocks (n, 3, 3)."""
         blocks = K.T.tobsr((3, 3))
+        blocks.sort_indices()  # SciPy lists blocks by their first entry, and K has no entries that are zero
         row = np.repeat(self._nodes, np.diff(blocks.indptr))
         column = self._nodes[blocks.indices]
         upper = row < column

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from skfem_stvk.terms.mesh_contact import BoundMeshContact
 from skfem_stvk.terms.rigid_contact import BoundRigidContact
 from validation import contact
-from validation.contact import hertz, motions, pressed
+from validation.contact import hertz, motions, pairs, pressed
 from validation.contact.check import Check, study_of
 from validation.contact.studies import STUDIES, run
 
@@ -31,7 +32,7 @@ def test_every_name_has_a_study():
     assert tuple(STUDIES) == contact.NAMES
 
 
-@pytest.mark.parametrize("name", [name for name in contact.NAMES if name != contact.WHOLE_ONLY])
+@pytest.mark.parametrize("name", [name for name in contact.NAMES if name not in contact.WHOLE_ONLY])
 def test_the_quick_study_holds(name, gmsh):
     study = STUDIES[name](True)
     assert study.passed and len(study.rows) > 2, study.failures
@@ -81,7 +82,7 @@ def test_a_soft_wall_and_a_heavy_bar_are_detected(changed, monkeypatch):
     assert abs(next(motions.impact(1.0)).error) > 0.03
 
 
-@pytest.mark.parametrize("study", ["bar", "bounce"])
+@pytest.mark.parametrize("study", ["bar", "bounce", "collision"])
 def test_the_force_at_the_end_of_a_step_loses_energy(monkeypatch, study):
     def end(self, u0, u1, weights, theta, force):
         before = force.copy()
@@ -89,9 +90,30 @@ def test_the_force_at_the_end_of_a_step_loses_energy(monkeypatch, study):
         force[:] = before + sum(weights) * (force - before)
         return 0.0
 
-    monkeypatch.setattr(BoundRigidContact, "mean_force", end)
+    for bound in (BoundRigidContact, BoundMeshContact):
+        monkeypatch.setattr(bound, "mean_force", end)
     monkeypatch.setattr(motions, "ELEMENTS", 20)
-    assert any("lost energy" in failure for failure in STUDIES[study](True).failures)
+    failures = STUDIES[study](True).failures
+    assert any("lost energy" in failure for failure in failures)
+    assert study != "collision" or any("ratio of the two" in failure for failure in failures)
+
+
+def test_a_force_without_a_reaction_changes_the_momentum(monkeypatch):
+    right = BoundMeshContact.mean_force
+
+    def unbalanced(self, u0, u1, weights, theta, force):
+        before = force.copy()
+        right(self, u0, u1, weights, theta, force)
+        force[self.nodes[0]] += 1e-6 * (force - before).max()
+        return 0.0
+
+    monkeypatch.setattr(BoundMeshContact, "mean_force", unbalanced)
+    assert any("linear momentum" in failure for failure in pairs.collision(True).failures)
+
+
+def test_a_thick_barrier_changes_the_stress_off_the_side_faces(monkeypatch):
+    monkeypatch.setattr(pairs, "THIN", 10 * pairs.THIN)
+    assert any("stress in the lower block" in failure for failure in pairs.pair(True).failures)
 
 
 def test_a_number_that_is_not_expected_fails_the_command(monkeypatch, capsys):

@@ -10,8 +10,10 @@ from rich.console import Console
 from skfem_stvk.terminal import WIDTH
 
 from ..statics.study import Study
+from .hard import hard
 from .hertz import hertz, stiffness
 from .motions import bar, bounce, slope
+from .pairs import collision, pair
 from .pressed import capstan, patch
 
 STUDIES: dict[str, Callable[[bool], Study]] = {
@@ -22,6 +24,9 @@ STUDIES: dict[str, Callable[[bool], Study]] = {
     "slope": slope,
     "bar": bar,
     "bounce": bounce,
+    "pair": pair,
+    "collision": collision,
+    "hard": hard,
 }
 
 

@@ -155,6 +155,9 @@ PARTS: dict[str, dict[str, Part]] = {
         "slope": Part(CODE, "Coulomb's law", ANALYTIC, "closed form"),
         "bar": Part(CODE, "the wave equation", ANALYTIC, "closed form"),
         "bounce": Part(CODE, "energy", ANALYTIC, "conservation laws"),
+        "pair": Part(CODE, "a homogeneous state", ANALYTIC, "closed form"),
+        "collision": Part(CODE, "energy and momenta", ANALYTIC, "conservation laws"),
+        "hard": Part(CODE, "no intersection, conserved energy", ANALYTIC, "validation/contact/hard.py", whole_only=True),
     },
     "hard": {
         name: Part(CODE, "tiny steps of Newton or Verlet by scikit-fem, closed forms", OTHER_CODE, "validation/hard")
