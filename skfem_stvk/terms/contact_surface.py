@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, shown
 from ..elements import Element
-from ..errors import ContactError, name_ids
+from ..errors import ContactError, RegionError, name_ids, name_known
 from ..materials import Isotropic
 from ..mesh.facets import facets_of, find_facets
 from ..mesh.locations import Where, describe, facets_at
@@ -37,7 +37,13 @@ def surface_at(body: Body, where: Where | None, label: str, simplices: Any = Non
     if mesh.k == 1 < mesh.d:
         raise ContactError(f"{label}: the mesh has {mesh.kind}, which have no surface; expected solids or membranes.")
     if mesh.k == mesh.d:
-        if isinstance(where, str) and where in mesh.subdomains and where not in mesh.boundaries:
+        marked = {*mesh.boundaries, *mesh.node_sets}
+        if isinstance(where, str) and where not in marked:
+            if where not in mesh.subdomains:
+                raise RegionError(
+                    f"{label}: the mesh has no boundary, node set or subdomain {shown(where)}; "
+                    f"{name_known(where, {*marked, *mesh.subdomains})}"
+                )
             return mesh.surface[:, np.isin(elements_behind(body, None, mesh.surface), mesh.elements(where))], body.facet
         return (mesh.surface if where is None else facets_at(mesh, where, f"{label} on {describe(where)}")), body.facet
     if callable(where):

@@ -462,7 +462,7 @@ def test_a_contact_with_friction_has_the_positions_of_the_remaining_nodes():
 
 
 BAD = {
-    "names no location": ({"first": "lowr"}, "lowr"),
+    "names no location": ({"first": "lowr"}, "no boundary, node set or subdomain 'lowr'; .* Did you mean 'lower'"),
     "common nodes": ({"second": None, "first": "lower", "distance": 1.0}, "distance = 1 m; expected at most"),
     "distance 0": ({"distance": 0.0}, "distance = 0"),
     "stiffness < 0": ({"stiffness": -1.0}, "stiffness = -1"),
