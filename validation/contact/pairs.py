@@ -58,8 +58,8 @@ def pair(quick: bool) -> Study:
         "Patch test: two blocks whose meshes do not match, pressed by a lid",
         f"the stress of all elements at the interface, off the side faces, is the mean to {STRESS_LIMIT:.0%}",
         [check for cells in (CELLS[:1] if quick else CELLS) for check in _stresses(cells)],
-        f"StVK with nu = 0; distance {THIN:g} m, edges from {EDGE / 8:g} to {EDGE / 3:.3g} m; nominal axial stress of the element with "
-        "the largest error, divided by force/area",
+        f"StVK with nu = 0; distance {THIN:g} m, edges from {EDGE / 8:g} to {EDGE / 3:.3g} m; nominal axial stress of the "
+        "element with the largest error, divided by force/area",
         "tangential/normal: resultant of the contact, whose tangential part is zero for matching meshes",
     )
 
@@ -97,7 +97,8 @@ def collision(quick: bool) -> Study:
             Check("a standing block: lost energy/first kinetic energy", _lost(standing.ledger), 0.0, CLOSURE),
             Check("largest energy of the contact/first kinetic energy", float(stored)),
         ],
-        f"StVK with nu = 0.3; EnergyMomentum with dt = {1e3 * STEP:g} ms over {DURATION:g} s; drifts relative to the largest component",
+        f"StVK with nu = 0.3; EnergyMomentum with dt = {1e3 * STEP:g} ms over {DURATION:g} s; drifts in units of the largest "
+        "component",
     )
 
 
