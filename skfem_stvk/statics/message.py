@@ -33,6 +33,7 @@ ADVICE = {
     End.NO_LENGTH: "Does the load push the body away without limit, or depend on the shape? Try more steps, or a smaller load.",
     End.OVERFLOW: "Are units mixed up, or is the load far too large for the stiffness?",
     End.TOO_SHARP: "Try more steps.",
+    End.CONTACT: "Try more steps. If a shape or a support moves, let it move less per step.",
 }
 #: Advice if no state was found for a body without transverse stiffness at rest.
 SLACK = (
