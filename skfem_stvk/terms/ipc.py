@@ -62,6 +62,7 @@ class Barrier:
         self, X: Array, triangles: NDArray[np.int32], patches: NDArray[np.int32] | None, distance: float, stiffness: float
     ) -> None:
         self._toolkit = ipctk = _toolkit()
+        self._made_of = X, triangles, patches, distance, stiffness
         self.distance, self.triangles = distance, triangles
         self.edges = ipctk.edges(triangles)
         self._mesh = ipctk.CollisionMesh(*map(np.asfortranarray, (X, self.edges, triangles)))
@@ -69,6 +70,9 @@ class Barrier:
             self._mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
         self._potential = ipctk.BarrierPotential(distance, stiffness, use_physical_barrier=True)
         self._detection = ipctk.AdditiveCCD(conservative_rescaling=RESCALING)
+
+    def __reduce__(self) -> tuple[type[Barrier], tuple[Any, ...]]:
+        return Barrier, self._made_of  # objects of the toolkit cannot be pickled
 
     def collisions(self, x: Array) -> Collisions:
         """Return the collisions at `x`. They depend on nothing else."""

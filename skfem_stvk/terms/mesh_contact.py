@@ -198,6 +198,10 @@ class BoundMeshContact:
         self._refuse_long_distance()
         self._refuse_bad_start(self._X)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles have: all but results of the last calls, which objects of the toolkit hold."""
+        return vars(self) | dict.fromkeys(("_found", "_last_mean", "_valued", "_rubbing"))
+
     def _set_surface(self, body: Body) -> None:
         """Use the facets of the elements of a body that are not removed."""
         kept = [facets[:, ~body.removed[behind]] for facets, behind in zip(self._facets, self._behind, strict=True)]

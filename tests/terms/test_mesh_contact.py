@@ -1,7 +1,9 @@
 """Contact between surfaces: exact derivatives and works, balances, passing, and the pairs of nodes that follow the body."""
 
+import pickle
 import sys
 import threading
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -230,6 +232,17 @@ def test_in_an_analysis_the_pairs_stay_until_too_many_are_unused():
     for wrong in (np.empty(0), history[:-1], np.append(history, 1.0), np.full(5, np.nan), -history):
         with pytest.raises(ValueError, match="MeshContact 'pair'"):
             term.history = wrong
+
+
+@pytest.mark.parametrize("friction", [None, Friction(0.4, slip_length=1e-4)])
+def test_a_system_with_contact_can_be_pickled_and_copied(friction):
+    system, _ = pair(friction=friction)
+    u, v = deformed(system)
+    system.commit(u, 0.0)
+    moved = u + 1e-5 * v
+    for other in (pickle.loads(pickle.dumps(system)), deepcopy(system)):
+        assert np.array_equal(other.internal_force(moved), system.internal_force(moved))
+        assert np.array_equal(other.tangent(moved).data, system.tangent(moved).data)
 
 
 # Whole analyses
