@@ -251,6 +251,8 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
             "ramp. Prescribe a function of t that starts at u0, or start from an equilibrium: u0=solve_static(...).u."
         )
         raise SupportError(system.units.text(text))
+    if u0 is not None:
+        system.refuse_start(u)
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

@@ -254,6 +254,8 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
     system.elastic_energies(start)  # raises an error on overflow
     set_time(system.bound_terms, t0)
+    if u0 is not None:
+        system.refuse_start(start)
     system.check_held(start)
     return start
 

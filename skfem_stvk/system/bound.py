@@ -264,6 +264,11 @@ class BoundTerms:
         limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts]
         return min(limits, default=(np.inf, ""))
 
+    def refuse_start(self, u: ArrayLike) -> None:
+        """Raise ContactError if surfaces that repel each other intersect at the start `u` (ndofs,), or lie inside each other."""
+        for term in self.contacts:
+            term.refuse_start(self._state(u))
+
     @contextmanager
     def assuming(self, what: Assumption) -> Iterator[None]:
         """Let tangents contain what contacts would add under an assumption, within the block; states are (nv, d)."""

@@ -196,7 +196,7 @@ class BoundMeshContact:
             )
         self._set_surface(body)
         self._refuse_long_distance()
-        self._refuse_bad_start(self._X)
+        self.refuse_start(np.zeros((self._nv, 3)))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles have: all but results of the last calls, which objects of the toolkit hold."""
@@ -233,8 +233,9 @@ class BoundMeshContact:
                 f"surfaces, {lengths.min():.4g} m between nodes {a} and {b}. A tenth of the usual edge is a good choice."
             )
 
-    def _refuse_bad_start(self, x: Array) -> None:
-        """Raise ContactError if surfaces at `x` (m, 3) intersect, or one lies inside the other body."""
+    def refuse_start(self, u: Array) -> None:
+        """Raise ContactError if surfaces at `u` (nv, 3) intersect, or one lies inside the other body."""
+        x = self._moved(u)
         crossing, barrier = self._barrier.intersections(x), self._barrier
         if len(crossing):
             edge, triangle = crossing[0]

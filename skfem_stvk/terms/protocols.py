@@ -261,6 +261,9 @@ class HasContact(Protocol):
     def contact_limit(self, u: Array, v: Array) -> float:
         """Return the largest `s` up to which nothing passes through anything on the way `u + s v`, or infinity."""
 
+    def refuse_start(self, u: Array) -> None:
+        """Raise ContactError if surfaces intersect at `u` (nv, d), or lie inside each other."""
+
     def passes(self, u0: Array, u1: Array) -> bool:
         """Return whether something passes through something on the way from `u0` to `u1` (nv, d) over the present step."""
 

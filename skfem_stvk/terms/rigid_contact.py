@@ -236,6 +236,9 @@ class BoundRigidContact:
         """Return the smallest `s > 0` at which a point is halfway on its way `u + s v` through the resting shape, or infinity."""
         return float(kernels.step_limit(self._surface, self._shape, self._shift, np.zeros(3), u, v))
 
+    def refuse_start(self, u: Array) -> None:
+        """Do nothing: points in a shape are pushed out."""
+
     def passes(self, u0: Array, u1: Array) -> bool:
         """Return whether a point gets halfway through the moving shape, or farther, on the way from `u0` to `u1` (nv, d)."""
         moved = self._shift - self._start_shift

@@ -506,6 +506,20 @@ def test_surfaces_that_intersect_or_lie_inside_another_body_are_refused_with_ids
             System(mesh, [LAW, contact])
 
 
+def test_a_start_with_intersections_is_refused():
+    system, _ = pair(fixed={FLOOR: "xyz", lambda x: x[2] == x[2].max(): "xyz"})
+    u0 = np.zeros((system.mesh.nv, 3))
+    u0[upper(system), 2] = -2 * GAP
+    u0 = u0.ravel()
+    for start in (
+        lambda: solve_static(system, u0=u0, quiet=True),
+        lambda: simulate(system, BackwardEuler(dt=1e-3), until=1e-3, u0=u0, quiet=True),
+        lambda: Simulation(system, BackwardEuler(dt=1e-3), u0=u0),
+    ):
+        with pytest.raises(ContactError, match="edges and triangles intersect at the start"):
+            start()
+
+
 def test_what_pairs_do_not_support_is_refused():
     system, _ = pair(fixed={FLOOR: "xyz"})
     for integrator in (LinearBackwardEuler(dt=1e-3), VelocityVerlet(), VelocityVerlet(dt=1e-6)):
