@@ -94,10 +94,12 @@ def column_names(
     `A x`, `A y`, ...                    displacements of the probe `A` [m]
 
     `reaction B x`, ...                  force of supports and foundations at `B` at this time, see `Run.reaction` [N]
+
+    `contact C x`, ...                   resultant of the contact `C` at this time, see `Run.contact` [N]
     ===================================  ====================================================================================
     """
     axes = "xyz"[: body.mesh.d]
-    terms = body.elastic_names
+    terms, contacts = body.elastic_names, body.contacts if isinstance(body, System) else []
     return (
         "time",
         "kinetic_energy",
@@ -114,6 +116,7 @@ def column_names(
         *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
         *(f"{probe} {axis}" for probe in probes for axis in axes),
         *(f"reaction {location} {axis}" for location in reactions for axis in axes),
+        *(f"contact {contact.name} {axis}" for contact in contacts for axis in axes),
     )
 
 
@@ -259,6 +262,10 @@ class LedgerWriter:
             forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
             for vertices in self._reactions:
                 row += list(mesh.space.total(forces[vertices].sum(axis=0)))
+        for contact in motion.system.contacts:
+            force = np.zeros(mesh.p.T.shape)
+            contact.energy_and_force(by_vertex(mesh, state.u), force)
+            row += list(-force[contact.nodes].sum(axis=0))
         for column in self._without_value:
             row[column] = nan
         self.ledger.append(row)

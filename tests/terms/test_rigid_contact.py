@@ -678,3 +678,18 @@ def test_removed_elements_take_their_facets_with_them():
     assert torn.bound_terms[1].energy_and_force(of_vertices(u)) == pytest.approx(
         body.bound_terms[1].energy_and_force(of_vertices(u)) / 2
     )
+
+
+def test_the_ledger_has_the_resultants_of_contacts_with_which_momentum_balances():
+    mesh = box((0.1, 0.1, 0.1), (2, 2, 2))
+    law, dt, g = NeoHookean(young=3e4, poisson=0.4, density=1000.0), 1e-3, np.array([0.3, 0.0, -9.81])
+    floor = RigidContact(RigidPlane((0, 0, -0.001), (0, 0.1, 1)), friction=Friction(0.3, slip_speed=0.1), name="floor")
+    body = System(mesh, [law, Gravity(g), floor])
+    run = simulate(body, BackwardEuler(dt=dt, rtol=1e-12), until=0.03, v0=np.tile([0.2, 0, -0.5], mesh.nv), quiet=True)
+    ledger = run.ledger
+    for axis, component in zip("xyz", g, strict=True):
+        force, momentum = ledger[f"contact floor {axis}"], ledger[f"linear_momentum_{axis}"]
+        change = np.diff(momentum) - dt * (force[1:] + body.mass().total * component)
+        assert np.abs(change).max() < 1e-9 * np.abs(momentum).max() + 1e-12
+    assert ledger["contact floor z"][-1] == pytest.approx(run.contact("floor").resultant[2], rel=1e-12)
+    assert ledger["contact floor z"].max() > 10
