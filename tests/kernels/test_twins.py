@@ -230,7 +230,7 @@ def test_on_twins_no_kernel_is_called(monkeypatch):
         raise AssertionError(kernel)
 
     mesh, terms = BODIES["triangles, two regions"]
-    monkeypatch.setattr("skfem_stvk.system.system.check_mesh", lambda *_: None)
+    monkeypatch.setattr("skfem_stvk.system.system.check_mesh", lambda *_, **__: None)
     monkeypatch.setattr(Dispatcher, "__call__", refuse)
     with pytest.raises(AssertionError, match="CPUDispatcher"):
         results(mesh, terms)
