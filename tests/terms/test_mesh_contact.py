@@ -340,6 +340,13 @@ def test_friction_has_the_width_of_its_step_and_the_start_of_its_analysis():
         one.look(moved)
         found.append((by_node(force_of(one, moved))[upper(system), 0].sum(), one._blocks_at(moved, False)[1].copy()))
     assert found[1][0] == pytest.approx(found[0][0] * 0.4375, rel=2e-3) and not np.array_equal(found[0][1], found[1][1])
+    other = system.bound_terms[1].with_new_history(in_time=True)
+    other.commit(by_node(u), 0.0)
+    other.at(4e-3)
+    first = other._blocks_at(moved, False)[1].copy()
+    other.commit((by_node(u) + moved) / 2, 4e-3)
+    other.at(8e-3)  # the same width, from another start
+    assert not np.array_equal(other._blocks_at(moved, False)[1], first)
     with_mean = []
     for states in (None, (by_node(u), moved)):
         one.assumed = states
