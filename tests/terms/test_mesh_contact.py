@@ -131,6 +131,18 @@ def test_the_stiffness_of_bodies_that_are_tilted_about_an_axis_is_the_derivative
     assert (np.diff(term._keys) > 0).all()
 
 
+def test_the_round_off_of_the_force_counts_positions():
+    system, _ = pair()
+    term, (u, v) = system.bound_terms[1], deformed(system)
+    sums = np.zeros_like(by_node(u))
+    term.add_round_off(by_node(u), sums)
+    eps = np.finfo(float).eps
+    x = by_node(u) + system.mesh.p.T
+    rounded = (x * (1 + eps * np.sign(by_node(v)))) - system.mesh.p.T
+    change = np.abs(by_node(force_of(term, rounded)) - by_node(force_of(term, u)))
+    assert (sums[term._nodes] > 0).any() and (change <= 4 * eps * sums + 1e-15 * np.abs(change).max()).all() and change.any()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_bodies_push_each_other_with_no_force_and_no_torque_in_total(kind):
     system, _ = pair(kind)
