@@ -188,12 +188,8 @@ class BoundMeshContact:
         surfaces = [surface_at(body, where, contact.label) for where in wheres]
         self._facets = [facets for facets, _ in surfaces]
         self._behind = [elements_behind(body, where, facets) for where, facets in zip(wheres, self._facets, strict=True)]
-        self._stiffness = contact.stiffness
-        if self._stiffness is None:
-            every = np.concatenate(self._behind)
-            self._stiffness = float(
-                young_of(body, every, contact.label, "stiffness=... [Pa], such as that of the softest body").min()
-            )
+        expected = "stiffness=... [Pa], such as that of the softest body"
+        self._stiffness = contact.stiffness or float(young_of(body, np.concatenate(self._behind), contact.label, expected).min())
         self._set_surface(body)
         self._refuse_long_distance()
         self.refuse_start(np.zeros((self._nv, 3)))
@@ -218,7 +214,6 @@ class BoundMeshContact:
             patches = np.isin(self._nodes, nodes[1]).astype(np.int32)
         self._X = body.mesh.p.T[self._nodes]
         triangles = np.searchsorted(self._nodes, np.concatenate(sides)).astype(np.int32)
-        assert self._stiffness is not None
         self._barrier = Barrier(self._X, triangles, patches, self.contact.distance, self._stiffness)
         self._nv = body.mesh.nv
 
@@ -378,7 +373,6 @@ class BoundMeshContact:
 
     def identity(self) -> list[float]:
         """Return numbers that differ from those of another contact."""
-        assert self._stiffness is not None
         return [
             self.contact.distance,
             self._stiffness,

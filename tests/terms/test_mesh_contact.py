@@ -131,6 +131,19 @@ def test_the_stiffness_of_bodies_that_are_tilted_about_an_axis_is_the_derivative
     assert (np.diff(term._keys) > 0).all()
 
 
+@pytest.mark.parametrize(("kind", "area"), [*((kind, 0.0662) for kind in KINDS[:3]), ("triangles", 0.0156)])
+def test_the_triangles_of_facets_cover_the_surfaces(kind, area):
+    system, _ = pair(kind)
+    assert system.bound_terms[1]._barrier.areas().sum() == pytest.approx(area, rel=1e-12)
+
+
+def test_nothing_touches_a_body_whose_elements_are_all_removed():
+    system, _ = pair()
+    u, _ = deformed(system)
+    rest = system.without(system.mesh.elements("upper"))
+    assert rest.bound_terms[1].energy_and_force(by_node(u)) == 0 < system.bound_terms[1].energy_and_force(by_node(u))
+
+
 def test_the_round_off_of_the_force_counts_positions():
     system, _ = pair()
     term, (u, v) = system.bound_terms[1], deformed(system)
