@@ -64,6 +64,7 @@ class Ending:
     status: Status
     method: str  # name of the continuation method
     history: History
+    t0: float  # load factor at the start
     t: float  # load factor of the last state
     verdict: Verdict  # stability of the last state, if the path reached its end
     inverted: str  # names of inverted or flat elements
@@ -129,9 +130,12 @@ def _cause_and_advice(ending: Ending) -> str:
         if ending.started:
             push_back = ", or add VolumePenalty(kind='compression'), which pushes inverted elements back" * (not penalty)
             start = f"No equilibrium was found from u0. Give another u0{push_back}."
-        return f": {last.end.value}{detail}, before the first step. {start} {advice_after(last.end, ending.system)}"
+        elif ending.system.contacts:
+            start = "Does the body start in a contact? Move them apart, and let the motion of the shape press them together."
+        slack = f" {SLACK}" * _may_be_slack(ending.system)
+        return f": {last.end.value}{detail}, before the first step. {start} {advice_after(last.end, ending.system)}{slack}"
     failed = f"{last.end.value}{detail}, even in a step of {abs(last.t - t):.1e}."
-    if not len(history) and _may_be_slack(ending.system):
+    if t == ending.t0 and _may_be_slack(ending.system):
         return f": {failed} {SLACK}"
     if not ending.branch:
         return f": {failed} {advice_after(last.end, ending.system)}"

@@ -370,6 +370,7 @@ class _Solve:
                 status=status,
                 method=continuation.name,
                 history=history,
+                t0=float(self._options.t0),
                 t=t,
                 verdict=self._verdict,
                 inverted=problem.named(inverted),

@@ -693,3 +693,23 @@ def test_the_ledger_has_the_resultants_of_contacts_with_which_momentum_balances(
         assert np.abs(change).max() < 1e-9 * np.abs(momentum).max() + 1e-12
     assert ledger["contact floor z"][-1] == pytest.approx(run.contact("floor").resultant[2], rel=1e-12)
     assert ledger["contact floor z"].max() > 10
+
+
+def test_a_slack_sheet_in_a_contact_has_advice_that_helps():
+    """A sheet that lies in a plane has no tension, so statics fails; the advice names the contact's start and a way that succeeds."""
+    points = np.array([[0.05 * i, 0.05 * j, -1e-4] for j in range(5) for i in range(9)]).T
+    quads = np.array([[9 * j + i, 9 * j + i + 1, 9 * j + i + 10, 9 * j + i + 9] for j in range(4) for i in range(8)])
+    sheet = ElementMesh(points, np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).T)
+    law = StVK(young=1e5, poisson=0.3, thickness=2e-3, density=1e3)
+
+    def lying(*shapes):
+        contacts = [RigidContact(shape, stiffness=1e6, name="floor") for shape in shapes]
+        return System(sheet, [law, Gravity((0, 0, -1.0)), *contacts], fixed={lambda x: x[0] == 0: "xyz"})
+
+    over_an_edge = solve_static(lying(RigidBox((0.2, -1, -0.2), (1, 1, 0))), quiet=True, raise_on_failure=False)
+    assert "Does the body start in a contact? Move them apart" in over_an_edge.message and "without tension" in over_an_edge.message
+    body = lying(RigidPlane((0, 0, 0), (0, 0, 1)))
+    failed = solve_static(body, quiet=True, raise_on_failure=False)
+    assert not failed.success and "solve_static(system, u0=run.u, t0=0.999)" in failed.message
+    run = simulate(body, BackwardEuler(2e-2), until=2.0, quiet=True)
+    assert solve_static(body, u0=run.u, t0=0.999, quiet=True).success

@@ -179,9 +179,11 @@ class ImplicitStepper(Stepper):
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
         w[fixed] = self.motion.constrained_displacements(t) - state.u[fixed]
-        limit, name = self.problem.contact_limit(np.zeros_like(w), w)
+        start = np.zeros_like(w)
+        limit, name = self.problem.contact_limit(start, w)
         self._met = f"; its speed would carry the body through the contact {name!r} within the step" if limit <= 1 else ""
-        if self._met:  # beyond the limit, the body might be in equilibrium on the other side
+        limit = min(limit, self.problem.step_limit(start, w))
+        if limit <= 1:  # beyond the limit, the body might be in equilibrium on the other side, or its energy might be infinite
             w[self.motion.free.free] *= BEFORE_THE_LIMIT * limit
         return w
 
