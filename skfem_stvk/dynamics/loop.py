@@ -12,7 +12,7 @@ from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from ..units import UnitSystem, remarks
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
-from .integrators import StepFailed
+from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
 from .options import Setup
 from .outputs import Outputs
@@ -234,7 +234,8 @@ class Loop:
         if status is Status.NOT_CONVERGED:
             penalty = ", or VolumePenalty() among the terms if elements invert" * (not self._inversions.resisted)
             parts = f"the step from {self._time(t)} did not converge, not even in 64 parts: {detail}.{there}"
-            return f"{parts} Try a smaller dt or another tangent{penalty}."
+            impacts = bool(self.setup.motion.system.contacts) and not isinstance(self.setup.integrator, BackwardEuler)
+            return f"{parts} Try a smaller dt or another tangent{', or BackwardEuler, which damps impacts' * impacts}{penalty}."
         if isinstance(cause, WriteError):
             return f"interrupted at {self._time(t)}: {cause}{detail}"
         if isinstance(cause, OSError):

@@ -72,7 +72,8 @@ class System(BoundTerms):
     `ElementHex1()` and similar elements.
 
     `energy`, `internal_force`, `tangent` and `product` are elastic. `potential`, `residual` and `jacobian` include the loads at the
-    load factor `t`. Supports change none of them: they determine which degrees of freedom a solver keeps.
+    load factor `t`. Supports change none of them: they determine which degrees of freedom a solver keeps. Calls without `t` leave
+    moving shapes of contacts where the last call with `t` put them.
 
     Parameters
     ----------
@@ -568,7 +569,6 @@ class System(BoundTerms):
             if a load's function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
-        set_time(self.bound_terms, moment)
 
         def of_part() -> None:
             for load in self.bound_loads:
@@ -653,7 +653,6 @@ class System(BoundTerms):
             if `out` has another pattern.
         """
         moment, factors, x = self._moment(t), _factors(kept), self._state(u)
-        set_time(self.bound_terms, moment)
         look_at(self._with_changing_pairs, x)
         if free is not None:
             return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
@@ -939,8 +938,10 @@ class System(BoundTerms):
         return parts
 
     def _moment(self, t: Time) -> Moment:
-        """Return the moment of the loads at load factor `t`."""
-        return Moment.checked(t)
+        """Return the moment of load factor or time `t`, and let terms that change with time be at `t`."""
+        moment = Moment.checked(t)
+        set_time(self.bound_terms, moment)
+        return moment
 
     def _refuse_without_energy(self) -> None:
         """Raise StvkError if some terms have no energy."""

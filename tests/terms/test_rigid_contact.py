@@ -713,3 +713,13 @@ def test_a_slack_sheet_in_a_contact_has_advice_that_helps():
     assert not failed.success and "solve_static(system, u0=run.u, t0=0.999)" in failed.message
     run = simulate(body, BackwardEuler(2e-2), until=2.0, quiet=True)
     assert solve_static(body, u0=run.u, t0=0.999, quiet=True).success
+
+
+def test_energies_are_those_of_the_given_time():
+    """A call with `t` moves the shape first, whatever was called before."""
+    lid = RigidContact(RigidPlane((0, 0, 1), (0, 0, -1)), lambda x: x[2] == 1, stiffness=1e3, motion=(0, 0, -0.1), name="lid")
+    body = System(MESHES["tetrahedra"], [LAW, lid])
+    u, expected = np.zeros(body.ndofs), 1e3 * 0.1**2 / 2
+    for t in (1.0, 0.0, 0.5, 1.0):
+        assert body.energies(u, t)["RigidContact 1"] == pytest.approx(expected * t**2, rel=1e-12)
+        assert body.potential(u, 1 - t) == pytest.approx(expected * (1 - t) ** 2, rel=1e-12)

@@ -255,7 +255,9 @@ def impact(integrator: Any, on_plane: bool, speed: float) -> Outcome:
     if on_plane:
         mesh = box((0.1, 0.1, 0.1), (3, 3, 3))
         mesh = ElementMesh(mesh.p + np.array([[0.0], [0.0], [0.02]]), mesh.t)
-        plane = RigidContact(PLANE, stiffness=1e3 * 10.0 * speed / 3e-3)  # pressure density times sound speed times speed: 3 mm deep
+        plane = RigidContact(
+            PLANE, stiffness=1e3 * 10.0 * speed / 3e-3
+        )  # pressure density times sound speed times speed: 3 mm deep
         body, v0 = System(mesh, [FASTER, plane]), np.tile([0.0, 0.0, -speed], (mesh.nv, 1))
     else:
         mesh = stacked(((0.12, 0.12, 0.05), (0.1, 0.1, 0.05)), ((3, 3, 2), (2, 2, 2)), 0.02, (0.01, 0.01))
