@@ -276,6 +276,7 @@ def title_of(model: type[BaseModel]) -> str:
 TITLES = {
     "SceneTables": "Scene",
     "MeshFile": "Mesh file",
+    "BoxPlace": "Box of nodes",
     "Initial": "Initial state",
     "StopRule": "Stop",
     "DisplacementLevel": "Level",
