@@ -584,3 +584,23 @@ def test_a_missing_or_other_toolkit_is_named_with_the_command_that_installs_it(m
     monkeypatch.setattr(ipc, "version", absent)
     with pytest.raises(ContactError, match=r"not installed; expected the package ipctk. Run pip install 'skfem-stvk\[contact\]'"):
         pair()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_collisions_do_not_depend_on_where_pairs_were_searched(kind):
+    """Collisions among the pairs of an earlier search have the bits of a new search, on a way of small and of large steps."""
+    system, _ = pair(kind)
+    term, random = system.bound_terms[1], np.random.default_rng(5)
+    u, searches, touching = np.zeros((system.mesh.nv, 3)), 0, set()
+    for i, apart in enumerate((2.2, 0.2, 0.0, 2.2, 1.8, 1.4, 1.0, 0.6, 0.2, *random.uniform(0, 0.5, 10))):
+        u[:, 2] = -0.5 * apart * DISTANCE
+        u[upper(system), 2] *= -1
+        u[upper(system), 0] += 0.2 * DISTANCE * (i > 8)
+        before, x = term._barrier._near, term._moved(u)
+        near, new = term._barrier.collisions(x), deepcopy(term)._barrier.collisions(x)
+        searches += term._barrier._near is not before
+        touching.add(len(new.found))
+        assert np.array_equal(term._barrier.force(near), term._barrier.force(new)) and len(near.found) == len(new.found)
+        K = term._barrier.stiffness(near, False) - term._barrier.stiffness(new, False)
+        assert not K.nnz or not abs(K).max()
+    assert 5 < searches < 15 and len(touching) > 3
