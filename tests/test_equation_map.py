@@ -1,4 +1,4 @@
-"""docs/equations.md has all equations of the overview, and all files, names and tests that it cites exist."""
+"""docs/reference/equations.md has all equations of the overview, and all files, names and tests that it cites exist."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8")
 ENTRIES = dict(re.findall(r"^### (.+?)\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL))
 VERDICTS = {"held", "held in part", "did not hold", "erratum"}
 #: Claims of the overview, in its order; each is identified by a phrase that occurs in no other claim.
@@ -46,7 +46,7 @@ def test_cited_code_and_tests_exist_and_each_entry_has_a_verdict(title):
     assert len(tests) == lines["Test"].count("::") > 0
     for file, name in tests:
         assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), (file, name)
-    for page, section in re.findall(r"\]\(([\w-]+\.md)(?:#([\w-]+))?\)", lines["Measured"]):
-        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    for page, section in re.findall(r"\]\(([\w./-]+\.md)(?:#([\w-]+))?\)", lines["Measured"]):
+        text = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
         slugs = {re.sub(r"[^\w -]", "", head.lower()).strip().replace(" ", "-") for head in re.findall(r"^#+ (.+)$", text, re.M)}
         assert not section or section in slugs, (page, section)

@@ -211,7 +211,7 @@ def test_lines_are_at_most_132_characters_long(folder):
     """Printed output and wide tables are exempt."""
     long, files = (
         [],
-        [*(ROOT / folder).rglob("*.py"), *(ROOT / folder).glob("*.md"), *(ROOT.glob("*.md") if folder == "docs" else ())],
+        [*(ROOT / folder).rglob("*.py"), *(ROOT / folder).rglob("*.md"), *(ROOT.glob("*.md") if folder == "docs" else ())],
     )
     for path in files:
         table = False

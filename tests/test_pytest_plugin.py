@@ -1,4 +1,4 @@
-"""The pytest plugin works in the package of docs/testing.md, which is in a folder of its own with the plugin installed."""
+"""The pytest plugin works in the package of docs/tutorials/referee-in-ci.md, in a folder of its own with the plugin installed."""
 
 import json
 import os
@@ -18,7 +18,7 @@ else:
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 NAMES = "test_st_venant_kirchhoff", "test_neo_hookean"
-TUTORIAL = (ROOT / "docs" / "testing.md").read_text()
+TUTORIAL = (ROOT / "docs" / "tutorials" / "referee-in-ci.md").read_text()
 
 
 def test_the_plugin_imports_nothing_before_it_is_used():

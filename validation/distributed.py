@@ -48,7 +48,7 @@ def main(quick: bool = False) -> int:
         sizes = (1_500, 5_000) if quick else (5_000, 20_000, 80_000, 320_000, 1_500_000)
         _iterations(console, [(ranks, size) for size in sizes for ranks in (1, 2)])
     else:
-        console.print("\nIterations of PETSc's multigrid: left out, because petsc4py cannot be imported (docs/cluster.md)")
+        console.print("\nIterations of PETSc's multigrid: left out, because petsc4py cannot be imported (docs/how-to/cluster.md)")
     return 1 if wrong else 0
 
 

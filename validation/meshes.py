@@ -56,7 +56,7 @@ def bag() -> ElementMesh:
 
 
 def disc() -> ElementMesh:
-    """Return the flat disc of `docs/membranes.md` in the plane; the scene maps it to space."""
+    """Return the flat disc of `docs/how-to/membranes.md` in the plane; the scene maps it to space."""
     mesh = skfem.MeshTri.init_circle(3)
     rim = np.flatnonzero(np.hypot(*mesh.p) > 1 - 1e-9).astype(np.int32)
     return ElementMesh(mesh.p, mesh.t, {"sheet": np.arange(mesh.nelements, dtype=np.int32)}, node_sets={"rim": rim})

@@ -101,7 +101,7 @@ class Package:
     deviates
         Known deviations from this package.
     tried
-        Versions that were verified (docs/peers.md).
+        Versions that were verified (docs/how-to/judge-a-code.md).
     file
         Name of the file in this folder that wraps the package, if it is not `module`.
     """

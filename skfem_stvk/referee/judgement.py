@@ -175,7 +175,7 @@ class Limits:
 
     where `c` is 1, or the ratio of the largest parts of a sum to the sum. `s` is 1, or, for a difference of two states, the size of
     the change over the size of an element. `cancelled` (nt,) is a factor of `c` that applies to all quantities. For the edge form
-    it is the aspect ratio (docs/precision.md).
+    it is the aspect ratio (docs/topics/frames.md).
 
     `h` and `l` are those at the worst point of the element. The round-off of a rest frame and of a displacement is relative to `l`
     and `|u|`, and the strain divides it by `h`. Errors of correct forms stay below a seventh of the limit, on needles, single

@@ -40,7 +40,8 @@ Result = TypeVar("Result")
 class Scene:
     """A whole job from one file: mesh, materials, terms, supports, an analysis, output files and expected results.
 
-    A scene holds only the objects that its file names; nothing else is imported or computed. All keys are in `docs/scene-keys.md`.
+    A scene holds only the objects that its file names; nothing else is imported or computed. All keys are in
+    `docs/reference/scene-keys.md`.
 
     Parameters
     ----------

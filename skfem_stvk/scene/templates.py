@@ -311,7 +311,7 @@ def page() -> str:
     parts = [
         "# All keys of a scene\n",
         "Printed by `skfem-stvk init --keys` from the schema that checks scenes; `skfem-stvk init --schema` prints JSON\n"
-        'Schema for editors. Units are those of `units = "SI"`. [Scenes](scenes.md) says how they go together.\n',
+        'Schema for editors. Units are those of `units = "SI"`. [Scenes](../how-to/scenes.md) says how they go together.\n',
     ]
     for model in tables():
         parts.append(f"## {title_of(model)}\n\n{fill(model.__doc__ or '', WIDEST, break_on_hyphens=False)}\n")

@@ -19,7 +19,7 @@ from skfem_stvk.linear import Kind, Outcome, Petsc, SuperLU, Unknowns, choose, p
 from skfem_stvk.linear.space import Space
 from skfem_stvk.nonlinear.outcome import Status
 
-needs_petsc = pytest.mark.skipif(not Petsc().available, reason="petsc4py cannot be imported: see docs/cluster.md")
+needs_petsc = pytest.mark.skipif(not Petsc().available, reason="petsc4py cannot be imported: see docs/how-to/cluster.md")
 SYMMETRIC, GENERAL = Kind.SYMMETRIC, Kind.GENERAL
 
 
@@ -329,7 +329,7 @@ def test_another_mpi_library_than_that_of_mpi4py_is_refused(monkeypatch):
 
 @needs_petsc
 def test_the_documented_program_with_snes_finds_the_state_of_the_static_solve():
-    page = (Path(__file__).parents[2] / "docs" / "cluster.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "cluster.md").read_text()
     names = {}
     exec(page.split("```python\n# snes.py\n")[1].split("```")[0], names)
     expected = solve_static(names["system"], solver="superlu", rtol=1e-12, quiet=True).u

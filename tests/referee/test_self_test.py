@@ -16,7 +16,7 @@ from skfem_stvk.referee.self_test import BACKS_UP, CHECKS, SelfTest, self_test
 from skfem_stvk.referee.verification import failures_of
 from skfem_stvk.terminal import as_text
 
-PAGE = Path(__file__).parents[2] / "docs" / "planted-faults.md"
+PAGE = Path(__file__).parents[2] / "docs" / "measurements" / "planted-faults.md"
 
 
 @pytest.fixture(scope="module")

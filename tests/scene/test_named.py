@@ -376,7 +376,7 @@ def test_simplices_of_terms_get_names_in_the_mesh_and_boundaries_retain_their_na
 
 
 def bag():
-    """Return the first body of docs/membranes.md: a ball in its skin, on a rope to a hook that no other element contains."""
+    """Return the first body of docs/how-to/membranes.md: a ball in its skin, on a rope to a hook that no other element contains."""
     ball = crooked(ElementMesh.of(skfem.MeshTet.init_ball(1)))
     top = int(np.argmax(ball.p[2]))
     terms = [

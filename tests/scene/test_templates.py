@@ -46,7 +46,7 @@ def templates_source(text):
 
 
 def test_the_page_of_all_keys_equals_the_text_from_the_schema():
-    assert (DOCS / "scene-keys.md").read_text() == templates.page()
+    assert (DOCS / "reference" / "scene-keys.md").read_text() == templates.page()
 
 
 def test_every_key_has_a_sentence_and_every_table_a_name():

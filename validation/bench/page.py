@@ -93,7 +93,7 @@ def save(results: Benchmark, folder: str | Path) -> None:
 def page(results: Benchmark) -> str:
     """Return the run as a page in Markdown."""
     quick = "" if results.plan.name == "full" else f" --{results.plan.name}"
-    command = f"python -m validation bench{quick} --out docs"
+    command = f"python -m validation bench{quick} --out docs/measurements"
     warning = "**Interrupted**: the tables show what was measured before.\n\n" if results.interrupted else ""
     parts = [f"# The benchmark\n\nThis page is written by\n\n    {command}\n\n{warning}on\n\n{_indented(head(results))}"]
     shown = tables(results)

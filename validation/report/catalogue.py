@@ -50,14 +50,16 @@ ANALYTIC, OTHER_CODE, ITSELF, VALUE = "analytic", "another code", "itself, on ot
 PARTS: dict[str, dict[str, Part]] = {
     "referee": {
         "embedded": Part(CODE, "scikit-fem's assembly", OTHER_CODE, "skfem_stvk/reference", numbers="agreement"),
-        "self-test": Part(CODE, "planted faults", "mutation", "docs/planted-faults.md", numbers="planted_faults"),
-        "laws": Part(CODE, "ten textbook laws, and planted mistakes", "mutation", "docs/verify-law.md", numbers="laws"),
-        "judged": Part(CODE, "correct and wrong solvers and integrators", "mutation", "docs/verify-solver.md", numbers="judged"),
-        "vectors": Part(CODE, "W, F and K in 50 digits", ANALYTIC, "docs/test-vectors.md", numbers="vectors"),
+        "self-test": Part(CODE, "planted faults", "mutation", "docs/measurements/planted-faults.md", numbers="planted_faults"),
+        "laws": Part(CODE, "ten textbook laws, and planted mistakes", "mutation", "docs/how-to/judge-a-law.md", numbers="laws"),
+        "judged": Part(
+            CODE, "correct and wrong solvers and integrators", "mutation", "docs/how-to/judge-a-solver.md", numbers="judged"
+        ),
+        "vectors": Part(CODE, "W, F and K in 50 digits", ANALYTIC, "docs/how-to/test-vectors.md", numbers="vectors"),
         "C": Part(CODE, "a program in C", OTHER_CODE, "docs/vectors.c", numbers="round_trip"),
-        "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/peers.md", numbers="mujoco"),
-        "FElupe": Part(CODE, "FElupe", OTHER_CODE, "docs/peers.md", numbers="felupe"),
-        "NGSolve": Part(CODE, "NGSolve", OTHER_CODE, "docs/peers.md", numbers="ngsolve"),
+        "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="mujoco"),
+        "FElupe": Part(CODE, "FElupe", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="felupe"),
+        "NGSolve": Part(CODE, "NGSolve", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="ngsolve"),
         "coefficients": Part(PUBLISHED, "regular tetrahedron", VALUE, "Delingette 2008; literature", numbers="coefficients"),
     },
     "orders": {
@@ -169,7 +171,7 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE,
             "a correct result, or a readable error",
             "mutation",
-            "docs/hostile.md",
+            "docs/measurements/robustness.md",
             f"hostile inputs of the family {name} give a correct result or a readable error",
         )
         for name in ("meshes", "physics", "checkpoints", "interruptions", "names", "scenes", "commands", "candidates", "arguments")
@@ -179,31 +181,38 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE,
             "a correct result, or a readable error",
             "mutation",
-            "docs/fuzzing.md",
+            "docs/measurements/fuzzing.md",
             "random bodies, programs, solves, motions and files give a correct result or a readable error",
             takes_quick=False,
             whole_only=True,
         )
     },
     "aspect": {
-        "all": Part(CODE, "50 digits", ANALYTIC, "docs/precision.md", "errors on flat elements", takes_quick=False, whole_only=True)
+        "all": Part(
+            CODE, "50 digits", ANALYTIC, "docs/topics/frames.md", "errors on flat elements", takes_quick=False, whole_only=True
+        )
     },
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
     "response": {"all": Part(SOLUTION, "static solves", ITSELF, "validation/response.py", "errors fall with h^4", whole_only=True)},
     "threads": {
         "all": Part(
-            CODE, "one thread", ITSELF, "docs/speed.md", "simultaneous calls of four threads give the same bits", whole_only=True
+            CODE,
+            "one thread",
+            ITSELF,
+            "docs/measurements/speed.md",
+            "simultaneous calls of four threads give the same bits",
+            whole_only=True,
         )
     },
     "distributed": {
-        "all": Part(CODE, "one machine", ITSELF, "docs/cluster.md", "a body on ranks has the same answers", whole_only=True)
+        "all": Part(CODE, "one machine", ITSELF, "docs/how-to/cluster.md", "a body on ranks has the same answers", whole_only=True)
     },
     "resumed": {
         "all": Part(
             CODE,
             "uninterrupted runs",
             ITSELF,
-            "docs/dynamics.md",
+            "docs/topics/energy-momentum.md",
             "runs resumed from a checkpoint give the same bits",
             takes_quick=False,
             whole_only=True,
@@ -211,11 +220,16 @@ PARTS: dict[str, dict[str, Part]] = {
     },
     "bench": {
         "all": Part(
-            CODE, "other codes", OTHER_CODE, "docs/benchmark.md", "the benchmark measures everything in its plan", speed=True
+            CODE,
+            "other codes",
+            OTHER_CODE,
+            "docs/measurements/benchmark.md",
+            "the benchmark measures everything in its plan",
+            speed=True,
         )
     },
     "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
     "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},
     "rows": {"all": Part(CODE, "one CSR product", ITSELF, "validation/rows.py", "rows of K", speed=True)},
-    "loop": {"all": Part(CODE, "W, F and K", ITSELF, "docs/in-your-loop.md", "steps of a driven simulation", speed=True)},
+    "loop": {"all": Part(CODE, "W, F and K", ITSELF, "docs/how-to/in-your-loop.md", "steps of a driven simulation", speed=True)},
 }

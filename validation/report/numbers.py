@@ -68,13 +68,13 @@ def agreement(quick: bool) -> Iterator[Number]:
             f"{quantity} on the bracket", f"{quantity} equals scikit-fem's in eight states", worst, 0.0, 1e-12, reason,
             "another code", "skfem_stvk verify",
         )  # fmt: skip
-    yield _of_checks("the bracket", report, "docs/referee.md", "the referee")
+    yield _of_checks("the bracket", report, "docs/topics/referee.md", "the referee")
 
 
 def planted_faults(quick: bool) -> Iterator[Number]:
     """Yield the numbers of faults that no check detects, of idle checks, and of faults with a wrong name."""
     found = self_test(quiet=True)
-    source, many = "docs/planted-faults.md", f"of {len(found.caught)}"
+    source, many = "docs/measurements/planted-faults.md", f"of {len(found.caught)}"
     none = "no exception is allowed"
     yield Number(
         "faults not caught", f"the checks detect every planted fault, {many}", len(found.missed), 0.0, 0.0, none, "mutation", source
@@ -83,7 +83,7 @@ def planted_faults(quick: bool) -> Iterator[Number]:
                  len(found.idle), 0.0, 0.0, none, "mutation", source)  # fmt: skip
     wrong = sorted({*found.unnamed, *found.wrong_names})
     yield Number("faults with a wrong name", f"every planted fault gets the name of its class or no name, {many}", len(wrong), 0.0,
-                 0.0, none, "mutation", "docs/naming-bugs.md", notes=tuple(wrong))  # fmt: skip
+                 0.0, none, "mutation", "docs/how-to/read-a-report.md", notes=tuple(wrong))  # fmt: skip
 
 
 def _of_checks(name: str, report: Report, source: str, kind: str, *notes: str) -> Number:
@@ -103,7 +103,7 @@ def _named(name: str, fits: bool, printed: str, source: str) -> Number:
 
 def laws(quick: bool) -> Iterator[Number]:
     """Yield the numbers of failed checks of the ten laws, and of wrong factors without a name."""
-    source = "docs/verify-law.md"
+    source = "docs/how-to/judge-a-law.md"
     for name, law in textbook_laws.LAWS.items():
         yield _of_checks(name, verify_law(energy=law.W, stress=law.S, elasticity=law.C), source, "analytic")
     lam, mu, right = textbook_laws.LAM, textbook_laws.MU, textbook_laws.LAWS["St. Venant-Kirchhoff"]
@@ -124,7 +124,7 @@ def laws(quick: bool) -> Iterator[Number]:
 
 def judged(quick: bool) -> Iterator[Number]:
     """Yield the verdicts on a correct solver and a correct integrator, and on each of them with a mistake."""
-    source = "docs/verify-solver.md"
+    source = "docs/how-to/judge-a-solver.md"
 
     def solve(mesh: Any, material: Any, body_force: Any, boundary: Any, factor: float = 1.0) -> Array:
         load = BodyForce(lambda x, t: factor * t * body_force(x))
@@ -169,7 +169,7 @@ def vectors(quick: bool) -> Iterator[Number]:
                 f"{quantity} of {name}", f"{quantity} equals the test vectors in {len(published.states)} states",
                 off / scale, 0.0, 1e-13, "round-off of sums of about ten numbers, relative to the largest value of all states",
                 "analytic",
-                "50 digits, docs/test-vectors.md",
+                "50 digits, docs/how-to/test-vectors.md",
             )  # fmt: skip
 
 
@@ -182,7 +182,7 @@ def round_trip(quick: bool) -> Iterator[Number]:
         for name in ("tetrahedron", "block", "membrane"):
             folder = published_vectors(name).save(Path(temporary) / name, text=True)
             subprocess.run([program, folder / "vectors.txt", folder / "results.txt"], check=True)
-            yield _of_checks(f"the C program, {name}", verify_results(folder), "docs/test-vectors.md", "another code")
+            yield _of_checks(f"the C program, {name}", verify_results(folder), "docs/how-to/test-vectors.md", "another code")
 
 
 def mujoco(quick: bool) -> Iterator[Number]:
@@ -204,7 +204,7 @@ def _peer(name: str) -> Number:
     mesh = embedded_mesh()
     with peer_candidate(name, mesh, 1e5, 0.3) as (candidate, line):
         report = verify(mesh, young=1e5, poisson=0.3, candidate=candidate, quiet=True)
-    return _of_checks(name, report, "docs/peers.md", "another code", line)
+    return _of_checks(name, report, "docs/how-to/judge-a-code.md", "another code", line)
 
 
 def coefficients(quick: bool) -> Iterator[Number]:

@@ -203,6 +203,9 @@ def test_the_page_its_pictures_and_the_numbers_are_written(results, tmp_path):
     names = {path.name for path in (tmp_path / "a" / "docs").iterdir()}
     assert names == {"benchmark.json", "benchmark.md", "benchmark-speed-error.png", "benchmark-size.png"}
     text = (tmp_path / "a" / "docs" / "benchmark.md").read_text()
-    assert set(re.findall(r"\((benchmark\S*)\)", text)) <= names and "python -m validation bench --quick --out docs" in text
+    assert (
+        set(re.findall(r"\((benchmark\S*)\)", text)) <= names
+        and "python -m validation bench --quick --out docs/measurements" in text
+    )
     numbers = json.loads((tmp_path / "a" / "docs" / "benchmark.json").read_text())
     assert len(numbers["timings"]) == len(results.timings) and numbers["plan"]["name"] == "quick"
