@@ -243,7 +243,7 @@ def test_a_film_that_fails_leaves_an_existing_file_unchanged(tmp_path, monkeypat
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(matplotlib_plot, "_image", full)
+    monkeypatch.setattr(matplotlib_plot, "_images", full)
     with pytest.raises(OSError, match="No space"):
         animate(motion(), path)
     assert path.read_bytes() == before and [file.name for file in tmp_path.iterdir()] == ["body.gif"]
