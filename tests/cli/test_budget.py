@@ -161,7 +161,7 @@ def test_what_a_body_does_not_take_is_named(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--step", "0"], "--step = 0.0; expected a time step in seconds"),
+        (["--step", "0"], "--step = 0.0; expected a positive time step"),
         (["--step", "nan"], "--step = nan"),
         (["--step", "1e-3", "--fixed", "wall"], "'wall'"),
         (["--step", "1e-3", "--pushed", "tip"], "'tip'"),
