@@ -667,10 +667,12 @@ def test_an_error_in_a_set_value_names_its_setting(tmp_path, capsys):
 def test_files_that_are_not_scenes_are_refused(tmp_path, capsys):
     (tmp_path / "empty.toml").write_text("")
     (tmp_path / "mesh.msh").write_bytes(b"$MeshFormat\n\0\0")
+    (tmp_path / "ascii.msh").write_bytes(b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
     (tmp_path / "latin.toml").write_bytes("title = 'Träger'".encode("latin-1"))
     for name, message in (
         ("empty.toml", "is empty. `skfem-stvk init --type static"),
         ("mesh.msh", "is not a text file; expected a scene, which names its mesh"),
+        ("ascii.msh", "is a mesh of Gmsh; expected a scene, which names its mesh: [mesh] file = 'ascii.msh'. `skfem-stvk init"),
         ("latin.toml", "line 1: byte 0xe4 is not UTF-8"),
         ("missing.toml", "There is no file"),
         (".", "is a folder; expected a scene file"),
