@@ -231,5 +231,5 @@ PARTS: dict[str, dict[str, Part]] = {
     "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
     "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},
     "rows": {"all": Part(CODE, "one CSR product", ITSELF, "validation/rows.py", "rows of K", speed=True)},
-    "loop": {"all": Part(CODE, "W, F and K", ITSELF, "docs/how-to/in-your-loop.md", "steps of a driven simulation", speed=True)},
+    "loop": {"all": Part(CODE, "W, F and K", ITSELF, "docs/measurements/loop.md", "steps of a driven simulation", speed=True)},
 }
