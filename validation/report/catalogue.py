@@ -193,7 +193,9 @@ PARTS: dict[str, dict[str, Part]] = {
         )
     },
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
-    "response": {"all": Part(SOLUTION, "static solves", ITSELF, "validation/response.py", "errors fall with h^4", whole_only=True)},
+    "response": {
+        "all": Part(SOLUTION, "static solves", ITSELF, "docs/measurements/real-time.md", "errors fall with h^4", whole_only=True)
+    },
     "threads": {
         "all": Part(
             CODE,
@@ -205,7 +207,9 @@ PARTS: dict[str, dict[str, Part]] = {
         )
     },
     "distributed": {
-        "all": Part(CODE, "one machine", ITSELF, "docs/how-to/cluster.md", "a body on ranks has the same answers", whole_only=True)
+        "all": Part(
+            CODE, "one machine", ITSELF, "docs/measurements/distributed.md", "a body on ranks has the same answers", whole_only=True
+        )
     },
     "resumed": {
         "all": Part(
