@@ -27,8 +27,8 @@ WORDS = {
     "von_mises_stress": "von Mises stress",
 }
 TENSOR = (3, 3)
-#: Vectors of the vertices, by name, and their units.
-VECTORS = {"displacement": "m", "velocity": "m/s"}
+#: Values at nodes, by name, and their units.
+NODAL = {"displacement": "m", "velocity": "m/s", "contact_force": "N", "contact_pressure": "Pa", "gap": "m"}
 
 
 def green_strain(state: Response) -> Masked:
@@ -244,5 +244,5 @@ def labels_of_files(field: str, units: UnitSystem) -> dict[str, Any]:
     if units.name == "SI":
         return {}
     known = {name: (one.words, one.unit) for one in FIELDS for name in (one.name, one.name.removesuffix("_stress"))}
-    words, unit = (known | {name: (name, unit) for name, unit in VECTORS.items()}).get(field, (field, "-"))
+    words, unit = (known | {name: (name.replace("_", " "), unit) for name, unit in NODAL.items()}).get(field, (field, "-"))
     return {"label": words if unit == "-" else f"{words} [{units.of(unit)}]", "length_unit": units.of("m")}

@@ -22,7 +22,7 @@ from ..results import animate, write_vtu
 from ..results.files import replacing
 from ..results.picture import Picture, View, picture_of
 from ..results.series import read_list
-from ..results.table import VECTORS, labels_of_files
+from ..results.table import NODAL, labels_of_files
 from ..results.vtu import DEFAULT, read_vtu
 from ..statics import StaticResult
 from ..units import UNITS
@@ -161,7 +161,7 @@ def _save_animation(folder: Path, outcome: SceneOutcome, problems: list[str]) ->
     if output.animation is None or output.file is None:
         return
     held = DEFAULT if output.fields is None else output.fields
-    field = output.picture if output.picture in (*held, *VECTORS) else "displacement"
+    field = output.picture if output.picture in (*held, *NODAL) else "displacement"
     series, target = folder / output.file, folder / output.animation
     try:
         scale = 1.0 if isinstance(outcome.result, Modes) else _scale(outcome.built.mesh.p, _largest_saved(series))

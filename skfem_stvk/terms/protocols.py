@@ -16,6 +16,7 @@ from ..materials import Hypothesis
 from ..mesh import ElementMesh
 from .body import Body
 from .load import Time, check_constants
+from .rigid_shapes import RigidShape
 
 
 class Term(Protocol):
@@ -245,6 +246,10 @@ class HasContact(Protocol):
     nodes: NDArray[np.int32]
     is_barrier: bool
     assumed: Assumption
+
+    @property
+    def shape(self) -> RigidShape | None:
+        """Rigid shape, displaced as at present; None between bodies."""
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J]; add the internal force [N], minus that on the body, to `force` (nv, d)."""

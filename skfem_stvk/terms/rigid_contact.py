@@ -177,6 +177,11 @@ class BoundRigidContact:
         pairs, self._sides = edges_of_simplices(np.ascontiguousarray(local.T), between, len(self.nodes))
         self.nodes_paired = self.nodes[pairs]
 
+    @property
+    def shape(self) -> RigidShape:
+        """Rigid shape, displaced as at present."""
+        return self.contact.shape.displaced(self._shift[: self._body.mesh.d])
+
     def _set_areas(self, body: Body) -> None:
         """Use the areas of the facets of a body, and the stiffness of its materials."""
         self._body, contact = body, self.contact
