@@ -274,6 +274,25 @@ class HasContact(Protocol):
 
 
 @runtime_checkable
+class CanPenetrate(Protocol):
+    """Contact whose points go into a shape.
+
+    Attributes
+    ----------
+    name
+        Name in results and messages.
+    edge
+        Mean length of the edges of its facets at rest [m].
+    """
+
+    name: str
+    edge: float
+
+    def smallest_gap(self, u: Array) -> float:
+        """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
+
+
+@runtime_checkable
 class DoesWork(Protocol):
     """Contact that does work on the body by its motion, or dissipates energy by friction.
 
