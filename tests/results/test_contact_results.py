@@ -26,6 +26,8 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
+from skfem_stvk.dynamics.contact_findings import contact_findings
+from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.kernels import contact as kernels
 from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.results import Fields, animate, plot, plotting, write_vtu
@@ -126,6 +128,18 @@ def test_files_of_a_motion_have_the_contacts_combined(tmp_path):
     for axis, column in zip(np.vstack([floor.resultant, wall.resultant]).T, "xyz", strict=True):
         assert [run.ledger[f"contact {name} {column}"][-1] for name in ("floor", "wall")] == pytest.approx(axis, rel=1e-12)
     assert run.ledger["contact wall gap"][-1] == wall.gap.min() < 0
+
+
+def test_contacts_that_share_nodes_are_combined():
+    """Forces are added; the pressure is the largest, and the gap the smallest."""
+    shallow, deep = (RigidContact(RigidPlane((0, 0, z), (0, 0, 1)), name=str(z)) for z in (0.001, 0.002))
+    body = System(CUBE, [LAW, shallow, deep])
+    u = np.zeros(body.ndofs)
+    one, other = contacts = contact_states(body, u, 1.0)
+    nodal = Fields.of(body).at(u, contacts=contacts).nodal
+    touched = CUBE.p[2] == 0
+    assert np.array_equal(nodal["contact_pressure"], other.pressure) and (one.pressure[touched] > 0).all()
+    assert np.array_equal(nodal["contact_force"], one.force + other.force) and (nodal["gap"][touched] == -0.002).all()
 
 
 def statics(**options):
@@ -291,12 +305,24 @@ def test_contacts_of_fewer_than_five_steps_are_reported():
     assert not oscillator(4, until=0.6).findings, "the contact has not ended"
 
 
-def test_a_contact_that_lasts_from_the_start_is_not_short():
-    floor = RigidContact(RigidPlane((0, 0, 1e-5), (0, 0, 1)), lambda x: x[2] == 0, name="floor")
-    body = System(CUBE, [LAW, floor])
-    run = simulate(body, EnergyMomentum(1e-3), until=0.02, v0=np.tile([0, 0, 0.5], CUBE.nv), quiet=True)
-    gaps = run.ledger["contact floor gap"]
-    assert gaps[0] < 0 < gaps[1] and not run.findings
+@pytest.mark.parametrize(
+    ("touches", "text"),
+    [
+        ("..######.", ""),
+        ("..####.", "1 of 1 contacts last fewer than 5 steps, the first from t = 2 s on; the shortest has 4"),
+        ("..##.#####..#.", "2 of 3 contacts last fewer than 5 steps, the first from t = 2 s on; the shortest has 1"),
+        ("#..######.", ""),
+        ("##..######.#", ""),
+        ("#", ""),
+        ("#..##.", "1 of 1 contacts last fewer than 5 steps, the first from t = 3 s on; the shortest has 2"),
+    ],
+)
+def test_contacts_that_end_are_counted(touches, text):
+    """Contacts from the start, and those that have not ended, may be longer."""
+    body = System(CUBE, [LAW, RigidContact(SHAPES["plane"], name="floor")])
+    rows = [[t, -1e-5 if touch == "#" else 0.01] for t, touch in enumerate(touches)]
+    findings = list(contact_findings(body, Ledger(["time", "contact floor gap"], rows)))
+    assert [text in finding.text for finding in findings] == ([True] if text else [])
 
 
 def test_findings_cover_a_motion_that_is_resumed(tmp_path):
