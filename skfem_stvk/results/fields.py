@@ -204,7 +204,7 @@ class State:
 
     @cached_property
     def nodal(self) -> dict[str, Array]:
-        """Values at nodes by name: displacements (nv, d), velocities if there are any, and with contacts their `combined` fields."""
+        """Values at nodes by name: displacements (nv, d), velocities if there are any, and with contacts their combined fields."""
         return {"displacement": self.u} | ({} if self.v is None else {"velocity": self.v}) | combined(self.contacts)
 
 

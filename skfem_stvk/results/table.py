@@ -223,6 +223,11 @@ def find(name: str, others: Iterable[str] = ()) -> Field:
     for field in FIELDS if isinstance(name, str) else ():
         if name in (field.name, field.name.removesuffix("_stress")):
             return field
+    if isinstance(name, str) and name in NODAL:
+        raise StvkError(
+            f"There is no field {name!r} of elements. It has values at nodes: files contain it, and pictures show it, if the state "
+            "has velocities or contacts."
+        )
     known = name_known(name if isinstance(name, str) else "", (*others, *names()))
     raise StvkError(f"There is no field {shown(name)}; {known} Names of stresses may omit '_stress'.")
 
