@@ -38,7 +38,7 @@ def contact_findings(system: System, ledger: Ledger) -> Iterator[Finding]:
         if len(short := np.flatnonzero(lengths < SHORT)):
             what = (
                 f"{len(short)} of {len(lengths)} contacts last fewer than {SHORT} steps, the first from t = "
-                f"{times[begin[short[0]] + 1]:.4g} {s} on; the shortest has {lengths.min()}. The steps do not resolve their forces. "
+                f"{times[begin[short[0]] + 1]:.4g} {s} on; the shortest has {lengths.min()}. Steps do not resolve their forces. "
                 "Take a smaller dt, a smaller stiffness, or an onset."
             )
             yield _finding("short contact", contact.name, float(lengths.min()), what)
