@@ -1,6 +1,7 @@
 """Results of contacts: moments, fields in files, rigid shapes in pictures and films, and findings. Pictures were checked by eye."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,9 @@ from skfem_stvk import (
     RigidSphere,
     Simulation,
     StVK,
+    StvkError,
     System,
+    Traction,
     VelocityVerlet,
     simulate,
     solve_static,
@@ -31,10 +34,13 @@ from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.kernels import contact as kernels
 from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.results import Fields, animate, plot, plotting, write_vtu
+from skfem_stvk.results import table as names
 from skfem_stvk.results.contact import contact_state, contact_states
 from skfem_stvk.results.picture import View, picture_of
+from skfem_stvk.results.series import listed_states
 from skfem_stvk.results.shapes import MARGIN, surface_of, surroundings
 from skfem_stvk.results.state_files import read_state
+from skfem_stvk.scene import report
 
 LAW = NeoHookean(young=3e4, poisson=0.3, density=1000.0)
 CUBE = box((0.1, 0.1, 0.1), (2, 2, 2))
@@ -348,3 +354,27 @@ def test_states_of_a_simulation_take_contacts(tmp_path):
     state = Fields.of(sim.system).at(sim.u, sim.v, [sim.contact("lid")])
     assert state.contacts[0].shape == RigidPlane((0, 0, 0.1 - 1e-3), (0, 0, -1)) and state.nodal["contact_pressure"].max() > 0
     assert plot(state, "contact_force", path=tmp_path / "lid.png")
+
+
+@pytest.mark.parametrize("method", ["load-steps", "arc-length"])
+def test_films_of_scenes_have_the_shapes_of_each_state(tmp_path, monkeypatch, method):
+    """Times of a series are load factors, but for arc length the numbers of the states."""
+    lid = RigidContact(RigidPlane((0, 0, 0.2), (0, 0, -1)), motion=(0, 0, -0.01))
+    body = System(CUBE, [LAW, lid, Traction(lambda x: x[0] == 0.1, (50.0, 0, 0))], fixed={lambda x: x[2] == 0: "xyz"})
+    result = solve_static(body, steps=3, method=method, save=tmp_path / "path.pvd", quiet=True)
+    output = SimpleNamespace(animation="path.gif", file="path.pvd", fields=None, picture="gap")
+    analysis = SimpleNamespace(type=method)
+    built = SimpleNamespace(sections=SimpleNamespace(output=output, analysis=analysis), system=result.system, mesh=CUBE)
+    heights, problems = [], []
+
+    def animated(series, target, field, *, shapes, **options):
+        heights.extend(shapes(t)[0].point[2] for t, _ in listed_states(series))
+
+    monkeypatch.setattr(report, "animate", animated)
+    list(report._save_animation(tmp_path, SimpleNamespace(result=result, built=built), problems))
+    assert problems == [] and heights == pytest.approx([0.2 - 0.01 * t for t in result.history.t]) and len(heights) > 2
+
+
+def test_values_at_nodes_are_no_request():
+    with pytest.raises(StvkError, match=r"no field 'gap' of elements\. It has values at nodes: files contain it"):
+        names.find_all(["gap"])
