@@ -174,6 +174,7 @@ class BoundMeshContact:
 
     symmetric = balanced = has_energy = is_barrier = True
     nodes_joined = np.empty((2, 0), dtype=np.int32)
+    shape = None
 
     def __init__(self, contact: MeshContact, body: Body) -> None:
         self.contact, self.name, self._body = contact, contact.name, body
