@@ -17,7 +17,7 @@ from .body import Body
 from .connectivity import simplices_of
 
 #: Triangles of facets in space, and segments of those in the plane, by the number of their nodes: corners, then midpoints of edges.
-PIECES = {
+PIECES: dict[int, dict[int, list[tuple[int, ...]]]] = {
     3: {3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)], 6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)]},
     2: {2: [(0, 1)], 3: [(0, 2), (2, 1)]},
 }

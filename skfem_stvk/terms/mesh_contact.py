@@ -202,6 +202,10 @@ class BoundMeshContact:
         behind, expected = np.concatenate(self._behind), "stiffness=... [Pa], such as that of the softest body"
         self._stiffness = contact.stiffness or float(young_of(body, behind, contact.label, expected).min())
         self._thickness = float(body.section[behind].min()) if body.mesh.k == self._d == 2 else 1.0
+        if self._rigid is not None:
+            ends = body.mesh.p.T[pieces_of(self._facets[0], self._d)]
+            mean = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2).mean()
+            self._rigid_points, self._rigid_simplices = self._rigid.refined(float(mean))
         self._set_surface(body)
         self._refuse_long_distance()
         self.refuse_start(np.zeros((self._nv, self._d)))
@@ -225,10 +229,10 @@ class BoundMeshContact:
                 )
             patches = np.isin(self._nodes, nodes[1]).astype(np.int32)
         self._X, n = body.mesh.p.T[self._nodes], len(self._nodes)
-        simplices = [np.searchsorted(self._nodes, pieces_of(facets, self._d)) for facets in kept]
+        simplices: list[NDArray[Any]] = [np.searchsorted(self._nodes, pieces_of(facets, self._d)) for facets in kept]
         if self._rigid is not None:
-            self._X = np.vstack([self._X, self._rigid.points])
-            simplices.append(self._rigid.simplices + n)
+            self._X = np.vstack([self._X, self._rigid_points])
+            simplices.append(self._rigid_simplices + n)
             patches = (np.arange(len(self._X)) >= n).astype(np.int32)
         modulus = self._stiffness * self._thickness
         self._barrier = Barrier(self._X, np.concatenate(simplices).astype(np.int32), patches, self.contact.distance, modulus)
@@ -253,9 +257,9 @@ class BoundMeshContact:
         if crossing:
             edge, other = (self._named(vertices) for vertices in crossing[0])
             raise ContactError(
-                f"{self.contact.label}: {len(crossing)} edges and {'triangles' if self._d == 3 else 'edges'} intersect at the "
-                f"start, first the edge of {edge} and the {'triangle' if self._d == 3 else 'edge'} of {other}; expected surfaces "
-                "apart. Move the bodies, or mesh them again."
+                f"{self.contact.label}: {len(crossing)} {'edges and triangles' if self._d == 3 else 'pairs of edges'} intersect at "
+                f"the start, first the edge of {edge} and the {'triangle' if self._d == 3 else 'edge'} of {other}; expected "
+                "surfaces apart. Move the bodies, or mesh them again."
             )
         inside = self._inside(x)
         if len(inside):
@@ -327,8 +331,9 @@ class BoundMeshContact:
             self._keys, self.pattern_version = keys, self.pattern_version + 1
 
     def _sorted_blocks(self, K: csr_matrix) -> tuple[NDArray[np.int64], Array, Array | None]:
-        """Return numbers (n,) of the pairs of nodes of a symmetric matrix, ascending, their blocks (n, d, d), and those of `nodes`
-        with themselves, or None if the contact is balanced.
+        """Return numbers (n,) of the pairs of nodes of a symmetric matrix, ascending, and their blocks (n, d, d).
+
+        The third result has the blocks of `nodes` with themselves, if the contact is not balanced.
         """
         n, d = len(self._nodes), self._d
         if not self.balanced:
@@ -562,4 +567,3 @@ class MeshContactWithFriction(BoundMeshContact):
         if self._start is None:
             return 0.0, 0.0
         return 0.0, float((self._friction_at(self._moved(u1)) * (u1 - self._start)[self._nodes]).sum())
-

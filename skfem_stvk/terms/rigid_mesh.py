@@ -16,6 +16,8 @@ from .contact_surface import pieces_of
 
 #: A triangle is degenerate if its area is below this fraction of the square of its longest edge.
 DEGENERATE = 1e-9
+#: Largest number of triangles in the finer surface of a contact.
+MOST = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +27,8 @@ class RigidMesh(Specification):
     Vertices at the same coordinates become one, because STL files have three for each triangle. If the surface is closed and
     oriented, bodies are on the side of its normals: outside a block, and inside a box whose normals point inwards. A start on the
     other side is refused. Other surfaces are two-sided: bodies may start on either side.
+
+    A contact bisects edges that are longer than the mean edge of the body's surface, because the force would concentrate on them.
 
     Parameters
     ----------
@@ -76,10 +80,13 @@ class RigidMesh(Specification):
                 f"RigidMesh: {mesh.kind}; expected a surface, triangles in 3D or segments in 2D. RigidMesh((mesh.p, mesh.surface)) "
                 "takes the surface of an ElementMesh; triangles in space need three coordinates."
             )
+        bad = np.flatnonzero(~np.isfinite(mesh.p).all(axis=0))
+        if len(bad):
+            raise ContactError(f"RigidMesh: {name_ids(bad, 'vertex')} not finite; expected finite coordinates [m].")
         points, number = np.unique(mesh.p.T + 0.0, axis=0, return_inverse=True)  # -0.0 becomes 0.0
         used, simplices = np.unique(number.ravel()[pieces_of(mesh.t, mesh.d)], return_inverse=True)
         values = {
-            "file": os.fspath(self.file) if read else self.file,
+            "file": os.path.abspath(self.file) if read else self.file,
             "points": points[used],
             "simplices": simplices.reshape(-1, mesh.d).astype(np.int32),
         }
@@ -108,29 +115,81 @@ class RigidMesh(Specification):
     def _refuse_degenerate(self) -> None:
         corners = self.points[self.simplices]
         edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        sides = corners[:, 1:] - corners[:, :1]
-        sizes = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2 if self.d == 3 else edges
-        bad = np.flatnonzero(sizes <= DEGENERATE * edges ** (self.d - 1))
+        bad = np.flatnonzero(self._areas() <= DEGENERATE * edges ** (self.d - 1))
         if len(bad):
             raise ContactError(
                 f"RigidMesh: {name_ids(bad, self._kind)} of {len(corners)} without area; expected corners that are no line. Remove "
                 "them, or mesh the surface again."
             )
 
+    def _areas(self) -> Array:
+        """Return the areas (m,) of the triangles [m^2], or the lengths of the segments [m]."""
+        corners = self.points[self.simplices]
+        sides = corners[:, 1:] - corners[:, :1]
+        normals = np.cross(sides[:, 0], sides[:, 1]) / 2 if self.d == 3 else sides[:, 0]
+        areas: Array = np.linalg.norm(normals, axis=1)
+        return areas
+
     def _unmatched(self) -> NDArray[np.int64]:
         """Return the numbers of the simplices with a side that no single neighbour has in the other direction."""
-        t, n = self.simplices.astype(np.int64), len(self.points)
+        t: NDArray[Any] = self.simplices.astype(np.int64)
+        n = len(self.points)
         if self.d == 3:
             begin, end = t.ravel(), np.roll(t, -1, axis=1).ravel()
             there, back = begin * n + end, end * n + begin
         else:  # each vertex ends one segment and begins one
-            there, back = (t + [0, n]).ravel(), (t + [n, 0]).ravel()
+            there, back = (t + np.array([0, n])).ravel(), (t + np.array([n, 0])).ravel()
         sides, count = np.unique(there, return_counts=True)
         matched = np.isin(back, sides) & np.isin(there, sides[count == 1]) & np.isin(back, sides[count == 1])
         return np.flatnonzero(~matched.reshape(len(t), -1).all(axis=1))
 
+    def refined(self, longest: float) -> tuple[Array, NDArray[np.int32]]:
+        """Return vertices (n, d) and simplices (m, d) of the same surface, with short edges.
+
+        Simplices are bisected at their longest edges, both neighbours of an edge at once.
+
+        Parameters
+        ----------
+        longest
+            Largest length of edges [m].
+
+        Raises
+        ------
+        ContactError
+            if there would be too many simplices.
+        """
+        points, t, d = self.points, self.simplices, self.d
+        count = 5 * self._areas().sum() / longest ** (d - 1)
+        if count > MOST:
+            raise ContactError(
+                f"RigidMesh: about {count:.1g} {self._kind}s with edges of {longest:.3g} m, as those of the body, cover it; "
+                f"expected at most {MOST:g}. Cut off what the body does not touch, or take a RigidContact."
+            )
+        while True:
+            ends = np.stack([t, np.roll(t, -1, axis=1)], axis=2)[:, : 2 * d - 3].astype(np.int64)
+            keys, of = np.unique(ends.min(axis=2) * len(points) + ends.max(axis=2), return_inverse=True)
+            edges, of = np.stack(np.divmod(keys, len(points)), axis=1), of.reshape(len(t), -1)
+            lengths = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
+            rank = np.argsort(np.argsort(lengths, kind="stable"))
+            corner = rank[of].argmax(axis=1)  # where the longest edge of each begins
+            edge = of[np.arange(len(t)), corner]
+            split = (lengths > longest) & (np.bincount(edge, minlength=len(edges)) == np.bincount(of.ravel()))
+            if not split.any():
+                return points, t
+            halved, middle = split[edge], (np.cumsum(split) - 1 + len(points)).astype(np.int32)
+            first = np.take_along_axis(t, (corner[:, None] + np.arange(d)) % d, axis=1)[halved]
+            second = first.copy()
+            first[:, 1] = second[:, 0] = middle[edge[halved]]
+            points, t = np.vstack([points, points[edges[split]].mean(axis=1)]), np.vstack([t[~halved], first, second])
+
     def behind(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points (n, d) are on the rigid side of a closed surface."""
+        """Return which points are on the rigid side of a closed surface.
+
+        Parameters
+        ----------
+        points
+            (n, d) coordinates [m].
+        """
         free_side = 0.0 if self._size() > 0 else -1.0
         return np.abs(winding_numbers(points, self.points[self.simplices]) - free_side) > 0.5
 

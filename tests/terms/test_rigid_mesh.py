@@ -6,7 +6,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from terms.test_mesh_contact import DISTANCE, GAP, LAW, by_node, deformed, force_of, slope, tensor, two, upper
+from terms.test_mesh_contact import DISTANCE, GAP, LAW, by_node, force_of, slope, tensor, two, upper
 
 from skfem_stvk import (
     BackwardEuler,
@@ -33,17 +33,15 @@ from skfem_stvk.mesh import ElementMesh
 TABLE = np.array([[-1.0, 1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0]]), np.array([[0, 0], [1, 2], [2, 3]])
 
 
-def die(low=(0.0, 0.0, 0.0), size=(0.1, 0.1, 0.05), n=(3, 3, 2)):
+def die(low=(0.0, 0.0, 0.0), size=(0.1, 0.1, 0.05), n=(6, 6, 3)):
     """Return the surface of a block as arrays."""
     mesh = ElementMesh.of(tensor(size, n))
     return mesh.p + np.reshape(low, (3, 1)), mesh.surface
 
 
 def pressed(friction=None, law=LAW, fixed=None, **options):
-    """Return an upper block above a rigid block, which are those of `two`, and the system without contact."""
+    """Return an upper block, that of `two`, above a rigid block, and the system without contact."""
     mesh = two()
-    block = mesh.restricted(mesh.elements("upper")) if hasattr(mesh, "restricted") else None
-    assert block is None
     t = mesh.t[:, mesh.elements("upper")]
     nodes = np.unique(t)
     block = ElementMesh(mesh.p[:, nodes], np.searchsorted(nodes, t))
@@ -73,12 +71,18 @@ def test_force_and_stiffness_are_derivatives():
 @pytest.mark.parametrize("friction", [None, Friction(0.4, slip_length=1e-4)])
 def test_forces_are_those_of_contact_with_a_body_that_does_not_move(friction):
     system, _ = pressed(friction)
-    both = System(two(), [LAW, MeshContact("lower", "upper", distance=DISTANCE, friction=friction)])
+    p, lower = system.mesh.p, tensor((0.1, 0.1, 0.05), (6, 6, 3))
+    t = np.hstack([lower.t, system.mesh.t + lower.p.shape[1]])
+    halves = {"lower": np.arange(lower.t.shape[1]), "upper": np.arange(lower.t.shape[1], t.shape[1])}
+    mesh = ElementMesh(np.hstack([lower.p, p]), t, subdomains=halves)
+    both = System(mesh, [LAW, MeshContact("lower", "upper", distance=DISTANCE, friction=friction)])
+    assert len(system.bound_terms[1]._X) == len(both.bound_terms[1]._X)
     top, u = upper(both), rng(system)[0]
     w = np.zeros((both.mesh.nv, 3))
     terms = [one.bound_terms[1].with_new_history(in_time=False) for one in (system, both)]
     for t, shift in ((0.0, 0.0), (1.0, 2e-4)):
-        moved = by_node(u) + [shift, 0, 0]
+        moved = by_node(u).copy()
+        moved[:, 0] += shift
         w[top] = moved
         found = []
         for term, x in zip(terms, (moved, w), strict=True):
@@ -94,60 +98,74 @@ def test_forces_are_those_of_contact_with_a_body_that_does_not_move(friction):
 def test_a_block_rests_on_it_as_on_a_plane():
     mesh = tensor((0.1, 0.1, 0.1), (4, 4, 4))
     law, top = StVK(young=3e4, poisson=0.3, density=1000.0), mesh.p[2].max()
+    turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
     lid = {lambda x: x[2] == top: {"x": 0.0, "y": 0.0, "z": -2e-3}}
     with pytest.warns(StvkWarning, match="two-sided"):
-        table = RigidMesh((TABLE[0] - [[0], [0], [1e-4]], TABLE[1]))
-    contacts = MeshContact(None, table, distance=1e-4, name="floor"), RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), name="floor")
+        table = RigidMesh((turn @ TABLE[0] - [[0], [0], [3e-4]], TABLE[1]))
+    contacts = MeshContact(None, table, distance=3e-4, name="floor"), RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), name="floor")
     forces = [
-        solve_static(System(mesh, [law, contact], prescribed=lid), steps=20, quiet=True).contact("floor").resultant[2]
+        solve_static(System(mesh, [law, contact], prescribed=lid), steps=5, quiet=True).contact("floor").resultant[2]
         for contact in contacts
     ]
     assert forces[0] == pytest.approx(forces[1], rel=0.03) and forces[0] > 1
 
 
-@pytest.mark.parametrize("n", [1, 8])
-def test_its_edges_may_be_shorter_than_the_distance(n):
-    """The force on a block over the middle of a table hardly depends on the triangles of the table."""
+@pytest.mark.parametrize(("n", "within"), [(1, 0.2), (5, 0.2), (64, 0.3)])
+def test_the_force_hardly_depends_on_its_triangles(n, within):
+    """Long edges are bisected. The edges of the last table are shorter than those of the block."""
     block, forces = ElementMesh.of(tensor((0.1, 0.1, 0.05), (4, 4, 2))), []
     for parts in (n, 40):
         top = tensor((1.0, 1.0), (parts, parts), skfem.MeshTri)
-        table = np.vstack([top.p - 0.45, np.full(top.p.shape[1], -0.8e-2)]), top.t
+        table = np.vstack([top.p - 0.45, np.full(top.p.shape[1], -1.5e-3)]), top.t
         with pytest.warns(StvkWarning, match="two-sided"):
-            contact = MeshContact(None, RigidMesh(table), distance=2.4e-2)
+            contact = MeshContact(None, RigidMesh(table), distance=2.5e-3)
         body = System(block, [LAW, contact])
         forces.append(by_node(body.internal_force(np.zeros(body.ndofs)))[:, 2].sum())
-    assert forces[0] == pytest.approx(forces[1], rel=1.1)
+    assert forces[0] == pytest.approx(forces[1], rel=within) and forces[1] < -1
+
+
+def test_refined_surfaces_are_the_same_surfaces():
+    rigid, longest = RigidMesh(die((0, 0, 0), (0.1, 0.3, 1.0), (1, 1, 1))), 0.06
+    points, t = rigid.refined(longest)
+    ends = points[t] - np.roll(points[t], 1, axis=1)
+    fine = RigidMesh((points.T, t.T))
+    assert 0.5 * longest < np.linalg.norm(ends, axis=2).max() <= longest and fine.closed
+    assert fine._areas().sum() == pytest.approx(0.86) and fine._size() == pytest.approx(6 * 0.03)
+    assert fine._areas().min() > 0.01 * longest**2
+    with pytest.raises(ContactError, match=r"about .* triangles with edges of 1e-05 m"):
+        rigid.refined(1e-5)
 
 
 def test_energy_momentum_closes_the_ledger_of_an_impact():
     system, _ = pressed()
-    run = simulate(system, EnergyMomentum(dt=1e-3), until=0.02, v0=np.tile([0.1, 0, -0.5], system.mesh.nv), quiet=True)
+    run = simulate(system, EnergyMomentum(dt=2.5e-4), until=0.01, v0=np.tile([0.1, 0, -0.5], system.mesh.nv), quiet=True)
     ledger, kinetic = run.ledger, run.ledger["kinetic_energy"][0]
     assert np.abs(ledger["closure_error"]).max() < 1e-11 * kinetic and ledger["strain_energy MeshContact 1"].max() > 1e-4 * kinetic
     assert by_node(run.v)[:, 2].mean() > 0.1 and run.contact("die").gap.min() > 0
     force, p = ledger["contact die z"], ledger["linear_momentum_z"]
-    assert force.max() > 0 and p[-1] - p[0] == pytest.approx(np.trapezoid(force, ledger["time"]), rel=0.05)
+    assert force.max() > 0 and p[-1] - p[0] == pytest.approx(np.trapezoid(force, ledger["time"]), rel=0.1)
 
 
-def test_a_block_slides_and_stops():
-    friction, speed = Friction(0.4, slip_speed=0.02), 0.3
-    system, _ = pressed(friction, law=StVK(young=3e5, poisson=0.3, density=1000.0), stiffness=3e4)
-    weight = System(system.mesh, [*system.terms, Gravity((0, 0, -9.81))])
-    run = simulate(
-        weight, BackwardEuler(dt=2e-3), until=0.12, v0=np.tile([speed, 0, 0], system.mesh.nv), quiet=True
-    )
-    ledger = run.ledger
-    assert by_node(run.v)[:, 0].mean() < 0.03 and ledger["friction_work"][-1] == pytest.approx(
-        ledger["kinetic_energy"][0], rel=0.2
-    )
-    assert np.abs(ledger["contact die x"]).max() < 1.5 * 0.4 * ledger["contact die z"].max()
+def test_a_block_slides_and_friction_slows_it():
+    friction, start, until = Friction(0.4, slip_speed=0.02), 0.3, 0.04
+    system, _ = pressed(friction, law=StVK(young=3e5, poisson=0.3, density=1000.0), stiffness=1e3)
+    body = System(system.mesh, [*system.terms, Gravity((0, 0, -9.81))])
+    resting = simulate(body, BackwardEuler(dt=0.02), until=1.0, quiet=True)
+    v0 = np.tile([start, 0, 0], system.mesh.nv)
+    run = simulate(body, EnergyMomentum(dt=1e-3), until=until, u0=resting.u, v0=v0, quiet=True)
+    ledger, slid = run.ledger, 0.4 * 9.81 * until
+    assert ledger["linear_momentum_x"][-1] / ledger["linear_momentum_x"][0] == pytest.approx(1 - slid / start, rel=0.03)
+    assert ledger["friction_work"][-1] == pytest.approx(ledger["kinetic_energy"][0] * (1 - (1 - slid / start) ** 2), rel=0.05)
+    assert np.abs(ledger["closure_error"]).max() < 1e-10 * ledger["kinetic_energy"][0]
 
 
 def test_a_block_that_touches_it_is_held_along_its_normal():
     system, _ = pressed(fixed={lambda x: x[0] == x[0].min(): "xy"})
     nodes, directions = system.bound_terms[1].held_directions(np.zeros((system.mesh.nv, 3)))
     assert len(nodes) and directions[:, 2].min() > 0.5
-    found = solve_static(System(system.mesh, [*system.terms, Gravity((0, 0, -9.81))], {lambda x: x[0] == x[0].min(): "xy"}), quiet=True)
+    found = solve_static(
+        System(system.mesh, [*system.terms, Gravity((0, 0, -9.81))], {lambda x: x[0] == x[0].min(): "xy"}), quiet=True
+    )
     assert found.success and found.contact("die").resultant[2] == pytest.approx(0.08 * 0.07 * 0.05 * 9810, rel=1e-6)
 
 
@@ -157,7 +175,9 @@ def test_a_resumed_run_and_a_restored_simulation_have_the_same_bits(tmp_path, fr
     options = {"v0": np.tile([0.1, 0, -0.5], system.mesh.nv), "quiet": True}
     whole = simulate(system, BackwardEuler(dt=1e-3), until=0.015, **options)
     simulate(system, BackwardEuler(dt=1e-3), until=0.009, checkpoint=tmp_path, **options)
-    again = simulate(pickle.loads(pickle.dumps(system)), BackwardEuler(dt=1e-3), until=0.015, checkpoint=tmp_path, resume=True, quiet=True)
+    again = simulate(
+        pickle.loads(pickle.dumps(system)), BackwardEuler(dt=1e-3), until=0.015, checkpoint=tmp_path, resume=True, quiet=True
+    )
     assert np.array_equal(again.u, whole.u) and np.array_equal(again.v, whole.v)
     sim = Simulation(system, BackwardEuler(dt=1e-3), v0=options["v0"])
     for _ in range(6):
@@ -170,17 +190,20 @@ def test_a_resumed_run_and_a_restored_simulation_have_the_same_bits(tmp_path, fr
         sim.restore(saved)
     assert np.array_equal(*ends)
     lower = MeshContact(None, RigidMesh(die((0, 0, -1e-3))), distance=DISTANCE, friction=friction, name="die")
-    with pytest.raises(StvkError, match="contacts .* changed"):
-        simulate(System(system.mesh, [LAW, lower]), BackwardEuler(dt=1e-3), until=0.015, checkpoint=tmp_path, resume=True, quiet=True)
+    with pytest.raises(StvkError, match=r"contacts .* changed"):
+        simulate(
+            System(system.mesh, [LAW, lower]), BackwardEuler(dt=1e-3), until=0.015, checkpoint=tmp_path, resume=True, quiet=True
+        )
 
 
 def test_removed_elements_take_their_facets_with_them():
     system, _ = pressed()
     u, v = rng(system)
-    torn = system.without(np.flatnonzero(system.mesh.p[2, system.mesh.t].mean(axis=0) < 0.07))
+    torn = system.without(np.flatnonzero(system.mesh.p[2, system.mesh.t].mean(axis=0) < 0.078))
     term = torn.bound_terms[1]
     assert term.energy_and_force(by_node(u)) < 1e-3 * system.bound_terms[1].energy_and_force(by_node(u))
     half = system.without(np.flatnonzero(system.mesh.p[0, system.mesh.t].mean(axis=0) < 0.04))
+    by_node(v)[half.bare] = 0  # K has entries there that belong to no term
     K, F = half.tangent(u), lambda s: half.internal_force(u + s * v)
     assert np.abs(K @ v - slope(F)).max() < 1e-5 * np.abs(K @ v).max()
 
@@ -199,7 +222,10 @@ def test_files_are_read_and_vertices_at_one_point_are_one(tmp_path, ending):
 
 
 def test_quadratic_and_quadrilateral_facets_count_as_triangles():
-    hexahedra, quadratic = ElementMesh.of(tensor((1, 1, 1), (2, 2, 2), skfem.MeshHex)), ElementMesh.of(tensor((1, 1, 1), (1, 1, 1))).with_degree(2)
+    hexahedra, quadratic = (
+        ElementMesh.of(tensor((1, 1, 1), (2, 2, 2), skfem.MeshHex)),
+        ElementMesh.of(tensor((1, 1, 1), (1, 1, 1))).with_degree(2),
+    )
     for mesh, count in ((hexahedra, 48), (quadratic, 48)):
         rigid = RigidMesh(ElementMesh(mesh.p, mesh.surface, element=mesh.facet))
         assert rigid.closed and len(rigid.simplices) == count and rigid._size() == pytest.approx(6)
@@ -213,7 +239,7 @@ def test_the_side_of_a_closed_surface_is_that_of_its_normals():
     System(block, [LAW, MeshContact(None, room, distance=1e-3)])  # within a room
     with pytest.raises(ContactError, match=r"1 node \(0\) inside the RigidMesh at the start.*reverse the order of the vertices"):
         System(block, [LAW, MeshContact(None, RigidMesh((p, t)), distance=1e-3)])
-    outside = RigidMesh(die((1, 1, 1))[0:1] + (die()[1][::-1],))
+    outside = RigidMesh((p + 1, t[::-1]))
     with pytest.raises(ContactError, match="inside the RigidMesh"):
         System(block, [LAW, MeshContact(None, outside, distance=1e-3)])
     with pytest.warns(StvkWarning, match=r"1 triangle|2 triangles|3 triangles"):
@@ -251,7 +277,12 @@ def test_contacts_that_do_not_fit_are_refused():
     for body, second, distance, message in (
         (block, rigid, 0.06, "distance = 0.06 m; expected at most the shortest edge of the surfaces, 0.05 m"),
         (skfem.MeshTri(), rigid, 1e-3, "RigidMesh has 3 components; expected 2"),
-        (block, RigidMesh(die((0, 0, -0.04))), 1e-3, r"edges and triangles intersect at the start, first the edge of (nodes|the Rig)"),
+        (
+            block,
+            RigidMesh(die((0, 0, -0.04))),
+            1e-3,
+            r"edges and triangles intersect at the start, first the edge of (nodes|the Rig)",
+        ),
         (block, "die.stl", 1e-3, "no boundary, node set or subdomain 'die.stl'"),
     ):
         with pytest.raises(StvkError, match=message):
@@ -263,5 +294,7 @@ def test_a_body_thrown_at_it_does_not_pass_through():
     term, down = system.bound_terms[1], np.tile([0, 0, -2.5 * GAP], (system.mesh.nv, 1))
     assert term.contact_limit(0 * down, down) == pytest.approx(1 / 2.5, rel=2e-3)
     assert term.passes(0 * down, down) and not term.passes(0 * down, 0.39 * down) and term.passes(0 * down, 40 * down)
-    run = simulate(system, BackwardEuler(dt=1e-3), until=3e-3, v0=np.tile([0, 0, -50.0], system.mesh.nv), quiet=True, raise_on_failure=False)
+    run = simulate(
+        system, BackwardEuler(dt=1e-3), until=3e-3, v0=np.tile([0, 0, -50.0], system.mesh.nv), quiet=True, raise_on_failure=False
+    )
     assert (system.mesh.p[2] + by_node(run.u)[:, 2]).min() > 0.05
