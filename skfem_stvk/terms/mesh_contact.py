@@ -489,8 +489,7 @@ class BoundMeshContact:
         """Return the contact without the facets whose elements are removed, `removed` (nt,), and with the faces that these expose,
         unless the surface is a boundary.
         """
-        other = copy(self)
-        other._found = other._valued = other._last_mean = other._rubbing = None
+        other = copy(self)  # without results of the last calls
         other._set_surface(self._body.without(removed, self._body.bare))
         other.pattern_version += not self.balanced  # K has blocks for other nodes
         return other

@@ -124,7 +124,19 @@ def test_the_force_hardly_depends_on_its_triangles(n, within):
     assert forces[0] == pytest.approx(forces[1], rel=within) and forces[1] < -1
 
 
+def test_it_does_not_touch_itself():
+    system, _ = pressed()
+    fine = MeshContact(None, RigidMesh(die(n=(30, 30, 15))), distance=DISTANCE)
+    away = np.full((system.mesh.nv, 3), 1.0)
+    assert System(system.mesh, [LAW, fine]).bound_terms[1].energy_and_force(away) == 0
+
+
 def test_refined_surfaces_are_the_same_surfaces():
+    p = np.array([[0, 1, 0.2, 0.1], [0, 0.1, 0.5, 0.2], [0, 0, 0.1, 0.8]])
+    sharp = ElementMesh(p, np.arange(4)[:, None])
+    rigid = RigidMesh((p, sharp.surface))
+    points, t = rigid.refined(0.1)
+    assert len(t) > 100 and RigidMesh((points.T, t.T)).closed and len(np.unique(points, axis=0)) == len(points)
     rigid, longest = RigidMesh(die((0, 0, 0), (0.1, 0.3, 1.0), (1, 1, 1))), 0.06
     points, t = rigid.refined(longest)
     ends = points[t] - np.roll(points[t], 1, axis=1)
@@ -206,6 +218,16 @@ def test_removed_elements_take_their_facets_with_them():
     by_node(v)[half.bare] = 0  # K has entries there that belong to no term
     K, F = half.tangent(u), lambda s: half.internal_force(u + s * v)
     assert np.abs(K @ v - slope(F)).max() < 1e-5 * np.abs(K @ v).max()
+
+
+def test_elements_can_be_removed_while_the_body_touches():
+    system, _ = pressed()
+    corner = np.flatnonzero(system.mesh.p[:, system.mesh.t].mean(axis=1)[[0, 2]].sum(axis=0) < 0.1)
+    options = {"remove": lambda t, u: corner if t > 1.5e-4 else None, "v0": np.tile([0, 0, -0.5], system.mesh.nv), "quiet": True}
+    run = simulate(system, EnergyMomentum(dt=1e-4), until=6e-4, **options)
+    ledger = run.ledger
+    assert len(run.system.removed) == len(corner) > 2 and ledger["contact die z"][:4].min() > 0
+    assert np.abs(ledger["closure_error"]).max() < 1e-11 * ledger["kinetic_energy"][0]
 
 
 # The surface
