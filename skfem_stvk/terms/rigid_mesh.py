@@ -17,7 +17,7 @@ from .contact_surface import pieces_of
 #: A triangle is degenerate if its area is below this fraction of the square of its longest edge.
 DEGENERATE = 1e-9
 #: Largest number of triangles in the finer surface of a contact.
-MOST = 500_000
+MOST = 100_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -309,6 +309,9 @@ def test_contacts_that_do_not_fit_are_refused():
     ):
         with pytest.raises(StvkError, match=message):
             System(body, [LAW, MeshContact(None, second, distance=distance)])
+    system, _ = pressed()
+    with pytest.raises(ContactError, match="moved = 'die'; expected a RigidContact of the body"):
+        Simulation(system, BackwardEuler(dt=1e-3), moved=["die"])
 
 
 def test_a_body_thrown_at_it_does_not_pass_through():
