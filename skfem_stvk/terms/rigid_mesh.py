@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, Quantity, Specification, own
-from ..errors import ContactError, StvkError, name_ids, warn
+from ..errors import ContactError, MeshError, StvkError, name_ids, warn
 from ..mesh import ElementMesh, read_mesh
 from .contact_surface import pieces_of
 
@@ -74,7 +74,10 @@ class RigidMesh(Specification):
 
     def __post_init__(self) -> None:
         read = isinstance(self.file, str | os.PathLike)
-        mesh = read_mesh(self.file, dimension=3) if read else ElementMesh.of(self.file)
+        try:
+            mesh = read_mesh(self.file, dimension=3) if read else ElementMesh.of(self.file)
+        except MeshError as error:
+            raise MeshError(f"RigidMesh: {error}") from error
         if not 1 <= mesh.k == mesh.d - 1:
             raise ContactError(
                 f"RigidMesh: {mesh.kind}; expected a surface, triangles in 3D or segments in 2D. RigidMesh((mesh.p, mesh.surface)) "
