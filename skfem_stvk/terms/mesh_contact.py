@@ -131,7 +131,7 @@ class MeshContact(Specification):
         body = body if isinstance(body, Body) else Body(body, [])
         d = body.mesh.d
         if d == 1:
-            raise ContactError(f"{self.label}: the mesh has 1 dimension; expected 2 or 3. RigidContact is for rigid planes.")
+            raise ContactError(f"{self.label}: the mesh has 1 dimension; expected 2 or 3.")
         if isinstance(self.second, RigidMesh) and self.second.d != d:
             raise ContactError(f"{self.label}: its RigidMesh has {self.second.d} components; expected {d}, as the mesh.")
         return (BoundMeshContact if self.friction is None else MeshContactWithFriction)(self, body)
