@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import StvkError, warn
 from ..results import Fields, Series
+from ..results.contact import contact_states
 from ..results.files import of_leader
 from ..system.signature import Fingerprint
 from .ledger import LedgerFile
@@ -113,8 +114,10 @@ class Outputs:
         with self._record.watch("write"):
             self._fields.leave_out(self._setup.motion.system.removed)
             if not series.steps or series.steps[-1][0] < state.t:
-                u, v = (self._setup.motion.states.expand(x) for x in (state.u, state.v))
-                series.add(self._fields.at(u, v), state.t)
+                motion = self._setup.motion
+                u, v = (motion.states.expand(x) for x in (state.u, state.v))
+                contacts = contact_states(motion.system, u, motion.moment(state.t))
+                series.add(self._fields.at(u, v, contacts), state.t)
             self._write_table()
 
     def save_if_due(self) -> None:

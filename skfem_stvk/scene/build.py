@@ -32,7 +32,7 @@ from ..units import UNITS
 from .complaints import Complaints
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
-from .schema.derived import SURFACES
+from .schema.derived import SURFACES, Derived
 from .schema.places import BoxPlace, where_of
 from .schema.sections import Expectation, Prescribed
 from .schema.terms import given_by, in_elements, in_time
@@ -66,10 +66,10 @@ NUMBERED = re.compile(r"(frequency|critical)\.\d+")
 
 
 class Names:
-    """Materials, places and regions of a scene by name, on its mesh."""
+    """Materials, places and regions of a scene by name, on its mesh, and the folder of its files."""
 
-    def __init__(self, sections: SceneTables, mesh: ElementMesh) -> None:
-        self.mesh, self.sections = mesh, sections
+    def __init__(self, sections: SceneTables, mesh: ElementMesh, folder: Path = Path()) -> None:
+        self.mesh, self.sections, self.folder = mesh, sections, folder
         self._materials: dict[str, Material] = {}
 
     def material(self, name: str) -> Material:
@@ -185,7 +185,9 @@ def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
 
 def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints, mesh: ElementMesh | None) -> None:
     mesh_file = getattr(sections.mesh, "file", None) if mesh is None else None
-    files = {("mesh", "file"): mesh_file, ("initial", "file"): sections.initial.file}
+    files: dict[tuple[str | int, ...], str | None] = {("mesh", "file"): mesh_file, ("initial", "file"): sections.initial.file}
+    for number, term in enumerate(sections.terms):
+        files["terms", number, "second", "file"] = getattr(getattr(term, "second", None), "file", None)
     for loc, name in files.items():
         if name is None:
             continue
@@ -363,7 +365,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
         mesh = _whole_mesh(sections, source, mesh) if comm is None else _part(sections, source, mesh, comm)
     complaints.refuse()
     assert mesh is not None
-    names = Names(sections, mesh)
+    names = Names(sections, mesh, source.folder)
     for name in sections.places:
         with complaints.at("places", name):
             if name in {*mesh.boundaries, *mesh.node_sets}:
@@ -496,10 +498,11 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
             vertices_at(mesh, names.place(term.on), "on")
             fits["on"] = True
     for name in SURFACES:
-        if getattr(term, name, None) is not None:
+        where = getattr(term, name, None)
+        if where is not None and not isinstance(where, Derived):
             fits[name] = False
             with complaints.at("terms", number, name):
-                names.region(getattr(term, name)) if in_elements(term.library, mesh) else names.surface(getattr(term, name))
+                names.region(where) if in_elements(term.library, mesh) else names.surface(where)
                 fits[name] = True
     name = given_by(term.library)
     given = getattr(term, name, None)

@@ -70,9 +70,9 @@ class Broken(NamedTuple):
     message: str
 
 
-def touching(lines):
+def touching(lines, kind="rigid-contact"):
     """Return the edit that adds a contact with these keys, from line 32, to a good scene."""
-    contact = '[[terms]]\ntype = "rigid-contact"\n' + lines
+    contact = f'[[terms]]\ntype = "{kind}"\n' + lines
     return [('[fixed]\nleft = "xyz"', contact + '\n\n[fixed]\nleft = "xyz"')]
 
 
@@ -83,6 +83,22 @@ CASES = [
         touching('shape = { type = "plain", point = [0, 0, 0] }'),
         "scene.toml: terms[3].shape.type, line 33: 'plain' is not known here; did you mean 'plane'? Known: plane, sphere, "
         "cylinder, box.",
+    ),
+    Broken(
+        "a missing file of a rigid mesh",
+        touching('distance = 0.01\nsecond = { type = "rigid-mesh", file = "table.stl" }', "mesh-contact"),
+        "scene.toml: terms[3].second.file, line 34: the file table.stl does not exist; paths are relative to the scene file.",
+    ),
+    Broken(
+        "a rigid mesh without a file",
+        touching('distance = 0.01\nsecond = { type = "rigid-mesh" }', "mesh-contact"),
+        "scene.toml: terms[3].second.file, line 34: is missing: File with the triangles of the surface, relative to the scene",
+    ),
+    Broken(
+        "a second surface of an unknown type",
+        touching('distance = 0.01\nsecond = { type = "rigid-mash", file = "table.stl" }', "mesh-contact"),
+        "scene.toml: terms[3].second, line 34: got {'file': 'table.stl', 'type': 'rigid-mash'}; expected a name, coordinates "
+        "[x, y, z], or a table with type = one of box, plane, nodes, rigid-mesh",
     ),
     Broken(
         "a shape by its name",
