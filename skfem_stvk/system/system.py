@@ -551,7 +551,8 @@ class System(BoundTerms):
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-        Terms that depend on `t`, such as user-supplied frames, are set to their values at `t` by this method and by `jacobian`.
+        Terms that depend on `t`, such as user-supplied frames and shapes that move, are set to their values at `t` by this method and by
+        the others that have the argument `t`.
 
         Parameters
         ----------
@@ -595,7 +596,9 @@ class System(BoundTerms):
         LoadError
             as `external_force`, and if a load has no potential, such as follower pressure.
         """
-        moment, energy = self._moment(t), self.energy(u)
+        moment = self._moment(t)
+        set_time(self.bound_terms, moment)
+        energy = self.energy(u)
         loads = zip(self.loads, self.bound_loads, strict=True)
         without = [type(load).__name__ for load, bound in loads if not bound.has_potential]
         if without:
@@ -703,6 +706,7 @@ class System(BoundTerms):
             Load factor in statics, time [s] in motions; or a `Moment`.
         """
         x, moment = self._state(u), self._moment(t)
+        set_time(self.bound_terms, moment)
         elastic = iter(self.elastic_energies(u))
         loads = iter([self.space.total(load.potential(x, moment)) if load.has_potential else None for load in self.bound_loads])
         values = {name: next(loads if is_load(term) else elastic) for name, term in self._named}
