@@ -73,12 +73,16 @@ def shortest_edge(mesh: ElementMesh) -> float:
 
 def two_bodies(touch: Touch, mesh: ElementMesh) -> ElementMesh:
     """Return a mesh, "lower", and "upper" above: a copy, of simplices a mirror image, whose nodes are not above those of "lower"."""
-    p, shortest, mirrored = mesh.p.copy(), shortest_edge(mesh), len(mesh.t) == mesh.k + 1
+    shortest, degree, mirrored = shortest_edge(mesh), mesh.element.degree, mesh.element.is_simplex
+    if mirrored:
+        mesh = ElementMesh(mesh.p[:, : mesh.t[: mesh.k + 1].max() + 1], mesh.t[: mesh.k + 1])
+    p = mesh.p.copy()
     low, high = p[-1].min(), p[-1].max()
     p[-1] = (2 * high - p[-1] if mirrored else p[-1] + high - low) + touch.gap * shortest
     p[:-1] += 0.1 * shortest
     bodies = {"lower": np.arange(mesh.nt), "upper": np.arange(mesh.nt, 2 * mesh.nt)}
-    return ElementMesh(np.hstack([mesh.p, p]), np.hstack([mesh.t, mesh.t + mesh.nv]), subdomains=bodies, element=mesh.element)
+    both = ElementMesh(np.hstack([mesh.p, p]), np.hstack([mesh.t, mesh.t + mesh.nv]), subdomains=bodies, element=mesh.element)
+    return both.with_degree(degree) if mirrored else both
 
 
 def contact_of(touch: Touch, mesh: ElementMesh, young: float, rng: np.random.Generator) -> Any:
