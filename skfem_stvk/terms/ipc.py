@@ -20,6 +20,9 @@ FIRST, BEYOND = (1, 6, 1), (1, 7)
 INSTALL = "pip install 'skfem-stvk[contact]'"
 #: Fraction of the distance between two primitives after which continuous collision detection counts them as in contact.
 RESCALING = 0.999
+#: Most iterations of the detection for two primitives; then the part of the way up to there is free. Primitives that are very close
+#: and move far along each other would take up to 1e7 iterations, minutes in all.
+DETECTING = 100_000
 #: Stretch of the longest edge beyond which the search for collisions does not use a grid: its cells in a triangle fill the memory.
 STRETCHED = 4.0
 
@@ -71,7 +74,7 @@ class Barrier:
         if patches is not None:
             self._mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
         self._potential = ipctk.BarrierPotential(distance, stiffness, use_physical_barrier=True)
-        self._detection = ipctk.AdditiveCCD(conservative_rescaling=RESCALING)
+        self._detection = ipctk.AdditiveCCD(max_iterations=DETECTING, conservative_rescaling=RESCALING)
         self._longest = STRETCHED * self._longest_edge(X)
 
     def __reduce__(self) -> tuple[type[Barrier], tuple[Any, ...]]:
