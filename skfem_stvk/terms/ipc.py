@@ -22,7 +22,7 @@ INSTALL = "pip install 'skfem-stvk[contact]'"
 RESCALING = 0.999
 #: Most iterations of the detection for two primitives; then the part of the way up to there is free. Primitives that are very close
 #: and move far along each other would take up to 1e7 iterations, minutes in all.
-DETECTING = 100_000
+DETECTING = 10_000
 #: Stretch of the longest edge beyond which the search for collisions does not use a grid: its cells in a triangle fill the memory.
 STRETCHED = 4.0
 
