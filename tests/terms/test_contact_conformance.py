@@ -3,6 +3,7 @@
 A contact of one's own is one more row of `CASES`. Faults that are planted in the cases are found.
 """
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,7 +60,7 @@ class Case(NamedTuple):
 def rigid(mesh="tetrahedra", shape="sphere", ends=True, **options):
     system = System(MESHES[mesh], [LAW, RigidContact(SHAPES[shape], stiffness=1e4, name="touch", **options)])
     u = 0.02 * np.random.default_rng(0).normal(size=(system.mesh.nv, 3))
-    return Case(system, u + [0, 0, 2.0], u, np.tile([0, 0, -4.0], (system.mesh.nv, 1)), ends)
+    return Case(system, u + np.array([0, 0, 2.0]), u, np.tile([0, 0, -4.0], (system.mesh.nv, 1)), ends)
 
 
 def meshed(kind="tetrahedra", **options):
@@ -74,7 +75,7 @@ def meshed(kind="tetrahedra", **options):
 def toy():
     system = System(MESHES["tetrahedra"], [LAW, Floor(0.3, 100.0)])
     u = 0.02 * np.random.default_rng(0).normal(size=(system.mesh.nv, 3))
-    return Case(system, u + [0, 0, 2.0], u, np.tile([0, 0, -4.0], (system.mesh.nv, 1)), False, mean=1e-3)
+    return Case(system, u + np.array([0, 0, 2.0]), u, np.tile([0, 0, -4.0], (system.mesh.nv, 1)), False, mean=1e-3)
 
 
 RUBBING = Friction(0.4, slip_speed=0.05, slip_length=1e-4)
@@ -128,11 +129,11 @@ def check_derivatives(case):
     assert derivative(lambda s: term.energy_and_force(u + s * v), case.step) == pytest.approx(np.vdot(F, v), rel=case.limit)
     change = derivative(lambda s: force_of(term, u + s * v), case.step).ravel()
     assert np.abs(K @ v.ravel() - change).max() < case.limit * np.abs(change).max()
-    begin, way = np.where(u == case.apart, u, case.apart), u - case.apart
+    begin, way = case.apart, u - case.apart
     energies, works = [], []
     points, weights = np.polynomial.legendre.leggauss(4)
     parts = np.linspace(0, 1, 401)
-    for low, high in zip(parts, parts[1:], strict=False):
+    for low, high in pairwise(parts):
         at = low + (high - low) * (points + 1) / 2
         works.append(sum(w * np.vdot(force_of(term, begin + s * way), way) for w, s in zip(weights, at, strict=True)) / 2 / 400)
         energies.append(term.energy_and_force(begin + high * way))
@@ -186,7 +187,7 @@ def check_step_limit(case):
 
 def check_look(case):
     """Check that K in a state does not depend on the states before, and that a look makes place for its blocks."""
-    body, fresh = case.system, pickled(case.system)
+    body, fresh = case.system, bound_again(case.system)
     far = body.tangent(case.apart.ravel())
     K, other = body.tangent(case.touching.ravel()), fresh.tangent(case.touching.ravel())
     assert np.array_equal(K.indices, other.indices) and np.array_equal(K.data, other.data)
@@ -195,7 +196,7 @@ def check_look(case):
     assert np.array_equal(again.indices, far.indices) and np.array_equal(again.data, far.data)
 
 
-def pickled(system):
+def bound_again(system):
     """Return the same system, bound again."""
     return System(system.mesh, system.terms)
 
@@ -306,6 +307,8 @@ def test_a_contact_that_does_not_look_is_found():
 
 def test_a_history_that_is_not_restored_is_found(monkeypatch):
     case = rigid(friction=RUBBING)
-    monkeypatch.setattr(type(case.system.bound_terms[1]), "history", property(lambda self: self._history, lambda self, numbers: None))
+    monkeypatch.setattr(
+        type(case.system.bound_terms[1]), "history", property(lambda self: self._history, lambda self, numbers: None)
+    )
     with pytest.raises(AssertionError):
         check_restored_state(case)

@@ -12,7 +12,6 @@ from skfem_stvk.terms.mesh_contact import BoundMeshContact
 from skfem_stvk.terms.rigid_contact import BoundRigidContact
 from validation.fuzz import bodies, files, programs, solves, study
 
-
 CONTACTS = ("contacts", "contact programs", "contact solves", "contact motions")
 
 
@@ -99,7 +98,9 @@ def test_a_motion_with_a_spurious_spin_is_found(monkeypatch):
 
 def with_kind(kind, drawn):
     """Return bodies that touch something of one kind, without wrong arguments."""
-    return drawn.map(lambda one: replace(one, touch=replace(one.touch, kind=kind, wrong=None, gap=0.05 if "bodies" in kind else -0.05)))
+    return drawn.map(
+        lambda one: replace(one, touch=replace(one.touch, kind=kind, wrong=None, gap=0.05 if "bodies" in kind else -0.05))
+    )
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,9 @@ def stiffness(quick: bool) -> Study:
         "A ball between two plates, a/R = 0.1: stiffness and onset of the contact",
         f"without onset the force is within {FORCE_LIMIT:.1%} of Hertz's from 100 E/h on",
         ("onset/h", "stiffness h/E", "error in force", "iterations", "s"),
-        tuple((f"{onset:g}", f"{k:g}", f"{one.force - 1:+.2%}", f"{one.iterations}", f"{one.seconds:.1f}") for onset, k, one in found),
+        tuple(
+            (f"{onset:g}", f"{k:g}", f"{one.force - 1:+.2%}", f"{one.iterations}", f"{one.seconds:.1f}") for onset, k, one in found
+        ),
         tuple(f"{k:g} E/h: {errors[0, k]:+.2%}" for k in (100.0, 1000.0) if not abs(errors[0, k]) <= FORCE_LIMIT),
         ("linear elasticity, one load step",),
     )

@@ -1,4 +1,4 @@
-"""Random contacts: of a body with a rigid shape, of two bodies, or of a body with itself, and properties that hold for all of them."""
+"""Random contacts of a body with a rigid shape, of two bodies, or of a body with itself, and properties of all of them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def shortest_edge(mesh: ElementMesh) -> float:
 
 
 def two_bodies(touch: Touch, mesh: ElementMesh) -> ElementMesh:
-    """Return a mesh, "lower", and "upper" above: a copy, of simplices a mirror image, whose nodes are not above those of "lower"."""
+    """Return a mesh, "lower", and above it "upper", its copy or mirror image, moved sideways so that the nodes do not match."""
     shortest, degree, mirrored = shortest_edge(mesh), mesh.element.degree, mesh.element.is_simplex
     if mirrored:
         mesh = ElementMesh(mesh.p[:, : mesh.t[: mesh.k + 1].max() + 1], mesh.t[: mesh.k + 1])

@@ -171,7 +171,9 @@ def _check_apart(recipe: Recipe, system: System, u: Array) -> None:
     """Check that surfaces that repel each other do not intersect."""
     if recipe.touch is not None and system.contacts[0].is_barrier:
         assert system.contacts[0].evaluated(u.reshape(-1, 3))[1].min() > 0, "a gap is not positive"
-        assert len(system.mesh.surface if system.mesh.k == 3 else system.mesh.t) != 3 or not crosses(system.mesh, u), "surfaces cross"
+        assert len(system.mesh.surface if system.mesh.k == 3 else system.mesh.t) != 3 or not crosses(system.mesh, u), (
+            "surfaces cross"
+        )
 
 
 def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Array, Array], dt: float) -> None:
@@ -189,7 +191,9 @@ def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Ar
         arm = max(float(np.abs(system.mesh.p.T + u.reshape(-1, d)).max()) for u in (u0, run.u))
         assert LINEAR_MOMENTUM in conserved
         momenta = {"linear_momentum": ("xyz"[:d], scale)}
-        if ANGULAR_MOMENTUM in conserved and touch is None and recipe.law != "linear" and d > 1:  # linear elasticity has strains from rotations
+        if (
+            ANGULAR_MOMENTUM in conserved and touch is None and recipe.law != "linear" and d > 1
+        ):  # linear elasticity has strains from rotations
             momenta["angular_momentum"] = "xyz" if d == 3 else "z", arm * scale
         for name, (axes, size) in momenta.items():
             moved = np.array([ledger[f"{name}_{axis}"] for axis in axes])
@@ -198,5 +202,7 @@ def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Ar
     if ENERGY in conserved and recipe.law not in AT_THE_MIDDLE:
         energy = ledger["kinetic_energy"] + np.abs(ledger["strain_energy"])
         off = float(np.abs(ledger["closure_error"]).max())
-        size = float(sum(np.abs(ledger.get(name, np.zeros(1))).max() for name in ("potential_energy", "external_work")) + energy.max())
+        size = float(
+            sum(np.abs(ledger.get(name, np.zeros(1))).max() for name in ("potential_energy", "external_work")) + energy.max()
+        )
         assert off <= 1e-8 * size, f"energy of {off:g} is lost, in {size:g}"
