@@ -36,7 +36,7 @@ def test_every_name_has_a_study():
 @pytest.mark.parametrize("name", [name for name in contact.NAMES if name not in contact.WHOLE_ONLY])
 def test_the_quick_study_holds(name, gmsh):
     study = STUDIES[name](True)
-    assert study.passed and len(study.rows) > 2, study.failures
+    assert study.passed and len(study.rows) > 1, study.failures
 
 
 def test_the_areas_of_facets_that_face_away_are_detected(changed):
