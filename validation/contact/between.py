@@ -57,8 +57,7 @@ def balls(quick: bool) -> Study:
 def pressed_balls(a: float, elements: int = ELEMENTS) -> Pressed:
     """Return the result of two balls that are pressed together until Hertz's contact radius is `a`.
 
-    E* is half, and R* is half, of that of a ball and a plate: a plane of symmetry is between them, so that the centre of each
-    approaches it as a plate.
+    A plane of symmetry is between the balls. The centre of each approaches it as it would approach a rigid plate.
     """
     mesh, distance = _two_octants(a, elements)
     low, high = mesh.p[2].min(), mesh.p[2].max()
