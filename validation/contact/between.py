@@ -24,7 +24,7 @@ SLAB, SLAB_CELLS = (0.6, 0.05, 0.15), (24, 1, 6)
 INNER, OUTER, RING_CELLS = 0.05, 0.1, (2, 1, 24)
 #: The half-ring: how deep it is pressed, how far it slides [m], steps of the load, load factor at which it begins to slide.
 DEPTH, WAY, STEPS, PRESSED = 0.01, 0.15, 60, 0.2
-#: Distance of the barrier: a tenth of the edges of the slab, as docs/contact.md recommends [m].
+#: Distance of the barrier: a tenth of the edges of the slab, as docs/how-to/contact.md recommends [m].
 DISTANCE = 0.1 * SLAB[0] / SLAB_CELLS[0]
 SPREAD, TANGENTIAL, BALANCE = 0.015, 0.03, 1e-6
 
