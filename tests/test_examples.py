@@ -257,6 +257,14 @@ def test_ex31_grip():
     assert all(0 < example.run.contact(side).gap.min() < 5e-4 for side in ("left", "right"))
 
 
+def test_ex32_hertz():
+    example = run("ex32_hertz")
+    assert example.ratios["LinearElastic"] == pytest.approx(1.0006, abs=2e-3)
+    assert example.ratios["NeoHookean"] == pytest.approx(0.9766, rel=2e-3) and example.ratios["StVK"] == pytest.approx(
+        0.927, rel=2e-3
+    )
+
+
 def test_every_example_has_a_test_and_a_picture():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_ex")}
     assert tested == {path.stem for path in EXAMPLES.glob("ex*.py")}

@@ -554,7 +554,8 @@ class System(BoundTerms):
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-        Terms that depend on `t`, such as user-supplied frames, are set to their values at `t` by this method and by `jacobian`.
+        Methods with the argument `t` set terms that depend on it, such as user-supplied frames and moving shapes, to their values
+        at `t`.
 
         Parameters
         ----------

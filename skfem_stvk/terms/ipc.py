@@ -20,6 +20,11 @@ FIRST, BEYOND = (1, 6, 1), (1, 7)
 INSTALL = "pip install 'skfem-stvk[contact]'"
 #: Fraction of the distance between two primitives after which continuous collision detection counts them as in contact.
 RESCALING = 0.999
+#: Most iterations of the detection for two primitives; then the part of the way up to there is free. Primitives that are very close
+#: and move far along each other would take up to 1e7 iterations, minutes in all.
+DETECTING = 10_000
+#: Stretch of the longest edge beyond which the search for collisions does not use a grid: its cells in a triangle fill the memory.
+STRETCHED = 4.0
 
 
 class Collisions(NamedTuple):
@@ -72,8 +77,10 @@ class Barrier:
         if patches is not None:
             self._mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
         self._potential = ipctk.BarrierPotential(distance, stiffness, use_physical_barrier=True)
-        self._detection = ipctk.AdditiveCCD(conservative_rescaling=RESCALING)
-        self._near: tuple[Array, Any] | None = None  # positions of the last search, and the pairs that it found
+        self._detection = ipctk.AdditiveCCD(max_iterations=DETECTING, conservative_rescaling=RESCALING)
+        self._longest = STRETCHED * self._longest_edge(X)
+        #: Positions of the last search, whether they were far-stretched, and the pairs that it found.
+        self._near: tuple[Array, bool, Any] | None = None
 
     def __reduce__(self) -> tuple[type[Barrier], tuple[Any, ...]]:
         return Barrier, self._made_of  # objects of the toolkit cannot be pickled
@@ -92,14 +99,21 @@ class Barrier:
         A search lists pairs up to twice the distance. They serve until a vertex has moved by half the distance. A search takes
         three times as long as the collisions among its pairs, whose bits do not depend on where it was made.
         """
-        near = self._near
-        if near is None or not np.square(x - near[0]).sum(axis=1).max() < (0.5 * self.distance) ** 2:
+        near, far = self._near, not self._longest_edge(x) <= self._longest
+        moved = np.inf if near is None else np.square(x - near[0]).sum(axis=1).max()
+        if near is None or near[1] != far or not moved < (0.5 * self.distance) ** 2:
             pairs = self._toolkit.Candidates()
             # LBVH takes half the time, but lists pairs of edges in either order. ipctk 1.6.1 then merges different types of nearly
             # parallel pairs, and the energy changes by 1e-3 when the body is turned.
-            pairs.build(self._mesh, x, self.distance, broad_phase=self._toolkit.HashGrid())
-            self._near = near = x.copy(), pairs
-        return near[1]
+            # HashGrid fills the memory for a far-stretched body. SweepAndPrune finds the same pairs, in twice the time.
+            search = self._toolkit.SweepAndPrune() if far else self._toolkit.HashGrid()
+            pairs.build(self._mesh, x, self.distance, broad_phase=search)
+            self._near = near = x.copy(), far, pairs
+        return near[2]
+
+    def _longest_edge(self, x: Array) -> float:
+        ends = x[self.edges]
+        return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max(initial=0.0))
 
     def energy(self, at: Collisions) -> float:
         """Return the energy [J]."""

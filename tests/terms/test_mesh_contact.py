@@ -12,6 +12,7 @@ import skfem
 from skfem_stvk import (
     BackwardEuler,
     ContactError,
+    ElasticFoundation,
     EnergyMomentum,
     Friction,
     GeneralizedAlpha,
@@ -211,6 +212,40 @@ def test_contact_limit_is_the_fraction_of_the_way_at_which_surfaces_meet():
     assert term.contact_limit(0 * down, -down) == 2.0 and system.contact_limit(0 * down.ravel(), down.ravel())[1] == "pair"
     through = 40 * down  # from above to below the lower body
     assert term.passes(0 * down, through) and not len(term._barrier.intersections(term._moved(through)))
+
+
+def test_collisions_of_a_body_that_is_stretched_far_are_found_without_a_grid(monkeypatch):
+    """A grid with cells of the usual size would fill the memory. Where both can be used, the energies agree."""
+    system, _ = pair()
+    term, (u, _) = system.bound_terms[1], deformed(system)
+    barrier, x = term._barrier, term._moved(by_node(u))
+    wanted = barrier.energy(barrier.collisions(x))
+    barrier._longest = 0.0
+    assert barrier.energy(barrier.collisions(x)) == pytest.approx(wanted, rel=1e-12)
+    used = []
+    monkeypatch.setattr(barrier._toolkit, "HashGrid", lambda: used.append("grid"))
+    barrier._longest = ipc.STRETCHED * barrier._longest_edge(term._X)
+    x[0] += 1e6
+    assert np.isfinite(barrier.energy(barrier.collisions(x))) and not used
+
+
+def test_a_step_of_arc_length_ends_before_it_passes_a_contact():
+    system, _ = pair()
+    top = Traction(lambda x: x[2] > 0.102, (0, 0, -1e4))
+    held = System(system.mesh, [*system.terms, top, ElasticFoundation(lambda x: x[2] > 0.102, 1.0)], {FLOOR: "xyz"})
+    seen, refused = [], System.contact_limit
+
+    def look(self, u, v):
+        limit = refused(self, u, v)
+        seen.append((limit[0], self.bound_terms[1].passes(by_node(u), by_node(u + v))))
+        return limit
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(System, "contact_limit", look)
+        found = solve_static(held, method="arc-length", steps=2, quiet=True, raise_on_failure=False)
+    assert any(limit <= 1 and passes for limit, passes in seen)
+    assert found.contact("pair").gap.min() > 0 and all(limit > 1 or passes for limit, passes in seen)
+    assert found.success or len(found.message) > 20
 
 
 def test_pairs_of_nodes_follow_the_body_and_results_do_not_depend_on_earlier_calls():
