@@ -68,9 +68,9 @@ class NeoHookean(ElasticLaw):
     upper bound of `1/(s_i s_j)`, with `c = mu - lam (J - 1) J`. No eigenvalues are computed. At rest and under uniform expansion
     this changes nothing. The tangent is stiffer than a projected one, so that solves take some more iterations.
 
-    `EnergyMomentum` uses a discrete gradient of the energy (Gonzalez 2000): the stress of the mean strain, corrected along the change
-    of strain. If the energies of both states differ by no more than round-off, the correction is omitted. Line searches evaluate the
-    energy at each length, because it is not a polynomial of degree four as for `StVK`.
+    `EnergyMomentum` uses a discrete gradient of the energy (Gonzalez 2000): the stress of the mean strain, corrected along the
+    change of strain. If the energies of both states differ by no more than round-off, the correction is omitted. Line searches
+    evaluate the energy at each length, because it is not a polynomial of degree four as for `StVK`.
 
     Examples
     --------
