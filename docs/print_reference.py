@@ -53,7 +53,7 @@ REMEDIES = {
     Status.ENDED_INVERTED: "Add a term that resists inversion, or take a smaller `dt`.",
     Status.BLEW_UP: "Take a smaller `dt`, or an implicit integrator.",
     Status.NOT_CONVERGED: "Take a smaller `dt`, another tangent, or an integrator that damps.",
-    Status.INTERRUPTED: "Resume from the checkpoint: [results so far](../how-to/results.md).",
+    Status.INTERRUPTED: "Resume from the checkpoint: [long runs and restart](../how-to/long-runs.md).",
 }
 
 
