@@ -46,7 +46,7 @@ EXIT_CODES = (
 REMEDIES = {
     Status.CONVERGED: "",
     Status.AT_ROUND_OFF: "The residual is as small as rounding allows. A smaller `rtol` has no effect.",
-    Status.UNSTABLE: "Follow the path through the critical point, or add a small imperfection: [stability](../topics/stability.md).",
+    Status.UNSTABLE: "Follow the path through the critical point, or add an imperfection: [stability](../topics/stability.md).",
     Status.INVERTED: "Add a term that resists inversion: [prevent inversion](../how-to/inversion.md).",
     Status.STOPPED: "Read the message: [why did Newton fail?](../how-to/newton-failed.md).",
     Status.FINISHED: "",
@@ -109,7 +109,8 @@ def outcomes() -> str:
         "\n## Why a step failed\n\nThese words are in messages after the load factor or the time:\n",
         "| words | remedy |\n|---|---|",
         *(f"| {end.value} | {cell(ADVICE.get(end, INVERSION))} |" for end in End if not end.converged),
-        "\n## Findings about elements\n\n`result.findings`, `run.findings` and warnings name elements outside the range of the model:\n",
+        "\n## Findings about elements\n\n",
+        "`result.findings`, `run.findings` and warnings name elements outside the range of the model:\n",
         "| name | meaning | read |\n|---|---|---|",
         *(f"| {name} | {meaning} | {page} |" for name, meaning, page in FINDINGS),
         "",
