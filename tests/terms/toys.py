@@ -240,7 +240,7 @@ class Floor(MinimalTerm):
         symmetric = has_energy = True
         balanced = is_barrier = False
         nodes_paired = nodes_joined = np.empty((2, 0), dtype=np.int32)
-        name, assumed = "floor", None
+        name, assumed, shape = "floor", None, None
 
         def __init__(self, spec, mesh):
             self.nodes, self._k, self._z = np.arange(mesh.nv, dtype=np.int32), spec.stiffness, mesh.p[2] - spec.height

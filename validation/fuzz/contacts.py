@@ -80,7 +80,7 @@ def two_bodies(touch: Touch, mesh: ElementMesh) -> ElementMesh:
     low, high = p[-1].min(), p[-1].max()
     p[-1] = (2 * high - p[-1] if mirrored else p[-1] + high - low) + touch.gap * shortest
     p[:-1] += 0.1 * shortest
-    bodies = {"lower": np.arange(mesh.nt), "upper": np.arange(mesh.nt, 2 * mesh.nt)}
+    bodies = dict(zip(("lower", "upper"), np.split(np.arange(2 * mesh.nt, dtype=np.int32), 2), strict=True))
     both = ElementMesh(np.hstack([mesh.p, p]), np.hstack([mesh.t, mesh.t + mesh.nv]), subdomains=bodies, element=mesh.element)
     return both.with_degree(degree) if mirrored else both
 
@@ -128,9 +128,9 @@ def _shape(touch: Touch, mesh: ElementMesh, h: float, rng: np.random.Generator) 
     if touch.kind == "inside a sphere":
         return RigidSphere(middle, around, inside=True)
     if touch.kind == "cylinder":
-        return RigidCylinder(below - radius * up, axis, radius)
+        return RigidCylinder(below - radius * up, tuple(axis), radius)
     if touch.kind == "inside a cylinder":
-        return RigidCylinder(middle, axis, around, inside=True)
+        return RigidCylinder(middle, tuple(axis), around, inside=True)
     corner = below + radius * (1 - up)
     return RigidBox(below - radius, corner, radius=0.9 * radius / 2 if touch.kind == "rounded box" else 0.0)
 
@@ -196,7 +196,7 @@ def _check_slopes(term: Any, x: Array, w: Array, edge: float, noise: Array) -> N
     if hasattr(term, "look"):
         term.look(x)
     F, Kw = force_of(term, x), np.zeros_like(x)
-    paired = with_blocks(term, *x.shape, np.float64)
+    paired = with_blocks(term, len(x), x.shape[1], np.float64)
     paired.pairs.add_product(paired.blocks(x)[1], w, Kw)
     errors = []
     for step in edge * np.array(STEPS):
