@@ -235,7 +235,7 @@ def with_ends(mesh: ElementMesh, fixed: str | None, pushed: str | None) -> tuple
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk budget`."""
-    parser.add_argument("mesh", help="mesh file, in a format of docs/how-to/meshes.md")
+    parser.add_argument("mesh", help="mesh file, in a format of docs/reference/mesh-files.md")
     parser.add_argument("--young", type=float, required=True, help="Young's modulus [Pa, or the unit of --units]")
     parser.add_argument("--poisson", type=float, required=True, help="Poisson's ratio")
     parser.add_argument("--density", type=float, required=True, help="mass density [kg/m^3, or the unit of --units]")
