@@ -136,11 +136,11 @@ def scene_keys(number: int) -> str:
         page = page_of[found[1]]
         return f"](#{found[1]})" if page == number else f"]({SCENE_KEYS[page][0]}.md#{found[1]})"
 
-    others = ", ".join(f"[{title.partition(': ')[2]}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
+    others = ",\n".join(f"[{title.partition(': ')[2]}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
     head = (
         f"# {SCENE_KEYS[number][1]}\n\nPrinted from the schema that checks scenes; `skfem-stvk init --keys` prints all keys, and\n"
         '`skfem-stvk init --schema` prints JSON Schema for editors. Units are those of `units = "SI"`.\n'
-        f"Other keys:\n{others}.\n[The whole job from one file](../tutorials/scenes.md) is the tutorial.\n"
+        f"Other keys: {others}.\n[The whole job from one file](../tutorials/scenes.md) is the tutorial.\n"
     )
     shown = "\n".join(f"## {table}" for table in tables[ends[number] : ends[number + 1]])
     return head + "\n" + re.sub(r"\]\(#([\w-]+)\)", link, shown).rstrip() + "\n"
