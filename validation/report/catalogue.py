@@ -184,7 +184,7 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE,
             "a correct result, or a readable error",
             "mutation",
-            "docs/measurements/fuzzing.md",
+            "docs/measurements/robustness.md",
             "random bodies, programs, solves, motions and files give a correct result or a readable error",
             takes_quick=False,
             whole_only=True,
