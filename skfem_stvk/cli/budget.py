@@ -262,8 +262,8 @@ def budget(options: argparse.Namespace) -> int:
     _print(
         f"To measure, for {SECONDS:g} s each: steps of {step:g} {units.of('s')} of the full body with {len(INTEGRATORS)} "
         f"integrators and the solvers {', '.join(solvers)}; of bodies reduced to {', '.join(map(str, SIZES))} unknowns, and their "
-        f"errors under a static push; answers of a precomputed response, from some {ALONG * ACROSS ** (mesh.d - 1) + CHECKS} static "
-        "solves."
+        f"errors under a static push; answers of a precomputed response, from some {ALONG * ACROSS ** (mesh.d - 1) + CHECKS} "
+        "static solves."
     )
     if missing:
         _print(f"Not installed, so not measured: {', '.join(missing)}")
