@@ -57,9 +57,9 @@ PARTS: dict[str, dict[str, Part]] = {
         ),
         "vectors": Part(CODE, "W, F and K in 50 digits", ANALYTIC, "docs/how-to/test-vectors.md", numbers="vectors"),
         "C": Part(CODE, "a program in C", OTHER_CODE, "docs/vectors.c", numbers="round_trip"),
-        "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="mujoco"),
-        "FElupe": Part(CODE, "FElupe", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="felupe"),
-        "NGSolve": Part(CODE, "NGSolve", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="ngsolve"),
+        "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/measurements/peers.md", numbers="mujoco"),
+        "FElupe": Part(CODE, "FElupe", OTHER_CODE, "docs/measurements/peers.md", numbers="felupe"),
+        "NGSolve": Part(CODE, "NGSolve", OTHER_CODE, "docs/measurements/peers.md", numbers="ngsolve"),
         "coefficients": Part(PUBLISHED, "regular tetrahedron", VALUE, "Delingette 2008; literature", numbers="coefficients"),
     },
     "orders": {
