@@ -23,15 +23,26 @@ def sheared(wrinkling):
     law = StVK(young=YOUNG, poisson=0.3, thickness=1e-3, wrinkling=wrinkling)
     moved = {tuple(upper): {"x": SHEAR, "y": 0.0, "z": 0.0}}
     return solve_static(
-        System(sheet, law, fixed={tuple(lower): "xyz"}, prescribed=moved), steps=4, quiet=True, raise_on_failure=False
+        System(sheet, law, fixed={tuple(lower): "xyz"}, prescribed=moved),
+        steps=4,
+        quiet=True,
+        raise_on_failure=False,
     )
 
 
 results = {"with wrinkling": sheared(True), "without": sheared(False)}
-E1 = SHEAR**2 / 4 + np.sqrt(SHEAR**4 / 16 + SHEAR**2 / 4)  # principal strain of an infinite strip
+E1 = SHEAR**2 / 4 + np.sqrt(
+    SHEAR**4 / 16 + SHEAR**2 / 4
+)  # principal strain of an infinite strip
 middle = np.flatnonzero(np.abs(sheet.p[0][sheet.t].mean(axis=0) - 2) < 0.5)
-principal = {name: np.linalg.eigvalsh(result.state["pk2_stress"])[middle].mean(axis=0)[[0, -1]] for name, result in results.items()}
-forces = {name: float(result.reaction(tuple(upper)).resultant[0]) for name, result in results.items()}
+principal = {
+    name: np.linalg.eigvalsh(result.state["pk2_stress"])[middle].mean(axis=0)[[0, -1]]
+    for name, result in results.items()
+}
+forces = {
+    name: float(result.reaction(tuple(upper)).resultant[0])
+    for name, result in results.items()
+}
 
 
 def picture():
@@ -41,6 +52,8 @@ def picture():
 
 if __name__ == "__main__":
     for name, (least, most) in principal.items():
-        print(f"{name}: from {least:.0f} to {most:.0f} Pa in the middle, {forces[name]:.1f} N at the clamp")
+        print(
+            f"{name}: from {least:.0f} to {most:.0f} Pa in the middle, {forces[name]:.1f} N at the clamp"
+        )
     print(f"An endless strip that wrinkles: 0 and {YOUNG * E1:.0f} Pa")
     picture().savefig(Path(__file__).with_suffix(".png"), dpi=80)

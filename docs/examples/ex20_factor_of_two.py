@@ -19,13 +19,23 @@ class ElementLoop:
         self.mesh, self.mu = mesh, young / (2 * (1 + poisson))
         self.lam = blunder * young * poisson / ((1 + poisson) * (1 - 2 * poisson))
         rest = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]  # (3, 3, nt)
-        self.inverse, self.volume = np.linalg.inv(rest.T), np.abs(np.linalg.det(rest.T)) / 6
+        self.inverse, self.volume = (
+            np.linalg.inv(rest.T),
+            np.abs(np.linalg.det(rest.T)) / 6,
+        )
 
     def _gradient_strain_stress(self, u):
         x = self.mesh.p + u.reshape(-1, 3).T
-        F = np.einsum("nij,njk->nki", self.inverse, (x[:, self.mesh.t[1:]] - x[:, self.mesh.t[:1]]).T)
+        F = np.einsum(
+            "nij,njk->nki",
+            self.inverse,
+            (x[:, self.mesh.t[1:]] - x[:, self.mesh.t[:1]]).T,
+        )
         E = (np.swapaxes(F, 1, 2) @ F - np.eye(3)) / 2
-        S = self.lam * np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 2 * self.mu * E
+        S = (
+            self.lam * np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+            + 2 * self.mu * E
+        )
         return F, E, S
 
     def energy(self, u):
@@ -42,10 +52,22 @@ class ElementLoop:
 
 
 mesh = skfem.MeshTet.init_ball(2)
-right = verify(mesh, young=1e5, poisson=0.3, candidate=ElementLoop(mesh, 1e5, 0.3), quiet=True)
-wrong = verify(mesh, young=1e5, poisson=0.3, candidate=ElementLoop(mesh, 1e5, 0.3, blunder=2.0), quiet=True)
+right = verify(
+    mesh, young=1e5, poisson=0.3, candidate=ElementLoop(mesh, 1e5, 0.3), quiet=True
+)
+wrong = verify(
+    mesh,
+    young=1e5,
+    poisson=0.3,
+    candidate=ElementLoop(mesh, 1e5, 0.3, blunder=2.0),
+    quiet=True,
+)
 caught_by = {result.check for result in wrong.failures("candidate")}
-error = max(result.measured for result in wrong.failures("candidate") if result.check == "closed forms")
+error = max(
+    result.measured
+    for result in wrong.failures("candidate")
+    if result.check == "closed forms"
+)
 
 
 def picture():
@@ -57,5 +79,7 @@ def picture():
 
 if __name__ == "__main__":
     print(wrong)
-    print(f"right: {right.passed}; wrong: {wrong.passed}, caught by {sorted(caught_by)}, off by {100 * error:.0f} %")
+    print(
+        f"right: {right.passed}; wrong: {wrong.passed}, caught by {sorted(caught_by)}, off by {100 * error:.0f} %"
+    )
     picture().savefig(Path(__file__).with_suffix(".png"), dpi=90)
