@@ -45,7 +45,5 @@ if __name__ == "__main__":
     axes.set(xlabel="x [mm]", zlabel="z [mm]", yticks=[], aspect="equal")
     axes.view_init(20, -50)
     plt.colorbar(body, label="von Mises stress [GPa]", shrink=0.7, pad=0.12)
-    print(
-        f"{result.status.value} in {len(result.history)} steps; the bore takes {push:.0f} N"
-    )
+    print(f"{result.status.value}; the bore takes {push:.0f} N")
     plt.show()

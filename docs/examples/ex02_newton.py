@@ -3,8 +3,8 @@ Newton's method with scikit-fem's own functions
 ===============================================
 
 A cantilever bends under a load at its end. `tangent` and `internal_force` return the
-types of scikit-fem, so that `condense` and `solve` accept them. Plain Newton solves each
-of ten load steps, and the residual decreases quadratically.
+types of scikit-fem, so that `condense` and `solve` accept them. Plain Newton solves
+each of ten load steps, and the residual decreases quadratically.
 """
 
 import numpy as np

@@ -3,8 +3,8 @@ Linear elasticity mistakes a rotation for strain
 ================================================
 
 The end of a bar is rotated by 0, 45 and 90 degrees, and nothing else acts on the bar. A
-St. Venant-Kirchhoff bar follows without strain. Linear elasticity interprets the rotation
-as strain, so that the bar has almost twice its area at 90 degrees.
+St. Venant-Kirchhoff bar follows without strain. Linear elasticity interprets the
+rotation as strain, so that the bar has almost twice its area at 90 degrees.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ angles = (0, 45, 90)
 
 
 def rotated(law, degrees):
-    """Return the equilibrium of the bar after a rotation of its end about the origin."""
+    """Return the equilibrium of the bar after a rotation of its end."""
 
     def displacement(x, t):
         s, c = np.sin(np.radians(t * degrees)), np.cos(np.radians(t * degrees))

@@ -2,9 +2,9 @@
 Springs fit one Poisson's ratio
 ===============================
 
-A cantilever of equilateral triangles in plane stress bends under its weight, and so does
-a network of springs on its edges. The springs have the least-squares stiffness. Their
-deflection is right at a Poisson's ratio of 1/3 and wrong at any other.
+A cantilever of equilateral triangles in plane stress bends under its weight, and so
+does a network of springs on its edges. The springs have the least-squares stiffness.
+Their deflection is right at a Poisson's ratio of 1/3 and wrong at any other.
 """
 
 import numpy as np

@@ -2,9 +2,9 @@
 What the edge pairs do
 ======================
 
-The strain energy of linear tetrahedra is a sum over edges plus a sum over pairs of edges.
-The first sum alone is a network of springs. A bar is stretched with both sums and with
-the edges alone: only the pairs of edges give the bar its Poisson's ratio.
+The strain energy of linear tetrahedra is a sum over edges plus a sum over pairs of
+edges. The first sum alone is a network of springs. A bar is stretched with both sums
+and with the edges alone: only the pairs of edges give the bar its Poisson's ratio.
 """
 
 import numpy as np
@@ -55,7 +55,5 @@ if __name__ == "__main__":
         axes.set(aspect="equal", ylim=(-0.05, 1.1))
     panels[0].legend(loc="upper right", bbox_to_anchor=(1, 1.25))
     panels[1].set_xlabel("x [m]")
-    print(
-        f"width {widths['edges alone']:.4f} m with edges alone, closed form {expected:.4f}"
-    )
+    print(f"closed form {expected:.4f} m, edges alone {widths['edges alone']:.4f} m")
     plt.show()

@@ -2,9 +2,9 @@
 Quadratic elements with curved edges
 ====================================
 
-A couple bends a quarter of a ring open. A thin bar remains an arc, so that its shape has
-a closed form. With 150 unknowns, linear triangles are 59 % off, and quadratic triangles
-with curved edges are 0.05 % off.
+A couple bends a quarter of a ring open. A thin bar remains an arc, so that its shape
+has a closed form. With 150 unknowns, linear triangles are 59 % off, and quadratic
+triangles with curved edges are 0.05 % off.
 """
 
 from dataclasses import replace

@@ -4,8 +4,8 @@ A mirrored equilibrium that Newton accepts
 
 A cube is compressed by 20 % between two plates in one load step. Newton's method with a
 line search converges to an equilibrium with 216 inverted elements, because a mirrored
-element has the strain energy of the element. The energy of this state is even lower than
-that of the right one, which `solve_static` finds.
+element has the strain energy of the element. The energy of this state is even lower
+than that of the right one, which `solve_static` finds.
 """
 
 import numpy as np

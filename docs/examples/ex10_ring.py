@@ -22,15 +22,11 @@ full = 5.0  # load at t = 1, in this unit
 grid = np.linspace(0, np.pi / 2, 161), np.linspace(1 - H / 2, outer, 5)
 strip = skfem.MeshQuad.init_tensor(*grid).to_meshtri(style="x")
 angle, radius = strip.p
-ring = ElementMesh(
-    radius * np.stack([np.sin(angle), np.cos(angle)]),
-    strip.t,
-    boundaries={
-        "outside": strip.facets[:, (radius[strip.facets] > outer - 1e-9).all(axis=0)],
-        "top": strip.facets[:, (angle[strip.facets] == 0).all(axis=0)],
-        "side": strip.facets[:, (angle[strip.facets] == angle.max()).all(axis=0)],
-    },
-)
+where = {"outside": radius > outer - 1e-9, "top": angle == 0, "side": angle > 1.57}
+edges = strip.facets
+sides = {name: edges[:, at[edges].all(axis=0)] for name, at in where.items()}
+p = radius * np.stack([np.sin(angle), np.cos(angle)])
+ring = ElementMesh(p, strip.t, boundaries=sides)
 
 
 def squeezed(load, imperfection=0.0, stop=None):

@@ -2,9 +2,9 @@
 A bag on four ropes
 ===================
 
-A soft ball hangs in a bag of cloth on four ropes: tetrahedra, membranes and cables share
-nodes, and each term has its own elements. The cloth distributes the forces of the ropes.
-The ropes pull at their hooks with the weight of all parts.
+A soft ball hangs in a bag of cloth on four ropes: tetrahedra, membranes and cables
+share nodes, and each term has its own elements. The cloth distributes the forces of the
+ropes. The ropes pull at their hooks with the weight of all parts.
 """
 
 import numpy as np
@@ -54,10 +54,8 @@ if __name__ == "__main__":
         front = ball.surface[:, y[ball.surface].mean(axis=0) < 0].T
         middle = [[x[: ball.nv].mean()], [0], [z[: ball.nv].mean()]]
         size = 1e3 * (np.linalg.norm(points + u.T - middle, axis=0) - RADIUS)
-        print(size[:ball.nv].min(), size[:ball.nv].max())
-        body = axes.tripcolor(
-            x, z, size, triangles=front, shading="gouraud", vmin=-30, vmax=30
-        )
+        look = {"shading": "gouraud", "vmin": -10, "vmax": 30}
+        body = axes.tripcolor(x, z, size, triangles=front, **look)
         axes.plot(x[ropes], z[ropes], "k-", lw=1)
         axes.set(title=f"{name}: pulled out by {1e3 * dent(result):.0f} mm")
         axes.set(aspect="equal", xlabel="x [m]")

@@ -2,10 +2,10 @@
 Recovery from inverted elements
 ===============================
 
-The nodes of a block start at random positions in it, so that more than 40 of its elements
-are inverted. The damped motion of `InvertibleStVK` ends in the undeformed state. The
-motion of `StVK` ends in a crumpled state, because an inverted element has the energy of
-its mirror image.
+The nodes of a block start at random positions in it, so that more than 40 of its
+elements are inverted. The damped motion of `InvertibleStVK` ends in the undeformed
+state. The motion of `StVK` ends in a crumpled state, because an inverted element has
+the energy of its mirror image.
 """
 
 import warnings

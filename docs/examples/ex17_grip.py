@@ -28,8 +28,8 @@ mesh = mesh.with_subdomains(parts).with_boundaries(nails)
 
 def moved(sign):
     """Return the displacement of a nail: 3 mm towards the ball, then 20 mm up."""
-    closing = lambda x, t: sign * 0.003 * np.clip(t / 0.02, 0, 1)  # noqa: E731
-    rising = lambda x, t: 0.02 * np.clip((t - 0.02) / 0.06, 0, 1)  # noqa: E731
+    closing = lambda x, t: sign * 0.003 * np.clip(t / 0.02, 0, 1)
+    rising = lambda x, t: 0.02 * np.clip((t - 0.02) / 0.06, 0, 1)
     return {"x": closing, "y": 0.0, "z": rising}
 
 
@@ -51,7 +51,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, panels = plt.subplots(1, 2, sharey=True, figsize=(6, 3.4))
+    figure, panels = plt.subplots(1, 2, sharex=True, sharey=True, figsize=(6, 3.4))
     faces = hand.mesh.surface[:, (mesh.p[1, hand.mesh.surface] <= 1e-9).any(axis=0)]
     for axes, u, time in zip(panels, (0 * run.u, run.u), (0, run.t)):
         x, y, z = 1e3 * (mesh.p + u.reshape(-1, 3).T)

@@ -64,6 +64,8 @@ if __name__ == "__main__":
     curve.plot(motion["time"], motion["end z"], "-", label=f"{SIZE} unknowns")
     curve.set(xlabel="time [s]", ylabel="z of the end [m]", title="released")
     curve.legend()
-    print("errors:", ", ".join(f"{error:.1%} of {name}" for name, error in errors.items()))
+    print(
+        "errors:", ", ".join(f"{error:.1%} of {name}" for name, error in errors.items())
+    )
     print(f"released: end within {apart:.1%}, energy drift {drift:.0e}")
     plt.show()

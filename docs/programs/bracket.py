@@ -48,7 +48,7 @@ def picture():
 
     faces, moved = boundary_facets(mesh).T, u.reshape(-1, 3)
     size = 1e3 * np.linalg.norm(moved, axis=1)[faces].mean(axis=1)
-    colours = ScalarMappable(Normalize(0, size.max()), colormaps["YlOrRd"])
+    colours = ScalarMappable(Normalize(0, size.max()), colormaps["cividis"])
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
     axes = figure.add_subplot(projection="3d")
     axes.view_init(elev=24, azim=-38)

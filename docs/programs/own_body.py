@@ -67,7 +67,7 @@ def picture():
     import matplotlib.pyplot as plt
 
     sizes = {mistake or "right": worst_errors(report) for mistake, report in reports.items()}
-    rows, colors = list(sizes["right"]), ("tab:green", "tab:red", "tab:orange")
+    rows, colors = list(sizes["right"]), ("#0072B2", "#E69F00", "#000000")
     figure, axes = plt.subplots(figsize=(9, 4.6), layout="constrained")
     for number, ((name, errors), color) in enumerate(zip(sizes.items(), colors, strict=True)):
         y = [len(rows) - row - 0.2 * (number - 1) for row in range(len(rows))]

@@ -1,6 +1,6 @@
 """The bracket of the scenes in parts, each on a rank of MPI.
 
-`mpiexec -n 4 python -m mpi4py docs/examples/ex27_ranks.py` solves it on four ranks, `python docs/examples/ex27_ranks.py` on one.
+`mpiexec -n 4 python -m mpi4py docs/programs/ranks.py` solves it on four ranks, `python docs/programs/ranks.py` on one.
 All ranks run every line. Vectors hold the nodes of a rank, and `system.space` combines numbers of all ranks.
 """
 
@@ -42,7 +42,7 @@ def picture():
     corners = whole.p.T[whole.surface[:3].T]
     figure = Figure(figsize=(7.2, 3.2), layout="constrained")
     last = max(len(gathered) - 1, 1)
-    for i, (values, name, label, top) in enumerate([(rank, "tab10", "rank", 9), (stress, "YlOrRd", "von Mises stress [MPa]", 80)]):
+    for i, (values, name, label, top) in enumerate([(rank, "tab10", "rank", 9), (stress, "cividis", "von Mises stress [MPa]", 80)]):
         axes = figure.add_subplot(1, 2, i + 1, projection="3d")
         axes.view_init(elev=24, azim=-58)
         axes.set_axis_off()

@@ -46,7 +46,7 @@ def picture():
         x = [max(1e-9, *values) if values else np.nan for values in of]
         y = [len(checks) - row - 0.2 * (number - 1) for row in range(len(checks))]
         label = f"{name.replace('_', ' ')}: {', '.join(named[name]) or 'passed'}"
-        axes.plot(x, y, "osD"[number], color=("tab:green", "tab:orange", "tab:red")[number], label=label)
+        axes.plot(x, y, "osD"[number], color=("#0072B2", "#E69F00", "#000000")[number], label=label)
     axes.axvline(1, color="0.4", ls="--")
     axes.set(xscale="log", xlabel="largest error over its limit", title="Three solvers, and what the referee says of them")
     axes.set_yticks(range(len(checks), 0, -1), checks)

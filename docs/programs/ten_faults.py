@@ -5,6 +5,7 @@ vanish, with fitted factors.
 """
 
 import textwrap
+from pathlib import Path
 
 from skfem_stvk.referee.faults import FAULTS, bodies
 from skfem_stvk.testing import Inconsistent, assert_consistent
@@ -38,8 +39,8 @@ def picture():
     before = [named[name].before for name in PLANTED]
     after = [max(1e-16, *(one.residual for one in named[name].explanations)) for name in PLANTED]
     axes.hlines(y, after, before, color="0.8", lw=6)
-    axes.plot(before, y, "o", color="tab:red", label="error of the candidate")
-    axes.plot(after, y, "o", color="tab:green", label="what its explanation leaves")
+    axes.plot(before, y, "o", color="#0072B2", label="error of the candidate")
+    axes.plot(after, y, "s", color="#E69F00", label="what its explanation leaves")
     for row, name in zip(y, PLANTED, strict=True):
         axes.text(3e-14, row, named[name].names[0], va="center", fontsize=9)
     axes.set(xscale="log", xlim=(3e-17, 100), yticks=y, yticklabels=PLANTED, xlabel="relative error", title="Planted, and named")
@@ -59,3 +60,4 @@ def told():
 
 if __name__ == "__main__":
     print("\n".join(told()))
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=110)

@@ -60,7 +60,7 @@ def picture():
     checks = list(dict.fromkeys(check for found in failed.values() for check in found))
     finds = np.array([[check in failed[name] for name in MISTAKES] for check in checks])
     figure, axes = plt.subplots(figsize=(9, 3.6), layout="constrained")
-    axes.imshow(finds, cmap="Reds", vmin=0, vmax=1.4, aspect="auto")
+    axes.imshow(finds, cmap="cividis_r", vmin=0, vmax=1.4, aspect="auto")
     axes.set_yticks(range(len(checks)), checks)
     axes.set_xticks(range(len(MISTAKES)), [textwrap.fill(name, 14) for name in MISTAKES])
     axes.set_xticks(np.arange(0.5, len(MISTAKES)), minor=True)
