@@ -15,7 +15,6 @@ import skfem
 from skfem_stvk import Gravity, LinearBackwardEuler, Rayleigh, ReducedSystem
 from skfem_stvk import Simulation, StVK, System
 
-DT = 1e-3
 ball = skfem.MeshTet.init_ball(2)
 x, y, z = ball.p * [[0.08], [0.045], [0.03]]  # [m]
 sides = {"grip": lambda p: p[2] > 4.0 * p[0] ** 2 + 0.022}
@@ -45,10 +44,10 @@ def moved(system, dt):
     return np.array(forces), np.array(states).T, np.array(seconds)
 
 
-snapshots = moved(organ, 10 * DT)[1][:, 3::4]
+snapshots = moved(organ, 1e-2)[1][:, 3::4]
 reduced = ReducedSystem(organ, 30, modes=10, snapshots=snapshots, quiet=True)
-force, states, seconds = moved(reduced, DT)
-whole, _, seconds_whole = moved(organ, DT)
+force, states, seconds = moved(reduced, 1e-3)
+whole, _, seconds_whole = moved(organ, 1e-3)
 size = np.linalg.norm(whole, axis=1).max()
 error = np.linalg.norm(force - whole, axis=1).max() / size
 
@@ -57,16 +56,15 @@ if __name__ == "__main__":
 
     plt.style.use("skfem_stvk.gallery")
     figure, (curves, shape) = plt.subplots(1, 2, figsize=(7, 3.2))
-    t = np.linspace(DT, 1, 1000)
+    t = np.linspace(1e-3, 1, 1000)
     curves.plot(t, whole, "-", color="0.7", lw=3)
-    for i in range(3):
-        curves.plot(t, force[:, i], markevery=100, label="xyz"[i])
-    curves.legend(title="grey: whole mesh")
-    curves.set(xlabel="time [s]", ylabel="force [N]")
+    curves.plot(t, force, markevery=100, label=list("xyz"))
+    curves.legend()
+    curves.set(xlabel="time [s]", ylabel="force [N], grey: of the whole mesh")
     faces = mesh.facets[:, mesh.boundary_facets()]
     for part, colour in ((0, "0.7"), (1, "#0072B2")):
-        x, _, z = 1e3 * (mesh.p + part * states[:, -1].reshape(-1, 3).T)
-        shape.triplot(x, z, faces.T, "-", color=colour, lw=0.5)
+        x = 1e3 * (mesh.p + part * states[:, -1].reshape(-1, 3).T)
+        shape.triplot(x[0], x[2], faces.T, "-", color=colour, lw=0.5)
     shape.set(aspect="equal", xlabel="x [mm]", ylabel="z [mm]")
     ms = 1e3 * np.median([seconds, seconds_whole], axis=1)
     print(
