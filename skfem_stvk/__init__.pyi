@@ -77,6 +77,7 @@ from .terms import Ramp as Ramp
 from .terms import RigidBox as RigidBox
 from .terms import RigidContact as RigidContact
 from .terms import RigidCylinder as RigidCylinder
+from .terms import RigidMesh as RigidMesh
 from .terms import RigidPlane as RigidPlane
 from .terms import RigidSphere as RigidSphere
 from .terms import Sine as Sine

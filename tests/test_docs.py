@@ -1,9 +1,13 @@
 """The documentation: links lead to pages and headings that exist, and pages keep to their limits."""
 
+import importlib.util
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
+
+import skfem_stvk
 
 ROOT = Path(__file__).parent.parent
 GENERATED = ("docs/api", "docs/gallery", "build", ".venv")
@@ -53,3 +57,50 @@ def test_pages_that_are_cited_exist():
     ]
     assert len(cited) > 20
     assert [(str(path), name) for path, name in cited if not (ROOT / name).exists()] == []
+
+
+def test_no_two_pages_have_one_title():
+    titles = Counter(
+        page.read_text(encoding="utf-8").split("\n")[0].lower() for page in PAGES if page.is_relative_to(ROOT / "docs")
+    )
+    assert len(titles) > 40 and [title for title, count in titles.items() if count > 1 or not title.startswith("# ")] == []
+
+
+SHELVES = {"tutorials": 1200, "topics": 1200, "how-to": 600}
+
+
+@pytest.mark.parametrize("shelf", SHELVES)
+def test_pages_keep_to_their_number_of_words(shelf):
+    """Tables count, blocks of code do not."""
+    pages = [page for page in PAGES if page.parent.name == shelf]
+    words = {page.name: len(prose(page).split()) for page in pages}
+    assert len(pages) > 5 and {name: count for name, count in words.items() if count > SHELVES[shelf]} == {}
+
+
+def test_all_tutorials_guides_and_topics_have_at_most_35_000_words():
+    assert 10_000 < sum(len(prose(page).split()) for page in PAGES if page.parent.name in SHELVES) <= 35_000
+
+
+def reference():
+    """The program that prints pages of the reference."""
+    spec = importlib.util.spec_from_file_location("print_reference", ROOT / "docs" / "print_reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("page", reference().PAGES)
+def test_printed_pages_are_up_to_date(page):
+    assert (ROOT / "docs" / "reference" / f"{page}.md").read_text(encoding="utf-8") == reference().PAGES[page]()
+
+
+def test_findings_are_those_of_the_monitors():
+    from skfem_stvk.results.monitors import Finding
+
+    names = [name for name, _, _ in reference().FINDINGS]
+    assert len(names) == 4 and all(f'"{name}"' in Finding.__doc__ for name in names)
+
+
+def test_the_api_page_lists_every_public_name_once():
+    blocks = re.findall(r":toctree: ../api\n\n(.*?)```", (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8"), re.S)
+    assert sorted(" ".join(blocks).split()) == skfem_stvk.__all__

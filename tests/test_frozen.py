@@ -30,6 +30,7 @@ from skfem_stvk import (
     RigidBox,
     RigidContact,
     RigidCylinder,
+    RigidMesh,
     RigidPlane,
     RigidSphere,
     Sine,
@@ -103,6 +104,10 @@ ARRAYS = {
         np.array([0.1, 0.2, 0.3]),
     ),
     "MeshContact, first, mask": (lambda mask: with_load(MeshContact(mask, distance=0.2, stiffness=100.0)), MESH.p[0] < 0.8),
+    "RigidMesh": (
+        lambda p: with_load(MeshContact(None, RigidMesh((p, MESH.surface)), distance=0.2, stiffness=100.0)),
+        MESH.p - np.array([[0.0], [0.0], [1.1]]),
+    ),
     "ElasticFoundation, where": (lambda ids: with_load(ElasticFoundation(ids, 3.0)), WALL),
     "EdgeNetwork": (lambda edges: [EdgeNetwork(edges, NETWORK.L)], NETWORK.edges),
     "SpringNetwork": (lambda k: [SpringNetwork(stiffness=k)], SPRINGS),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk partition`."""
-    parser.add_argument("mesh", help="mesh file, in a format of docs/how-to/meshes.md")
+    parser.add_argument("mesh", help="mesh file, in a format of docs/reference/mesh-files.md")
     parser.add_argument("out", help="partition file to write (.h5)")
     parser.add_argument(
         "--parts",

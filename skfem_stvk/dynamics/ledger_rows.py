@@ -17,6 +17,7 @@ from ..mesh.locations import Where, vertices_at
 from ..results.reactions import constrained_vertices
 from ..system import System
 from ..system.coordinates import Coordinates
+from ..terms.protocols import CanPenetrate
 from .ledger import Ledger
 from .motion import Motion, last_step
 from .record import MotionState
@@ -96,6 +97,8 @@ def column_names(
     `reaction B x`, ...                  force of supports and foundations at `B` at this time, see `Run.reaction` [N]
 
     `contact C x`, ...                   resultant of the contact `C` at this time, see `Run.contact` [N]
+
+    `contact C gap`                      with a rigid shape: the smallest gap of all points [m], negative where one touches
     ===================================  ====================================================================================
     """
     axes = "xyz"[: body.mesh.d]
@@ -116,7 +119,11 @@ def column_names(
         *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
         *(f"{probe} {axis}" for probe in probes for axis in axes),
         *(f"reaction {location} {axis}" for location in reactions for axis in axes),
-        *(f"contact {contact.name} {axis}" for contact in contacts for axis in axes),
+        *(
+            f"contact {contact.name} {column}"
+            for contact in contacts
+            for column in (*axes, *(("gap",) if isinstance(contact, CanPenetrate) else ()))
+        ),
     )
 
 
@@ -264,8 +271,11 @@ class LedgerWriter:
                 row += list(mesh.space.total(forces[vertices].sum(axis=0)))
         for contact in motion.system.contacts:
             force = np.zeros(mesh.p.T.shape)
-            contact.energy_and_force(by_vertex(mesh, state.u), force)
+            x = by_vertex(mesh, state.u)
+            contact.energy_and_force(x, force)
             row += list(-force[contact.nodes].sum(axis=0))
+            if isinstance(contact, CanPenetrate):
+                row.append(contact.smallest_gap(x))
         for column in self._without_value:
             row[column] = nan
         self.ledger.append(row)

@@ -11,6 +11,7 @@ from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_r
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from ..units import UnitSystem, remarks
+from .contact_findings import contact_findings
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
@@ -199,7 +200,7 @@ class Loop:
         setup, record = self.setup, self.record
         setup.motion.body.return_to(record.history)
         u, v = (setup.motion.states.expand(x) for x in (record.state.u, record.state.v))
-        findings = self._monitors.at(u)
+        findings = (*self._monitors.at(u), *contact_findings(setup.motion.system, record.ledger))
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
             status = Status.ENDED_INVERTED
         message = self._units.text(self._message(status, detail, cause, findings))

@@ -17,7 +17,7 @@ from ..mesh.locations import Where
 from ..nonlinear.outcome import Status, with_remedy
 from ..notebook import html_table
 from ..results import Fields, Reaction, State, animate, plot, write_vtu
-from ..results.contact import ContactState, contact_state
+from ..results.contact import ContactState, contact_state, contact_states, shapes_at
 from ..results.files import of_leader
 from ..results.monitors import Finding
 from ..results.plotting import thumbnail
@@ -25,6 +25,7 @@ from ..results.reactions import constrained_vertices
 from ..results.table import labels_of_files
 from ..results.vtu import DEFAULT
 from ..system import System
+from ..terms.rigid_shapes import RigidShape
 from .guards import relative_closure_error
 from .integrators import Integrator
 from .ledger import Ledger
@@ -51,7 +52,7 @@ class Run:
         How the run ended, as a status and as a text.
     findings
         Unreliable elements in the last state, as in `step.findings` of statics: inverted, or compressed beyond the point where the
-        material softens.
+        material softens. And rigid contacts that were too deep during the motion, or too short for its steps.
     ledger
         One array per name, one value per step: `run.ledger["total_energy"]`.
     iterations
@@ -114,7 +115,8 @@ class Run:
     @cached_property
     def state(self) -> State:
         """All fields of the last state: `run.state["von_mises_stress"]`; see `skfem_stvk.results.names()`."""
-        return Fields.of(self.system).at(self.u, self.v)
+        contacts = contact_states(self.system, self.u, self.motion.moment(self.t))
+        return Fields.of(self.system).at(self.u, self.v, contacts)
 
     def reaction(self, where: Where | None = None) -> Reaction:
         """Return the force of supports and foundations on the body at a location.
@@ -205,16 +207,19 @@ class Run:
         """
         if self.series is None:
             raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
-        series = self.series
-        return of_leader(
-            self.system.space, lambda: animate(series, path, field, **(labels_of_files(field, self.system.units) | options))
-        )
+        series, system = self.series, self.system
+        options = labels_of_files(field, system.units) | {"shapes": self._shapes} | options
+        return of_leader(system.space, lambda: animate(series, path, field, **options))
+
+    def _shapes(self, t: float) -> list[RigidShape]:
+        """Return the rigid shapes at time `t`."""
+        return shapes_at(self.system, self.motion.moment(t))
 
     def _repr_html_(self) -> str:
         rows = [
             ("status", self.status),
             ("message", self.message),
-            ("time [s]", f"{self.t:.6g}"),
+            (f"time [{self.system.units.of('s')}]", f"{self.t:.6g}"),
             ("steps", self.ledger.steps - 1),
             ("integrator", self.integrator),
             ("relative energy gain", f"{self.gained:.2g}"),

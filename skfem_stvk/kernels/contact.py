@@ -404,6 +404,18 @@ def find_gaps(
                 normals[i, q, j] = n[j]
 
 
+@kernel
+def smallest_gap(surface: Surface, shape: ShapeNumbers, shift: Reals, u: Reals) -> float:
+    """Return the smallest gap of all points [m]."""
+    N, t, X = surface
+    kind, numbers = shape
+    least = inf
+    for i in range(len(t)):
+        for q in range(len(N)):
+            least = min(least, _gap(kind, numbers, _point(N, t, i, q, X, u, shift, numbers))[0])
+    return least
+
+
 @inlined
 def _way_through(kind, numbers, x, v):
     """Return the parameters `s` at which the line `x + s v` enters and leaves the shape; an empty interval if it does not pass.

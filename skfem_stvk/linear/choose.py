@@ -60,7 +60,7 @@ def choose(
 ) -> LinearSolver:
     """Return the solver with this name, the solver object itself, or for "auto" the fastest for `n` unknowns.
 
-    `docs/how-to/choose-solver.md` has the measurements for "auto".
+    `docs/measurements/solvers.md` has the measurements for "auto".
 
     `indefinite`: matrices will not be positive definite, but must be solved; conjugate gradients only detect this. `entries`:
     approximate number of entries of K, if known. Rows of quadratic tetrahedra and hexahedra have twice as many as rows of linear

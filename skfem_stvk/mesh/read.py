@@ -14,7 +14,7 @@ from .mesh import ElementMesh, checked_degree
 def read_mesh(
     path: str | Path, degree: int | None = None, *, dimension: int | None = None, keep: Collection[str] = ()
 ) -> ElementMesh:
-    """Read the elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/how-to/meshes.md`.
+    """Read the elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/reference/mesh-files.md`.
 
     The elements of the highest dimension in the file are read: tetrahedra, triangles and segments, also of second order with curved
     edges, or hexahedra or quadrilaterals. Vertices are in the order of the file; edge midpoints follow in scikit-fem's order.

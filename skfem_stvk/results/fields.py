@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +17,7 @@ from ..errors import StvkError
 from ..linear.space import Space
 from ..mesh.displacements import by_vertex
 from ..units import UNITS, UnitSystem
+from .contact import ContactState, combined
 from .response import ElasticBody, Masked, Response
 from .table import find
 
@@ -95,8 +97,11 @@ class Fields(ElasticBody):
         inner = corners.values(rule_of(element, self.kind).points)
         return np.asarray(corners.values(element.nodes) @ np.linalg.pinv(inner))
 
-    def at(self, u: ArrayLike, v: ArrayLike | None = None) -> State:
+    def at(self, u: ArrayLike, v: ArrayLike | None = None, contacts: Sequence[ContactState] = ()) -> State:
         """Return the state at displacements `u` (ndofs,) [m], for a body in motion with velocities `v` (ndofs,) [m/s].
+
+        Files have the forces, pressures and gaps of the `contacts`, as `result.contact(name)` returns them, and pictures their
+        shapes.
 
         Raises
         ------
@@ -104,7 +109,7 @@ class Fields(ElasticBody):
             if `u` or `v` does not have one finite entry for each degree of freedom.
         """
         moving = None if v is None else by_vertex(self.mesh, v, "v").astype(np.float64)
-        return State(self, by_vertex(self.mesh, u).astype(np.float64), moving)
+        return State(self, by_vertex(self.mesh, u).astype(np.float64), moving, contacts)
 
 
 class State:
@@ -120,16 +125,18 @@ class State:
     ----------
     v
         (nv, d) velocities [m/s] of a body in motion, otherwise None.
+    contacts
+        States of its contacts.
     `beside`
         States of elements of lower dimensions on the same nodes: membranes and cables on tetrahedra.
     """
 
-    def __init__(self, fields: Fields, u: Array, v: Array | None = None) -> None:
-        self.fields, self.u, self.v = fields, u, v
+    def __init__(self, fields: Fields, u: Array, v: Array | None = None, contacts: Sequence[ContactState] = ()) -> None:
+        self.fields, self.u, self.v, self.contacts = fields, u, v, contacts
 
     @cached_property
     def beside(self) -> tuple[State, ...]:
-        return tuple(State(fields, self.u, self.v) for fields in self.fields.beside)
+        return tuple(State(fields, self.u, self.v, self.contacts) for fields in self.fields.beside)
 
     @cached_property
     def responses(self) -> list[Response]:
@@ -195,10 +202,10 @@ class State:
         values, missing = zip(*[response.value(find(name).of) for response in self.responses], strict=True)
         return np.array(values), np.any(missing, axis=0)
 
-    @property
-    def vectors(self) -> dict[str, Array]:
-        """Vectors (nv, d) by name: the displacements, and the velocities if there are any."""
-        return {"displacement": self.u} | ({} if self.v is None else {"velocity": self.v})
+    @cached_property
+    def nodal(self) -> dict[str, Array]:
+        """Values at nodes by name: displacements (nv, d), velocities if there are any, and with contacts their combined fields."""
+        return {"displacement": self.u} | ({} if self.v is None else {"velocity": self.v}) | combined(self.contacts)
 
 
 class NodalAverage:

@@ -20,12 +20,14 @@ from PIL import Image
 
 from ..arguments import Array
 from ..elements import linear_simplex
-from .picture import Film, Picture, View, subdivided
+from .picture import SCREEN, Film, Picture, View, subdivided
+from .shapes import surface_of, surroundings
 
 MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
 #: Yellow to red without the palest tenth, which is invisible on white paper.
 COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["YlOrRd"](np.linspace(0.12, 1, 256))).with_extremes(bad=MISSING)
-PIECES = 10_000  # most pieces of faces, which are small enough to be sorted by depth
+PIECES = 5000  # most pieces of faces, which are small enough to be sorted by depth
+SHAPE = (*to_rgba(REST)[:3], 0.35)  # colour of rigid shapes
 LIGHT = np.array([-0.09, 0.43, 0.90])  # direction to the light, as `SCREEN` has its axes
 LINE = 1 / 800  # width of outlines of bodies in space, as a part of the picture
 #: Size of films, in inches and dots per inch: an even number of pixels, as .mp4 requires.
@@ -64,11 +66,12 @@ class PictureAxes:
     def __init__(self, figure: Figure, picture: Picture, view: View) -> None:
         self._colours = ScalarMappable(Normalize(*view.limits), COLOURS)
         self._axes: Any = figure.add_subplot(aspect="equal")
+        self._around = surroundings(view.box)
         if picture.d == 3:
             _prepare_in_space(self._axes, view.screen)
         else:
-            _prepare_in_plane(self._axes, view.box, picture)
-        self._shown: list[Any] = []
+            _prepare_in_plane(self._axes, view.frame, picture)
+        self.artists: list[Any] = []  # of the picture that is shown
         bar = figure.colorbar(self._colours, ax=figure.axes, label=picture.label, shrink=0.7, aspect=24, pad=0.03)
         bar.outline.set_visible(False)
         if picture.scale != 1:
@@ -76,10 +79,14 @@ class PictureAxes:
 
     def show(self, picture: Picture) -> None:
         """Show this picture instead of the previous one."""
-        for artist in self._shown:
+        for artist in self.artists:
             artist.remove()
         in_space = picture.d == 3 and len(picture.cells) == 3
-        self._shown = (_draw_faces_in_space if in_space else _draw_flat)(self._axes, picture.on_screen(), self._colours)
+        shapes = [surface_of(shape, self._around) for shape in picture.shapes]
+        if picture.d == 3:
+            shapes = [cells @ SCREEN.T for cells in shapes]
+        draw = _draw_faces_in_space if in_space else _draw_flat
+        self.artists = draw(self._axes, picture.on_screen(), self._colours, shapes)
 
 
 def _prepare_in_plane(axes: Any, box: Array, picture: Picture) -> None:
@@ -102,8 +109,8 @@ def _prepare_in_space(axes: Any, screen: Array) -> None:
     axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
 
 
-def _draw_flat(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """Draw lines, or a body in a plane; return the added artists."""
+def _draw_flat(axes: Any, picture: Picture, colours: ScalarMappable, shapes: list[Array]) -> list[Any]:
+    """Draw lines, or a body in a plane, with rigid shapes behind; return the added artists."""
     rest, moved = picture.rest[:, :2].copy(), picture.moved[:, :2]
     points: Any  # an array, which it takes and is faster with than with the list that its types ask for
     points, values = _pieces(moved[picture.cells], picture.values)
@@ -118,13 +125,20 @@ def _draw_flat(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any
     else:
         shown.append(_smooth(points, colours.to_rgba(values)))
         shown.append(LineCollection(moved[picture.lines.T], colors=EDGE, linewidths=0.8))
+    for cells in shapes:
+        if cells.shape[1] == 2:
+            points = cells[..., :2]
+            shown.append(LineCollection(points, colors=SHAPE[:3], linewidths=1.5, zorder=1))
+        else:
+            shown.append(_smooth(cells[..., :2], np.broadcast_to(SHAPE, (len(cells), 3, 4))))
+            shown[-1].set_zorder(0)
     for collection in shown:
         axes.add_collection(collection, autolim=False)
     return marks + shown
 
 
-def _draw_faces_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -> list[Any]:
-    """Draw faces and outlines on the screen from the farthest to the nearest; return the added artists."""
+def _draw_faces_in_space(axes: Any, picture: Picture, colours: ScalarMappable, shapes: list[Array]) -> list[Any]:
+    """Draw faces, outlines and rigid shapes on the screen from the farthest to the nearest; return the added artists."""
     points, values = _pieces(picture.moved[picture.cells], picture.values)
     rgba = colours.to_rgba(values)
     rgba[..., :3] *= _brightness(points)[:, None, None]
@@ -136,6 +150,13 @@ def _draw_faces_in_space(axes: Any, picture: Picture, colours: ScalarMappable) -
         triangles.append(_ribbons(ends[..., :2], width))
         shades.append(np.broadcast_to(to_rgba(colour), (len(triangles[-1]), 3, 4)))
         depth.append(np.tile(ends[..., 2].mean(axis=1) + shift, 2))
+    for cells in shapes:
+        to_viewer = np.sign(np.cross(cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0])[:, 2])
+        triangles.append(cells[..., :2])
+        shade = np.tile(to_rgba(SHAPE), (len(cells), 3, 1))
+        shade[..., :3] *= _brightness(cells)[:, None, None]
+        shades.append(shade)
+        depth.append(cells[..., 2].mean(axis=1) - nearer * to_viewer)  # the body is on the side of the normal
     order = np.argsort(np.concatenate(depth), kind="stable")
     faces = _smooth(np.concatenate(triangles)[order], np.concatenate(shades)[order])
     axes.add_collection(faces, autolim=False)
@@ -186,7 +207,7 @@ def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:
     figure.set_dpi(DPI)
     canvas, shown = FigureCanvasAgg(figure), _shown(figure, film)
     if suffix == ".gif":
-        images = (_image(canvas, _palette(in_space=picture.d == 3)) for picture in shown)
+        images = _images(canvas, shown)
         options = {"save_all": True, "append_images": images, "duration": round(1000 / fps), "loop": 0}
         next(images).save(path, format="GIF", **options)
         return
@@ -196,8 +217,8 @@ def write_film(film: Film, path: Path, suffix: str, fps: float) -> None:
             writer.grab_frame()
 
 
-def _shown(figure: Figure, film: Film) -> Iterator[Picture]:
-    """Yield the pictures one after the other, shown on a figure with the layout of the first."""
+def _shown(figure: Figure, film: Film) -> Iterator[tuple[Picture, list[Any]]]:
+    """Yield the pictures one after the other, shown on a figure with the layout of the first, and the artists that change."""
     view, pictures = film.view_and_pictures()
     title = figure.suptitle(" ", fontsize=11, color=EDGE)
     picture_axes = None
@@ -210,13 +231,26 @@ def _shown(figure: Figure, film: Film) -> Iterator[Picture]:
             figure.set_layout_engine("none")
         else:
             picture_axes.show(picture)
-        yield picture
+        yield picture, [title, *picture_axes.artists]
 
 
-def _image(canvas: FigureCanvasAgg, palette: Image.Image) -> Image.Image:
-    canvas.draw()
-    image = Image.frombuffer("RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba()))
-    return image.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE)
+def _images(canvas: FigureCanvasAgg, shown: Iterator[tuple[Picture, list[Any]]]) -> Iterator[Image.Image]:
+    """Yield an image of each picture. Axes and the colour bar are drawn once, because their text takes half of the time."""
+    background: Any = None
+    for picture, artists in shown:
+        if background is None:
+            palette = _palette(in_space=picture.d == 3)
+            for artist in artists:
+                artist.set_visible(False)
+            canvas.draw()
+            background = canvas.copy_from_bbox(canvas.figure.bbox)
+            for artist in artists:
+                artist.set_visible(True)
+        canvas.restore_region(background)
+        for artist in sorted(artists, key=lambda artist: artist.get_zorder()):
+            artist.draw(canvas.get_renderer())
+        image = Image.frombuffer("RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba()))
+        yield image.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def _palette(in_space: bool) -> Image.Image:

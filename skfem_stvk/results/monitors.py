@@ -23,19 +23,20 @@ LOCKING, SOFTENING = 0.45, 3**-0.5
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """Warning about elements.
+    """Warning about elements, or about a contact of a motion.
 
     Attributes
     ----------
     name
-        Name of the finding, "locking", "inside out", "compressed" or "not elliptic".
+        Name of the finding, "locking", "inside out", "compressed", "not elliptic", "deep contact" or "short contact".
     elements
-        (n,) ids of the elements in the whole mesh, ascending.
+        (n,) ids of the elements in the whole mesh, ascending; none for a contact.
     extreme
-        Most extreme value of these elements: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the
-        smallest eigenvalue of the acoustic tensor [Pa], in the order of the names.
+        Most extreme value: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest eigenvalue
+        of the acoustic tensor [Pa], the largest depth over the mean edge of the facets, the smallest number of steps that a contact
+        lasts, in the order of the names.
     text
-        The fault, the number of elements, a location, the consequence and the remedy.
+        The fault, the elements or the contact, a location or a time, the consequence and the remedy.
     """
 
     name: str

@@ -13,9 +13,11 @@ from ..arguments import Array, number, real_array, shown, text
 from ..elements import Element, linear_simplex
 from ..errors import StvkError
 from ..mesh.facets import Cells, MeshArrays, outer_facets
+from ..terms.rigid_shapes import RigidShape
 from .fields import NodalAverage, State, checked_state, masked, split_nodes, whole_state
 from .law import in_space
-from .table import FIELDS, VECTORS, find
+from .shapes import surface_of, surroundings
+from .table import FIELDS, NODAL, find
 
 #: Units that get a prefix.
 PREFIXED = {"m", "m/s", "Pa", "J/m^3"}
@@ -48,6 +50,7 @@ class Picture:
     label: str  # meaning of the colours, with the unit
     scale: float
     length_unit: str = "m"  # of the coordinates
+    shapes: tuple[RigidShape, ...] = ()  # rigid shapes that the body may touch
 
     @property
     def largest(self) -> float:
@@ -72,23 +75,27 @@ class View(NamedTuple):
     """Common bounds of the pictures of a body."""
 
     box: Array  # (2, 3) smallest and largest coordinates of the body in all of them, and at rest [m]
-    screen: Array  # (2, 3) the same of `Picture.on_screen`
+    frame: Array  # (2, 3) the same with the rigid shapes in the surroundings of the body
+    screen: Array  # (2, 3) the same with `Picture.on_screen`
     limits: tuple[float, float]  # smallest and largest colour value, which always differ a little
 
     @classmethod
     def of(cls, pictures: Iterable[Picture]) -> View:
         """Return the view of these pictures, at least one."""
         low, high, box, screen = np.inf, -np.inf, np.empty((0, 3)), np.empty((0, 3))
+        shapes: set[RigidShape] = set()
         for picture in pictures:
             known = np.ma.compressed(picture.values)
             low, high = float(known.min(initial=low)), float(known.max(initial=high))
             seen = picture.on_screen()
             box, screen = _bounds(box, picture.rest, picture.moved), _bounds(screen, seen.rest, seen.moved)
+            shapes.update(picture.shapes)
         if low > high:
             low, high = 0.0, 1.0  # no picture has a value
         least = 1e-9 * max(abs(low), abs(high), 1e-300)
         limits = (low, high) if high - low > least else (low - 1e3 * least, high + 1e3 * least)
-        return cls(box, screen, limits)
+        drawn = [surface_of(shape, surroundings(box)).reshape(-1, 3) for shape in shapes]
+        return cls(box, _bounds(box, *drawn), _bounds(screen, *(x @ SCREEN.T for x in drawn)), limits)
 
 
 def _bounds(*points: Array) -> Array:
@@ -189,7 +196,7 @@ class VisibleMesh:
 
 
 class VisibleBody:
-    """Visible parts of a body and of its bodies of lower dimensions, with the elements of a state."""
+    """Visible parts of a body and of its bodies of lower dimensions, with the elements of a state, and shapes that it touches."""
 
     def __init__(self, state: State) -> None:
         self._parts = [VisibleMesh(part.fields.mesh, part.fields.removed) for part in (state, *state.beside)]
@@ -201,7 +208,9 @@ class VisibleBody:
             mesh = lower.fields.mesh
             known = isinstance(field, str) or np.shape(field) == (mesh.nv,) != (state.fields.mesh.nt,)
             values.append(corner_values(lower, field)[0] if known else masked(np.zeros(mesh.t.shape), np.ones(mesh.nt, bool)))
-        return joined([part.picture(state.u, colours, label, scale) for part, colours in zip(self._parts, values, strict=True)])
+        picture = joined([part.picture(state.u, colours, label, scale) for part, colours in zip(self._parts, values, strict=True)])
+        shapes = (contact.shape for contact in state.contacts if scale == 1)
+        return replace(picture, shapes=tuple(shape for shape in shapes if shape is not None))
 
 
 def joined(pictures: Sequence[Picture]) -> Picture:
@@ -276,11 +285,13 @@ def corner_values(state: State, field: str | ArrayLike) -> tuple[Array, str, str
     mesh = state.fields.mesh
     if not isinstance(field, str):
         return _given(state, field), "", ""
-    if field in state.vectors:
-        return np.linalg.norm(state.vectors[field], axis=1)[mesh.t], field, state.fields.units.of(VECTORS[field])
-    found = find(field, state.vectors)
+    if field in state.nodal:
+        at_nodes = state.nodal[field]
+        lengths = at_nodes if at_nodes.ndim == 1 else np.linalg.norm(at_nodes, axis=1)
+        return lengths[mesh.t], field.replace("_", " "), state.fields.units.of(NODAL[field])
+    found = find(field, state.nodal)
     if found.shape:
-        scalars = ", ".join([*state.vectors, *(other.name for other in FIELDS if not other.shape)])
+        scalars = ", ".join([*state.nodal, *(other.name for other in FIELDS if not other.shape)])
         raise StvkError(
             f"{found.name} has {'3 x 3' if len(found.shape) == 2 else 3} components; expected a field with one component, such as "
             f"{scalars}, or hand "

@@ -22,11 +22,13 @@ from ..errors import StvkError, name_known
 from ..mesh.facets import Cells
 from ..mesh.groups import from_cells
 from ..system import System
+from ..terms.rigid_shapes import RigidShape
 from .fields import State, checked_state, masked, whole_state
 from .files import output_path, replacing
-from .picture import Film, Picture, VisibleBody, VisibleMesh, checked_label, checked_scale, corner_values, joined, picture_of
+from .picture import Film, Picture, View, VisibleBody, VisibleMesh, checked_label, checked_scale, corner_values, joined, picture_of
 from .series import listed_states
-from .table import FIELDS, VECTORS
+from .shapes import surface_of, surroundings
+from .table import FIELDS, NODAL
 from .vtu import read_vtu
 
 if TYPE_CHECKING:
@@ -48,15 +50,16 @@ def plot(
     path: str | os.PathLike[str] | None = None,
     backend: str | None = None,
 ) -> Any:
-    """Draw the deformed body, coloured by a field, with the outline of the body at rest.
+    """Draw the deformed body, coloured by a field, with the outline of the body at rest and the rigid shapes near it, in grey.
 
     Parameters
     ----------
     field
-        Name of a field with one number per element, or "displacement" or "velocity" for its length; or the numbers themselves, one
-        per element or one per node. Numbers by element are averaged to the nodes, within each material. Grey means no value.
+        Name of a field with one number per element, or of values at nodes: "displacement", "velocity", and with contacts
+        "contact_force", "contact_pressure" and "gap"; of vectors the length. Or the numbers themselves, one per element or one per
+        node. Numbers by element are averaged to the nodes, within each material. Grey means no value.
     scale
-        Factor for the displacements, 1 for the true shape.
+        Factor for the displacements, 1 for the true shape; others are drawn without rigid shapes.
     label
         Label of the colour bar; by default the field's name and unit.
     length_unit
@@ -115,8 +118,9 @@ def animate(
     label: str | None = None,
     length_unit: str | None = None,
     fps: float = 20.0,
+    shapes: Callable[[float], Sequence[RigidShape]] | None = None,
 ) -> Path:
-    """Write a film of the deformed body, coloured by a field; axes and colours are the same in all frames.
+    """Write a film of the deformed body, coloured by a field, with the rigid shapes near it; axes and colours stay the same.
 
     Parameters
     ----------
@@ -125,16 +129,17 @@ def animate(
     path
         Path of a .gif file, or of an .mp4 file, which requires ffmpeg.
     field
-        Name of a field with one number per element, or "displacement" or "velocity" for its length. From a .pvd, a field in its
-        files, averaged to the nodes there.
+        Name of a field, as in `plot`. From a .pvd, a field in its files, averaged to the nodes there.
     scale
-        Factor for the displacements, 1 for the true shape.
+        Factor for the displacements, 1 for the true shape; others are drawn without rigid shapes.
     label
         Label of the colour bar; by default the field's name and unit.
     length_unit
         Unit of coordinates, on the axes of bodies in a plane; by default that of the system of units.
     fps
         Frames per second. A .gif counts in hundredths of a second.
+    shapes
+        Function of the time that returns the rigid shapes, for a .pvd file; `run.animate` passes those of the contacts.
 
     Raises
     ------
@@ -152,7 +157,7 @@ def animate(
             "Or write a .gif file."
         )
     if isinstance(series, str | os.PathLike):
-        film = _of_files(series, field, scale, label)
+        film = _of_files(series, field, scale, label, shapes)
     else:
         film = _of_states(series, field, scale, label)
     from .matplotlib_plot import write_film
@@ -193,7 +198,13 @@ def _of_states(states: States, field: str, scale: float, label: str | None) -> F
     return Film([t for t, _ in pairs], picture, "" if label else unit, pairs[0][1].fields.units.of("m"))
 
 
-def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: str | None) -> Film:
+def _of_files(
+    series: str | os.PathLike[str],
+    field: str,
+    scale: float,
+    label: str | None,
+    shapes: Callable[[float], Sequence[RigidShape]] | None = None,
+) -> Film:
     listed = listed_states(arguments.path("series", series, "the path of a .pvd file"))
     files = [file for _, file in listed]
     first = read_vtu(files[0])
@@ -221,10 +232,11 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
         read, file = read_vtu(files[number]), files[number]
         name = _described(read, field, file)[0]
         data = read.point_data
-        values = np.linalg.norm(data[name], axis=1) if name in VECTORS else data[name]
+        values = data[name] if data[name].ndim == 1 else np.linalg.norm(data[name], axis=1)
         missing = data.get(f"{name}_missing", np.zeros(len(values))).astype(bool)
         u, parts = _described(read, "displacement", file)[0], visible_parts(read, file)
-        return joined([part.picture(data[u], masked(values, missing)[t], label or named, scale) for t, part in parts])
+        body = joined([part.picture(data[u], masked(values, missing)[t], label or named, scale) for t, part in parts])
+        return body if shapes is None or scale != 1 else replace(body, shapes=tuple(shapes(listed[number][0])))
 
     return Film([t for t, _ in listed], picture, "" if label else unit)
 
@@ -232,19 +244,19 @@ def _of_files(series: str | os.PathLike[str], field: str, scale: float, label: s
 def _described(mesh: meshio.Mesh, field: str, file: Path) -> tuple[str, str, str]:
     """Return a field's name in the file, its name in words and its unit."""
     scalars = [name for name, values in mesh.point_data.items() if values.ndim == 1 and not name.endswith("_missing")]
-    vectors = [name for name in VECTORS if name in mesh.point_data]
-    if field in vectors:
-        return field, field, VECTORS[field]
+    nodal = [name for name in NODAL if name in mesh.point_data]
+    if field in nodal:
+        return field, field.replace("_", " "), NODAL[field]
     for name in (field, f"{field}_stress"):
         if name in scalars:
             units = {one.name: (one.words, one.unit.replace("-", "")) for one in FIELDS}
             return name, *units.get(name, (name.replace("_", " "), ""))
-    raise StvkError(f"{file.name} has no field {field!r}; {name_known(field, [*vectors, *scalars])}")
+    raise StvkError(f"{file.name} has no field {field!r}; {name_known(field, dict.fromkeys([*nodal, *scalars]))}")
 
 
 def _scene(picture: Picture) -> Any:
     """Return PyVista's plotter, which shows the scene and exports it."""
-    from .matplotlib_plot import COLOURS, EDGE, MISSING, REST
+    from .matplotlib_plot import COLOURS, EDGE, MISSING, REST, SHAPE
 
     pyvista: Any = import_module("pyvista")
     plotter = pyvista.Plotter(off_screen=_no_display(), window_size=(1400, 900))
@@ -263,6 +275,12 @@ def _scene(picture: Picture) -> Any:
     plotter.add_mesh(pyvista.PolyData(picture.rest, lines=lines), color=REST, line_width=1)
     if m == 3:
         plotter.add_mesh(pyvista.PolyData(picture.moved, lines=lines), color=EDGE, line_width=1.5)
+    around = surroundings(View.of([picture]).box)
+    for surface in (surface_of(shape, around) for shape in picture.shapes):
+        n, corners = surface.shape[:2]
+        numbers = np.column_stack([np.full(n, corners), np.arange(n * corners).reshape(n, corners)]).ravel()
+        drawn = pyvista.PolyData(surface.reshape(-1, 3), **{"lines" if corners == 2 else "faces": numbers})
+        plotter.add_mesh(drawn, color=SHAPE[:3], opacity=SHAPE[3] if corners == 3 else 1.0, line_width=2)
     if picture.scale != 1:
         plotter.add_text(f"displacements × {picture.scale:g}", position="lower_left", font_size=10, color=REST)
     if picture.d == 3:

@@ -100,9 +100,7 @@ class Reaction:
         else:
             d = self.rest.shape[1]
             levers = self.rest - arguments.array("about", about, (d,), f"a point with {d} coordinates [m]") + self.u
-        if levers.shape[1] == 3:
-            return np.cross(levers, self.by_node).sum(axis=0)
-        return float((levers[:, 0] * self.by_node[:, -1] - levers[:, -1] * self.by_node[:, 0]).sum())
+        return moment_of(levers, self.by_node)
 
     def __repr__(self) -> str:
         count = f"{len(self.vertices)} {'vertex' if len(self.vertices) == 1 else 'vertices'}"
@@ -112,6 +110,13 @@ class Reaction:
             else f", moment {_digits(self.moment())} {self.units.of('N m')} about {_digits(self.centroid)}"
         )
         return f"Reaction at {count}: resultant {_digits(self.resultant)} {self.units.of('N')}{moment}"
+
+
+def moment_of(levers: Array, forces: Array) -> Array | float:
+    """Return the moment `sum levers x forces` of vectors (n, d) [N m]: (3,) in space, a number in the plane, 0 on a line."""
+    if levers.shape[1] == 3:
+        return np.cross(levers, forces).sum(axis=0)
+    return float((levers[:, 0] * forces[:, -1] - levers[:, -1] * forces[:, 0]).sum())
 
 
 def ground_forces_at_rest(system: System, u: Array, t: float, projected: bool = False) -> Array:

@@ -27,8 +27,8 @@ WORDS = {
     "von_mises_stress": "von Mises stress",
 }
 TENSOR = (3, 3)
-#: Vectors of the vertices, by name, and their units.
-VECTORS = {"displacement": "m", "velocity": "m/s"}
+#: Values at nodes, by name, and their units.
+NODAL = {"displacement": "m", "velocity": "m/s", "contact_force": "N", "contact_pressure": "Pa", "gap": "m"}
 
 
 def green_strain(state: Response) -> Masked:
@@ -223,6 +223,11 @@ def find(name: str, others: Iterable[str] = ()) -> Field:
     for field in FIELDS if isinstance(name, str) else ():
         if name in (field.name, field.name.removesuffix("_stress")):
             return field
+    if isinstance(name, str) and name in NODAL:
+        raise StvkError(
+            f"There is no field {name!r} of elements. It has values at nodes: files contain it, and pictures show it, if the state "
+            "has velocities or contacts."
+        )
     known = name_known(name if isinstance(name, str) else "", (*others, *names()))
     raise StvkError(f"There is no field {shown(name)}; {known} Names of stresses may omit '_stress'.")
 
@@ -244,5 +249,5 @@ def labels_of_files(field: str, units: UnitSystem) -> dict[str, Any]:
     if units.name == "SI":
         return {}
     known = {name: (one.words, one.unit) for one in FIELDS for name in (one.name, one.name.removesuffix("_stress"))}
-    words, unit = (known | {name: (name, unit) for name, unit in VECTORS.items()}).get(field, (field, "-"))
+    words, unit = (known | {name: (name.replace("_", " "), unit) for name, unit in NODAL.items()}).get(field, (field, "-"))
     return {"label": words if unit == "-" else f"{words} [{units.of(unit)}]", "length_unit": units.of("m")}

@@ -22,7 +22,7 @@ from .fields import State, checked_state
 from .files import in_all_parts, output_path
 from .law import in_space
 from .pieces import ELEMENTS, NODES, joined, pieces_of, write_grid, write_pieces
-from .table import Field, find_all
+from .table import NODAL, Field, find_all
 
 if TYPE_CHECKING:
     import meshio
@@ -41,6 +41,9 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     ========================  ==============================================================================================
     points                    at rest, padded to three components; "Warp By Vector" with `displacement` gives the deformed body
     `displacement`            [m], three components; a body in motion also has `velocity` [m/s]
+    `contact_force`           [N], only with contacts: the sum of their forces on each node
+    `contact_pressure`        [Pa], only with contacts: the largest of their pressures on each node, at rest
+    `gap`                     [m], only with contacts: the smallest of their gaps, see `ContactState`
     symmetric tensors         six components in VTK's order XX, YY, ZZ, XY, YZ, XZ
     other tensors             nine components, row by row
     `NAME_missing`            only if values are missing: 1 where `NAME` has no value, and is zero
@@ -52,7 +55,8 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. For elements with several points,
     fields by cell are means, and fields at nodes are extrapolated. Elements that are removed from the body are left out; their
     nodes stay. Elements of lower dimensions, such as cables, are cells after those of the mesh. Nodes have their values where no
-    element of the mesh has one. The file is renamed to its final name when it is complete.
+    element of the mesh has one. Arrays have their units in the system of units of the body as VTK's key UNITS_LABEL. The file is
+    renamed to its final name when it is complete.
 
     For a body that is divided into parts, the path ends in .pvtu. All parts call this function together, and each writes a file of
     its own next to it, `NAME_r0000.vtu`, `NAME_r0001.vtu`, ..., with the field `rank` of its elements.
@@ -64,11 +68,13 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     """
     wanted, space = find_all(fields), checked_state(state).fields.mesh.space
     path = output_path(path, ".pvtu" if space.divided else ".vtu")
-    mesh = _with_fields(state, wanted)
+    mesh, system = _with_fields(state, wanted), state.fields.units
+    units = {"Points": "m"} | NODAL | {field.name: field.unit for field in wanted if field.unit != "-"}
+    units = {name: system.of(unit) for name, unit in units.items()}
     if space.divided:
-        write_pieces(path, mesh, space)
+        write_pieces(path, mesh, space, units)
     else:
-        write_grid(path, mesh)
+        write_grid(path, mesh, units)
     return path
 
 
@@ -96,9 +102,11 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     mesh, kinds = state.fields.mesh, [(body_state, ~body_state.fields.removed) for body_state in (state, *state.beside)]
     with in_all_parts(mesh.space):
         parts = [_by_cell(body_state, fields) for body_state, _ in kinds]
-    points: Arrays = {name: in_space(vectors) for name, vectors in state.vectors.items()}
+    points: Arrays = {}
+    for name, values in state.nodal.items():
+        points |= _arrays(name, values if values.ndim == 1 else in_space(values))
     for field in fields:
-        points |= _arrays(field, _at_nodes(state, field.name))
+        points |= _arrays(field.name, _at_nodes(state, field.name), field.symmetric)
     elements = [as_cells(body_state.fields.mesh.t[:, present], body_state.fields.mesh.element) for body_state, present in kinds]
     cells: dict[str, list[NDArray[Any]]] = {}
     for name, values in {name: values for part in reversed(parts) for name, values in part.items()}.items():
@@ -126,7 +134,7 @@ def _by_cell(state: State, fields: Sequence[Field]) -> Arrays:
     """Return the values of the elements of one kind."""
     cells = _regions(state.fields.mesh)
     for field in fields:
-        cells |= _arrays(field, state[field.name])
+        cells |= _arrays(field.name, state[field.name], field.symmetric)
     return cells
 
 
@@ -140,12 +148,12 @@ def _at_nodes(state: State, name: str) -> Array:
     return values
 
 
-def _arrays(field: Field, values: Array) -> Arrays:
+def _arrays(name: str, values: Array, symmetric: bool = False) -> Arrays:
     """Return the components by name, and a mask of missing ones."""
     filled = np.ma.filled(values, 0.0)
-    arrays: Arrays = {field.name: _components(filled, field.symmetric)}
+    arrays: Arrays = {name: _components(filled, symmetric)}
     if np.ma.is_masked(values):
-        arrays[f"{field.name}{MISSING}"] = np.ma.getmaskarray(values).reshape(len(values), -1)[:, 0].astype(np.uint8)
+        arrays[f"{name}{MISSING}"] = np.ma.getmaskarray(values).reshape(len(values), -1)[:, 0].astype(np.uint8)
     return arrays
 
 
@@ -231,7 +239,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     of_groups = [np.ravel(ids) for groups in (mesh.boundaries, mesh.lines) if mesh.element.degree == 1 for ids in groups.values()]
     if len(unused := np.setdiff1d(np.arange(mesh.nv), np.concatenate([mesh.t.ravel(), *of_groups]))):
         raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so the file would lose them. Remove them.")
-    write_grid(path, _mesh_content(mesh))
+    write_grid(path, _mesh_content(mesh), {})
     return path
 
 

@@ -28,10 +28,11 @@ from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
 from ..terms import TERMS, Body, MeshContact, RigidContact, is_load
+from ..units import UNITS
 from .complaints import Complaints
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
-from .schema.derived import SURFACES
+from .schema.derived import SURFACES, Derived
 from .schema.places import BoxPlace, where_of
 from .schema.sections import Expectation, Prescribed
 from .schema.terms import given_by, in_elements, in_time
@@ -65,10 +66,10 @@ NUMBERED = re.compile(r"(frequency|critical)\.\d+")
 
 
 class Names:
-    """Materials, places and regions of a scene by name, on its mesh."""
+    """Materials, places and regions of a scene by name, on its mesh, and the folder of its files."""
 
-    def __init__(self, sections: SceneTables, mesh: ElementMesh) -> None:
-        self.mesh, self.sections = mesh, sections
+    def __init__(self, sections: SceneTables, mesh: ElementMesh, folder: Path = Path()) -> None:
+        self.mesh, self.sections, self.folder = mesh, sections, folder
         self._materials: dict[str, Material] = {}
 
     def material(self, name: str) -> Material:
@@ -184,7 +185,9 @@ def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
 
 def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints, mesh: ElementMesh | None) -> None:
     mesh_file = getattr(sections.mesh, "file", None) if mesh is None else None
-    files = {("mesh", "file"): mesh_file, ("initial", "file"): sections.initial.file}
+    files: dict[tuple[str | int, ...], str | None] = {("mesh", "file"): mesh_file, ("initial", "file"): sections.initial.file}
+    for number, term in enumerate(sections.terms):
+        files["terms", number, "second", "file"] = getattr(getattr(term, "second", None), "file", None)
     for loc, name in files.items():
         if name is None:
             continue
@@ -362,7 +365,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
         mesh = _whole_mesh(sections, source, mesh) if comm is None else _part(sections, source, mesh, comm)
     complaints.refuse()
     assert mesh is not None
-    names = Names(sections, mesh)
+    names = Names(sections, mesh, source.folder)
     for name in sections.places:
         with complaints.at("places", name):
             if name in {*mesh.boundaries, *mesh.node_sets}:
@@ -389,7 +392,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             prescribed.append(prescription)
     complaints.refuse()
     system = None
-    with complaints.at(), _naming_terms(complaints, mesh, terms):
+    with complaints.at(), _naming_terms(complaints, mesh, terms, sections.units):
         options = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
         system = System(mesh, terms, fixed or None, prescribed or None, **options, units=sections.units)
         system.remarked = True  # the scene has remarks of its own, with its keys
@@ -495,10 +498,11 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
             vertices_at(mesh, names.place(term.on), "on")
             fits["on"] = True
     for name in SURFACES:
-        if getattr(term, name, None) is not None:
+        where = getattr(term, name, None)
+        if where is not None and not isinstance(where, Derived):
             fits[name] = False
             with complaints.at("terms", number, name):
-                names.region(getattr(term, name)) if in_elements(term.library, mesh) else names.surface(getattr(term, name))
+                names.region(where) if in_elements(term.library, mesh) else names.surface(where)
                 fits[name] = True
     name = given_by(term.library)
     given = getattr(term, name, None)
@@ -512,7 +516,7 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
 
 
 @contextmanager
-def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -> Iterator[None]:
+def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any], units: str) -> Iterator[None]:
     """If a system is refused, complain at each term that a body of this mesh refuses by itself."""
     try:
         yield
@@ -523,7 +527,8 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -
         body = Body(mesh, [term for term in terms if not is_load(term)])
         for number, term in enumerate(terms):
             try:
-                term.bind(body) if is_load(term) or isinstance(term, CONTACTS) else System(mesh, term)
+                with UNITS[units].of_errors():
+                    term.bind(body) if is_load(term) or isinstance(term, CONTACTS) else System(mesh, term)
             except StvkError as error:
                 complaints.add(("terms", number), str(error))
                 found = True

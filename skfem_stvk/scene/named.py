@@ -121,7 +121,7 @@ class SceneNames:
     def _table(self, model: Any, given: Any) -> dict[str, Any]:
         """Return the table of an object of the library, with its type if there are several."""
         table: dict[str, Any] = {"type": _kind(model, "type")} if "type" in model.model_fields else {}
-        for one in fields(given):
+        for one in (one for one in fields(given) if one.init):
             name, value = KEYS.get(one.name, one.name), getattr(given, one.name)
             if value is not None and value is not False:
                 table |= self._entry(model, name, value)
@@ -137,7 +137,9 @@ class SceneNames:
             return {name: self.region(value)}
         if name == "simplices":
             return {name: self.simplices(value)}
-        if name in PARTS:
+        if name == "file" and not isinstance(value, str):
+            raise NotExpressible("a RigidMesh in memory has no file; write one, and make RigidMesh(path) from it")
+        if name in PARTS and type(value) in [table.library for table in PARTS[name]]:
             return {name: self._table(_model(PARTS[name], value, name), value)}
         if name == "on" or name in SURFACES:
             if name in SURFACES and isinstance(value, str) and value in self.mesh.subdomains:

@@ -19,12 +19,14 @@ from ..arguments import Array
 from ..dynamics import Modes, Run
 from ..dynamics.ledger import AXES, draw, energy_panels, thinned
 from ..results import animate, write_vtu
+from ..results.contact import shapes_at
 from ..results.files import replacing
 from ..results.picture import Picture, View, picture_of
 from ..results.series import read_list
-from ..results.table import VECTORS, labels_of_files
+from ..results.table import NODAL, labels_of_files
 from ..results.vtu import DEFAULT, read_vtu
 from ..statics import StaticResult
+from ..terms.rigid_shapes import RigidShape
 from ..units import UNITS
 from .build import contacts_of
 from .outcome import Curve, SceneOutcome, as_printed
@@ -161,15 +163,26 @@ def _save_animation(folder: Path, outcome: SceneOutcome, problems: list[str]) ->
     if output.animation is None or output.file is None:
         return
     held = DEFAULT if output.fields is None else output.fields
-    field = output.picture if output.picture in (*held, *VECTORS) else "displacement"
+    field = output.picture if output.picture in (*held, *NODAL) else "displacement"
     series, target = folder / output.file, folder / output.animation
     try:
         scale = 1.0 if isinstance(outcome.result, Modes) else _scale(outcome.built.mesh.p, _largest_saved(series))
-        animate(series, target, field, scale=scale, **labels_of_files(field, outcome.built.system.units))
+        labels = labels_of_files(field, outcome.built.system.units)
+        animate(series, target, field, scale=scale, shapes=partial(_shapes, outcome), **labels)
         if target.suffix == ".gif":
             yield Drawing(f"The states in {output.file}{_times(scale)}", target)
     except Exception as error:
         problems.append(f"{output.animation} is not made: {error}")
+
+
+def _shapes(outcome: SceneOutcome, t: float) -> list[RigidShape]:
+    """Return the rigid shapes at a time of the series: of arc length the number of the state, of modes of any."""
+    result = outcome.result
+    if isinstance(result, Run):
+        return shapes_at(result.system, result.motion.moment(t))
+    if isinstance(result, Modes):
+        return []
+    return shapes_at(result.system, result.history.t[int(t) - 1] if outcome.built.sections.analysis.type == "arc-length" else t)
 
 
 def _largest_saved(series: Path) -> float:

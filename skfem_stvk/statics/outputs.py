@@ -13,6 +13,7 @@ from rich.progress import BarColumn, TimeElapsedColumn
 from ..linear.space import Space
 from ..nonlinear.newton import Iterations
 from ..results import Fields, Series
+from ..results.contact import contact_states
 from ..results.files import OutputFiles
 from ..system import System
 from ..system.signature import Fingerprint
@@ -50,12 +51,12 @@ def opened(
                     output_files.save, output_files.fields, problem=problem, overwrite=output_files.overwrite, space=system.space
                 )
             )
-            write = partial(_add, series, Fields.of(system))
+            write = partial(_add, series, Fields.of(system), system)
         yield write, checkpoint
 
 
-def _add(series: Series, fields: Fields, t: float, step: Step) -> None:
-    series.add(fields.at(step.u), t)
+def _add(series: Series, fields: Fields, system: System, t: float, step: Step) -> None:
+    series.add(fields.at(step.u, contacts=contact_states(system, step.u, step.t)), t)
 
 
 def _nothing(t: float, step: Step) -> None:

@@ -77,7 +77,8 @@ def correct(
     """Find the equilibrium in the plane by full steps of the exact tangent, starting from `u` (ndofs,) and `t` near it.
 
     Each step solves `K a = -r` and `K b = -dr/dt` with one factorisation. The update is `du = a + dt b`, with `dt` from the
-    equation of the plane. At a limit point K may be nearly singular. There `a` and `b` are large, but their sum is not.
+    equation of the plane. At a limit point K may be nearly singular. There `a` and `b` are large, but their sum is not. A step
+    that would pass through a contact ends the iteration.
     """
     record, before = Iterations(), None
     try:
@@ -104,9 +105,13 @@ def correct(
             if slope == 0:
                 return u, t, End.NO_LENGTH, record
             dt = (miss - problem.states.dot(plane.normal, x)) / slope
-            u, t, before = u + x + dt * y, t + dt, residual
-            if not np.isfinite(t):
+            if not np.isfinite(t + dt):
                 return u, t, End.OVERFLOW, record
+            limit, contact = problem.contact_limit(u, x + dt * y)
+            if limit <= 1:
+                record.detail = f"{contact!r}"
+                return u, t, End.CONTACT, record
+            u, t, before = u + x + dt * y, t + dt, residual
             record.lengths.append(1.0)
             record.tangents.append("exact")
             record.linear.append(a.iterations + b.iterations)

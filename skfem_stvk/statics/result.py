@@ -19,7 +19,7 @@ from ..mesh.locations import Where
 from ..nonlinear.outcome import Status, with_remedy
 from ..notebook import html_table
 from ..results import Fields, Reaction, State, plot, write_vtu
-from ..results.contact import ContactState, contact_state
+from ..results.contact import ContactState, contact_state, contact_states
 from ..results.plotting import thumbnail
 from ..results.reactions import constrained_vertices, ground_forces_at_rest
 from ..results.series import save_series
@@ -122,7 +122,7 @@ class StaticResult:
     @cached_property
     def state(self) -> State:
         """All fields, see `skfem_stvk.results.names()`: `state["green_strain"]` by element, `state.at_nodes("volume_ratio")`."""
-        return Fields.of(self.system).at(self.u)
+        return Fields.of(self.system).at(self.u, contacts=contact_states(self.system, self.u, self.t))
 
     def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
         """Return the stress [Pa] of a measure, (nt, 3, 3) or (nt,).
@@ -176,8 +176,11 @@ class StaticResult:
             )
         increasing = bool((np.diff(self.history.t) > 0).all())
         times = self.history.t if increasing else range(1, len(self.history) + 1)
-        at = self.state.fields.at
-        return save_series(path, fields, ((float(t), at(step.u)) for t, step in zip(times, self.history, strict=True)))
+        at, system = self.state.fields.at, self.system
+        rubs = any(contact.has_friction for contact in system.working_contacts)
+        contacts = (() if rubs else contact_states(system, step.u, step.t) for step in self.history)
+        states = (at(step.u, contacts=known) for step, known in zip(self.history, contacts, strict=True))
+        return save_series(path, fields, zip(map(float, times), states, strict=True))
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the deformed body, coloured by a field.

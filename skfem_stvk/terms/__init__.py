@@ -42,6 +42,7 @@ from .protocols import (
     is_load,
 )
 from .rigid_contact import RigidContact
+from .rigid_mesh import RigidMesh
 from .rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .spring_network import SpringNetwork
 from .stvk import StVK
@@ -110,6 +111,7 @@ __all__ = [
     "RigidBox",
     "RigidContact",
     "RigidCylinder",
+    "RigidMesh",
     "RigidPlane",
     "RigidSphere",
     "Sine",

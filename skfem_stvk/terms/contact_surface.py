@@ -11,10 +11,21 @@ from ..arguments import Array, shown
 from ..elements import Element
 from ..errors import ContactError, RegionError, name_ids, name_known
 from ..materials import Isotropic
-from ..mesh.facets import facets_of, find_facets
+from ..mesh.facets import Cells, facets_of, find_facets, outer_facets
 from ..mesh.locations import Where, describe, facets_at
 from .body import Body
 from .connectivity import simplices_of
+
+#: Triangles of facets in space, and segments of those in the plane, by the number of their nodes: corners, then midpoints of edges.
+PIECES: dict[int, dict[int, list[tuple[int, ...]]]] = {
+    3: {3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)], 6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)]},
+    2: {2: [(0, 1)], 3: [(0, 2), (2, 1)]},
+}
+
+
+def pieces_of(facets: NDArray[np.int32], d: int) -> NDArray[np.int32]:
+    """Return the vertices (m, d) of the triangles, or in the plane of the segments, that represent facets (nodes, n)."""
+    return np.concatenate([facets[list(corners)].T for corners in PIECES[d][len(facets)]])
 
 
 def surface_at(body: Body, where: Where | None, label: str, simplices: Any = None) -> tuple[NDArray[np.int32], Element]:
@@ -63,6 +74,23 @@ def elements_behind(body: Body, where: Any, facets: NDArray[np.int32]) -> NDArra
     owner = np.empty(every.shape[1], dtype=np.int64)
     owner[t2f.ravel()] = np.tile(np.arange(mesh.nt), len(t2f))
     return owner[find_facets(facets, every, mesh.nv)]
+
+
+def remaining_surface(
+    body: Body, where: Any, facets: NDArray[np.int32], behind: NDArray[np.int64]
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the facets (m, n) of `surface_at(body, where)` after removals, with the element behind each.
+
+    The whole surface, and that of a subdomain, contain the faces that removed elements leave; a boundary does not.
+    """
+    mesh, kept = body.mesh, np.flatnonzero(~body.removed)
+    region = isinstance(where, str) and where not in {*mesh.boundaries, *mesh.node_sets}
+    if len(kept) == mesh.nt or mesh.k < mesh.d or not (where is None or region):
+        there = ~body.removed[behind]
+        return facets[:, there], behind[there]
+    facets, local = outer_facets(Cells(mesh.p, mesh.t[:, kept], mesh.element))
+    there = np.isin(kept[local], mesh.elements(where))
+    return facets[:, there], kept[local[there]]
 
 
 def young_of(body: Body, elements: NDArray[np.int64], label: str, expected: str) -> Array:

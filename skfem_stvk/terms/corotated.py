@@ -56,6 +56,16 @@ class Corotated(ElasticLaw):
 
     Notes
     -----
+    Frames at nodes, and frames that are a function, have no energy (`has_energy = False` of the bound term). `energy`,
+    `energy_and_force`, `linearize` and `potential` of the system raise an error for them. Lists of energies have NaN for the law
+    and for sums with it. The energy ledger of a motion counts the work of these forces as external. Stress and energy density are
+    masked.
+
+    The warped tangent omits the derivative of the rotations: K at rest, rotated with each element, which is positive
+    semi-definite. It is `kept=WARPED` of `System.jacobian` and `tangent="warped"` of the implicit integrators, also for `StVK`.
+    At strains of a few percent it is a few percent off. `EnergyMomentum` uses the force at the middle of the step, which
+    conserves momenta, and energy to O(dt^2).
+
     Source: Mueller et al., "Stable real-time deformations" (2002), for frames at nodes. Capell et al., "Interactive skeleton-driven
     dynamic deformations" (2002), for user-supplied frames. McAdams et al., "Efficient elasticity for character skinning" (2011),
     for the energy and its exact tangent. Mueller and Gross, "Interactive virtual materials" (2004), for the warped tangent.

@@ -58,6 +58,16 @@ class InvertibleStVK(ElasticLaw):
 
     Notes
     -----
+    Second derivatives of the energy jump at the threshold. Where two stretches cancel (`s_i + s_j = 0`: mirror images, lines and
+    points), the energy is a cone. It falls in all directions that change the sum, and no rotation is the nearest to F. One
+    rotation is chosen, and with it a side of the cone. The force is exact on that side. The unbounded curvature across the cone
+    is left out of K at such states. Near them K is exact, and the estimate of rounding errors can exceed all forces; solves omit
+    these entries of it.
+
+    `EnergyMomentum` uses the force at the middle of the step, which conserves momenta, and energy to O(dt^2). A discrete gradient
+    would need the second Piola-Kirchhoff stress, which is infinite in flat elements. With `extend="stress"` the forces equal
+    those of stresses on area vectors (Teran et al. 2003).
+
     Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity" (2012); Irving, Teran,
     Fedkiw, "Invertible finite elements for robust simulation of large deformation" (2004) for the stress.
 

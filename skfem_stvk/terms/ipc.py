@@ -1,4 +1,4 @@
-"""The IPC Toolkit: barriers between triangles, their friction, and the steps up to which nothing passes through anything.
+"""The IPC Toolkit: barriers between triangles or segments, their friction, and steps up to which nothing passes through anything.
 
 Nothing else imports `ipctk`, which the extra `contact` installs.
 """
@@ -20,6 +20,11 @@ FIRST, BEYOND = (1, 6, 1), (1, 7)
 INSTALL = "pip install 'skfem-stvk[contact]'"
 #: Fraction of the distance between two primitives after which continuous collision detection counts them as in contact.
 RESCALING = 0.999
+#: Most iterations of the detection for two primitives; then the part of the way up to there is free. Primitives that are very close
+#: and move far along each other would take up to 1e7 iterations, minutes in all.
+DETECTING = 10_000
+#: Stretch of the longest edge beyond which the search for collisions does not use a grid: its cells in a triangle fill the memory.
+STRETCHED = 4.0
 
 
 class Collisions(NamedTuple):
@@ -28,7 +33,7 @@ class Collisions(NamedTuple):
     Attributes
     ----------
     x
-        (m, 3) positions of the vertices [m].
+        (m, d) positions of the vertices [m].
     found
         The collisions as the toolkit has them.
     """
@@ -40,14 +45,15 @@ class Collisions(NamedTuple):
 class Barrier:
     """Barrier between triangles on vertices `X` (m, 3): its energy per area is that of a material of modulus `stiffness` [Pa].
 
-    It acts at distances below `distance` [m], and becomes infinite at zero. Positions `x` are (m, 3).
+    It acts at distances below `distance` [m], and becomes infinite at zero. Positions `x` are (m, d). In two dimensions it is
+    between segments, all forces are per thickness [N/m], and areas are lengths.
 
     Parameters
     ----------
     X
-        (m, 3) vertices at rest [m], which determine the areas.
-    triangles
-        (n, 3) vertices of the triangles.
+        (m, d) vertices at rest [m], which determine the areas.
+    simplices
+        (n, d) vertices of the triangles or segments.
     patches
         (m,) numbers of surfaces, of which only different ones touch; None if the surface also touches itself.
 
@@ -59,18 +65,22 @@ class Barrier:
     """
 
     def __init__(
-        self, X: Array, triangles: NDArray[np.int32], patches: NDArray[np.int32] | None, distance: float, stiffness: float
+        self, X: Array, simplices: NDArray[np.int32], patches: NDArray[np.int32] | None, distance: float, stiffness: float
     ) -> None:
         self._toolkit = ipctk = _toolkit()
-        self._made_of = X, triangles, patches, distance, stiffness
-        self.distance, self.triangles = distance, triangles
-        self.edges = ipctk.edges(triangles)
+        self._made_of = X, simplices, patches, distance, stiffness
+        self.distance, self._d = distance, X.shape[1]
+        flat = self._d == 2
+        self.triangles = triangles = np.empty((0, 3), dtype=np.int32) if flat else simplices
+        self.edges = simplices if flat else ipctk.edges(triangles)
         self._mesh = ipctk.CollisionMesh(*map(np.asfortranarray, (X, self.edges, triangles)))
         if patches is not None:
             self._mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
         self._potential = ipctk.BarrierPotential(distance, stiffness, use_physical_barrier=True)
-        self._detection = ipctk.AdditiveCCD(conservative_rescaling=RESCALING)
-        self._near: tuple[Array, Any] | None = None  # positions of the last search, and the pairs that it found
+        self._detection = ipctk.AdditiveCCD(max_iterations=DETECTING, conservative_rescaling=RESCALING)
+        self._longest = STRETCHED * self._longest_edge(X)
+        #: Positions of the last search, whether they were far-stretched, and the pairs that it found.
+        self._near: tuple[Array, bool, Any] | None = None
 
     def __reduce__(self) -> tuple[type[Barrier], tuple[Any, ...]]:
         return Barrier, self._made_of  # objects of the toolkit cannot be pickled
@@ -89,25 +99,32 @@ class Barrier:
         A search lists pairs up to twice the distance. They serve until a vertex has moved by half the distance. A search takes
         three times as long as the collisions among its pairs, whose bits do not depend on where it was made.
         """
-        near = self._near
-        if near is None or not np.square(x - near[0]).sum(axis=1).max() < (0.5 * self.distance) ** 2:
+        near, far = self._near, not self._longest_edge(x) <= self._longest
+        moved = np.inf if near is None else np.square(x - near[0]).sum(axis=1).max()
+        if near is None or near[1] != far or not moved < (0.5 * self.distance) ** 2:
             pairs = self._toolkit.Candidates()
             # LBVH takes half the time, but lists pairs of edges in either order. ipctk 1.6.1 then merges different types of nearly
             # parallel pairs, and the energy changes by 1e-3 when the body is turned.
-            pairs.build(self._mesh, x, self.distance, broad_phase=self._toolkit.HashGrid())
-            self._near = near = x.copy(), pairs
-        return near[1]
+            # HashGrid fills the memory for a far-stretched body. SweepAndPrune finds the same pairs, in twice the time.
+            search = self._toolkit.SweepAndPrune() if far else self._toolkit.HashGrid()
+            pairs.build(self._mesh, x, self.distance, broad_phase=search)
+            self._near = near = x.copy(), far, pairs
+        return near[2]
+
+    def _longest_edge(self, x: Array) -> float:
+        ends = x[self.edges]
+        return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max(initial=0.0))
 
     def energy(self, at: Collisions) -> float:
         """Return the energy [J]."""
         return float(self._potential(at.found, self._mesh, at.x))
 
     def force(self, at: Collisions) -> Array:
-        """Return the derivative (m, 3) of the energy by the positions [N]."""
-        return self._potential.gradient(at.found, self._mesh, at.x).reshape(-1, 3)
+        """Return the derivative (m, d) of the energy by the positions [N]."""
+        return self._potential.gradient(at.found, self._mesh, at.x).reshape(-1, self._d)
 
     def stiffness(self, at: Collisions, clamped: bool) -> csr_matrix:
-        """Return the second derivative (3 m, 3 m) [N/m], or that with positive semi-definite blocks of the collisions."""
+        """Return the second derivative (d m, d m) [N/m], or that with positive semi-definite blocks of the collisions."""
         return self._potential.hessian(at.found, self._mesh, at.x, self._projection(clamped))
 
     def rubbing(self, at: Collisions, coefficient: float) -> Any:
@@ -117,12 +134,12 @@ class Barrier:
         return found
 
     def friction(self, rubbing: Any, slip: Array, width: float) -> Array:
-        """Return the friction (m, 3) [N] for displacements `slip` (m, 3), as an internal force; it rises up to slips of `width`."""
+        """Return the friction (m, d) [N] for displacements `slip` (m, d), as an internal force; it rises up to slips of `width`."""
         potential = self._toolkit.FrictionPotential(width)
-        return potential.gradient(rubbing, self._mesh, np.asfortranarray(slip)).reshape(-1, 3)
+        return potential.gradient(rubbing, self._mesh, np.asfortranarray(slip)).reshape(-1, self._d)
 
     def friction_stiffness(self, rubbing: Any, slip: Array, width: float) -> csr_matrix:
-        """Return the derivative (3 m, 3 m) of the friction by `slip` [N/m]."""
+        """Return the derivative (d m, d m) of the friction by `slip` [N/m]."""
         potential = self._toolkit.FrictionPotential(width)
         return potential.hessian(rubbing, self._mesh, np.asfortranarray(slip), self._projection(False))
 
@@ -146,20 +163,20 @@ class Barrier:
         """Return the areas (m,) at rest of the vertices [m^2]."""
         return np.asarray(self._mesh.vertex_areas)
 
-    def intersections(self, x: Array) -> NDArray[np.int64]:
-        """Return the edges and triangles (n, 2) that intersect at `x`, by number."""
-        x, search = np.asfortranarray(x), self._toolkit.LBVH()
-        if not self._toolkit.has_intersections(self._mesh, x, search):
-            return np.empty((0, 2), dtype=np.int64)
+    def intersections(self, x: Array) -> list[tuple[NDArray[np.int32], NDArray[np.int32]]]:
+        """Return the vertices of each edge, and of the triangle or other edge that it intersects at `x`."""
+        x, search, toolkit, edges = np.asfortranarray(x), self._toolkit.LBVH(), self._toolkit, self.edges
+        if not toolkit.has_intersections(self._mesh, x, search):
+            return []
         search.can_vertices_collide = self._mesh.can_collide
-        search.build(x, self.edges, self.triangles)
-        near = [(pair.edge_id, pair.face_id) for pair in search.detect_edge_face_candidates()]
-        crossing = [
-            (edge, face)
-            for edge, face in near
-            if self._toolkit.is_edge_intersecting_triangle(*x[self.edges[edge]], *x[self.triangles[face]])
-        ]
-        return np.array(crossing, dtype=np.int64).reshape(-1, 2)
+        search.build(x, edges, self.triangles)
+        if self._d == 2:
+            near = [(edges[pair.edge0_id], edges[pair.edge1_id]) for pair in search.detect_edge_edge_candidates()]
+            crosses = toolkit.segment_segment_intersect
+        else:
+            near = [(edges[pair.edge_id], self.triangles[pair.face_id]) for pair in search.detect_edge_face_candidates()]
+            crosses = toolkit.is_edge_intersecting_triangle
+        return [(edge, other) for edge, other in near if crosses(*x[edge], *x[other])]
 
     def _projection(self, clamped: bool) -> Any:
         method = self._toolkit.PSDProjectionMethod

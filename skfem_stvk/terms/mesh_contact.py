@@ -17,14 +17,13 @@ from ..mesh import ElementMesh
 from ..mesh.diagnostics import parts
 from ..mesh.locations import Where
 from .body import Body
-from .contact_surface import elements_behind, surface_at, young_of
+from .contact_surface import elements_behind, pieces_of, remaining_surface, surface_at, young_of
 from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .ipc import Barrier, Collisions
 from .load import Moment, Time
 from .protocols import Assumed, Assumption
+from .rigid_mesh import RigidMesh, winding_numbers
 
-#: Triangles of facets by the number of their nodes: quadrilaterals in two, quadratic triangles in four.
-TRIANGLES = {3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)], 6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)]}
 #: Numbers of Gauss points over a step at which its mean force is evaluated, until its work fits within `WORK` of the energy.
 POINTS, WORK = (2, 4, 8, 16), 1e-6
 #: Pairs of nodes that are not in contact stay in K until they are this fraction of all.
@@ -33,15 +32,17 @@ UNUSED = 0.25
 
 @dataclass(frozen=True, eq=False)
 class MeshContact(Specification):
-    """Contact of two surfaces of a mesh, or of a surface with itself: a barrier at small distances, which nothing passes.
+    """Contact of two surfaces, or of a surface with itself: a barrier at small distances, which nothing passes.
 
     ::
 
         W = sum over pairs of primitives of w b(distance)        b = 0 beyond `distance`, infinite at 0
 
     Primitives are triangles, edges and vertices, and `w` their areas at rest. Facets of quadratic elements count as four triangles,
-    and quadrilaterals as two. It is for meshes in 3 dimensions, for statics and implicit integrators except
-    `LinearBackwardEuler`. It requires the IPC Toolkit: `pip install 'skfem-stvk[contact]'`.
+    and quadrilaterals as two. In the plane, primitives are segments and vertices, and `w` lengths times the smallest thickness;
+    quadratic edges count as two segments. Faces that the removal of elements exposes touch as well, unless the surface is a named
+    boundary. It is for statics and implicit integrators except `LinearBackwardEuler`. It requires the IPC Toolkit: `pip install
+    'skfem-stvk[contact]'`.
 
     Parameters
     ----------
@@ -49,9 +50,9 @@ class MeshContact(Specification):
         Location of the facets of the first surface, as in `Traction`, or the name of a subdomain, for its part of the surface of
         the body; of surfaces in space a subdomain or ids. None for the whole surface.
     second
-        The same for the second surface. By default the first surface touches itself.
+        The same for the second surface, or a `RigidMesh`. By default the first surface touches itself.
     distance
-        Distance below which the surfaces repel each other [m], at most the length of the shortest edge.
+        Distance below which the surfaces repel each other [m], at most the length of the shortest edge of the body's surfaces.
     stiffness
         Stiffness of the barrier [Pa]: by default the smallest Young's modulus of the elements behind the facets.
     friction
@@ -62,9 +63,9 @@ class MeshContact(Specification):
     Raises
     ------
     ContactError
-        if a value is not positive. When it is bound: if the mesh is not in 3 dimensions, the surfaces share nodes, intersect or lie
-        inside each other at rest, the distance is larger than the shortest edge, a law has no Young's modulus and `stiffness` is
-        None, or the toolkit is not installed.
+        if a value is not positive. When it is bound: if the mesh has 1 dimension or another one than the `RigidMesh`, the surfaces
+        share nodes, intersect or lie inside each other at rest, the distance is larger than the shortest edge, a law has no Young's
+        modulus and `stiffness` is None, or the toolkit is not installed.
     RegionError
         when it is bound, if there is no facet.
 
@@ -89,7 +90,9 @@ class MeshContact(Specification):
     per_element: ClassVar[bool] = False
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
-    second: Annotated[Where | None, Quantity(None, "Place of the facets of the second surface; by default the first one.")] = None
+    second: Annotated[
+        Where | RigidMesh | None, Quantity(None, "Place of the facets of the second surface, or a rigid one; by default the first.")
+    ] = None
     distance: Annotated[float, Quantity("length", "Distance below which the surfaces repel each other.", gt=0)] = field(
         kw_only=True
     )
@@ -126,10 +129,11 @@ class MeshContact(Specification):
             Type of results and of stored numbers, float64 or float32.
         """
         body = body if isinstance(body, Body) else Body(body, [])
-        if body.mesh.d != 3:
-            raise ContactError(
-                f"{self.label}: the mesh has {body.mesh.d} dimensions; expected 3. In the plane, RigidContact is for rigid shapes."
-            )
+        d = body.mesh.d
+        if d == 1:
+            raise ContactError(f"{self.label}: the mesh has 1 dimension; expected 2 or 3.")
+        if isinstance(self.second, RigidMesh) and self.second.d != d:
+            raise ContactError(f"{self.label}: its RigidMesh has {self.second.d} components; expected {d}, as the mesh.")
         return (BoundMeshContact if self.friction is None else MeshContactWithFriction)(self, body)
 
 
@@ -139,9 +143,9 @@ class Mean(NamedTuple):
     Attributes
     ----------
     x0, x1
-        (m, 3) positions at both ends [m].
+        (m, d) positions at both ends [m].
     force
-        (m, 3) mean force, scaled so that its work is the change of the energy [N].
+        (m, d) mean force, scaled so that its work is the change of the energy [N].
     points, weights
         (n,) Gauss points between 0 and 1, and their weights.
     states
@@ -157,7 +161,9 @@ class Mean(NamedTuple):
 
 
 class BoundMeshContact:
-    """Contact between surfaces of a body. It joins no nodes, and couples those of the collisions at the present state.
+    """Contact between surfaces of a body, or with a rigid one, whose vertices follow those of the body in positions (m, d).
+
+    It joins no nodes, and couples those of the collisions at the present state.
 
     The history has the pairs of nodes in K. In an analysis they grow, so that the pattern of K changes seldom; elsewhere K has the
     pairs of its state alone.
@@ -166,42 +172,53 @@ class BoundMeshContact:
     ----------
     contact, name
         Specification, and its name.
+    balanced
+        Whether the forces on the body add up to zero: with a rigid surface they do not.
     nodes
-        Nodes (m,) of the first of two surfaces, on which the resultant of the contact acts, otherwise of the whole surface.
+        Nodes (n,) of the first of two surfaces, on which the resultant of the contact acts, otherwise of the whole surface.
     pattern_version
         Number of changes of the pairs.
     """
 
-    symmetric = balanced = has_energy = is_barrier = True
+    symmetric = has_energy = is_barrier = True
     nodes_joined = np.empty((2, 0), dtype=np.int32)
+    shape = None
 
     def __init__(self, contact: MeshContact, body: Body) -> None:
         self.contact, self.name, self._body = contact, contact.name, body
         self.assumed: Assumption = None
         self.pattern_version, self._remembers, self._time = 0, False, 0.0
         self._keys = np.empty(0, dtype=np.int64)  # a nv + b of the pairs of nodes a < b in K, ascending
-        self._start: Array | None = None  # positions (m, 3) at the beginning of the step, with friction [m]
+        self._start: Array | None = None  # displacements (nv, d) at the beginning of the step, with friction [m]
         self._found: Collisions | None = None
         self._last_mean: Mean | None = None
-        self._valued: tuple[tuple[Array, ...], bool, NDArray[np.int64], Array] | None = None
-        wheres = (contact.first,) if contact.second is None else (contact.first, contact.second)
-        surfaces = [surface_at(body, where, contact.label) for where in wheres]
-        self._facets = [facets for facets, _ in surfaces]
-        self._behind = [elements_behind(body, where, facets) for where, facets in zip(wheres, self._facets, strict=True)]
-        expected = "stiffness=... [Pa], such as that of the softest body"
-        self._stiffness = contact.stiffness or float(young_of(body, np.concatenate(self._behind), contact.label, expected).min())
+        self._rubbing: tuple[Array, Array, Any] | None = None  # `_start`, positions (m, d) then, and the collisions that rub
+        self._valued: tuple[tuple[Array, ...], bool, NDArray[np.int64], Array, Array | None] | None = None
+        self._d, self._rigid = body.mesh.d, contact.second if isinstance(contact.second, RigidMesh) else None
+        self.balanced = self._rigid is None
+        one = contact.second is None or not self.balanced
+        self._wheres = (contact.first,) if one else (contact.first, contact.second)
+        self._facets = [surface_at(body, where, contact.label)[0] for where in self._wheres]
+        self._behind = [elements_behind(body, where, facets) for where, facets in zip(self._wheres, self._facets, strict=True)]
+        behind, expected = np.concatenate(self._behind), "stiffness=... [Pa], such as that of the softest body"
+        self._stiffness = contact.stiffness or float(young_of(body, behind, contact.label, expected).min())
+        self._thickness = float(body.section[behind].min()) if body.mesh.k == self._d == 2 else 1.0
+        if self._rigid is not None:
+            ends = body.mesh.p.T[pieces_of(self._facets[0], self._d)]
+            mean = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2).mean()
+            self._rigid_points, self._rigid_simplices = self._rigid.refined(float(mean))
         self._set_surface(body)
         self._refuse_long_distance()
-        self.refuse_start(np.zeros((self._nv, 3)))
+        self.refuse_start(np.zeros((self._nv, self._d)))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles have: all but results of the last calls, which objects of the toolkit hold."""
         return vars(self) | dict.fromkeys(("_found", "_last_mean", "_valued", "_rubbing"))
 
     def _set_surface(self, body: Body) -> None:
-        """Use the facets of the elements of a body that are not removed."""
-        kept = [facets[:, ~body.removed[behind]] for facets, behind in zip(self._facets, self._behind, strict=True)]
-        sides = [_triangles_of(facets) for facets in kept]
+        """Use the surface of the elements of a body that are not removed."""
+        of = zip(self._wheres, self._facets, self._behind, strict=True)
+        kept = [remaining_surface(body, where, facets, behind)[0] for where, facets, behind in of]
         nodes = [np.unique(facets) for facets in kept]  # a vertex of no triangle would be a point that touches
         self._nodes, self.nodes, patches = np.unique(np.concatenate(nodes)), nodes[0].astype(np.int32), None
         if len(nodes) == 2:
@@ -212,55 +229,70 @@ class BoundMeshContact:
                     "one name for contact of a surface with itself."
                 )
             patches = np.isin(self._nodes, nodes[1]).astype(np.int32)
-        self._X = body.mesh.p.T[self._nodes]
-        triangles = np.searchsorted(self._nodes, np.concatenate(sides)).astype(np.int32)
-        self._barrier = Barrier(self._X, triangles, patches, self.contact.distance, self._stiffness)
+        self._X, n = body.mesh.p.T[self._nodes], len(self._nodes)
+        simplices: list[NDArray[Any]] = [np.searchsorted(self._nodes, pieces_of(facets, self._d)) for facets in kept]
+        if self._rigid is not None:
+            self._X = np.vstack([self._X, self._rigid_points])
+            simplices.append(self._rigid_simplices + n)
+            patches = (np.arange(len(self._X)) >= n).astype(np.int32)
+        modulus = self._stiffness * self._thickness
+        self._barrier = Barrier(self._X, np.concatenate(simplices).astype(np.int32), patches, self.contact.distance, modulus)
         self._nv = body.mesh.nv
 
     def _refuse_long_distance(self) -> None:
         """Raise ContactError if the distance is larger than the shortest edge: neighbours of a primitive would repel it."""
-        ends = self._X[self._barrier.edges]
+        edges = self._barrier.edges[(self._barrier.edges < len(self._nodes)).all(axis=1)]
+        ends = self._X[edges]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         if self.contact.distance > lengths.min():
-            a, b = self._nodes[self._barrier.edges[lengths.argmin()]]
+            a, b = self._nodes[edges[lengths.argmin()]]
             raise ContactError(
                 f"{self.contact.label}: distance = {self.contact.distance:.4g} m; expected at most the shortest edge of the "
                 f"surfaces, {lengths.min():.4g} m between nodes {a} and {b}. A tenth of the usual edge is a good choice."
             )
 
     def refuse_start(self, u: Array) -> None:
-        """Raise ContactError if surfaces at `u` (nv, 3) intersect, or one lies inside the other body."""
+        """Raise ContactError if surfaces at `u` (nv, d) intersect, or one lies inside the other body."""
         x = self._moved(u)
-        crossing, barrier = self._barrier.intersections(x), self._barrier
-        if len(crossing):
-            edge, triangle = crossing[0]
+        crossing = self._barrier.intersections(x)
+        if crossing:
+            edge, other = (self._named(vertices) for vertices in crossing[0])
             raise ContactError(
-                f"{self.contact.label}: {len(crossing)} edges and triangles intersect at the start, first the edge of nodes "
-                f"{tuple(self._nodes[barrier.edges[edge]].tolist())} and the triangle of nodes "
-                f"{tuple(self._nodes[barrier.triangles[triangle]].tolist())}; expected surfaces apart. Move the bodies, or "
-                "mesh them again."
+                f"{self.contact.label}: {len(crossing)} {'edges and triangles' if self._d == 3 else 'pairs of edges'} intersect at "
+                f"the start, first the edge of {edge} and the {'triangle' if self._d == 3 else 'edge'} of {other}; expected "
+                "surfaces apart. Move the bodies, or mesh them again."
             )
         inside = self._inside(x)
         if len(inside):
+            other = "another part of the body" if self._rigid is None else "the RigidMesh"
+            turn = "" if self._rigid is None else ", or reverse the order of the vertices if the body belongs on this side"
             raise ContactError(
-                f"{self.contact.label}: {name_ids(inside, 'node')} inside another part of the body at the start; "
-                "expected parts apart."
+                f"{self.contact.label}: {name_ids(inside, 'node')} inside {other} at the start; expected them outside. Move the "
+                f"body{turn}."
             )
+
+    def _named(self, vertices: NDArray[np.int32]) -> str:
+        """Return the nodes of a primitive, or the points of the RigidMesh, in words."""
+        n = len(self._nodes)
+        if vertices[0] < n:
+            return f"nodes {tuple(self._nodes[vertices].tolist())}"
+        return f"the RigidMesh from {tuple(self._X[vertices[0]].round(6).tolist())}"
 
     def _inside(self, x: Array) -> NDArray[np.int64]:
         """Return nodes, one of each part of the surfaces at most, that are inside the elements of another part."""
         mesh = self._body.mesh
-        if mesh.k < 3:
-            return np.empty(0, dtype=np.int64)
         part, p = parts([mesh]), mesh.p.T.copy()
-        p[self._nodes] = x
-        sides = _triangles_of(mesh.surface)
+        p[self._nodes] = x[: len(self._nodes)]
         numbers, first = np.unique(part[self._nodes], return_index=True)
         probes = self._nodes[first]
         inside = np.zeros(len(probes), dtype=bool)
-        for number_of_part in np.unique(part[sides[:, 0]]) if len(numbers) > 1 else ():
-            around = _winding_numbers(p[probes], p[sides[part[sides[:, 0]] == number_of_part]])
-            inside |= (np.abs(around) > 0.5) & (numbers != number_of_part)
+        if self._rigid is not None:
+            inside |= self._rigid.closed and self._rigid.behind(p[probes])
+        elif mesh.k == self._d:
+            sides = pieces_of(mesh.surface, self._d)
+            for number_of_part in np.unique(part[sides[:, 0]]) if len(numbers) > 1 else ():
+                around = winding_numbers(p[probes], p[sides[part[sides[:, 0]] == number_of_part]])
+                inside |= (np.abs(around) > 0.5) & (numbers != number_of_part)
         return probes[inside].astype(np.int64)
 
     @property
@@ -269,17 +301,24 @@ class BoundMeshContact:
         return np.stack(np.divmod(self._keys, self._nv)).astype(np.int32)
 
     def _moved(self, u: Array) -> Array:
-        return self._X + u[self._nodes]
+        """Return the positions (m, d) of all vertices for displacements `u` (nv, d)."""
+        x = self._X.copy()
+        x[: len(self._nodes)] += u[self._nodes]
+        return x
+
+    def _on_body(self, force: Array) -> Array:
+        """Return the rows (n, d) of the vertices of the body."""
+        return force[: len(self._nodes)]
 
     def _collisions(self, x: Array) -> Collisions:
-        """Return the collisions at `x` (m, 3), those of the last call if nothing has moved."""
+        """Return the collisions at `x` (m, d), those of the last call if nothing has moved."""
         found = self._found
         if found is None or not np.array_equal(found.x, x):
             self._found = found = self._barrier.collisions(x)
         return found
 
     def look(self, u: Array) -> None:
-        """Couple the pairs of nodes that the stiffness at `u` (nv, 3) contains."""
+        """Couple the pairs of nodes that the stiffness at `u` (nv, d) contains."""
         if self.assumed is Assumed.APART:
             return
         keys = self._blocks_at(u, clamped=False)[0]
@@ -292,18 +331,27 @@ class BoundMeshContact:
         if not np.array_equal(keys, self._keys):
             self._keys, self.pattern_version = keys, self.pattern_version + 1
 
-    def _sorted_blocks(self, K: csr_matrix) -> tuple[NDArray[np.int64], Array]:
-        """Return numbers (n,) of the pairs of nodes of a symmetric matrix, ascending, and their blocks (n, 3, 3)."""
-        blocks = K.T.tobsr((3, 3))
-        blocks.sort_indices()  # SciPy lists blocks by their first entry, and K has no entries that are zero
-        row = np.repeat(self._nodes, np.diff(blocks.indptr))
-        column = self._nodes[blocks.indices]
-        upper = row < column
-        keys = row[upper].astype(np.int64) * self._nv + column[upper]
-        return keys, blocks.data[upper]
+    def _sorted_blocks(self, K: csr_matrix) -> tuple[NDArray[np.int64], Array, Array | None]:
+        """Return numbers (n,) of the pairs of nodes of a symmetric matrix, ascending, and their blocks (n, d, d).
 
-    def _blocks_at(self, u: Array, clamped: bool) -> tuple[NDArray[np.int64], Array]:
-        """Return pairs of nodes and their blocks at `u`, or of the mean force if that is assumed, computed once."""
+        The third result has the blocks of `nodes` with themselves, if the contact is not balanced.
+        """
+        n, d = len(self._nodes), self._d
+        if not self.balanced:
+            K = K[: n * d, : n * d]
+        blocks = K.T.tobsr((d, d))
+        blocks.sort_indices()  # SciPy lists blocks by their first entry, and K has no entries that are zero
+        row = np.repeat(np.arange(n), np.diff(blocks.indptr))
+        column, own = blocks.indices, None
+        if not self.balanced:
+            own, same = np.zeros((n, d, d)), row == column
+            own[row[same]] = blocks.data[same]
+        upper = row < column
+        keys = self._nodes[row[upper]].astype(np.int64) * self._nv + self._nodes[column[upper]]
+        return keys, blocks.data[upper], own
+
+    def _blocks_at(self, u: Array, clamped: bool) -> tuple[NDArray[np.int64], Array, Array | None]:
+        """Return pairs of nodes and blocks at `u`, or of the mean force if that is assumed, computed once."""
         states = self.assumed if isinstance(self.assumed, tuple) else (u,)
         xs = tuple(self._moved(state) for state in states)
         valued = self._valued
@@ -312,7 +360,7 @@ class BoundMeshContact:
         return valued[2:]
 
     def _stiffness_at(self, xs: tuple[Array, ...], clamped: bool) -> csr_matrix:
-        """Return the stiffness (3 m, 3 m) at a state, or twice the derivative of the mean force between two by the second one."""
+        """Return the stiffness (d m, d m) at a state, or twice the derivative of the mean force between two by the second one."""
         if len(xs) == 1:
             return self._barrier.stiffness(self._collisions(xs[0]), clamped)
         mean, K = self._mean(*xs), csr_matrix((xs[0].size,) * 2)
@@ -321,31 +369,34 @@ class BoundMeshContact:
         return K
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the energy [J] at `u` (nv, 3); add the internal force [N] to `force` (nv, 3)."""
+        """Return the energy [J] at `u` (nv, d); add the internal force [N] to `force` (nv, d)."""
         at = self._collisions(self._moved(u))
         if force is not None:
-            force[self._nodes] += self._barrier.force(at)
+            force[self._nodes] += self._on_body(self._barrier.force(at))
         return self._barrier.energy(at)
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
-        """Add the blocks of K [N/m] at `u` (nv, 3), or those that are `assumed`; `look` must have been called for it."""
+        """Add the blocks of K [N/m] at `u` (nv, d), or those that are `assumed`; `look` must have been called for it."""
         if self.assumed is not Assumed.APART:
-            keys, values = self._blocks_at(u, clamped=kept.negative < 1 and not isinstance(self.assumed, tuple))
+            keys, values, own = self._blocks_at(u, clamped=kept.negative < 1 and not isinstance(self.assumed, tuple))
             blocks.pairs[np.searchsorted(self._keys, keys)] += values
+            if own is not None and blocks.own is not None:
+                blocks.own[:] += own
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of the force's summands [N] to `out` (nv, 3)."""
+        """Add the absolute values of the force's summands [N] to `out` (nv, d)."""
         at = self._collisions(self._moved(u))
         K = self._barrier.stiffness(at, clamped=False)
-        out[self._nodes] += (abs(K) @ np.abs(at.x).ravel()).reshape(-1, 3) + np.abs(self._barrier.force(at))
+        sums = (abs(K) @ np.abs(at.x).ravel()).reshape(-1, self._d) + np.abs(self._barrier.force(at))
+        out[self._nodes] += self._on_body(sums)
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
         """Add the sum of the `weights` times the mean force on the straight way, scaled to the work `W(u1) - W(u0)`; return 0."""
-        force[self._nodes] += sum(weights) * self._mean(self._moved(u0), self._moved(u1)).force
+        force[self._nodes] += sum(weights) * self._on_body(self._mean(self._moved(u0), self._moved(u1)).force)
         return 0.0
 
     def _mean(self, x0: Array, x1: Array) -> Mean:
-        """Return the mean force from `x0` to `x1` (m, 3), that of the last call if the states are the same."""
+        """Return the mean force from `x0` to `x1` (m, d), that of the last call if the states are the same."""
         last, d, barrier = self._last_mean, x1 - x0, self._barrier
         if last is not None and np.array_equal(last.x1, x1) and np.array_equal(last.x0, x0):
             return last
@@ -368,7 +419,7 @@ class BoundMeshContact:
         return 2 * self._barrier.limit(self._moved(u), self._moved(u + 2 * v))
 
     def passes(self, u0: Array, u1: Array) -> bool:
-        """Return whether something passes through something on the straight way from `u0` to `u1` (nv, 3)."""
+        """Return whether something passes through something on the straight way from `u0` to `u1` (nv, d)."""
         return self._barrier.limit(self._moved(u0), self._moved(u1)) < 1
 
     def identity(self) -> list[float]:
@@ -379,24 +430,33 @@ class BoundMeshContact:
             *numbers_of(self.contact.friction),
             len(self._nodes),
             float(self._barrier.areas().sum()),
+            float(np.abs(self._X[len(self._nodes) :]).sum()),
         ]
 
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
-        """Return no nodes: parts of the body hold each other, but not to the ground."""
-        return np.empty(0, dtype=np.int64), np.empty((0, 3))
+        """Return nodes (n,) that a rigid surface repels at `u` (nv, d), and the directions (n, d) of the forces.
+
+        Parts of a body hold each other, but not to the ground.
+        """
+        if self._rigid is None:
+            return np.empty(0, dtype=np.int64), np.empty((0, self._d))
+        force = self._on_body(self._barrier.force(self._collisions(self._moved(u))))
+        sizes = np.linalg.norm(force, axis=1)
+        held = sizes > 0
+        return self._nodes[held].astype(np.int64), -force[held] / sizes[held, None]
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
-        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, 3), and the area [m^2] that touches."""
-        at, areas = self._collisions(self._moved(u)), self._barrier.areas()
-        forces = np.linalg.norm(self._barrier.force(at), axis=1)
+        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
+        at, areas = self._collisions(self._moved(u)), self._thickness * self._on_body(self._barrier.areas())
+        forces = np.linalg.norm(self._on_body(self._barrier.force(at)), axis=1)
         pressure, gap = np.zeros(self._nv), np.full(self._nv, np.inf)
         pressure[self._nodes] = np.divide(forces, areas, out=np.zeros(len(areas)), where=areas > 0)
-        gap[self._nodes] = self._barrier.smallest_distances(at)
+        gap[self._nodes] = self._on_body(self._barrier.smallest_distances(at))
         return pressure, gap, float(areas[forces > 0].sum())
 
     @property
     def history(self) -> Array:
-        """Numbers (n,): time of the beginning of the step, number of pairs in K, the pairs, and with friction positions then."""
+        """Numbers (n,): time of the beginning of the step, number of pairs in K, the pairs, with friction displacements then."""
         start = [] if self._start is None else [self._start.ravel()]
         return np.concatenate([[self._time, len(self._keys)], self._keys.astype(np.float64), *start])
 
@@ -404,13 +464,13 @@ class BoundMeshContact:
     def history(self, numbers: Array) -> None:
         count = int(numbers[1]) if len(numbers) > 1 and np.isfinite(numbers).all() else -1
         keys, start = numbers[2 : 2 + count].astype(np.int64), numbers[2 + count :]
-        right = count >= 0 and len(keys) == count and (np.diff(keys) > 0).all() and len(start) in (0, self._X.size)
+        right = count >= 0 and len(keys) == count and (np.diff(keys) > 0).all() and len(start) in (0, self._nv * self._d)
         if not right or (keys < 0).any() or (keys >= self._nv**2).any():
             raise ValueError(
-                f"the history of {self.contact.label} is {shown(numbers)}; expected a time, pairs of nodes and positions"
+                f"the history of {self.contact.label} is {shown(numbers)}; expected a time, pairs of nodes and displacements"
             )
         self._valued = None
-        self._time, self._start = float(numbers[0]), start.reshape(-1, 3).copy() if len(start) else None
+        self._time, self._start = float(numbers[0]), start.reshape(-1, self._d).copy() if len(start) else None
         self._use(keys)
 
     def with_new_history(self, in_time: bool) -> BoundMeshContact:
@@ -421,18 +481,18 @@ class BoundMeshContact:
         return other
 
     def commit(self, u: Array, t: float) -> None:
-        """Begin a step at `u` (nv, 3); leave out pairs of nodes if too many are not in contact any more."""
+        """Begin a step at `u` (nv, d); leave out pairs of nodes if too many are not in contact any more."""
         self._time, keys = t, self._sorted_blocks(self._barrier.stiffness(self._collisions(self._moved(u)), clamped=False))[0]
         if len(keys) < (1 - UNUSED) * len(self._keys):
             self._use(keys)
 
     def without(self, removed: NDArray[np.bool_]) -> BoundMeshContact:
-        """Return the contact without the facets whose elements are removed, `removed` (nt,). New faces do not touch."""
-        other = copy(self)
-        other._found = other._valued = other._last_mean = None
+        """Return the contact without the facets whose elements are removed, `removed` (nt,), and with the faces that these expose,
+        unless the surface is a boundary.
+        """
+        other = copy(self)  # without results of the last calls
         other._set_surface(self._body.without(removed, self._body.bare))
-        if self._start is not None:
-            other._start = self._start[np.isin(self._nodes, other._nodes)]
+        other.pattern_version += not self.balanced  # K has blocks for other nodes
         return other
 
     def memory(self) -> dict[str, int]:
@@ -449,7 +509,6 @@ class MeshContactWithFriction(BoundMeshContact):
     def __init__(self, contact: MeshContact, body: Body) -> None:
         super().__init__(contact, body)
         self._in_time, self._width = False, 0.0  # slip up to which friction rises [m]
-        self._rubbing: tuple[Array, Any] | None = None  # positions (m, 3), and the collisions there
 
     def with_new_history(self, in_time: bool) -> MeshContactWithFriction:
         refuse_missing_width(self._friction, in_time, self.contact.label)
@@ -470,19 +529,22 @@ class MeshContactWithFriction(BoundMeshContact):
 
     def commit(self, u: Array, t: float) -> None:
         super().commit(u, t)
-        self._start, self._valued = self._moved(u), None
+        self._start, self._valued = u.copy(), None
 
     def _slip(self, x: Array) -> tuple[Any, Array, float] | None:
-        """Return the arguments of friction at `x` (m, 3); None in the state at the beginning of a step, where it is zero."""
+        """Return the arguments of friction at `x` (m, d); None in the state at the beginning of a step, where it is zero."""
         if self._start is None or not self._width > 0:
             return None
         if self._rubbing is None or self._rubbing[0] is not self._start:
-            self._rubbing = self._start, self._barrier.rubbing(self._collisions(self._start), self._friction.coefficient)
-        return self._rubbing[1], x - self._start, self._width
+            start = self._moved(self._start)
+            rubbing = self._barrier.rubbing(self._collisions(start), self._friction.coefficient)
+            self._rubbing = self._start, start, rubbing
+        return self._rubbing[2], x - self._rubbing[1], self._width
 
     def _friction_at(self, x: Array) -> Array:
+        """Return the friction (n, d) [N] on the body, as an internal force."""
         slip = self._slip(x)
-        return np.zeros_like(x) if slip is None else self._barrier.friction(*slip)
+        return self._on_body(np.zeros_like(x) if slip is None else self._barrier.friction(*slip))
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         if force is not None:
@@ -502,25 +564,6 @@ class MeshContactWithFriction(BoundMeshContact):
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return no external work, and the work [J] against friction from the last accepted state to `u1`."""
-        x = self._moved(u1)
-        return 0.0, 0.0 if self._start is None else float((self._friction_at(x) * (x - self._start)).sum())
-
-
-def _triangles_of(facets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the corners (m, 3) of the triangles that stand for facets (nodes, n)."""
-    return np.concatenate([facets[list(corners)].T for corners in TRIANGLES[len(facets)]])
-
-
-def _winding_numbers(points: Array, triangles: Array) -> Array:
-    """Return how often (n,) a closed surface of triangles (m, 3, 3) winds around each point (n, 3): 0 outside, +-1 inside.
-
-    Source: van Oosterom and Strackee (1983), the solid angle of a triangle.
-    """
-    numbers = np.empty(len(points))
-    for i, point in enumerate(points):
-        a, b, c = np.moveaxis(triangles - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
-        volume = np.einsum("ni,ni->n", a, np.cross(b, c))
-        dots = [np.einsum("ni,ni->n", one, other) * length for one, other, length in ((a, b, lc), (b, c, la), (c, a, lb))]
-        numbers[i] = np.arctan2(volume, la * lb * lc + sum(dots)).sum() / (2 * np.pi)
-    return numbers
+        if self._start is None:
+            return 0.0, 0.0
+        return 0.0, float((self._friction_at(self._moved(u1)) * (u1 - self._start)[self._nodes]).sum())

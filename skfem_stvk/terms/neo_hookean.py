@@ -58,6 +58,20 @@ class NeoHookean(ElasticLaw):
     StateError
         by all evaluations of the system, with the ids, for elements that are inverted or flat.
 
+    Notes
+    -----
+    The stress is `P = mu (F - F^-T) + lam (J - 1) J F^-T`. A block between walls that is pressed to `s` times its height has the
+    stress `mu (s - 1/s) + lam (s - 1)`, which grows without limit. In plane stress and for surfaces in space, the thickness is
+    stretched by `l`, the positive root of `mu (l^2 - 1) + lam (j l - 1) j l = 0`, where `j` is the ratio of areas.
+
+    The tangent is exact and symmetric. For the positive semi-definite tangent (`kept=TENSILE`) `mu` is raised to `|c|` times an
+    upper bound of `1/(s_i s_j)`, with `c = mu - lam (J - 1) J`. No eigenvalues are computed. At rest and under uniform expansion
+    this changes nothing. The tangent is stiffer than a projected one, so that solves take some more iterations.
+
+    `EnergyMomentum` uses a discrete gradient of the energy (Gonzalez 2000): the stress of the mean strain, corrected along the
+    change of strain. If the energies of both states differ by no more than round-off, the correction is omitted. Line searches
+    evaluate the energy at each length, because it is not a polynomial of degree four as for `StVK`.
+
     Examples
     --------
     >>> import numpy as np, skfem

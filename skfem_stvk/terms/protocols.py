@@ -16,6 +16,7 @@ from ..materials import Hypothesis
 from ..mesh import ElementMesh
 from .body import Body
 from .load import Time, check_constants
+from .rigid_shapes import RigidShape
 
 
 class Term(Protocol):
@@ -246,6 +247,10 @@ class HasContact(Protocol):
     is_barrier: bool
     assumed: Assumption
 
+    @property
+    def shape(self) -> RigidShape | None:
+        """Rigid shape, displaced as at present; None between bodies."""
+
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J]; add the internal force [N], minus that on the body, to `force` (nv, d)."""
 
@@ -266,6 +271,25 @@ class HasContact(Protocol):
 
     def passes(self, u0: Array, u1: Array) -> bool:
         """Return whether something passes through something on the way from `u0` to `u1` (nv, d) over the present step."""
+
+
+@runtime_checkable
+class CanPenetrate(Protocol):
+    """Contact whose points go into a shape.
+
+    Attributes
+    ----------
+    name
+        Name in results and messages.
+    edge
+        Mean length of the edges of its facets at rest [m].
+    """
+
+    name: str
+    edge: float
+
+    def smallest_gap(self, u: Array) -> float:
+        """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
 
 
 @runtime_checkable

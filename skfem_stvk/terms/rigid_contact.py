@@ -156,6 +156,8 @@ class BoundRigidContact:
         (n, nq) areas of the points at rest [m^2].
     nodes, nodes_paired
         Nodes (m,) of the facets, and pairs (2, n) of nodes of a facet with points between them.
+    edge
+        Mean length of the edges of the facets at rest [m].
     """
 
     symmetric = has_energy = True
@@ -167,6 +169,7 @@ class BoundRigidContact:
         self._shape, self._shift = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
         self.assumed: Assumption = None
         self._facets, self._element = surface_at(body, contact.where, contact.label, contact.simplices)
+        self.edge = float(_edge_lengths(contact, body, self._facets, self._element).mean())
         self._set_areas(body)
         N, t, X = self._surface
         self.nodes = np.unique(t).astype(np.int32)
@@ -176,6 +179,11 @@ class BoundRigidContact:
         between = np.stack([self._first, self._second], axis=1)
         pairs, self._sides = edges_of_simplices(np.ascontiguousarray(local.T), between, len(self.nodes))
         self.nodes_paired = self.nodes[pairs]
+
+    @property
+    def shape(self) -> RigidShape:
+        """Rigid shape, displaced as at present."""
+        return self.contact.shape.displaced(self._shift[: self._body.mesh.d])
 
     def _set_areas(self, body: Body) -> None:
         """Use the areas of the facets of a body, and the stiffness of its materials."""
@@ -284,6 +292,10 @@ class BoundRigidContact:
         np.minimum.at(smallest, t, gaps.min(axis=1)[:, None])
         pressure = np.divide(sums[0], sums[1], out=np.zeros(len(u)), where=sums[1] > 0)
         return pressure, smallest, float(self.areas[gaps < 0].sum())
+
+    def smallest_gap(self, u: Array) -> float:
+        """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
+        return float(kernels.smallest_gap(self._surface, self._shape, self._shift, u))
 
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add the stiffness of the points that touch, times the coordinates that their depths subtract [N], to `out` (nv, d)."""
@@ -434,11 +446,14 @@ def _default_stiffness(contact: RigidContact, body: Body, facets: NDArray[np.int
     """Return `10 E/h` (n,) [N/m^3] of the facets."""
     if contact.simplices is not None:
         raise ContactError(f"{contact.label}: stiffness = None with simplices; expected a positive number [N/m^3].")
-    mesh, expected = body.mesh, "stiffness=... [N/m^3], such as 10 E/h of the softest body"
-    behind = elements_behind(body, contact.where, facets)
-    E = young_of(body, behind, contact.label, expected)
+    expected = "stiffness=... [N/m^3], such as 10 E/h of the softest body"
+    E = young_of(body, elements_behind(body, contact.where, facets), contact.label, expected)
+    return STIFFNESS * E / _edge_lengths(contact, body, facets, element)
+
+
+def _edge_lengths(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
+    """Return the mean length (n,) of the edges of each facet [m]; of ends of bars that of their elements."""
     if element.k == 0:
-        return STIFFNESS * E / body.sizes[behind]
-    ends = mesh.p[:, facets[np.array(element.edges).T]]
-    h = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=0).mean(axis=0)
-    return STIFFNESS * E / h
+        return body.sizes[elements_behind(body, contact.where, facets)]
+    ends = body.mesh.p[:, facets[np.array(element.edges).T]]
+    return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=0).mean(axis=0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -26,6 +26,7 @@ class RigidShape(Specification, ABC):
     error: ClassVar[type[StvkError]] = ContactError
     kind: ClassVar[int]
     vectors: ClassVar[tuple[str, ...]]  # names of the fields with one component per dimension
+    positions: ClassVar[tuple[str, ...]]  # those of points
 
     def __post_init__(self) -> None:
         for name, vector in points(self.name, {name: getattr(self, name) for name in self.vectors}, ContactError).items():
@@ -43,6 +44,11 @@ class RigidShape(Specification, ABC):
     @abstractmethod
     def numbers(self) -> NDArray[np.float64]:
         """Return the numbers of the shape for the kernels."""
+
+    def displaced(self, by: ArrayLike) -> RigidShape:
+        """Return the shape displaced by components (d,) [m]."""
+        shape: Any = self  # a dataclass
+        return replace(shape, **{name: tuple(np.add(getattr(self, name), by).tolist()) for name in self.positions})
 
     def _unit_vector(self, name: str) -> tuple[float, ...]:
         given = getattr(self, name)
@@ -86,7 +92,7 @@ class RigidPlane(RigidShape):
     (0.0, 0.0, 1.0)
     """
 
-    kind, vectors = kernels.PLANE, ("point", "normal")
+    kind, vectors, positions = kernels.PLANE, ("point", "normal"), ("point",)
     point: Annotated[tuple[float, ...], Quantity("length", "A point of the plane.", components=True)]
     normal: Annotated[tuple[float, ...], Quantity(None, "Direction towards the body, of any length.", components=True)]
 
@@ -122,7 +128,7 @@ class RigidSphere(RigidShape):
     3
     """
 
-    kind, vectors = kernels.SPHERE, ("centre",)
+    kind, vectors, positions = kernels.SPHERE, ("centre",), ("centre",)
     centre: Annotated[tuple[float, ...], Quantity("length", "The centre.", components=True)]
     radius: Annotated[float, Quantity("length", "Radius.", gt=0)]
     inside: Annotated[bool, Quantity(None, "Whether the body is inside.")] = False
@@ -162,7 +168,7 @@ class RigidCylinder(RigidShape):
     (0.0, 1.0, 0.0)
     """
 
-    kind, vectors = kernels.CYLINDER, ("point", "axis")
+    kind, vectors, positions = kernels.CYLINDER, ("point", "axis"), ("point",)
     point: Annotated[tuple[float, ...], Quantity("length", "A point of the axis.", components=True)]
     axis: Annotated[tuple[float, ...], Quantity(None, "Direction of the axis, of any length.", components=True)]
     radius: Annotated[float, Quantity("length", "Radius.", gt=0)]
@@ -205,7 +211,7 @@ class RigidBox(RigidShape):
     3
     """
 
-    kind, vectors = kernels.BOX, ("low", "high")
+    kind, vectors, positions = kernels.BOX, ("low", "high"), ("low", "high")
     low: Annotated[tuple[float, ...], Quantity("length", "Smallest coordinates.", components=True)]
     high: Annotated[tuple[float, ...], Quantity("length", "Largest coordinates.", components=True)]
     radius: Annotated[float, Quantity("length", "Radius of the rounded edges.", ge=0)] = 0.0

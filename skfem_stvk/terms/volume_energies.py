@@ -25,7 +25,7 @@ class VolumeEnergy:
         Smallest stiffness over `lam + 2 mu` for which confined compression has no limit point.
     usual
         The default stiffness over `lam + 2 mu`. With the least stiffness, a cube with both ends constrained still buckles in
-        crushing. With this one it is stable to 60 % (except "quadratic" at nu = 0; `docs/how-to/inversion.md`).
+        crushing. With this one it is stable to 60 % (except "quadratic" at nu = 0; `docs/measurements/inversion.md`).
 
     Notes
     -----

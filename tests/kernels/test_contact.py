@@ -60,6 +60,7 @@ def test_compiled_and_readable_kernels_agree(case, onset):
     kernels.find_gaps(*start, shift0, onset, u0, gaps, forces, normals)
     wanted = readable.gaps_and_normals(numbers, x)
     assert close(gaps, wanted[0]) and close(normals, wanted[1][..., :d])
+    assert kernels.smallest_gap(own, numbers, shift0, u0) == gaps.min()
     assert close(forces, weights * readable.penalty(-wanted[0], onset)[1])
     past = np.zeros((*weights.shape, 7))
     kernels.remember(*start, shift0, onset, u0, 0.4, past)

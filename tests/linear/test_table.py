@@ -1,4 +1,4 @@
-"""The command that prints the table of docs/how-to/choose-solver.md works on small bodies."""
+"""The command that prints the tables of docs/measurements/solvers.md works on small bodies."""
 
 import io
 import platform

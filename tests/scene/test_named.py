@@ -32,6 +32,7 @@ from skfem_stvk import (
     RigidBox,
     RigidContact,
     RigidCylinder,
+    RigidMesh,
     RigidPlane,
     RigidSphere,
     Sine,
@@ -51,6 +52,7 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.mesh import box
+from skfem_stvk.results import write_mesh
 from skfem_stvk.scene.scene import Scene
 from skfem_stvk.scene.schema.analyses import DynamicAnalysis
 
@@ -166,6 +168,19 @@ LOADS = {
     "elements of a membrane": (SHEET, MeshContact([1], [4], distance=0.01, stiffness=1 / 7)),
     "foundation alike": (BOXES, ElasticFoundation(Plane((0, 0, 0), (0, 0, 1), within=0.03), 1 / 3)),
 }
+
+
+def test_a_rigid_mesh_of_a_file_is_the_same_in_a_scene(tmp_path):
+    die = box((1, 1, 1), (1, 1, 1))
+    p = die.p + np.array([[0], [0], [SOLID.p[2].min() - 1.1]])
+    write_mesh(tmp_path / "die.vtu", ElementMesh(p, die.surface))
+    terms = [StVK(STEEL), MeshContact(None, RigidMesh(tmp_path / "die.vtu"), distance=0.15)]
+    system = System(SOLID, terms)
+    for other in rewritten(system, tmp_path):
+        assert_same(other, system)
+    in_memory = System(SOLID, [terms[0], MeshContact(None, RigidMesh((p, die.surface)), distance=0.15)])
+    with pytest.warns(StvkWarning, match="a RigidMesh in memory has no file"):
+        Scene.of(in_memory, STATIC)
 
 
 @pytest.mark.parametrize("name", LOADS)

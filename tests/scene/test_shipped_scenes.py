@@ -1,5 +1,6 @@
 """Each scene of the documentation meets its expectations without a warning."""
 
+import re
 import runpy
 import warnings
 from pathlib import Path
@@ -33,6 +34,21 @@ def test_a_scene_meets_its_expectations(name):
     assert scene.implausible() == []
     assert outcome.judged and [one for one in outcome.judged if not one.passed] == []
     assert outcome.exit_code == 0, outcome.message
+
+
+def test_the_scenes_of_the_tutorial_have_the_results_that_it_names(tmp_path):
+    """The beam under its weight, a hundred times stiffer, with linear elements, and in motion."""
+    beam, motion = re.findall(r"^```toml\n(.*?)^```", (FOLDER.parent / "tutorials" / "scenes.md").read_text(), re.M | re.S)
+    (tmp_path / "beam.toml").write_text(beam)
+    (tmp_path / "swing.toml").write_text(beam[: beam.index("[analysis]")] + motion)
+    tips = []
+    for settings in ([], ["materials.rubber.young=1e8"], ["materials.rubber.young=1e8", "mesh.degree=1"]):
+        outcome = Scene.read(tmp_path / "beam.toml", set=settings).solve(quiet=True)
+        assert outcome.exit_code == 0 and outcome.judged
+        tips.append(1e3 * outcome.values["tip.z"])
+    assert np.allclose(tips, [-134.8, -1.478, -0.624], rtol=1e-3)
+    swing = Scene.read(tmp_path / "swing.toml", set=["mesh.degree=1", "analysis.until=0.05"]).solve(quiet=True)
+    assert swing.exit_code == 0 and swing.judged
 
 
 def test_the_bag_equals_its_example_bit_for_bit():

@@ -207,7 +207,7 @@ def test_a_value_in_other_units_is_reported_once(change, beginning):
 
 
 def test_the_documentation_lists_every_system_with_correct_values_of_steel_and_gravity():
-    page = (Path(__file__).parents[2] / "docs" / "how-to" / "scenes.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "units.md").read_text(encoding="utf-8")
     rows = [re.split(r" *\| *", line)[1:-1] for line in page.splitlines() if re.match(r"\| `[\w-]+` \| ", line) and ";" in line][1:]
     assert [row[0].strip("`") for row in rows] == list(UNITS)
     for name, base, derived, values in rows:

@@ -12,6 +12,7 @@ import skfem
 from skfem_stvk import (
     BackwardEuler,
     ContactError,
+    ElasticFoundation,
     EnergyMomentum,
     Friction,
     GeneralizedAlpha,
@@ -211,6 +212,40 @@ def test_contact_limit_is_the_fraction_of_the_way_at_which_surfaces_meet():
     assert term.contact_limit(0 * down, -down) == 2.0 and system.contact_limit(0 * down.ravel(), down.ravel())[1] == "pair"
     through = 40 * down  # from above to below the lower body
     assert term.passes(0 * down, through) and not len(term._barrier.intersections(term._moved(through)))
+
+
+def test_collisions_of_a_body_that_is_stretched_far_are_found_without_a_grid(monkeypatch):
+    """A grid with cells of the usual size would fill the memory. Where both can be used, the energies agree."""
+    system, _ = pair()
+    term, (u, _) = system.bound_terms[1], deformed(system)
+    barrier, x = term._barrier, term._moved(by_node(u))
+    wanted = barrier.energy(barrier.collisions(x))
+    barrier._longest = 0.0
+    assert barrier.energy(barrier.collisions(x)) == pytest.approx(wanted, rel=1e-12)
+    used = []
+    monkeypatch.setattr(barrier._toolkit, "HashGrid", lambda: used.append("grid"))
+    barrier._longest = ipc.STRETCHED * barrier._longest_edge(term._X)
+    x[0] += 1e6
+    assert np.isfinite(barrier.energy(barrier.collisions(x))) and not used
+
+
+def test_a_step_of_arc_length_ends_before_it_passes_a_contact():
+    system, _ = pair()
+    top = Traction(lambda x: x[2] > 0.102, (0, 0, -1e4))
+    held = System(system.mesh, [*system.terms, top, ElasticFoundation(lambda x: x[2] > 0.102, 1.0)], {FLOOR: "xyz"})
+    seen, refused = [], System.contact_limit
+
+    def look(self, u, v):
+        limit = refused(self, u, v)
+        seen.append((limit[0], self.bound_terms[1].passes(by_node(u), by_node(u + v))))
+        return limit
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(System, "contact_limit", look)
+        found = solve_static(held, method="arc-length", steps=2, quiet=True, raise_on_failure=False)
+    assert any(limit <= 1 and passes for limit, passes in seen)
+    assert found.contact("pair").gap.min() > 0 and all(limit > 1 or passes for limit, passes in seen)
+    assert found.success or len(found.message) > 20
 
 
 def test_pairs_of_nodes_follow_the_body_and_results_do_not_depend_on_earlier_calls():
@@ -490,17 +525,83 @@ def test_removed_elements_take_their_facets_with_them():
     assert 0 < rest < whole and np.isfinite(torn.tangent(u).data).all()
 
 
-def test_a_contact_with_friction_has_the_positions_of_the_remaining_nodes():
+def test_a_contact_with_friction_has_the_displacements_of_the_remaining_nodes():
     system, _ = pair(friction=Friction(0.4, slip_length=1e-4))
     term, (u, v) = system.bound_terms[1].with_new_history(in_time=False), deformed(system)
     term.commit(by_node(u), 0.0)
     removed = np.zeros(system.mesh.nt, dtype=bool)
     removed[system.mesh.elements("upper")[:40]] = True
+    fresh = term.without(removed)
+    term.at(1.0)
+    force_of(term, u + 1e-5 * v)
     rest = term.without(removed)
+    fresh.at(1.0)
     rest.at(1.0)
-    assert len(rest._start) == len(rest._nodes) < len(term._nodes) and np.array_equal(rest._start, rest._moved(by_node(u)))
+    assert np.array_equal(force_of(rest, u + 1e-5 * v), force_of(fresh, u + 1e-5 * v))
+    assert len(rest._nodes) != len(term._nodes) and np.array_equal(rest._start, by_node(u))
     assert np.isfinite(force_of(rest, u + 1e-5 * v)).all()
     rest.history = rest.history
+
+
+def column(where=None, friction=None, **others):
+    """Return two cubes with a layer between them, and the elements of the layer."""
+    mesh = skfem.MeshTet.init_tensor(*2 * [np.linspace(0, 0.1, 3)], np.array([0, 0.05, 0.1, 0.12, 0.17, 0.22]))
+    z = mesh.p[2, mesh.t].mean(axis=0)
+    mesh = ElementMesh(mesh.p, mesh.t, subdomains={"all": np.arange(mesh.nelements)})
+    mesh = mesh.with_boundaries({"ends": lambda x: (x[2] == 0) | (x[2] > 0.219)})
+    contact = MeshContact(where, distance=DISTANCE, friction=friction, name="skin")
+    return System(mesh, [LAW, contact], {FLOOR: "xyz"}, **others), np.flatnonzero(np.abs(z - 0.11) < 0.01)
+
+
+def dropped(system, gap):
+    """Return displacements (nv, 3) with which the upper cube is above the lower one by a gap."""
+    u = np.zeros((system.mesh.nv, 3))
+    u[system.mesh.p[2] > 0.119] = 1e-3, 2e-3, gap - 0.02
+    return u
+
+
+@pytest.mark.filterwarnings("ignore:1 part becomes loose")
+@pytest.mark.parametrize(("where", "touches"), [(None, True), ("all", True), ("ends", False)])
+def test_faces_that_removed_elements_leave_touch_unless_the_surface_is_a_boundary(where, touches):
+    whole, middle = column(where)
+    torn = whole.without(middle)
+    term, u = torn.bound_terms[1], dropped(torn, GAP)
+    rng, up = np.random.default_rng(2), torn.mesh.p[2] > 0.119
+    u += 1e-4 * rng.normal(size=u.shape)
+    force = by_node(force_of(term, u.ravel()))
+    assert (term.energy_and_force(u) > 0) == touches and (force[up, 2].sum() < -1) == touches
+    assert term.passes(u, dropped(torn, -0.01)) == touches
+    on_axis = np.abs(torn.mesh.p - [[0.05], [0.05], [0.12]]).max(axis=0) < 1e-9  # on exposed faces alone
+    assert (term.evaluated(u)[1][on_axis] < DISTANCE) == touches
+    if touches:
+        v = rng.normal(size=u.size)
+        torn_elastic = System(torn.mesh, [LAW], {FLOOR: "xyz"}).without(middle)
+        K = torn.tangent(u.ravel()) - torn_elastic.tangent(u.ravel())
+        change = slope(lambda s: force_of(term, u.ravel() + s * v), 1e-8)
+        assert np.abs(K @ v - change).max() < 1e-4 * np.abs(change).max()
+        assert np.abs(force.sum(axis=0)).max() < 1e-11 * np.abs(force).sum()
+        centre = whole.without(middle[whole.mesh.p[0, whole.mesh.t[:, middle]].mean(axis=0) < 0.05])
+        assert centre.bound_terms[1].energy_and_force(np.zeros_like(u)) == 0  # faces with common nodes do not touch
+
+
+@pytest.mark.filterwarnings("ignore:1 part becomes loose")
+@pytest.mark.parametrize("friction", [None, Friction(0.4, slip_speed=0.05)])
+def test_a_part_that_is_cut_off_falls_on_the_face_below_it(tmp_path, friction):
+    system, middle = column(friction=friction)
+    v0 = np.zeros((system.mesh.nv, 3))
+    v0[system.mesh.p[2] > 0.119] = 0.1, 0, -2
+    options = {"v0": v0.ravel(), "quiet": True, "remove": lambda t, u: middle if t > 0 else None}
+    whole = simulate(system, EnergyMomentum(dt=2e-3), until=0.02, **options)
+    ledger, z = whole.ledger, (system.mesh.p.T + by_node(whole.u))[:, 2]
+    kinetic = ledger["kinetic_energy"][0]
+    assert z[system.mesh.p[2] > 0.119].min() > 0.05 and ledger["strain_energy MeshContact 1"].max() > 1e-3 * kinetic
+    assert np.abs(ledger["closure_error"]).max() < 1e-10 * kinetic
+    assert friction is None or ledger["friction_work"][-1] > 1e-3 * kinetic
+    simulate(system, EnergyMomentum(dt=2e-3), until=0.012, checkpoint=tmp_path, **options)
+    again = simulate(
+        system, EnergyMomentum(dt=2e-3), until=0.02, checkpoint=tmp_path, resume=True, quiet=True, remove=options["remove"]
+    )
+    assert np.array_equal(again.u, whole.u) and np.array_equal(again.v, whole.v)
 
 
 # Bad input
@@ -561,9 +662,9 @@ def test_what_pairs_do_not_support_is_refused():
             Simulation(system, integrator)
     with pytest.raises(StvkError, match="'pair'"):
         ReducedSystem(system, size=3)
-    plane = skfem.MeshTri()
-    with pytest.raises(ContactError, match="2 dimensions; expected 3"):
-        System(plane, [LAW, MeshContact(None, distance=1e-3)])
+    line = skfem.MeshLine()
+    with pytest.raises(ContactError, match="1 dimension; expected 2 or 3"):
+        System(line, [LAW, MeshContact(None, distance=1e-3)])
     for friction, solve in (
         (Friction(0.3, slip_speed=1.0), lambda body: solve_static(body, quiet=True)),
         (Friction(0.3, slip_length=1.0), lambda body: simulate(body, BackwardEuler(dt=1e-3), until=1e-3, quiet=True)),

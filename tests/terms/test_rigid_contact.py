@@ -670,6 +670,16 @@ def test_the_shape_moves_with_time_and_the_load_factor():
         assert term.evaluated(u)[1].min() == pytest.approx(2e-3 - Moment.of(t).time)
 
 
+def test_energies_at_a_load_factor_are_those_of_the_shape_there():
+    body = System(MESHES["tetrahedra"], [LAW, RigidContact(SHAPES["plane"], stiffness=1.0, motion=(0, 0, 0.1))])
+    u = np.zeros(body.ndofs)
+    for t in (0.25, 1.0):
+        fresh = System(body.mesh, body.terms)
+        fresh.residual(u, t)
+        assert body.potential(u, t) == fresh.energy(u) == body.energies(u, t)["RigidContact 1"]
+        assert body.energies(u, 0.5)["RigidContact 1"] != fresh.energy(u)
+
+
 def test_removed_elements_take_their_facets_with_them():
     body = System(box((1.0, 1.0, 1.0), (2, 2, 2)), [LAW, RigidContact(RigidPlane((0, 0, 0.1), (0, 0, 1)), BOTTOM)])
     x = body.mesh.p[:, body.mesh.t].mean(axis=1)

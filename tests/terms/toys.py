@@ -4,7 +4,7 @@
 `Areas` have an energy of the areas of vertex triples in space. One Hessian serves both orders of its pairs. - `Anchors` are
 nonlinear springs to the ground: not balanced, with diagonal blocks only. - `Wind` is a force that rotates with pairs of vertices:
 without energy, neither symmetric nor balanced. - `Friction` has springs to the last accepted state: a term with history. -
-`Contacts` are springs whose pairs change. - `Vortex` is a load that rotates about an axis, without potential.
+`Contacts` are springs whose pairs change. - `Floor` is a contact of vertices with a floor. - `Vortex` is a load that rotates about an axis, without potential.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ import numpy as np
 
 from skfem_stvk.edges import ALL
 from skfem_stvk.terms import Load
+from skfem_stvk.terms.protocols import Assumed
 
 
 class MinimalTerm:
@@ -226,6 +227,70 @@ class Contacts(MinimalTerm):
         def take(self, pairs):
             self.pattern_version += 1
             super().__init__(Springs(pairs), self._mesh)
+
+
+@dataclass(frozen=True, eq=False)
+class Floor(MinimalTerm):
+    """Contact of all vertices with the floor `z = height`: `W = sum 1/2 k p^2` of their depths p. Nothing passes a floor."""
+
+    height: float
+    stiffness: float = 1.0
+
+    class Bound:
+        symmetric = has_energy = True
+        balanced = is_barrier = False
+        nodes_paired = nodes_joined = np.empty((2, 0), dtype=np.int32)
+        name, assumed, shape = "floor", None, None
+
+        def __init__(self, spec, mesh):
+            self.nodes, self._k, self._z = np.arange(mesh.nv, dtype=np.int32), spec.stiffness, mesh.p[2] - spec.height
+
+        def _depths(self, u):
+            return np.maximum(-(self._z + u[:, 2]), 0)
+
+        def energy_and_force(self, u, force=None):
+            p = self._depths(u)
+            if force is not None:
+                force[:, 2] -= self._k * p
+            return float(self._k * (p**2).sum() / 2)
+
+        def add_blocks(self, u, blocks, kept=ALL):
+            if isinstance(self.assumed, tuple):
+                (p0, p1), change = map(self._depths, self.assumed), self.assumed[0][:, 2] - self.assumed[1][:, 2]
+                slope = np.divide(p1 + self._mean(*self.assumed), change, out=np.zeros(len(change)), where=change != 0)
+                blocks.own[:, 2, 2] += 2 * self._k * np.where((p0 > 0) & (p1 > 0), 0.5, slope)
+            elif self.assumed is not Assumed.APART:
+                blocks.own[:, 2, 2] += self._k * ((self._depths(u) > 0) | (self.assumed is Assumed.TOUCHING))
+
+        def _mean(self, u0, u1):
+            """Return minus the mean depth (nv,), the difference of `p^2/2` over that of the gaps."""
+            (p0, p1), change = map(self._depths, (u0, u1)), u1[:, 2] - u0[:, 2]
+            one = np.divide((p1**2 - p0**2) / 2, change, out=-p0, where=change != 0)
+            return np.where((p0 > 0) & (p1 > 0), -(p0 + p1) / 2, one)
+
+        def mean_force(self, u0, u1, weights, theta, force):
+            force[:, 2] += sum(weights) * self._k * self._mean(u0, u1)
+            return 0.0
+
+        def contact_limit(self, u, v):
+            return np.inf
+
+        def passes(self, u0, u1):
+            return False
+
+        def refuse_start(self, u):
+            pass
+
+        def identity(self):
+            return [self._k, float(self._z.sum())]
+
+        def held_directions(self, u):
+            touching = np.flatnonzero(self._z + u[:, 2] <= 0)
+            return touching, np.tile([0.0, 0, 1], (len(touching), 1))
+
+        def evaluated(self, u):
+            p = self._depths(u)
+            return self._k * p, self._z + u[:, 2], float((p > 0).sum())
 
 
 @dataclass(frozen=True, eq=False)

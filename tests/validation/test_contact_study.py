@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from skfem_stvk import Friction
 from skfem_stvk.terms.mesh_contact import BoundMeshContact
 from skfem_stvk.terms.rigid_contact import BoundRigidContact
 from validation import contact
-from validation.contact import hertz, motions, pairs, pressed
+from validation.contact import between, hertz, motions, pairs, precision, pressed
 from validation.contact.check import Check, study_of
 from validation.contact.studies import STUDIES, run
 
@@ -35,7 +36,7 @@ def test_every_name_has_a_study():
 @pytest.mark.parametrize("name", [name for name in contact.NAMES if name not in contact.WHOLE_ONLY])
 def test_the_quick_study_holds(name, gmsh):
     study = STUDIES[name](True)
-    assert study.passed and len(study.rows) > 2, study.failures
+    assert study.passed and len(study.rows) > 1, study.failures
 
 
 def test_the_areas_of_facets_that_face_away_are_detected(changed):
@@ -114,6 +115,34 @@ def test_a_force_without_a_reaction_changes_the_momentum(monkeypatch):
 def test_a_thick_barrier_changes_the_stress_off_the_side_faces(monkeypatch):
     monkeypatch.setattr(pairs, "THIN", 10 * pairs.THIN)
     assert any("stress in the lower block" in failure for failure in pairs.pair(True).failures)
+
+
+def test_a_soft_barrier_and_another_approach_of_two_balls_are_detected(monkeypatch, gmsh):
+    """A barrier of E/100 lets the balls come closer. Hertz's approach without Tatara's correction is larger."""
+    with_options(monkeypatch, between, "MeshContact", stiffness=0.01)
+    assert any("force" in failure for failure in between.balls(True).failures)
+    monkeypatch.undo()
+    monkeypatch.setattr(between, "approach", lambda a: a**2)
+    assert any("force" in failure for failure in between.balls(True).failures)
+
+
+def test_friction_and_a_ring_of_few_edges_are_detected_while_ironing(monkeypatch):
+    monkeypatch.setattr(between, "RING_CELLS", (2, 1, 10))
+    assert any("normal force" in failure for failure in between.ironing(True).failures)
+    monkeypatch.undo()
+    with_options(monkeypatch, between, "MeshContact", friction=Friction(0.1, slip_length=1e-4))
+    assert any("tangential force" in failure for failure in between.ironing(True).failures)
+
+
+def with_options(monkeypatch, module, name, **options):
+    right = getattr(module, name)
+    monkeypatch.setattr(module, name, lambda *given, **others: right(*given, **others, **options))
+
+
+def test_an_integrator_of_a_lower_order_is_detected(monkeypatch):
+    monkeypatch.setattr(precision, "INTEGRATORS", {precision.BackwardEuler: precision.INTEGRATORS[precision.EnergyMomentum]})
+    failures = precision.precision(True).failures
+    assert len(failures) == 2 and "order" in failures[1]
 
 
 def test_a_number_that_is_not_expected_fails_the_command(monkeypatch, capsys):

@@ -8,10 +8,14 @@ import pytest
 
 from skfem_stvk import EnergyMomentum, StvkError, System, VelocityVerlet
 from skfem_stvk.dynamics.integrators.explicit import VelocityVerletStepper
+from skfem_stvk.terms.mesh_contact import BoundMeshContact
+from skfem_stvk.terms.rigid_contact import BoundRigidContact
 from validation.fuzz import bodies, files, programs, solves, study
 
+CONTACTS = ("contacts", "contact programs", "contact solves", "contact motions")
 
-@pytest.mark.parametrize("family", ["bodies", "programs", "solves", "motions", "mesh files", "scene files"])
+
+@pytest.mark.parametrize("family", ["bodies", "programs", "solves", "motions", *CONTACTS, "mesh files", "scene files"])
 def test_random_cases_are_right_or_refused_with_a_clear_error(family, tmp_path):
     counts = Counter()
     drawn, check = study.families(tmp_path)[family]
@@ -90,6 +94,51 @@ def test_a_motion_with_a_spurious_spin_is_found(monkeypatch):
     free = {"held": "nothing", "loads": (), "d": 3}
     drawn = solves.motions().map(lambda one: replace(one, recipe=replace(one.recipe, **free), integrator=VelocityVerlet))
     assert "angular momentum of" in found(drawn, solves.check_motion)
+
+
+def with_kind(kind, drawn):
+    """Return bodies that touch something of one kind, without wrong arguments."""
+    return drawn.map(
+        lambda one: replace(one, touch=replace(one.touch, kind=kind, wrong=None, gap=0.05 if "bodies" in kind else -0.05))
+    )
+
+
+@pytest.mark.parametrize(
+    ("bound", "method", "said"),
+    [
+        (BoundRigidContact, "energy_and_force", "the force of a contact is not the derivative of its energy"),
+        (BoundMeshContact, "energy_and_force", "the force of a contact is not the derivative of its energy"),
+        (BoundRigidContact, "mean_force", "a work of"),
+        (BoundMeshContact, "mean_force", "a work of"),
+        (BoundMeshContact, "contact_limit", "a contact is passed at 0.9 of its limit"),
+    ],
+)
+def test_faults_of_contacts_are_found(monkeypatch, bound, method, said):
+    right = getattr(bound, method)
+
+    def wrong(self, *given):
+        if method == "contact_limit":
+            return 3 * right(self, *given)
+        force = given[-1]
+        if not isinstance(force, np.ndarray) or len(given) < 2:
+            return right(self, *given)
+        before = force.copy()
+        result = right(self, *given)
+        force[:] = before + 1.01 * (force - before)
+        return result
+
+    monkeypatch.setattr(bound, method, wrong)
+    drawn = with_kind("plane" if bound is BoundRigidContact else "two bodies", bodies.touching())
+    assert said in found(drawn, bodies.check_body, 80)
+
+
+def test_a_body_in_another_one_and_a_result_of_another_time_are_found(monkeypatch):
+    monkeypatch.setattr(solves, "crosses", lambda mesh, u: True)
+    drawn = solves.motions(with_kind("two bodies", bodies.touching())).map(lambda one: replace(one, integrator=EnergyMomentum))
+    assert "surfaces cross" in found(drawn, solves.check_motion)
+    monkeypatch.setattr(programs, "set_time", lambda terms, t: None)
+    drawn = programs.programs(with_kind("plane", bodies.touching(2)))
+    assert "of a fresh system" in found(drawn, lambda drawn: programs.run_program(*drawn), 200)
 
 
 def test_foreign_errors_and_errors_without_an_explanation_are_found(monkeypatch, tmp_path):

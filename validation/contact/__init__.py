@@ -4,7 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("patch", "hertz", "stiffness", "capstan", "slope", "bar", "bounce", "pair", "collision", "hard")
+NAMES = (
+    "patch",
+    "hertz",
+    "stiffness",
+    "capstan",
+    "slope",
+    "bar",
+    "bounce",
+    "pair",
+    "balls",
+    "ironing",
+    "collision",
+    "precision",
+    "hard",
+)
 #: Quick runs leave out these studies, unless `--only` names them.
 WHOLE_ONLY = ("stiffness", "hard")
 

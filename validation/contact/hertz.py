@@ -11,6 +11,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,11 +34,12 @@ FORCE_LIMIT, RADIUS_LIMIT = 5e-3, 0.05
 
 
 class Pressed(NamedTuple):
-    """Result of a pressed ball: force and contact radius, divided by Hertz's, and iterations of Newton's method."""
+    """Result of a pressed ball: force and contact radius, divided by Hertz's, iterations of Newton's method, and its time [s]."""
 
     force: float
     radius: float
     iterations: int
+    seconds: float
 
 
 def hertz(quick: bool) -> Study:
@@ -68,8 +70,10 @@ def stiffness(quick: bool) -> Study:
     return Study(
         "A ball between two plates, a/R = 0.1: stiffness and onset of the contact",
         f"without onset the force is within {FORCE_LIMIT:.1%} of Hertz's from 100 E/h on",
-        ("onset/h", "stiffness h/E", "error in force", "iterations"),
-        tuple((f"{onset:g}", f"{k:g}", f"{one.force - 1:+.2%}", f"{one.iterations}") for onset, k, one in found),
+        ("onset/h", "stiffness h/E", "error in force", "iterations", "s"),
+        tuple(
+            (f"{onset:g}", f"{k:g}", f"{one.force - 1:+.2%}", f"{one.iterations}", f"{one.seconds:.1f}") for onset, k, one in found
+        ),
         tuple(f"{k:g} E/h: {errors[0, k]:+.2%}" for k in (100.0, 1000.0) if not abs(errors[0, k]) <= FORCE_LIMIT),
         ("linear elasticity, one load step",),
     )
@@ -97,15 +101,17 @@ def pressed(law: Any, a: float, onset: float = 0.0, k: float = STIFFNESS) -> Pre
         motion=(0, 0, approach(a)),
     )
     symmetry = {(lambda x, i=i: np.abs(x[i]) < 1e-9): "xyz"[i] for i in range(3)}
-    result = solve_static(System(mesh, [law(young=YOUNG, poisson=POISSON), plate], symmetry), steps=1, quiet=True)
+    body, start = System(mesh, [law(young=YOUNG, poisson=POISSON), plate], symmetry), perf_counter()
+    result = solve_static(body, steps=1, quiet=True)
+    seconds = perf_counter() - start
     state = result.contact("contact")  # of a quarter of the contact
     radius = float(np.sqrt(4 * state.area / np.pi))
-    return Pressed(float(4 * state.resultant[2] / hertz_force(a)), radius / a, result.history.iterations)
+    return Pressed(float(4 * state.resultant[2] / hertz_force(a)), radius / a, result.history.iterations, seconds)
 
 
 @cache
-def ball(a: float) -> ElementMesh:
-    """Return an octant of the unit ball, meshed by Gmsh, with edges that grow away from the contact at (0, 0, -1)."""
+def ball(a: float, elements: int = ELEMENTS) -> ElementMesh:
+    """Return an octant of the unit ball, meshed by Gmsh, with edges that grow from `a/elements` at the contact at (0, 0, -1)."""
     beyond = f"(Sqrt(x^2 + y^2 + (z + 1)^2) - {1.3 * a})"
     size = {"MeshSizeMax": 0.2, "MeshSizeExtendFromBoundary": 0, "MeshSizeFromPoints": 0}
     with gmsh_session() as gmsh, TemporaryDirectory() as folder:
@@ -114,7 +120,7 @@ def ball(a: float) -> ElementMesh:
         occ.synchronize()
         gmsh.model.addPhysicalGroup(3, [octant[0][1]], name="ball")
         field.setAsBackgroundMesh(field.add("MathEval", 1))
-        field.setString(1, "F", f"{a / ELEMENTS} + 0.125 * ({beyond} + Fabs({beyond}))")
+        field.setString(1, "F", f"{a / elements} + 0.125 * ({beyond} + Fabs({beyond}))")
         for option, value in (size | {"ElementOrder": 2, "Algorithm3D": 10}).items():
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.model.mesh.generate(3)

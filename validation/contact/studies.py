@@ -10,10 +10,12 @@ from rich.console import Console
 from skfem_stvk.terminal import WIDTH
 
 from ..statics.study import Study
+from .between import balls, ironing
 from .hard import hard
 from .hertz import hertz, stiffness
 from .motions import bar, bounce, slope
 from .pairs import collision, pair
+from .precision import precision
 from .pressed import capstan, patch
 
 STUDIES: dict[str, Callable[[bool], Study]] = {
@@ -25,7 +27,10 @@ STUDIES: dict[str, Callable[[bool], Study]] = {
     "bar": bar,
     "bounce": bounce,
     "pair": pair,
+    "balls": balls,
+    "ironing": ironing,
     "collision": collision,
+    "precision": precision,
     "hard": hard,
 }
 

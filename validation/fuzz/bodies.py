@@ -6,6 +6,7 @@ Hypothesis chooses kinds and sizes, which it can shrink, and a seed. The seed de
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +38,8 @@ from skfem_stvk.referee.discretisation import Discretisation
 from skfem_stvk.referee.judgement import Limits
 from skfem_stvk.referee.shape import Shape
 
+from .contacts import Touch, check_contact, check_refusal, contact_of, touches, two_bodies, with_touch
+
 SHAPES = ("single", "grid", "delaunay", "sliver", "far away")
 MATERIALS = ("isotropic", "auxetic", "nearly incompressible", "by element", "anisotropic", "fibres", "two regions")
 LAWS = ("stvk", "stvk", "stvk", "neo-hookean", "linear", "invertible", "with a penalty")
@@ -45,7 +48,7 @@ AMOUNTS = (0.0, 1e-9, 1e-3, 0.1, 1.0, 30.0)
 
 @dataclass(frozen=True)
 class Recipe:
-    """Parameters of a body and its states."""
+    """Parameters of a body, its states and its contact."""
 
     k: int
     d: int
@@ -59,6 +62,7 @@ class Recipe:
     held: str
     amount: float
     seed: int
+    touch: Touch | None = None
 
 
 @st.composite
@@ -81,20 +85,29 @@ def recipes(draw: st.DrawFn, largest: int = 4) -> Recipe:
     )
 
 
+@st.composite
+def touching(draw: st.DrawFn, largest: int = 3) -> Recipe:
+    """Draw bodies that touch something."""
+    return with_touch(draw(recipes(largest)), draw(touches()))
+
+
 def made(recipe: Recipe, strain: float | None = None) -> System:
     """Return the body of a recipe. Its loads strain elements by about `strain`, or have unit size if `strain` is None.
 
     Raises an error of this package if the recipe describes no valid body.
     """
     rng = np.random.default_rng(recipe.seed)
-    mesh = mesh_of(recipe, rng)
-    nodes = range({"nothing": 0, "a node": 1, "half": max(min(mesh.k, mesh.nv - 1), mesh.nv // 2)}[recipe.held])
+    mesh, touch = mesh_of(recipe, rng), recipe.touch
+    nodes: Sequence[int] = range({"nothing": 0, "a node": 1, "half": max(min(mesh.k, mesh.nv - 1), mesh.nv // 2)}[recipe.held])
+    if touch is not None and touch.kind == "two bodies":
+        mesh, nodes = two_bodies(touch, mesh), [*nodes, *(mesh.nv + i for i in nodes)]  # both are held
     fixed = {tuple(nodes): "xyz"[: mesh.d]} if nodes else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StvkWarning)
         terms = _terms(recipe, mesh, rng)
+        contacts = [] if touch is None else [contact_of(touch, mesh, _young(terms[0]), np.random.default_rng([recipe.seed, 5]))]
         size = None if strain is None else strain * _resistance(System(mesh, terms))
-        return System(mesh, [*terms, *_loads(recipe, mesh, rng, size)], fixed=fixed)
+        return System(mesh, [*terms, *_loads(recipe, mesh, rng, size), *contacts], fixed=fixed)
 
 
 def mesh_of(recipe: Recipe, rng: np.random.Generator) -> ElementMesh:
@@ -138,6 +151,11 @@ def _material(recipe: Recipe, n: int, rng: np.random.Generator) -> Any:
         return Anisotropic(E * (a @ a.T + 3 * np.eye(6)), frame=frame, density=density)
     nu = {"auxetic": -0.6, "nearly incompressible": 0.4999}.get(recipe.material, 0.3)
     return Isotropic(E * rng.uniform(0.5, 2, n) if recipe.material == "by element" else E, nu, density=density)
+
+
+def _young(law: Any) -> float:
+    """Return a Young's modulus of a law [Pa]; 1e6 if it has none."""
+    return float(np.mean(getattr(law.material, "young", 1e6)))
 
 
 def _terms(recipe: Recipe, mesh: ElementMesh, rng: np.random.Generator) -> list[Any]:
@@ -195,21 +213,23 @@ def check_body(recipe: Recipe) -> bool:
         u = states(recipe, system)[1]
         W, F, K = system.linearize(u)
     except StvkError as error:
-        assert len(str(error)) > 20, f"error = {error!r}; expected an explanation"
+        check_refusal(recipe.touch, error)
         return False
     assert np.isfinite(W) and np.isfinite(F).all() and np.isfinite(K.data).all(), "not a number"
     assert -1e-9 * max(abs(W), float(np.abs(F) @ np.abs(u))) <= W or recipe.law == "with a penalty", f"a negative energy: {W}"
     shape = Shape(system.mesh, Discretisation(system.mesh.element.name, None, 0.05))
     limit = 100 * Limits(shape, np.ones(system.mesh.nt)).of_body(u)
     sums, scale = np.abs(F.reshape(-1, system.mesh.d).sum(axis=0)).max(), float(np.abs(F).sum()) + _floor(system, K)
-    assert sums <= limit * scale, f"forces of sum {sums:g} in {scale:g}"
+    assert sums <= limit * scale or (recipe.touch is not None and recipe.touch.is_rigid), f"forces of sum {sums:g} in {scale:g}"
     skew = abs(K - K.T)
     assert not skew.nnz or skew.max() <= limit * abs(K).max(), f"K is not symmetric: {skew.max():g}"
     v = np.random.default_rng([recipe.seed, 2]).standard_normal(system.ndofs)
     product, Kv = system.product(u, v), K @ v
     assert np.abs(product - Kv).max() <= limit * float((abs(K) @ np.abs(v)).max()), "the product is not that of the matrix"
     assert np.array_equal(F, system.internal_force(u)) or np.abs(F - system.internal_force(u)).max() <= limit * scale, "two forces"
-    if recipe.law == "stvk":
+    if recipe.touch is not None:
+        check_contact(recipe.touch, system, u, v / np.abs(v).max(), edge_length(system), limit)
+    elif recipe.law == "stvk":
         _check_derivatives(system, u, v, limit)
     return True
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from skfem_stvk import StvkError, System
+from skfem_stvk.terms.protocols import set_time
 
 from .bodies import Recipe, made, recipes, states
 
@@ -32,6 +34,9 @@ CALLS: dict[str, Call] = {
     "energies": lambda s, u, v: s.energies(u),
     "elastic_energies": lambda s, u, v: s.elastic_energies(u),
     "energy_along": lambda s, u, v: s.energy_along(u, v),
+    "contact_force": lambda s, u, v: s.contact_force(u),
+    "contact_limit": lambda s, u, v: s.contact_limit(u, v),
+    "copied": lambda s, u, v: deepcopy(s).internal_force(u),
     "round_off": lambda s, u, v: s.round_off(u),
     "mass": lambda s, u, v: s.mass(),
     "parts": lambda s, u, v: s.parts(),
@@ -45,12 +50,15 @@ CALLS: dict[str, Call] = {
     "not a number": lambda s, u, v: s.internal_force(u * np.nan),
 }
 
+#: Calls with a load factor. Before the other ones, terms that move are set to their place at `TIME`.
+WITH_TIME, TIME = ("external_force", "potential", "residual", "jacobian", "energies"), 0.4
+
 
 @st.composite
-def programs(draw: st.DrawFn) -> tuple[Recipe, list[tuple[str, int]]]:
-    """Draw a small body, and calls with the indices of their states."""
+def programs(draw: st.DrawFn, drawn: Any = None) -> tuple[Recipe, list[tuple[str, int]]]:
+    """Draw a body, by default a small one without contact, and calls with the indices of their states."""
     steps = st.tuples(st.sampled_from(sorted(CALLS)), st.integers(0, 2))
-    return draw(recipes(largest=2)), draw(st.lists(steps, min_size=2, max_size=12))
+    return draw(recipes(largest=2) if drawn is None else drawn), draw(st.lists(steps, min_size=2, max_size=12))
 
 
 def run_program(recipe: Recipe, steps: list[tuple[str, int]]) -> bool:
@@ -79,6 +87,8 @@ def _result(system: System, recipe: Recipe, name: str, state: int) -> tuple[Any,
     u = states(recipe, system)[state]
     v = np.random.default_rng([recipe.seed, 3]).standard_normal(system.ndofs)
     before = u.tobytes(), v.tobytes()
+    if name not in WITH_TIME:
+        set_time(system.bound_terms, TIME)
     try:
         returned = CALLS[name](system, u, v)
         plain = _plain(returned)

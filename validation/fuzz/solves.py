@@ -30,7 +30,9 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.dynamics.integrators.integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
 from skfem_stvk.errors import AnalysisError
 
+from ..contact.hard import crosses
 from .bodies import Recipe, edge_length, made, recipes, states
+from .contacts import approach, check_refusal
 
 STRAINS = (1e-9, 1e-6, 1e-3, 0.03, 0.3, 3.0)
 SOLVERS = ("auto", "auto", "superlu", "amg-cg", "block-jacobi-cg", "ssor-cg")
@@ -66,9 +68,9 @@ class Motion:
 
 
 @st.composite
-def solves(draw: st.DrawFn) -> Solve:
-    """Draw bodies with a load that are usually constrained at half of their nodes."""
-    recipe = draw(recipes(largest=3))
+def solves(draw: st.DrawFn, drawn: Any = None) -> Solve:
+    """Draw bodies with a load, by default without contact, that are usually constrained at half of their nodes."""
+    recipe = draw(recipes(largest=3) if drawn is None else drawn)
     as_drawn = draw(st.sampled_from((False,) * 9 + (True,)))
     return Solve(
         recipe if as_drawn else replace(recipe, held="half", loads=recipe.loads or ("nodal",)),
@@ -80,10 +82,10 @@ def solves(draw: st.DrawFn) -> Solve:
 
 
 @st.composite
-def motions(draw: st.DrawFn) -> Motion:
-    """Draw bodies that are free or constrained, with or without loads."""
+def motions(draw: st.DrawFn, drawn: Any = None) -> Motion:
+    """Draw bodies that are free or constrained, with or without loads, by default without contact."""
     return Motion(
-        draw(recipes(largest=3)),
+        draw(recipes(largest=3) if drawn is None else drawn),
         strain=draw(st.sampled_from(STRAINS)),
         integrator=draw(st.sampled_from(INTEGRATORS)),
         length=draw(st.sampled_from(LENGTHS)),
@@ -103,13 +105,13 @@ def check_solve(drawn: Solve) -> bool:
     except AnalysisError:
         raise
     except StvkError as error:
-        assert len(str(error)) > 20, f"error = {error!r}; expected an explanation"
+        check_refusal(drawn.recipe.touch, error)
         return False
     assert np.isfinite(result.u).all(), "displacements are not finite"
     if not result.success:
         assert len(result.message) > 20, f"message = {result.message!r}; expected an explanation"
         return False
-    _check_equilibrium(drawn.recipe, system, result)
+    _check_equilibrium(drawn.recipe, result.system, result)
     return True
 
 
@@ -118,6 +120,7 @@ def _check_equilibrium(recipe: Recipe, system: System, result: StaticResult) -> 
     assert result.t == 1.0, f"t = {result.t:g}; expected 1"
     assert not u[free.fixed].any(), "constrained degrees of freedom have moved"
     assert recipe.law == "linear" or not len(system.inside_out(u)), "elements are inverted"
+    _check_apart(recipe, system, u)
     left, loads = system.residual(u, result.t), system.external_force(u, result.t)
     forces = float(np.linalg.norm(loads) + np.linalg.norm(left[free.fixed]))
     off = float(np.linalg.norm(left[free.free]))
@@ -138,6 +141,8 @@ def check_motion(drawn: Motion) -> bool:
         dt = drawn.length * critical
         free = system.free_dofs(system.supports.fixed)
         u, v = states(recipe, system)[1], np.random.default_rng([recipe.seed, 4]).standard_normal(system.ndofs)
+        if recipe.touch is not None:
+            v += 5 * approach(recipe.touch, system.mesh).ravel()
         v *= drawn.strain * edge_length(system) / critical
         u[free.fixed] = v[free.fixed] = 0.0
         with warnings.catch_warnings():
@@ -148,7 +153,7 @@ def check_motion(drawn: Motion) -> bool:
     except AnalysisError:
         raise
     except StvkError as error:
-        assert len(str(error)) > 20, f"error = {error!r}; expected an explanation"
+        check_refusal(drawn.recipe.touch, error)
         return False
     assert np.isfinite(run.u).all() and np.isfinite(run.v).all(), "the last state is not finite"
     assert all(np.isfinite(column).all() for column in run.ledger.values()), "the ledger is not finite"
@@ -157,15 +162,26 @@ def check_motion(drawn: Motion) -> bool:
         assert len(run.message) > 20, f"message = {run.message!r}; expected an explanation"
         return False
     assert run.ledger.steps > STEPS and abs(run.t - STEPS * dt) <= 1e-9 * run.t, f"t = {run.t:g} s; expected {STEPS * dt:g} s"
+    _check_apart(recipe, run.system, run.u)
     _check_conservation(drawn, system, run, (u, v), dt)
     return True
+
+
+def _check_apart(recipe: Recipe, system: System, u: Array) -> None:
+    """Check that surfaces that repel each other do not intersect."""
+    if recipe.touch is not None and system.contacts[0].is_barrier:
+        assert system.contacts[0].evaluated(u.reshape(-1, 3))[1].min() > 0, "a gap is not positive"
+        assert len(system.mesh.surface if system.mesh.k == 3 else system.mesh.t) != 3 or not crosses(system.mesh, u), (
+            "surfaces cross"
+        )
 
 
 def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Array, Array], dt: float) -> None:
     """Check the conserved quantities of the integrator to the tolerance of a step's solve: momenta of free bodies, and energy."""
     ledger, recipe, d, integrator = run.ledger, drawn.recipe, system.mesh.d, drawn.integrator(dt=dt)
     conserved, rtol = integrator.conserves, max(1e-12, getattr(integrator, "rtol", 0.0))
-    if recipe.held == "nothing" and not recipe.loads:
+    touch = recipe.touch
+    if recipe.held == "nothing" and not recipe.loads and not (touch is not None and touch.is_rigid):
         u0, v0 = begin
         last = [system.internal_force(u0), system.internal_force(run.u)]
         if drawn.integrator is LinearBackwardEuler:  # the tolerance of its linear solve includes the change of forces in a step
@@ -175,7 +191,9 @@ def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Ar
         arm = max(float(np.abs(system.mesh.p.T + u.reshape(-1, d)).max()) for u in (u0, run.u))
         assert LINEAR_MOMENTUM in conserved
         momenta = {"linear_momentum": ("xyz"[:d], scale)}
-        if ANGULAR_MOMENTUM in conserved and recipe.law != "linear" and d > 1:  # linear elasticity has strains from rotations
+        if (
+            ANGULAR_MOMENTUM in conserved and touch is None and recipe.law != "linear" and d > 1
+        ):  # linear elasticity has strains from rotations
             momenta["angular_momentum"] = "xyz" if d == 3 else "z", arm * scale
         for name, (axes, size) in momenta.items():
             moved = np.array([ledger[f"{name}_{axis}"] for axis in axes])
@@ -184,5 +202,7 @@ def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Ar
     if ENERGY in conserved and recipe.law not in AT_THE_MIDDLE:
         energy = ledger["kinetic_energy"] + np.abs(ledger["strain_energy"])
         off = float(np.abs(ledger["closure_error"]).max())
-        size = float(energy.max() + np.abs(ledger.get("potential_energy", np.zeros(1))).max())
+        size = float(
+            sum(np.abs(ledger.get(name, np.zeros(1))).max() for name in ("potential_energy", "external_work")) + energy.max()
+        )
         assert off <= 1e-8 * size, f"energy of {off:g} is lost, in {size:g}"

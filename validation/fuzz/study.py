@@ -17,7 +17,7 @@ from rich.table import Table
 
 from skfem_stvk.terminal import WIDTH, grid
 
-from .bodies import check_body, recipes
+from .bodies import check_body, recipes, touching
 from .files import mesh_files, read_damaged_mesh, read_damaged_scene, scene_files
 from .programs import programs, run_program
 from .solves import check_motion, check_solve, motions, solves
@@ -41,6 +41,10 @@ def families(folder: Path) -> dict[str, tuple[Any, Callable[[Any], bool]]]:
         "programs": (programs(), lambda drawn: run_program(*drawn)),
         "solves": (solves(), check_solve),
         "motions": (motions(), check_motion),
+        "contacts": (touching(), check_body),
+        "contact programs": (programs(touching(2)), lambda drawn: run_program(*drawn)),
+        "contact solves": (solves(touching()), check_solve),
+        "contact motions": (motions(touching()), check_motion),
         "mesh files": (mesh_files, lambda drawn: read_damaged_mesh(folder, *drawn)),
         "scene files": (scene_files, lambda drawn: read_damaged_scene(folder, *drawn)),
     }
@@ -48,6 +52,7 @@ def families(folder: Path) -> dict[str, tuple[Any, Callable[[Any], bool]]]:
 
 #: Slow families run only in every n-th round; the other families run in each round.
 EVERY = {"bodies": 2, "larger bodies": 10, "programs": 2, "solves": 10, "motions": 10}
+EVERY |= {"contacts": 2, "contact programs": 10, "contact solves": 10, "contact motions": 10}
 
 
 def run(cases: int, seconds: float | None, first: int) -> int:

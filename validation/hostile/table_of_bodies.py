@@ -31,6 +31,7 @@ from skfem_stvk import (
     RigidBox,
     RigidContact,
     RigidCylinder,
+    RigidMesh,
     RigidPlane,
     RigidSphere,
     Sine,
@@ -324,6 +325,13 @@ def calls() -> list[Call]:
             inside=True,
         ),
         call("RigidBox", RigidBox, {"radius": NOT_NEGATIVE}, low=(0.0, -0.5), high=(2.0, 1.5), radius=0.25),
+        call(
+            "RigidMesh",
+            RigidMesh,
+            {},
+            {"file": "RigidMesh"},
+            file=(tetrahedra().p, tetrahedra().surface),
+        ),
         call(
             "Friction",
             Friction,

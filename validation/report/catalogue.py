@@ -158,7 +158,10 @@ PARTS: dict[str, dict[str, Part]] = {
         "bar": Part(CODE, "the wave equation", ANALYTIC, "closed form"),
         "bounce": Part(CODE, "energy", ANALYTIC, "conservation laws"),
         "pair": Part(CODE, "a homogeneous state", ANALYTIC, "closed form"),
+        "balls": Part(PUBLISHED, "Hertz's force and contact radius", ANALYTIC, "Hertz 1881, Tatara 1991"),
+        "ironing": Part(SOLUTION, "the mean force", ITSELF, "validation/contact/between.py"),
         "collision": Part(CODE, "energy and momenta", ANALYTIC, "conservation laws"),
+        "precision": Part(SOLUTION, "small steps of VelocityVerlet", ITSELF, "validation/contact/precision.py"),
         "hard": Part(CODE, "no intersection, conserved energy", ANALYTIC, "validation/contact/hard.py", whole_only=True),
     },
     "hard": {
@@ -189,7 +192,13 @@ PARTS: dict[str, dict[str, Part]] = {
     },
     "aspect": {
         "all": Part(
-            CODE, "50 digits", ANALYTIC, "docs/topics/frames.md", "errors on flat elements", takes_quick=False, whole_only=True
+            CODE,
+            "50 digits",
+            ANALYTIC,
+            "docs/measurements/precision.md",
+            "errors on flat elements",
+            takes_quick=False,
+            whole_only=True,
         )
     },
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
@@ -212,7 +221,7 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE,
             "uninterrupted runs",
             ITSELF,
-            "docs/topics/energy-momentum.md",
+            "docs/measurements/motion.md",
             "runs resumed from a checkpoint give the same bits",
             takes_quick=False,
             whole_only=True,

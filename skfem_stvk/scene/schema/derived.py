@@ -6,14 +6,16 @@ import functools
 import operator
 from collections.abc import Iterable, Iterator, Mapping
 from inspect import Parameter, getdoc, signature
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
-from pydantic import Field, create_model
+from pydantic import Field, Tag, create_model
 
 from ...arguments import Quantity
 from ...terms.friction import Friction
+from ...terms.rigid_mesh import RigidMesh
 from ...terms.rigid_shapes import SHAPES
-from .places import PlaceOrName, Region, Simplices
+from .places import PlaceOrName, Region, Simplices, place_or
 from .quantities import Components, Name, Part, bare, is_union, key
 
 #: Names of keys, by the names of their parameters that differ.
@@ -24,7 +26,7 @@ SURFACES = "first", "second"
 TYPES: dict[str, Any] = {
     "where": PlaceOrName,
     "first": PlaceOrName,
-    "second": PlaceOrName,
+    "file": Annotated[str, Field(min_length=1)],
     "region": Region,
     "simplices": Simplices,
     "material": Name,
@@ -40,9 +42,10 @@ class Derived(Part):
 
     library: ClassVar[Any]
 
-    def made(self) -> Any:
-        """Return the object of the library with the values of the keys."""
-        return self.library(**{name: value for name, value in self if name not in ("type", "model")})
+    def made(self, folder: Path = Path()) -> Any:
+        """Return the object of the library with the values of the keys. Files are in the `folder`."""
+        values = {name: folder / value if name == "file" else value for name, value in self}
+        return self.library(**{name: value for name, value in values.items() if name not in ("type", "model")})
 
 
 def derived(
@@ -121,9 +124,15 @@ class AnyShape(Derived):
     """A rigid shape, whose parameters are the keys."""
 
 
+RIGID_MESH = derived("type", "rigid-mesh", RigidMesh)
 #: Tables within those of terms, by the name of their key.
 PARTS: dict[str, list[Any]] = {
     "shape": [derived("type", kind, shape, AnyShape) for kind, shape in SHAPES.items()],
     "friction": [derived("", "friction", Friction)],
+    "second": [RIGID_MESH],
 }
-TYPES |= {"shape": one_of(PARTS["shape"], "type"), "friction": PARTS["friction"][0]}
+TYPES |= {
+    "shape": one_of(PARTS["shape"], "type"),
+    "friction": PARTS["friction"][0],
+    "second": place_or(Annotated[RIGID_MESH, Tag("rigid-mesh")], "rigid-mesh"),
+}

@@ -82,6 +82,16 @@ SHAPES = f"a table with type = one of {', '.join(tag for tags, _ in members(Shap
 Place = Annotated[
     Annotated[Components, Tag("coordinates")] | Shape, _kind_selector("no place", f"coordinates [x, y, z], or {SHAPES}")
 ]
+
+
+def place_or(other: Any, tag: str) -> Any:
+    """Return the type of a location, or of a table of another `type`."""
+    words = f"a name, coordinates [x, y, z], or {SHAPES}, {tag}"
+    return Annotated[
+        Annotated[Name, Tag("name")] | Annotated[Components, Tag("coordinates")] | Shape | other, _kind_selector("name", words)
+    ]
+
+
 #: A location: a name of the mesh or of `[places]`, coordinates of the nearest node, or a shape.
 PlaceOrName = Annotated[
     Annotated[Name, Tag("name")] | Annotated[Components, Tag("coordinates")] | Shape,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from inspect import signature
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
 import numpy as np
@@ -15,7 +16,7 @@ from ...mesh import ElementMesh
 from ...mesh.locations import Where
 from ...terms.elastic_law import ElasticLaw
 from ...terms.times import Ramp, Sine, Table
-from .derived import KEYS, PARTS, SURFACES, Derived, derived, keys_of, one_of
+from .derived import KEYS, SURFACES, Derived, derived, keys_of, one_of
 from .quantities import key
 
 
@@ -35,9 +36,10 @@ def material_tables() -> list[Any]:
 
 
 class Known(Protocol):
-    """Mesh, materials, places and regions of a scene, as its terms need them."""
+    """Mesh, materials, places and regions of a scene, as its terms need them, and the folder of its files."""
 
     mesh: ElementMesh
+    folder: Path
 
     def material(self, name: str) -> materials.Material:
         """Return a material by its name."""
@@ -108,14 +110,16 @@ class AnyTerm(Derived):
             "on": lambda where: by_name(where) if isinstance(where, str) else known.place(where),
             **dict.fromkeys(SURFACES, lambda where: surface(where) if isinstance(where, str) else known.place(where)),
             "simplices": in_columns,
-            **dict.fromkeys(PARTS, lambda part: part.made()),
             given_by(self.library): lambda value: in_time(value, getattr(self, "time", None)),
         }
         given = {}
         for one, value in self:
             name = NAMES.get(one, one)
             if one not in ("type", "time") and (value is not None or name in needed(self.library)):
-                given[name] = looked_up[one](value) if one in looked_up and value is not None else value
+                if isinstance(value, Derived):
+                    given[name] = value.made(known.folder)
+                else:
+                    given[name] = looked_up[one](value) if one in looked_up and value is not None else value
         return given
 
     def term(self, known: Known) -> Any:

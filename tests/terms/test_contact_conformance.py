@@ -1,0 +1,314 @@
+"""Suite of requirements for all terms with contact: those of the package, and a minimal one of `toys.py`.
+
+A contact of one's own is one more row of `CASES`. Faults that are planted in the cases are found.
+"""
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from terms.test_conformance import dense, derivative, force_of
+from terms.test_mesh_contact import by_node, deformed, pair, upper
+from terms.test_rigid_contact import LAW, MESHES, SHAPES
+from terms.toys import Floor
+
+from skfem_stvk import Friction, RigidContact, System
+from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.terms import HasContact, HasHistory, HasMeanForce, TakesTime
+from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.protocols import Assumed
+
+
+class Case(NamedTuple):
+    """Contact of a body, with states (nv, d) in which it touches and does not, and a direction towards the contact.
+
+    Attributes
+    ----------
+    system
+        Body with a law and the contact.
+    apart, touching, way
+        The states, and a direction (nv, d) along which the body that is apart first touches, and then passes if it can.
+    ends
+        Whether something is passed within `way`.
+    step, limit
+        Step of differences in units of length, and their largest relative error.
+    mean
+        Largest relative error of twice the derivative of the mean force. `RigidContact` leaves out the change of its normal.
+    """
+
+    system: System
+    apart: Any
+    touching: Any
+    way: Any
+    ends: bool
+    step: float = 1e-6
+    limit: float = 1e-6
+    mean: float = 1.0
+
+    @property
+    def mesh(self) -> ElementMesh:
+        return self.system.mesh
+
+    @property
+    def direction(self) -> Any:
+        """A direction (nv, d) of size 1 in which all components differ."""
+        v = np.random.default_rng(4).normal(size=self.apart.shape)
+        return v / np.abs(v).max()
+
+
+def rigid(mesh="tetrahedra", shape="sphere", ends=True, **options):
+    system = System(MESHES[mesh], [LAW, RigidContact(SHAPES[shape], stiffness=1e4, name="touch", **options)])
+    u = 0.02 * np.random.default_rng(0).normal(size=(system.mesh.nv, 3))
+    return Case(system, u + np.array([0, 0, 2.0]), u, np.tile([0, 0, -4.0], (system.mesh.nv, 1)), ends)
+
+
+def meshed(kind="tetrahedra", **options):
+    system, _ = pair(kind, **options)
+    u = by_node(deformed(system)[0])
+    apart, way = u.copy(), np.zeros_like(u)
+    apart[upper(system), 2] += 0.02
+    way[upper(system), 2] = -0.05
+    return Case(system, apart, u, way, True, 1e-7, 1e-5, 0.1)
+
+
+def toy():
+    system = System(MESHES["tetrahedra"], [LAW, Floor(0.3, 100.0)])
+    u = 0.02 * np.random.default_rng(0).normal(size=(system.mesh.nv, 3))
+    return Case(system, u + np.array([0, 0, 2.0]), u, np.tile([0, 0, -4.0], (system.mesh.nv, 1)), False, mean=1e-3)
+
+
+RUBBING = Friction(0.4, slip_speed=0.05, slip_length=1e-4)
+CASES = {
+    "toy": toy,
+    "plane": lambda: rigid(shape="plane", ends=False)._replace(mean=1e-3),
+    "sphere": rigid,
+    "sphere with an onset": lambda: rigid(onset=0.05),
+    "sphere, quadratic tetrahedra": lambda: rigid("quadratic tetrahedra"),
+    "cylinder, hexahedra": lambda: rigid("hexahedra", "cylinder"),
+    "rounded box, membrane": lambda: rigid("membrane", "rounded box"),
+    "moving sphere with friction": lambda: rigid(friction=RUBBING, motion=lambda t: (t, 0, 0)),
+    "two bodies": meshed,
+    "two bodies, hexahedra": lambda: meshed("hexahedra"),
+    "two bodies with friction": lambda: meshed(friction=RUBBING),
+}
+
+
+@pytest.fixture(params=CASES)
+def case(request):
+    return CASES[request.param]()
+
+
+def blocks_at(case, term, u):
+    """Return K at `u`, after the term has looked at it."""
+    if hasattr(term, "look"):
+        term.look(u)
+    return dense(case, term, u)[0]
+
+
+def check_protocol(case):
+    term, v = case.system.bound_terms[1], case.direction
+    assert isinstance(term, HasContact) and isinstance(term, HasMeanForce) and case.system.contacts == [term]
+    assert term.energy_and_force(case.apart) == 0 < term.energy_and_force(case.touching)
+    assert np.isfinite(term.identity()).all() and not blocks_at(case, term, case.apart).any()
+    pressure, gap, area = term.evaluated(case.touching)
+    assert pressure.shape == gap.shape == (len(v),) and pressure.min() == 0 < pressure.max() and area > 0
+    assert not term.evaluated(case.apart)[0].any() and term.evaluated(case.apart)[2] == 0 < term.evaluated(case.apart)[1].min()
+    nodes, normals = term.held_directions(case.touching)
+    assert len(nodes) == len(normals) and np.allclose(np.linalg.norm(normals, axis=1), 1)
+    term.refuse_start(case.apart)
+    term.assumed = Assumed.APART
+    assert not blocks_at(case, term, case.touching).any()
+
+
+def check_derivatives(case):
+    """Check the derivatives where it touches, and the energy along the way from a state apart, across the onset."""
+    term, v = case.system.bound_terms[1], case.direction
+    u = case.touching
+    K, F = blocks_at(case, term, u), force_of(term, u)
+    assert derivative(lambda s: term.energy_and_force(u + s * v), case.step) == pytest.approx(np.vdot(F, v), rel=case.limit)
+    change = derivative(lambda s: force_of(term, u + s * v), case.step).ravel()
+    assert np.abs(K @ v.ravel() - change).max() < case.limit * np.abs(change).max()
+    begin, way = case.apart, u - case.apart
+    energies, works = [], []
+    points, weights = np.polynomial.legendre.leggauss(4)
+    parts = np.linspace(0, 1, 401)
+    for low, high in pairwise(parts):
+        at = low + (high - low) * (points + 1) / 2
+        works.append(sum(w * np.vdot(force_of(term, begin + s * way), way) for w, s in zip(weights, at, strict=True)) / 2 / 400)
+        energies.append(term.energy_and_force(begin + high * way))
+    assert np.abs(np.cumsum(works) - energies).max() < 1e-4 * energies[-1]
+
+
+def check_symmetry_and_balance(case):
+    term = case.system.bound_terms[1]
+    K, F = blocks_at(case, term, case.touching), force_of(term, case.touching)
+    assert (np.abs(K - K.T).max() <= 1e-12 * np.abs(K).max()) == term.symmetric
+    x = case.mesh.p.T + case.touching
+    torque = np.cross(x, F).sum(axis=0)
+    assert (np.abs(F.sum(axis=0)).max() < 1e-12 * np.abs(F).sum()) == term.balanced
+    assert (np.abs(torque).max() < 1e-12 * np.abs(x).max() * np.abs(F).sum()) == term.balanced
+
+
+def check_discrete_gradient(case):
+    """Check the work of the mean force between states that touch, across the onset, and at equal states, and its derivative."""
+    term, v, size = case.system.bound_terms[1], case.direction, 1e3 * case.step
+    middle = case.touching + 0.5 * size * v
+    for u0, u1 in ((case.touching, case.touching + size * v), (case.apart, case.touching), (case.touching, case.touching)):
+        force, change = np.zeros_like(u0), term.energy_and_force(u1) - term.energy_and_force(u0)
+        assert term.mean_force(u0, u1, (0.5, 0.5), 0.5, force) == 0
+        assert np.vdot(force, u1 - u0) == pytest.approx(change, rel=1e-9, abs=1e-12 * term.energy_and_force(case.touching))
+    assert force == pytest.approx(force_of(term, case.touching), abs=1e-9 * np.abs(force).max())
+    u0, u1 = case.touching, middle
+
+    def twice(s):
+        force = np.zeros_like(u0)
+        term.mean_force(u0, u1 + s * v, (1.0, 1.0), 0.5, force)
+        return force.ravel()
+
+    term.assumed = u0, u1
+    K, change = blocks_at(case, term, u1), derivative(twice, case.step)
+    term.assumed = None
+    assert np.abs(K @ v.ravel() - change).max() < case.mean * np.abs(change).max()
+
+
+def check_step_limit(case):
+    """Check the limit by bisection of the part of the way that passes nothing."""
+    term = case.system.bound_terms[1]
+    limit, low, high = term.contact_limit(case.apart, case.way), 0.0, 1.0
+    assert term.passes(case.apart, case.apart + case.way) == case.ends == (limit <= 1)
+    if not case.ends:
+        return
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if term.passes(case.apart, case.apart + middle * case.way) else (middle, high)
+    assert 0.99 * low <= limit <= high * (1 + 1e-9) and term.contact_limit(case.apart, -case.way) > 1
+
+
+def check_look(case):
+    """Check that K in a state does not depend on the states before, and that a look makes place for its blocks."""
+    body, fresh = case.system, bound_again(case.system)
+    far = body.tangent(case.apart.ravel())
+    K, other = body.tangent(case.touching.ravel()), fresh.tangent(case.touching.ravel())
+    assert np.array_equal(K.indices, other.indices) and np.array_equal(K.data, other.data)
+    assert K.nnz > far.nnz if hasattr(body.bound_terms[1], "look") else K.nnz == far.nnz
+    again = body.tangent(case.apart.ravel())
+    assert np.array_equal(again.indices, far.indices) and np.array_equal(again.data, far.data)
+
+
+def bound_again(system):
+    """Return the same system, bound again."""
+    return System(system.mesh, system.terms)
+
+
+def check_restored_state(case):
+    """Check that an analysis goes back to an earlier step: forces are those of its history, to the last bit."""
+    body = case.system.for_analysis(in_time=True)
+    term, v = body.bound_terms[1], case.direction
+    assert term is not case.system.bound_terms[1]
+
+    def force_after(u, t):
+        if isinstance(term, TakesTime):
+            term.at(Moment(t, t))
+        return force_of(term, u + 1e3 * case.step * v)
+
+    body.commit(case.touching.ravel(), Moment(0.0, 0.0))
+    wanted, history = force_after(case.touching, 1e-3), body.history()
+    body.commit((case.touching + 0.5e3 * case.step * v).ravel(), Moment(1e-3, 1e-3))
+    after = force_after(case.touching, 2e-3)
+    assert np.array_equal(after, wanted) == (not getattr(term, "has_friction", False) and not isinstance(term, TakesTime))
+    assert len(history) == isinstance(term, HasHistory)
+    body.return_to(history)
+    assert np.array_equal(force_after(case.touching, 1e-3), wanted)
+
+
+CHECKS = {name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")}
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_contacts_meet_the_requirement(check, case):
+    CHECKS[check](case)
+
+
+def scaled(method, factor):
+    def wrong(term):
+        right = getattr(term, method)
+        return lambda *given: factor * right(*given)
+
+    return method, wrong
+
+
+def with_energy(term):
+    """Return a method whose energy jumps where the contact touches."""
+    right = term.energy_and_force
+    return lambda u, force=None: (W := right(u, force)) + 1e-3 * (W > 0) * right(np.zeros_like(u))
+
+
+def stiffer(term):
+    right = term.add_blocks
+
+    def add_blocks(u, blocks, *kept):
+        right(u, blocks, *kept)
+        for part in (blocks.own, blocks.pairs):
+            if part is not None:
+                part *= 1.001
+
+    return add_blocks
+
+
+def of_the_end(term):
+    """Return a mean force that is the force at the end."""
+
+    def mean_force(u0, u1, weights, theta, force):
+        force += sum(weights) * force_of(term, u1)
+        return 0.0
+
+    return mean_force
+
+
+#: Faults by the check that finds them: method, and a function that returns a wrong one.
+FAULTS = {
+    "protocol": ("evaluated", lambda term: lambda u, right=term.evaluated: (1 + right(u)[0], *right(u)[1:])),
+    "derivatives": ("energy_and_force", with_energy),
+    "derivatives ": ("add_blocks", stiffer),
+    "discrete_gradient": ("mean_force", of_the_end),
+    "step_limit": scaled("contact_limit", 1.05),
+    "step_limit ": scaled("contact_limit", 0.9),
+}
+
+
+@pytest.mark.parametrize("name", ["toy", "sphere", "two bodies"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_planted_faults_are_found(fault, name):
+    case, (method, wrong) = CASES[name](), FAULTS[fault]
+    if "limit" in fault and not case.ends:
+        pytest.skip("nothing passes a floor")
+    term = case.system.bound_terms[1]
+    setattr(term, method, wrong(term))
+    with pytest.raises(AssertionError):
+        CHECKS[fault.strip()](case)
+
+
+@pytest.mark.parametrize("name", ["toy", "two bodies"])
+def test_a_false_declaration_of_balance_is_found(name):
+    case = CASES[name]()
+    term = case.system.bound_terms[1]
+    term.balanced = not term.balanced
+    with pytest.raises((AssertionError, AttributeError, TypeError, ValueError)):
+        check_symmetry_and_balance(case)
+
+
+def test_a_contact_that_does_not_look_is_found():
+    case = meshed()
+    case.system.bound_terms[1].look = lambda u: None
+    with pytest.raises((AssertionError, IndexError, ValueError)):
+        check_look(case)
+
+
+def test_a_history_that_is_not_restored_is_found(monkeypatch):
+    case = rigid(friction=RUBBING)
+    monkeypatch.setattr(
+        type(case.system.bound_terms[1]), "history", property(lambda self: self._history, lambda self, numbers: None)
+    )
+    with pytest.raises(AssertionError):
+        check_restored_state(case)
