@@ -42,12 +42,13 @@ if __name__ == "__main__":
     plt.style.use("skfem_stvk.gallery")
     figure, (shape, curves) = plt.subplots(2, 1, figsize=(6.4, 5.2))
     faces = mesh.surface[:, (mesh.p[1, mesh.surface] == 0).all(axis=0)].T
-    for t, u in states[::9]:
+    for number, (t, u) in enumerate(states[::8]):
         x, _, z = mesh.p + u.reshape(-1, 3).T
+        x += 0.2 * number - x.mean()  # side by side
         shape.triplot(x, z, faces, "-", color="#0072B2", lw=0.6)
-        shape.text(x.mean(), z.max() + 0.01, f"{t:.2f} s", ha="center")
+        shape.text(0.2 * number, 0.15, f"{t:.2f} s", ha="center")
     shape.axhline(-0.02, color="0.5")
-    shape.set(aspect="equal", xlabel="x [m]", ylabel="z [m]", ylim=(-0.03, 0.17))
+    shape.set(aspect="equal", xticks=[], ylabel="z [m]", ylim=(-0.03, 0.18))
     for name, energy in energies.items():
         curves.plot(ledger["time"], energy, markevery=0.1, label=name)
     curves.plot(ledger["time"], sum(energies.values()), "k--", label="sum")
