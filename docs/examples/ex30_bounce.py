@@ -2,9 +2,9 @@
 A block that bounces
 ====================
 
-A soft block falls on a floor with friction. The floor holds its corners back, so that it
-tumbles. The energy-momentum method accounts for all energy of motion, strain, contact and
-height, and for the energy that friction takes.
+A soft block falls on a floor with friction. The floor holds its corners back, so that
+it tumbles. The energy-momentum method accounts for all energy of motion, strain,
+contact and height, and for the energy that friction takes.
 """
 
 import numpy as np

@@ -2,9 +2,10 @@
 Hertz's ball on a plate
 =======================
 
-A ball is pressed on a plate. With linear elasticity, the force is that of Hertz's theory
-with Tatara's correction for the finite size of the ball. Two laws for large strains are
-softer. The mesh is an octant of quadratic tetrahedra, finer near the contact.
+A ball is pressed on a plate. With linear elasticity, the force is that of Hertz's
+theory with Tatara's correction for the finite size of the ball. Two laws for large
+strains are softer. The mesh is an octant of quadratic tetrahedra, finer near the
+contact.
 """
 
 import numpy as np
@@ -57,7 +58,5 @@ if __name__ == "__main__":
         axes.plot(approach(A) * result.history.t, forces[name], mark, label=name)
     axes.set(xlabel="approach / R", ylabel="force / (E R²)")
     axes.legend()
-    print(
-        "force / Hertz's:", ", ".join(f"{name} {ratios[name]:.4f}" for name in ratios)
-    )
+    print("force / Hertz's:", ", ".join(f"{n} {r:.4f}" for n, r in ratios.items()))
     plt.show()
