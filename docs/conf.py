@@ -38,7 +38,8 @@ numpydoc_show_class_members = False  # the template of classes lists them
 # Of this wheel one file, with all fonts: others of MathJax load parts from the network.
 _mathjax = next(file for file in distribution("sphinx-mathjax-offline").files or () if file.name == "tex-svg-full.js")
 mathjax_path = _mathjax.name
-html_static_path = [str(_mathjax.locate())]
+html_static_path = [str(_mathjax.locate()), "_static"]
+html_css_files = ["site.css"]
 
 copybutton_prompt_text, copybutton_prompt_is_regexp = r">>> |\.\.\. |\$ ", True
 
@@ -57,6 +58,7 @@ sphinx_gallery_conf = {
 }
 
 html_theme = "pydata_sphinx_theme"
+html_title = "skfem-stvk"
 html_context = {"default_mode": "auto"}
 html_show_search_summary = False  # browsers refuse to fetch summaries for file://
 html_show_sourcelink = html_copy_source = False

@@ -46,14 +46,14 @@ EXIT_CODES = (
 REMEDIES = {
     Status.CONVERGED: "",
     Status.AT_ROUND_OFF: "The residual is as small as rounding allows. A smaller `rtol` has no effect.",
-    Status.UNSTABLE: "Follow the path through the critical point, or add a small imperfection: [stability](../topics/stability.md).",
+    Status.UNSTABLE: "Follow the path through the critical point, or add an imperfection: [stability](../topics/stability.md).",
     Status.INVERTED: "Add a term that resists inversion: [prevent inversion](../how-to/inversion.md).",
     Status.STOPPED: "Read the message: [why did Newton fail?](../how-to/newton-failed.md).",
     Status.FINISHED: "",
     Status.ENDED_INVERTED: "Add a term that resists inversion, or take a smaller `dt`.",
     Status.BLEW_UP: "Take a smaller `dt`, or an implicit integrator.",
     Status.NOT_CONVERGED: "Take a smaller `dt`, another tangent, or an integrator that damps.",
-    Status.INTERRUPTED: "Resume from the checkpoint: [results so far](../how-to/results.md).",
+    Status.INTERRUPTED: "Resume from the checkpoint: [long runs and restart](../how-to/long-runs.md).",
 }
 
 
@@ -109,7 +109,8 @@ def outcomes() -> str:
         "\n## Why a step failed\n\nThese words are in messages after the load factor or the time:\n",
         "| words | remedy |\n|---|---|",
         *(f"| {end.value} | {cell(ADVICE.get(end, INVERSION))} |" for end in End if not end.converged),
-        "\n## Findings about elements\n\n`result.findings`, `run.findings` and warnings name elements outside the range of the model:\n",
+        "\n## Findings about elements\n\n",
+        "`result.findings`, `run.findings` and warnings name elements outside the range of the model:\n",
         "| name | meaning | read |\n|---|---|---|",
         *(f"| {name} | {meaning} | {page} |" for name, meaning, page in FINDINGS),
         "",
@@ -135,11 +136,11 @@ def scene_keys(number: int) -> str:
         page = page_of[found[1]]
         return f"](#{found[1]})" if page == number else f"]({SCENE_KEYS[page][0]}.md#{found[1]})"
 
-    others = ", ".join(f"[{title.partition(': ')[2]}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
+    others = ",\n".join(f"[{title.partition(': ')[2]}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
     head = (
         f"# {SCENE_KEYS[number][1]}\n\nPrinted from the schema that checks scenes; `skfem-stvk init --keys` prints all keys, and\n"
         '`skfem-stvk init --schema` prints JSON Schema for editors. Units are those of `units = "SI"`.\n'
-        f"Other keys:\n{others}.\n[The whole job from one file](../tutorials/scenes.md) is the tutorial.\n"
+        f"Other keys: {others}.\n[The whole job from one file](../tutorials/scenes.md) is the tutorial.\n"
     )
     shown = "\n".join(f"## {table}" for table in tables[ends[number] : ends[number + 1]])
     return head + "\n" + re.sub(r"\]\(#([\w-]+)\)", link, shown).rstrip() + "\n"

@@ -260,9 +260,10 @@ def budget(options: argparse.Namespace) -> int:
     (solvers, missing), units = _solvers(), UNITS[options.units]
     _print(f"{options.mesh}: {mesh!r}; fixed: {fixed}; pushed: {pushed}")
     _print(
-        f"To measure, for {SECONDS:g} s each: steps of {step:g} {units.of('s')} of the full body with {len(INTEGRATORS)} integrators and "
-        f"the solvers {', '.join(solvers)}; of bodies reduced to {', '.join(map(str, SIZES))} unknowns, and their errors under a "
-        f"static push; answers of a precomputed response, from some {ALONG * ACROSS ** (mesh.d - 1) + CHECKS} static solves."
+        f"To measure, for {SECONDS:g} s each: steps of {step:g} {units.of('s')} of the full body with {len(INTEGRATORS)} "
+        f"integrators and the solvers {', '.join(solvers)}; of bodies reduced to {', '.join(map(str, SIZES))} unknowns, and their "
+        f"errors under a static push; answers of a precomputed response, from some {ALONG * ACROSS ** (mesh.d - 1) + CHECKS} "
+        "static solves."
     )
     if missing:
         _print(f"Not installed, so not measured: {', '.join(missing)}")

@@ -82,8 +82,8 @@ class Outputs:
             return cls(setup, record, None, every, checkpoint)
         if then.save is not None and not save.exists():
             warn(
-                f"{save} does not exist, so it begins at t = {t:g} {s}. Earlier states are in the series of the run that is resumed, "
-                f"{then.save!r}."
+                f"{save} does not exist, so it begins at t = {t:g} {s}. Earlier states are in the series of the run that is "
+                f"resumed, {then.save!r}."
             )
         last = float(record.ledger["time"][record.steps - record.steps % every])
         space = setup.motion.system.space
@@ -92,7 +92,8 @@ class Outputs:
         )
         if series.steps and series.steps[-1][0] < last < t and every == then.every:
             warn(
-                f"{series.path} ends at t = {series.steps[-1][0]:g} {s}: its state at {last:g} {s} is missing and cannot be restored."
+                f"{series.path} ends at t = {series.steps[-1][0]:g} {s}: its state at {last:g} {s} is missing and cannot be "
+                "restored."
             )
         return cls(setup, record, series, every, checkpoint)
 

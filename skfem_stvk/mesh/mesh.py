@@ -310,8 +310,8 @@ class ElementMesh(LabelledMesh):
         """Return the same body with its vertices in reverse Cuthill-McKee order, and the old number of each new node (nv,).
 
         Rows of K of neighbouring nodes are then close in memory: K of a randomly numbered mesh takes two thirds of the time
-        (`docs/measurements/speed.md`). Boundaries and node sets are renumbered; elements keep their order. A field `x` (nv, d) of this
-        mesh is `x[nodes]` on the new mesh.
+        (`docs/measurements/speed.md`). Boundaries and node sets are renumbered; elements keep their order. A field `x` (nv, d) of
+        this mesh is `x[nodes]` on the new mesh.
 
         Examples
         --------

@@ -101,7 +101,7 @@ class Package:
     deviates
         Known deviations from this package.
     tried
-        Versions that were verified (docs/how-to/judge-a-code.md).
+        Versions that were verified (docs/measurements/peers.md).
     file
         Name of the file in this folder that wraps the package, if it is not `module`.
     """

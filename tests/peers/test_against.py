@@ -462,7 +462,7 @@ def test_a_degenerate_force_does_not_pass():
 
 
 def test_the_page_contains_every_row():
-    page = " ".join((Path(__file__).parents[2] / "docs" / "how-to" / "judge-a-code.md").read_text().split())
+    page = " ".join((Path(__file__).parents[2] / "docs" / "measurements" / "peers.md").read_text().split())
     for name, of in PEERS.items():
         known = f"Known to do otherwise: {of.deviates}.{' ' * bool(of.why)}{of.why} Judged: {of.tried}. `{of.install}`"
         assert f"- **{name}** (`--against {of.module}`): {of.gives} of {' and '.join(of.elements)}. {known}" in page, name

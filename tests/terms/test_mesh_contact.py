@@ -691,9 +691,9 @@ def test_a_missing_or_other_toolkit_is_named_with_the_command_that_installs_it(m
 def test_collisions_do_not_depend_on_where_pairs_were_searched(kind):
     """Collisions among the pairs of an earlier search have the bits of a new search, on a way of small and of large steps."""
     system, _ = pair(kind)
-    term, random = system.bound_terms[1], np.random.default_rng(5)
+    term, rng = system.bound_terms[1], np.random.default_rng(5)
     u, searches, touching = np.zeros((system.mesh.nv, 3)), 0, set()
-    for i, apart in enumerate((2.2, 0.2, 0.0, 2.2, 1.8, 1.4, 1.0, 0.6, 0.2, *random.uniform(0, 0.5, 10))):
+    for i, apart in enumerate((2.2, 0.2, 0.0, 2.2, 1.8, 1.4, 1.0, 0.6, 0.2, *rng.uniform(0, 0.5, 10))):
         u[:, 2] = -0.5 * apart * DISTANCE
         u[upper(system), 2] *= -1
         u[upper(system), 0] += 0.2 * DISTANCE * (i > 8)

@@ -706,7 +706,7 @@ def test_the_ledger_has_the_resultants_of_contacts_with_which_momentum_balances(
 
 
 def test_a_slack_sheet_in_a_contact_has_advice_that_helps():
-    """A sheet that lies in a plane has no tension, so statics fails; the advice names the contact's start and a way that succeeds."""
+    """A sheet that lies in a plane has no tension, so statics fails; the advice names the contact and a way that succeeds."""
     points = np.array([[0.05 * i, 0.05 * j, -1e-4] for j in range(5) for i in range(9)]).T
     quads = np.array([[9 * j + i, 9 * j + i + 1, 9 * j + i + 10, 9 * j + i + 9] for j in range(4) for i in range(8)])
     sheet = ElementMesh(points, np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).T)

@@ -1,10 +1,13 @@
 """Minimal laws and loads that are not part of the package, written with numpy only, without edges or elements.
 
-- `Springs` are nonlinear springs between any vertices: with energy, symmetric, balanced. Springs have mass, so that bodies move. -
-`Areas` have an energy of the areas of vertex triples in space. One Hessian serves both orders of its pairs. - `Anchors` are
-nonlinear springs to the ground: not balanced, with diagonal blocks only. - `Wind` is a force that rotates with pairs of vertices:
-without energy, neither symmetric nor balanced. - `Friction` has springs to the last accepted state: a term with history. -
-`Contacts` are springs whose pairs change. - `Floor` is a contact of vertices with a floor. - `Vortex` is a load that rotates about an axis, without potential.
+- `Springs` are nonlinear springs between any vertices: with energy, symmetric, balanced. Springs have mass, so that bodies move.
+- `Areas` have an energy of the areas of vertex triples in space. One Hessian serves both orders of its pairs.
+- `Anchors` are nonlinear springs to the ground: not balanced, with diagonal blocks only.
+- `Wind` is a force that rotates with pairs of vertices: without energy, neither symmetric nor balanced.
+- `Friction` has springs to the last accepted state: a term with history.
+- `Contacts` are springs whose pairs change.
+- `Floor` is a contact of vertices with a floor.
+- `Vortex` is a load that rotates about an axis, without potential.
 """
 
 from dataclasses import dataclass

@@ -465,7 +465,7 @@ def test_vectors_of_other_materials_are_refused(law, words):
 
 
 def test_the_page_contains_the_whole_layout():
-    page = (DOCS / "how-to" / "test-vectors.md").read_text()
+    page = (DOCS / "reference" / "test-vector-files.md").read_text()
     for name, field in LAYOUT.items():
         sizes = " x ".join(field.sizes)
         assert f"| `{name}` | {field.type} | {sizes} | {field.unit} | {field.what} |" in page, name

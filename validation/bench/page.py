@@ -22,11 +22,21 @@ PICTURES = {
     "speed-error": "Time of a call against its error: down and to the left is better",
     "size": "Time of a call per tetrahedron, against the size of the mesh",
 }
+INTRODUCTION = """\
+Look up the time, memory and errors of W, F, K and K v, compared with other codes and with the limits of the machine. This command
+measures them in a checkout of the project and writes this page:
+
+    {command}
+
+{warning}It ran on {date}, on this machine and with these versions:
+
+{head}"""
+NEXT = "Next: [how the kernels work, and what was tried](speed.md), and [all records](index.md)."
 METHOD = """\
-The command runs in a checkout of the project. Boxes are grids with six tetrahedra per cell, in scikit-fem's order. Parts are a
-bracket meshed by Gmsh (`pip install gmsh`). Half of all tetrahedra have negative orientation. Poisson's ratio is 0.3, strains are
-about 0.6. Compared calls alternate. Each turn makes one untimed call, which fills the caches, and five timed calls: after other
-work, a CSR product took twice as long here. The tables show the best time and the median. All calls run on one thread unless a
+Boxes are grids with six tetrahedra per cell, in scikit-fem's order. Parts are a bracket meshed by Gmsh (`pip install gmsh`). Half
+of all tetrahedra have negative orientation. Poisson's ratio is 0.3, strains are about 0.6. Compared calls alternate. Each round makes
+one untimed call, which fills the caches, and five timed calls. Without the untimed call a CSR product took twice as long here,
+after other work. The tables show the best time and the median. All calls run on one thread unless a
 table says otherwise. K is written into the CSR matrix that the solver takes (`tangent(u, out=K)`). The CSR product is scipy's, with
 the same K. The C loop is a plain element loop of this project (`validation/bench/control.c`). It is compiled with `-O3
 -march=native -ffast-math` if there is a compiler. scikit-fem's forms are optimised: they use one quadrature point, and all constant
@@ -95,12 +105,13 @@ def page(results: Benchmark) -> str:
     quick = "" if results.plan.name == "full" else f" --{results.plan.name}"
     command = f"python -m validation bench{quick} --out docs/measurements"
     warning = "**Interrupted**: the tables show what was measured before.\n\n" if results.interrupted else ""
-    parts = [f"# The benchmark\n\nThis page is written by\n\n    {command}\n\n{warning}on\n\n{_indented(head(results))}"]
+    intro = INTRODUCTION.format(command=command, warning=warning, date=results.header["date"][:10], head=_indented(head(results)))
+    parts = [f"# The benchmark\n\n{intro}"]
     shown = tables(results)
     parts += [_section(table) for table in shown[:1]]
     parts += [f"![{words}](benchmark-{picture}.png)" for picture, words in PICTURES.items()]
     parts += ["## How it is measured\n\n" + METHOD]
-    return "\n\n".join([*parts, *(_section(table) for table in shown[1:])]) + "\n"
+    return "\n\n".join([*parts, *(_section(table) for table in shown[1:]), NEXT]) + "\n"
 
 
 def _section(table: FigureTable) -> str:

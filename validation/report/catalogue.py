@@ -57,9 +57,9 @@ PARTS: dict[str, dict[str, Part]] = {
         ),
         "vectors": Part(CODE, "W, F and K in 50 digits", ANALYTIC, "docs/how-to/test-vectors.md", numbers="vectors"),
         "C": Part(CODE, "a program in C", OTHER_CODE, "docs/vectors.c", numbers="round_trip"),
-        "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="mujoco"),
-        "FElupe": Part(CODE, "FElupe", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="felupe"),
-        "NGSolve": Part(CODE, "NGSolve", OTHER_CODE, "docs/how-to/judge-a-code.md", numbers="ngsolve"),
+        "MuJoCo": Part(CODE, "MuJoCo's flex", OTHER_CODE, "docs/measurements/peers.md", numbers="mujoco"),
+        "FElupe": Part(CODE, "FElupe", OTHER_CODE, "docs/measurements/peers.md", numbers="felupe"),
+        "NGSolve": Part(CODE, "NGSolve", OTHER_CODE, "docs/measurements/peers.md", numbers="ngsolve"),
         "coefficients": Part(PUBLISHED, "regular tetrahedron", VALUE, "Delingette 2008; literature", numbers="coefficients"),
     },
     "orders": {
@@ -184,7 +184,7 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE,
             "a correct result, or a readable error",
             "mutation",
-            "docs/measurements/fuzzing.md",
+            "docs/measurements/robustness.md",
             "random bodies, programs, solves, motions and files give a correct result or a readable error",
             takes_quick=False,
             whole_only=True,
@@ -202,7 +202,9 @@ PARTS: dict[str, dict[str, Part]] = {
         )
     },
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
-    "response": {"all": Part(SOLUTION, "static solves", ITSELF, "validation/response.py", "errors fall with h^4", whole_only=True)},
+    "response": {
+        "all": Part(SOLUTION, "static solves", ITSELF, "docs/measurements/real-time.md", "errors fall with h^4", whole_only=True)
+    },
     "threads": {
         "all": Part(
             CODE,
@@ -214,7 +216,9 @@ PARTS: dict[str, dict[str, Part]] = {
         )
     },
     "distributed": {
-        "all": Part(CODE, "one machine", ITSELF, "docs/how-to/cluster.md", "a body on ranks has the same answers", whole_only=True)
+        "all": Part(
+            CODE, "one machine", ITSELF, "docs/measurements/distributed.md", "a body on ranks has the same answers", whole_only=True
+        )
     },
     "resumed": {
         "all": Part(
@@ -240,5 +244,5 @@ PARTS: dict[str, dict[str, Part]] = {
     "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
     "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},
     "rows": {"all": Part(CODE, "one CSR product", ITSELF, "validation/rows.py", "rows of K", speed=True)},
-    "loop": {"all": Part(CODE, "W, F and K", ITSELF, "docs/how-to/in-your-loop.md", "steps of a driven simulation", speed=True)},
+    "loop": {"all": Part(CODE, "W, F and K", ITSELF, "docs/measurements/loop.md", "steps of a driven simulation", speed=True)},
 }

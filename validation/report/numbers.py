@@ -83,7 +83,7 @@ def planted_faults(quick: bool) -> Iterator[Number]:
                  len(found.idle), 0.0, 0.0, none, "mutation", source)  # fmt: skip
     wrong = sorted({*found.unnamed, *found.wrong_names})
     yield Number("faults with a wrong name", f"every planted fault gets the name of its class or no name, {many}", len(wrong), 0.0,
-                 0.0, none, "mutation", "docs/how-to/read-a-report.md", notes=tuple(wrong))  # fmt: skip
+                 0.0, none, "mutation", "docs/measurements/named-faults.md", notes=tuple(wrong))  # fmt: skip
 
 
 def _of_checks(name: str, report: Report, source: str, kind: str, *notes: str) -> Number:
@@ -204,7 +204,7 @@ def _peer(name: str) -> Number:
     mesh = embedded_mesh()
     with peer_candidate(name, mesh, 1e5, 0.3) as (candidate, line):
         report = verify(mesh, young=1e5, poisson=0.3, candidate=candidate, quiet=True)
-    return _of_checks(name, report, "docs/how-to/judge-a-code.md", "another code", line)
+    return _of_checks(name, report, "docs/measurements/peers.md", "another code", line)
 
 
 def coefficients(quick: bool) -> Iterator[Number]:
