@@ -260,7 +260,7 @@ def test_ten_faults():
     example = drawn(PROGRAMS / "ten_faults.py")
     assert [example.FAULTS[name].named in example.named[name].names for name in example.PLANTED] == [True] * 10
     assert all(one.residual < 1e-10 < 0.03 < naming.before for naming in example.named.values() for one in naming.explanations)
-    page = (DOCS / "how-to" / "read-a-report.md").read_text(encoding="utf-8")
+    page = (DOCS / "measurements" / "named-faults.md").read_text(encoding="utf-8")
     assert "\n".join(f"    {line}" for line in example.told()) in page
 
 
