@@ -24,7 +24,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
 ]
 templates_path = ["_templates"]
-exclude_patterns = ["examples", "scenes", "gallery/sg_execution_times.rst"]
+exclude_patterns = ["examples", "programs", "scenes", "gallery/sg_execution_times.rst"]
 default_role = "code"  # `u` in a docstring is code
 
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]

@@ -1,19 +1,24 @@
-"""A ball that is pressed on a plate: linear elasticity against Hertz's force, and two other laws, which are softer.
+"""
+Hertz's ball on a plate
+=======================
 
-A cube of quadratic tetrahedra, finer near one corner, is mapped to an octant of a ball with radius 1 and E = 1. Hertz's force at
-the contact radius a is `F = 4/3 E* a^3`, with `E* = 1/(1 - nu^2)`. The ball approaches the plate as in his theory, with Tatara's
-correction for its finite size.
+A ball is pressed on a plate. With linear elasticity, the force is that of Hertz's
+theory with Tatara's correction for the finite size of the ball. Two laws for large
+strains are softer. The mesh is an octant of quadratic tetrahedra, finer near the
+contact.
 """
 
 import numpy as np
 import skfem
 
-from skfem_stvk import ElementMesh, LinearElastic, NeoHookean, RigidContact, RigidPlane, StVK, System, solve_static
+from skfem_stvk import ElementMesh, LinearElastic, NeoHookean, RigidContact, RigidPlane
+from skfem_stvk import StVK, System, solve_static
 
-NU, A = 0.3, 0.15
+NU, A = 0.3, 0.15  # Poisson's ratio, contact radius; radius and Young's modulus are 1
 s = np.linspace(0, 1, 8) ** 2.2
 cube = ElementMesh.of(skfem.MeshTet.init_tensor(s, s, 1 - s[::-1])).with_degree(2)
-octant = cube.p * cube.p.max(axis=0) / np.maximum(np.linalg.norm(cube.p, axis=0), 1e-9) * [[1], [1], [-1]]
+stretch = cube.p.max(axis=0) / np.maximum(np.linalg.norm(cube.p, axis=0), 1e-9)
+octant = cube.p * stretch * [[1], [1], [-1]]
 mesh = ElementMesh(octant, cube.t, element=cube.element)
 
 
@@ -30,34 +35,28 @@ def below(x):
     return (np.linalg.norm(x, axis=0) > 0.999) & (np.hypot(x[0], x[1]) < 2 * A)
 
 
-plate = RigidContact(RigidPlane((0, 0, -1), (0, 0, 1)), below, stiffness=5e3, name="plate")
+plane = RigidPlane((0, 0, -1), (0, 0, 1))
+plate = RigidContact(plane, below, stiffness=5e3, name="plate")
 sides = {(lambda x, i=i: np.abs(x[i]) < 1e-9): "xy"[i] for i in range(2)}
 lowered = {lambda x: np.abs(x[2]) < 1e-9: {"z": -approach(A)}}
 results, forces = {}, {}
 for law in (LinearElastic, NeoHookean, StVK):
     ball = System(mesh, [law(young=1.0, poisson=NU), plate], sides, lowered)
     results[law.__name__] = result = solve_static(ball, steps=3, quiet=True)
-    forces[law.__name__] = [4 * ball.contact_force(step.u)[2::3].sum() for step in result.history]
+    force = [4 * ball.contact_force(step.u)[2::3].sum() for step in result.history]
+    forces[law.__name__] = force
 ratios = {name: force[-1] / hertz_force(A) for name, force in forces.items()}
 
-
-def picture():
+if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
-    a, r = np.linspace(0, A, 50), np.linspace(0, A, 50)
-    left.plot(approach(a), hertz_force(a), "k", label="Hertz, Tatara")
-    right.plot(r, 1.5 * hertz_force(A) / (np.pi * A**2) * np.sqrt(1 - (r / A) ** 2), "k", label="Hertz")
-    for (name, result), marker in zip(results.items(), "o^s", strict=True):
-        left.plot(approach(A) * result.history.t, forces[name], marker, label=name)
-        pressure, radius = result.contact("plate").pressure, np.hypot(*(mesh.p[:2] + result.u.reshape(-1, 3).T[:2]))
-        right.plot(radius[pressure > 0], pressure[pressure > 0], marker, ms=4, label=name)
-    left.set(xlabel="approach/R", ylabel="force/(E R$^2$)")
-    right.set(xlabel="distance from the axis/R", ylabel="pressure/E")
-    left.legend()
-    return figure
-
-
-if __name__ == "__main__":
-    picture().savefig("ex32_hertz.png", dpi=110)
-    print(f"force over Hertz's: {', '.join(f'{name} {ratio:.4f}' for name, ratio in ratios.items())}")
+    plt.style.use("skfem_stvk.gallery")
+    figure, axes = plt.subplots(figsize=(5, 3.4))
+    a = np.linspace(0, A, 50)
+    axes.plot(approach(a), hertz_force(a), "k-", label="Hertz, Tatara")
+    for (name, result), mark in zip(results.items(), "o^s"):
+        axes.plot(approach(A) * result.history.t, forces[name], mark, label=name)
+    axes.set(xlabel="approach / R", ylabel="force / (E R²)")
+    axes.legend()
+    print("force / Hertz's:", ", ".join(f"{n} {r:.4f}" for n, r in ratios.items()))
+    plt.show()

@@ -52,7 +52,7 @@ def test_the_scenes_of_the_tutorial_have_the_results_that_it_names(tmp_path):
 
 
 def test_the_bag_equals_its_example_bit_for_bit():
-    example = runpy.run_path(str(FOLDER.parent / "examples" / "ex20_bag.py"))
+    example = runpy.run_path(str(FOLDER.parent / "examples" / "ex12_bag.py"))
     assert Scene.read(FOLDER / "bag.toml").solve(quiet=True).result.u.tobytes() == example["bag"].u.tobytes()
 
 

@@ -31,7 +31,8 @@ measures them in a checkout of the project and writes this page:
 {warning}It ran on {date}, on this machine and with these versions:
 
 {head}"""
-NEXT = "Next: [how the kernels work, and what was tried](speed.md), and [all records](index.md)."
+NEXT = """Next: [how the kernels work, and what was tried](speed.md), [a short program](../programs/speed.py) with four of the times, and
+[all records](index.md)."""
 METHOD = """\
 Boxes are grids with six tetrahedra per cell, in scikit-fem's order. Parts are a bracket meshed by Gmsh (`pip install gmsh`). Half
 of all tetrahedra have negative orientation. Poisson's ratio is 0.3, strains are about 0.6. Compared calls alternate. Each round makes
