@@ -41,7 +41,7 @@ def save(mesh: ElementMesh, file: Path) -> None:
 
 
 def bag() -> ElementMesh:
-    """Return the ball with its skin, four ropes and their hooks, of `docs/examples/ex20_bag.py`."""
+    """Return the ball with its skin, four ropes and their hooks, of `docs/examples/ex12_bag.py`."""
     ball = ElementMesh.of(skfem.MeshTet.init_ball(3))
     towards = np.array([[-1, -1, 1, 1], [-1, 1, -1, 1], [1.4, 1.4, 1.4, 1.4]]) * 0.6
     hooks = ball.nv + np.arange(4, dtype=np.int32)

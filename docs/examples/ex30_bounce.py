@@ -6,13 +6,26 @@ rest is exchanged between motion, strain, height and the contact, and what is mi
 
 import numpy as np
 
-from skfem_stvk import EnergyMomentum, Friction, Gravity, NeoHookean, RigidContact, RigidPlane, System, simulate
+from skfem_stvk import (
+    EnergyMomentum,
+    Friction,
+    Gravity,
+    NeoHookean,
+    RigidContact,
+    RigidPlane,
+    System,
+    simulate,
+)
 from skfem_stvk.mesh import box
 
 L = 0.1
 mesh = box((L, L, L), (4, 4, 4))
 rubber = NeoHookean(young=5e4, poisson=0.4, density=1000.0)
-floor = RigidContact(RigidPlane((0, 0, -0.02), (0, 0, 1)), friction=Friction(0.4, slip_speed=0.05), name="floor")
+floor = RigidContact(
+    RigidPlane((0, 0, -0.02), (0, 0, 1)),
+    friction=Friction(0.4, slip_speed=0.05),
+    name="floor",
+)
 block = System(mesh, [rubber, Gravity((0, 0, -9.81)), floor])
 v0 = np.zeros((mesh.nv, 3))
 v0[:, 0], v0[:, 2] = 0.8, -0.5
@@ -35,7 +48,9 @@ def picture():
     figure = plt.figure(figsize=(9, 3.4), layout="constrained")
     left, right = figure.add_subplot(121, projection="3d"), figure.add_subplot(122)
     x = mesh.p + run.u.reshape(-1, 3).T
-    left.plot_trisurf(*x, triangles=mesh.surface.T, color="tab:blue", edgecolor="white", linewidth=0.3)
+    left.plot_trisurf(
+        *x, triangles=mesh.surface.T, color="tab:blue", edgecolor="white", linewidth=0.3
+    )
     ends = np.array([x.min(axis=1) - 0.02, x.max(axis=1) + 0.02])
     plane = np.meshgrid(ends[:, 0], ends[:, 1])
     left.plot_surface(*plane, np.full((2, 2), -0.02), color="0.8", alpha=0.5)
@@ -53,4 +68,6 @@ def picture():
 
 if __name__ == "__main__":
     picture().savefig("ex30_bounce.png", dpi=110)
-    print(f"energy missing at most: {missing:.1e} of the first kinetic energy; {run.contact('floor')!r}")
+    print(
+        f"energy missing at most: {missing:.1e} of the first kinetic energy; {run.contact('floor')!r}"
+    )

@@ -69,12 +69,12 @@ def test_ranks_without_a_hook_are_refused_with_the_line_to_type(on_ranks):
 @pytest.mark.slow
 def test_the_example_on_two_ranks_is_that_on_one(on_ranks, tmp_path):
     """The picture is drawn into a copy of the example's folder."""
-    for name in ("scenes/bracket.msh", "examples/ex27_ranks.py"):
+    for name in ("scenes/bracket.msh", "programs/ranks.py"):
         (tmp_path / name).parent.mkdir()
         shutil.copy(ROOT / "docs" / name, tmp_path / name)
-    done = on_ranks(2, tmp_path / "examples" / "ex27_ranks.py", timeout=HUNG)
+    done = on_ranks(2, tmp_path / "programs" / "ranks.py", timeout=HUNG)
     assert done.stdout == "2 rank(s): the tip sinks by 1.0243 mm\n"
-    assert (tmp_path / "examples" / "ex27_ranks.png").stat().st_size > 10_000
+    assert (tmp_path / "programs" / "ranks.png").stat().st_size > 10_000
 
 
 # the command

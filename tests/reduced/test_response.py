@@ -16,6 +16,7 @@ import pytest
 
 import skfem_stvk
 from skfem_stvk import (
+    BodyForce,
     ElementMesh,
     Gravity,
     PrecomputedResponse,
@@ -553,3 +554,22 @@ def test_errors_between_points_show_a_wrong_table(monkeypatch):
     monkeypatch.setattr(handle_solves.HandleSolver, "__call__", elsewhere)
     wrong = PrecomputedResponse(solid(BEAM), GRIP, axes, checks=None, quiet=True)
     assert wrong.error.largest_force > 30 * right.error.largest_force
+
+
+def test_a_thousand_responses_along_a_motion_of_the_hand_agree_with_static_solves():
+    """The work along a closed path is zero, and solves at eight moments between the grid points differ by 1e-4."""
+    mesh, terms = box(size=(3.0, 1.0), cells=(18, 6)), [StVK(young=1e4, poisson=0.4), BodyForce((0, -20.0))]
+    grid = np.linspace(-0.1, 0.6, 6), np.linspace(-1.0, 1.0, 9)
+    bar = System(mesh, terms, fixed={"left": "xy"})
+    answers = PrecomputedResponse(bar, handle="right", displacements=grid, quiet=True)
+    t = np.linspace(0, 1, 1001)
+    hand = np.stack([0.25 + 0.3 * np.sin(2 * np.pi * t), 0.9 * np.sin(4 * np.pi * t)], axis=1)
+    forces = np.array([answers(place)[0] for place in hand])
+    largest = np.linalg.norm(forces, axis=1).max()
+    work = np.sum((forces[1:] + forces[:-1]) / 2 * np.diff(hand, axis=0))
+    assert len(forces) == 1001 and not answers.holes
+    assert largest == pytest.approx(3524.5, rel=1e-3) and abs(work) < 1e-5 * largest
+    for k in range(62, 1000, 125):
+        moved = {"right": dict(zip("xy", hand[k], strict=True))}
+        found = solve_static(System(mesh, terms, {"left": "xy"}, moved), quiet=True)
+        assert np.linalg.norm(forces[k] - found.reaction("right").resultant) < 1e-4 * largest

@@ -36,7 +36,7 @@ def test_a_scene_meets_its_expectations(name):
 
 
 def test_the_bag_equals_its_example_bit_for_bit():
-    example = runpy.run_path(str(FOLDER.parent / "examples" / "ex20_bag.py"))
+    example = runpy.run_path(str(FOLDER.parent / "examples" / "ex12_bag.py"))
     assert Scene.read(FOLDER / "bag.toml").solve(quiet=True).result.u.tobytes() == example["bag"].u.tobytes()
 
 

@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
+import skfem
 from bodies import CURVED, MESHES, state
 from kernels.parts import in_parts, on_twins
 from scipy.optimize import minimize
@@ -16,6 +17,7 @@ from skfem_stvk import (
     Orthotropic,
     StVK,
     System,
+    solve_static,
     verify,
 )
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
@@ -322,3 +324,25 @@ def test_laws_without_relaxed_energy_are_refused():
             network(MESHES["membrane"], law)
     with pytest.raises(MaterialError, match="expected StVK without wrinkling: verify has no reference for this energy"):
         verify(MESHES["membrane"], law, quiet=True)
+
+
+def test_a_sheared_sheet_has_the_tension_field_of_an_infinite_strip():
+    """With wrinkling, the stress in the middle is that of the closed form; without, the flat sheet is unstable."""
+    young, shear = 1e6, 0.2
+    flat = skfem.MeshTri.init_tensor(np.linspace(0, 4, 33), np.linspace(0, 1, 9))
+    sheet = ElementMesh(np.concatenate([flat.p, np.zeros((1, flat.p.shape[1]))]), flat.t)
+    lower, upper = (tuple(np.flatnonzero(flat.p[1] == y)) for y in (0, 1))
+    middle = np.flatnonzero(np.abs(sheet.p[0][sheet.t].mean(axis=0) - 2) < 0.5)
+    results, principal, forces = [], [], []
+    for wrinkling in (True, False):
+        law = StVK(young=young, poisson=0.3, thickness=1e-3, wrinkling=wrinkling)
+        system = System(sheet, law, fixed={lower: "xyz"}, prescribed={upper: {"x": shear, "y": 0.0, "z": 0.0}})
+        results.append(solve_static(system, steps=4, quiet=True, raise_on_failure=False))
+        stress = np.linalg.eigvalsh(results[-1].state["pk2_stress"])[middle]
+        principal.append(stress.mean(axis=0)[[0, -1]])
+        forces.append(float(results[-1].reaction(upper).resultant[0]))
+    (across, along), plain = principal
+    strain = shear**2 / 4 + np.sqrt(shear**4 / 16 + shear**2 / 4)  # principal strain of an infinite strip
+    assert results[0].success and along == pytest.approx(young * strain, rel=0.005) and abs(across) < 1e-6 * along
+    assert "unstable" in results[1].status.value and plain[0] < -0.5 * along
+    assert forces[0] == pytest.approx(241.8, rel=1e-3) and forces[0] < 0.85 * forces[1]
