@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,6 +44,8 @@ COMPOSED = {
     "rate": "1/{time}",
     "angular velocity": "rad/{time}",
 }
+#: Pattern of a symbol of SI with its power.
+SYMBOL = r"(?:kg|m|s|N|Pa|J)(?:\^\d)?"
 
 
 @dataclass(frozen=True)
@@ -87,12 +90,21 @@ class UnitSystem:
         return re.sub("|".join(sorted(dimensions, key=len, reverse=True)), lambda one: self.symbols[dimensions[one[0]]], unit)
 
     def text(self, sentence: str) -> str:
-        """Return a sentence whose lengths, times, forces, stresses and energies have the units of this system; numbers stay.
+        """Return a sentence whose units, after numbers or in brackets, are those of this system; numbers stay.
 
-        >>> UNITS["mm-kg-ms"].text("t = 3 s: a step of 1e-05 s is below 2 steps, 0.1 m in 5 parts")
-        't = 3 ms: a step of 1e-05 ms is below 2 steps, 0.1 mm in 5 parts'
+        >>> UNITS["mm-kg-ms"].text("t = 3 s: a step of 1e-05 s is below 2 steps, 0.1 m in 5 parts; density=... [kg/m^3]")
+        't = 3 ms: a step of 1e-05 ms is below 2 steps, 0.1 mm in 5 parts; density=... [kg/mm^3]'
         """
-        return re.sub(r"(?<=\d )(?:s|m|N|Pa|J)(?![\w/^])", lambda one: self.of(one[0]), sentence)
+        return re.sub(rf"(?<=\d )(?:s|m|N|Pa|J)(?![\w/^])|\[{SYMBOL}(?:[ /]{SYMBOL})*\]", lambda one: self.of(one[0]), sentence)
+
+    @contextmanager
+    def of_errors(self) -> Iterator[None]:
+        """Give the messages of errors of the package that are raised within the units of this system."""
+        try:
+            yield
+        except StvkError as error:
+            error.args = (self.text(str(error)), *error.args[1:])
+            raise
 
     def factor(self, dimension: str | None) -> float:
         """Return the unit of a dimension in SI units; 1 for pure numbers. StvkError for an unknown dimension."""

@@ -86,12 +86,12 @@ def edited(monkeypatch, kind):
 
 
 def test_files_that_an_extension_edits_are_those_of_the_docs(monkeypatch):
-    """CONTRIBUTING.md contains this table, which the test prints; no kind of extension edits more files."""
+    """The page on the design of the code contains this table, which the test prints; no kind of extension edits more files."""
     table = {kind: edited(monkeypatch, kind) for kind in EXTENSIONS}
     lines = [f"| {kind} | {len(files)} | {', '.join(f'`{name}`' for name in files)} |" for kind, files in table.items()]
     print("\n".join(lines))
     assert {kind: len(files) for kind, files in table.items()} == MOST
-    docs = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    docs = (Path(__file__).parents[1] / "docs/topics/design.md").read_text(encoding="utf-8")
     assert "\n".join(lines) in docs
 
 

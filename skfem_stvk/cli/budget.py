@@ -29,6 +29,7 @@ from ..system import System
 from ..system.protocol import ReducedLike
 from ..terminal import DONE, CountedProgress, console, printable
 from ..terms import NodalLoad, StVK
+from ..units import UNITS
 
 #: Numbers of unknowns of the reduced bodies, and the integrators of their steps: the cheapest, and the one that conserves energy.
 SIZES = 10, 20, 30, 60
@@ -96,6 +97,8 @@ class Budget:
         Names of the nodes that are fixed, and of those that are pushed, each with an equal part of the force.
     step
         Time step [s].
+    units
+        System of units of all values.
 
     Attributes
     ----------
@@ -108,9 +111,9 @@ class Budget:
         if supports leave a motion without strain, if all pushed nodes are fixed, or if no push has an equilibrium.
     """
 
-    def __init__(self, mesh: ElementMesh, material: StVK, fixed: str, pushed: str, step: float) -> None:
+    def __init__(self, mesh: ElementMesh, material: StVK, fixed: str, pushed: str, step: float, units: str = "SI") -> None:
         supports, d = {fixed: "xyz"[: mesh.d]}, mesh.d
-        self.body, self.pushed, self.step = System(mesh, material, fixed=supports), pushed, step
+        self.body, self.pushed, self.step = System(mesh, material, fixed=supports, units=units), pushed, step
         self.unknowns = self.body.ndofs - len(self.body.supports.held)
         self._reduced = cache(self._make_reduced)
         try:
@@ -128,7 +131,7 @@ class Budget:
         self.axis = int(np.argmax(compliances))
         for part in PARTS:
             self.push = np.eye(d)[self.axis] * part * np.ptp(mesh.p, axis=1).max() / compliances[self.axis]
-            self.loaded = System(mesh, [material, NodalLoad(pushed, self.push / len(self.nodes))], fixed=supports)
+            self.loaded = System(mesh, [material, NodalLoad(pushed, self.push / len(self.nodes))], fixed=supports, units=units)
             found = solve_static(self.loaded, quiet=True, raise_on_failure=False)
             self.u = found.u
             if found.success:
@@ -148,7 +151,8 @@ class Budget:
 
     def _full(self, integrator: Integrator) -> tuple[Array, None]:
         if integrator.explicit and self.step > self._critical:
-            raise NotMeasured("above critical", f"The critical step of explicit integrators is {self._critical:.3g} s.")
+            s = self.body.units.of("s")
+            raise NotMeasured("above critical", f"The critical step of explicit integrators is {self._critical:.3g} {s}.")
         solver = next((one for one in (*SOLVERS, Petsc()) if one.name == getattr(integrator, "solver", "")), None)
         if solver is not None and not solver.iterative and self.unknowns > MANY:
             raise NotMeasured("too large", f"Direct solvers are measured up to {MANY} unknowns; the body has {self.unknowns}.")
@@ -232,10 +236,13 @@ def with_ends(mesh: ElementMesh, fixed: str | None, pushed: str | None) -> tuple
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk budget`."""
     parser.add_argument("mesh", help="mesh file, in a format of docs/how-to/meshes.md")
-    parser.add_argument("--young", type=float, required=True, help="Young's modulus [Pa]")
+    parser.add_argument("--young", type=float, required=True, help="Young's modulus [Pa, or the unit of --units]")
     parser.add_argument("--poisson", type=float, required=True, help="Poisson's ratio")
-    parser.add_argument("--density", type=float, required=True, help="mass density [kg/m^3]")
-    parser.add_argument("--step", type=float, required=True, help="time step, which is also the time that it may take [s]")
+    parser.add_argument("--density", type=float, required=True, help="mass density [kg/m^3, or the unit of --units]")
+    parser.add_argument(
+        "--step", type=float, required=True, help="time step, which is also the time that it may take [s, or the unit of --units]"
+    )
+    parser.add_argument("--units", choices=list(UNITS), default="SI", help="system of units of all values; by default SI")
     parser.add_argument("--fixed", metavar="NAME", help="fixed boundary or node set; by default the lower end of the longest side")
     parser.add_argument(
         "--pushed", metavar="NAME", help="pushed boundary or node set; by default the upper end of the longest side"
@@ -247,13 +254,13 @@ def budget(options: argparse.Namespace) -> int:
 
     Nothing is estimated. Close other programs before, and interrupt it with Ctrl-C: the rows so far are printed.
     """
-    step = number("--step", options.step, "a time step in seconds, such as 1e-3", 0.0)
+    step = number("--step", options.step, "a positive time step, such as 1e-3", 0.0)
     mesh, fixed, pushed = with_ends(read_mesh(Path(options.mesh)), options.fixed, options.pushed)
     material = StVK(young=options.young, poisson=options.poisson, density=options.density)
-    solvers, missing = _solvers()
+    (solvers, missing), units = _solvers(), UNITS[options.units]
     _print(f"{options.mesh}: {mesh!r}; fixed: {fixed}; pushed: {pushed}")
     _print(
-        f"To measure, for {SECONDS:g} s each: steps of {step:g} s of the full body with {len(INTEGRATORS)} integrators and "
+        f"To measure, for {SECONDS:g} s each: steps of {step:g} {units.of('s')} of the full body with {len(INTEGRATORS)} integrators and "
         f"the solvers {', '.join(solvers)}; of bodies reduced to {', '.join(map(str, SIZES))} unknowns, and their errors under a "
         f"static push; answers of a precomputed response, from some {ALONG * ACROSS ** (mesh.d - 1) + CHECKS} static solves."
     )
@@ -261,19 +268,21 @@ def budget(options: argparse.Namespace) -> int:
         _print(f"Not installed, so not measured: {', '.join(missing)}")
     facts = machine()
     _print(f"Machine: {facts['processor']}, {facts['cores']} cores; kernels on {threads()} threads")
-    made = Budget(mesh, material, fixed, pushed, step)
+    made = Budget(mesh, material, fixed, pushed, step, options.units)
+    for text in made.body.implausible():
+        _print(f"note: {text}")
     rows = list(made.rows())
     moved = np.linalg.norm(made.u.reshape(-1, mesh.d), axis=1).max()
     _print(
-        f"The push, {np.abs(made.push).max():.3g} N along {'xyz'[made.axis]}, moves nodes by up to {moved:.3g} m. In motion it "
-        "varies by half."
+        f"The push, {np.abs(made.push).max():.3g} {units.of('N')} along {'xyz'[made.axis]}, moves nodes by up to {moved:.3g} "
+        f"{units.of('m')}. In motion it varies by half."
     )
-    print_table(rows, step)
+    print_table(rows, step * units.factor("time"))
     return DONE
 
 
 def print_table(rows: list[tuple[BudgetRow, Work]], step: float) -> None:
-    """Print each row of the table as it is measured, then the explanations of rows without times."""
+    """Print each row of the table, for steps of `step` [s], as it is measured, then the explanations of rows without times."""
     explained: dict[str, None] = {}
     with CountedProgress("budget", len(rows), quiet=False) as progress:
         head = "body", "integrator", "solver", "median ms", "99.9 % ms", "steps", f"fits in {1e3 * step:g} ms?", "static error"

@@ -289,7 +289,7 @@ def load(file: Path, space: Space | None = None) -> Saved:
     """
     if not file.exists():
         raise StvkError(
-            f"There is no checkpoint {file}. Is the path relative to another folder? To start a new motion, leave resume out."
+            f"There is no checkpoint {file}. Is the path relative to another folder? Without resume=True, simulate starts a new motion."
         )
     header, arrays = MotionCheckpoint.read_file(file, space)
     with refusing_damage(file, START_AGAIN):

@@ -68,7 +68,7 @@ class Inputs:
         indices = [np.empty(0, dtype=np.int64)]
         for name, location in system.supports.moved.items():
             n, k = location.indices.shape if basis is None else (1, location.indices.shape[1])
-            words = f"displacements along {', '.join(location.components)} [m]"
+            words = f"displacements along {', '.join(location.components)} [{system.units.of('m')}]"
             self.known[name] = Input(slice(at, at + n * k), n, k, words)
             indices.append(location.indices.ravel())
             at += n * k
@@ -85,7 +85,7 @@ class Inputs:
                 raise LoadError(f"pushed = {name!r}; expected a location with free nodes: supports constrain all of its nodes.")
             if name in self.known:
                 raise LoadError(f"pushed = {name!r}; expected another location: its displacements are inputs already.")
-            self.known[name] = Input(slice(at, at + d), 1, d, "components of the total force [N]")
+            self.known[name] = Input(slice(at, at + d), 1, d, f"components of the total force [{system.units.of('N')}]")
             self._dofs.append(dofs)
             at += d
         self._forces = slice(self._count, at)
@@ -98,7 +98,9 @@ class Inputs:
                 raise ContactError(f"moved = {name!r}: {contacts[name].label} has a motion; expected motion=None, or another name.")
             if name in self.known:
                 raise StvkError(f"moved = {name!r}: a location is an input of this name; expected another name of the contact.")
-            self.known[name] = Input(slice(at, at + d), 1, d, "components of the displacement of the shape [m]")
+            self.known[name] = Input(
+                slice(at, at + d), 1, d, f"components of the displacement of the shape [{system.units.of('m')}]"
+            )
             at += d
         if taken := {"until", "self"} & self.known.keys():
             raise StvkError(f"An input is named {shown(min(taken))}, as an argument of step(); expected another name: rename it.")

@@ -31,7 +31,7 @@ ENERGIES = {
     "total_energy": "#000000",
 }
 AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
-MOMENTA = {"linear_momentum": "kg m/s", "angular_momentum": "kg m²/s"}
+MOMENTA = {"linear_momentum": "kg m/s", "angular_momentum": "kg m^2/s"}
 #: Largest number of points in a line: two for each pixel column that it crosses.
 MOST_POINTS = 4000
 Lines = list[tuple[str, str, str]]
@@ -125,7 +125,7 @@ class Ledger(Mapping[str, Array]):
         return view
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write all rows to a .csv file with all digits: a line of names, then one line per step.
+        """Write all rows to a .csv file with all digits: a line of names with units, `time [s]`, then one line per step.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class Ledger(Mapping[str, Array]):
         """
         path = output_path(path, ".csv")
         with replacing(path) as part, part.open("wb") as file:
-            file.write(_lines([self.names]))
+            file.write(_lines([[f"{name} [{self.units.of(unit)}]" if (unit := unit_of(name)) else name for name in self.names]]))
             for first in range(0, self.steps, ROWS_AT_ONCE):
                 file.write(_lines(self.rows(first)[:ROWS_AT_ONCE].tolist()))
         return path
@@ -201,6 +201,19 @@ class LedgerFile:
             raise
 
 
+def unit_of(name: str) -> str:
+    """Return the unit of a column in SI; empty for a number.
+
+    >>> unit_of("strain_energy StVK 0"), unit_of("angular_momentum_z"), unit_of("tip x"), unit_of("contact floor z")
+    ('J', 'kg m^2/s', 'm', 'N')
+    """
+    if name in ENERGIES or name in ("closure_error", "friction_work") or name.startswith("strain_energy "):
+        return "J"
+    if name[-2:] in (" x", " y", " z"):
+        return "N" if name[:-2].startswith(("reaction ", "contact ")) else "m"
+    return "s" if name == "time" else MOMENTA.get(name[:-2], "")
+
+
 def _lines(rows: Iterable[Iterable[Any]]) -> bytes:
     """Return the rows as lines of a table."""
     text = io.StringIO()
@@ -256,12 +269,12 @@ def _other_panels(ledger: Ledger) -> list[Panel]:
     """Return the panels of momenta, displacements of probes, and reactions."""
     panels, units = [], ledger.units
     for quantity, unit in MOMENTA.items():
-        label = quantity.replace("_", "\n") + f" [{units.of(unit)}]"
+        label = quantity.replace("_", "\n") + f" [{units.of(unit).replace('^2', '²')}]"
         panels.append(Panel(label, _along_axes(ledger, f"{quantity}_"), 1.2))
     probes = dict.fromkeys(name[:-2] for name in ledger if name[-2:] in (" x", " y", " z"))
     for probe in probes:
-        force = probe.startswith("reaction ")
-        label = f"{probe} [{units.of('N')}]" if force else f"displacement\nof {probe} [{units.of('m')}]"
+        unit = unit_of(f"{probe} x")
+        label = f"{probe} [{units.of(unit)}]" if unit == "N" else f"displacement\nof {probe} [{units.of(unit)}]"
         panels.append(Panel(label, _along_axes(ledger, f"{probe} "), 1.2))
     return panels
 

@@ -19,6 +19,7 @@ from ..results.files import NO_FILES, OutputFiles
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.signature import Fingerprint, sums_of
+from ..units import UnitSystem
 from .damping import Damping
 from .integrators import INTEGRATORS, Integrator
 from .ledger_rows import LedgerLocations
@@ -143,6 +144,6 @@ def checked_integrator(integrator: Integrator | None) -> Integrator:
     return integrator
 
 
-def too_early(until: float, t: float) -> StvkError:
+def too_early(until: float, t: float, units: UnitSystem) -> StvkError:
     """Return the error for an end `until` that is not after the present time `t`."""
-    return StvkError(f"until = {until:g} s; expected an end after t = {t:g} s, the time of the motion.")
+    return StvkError(units.text(f"until = {until:g} s; expected an end after t = {t:g} s, the time of the motion."))

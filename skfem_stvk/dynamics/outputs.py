@@ -75,12 +75,13 @@ class Outputs:
         checkpoint, every, t = options.checkpoint, options.output_files.every or then.every, record.state.t
         assert checkpoint is not None
         checkpoint.belongs_to(problem, overwrite=options.output_files.overwrite or checkpoint.source != checkpoint.file)
-        save = options.output_files.save or _series_next_to(then, checkpoint.folder)
+        s = setup.motion.system.units.of("s")
+        save = options.output_files.save or _series_next_to(then, checkpoint.folder, s)
         if save is None:
             return cls(setup, record, None, every, checkpoint)
         if then.save is not None and not save.exists():
             warn(
-                f"{save} does not exist, so it begins at t = {t:g} s. Earlier states are in the series of the run that is resumed, "
+                f"{save} does not exist, so it begins at t = {t:g} {s}. Earlier states are in the series of the run that is resumed, "
                 f"{then.save!r}."
             )
         last = float(record.ledger["time"][record.steps - record.steps % every])
@@ -89,7 +90,9 @@ class Outputs:
             Series(save, options.output_files.fields, resume=True, until=last, problem=problem, space=space)
         )
         if series.steps and series.steps[-1][0] < last < t and every == then.every:
-            warn(f"{series.path} ends at t = {series.steps[-1][0]:g} s: its state at {last:g} s is missing and cannot be restored.")
+            warn(
+                f"{series.path} ends at t = {series.steps[-1][0]:g} {s}: its state at {last:g} {s} is missing and cannot be restored."
+            )
         return cls(setup, record, series, every, checkpoint)
 
     @property
@@ -179,7 +182,7 @@ class Outputs:
         return f" To continue from {there}: checkpoint={str(self._checkpoint.folder)!r}, resume=True."
 
 
-def _series_next_to(then: MotionHeader, folder: Path) -> Path | None:
+def _series_next_to(then: MotionHeader, folder: Path, unit: str) -> Path | None:
     """Return the path of a run's series: its file name, in the folder that contains the checkpoint."""
     if then.save is None:
         return None
@@ -187,6 +190,6 @@ def _series_next_to(then: MotionHeader, folder: Path) -> Path | None:
     if not save.is_file() or save.suffix.lower() != ".pvd":
         raise StvkError(
             f"The run of the checkpoint {folder} saved the series {then.save!r}, but there is no {save.name} in {save.parent}. "
-            f"Move the series there, or name its path, or that of a new series from t = {then.now.t:g} s on: save=..."
+            f"Move the series there, or name its path, or that of a new series from t = {then.now.t:g} {unit} on: save=..."
         )
     return save

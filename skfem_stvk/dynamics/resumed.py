@@ -39,7 +39,7 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
     options.refuse_other_locations(file, problem.system, locations)
     record = saved.record()
     if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):
-        raise too_early(options.until, record.state.t)
+        raise too_early(options.until, record.state.t, motion.system.units)
     setup = Setup(motion, integrator, locations, options.until, options.remove)
     return setup, record, Outputs.resumed(setup, record, options, stack, problem, saved.header)
 

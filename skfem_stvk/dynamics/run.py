@@ -214,7 +214,7 @@ class Run:
         rows = [
             ("status", self.status),
             ("message", self.message),
-            ("time [s]", f"{self.t:.6g}"),
+            (f"time [{self.system.units.of('s')}]", f"{self.t:.6g}"),
             ("steps", self.ledger.steps - 1),
             ("integrator", self.integrator),
             ("relative energy gain", f"{self.gained:.2g}"),

@@ -218,7 +218,7 @@ def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> 
     motion = Motion(body, options.mass, options.damping)
     refuse_unsupported(motion, integrator, options.remove is not None)
     if not options.until > options.t0:
-        raise too_early(options.until, options.t0)
+        raise too_early(options.until, options.t0, motion.system.units)
     dt = min(integrator.dt or 1e-6, options.until - options.t0)
     state = first_state(motion, options.u0, options.v0, options.t0, dt)
     setup = Setup(motion, integrator, locations, options.until, options.remove)

@@ -83,7 +83,7 @@ class FirstUse(Listener):
             self.count += 1
             if monotonic() > self._said + self.EVERY:
                 self._said = monotonic()
-                self._say(f"{self.count} kernels compiled, {self._said - self._began:.0f} s after the first")
+                self._say(f"{self.count} kernel{'s' * (self.count > 1)} compiled, {self._said - self._began:.0f} s after the first")
 
     def _say(self, text: str) -> None:
         log(text)

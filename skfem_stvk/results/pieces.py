@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,19 +24,26 @@ NODES, ELEMENTS = "GlobalNodeIds", "GlobalElementIds"
 KINDS = {"f": "Float", "i": "Int", "u": "UInt"}
 
 
-def write_grid(path: Path, mesh: meshio.Mesh) -> None:
-    """Write a .vtu file, as `replacing` does."""
+def write_grid(path: Path, mesh: meshio.Mesh, units: Mapping[str, str]) -> None:
+    """Write a .vtu file, as `replacing` does, with the units of arrays by name: VTK's key UNITS_LABEL, which other readers skip."""
     from meshio import vtu  # imported only for writing
 
     with replacing(path) as part:
         vtu.write(part, mesh, compression=None)
+        written, done = part.read_bytes(), 0
+        with part.open("wb") as file:
+            for array in re.finditer(rb' Name="([^"]*)"[^>]*>[^<]*', written):
+                if unit := units.get(array[1].decode()):
+                    file.write(written[done : (done := array.end())])
+                    file.write(f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{unit}</InformationKey>\n'.encode())
+            file.write(written[done:])
 
 
-def write_pieces(path: Path, mesh: meshio.Mesh, space: Space) -> None:
+def write_pieces(path: Path, mesh: meshio.Mesh, space: Space, units: Mapping[str, str]) -> None:
     """Write the file of each part next to a .pvtu, and then the .pvtu. All parts call this function together."""
     names = [f"{path.stem}_r{rank:04d}.vtu" for rank in range(space.size)]
     with in_all_parts(space):
-        write_grid(path.with_name(names[space.rank]), mesh)
+        write_grid(path.with_name(names[space.rank]), mesh, units)
     of_leader(space, lambda: _write_list(path, names, mesh))
 
 

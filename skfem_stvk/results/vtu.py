@@ -22,7 +22,7 @@ from .fields import State, checked_state
 from .files import in_all_parts, output_path
 from .law import in_space
 from .pieces import ELEMENTS, NODES, joined, pieces_of, write_grid, write_pieces
-from .table import Field, find_all
+from .table import VECTORS, Field, find_all
 
 if TYPE_CHECKING:
     import meshio
@@ -52,7 +52,8 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     Quadratic simplices are VTK's quadratic cells, and hexahedra are in VTK's order of nodes. For elements with several points,
     fields by cell are means, and fields at nodes are extrapolated. Elements that are removed from the body are left out; their
     nodes stay. Elements of lower dimensions, such as cables, are cells after those of the mesh. Nodes have their values where no
-    element of the mesh has one. The file is renamed to its final name when it is complete.
+    element of the mesh has one. Arrays have their units in the system of units of the body as VTK's key UNITS_LABEL. The file is
+    renamed to its final name when it is complete.
 
     For a body that is divided into parts, the path ends in .pvtu. All parts call this function together, and each writes a file of
     its own next to it, `NAME_r0000.vtu`, `NAME_r0001.vtu`, ..., with the field `rank` of its elements.
@@ -64,11 +65,13 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
     """
     wanted, space = find_all(fields), checked_state(state).fields.mesh.space
     path = output_path(path, ".pvtu" if space.divided else ".vtu")
-    mesh = _with_fields(state, wanted)
+    mesh, system = _with_fields(state, wanted), state.fields.units
+    units = {"Points": "m"} | VECTORS | {field.name: field.unit for field in wanted if field.unit != "-"}
+    units = {name: system.of(unit) for name, unit in units.items()}
     if space.divided:
-        write_pieces(path, mesh, space)
+        write_pieces(path, mesh, space, units)
     else:
-        write_grid(path, mesh)
+        write_grid(path, mesh, units)
     return path
 
 
@@ -231,7 +234,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     of_groups = [np.ravel(ids) for groups in (mesh.boundaries, mesh.lines) if mesh.element.degree == 1 for ids in groups.values()]
     if len(unused := np.setdiff1d(np.arange(mesh.nv), np.concatenate([mesh.t.ravel(), *of_groups]))):
         raise MeshError(f"{name_ids(unused, mesh.word)}: on no element, so the file would lose them. Remove them.")
-    write_grid(path, _mesh_content(mesh))
+    write_grid(path, _mesh_content(mesh), {})
     return path
 
 

@@ -28,6 +28,7 @@ from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
 from ..terms import TERMS, Body, MeshContact, RigidContact, is_load
+from ..units import UNITS
 from .complaints import Complaints
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
@@ -389,7 +390,7 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             prescribed.append(prescription)
     complaints.refuse()
     system = None
-    with complaints.at(), _naming_terms(complaints, mesh, terms):
+    with complaints.at(), _naming_terms(complaints, mesh, terms, sections.units):
         options = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
         system = System(mesh, terms, fixed or None, prescribed or None, **options, units=sections.units)
         system.remarked = True  # the scene has remarks of its own, with its keys
@@ -512,7 +513,7 @@ def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:
 
 
 @contextmanager
-def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -> Iterator[None]:
+def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any], units: str) -> Iterator[None]:
     """If a system is refused, complain at each term that a body of this mesh refuses by itself."""
     try:
         yield
@@ -523,7 +524,8 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any]) -
         body = Body(mesh, [term for term in terms if not is_load(term)])
         for number, term in enumerate(terms):
             try:
-                term.bind(body) if is_load(term) or isinstance(term, CONTACTS) else System(mesh, term)
+                with UNITS[units].of_errors():
+                    term.bind(body) if is_load(term) or isinstance(term, CONTACTS) else System(mesh, term)
             except StvkError as error:
                 complaints.add(("terms", number), str(error))
                 found = True

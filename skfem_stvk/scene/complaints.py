@@ -118,6 +118,8 @@ def _expected(error: Any, given: Any, loc: Loc) -> str:
     if error["type"] == "dict_type" and loc[-1] in OF_PLACES and isinstance(given, list) and given:
         table = {str(place): OF_PLACES[str(loc[-1])] or str(place) for place in given[:3]}
         return f"a table, such as {loc[-1]} = {value_text(table)}"
+    if error["type"].startswith("model") and loc[0] == "expect" and isinstance(given, int | float):
+        return f"a table, such as {loc[-1]} = {value_text({'value': given, 'rtol': 0.001})}"
     if error["type"] in EXPECTED:
         number = isinstance(given, str) and EXPECTED[error["type"]].endswith("number")
         return EXPECTED[error["type"]] + (" without quotation marks" if number else "")

@@ -62,6 +62,11 @@ class SceneSource:
             raise _not_read(
                 f"{path} ({size} bytes) is not a text file; expected a scene, which names its mesh: [mesh] file = {path.name!r}."
             )
+        if raw.startswith(b"$MeshFormat"):
+            raise _not_read(
+                f"{path} is a mesh of Gmsh; expected a scene, which names its mesh: [mesh] file = {path.name!r}. "
+                "`skfem-stvk init --type static > scene.toml` writes an example."
+            )
         try:
             text = raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
@@ -164,7 +169,8 @@ def _set_at(data: dict[str, Any], loc: Loc, value: Any, given: str) -> list[Loc]
                 )
             key %= len(table)
         elif not isinstance(table, dict):
-            hint = f"; entries of a list need a number, as in {parent}[0].{key}" if isinstance(table, list) else ""
+            entry = f"{parent}[{key}]" if key.isdecimal() else f"{parent}[0].{key}"
+            hint = f"; entries of a list need a number, as in {entry}" if isinstance(table, list) else ""
             raise _not_set(given, f"{parent} is not a table, so it has no key {key!r}{hint}")
         key_path = (*key_path, key)
         if depth == len(loc) - 1:

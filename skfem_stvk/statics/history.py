@@ -91,7 +91,7 @@ class Step:
     def line(self, largest: float) -> str:
         """Return a line on the step, with the `largest` absolute value in `u`, which may be on another rank."""
         return (
-            f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   largest |u| "
+            f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   largest |u_i| "
             f"{largest:.4g}   {self.seconds:.2g} s"
             + (f"   {self.status}" if not self.status.success else "")
             + ("   jumped" if self.jumped else "")

@@ -163,7 +163,8 @@ class System(BoundTerms):
             warn_of_flat_elements(mesh)
         self.quadrature, self.rule = quadrature, rule  # the argument, and the rule it selects
         self.supports = Supports(mesh, fixed, prescribed)
-        super().__init__(mesh, found.terms, np.float64 if double else np.float32, rule, found)
+        with self.units.of_errors():
+            super().__init__(mesh, found.terms, np.float64 if double else np.float32, rule, found)
         self._follower_loads = [
             (load, AccumulatedBlocks(load, mesh.nv, mesh.d, np.float64)) for load in self._bound_follower_loads()
         ]
@@ -250,7 +251,8 @@ class System(BoundTerms):
             return copy(term) if isinstance(term, HasContact) else term
 
         other = copy(self)
-        other._replace_bound(*([begun(term) for term in terms] for terms in (self.bound_terms, self.bound_loads)))
+        with self.units.of_errors():
+            other._replace_bound(*([begun(term) for term in terms] for terms in (self.bound_terms, self.bound_loads)))
         other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
         return other
 
@@ -747,7 +749,8 @@ class System(BoundTerms):
             if `kind` is unknown.
         """
         if choice("mass", kind, KINDS) not in self._masses:
-            self._masses[kind] = KINDS[kind](self, self.body, self.supports.held)
+            with self.units.of_errors():
+                self._masses[kind] = KINDS[kind](self, self.body, self.supports.held)
         return self._masses[kind]
 
     @cached_property

@@ -71,6 +71,19 @@ def test_an_explicit_step_below_the_critical_one_is_measured():
     assert all(row.times is not None and len(row.times) == 2 and not row.reason for row in found)
 
 
+def test_units_name_the_push_and_the_critical_step_and_give_the_seconds_of_a_step(file, capsys, monkeypatch):
+    """In mm-kg-ms a step of 1 is a millisecond. A density in kg/m^3 gets a note."""
+    found = []
+    monkeypatch.setattr(budget, "print_table", lambda rows, step: found.append((rows, step)))
+    assert main(["budget", file, *MATERIAL, "--step", "1", "--units", "mm-kg-ms"]) == 0
+    ((rows, seconds),) = found
+    out = capsys.readouterr().out
+    assert "steps of 1 ms of" in out and " kN along " in out and " mm. In motion" in out and seconds == pytest.approx(1e-3)
+    assert "density = 1000 kg/mm^3 is unusual" in out
+    explained = [budget.measured(row, work).explanation for row, work in rows if row.integrator == "ForwardEuler"]
+    assert explained[0].endswith(" ms.")
+
+
 @pytest.mark.parametrize(
     ("times", "words"), [([1, 2, 3], "yes"), ([1, 2, 5], "median only"), ([1, 5, 5], "no"), ([4, 4, 4], "yes")]
 )
@@ -148,7 +161,7 @@ def test_what_a_body_does_not_take_is_named(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--step", "0"], "--step = 0.0; expected a time step in seconds"),
+        (["--step", "0"], "--step = 0.0; expected a positive time step"),
         (["--step", "nan"], "--step = nan"),
         (["--step", "1e-3", "--fixed", "wall"], "'wall'"),
         (["--step", "1e-3", "--pushed", "tip"], "'tip'"),

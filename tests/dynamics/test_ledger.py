@@ -139,7 +139,7 @@ def test_columns_are_named_after_the_body():
 def test_a_table_contains_all_digits(tmp_path_factory, rows):
     ledger = Ledger(("time", 'probe "A", left x', "total_energy"), np.array(rows).reshape(-1, 3))
     names, values = read(ledger.save(tmp_path_factory.mktemp("table") / "motion.csv"))
-    assert names == ledger.names
+    assert names == ("time [s]", 'probe "A", left x [m]', "total_energy [J]")
     np.testing.assert_array_equal(values, ledger.rows())
 
 

@@ -729,7 +729,7 @@ def test_the_last_state_and_the_ledger_are_always_saved(tmp_path):
     pvd = (tmp_path / "a.pvd").read_text()
     assert [float(line.split('"')[1]) for line in pvd.splitlines() if "timestep" in line] == [0.0, 0.05, 0.1, 0.135]
     table = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
-    np.testing.assert_array_equal(table["total_energy"], run.ledger["total_energy"])
+    np.testing.assert_array_equal(table["total_energy_J"], run.ledger["total_energy"])
     assert run.series == tmp_path / "a.pvd" and sorted(file.suffix for file in tmp_path.iterdir()) == [
         "",
         ".csv",

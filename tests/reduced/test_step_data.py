@@ -161,7 +161,7 @@ def test_other_names_of_files_are_refused(tmp_path):
 
 
 def test_the_page_contains_the_whole_layout():
-    page = (DOCS / "topics" / "reduced.md").read_text()
+    page = (DOCS / "reference" / "files.md").read_text()
     for name, one in LAYOUT.items():
         assert f"| `{name}` | {' x '.join(one.sizes)} | {one.unit} | {one.what} |" in page, name
     assert FIRST_LINE in page and "reduced.c" in page

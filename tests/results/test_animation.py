@@ -234,6 +234,23 @@ def test_an_mp4_is_the_output_of_ffmpeg_for_all_frames(tmp_path):
     assert f"{width}x{height}" in words and "-f mp4" in words and " 12" in words
 
 
+@pytest.mark.parametrize("name", ["segments", "cable in the plane", "triangles", "tetrahedra"])
+def test_each_frame_is_the_figure_drawn_as_a_whole(name):
+    """Frames are drawn onto a background with the axes and the colour bar."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from skfem_stvk.results import matplotlib_plot as module
+
+    figure = module.new_figure(module.SIZE, interactive=False)
+    canvas, film = FigureCanvasAgg(figure), plotting._of_states(motion(name), "displacement", 1.0, None)
+    for frame in module._images(canvas, module._shown(figure, film)):
+        canvas.draw()
+        whole = Image.frombuffer("RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba())).convert("RGB")
+        whole = np.asarray(whole.quantize(palette=frame, dither=Image.Dither.NONE).convert("RGB"), dtype=int)
+        different = (np.asarray(frame.convert("RGB"), dtype=int) != whole).any(axis=2)
+        assert different.mean() < 1e-4  # where a line ends on an axis
+
+
 def test_a_film_that_fails_leaves_an_existing_file_unchanged(tmp_path, monkeypatch):
     from skfem_stvk.results import matplotlib_plot
 
@@ -243,7 +260,7 @@ def test_a_film_that_fails_leaves_an_existing_file_unchanged(tmp_path, monkeypat
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(matplotlib_plot, "_image", full)
+    monkeypatch.setattr(matplotlib_plot, "_images", full)
     with pytest.raises(OSError, match="No space"):
         animate(motion(), path)
     assert path.read_bytes() == before and [file.name for file in tmp_path.iterdir()] == ["body.gif"]

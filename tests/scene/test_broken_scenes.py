@@ -151,7 +151,7 @@ CASES = [
     Broken(
         "an expectation that is a number",
         [("tip.z = { value = 0, atol = 1 }", "tip.z = 3")],
-        "scene.toml: expect.tip.z, line 47: got 3; expected a table",
+        "scene.toml: expect.tip.z, line 47: got 3; expected a table, such as z = {value = 3, rtol = 0.001}",
     ),
     Broken(
         "a mesh of no kind",
@@ -644,6 +644,7 @@ def test_an_error_in_a_set_value_names_its_setting(tmp_path, capsys):
     for setting, message in (
         ("analysis.dt=0", "analysis.dt, from --set analysis.dt=0: got 0; expected a value greater than 0"),
         ("terms[7].g=[0,0,1]", "--set terms[7].g=[0,0,1]: terms has 3 entries, counted from 0; expected a number below 3, not 7."),
+        ("terms.1.g=1", "terms is not a table, so it has no key '1'; entries of a list need a number, as in terms[1]"),
         ("terms.g=1", "terms is not a table, so it has no key 'g'; entries of a list need a number, as in terms[0].g"),
         ("analysis.dt", "expected KEY=VALUE"),
         ("analysis.dt=[1", "unclosed array"),
@@ -666,10 +667,12 @@ def test_an_error_in_a_set_value_names_its_setting(tmp_path, capsys):
 def test_files_that_are_not_scenes_are_refused(tmp_path, capsys):
     (tmp_path / "empty.toml").write_text("")
     (tmp_path / "mesh.msh").write_bytes(b"$MeshFormat\n\0\0")
+    (tmp_path / "ascii.msh").write_bytes(b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
     (tmp_path / "latin.toml").write_bytes("title = 'Träger'".encode("latin-1"))
     for name, message in (
         ("empty.toml", "is empty. `skfem-stvk init --type static"),
         ("mesh.msh", "is not a text file; expected a scene, which names its mesh"),
+        ("ascii.msh", "is a mesh of Gmsh; expected a scene, which names its mesh: [mesh] file = 'ascii.msh'. `skfem-stvk init"),
         ("latin.toml", "line 1: byte 0xe4 is not UTF-8"),
         ("missing.toml", "There is no file"),
         (".", "is a folder; expected a scene file"),

@@ -8,7 +8,13 @@ import skfem
 
 from skfem_stvk import (
     BackwardEuler,
+    ContactError,
+    Friction,
     Gravity,
+    MaterialError,
+    MeshContact,
+    RigidContact,
+    RigidPlane,
     Scene,
     Simulation,
     StVK,
@@ -22,8 +28,9 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.cli.main import main
-from skfem_stvk.dynamics.ledger import Ledger
+from skfem_stvk.dynamics.ledger import Ledger, unit_of
 from skfem_stvk.results import animate
+from skfem_stvk.results.state_files import read_state
 from skfem_stvk.results.vtu import write_mesh
 from skfem_stvk.scene.units import implausible
 from skfem_stvk.units import UNITS
@@ -73,6 +80,65 @@ def test_motions_name_the_units(tmp_path, capfd):
         run.animate(tmp_path / "a.gif", "von_mises")
     assert drawn == [{"label": "von Mises stress [MPa]", "length_unit": "mm"}]
     animate([(0.0, run.state), (1.0, run.state)], tmp_path / "b.gif")
+
+
+@pytest.mark.parametrize(("units", "m", "Pa", "J"), [("mm-N-MPa", "mm", "MPa", "mJ"), ("SI", "m", "Pa", "J")])
+def test_files_name_the_units(units, m, Pa, J, tmp_path):
+    """VTK reads the units of arrays; meshio, which does not know them, reads the same numbers. Numbers without a unit have none."""
+    pytest.importorskip("vtk")
+    from vtkmodules.vtkCommonCore import vtkDataArray
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    body = beam(units=units)
+    run = simulate(body, BackwardEuler(dt=1e-4), until=2e-4, save=tmp_path / "a.pvd", probes={"tip": [4]}, quiet=True)
+    head = (tmp_path / "a.csv").read_text().splitlines()[0].split(",")
+    mass = UNITS[units].symbol("mass")
+    assert head[:2] == ["time [s]", f"kinetic_energy [{J}]"] and {"inside_out", f"tip x [{m}]"} < set(head)
+    assert {f"linear_momentum_x [{mass} {m}/s]", f"angular_momentum_z [{mass} {m}^2/s]"} < set(head)
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "a_0001.vtu"))
+    reader.Update()
+    grid = reader.GetOutput()
+    for data in (grid.GetPointData(), grid.GetCellData()):
+        arrays = [data.GetArray(i) for i in range(data.GetNumberOfArrays())]
+        found = {array.GetName(): array.GetInformation().Get(vtkDataArray.UNITS_LABEL()) for array in arrays}
+        known = {"displacement": m, "velocity": f"{m}/s"} if data is grid.GetPointData() else {}
+        assert found == known | {
+            "cauchy_stress": Pa,
+            "von_mises_stress": Pa,
+            "green_strain": None,
+            "volume_ratio": None,
+        }
+    assert grid.GetPoints().GetData().GetInformation().Get(vtkDataArray.UNITS_LABEL()) == m
+    u, v = read_state(tmp_path / "a.pvd", body.mesh)
+    assert u.tobytes() == run.u.tobytes() and v is not None and v.tobytes() == run.v.tobytes()
+
+
+def test_columns_of_contacts_are_forces():
+    names = ["time", "contact floor x", "reaction wall x", "tip x", "kinetic_energy", "inside_out"]
+    found = texts(Ledger(names, np.random.default_rng(0).normal(size=(2, 6))).plot())
+    assert {"contact floor [N]", "reaction wall [N]", "displacement\nof tip [m]"} <= set(found)
+    assert [unit_of(name) for name in names] == ["s", "N", "N", "m", "J", ""]
+
+
+@pytest.mark.parametrize("units", ["mm-kg-ms", "SI"])
+def test_errors_name_the_units(units):
+    """Missing densities and widths of friction, contacts that are too wide, ends in the past."""
+    density, length, velocity, force = (UNITS[units].symbol(one) for one in ("density", "length", "velocity", "force"))
+    mesh, law = skfem.MeshTet().refined(1), StVK(young=2.1e5, poisson=0.3)
+    for call in (lambda body: body.mass(), lambda body: simulate(body, VelocityVerlet(), until=1.0, quiet=True)):
+        with pytest.raises(MaterialError, match=rf"no density.*\[{re.escape(density)}\]"):
+            call(System(mesh, law, units=units))
+    with pytest.raises(MaterialError, match=rf"\[{re.escape(density)}\]"):
+        System(mesh, [law, Gravity([0, 0, -9.81])], units=units)
+    with pytest.raises(ContactError, match=rf"distance = 5 {length}; .* 0.5 {length} between"):
+        System(mesh, [law, MeshContact(None, distance=5.0)], units=units)
+    floor = RigidContact(RigidPlane((0, 0, -1), (0, 0, 1)), friction=Friction(0.3, slip_length=1.0))
+    with pytest.raises(ContactError, match=rf"slip_speed=... \[{velocity}\]"):
+        simulate(System(mesh, [StVK(**STEEL), floor], units=units), BackwardEuler(0.1), until=1.0, quiet=True)
+    sim = Simulation(beam(units=units), BackwardEuler(0.1), pushed=["right"])
+    with pytest.raises(StvkError, match=rf"components of the total force \[{force}\]"):
+        sim.step(right=(1.0,))
 
 
 def moved(system):

@@ -183,7 +183,7 @@ def in_ledger(name: str, folder: Path) -> None:
         lines = list(csv.reader(file))
     if len(lines) != 1 + done.ledger.steps or {len(line) for line in lines} != {len(done.ledger)}:
         raise Wrong(Verdict.SILENT, f"a table of {len(lines)} lines, of {sorted({len(line) for line in lines})} cells")
-    if f"{name} x" not in lines[0] and f"{name} x".encode("unicode_escape").decode() not in lines[0]:
+    if f"{name} x [m]" not in lines[0] and f"{name} x [m]".encode("unicode_escape").decode() not in lines[0]:
         raise Wrong(Verdict.LOSS, f"the head of the table does not contain the name: {lines[0]!r:.300}")
     refuse_control_characters(repr(done.ledger))
 

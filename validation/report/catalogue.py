@@ -189,7 +189,13 @@ PARTS: dict[str, dict[str, Part]] = {
     },
     "aspect": {
         "all": Part(
-            CODE, "50 digits", ANALYTIC, "docs/topics/frames.md", "errors on flat elements", takes_quick=False, whole_only=True
+            CODE,
+            "50 digits",
+            ANALYTIC,
+            "docs/measurements/precision.md",
+            "errors on flat elements",
+            takes_quick=False,
+            whole_only=True,
         )
     },
     "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
@@ -212,7 +218,7 @@ PARTS: dict[str, dict[str, Part]] = {
             CODE,
             "uninterrupted runs",
             ITSELF,
-            "docs/topics/energy-momentum.md",
+            "docs/measurements/motion.md",
             "runs resumed from a checkpoint give the same bits",
             takes_quick=False,
             whole_only=True,

@@ -68,7 +68,7 @@ def agreement(quick: bool) -> Iterator[Number]:
             f"{quantity} on the bracket", f"{quantity} equals scikit-fem's in eight states", worst, 0.0, 1e-12, reason,
             "another code", "skfem_stvk verify",
         )  # fmt: skip
-    yield _of_checks("the bracket", report, "docs/topics/referee.md", "the referee")
+    yield _of_checks("the bracket", report, "docs/measurements/referee.md", "the referee")
 
 
 def planted_faults(quick: bool) -> Iterator[Number]:
