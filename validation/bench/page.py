@@ -31,7 +31,7 @@ measures them in a checkout of the project and writes this page:
 {warning}It ran on {date}, on this machine and with these versions:
 
 {head}"""
-NEXT = """Next: [how the kernels work, and what was tried](speed.md), [a short program](../programs/speed.py) with four of the times, and
+NEXT = """Next: [how the kernels work, and what was tried](speed.md), [a program](../programs/speed.py), and
 [all records](index.md)."""
 METHOD = """\
 Boxes are grids with six tetrahedra per cell, in scikit-fem's order. Parts are a bracket meshed by Gmsh (`pip install gmsh`). Half
