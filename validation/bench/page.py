@@ -34,10 +34,10 @@ measures them in a checkout of the project and writes this page:
 NEXT = """Next: [how the kernels work, and what was tried](speed.md), [a program](../programs/speed.py), and
 [all records](index.md)."""
 METHOD = """\
-Boxes are grids with six tetrahedra per cell, in scikit-fem's order. Parts are a bracket meshed by Gmsh (`pip install gmsh`). Half
-of all tetrahedra have negative orientation. Poisson's ratio is 0.3, strains are about 0.6. Compared calls alternate. Each round makes
-one untimed call, which fills the caches, and five timed calls. Without the untimed call a CSR product took twice as long here,
-after other work. The tables show the best time and the median. All calls run on one thread unless a
+Boxes are grids with six tetrahedra per cell, in scikit-fem's order. Parts are a bracket meshed by Gmsh (`pip install gmsh`).
+Half of all tetrahedra have negative orientation. Poisson's ratio is 0.3, strains are about 0.6. Compared calls alternate.
+Each round makes one untimed call, which fills the caches, and five timed calls. Without the untimed call a CSR product took
+twice as long here, after other work. The tables show the best time and the median. All calls run on one thread unless a
 table says otherwise. K is written into the CSR matrix that the solver takes (`tangent(u, out=K)`). The CSR product is scipy's, with
 the same K. The C loop is a plain element loop of this project (`validation/bench/control.c`). It is compiled with `-O3
 -march=native -ffast-math` if there is a compiler. scikit-fem's forms are optimised: they use one quadrature point, and all constant
