@@ -187,7 +187,10 @@ def project():
 def test_every_extra_of_the_package_is_among_the_optional_packages_of_info():
     extras = project()["optional-dependencies"]
     names = {
-        re.split("[><=;]", line)[0].strip() for extra, lines in extras.items() if extra not in ("test", "docs", "browser") for line in lines
+        re.split("[><=;]", line)[0].strip()
+        for extra, lines in extras.items()
+        if extra not in ("test", "docs", "browser")
+        for line in lines
     }
     assert names <= set(OPTIONAL)
 
