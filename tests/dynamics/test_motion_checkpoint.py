@@ -153,7 +153,7 @@ def test_loads_undefined_at_the_times_of_another_motion_differ_from_its_loads(tm
 
 def test_invalid_files_are_named(tmp_path):
     path = tmp_path / "motion.npz"
-    with pytest.raises(StvkError, match=r"no checkpoint .*motion\.npz.*leave resume out"):
+    with pytest.raises(StvkError, match=r"no checkpoint .*motion\.npz.*Without resume=True, simulate starts"):
         load(path)
     np.savez(path, u=np.zeros(3))
     for refused in (load, lambda path: call(tmp_path)):

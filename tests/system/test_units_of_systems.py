@@ -78,7 +78,7 @@ def test_motions_name_the_units(tmp_path, capfd):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("skfem_stvk.dynamics.run.animate", lambda *given, **options: drawn.append(options))
         run.animate(tmp_path / "a.gif", "von_mises")
-    assert drawn == [{"label": "von Mises stress [MPa]", "length_unit": "mm"}]
+    assert drawn == [{"label": "von Mises stress [MPa]", "length_unit": "mm", "shapes": run._shapes}]
     animate([(0.0, run.state), (1.0, run.state)], tmp_path / "b.gif")
 
 

@@ -170,10 +170,10 @@ def check_motion(drawn: Motion) -> bool:
 def _check_apart(recipe: Recipe, system: System, u: Array) -> None:
     """Check that surfaces that repel each other do not intersect."""
     if recipe.touch is not None and system.contacts[0].is_barrier:
-        assert system.contacts[0].evaluated(u.reshape(-1, 3))[1].min() > 0, "a gap is not positive"
-        assert len(system.mesh.surface if system.mesh.k == 3 else system.mesh.t) != 3 or not crosses(system.mesh, u), (
-            "surfaces cross"
-        )
+        mesh = system.mesh
+        assert system.contacts[0].evaluated(u.reshape(-1, mesh.d))[1].min() > 0, "a gap is not positive"
+        triangles = mesh.d == 3 and len(mesh.surface if mesh.k == 3 else mesh.t) == 3
+        assert not triangles or not crosses(mesh, u), "surfaces cross"
 
 
 def _check_conservation(drawn: Motion, system: System, run: Run, begin: tuple[Array, Array], dt: float) -> None:
