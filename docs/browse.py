@@ -18,7 +18,7 @@ QUERIES = {
     "inverted elements": "inversion",
     "lambda doubled": "read-a-report",
     "friction": "contact",
-    "warm-up": "install",
+    "warm-up": "command-line",
     "Abaqus": "coming-from",
     "checkpoint": "long-runs",
     "spring network": "choose-springs",
