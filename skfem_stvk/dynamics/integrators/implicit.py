@@ -175,6 +175,7 @@ class ImplicitStepper(Stepper):
         """Return the first guess of the displacements over the step.
 
         It assumes constant velocities, and uses the values prescribed at `t` for constrained degrees of freedom.
+        Free degrees of freedom stop before a contact is passed or an element becomes flat.
         """
         w = (t - state.t) * state.v
         fixed = self.motion.free.fixed
