@@ -5,10 +5,13 @@ import re
 import sys
 from importlib.metadata import distribution
 from importlib.metadata import version as version_of
+from pathlib import Path
 from typing import Any
 
 if sys.version_info < (3, 11):
     raise SystemExit(f"The documentation needs Python 3.11 or later, because Sphinx 9 does; this is {sys.version.split()[0]}.")
+
+sys.path.insert(0, str(Path(__file__).parent))  # films.py
 
 project, author = "skfem-stvk", "the skfem-stvk developers"
 copyright = f"{author}, BSD-3-Clause"
@@ -47,6 +50,7 @@ sphinx_gallery_conf = {
     "examples_dirs": ["examples"],
     "gallery_dirs": ["gallery"],
     "filename_pattern": r"/ex\d\d_",
+    "image_scrapers": ("films.pictures_and_films",),
     "within_subsection_order": "FileNameSortKey",
     "backreferences_dir": "gallery/backreferences",
     "doc_module": ("skfem_stvk",),

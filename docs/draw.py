@@ -16,4 +16,4 @@ for name in sys.argv[1:] or shown:
     plt.close("all")
     with plt.rc_context():
         runpy.run_path(f"{name}.py", run_name="__main__")
-        plt.savefig(f"{name}.png")
+        plt.figure(1).savefig(f"{name}.png")  # the others are of films

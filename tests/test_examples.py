@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_stvk import Corotated, LinearElastic, System
+from skfem_stvk import Corotated, InvertibleStVK, LinearElastic, StVK, System
 
 DOCS = Path(__file__).parent.parent / "docs"
 GALLERY, PROGRAMS = DOCS / "examples", DOCS / "programs"
@@ -31,8 +31,10 @@ def run(monkeypatch, capsys):
             found = runpy.run_path(f"{name}.py", run_name="__main__")
             assert plt.get_fignums()
             for number in plt.get_fignums():
-                assert 1 <= len(plt.figure(number).get_axes()) <= 4  # three panels and a colour bar
-                plt.figure(number).savefig(io.BytesIO())
+                figure = plt.figure(number)
+                assert 1 <= len(figure.get_axes()) <= 4  # three panels and a colour bar
+                figure.canvas.draw()  # of a film the first moment
+                figure.savefig(io.BytesIO())
         plt.close("all")
         assert 1 <= len(capsys.readouterr().out.splitlines()) <= 2
         return SimpleNamespace(**found)
@@ -150,8 +152,9 @@ def test_ex12_bag(run):
 
 def test_ex13_flag(run):
     example = run("ex13_flag")
-    assert all(run.success for run in example.runs.values())
-    assert example.deepest == pytest.approx(-99.290e-3, rel=1e-5) and example.drift < 1e-11
+    tip = np.flatnonzero(np.isclose(example.x, 0.6) & np.isclose(example.y, 0.2))[0]
+    deepest = min(u[2 * tip + 1] for _, u in example.states)
+    assert deepest == pytest.approx(-99.290e-3, rel=1e-5) and example.drift < 1e-11
     assert all(outcome.success for outcome in example.outcomes.values())
     assert example.lowest["newmark"] == pytest.approx(example.LOWEST, rel=1e-2)
     assert example.lowest["energy-momentum"] == pytest.approx(example.LOWEST, rel=1e-2)
@@ -174,9 +177,10 @@ def test_ex14_integrators(run):
 
 def test_ex15_recovery(run):
     example = run("ex15_recovery")
-    ends = {name: (np.abs(u).max(), turned) for name, (u, turned) in example.laws.items()}
-    assert example.inside_out > 40 and ends["InvertibleStVK"][1] == ends["Corotated"][1] == 0 < ends["StVK"][1]
-    assert max(ends["InvertibleStVK"][0], ends["Corotated"][0]) < 1e-3 and ends["StVK"][0] > 0.1
+    assert example.inverted > 40
+    for law, recovers in ((InvertibleStVK, True), (Corotated, True), (StVK, False)):
+        _, u, turned = example.states(law)[-1]
+        assert (np.abs(u).max() < 1e-3) == (len(turned) == 0) == recovers and (recovers or np.abs(u).max() > 0.1)
 
 
 def test_a_rotation_costs_energy_with_linear_elasticity_and_none_with_corotated():
@@ -194,7 +198,7 @@ def test_a_rotation_costs_energy_with_linear_elasticity_and_none_with_corotated(
 def test_ex16_torn_sheet(run):
     example = run("ex16_torn_sheet")
     assert example.run.success and 90 < example.torn < 180
-    assert example.strongest == pytest.approx(79.7, rel=0.02) and abs(example.force[-1]) < 0.3 * example.strongest
+    assert example.force.max() == pytest.approx(79.7, rel=0.02) and abs(example.force[-1]) < 0.3 * example.force.max()
     assert example.closure < 0.02
 
 
@@ -223,15 +227,15 @@ def test_ex20_factor_of_two(run):
     assert 0.5 < example.error < 1.5 and example.wrong.named.names == ["lambda doubled"]
 
 
-def test_ex30_bounce(run):
-    example = run("ex30_bounce")
+def test_ex21_bounce(run):
+    example = run("ex21_bounce")
     assert example.missing < 1e-12
     assert 0.5 < example.energies["lost to friction"][-1] / example.energies["motion"][0] < 0.6
     assert example.energies["contact"].max() > 0.02 * example.energies["motion"][0]
 
 
-def test_ex32_hertz(run):
-    ratios = run("ex32_hertz").ratios
+def test_ex22_hertz(run):
+    ratios = run("ex22_hertz").ratios
     assert ratios["LinearElastic"] == pytest.approx(1.0006, abs=2e-3)
     assert ratios["NeoHookean"] == pytest.approx(0.9766, rel=2e-3)
     assert ratios["StVK"] == pytest.approx(0.927, rel=2e-3)

@@ -34,6 +34,7 @@ limit = load * result.critical_points[0].t  # the arch snaps above this load [N/
 
 if __name__ == "__main__":
     import matplotlib.pyplot as plt
+    from matplotlib.animation import FuncAnimation
 
     plt.style.use("skfem_stvk.gallery")
     figure, (path, shape) = plt.subplots(1, 2, figsize=(6.8, 3.2))
@@ -56,5 +57,14 @@ if __name__ == "__main__":
         height = 1e3 * moved[1, apex[0]] + 2
         shape.text(0, height, name, ha="center", color=colour)
     shape.set(xlabel="x [mm]", ylabel="y [mm]")
+    screen, axes = plt.subplots(figsize=(6, 2))
+
+    def draw(step):
+        axes.clear()
+        axes.set(xlabel="x, y [mm]", ylim=(-42, 42), title=f"{load * step.t:.0f} N/m²")
+        moved = 1e3 * (arch.p + step.u.reshape(-1, 2).T)
+        axes.triplot(*moved, arch.t.T, "-", color="#0072B2", lw=0.5)
+
+    film = FuncAnimation(screen, draw, list(result.history)[::2], interval=150)
     print(f"The arch snaps through at {limit:.0f} N/m².")
     plt.show()

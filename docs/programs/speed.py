@@ -53,7 +53,7 @@ def picture():
     for i, (name, colour) in enumerate({"skfem-stvk": "#0072B2", "scikit-fem": "#D55E00"}.items()):
         bars = axes.barh(np.arange(len(times)) + 0.4 * i, [pair[i] for pair in times.values()], 0.38, color=colour, label=name)
         axes.bar_label(bars, fmt="%.0f", padding=3)
-    axes.set(xscale="log", xlabel="ns a tetrahedron", yticks=np.arange(len(times)) + 0.2, yticklabels=times)
+    axes.set(xscale="log", xlabel="ns per tetrahedron", yticks=np.arange(len(times)) + 0.2, yticklabels=times)
     axes.invert_yaxis()
     axes.set_xlim(1, 10 * max(map(max, times.values())))
     axes.legend()
@@ -62,6 +62,6 @@ def picture():
 
 if __name__ == "__main__":
     for name, (ours, theirs) in times.items():
-        print(f"{name:>14}: {ours:7.1f} and {theirs:7.1f} ns a tetrahedron, {theirs / ours:.1f} times")
+        print(f"{name:>14}: {ours:7.1f} and {theirs:7.1f} ns per tetrahedron, {theirs / ours:.1f} times")
     print(f"largest difference: {error:.1e}")
     picture().savefig(Path(__file__).with_suffix(".png"), dpi=90)

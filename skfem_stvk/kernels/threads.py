@@ -1,7 +1,7 @@
 """Kernels on several threads.
 
 Kernels release the GIL, so that Python threads can run them. Python threads sleep while they are idle. The OpenMP threads of numba
-wait actively. With another process on the machine, K on 2 of 2 cores then took 1080 ns a tetrahedron instead of 59.
+wait actively. With another process on the machine, K on 2 of 2 cores then took 1080 ns per tetrahedron instead of 59.
 """
 
 from __future__ import annotations

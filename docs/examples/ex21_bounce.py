@@ -38,6 +38,7 @@ missing = np.abs(ledger["closure_error"]).max() / ledger["kinetic_energy"][0]
 
 if __name__ == "__main__":
     import matplotlib.pyplot as plt
+    from matplotlib.animation import FuncAnimation
 
     plt.style.use("skfem_stvk.gallery")
     figure, (shape, curves) = plt.subplots(2, 1, figsize=(6.4, 5.2))
@@ -47,12 +48,21 @@ if __name__ == "__main__":
         x += 0.2 * number - x.mean()  # side by side
         shape.triplot(x, z, faces, "-", color="#0072B2", lw=0.6)
         shape.text(0.2 * number, 0.15, f"{t:.2f} s", ha="center")
-    shape.axhline(-0.02, color="0.5")
-    shape.set(aspect="equal", xticks=[], ylabel="z [m]", ylim=(-0.03, 0.18))
+    shape.set(aspect="equal", xticks=[], ylabel="z [m]", ylim=(-0.02, 0.18))
     for name, energy in energies.items():
         curves.plot(ledger["time"], energy, markevery=0.1, label=name)
     curves.plot(ledger["time"], sum(energies.values()), "k--", label="sum")
     curves.set(xlabel="time [s]", ylabel="energy [J]")
     curves.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    screen, axes = plt.subplots(figsize=(6, 2.4))
+
+    def draw(state):
+        x, _, z = mesh.p + state[1].reshape(-1, 3).T
+        axes.clear()
+        axes.triplot(x, z, faces, "-", color="#0072B2", lw=0.6)
+        axes.set(title=f"t = {state[0]:.3f} s", xlabel="x [m]", ylabel="z [m]")
+        axes.set(aspect="equal", xlim=(-0.05, 0.25), ylim=(-0.02, 0.15))
+
+    film = FuncAnimation(screen, draw, states, interval=60)
     print(f"energy missing: at most {missing:.1e} of the first kinetic energy")
     plt.show()
