@@ -1,4 +1,4 @@
-"""Save the films of the gallery's programs, `FuncAnimation`s of matplotlib, as .gif files after the pictures of the program."""
+"""Pictures of the gallery's programs: one panel for the thumbnail, all figures, then films (`FuncAnimation`) as .gif files."""
 
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,10 @@ def pictures_and_films(block: Any, block_vars: dict[str, Any], gallery_conf: dic
     films = [one for one in block_vars["example_globals"].values() if isinstance(one, FuncAnimation)]
     for film in films:
         plt.close(film._fig)  # no picture of its first moment
+    figure = plt.figure(1)
+    figure.canvas.draw()
+    panel = figure.axes[0].get_tightbbox().transformed(figure.dpi_scale_trans.inverted())
+    figure.savefig(next(block_vars["image_path_iterator"]), bbox_inches=panel.padded(0.05))  # number 1 is the thumbnail
     pages = [matplotlib_scraper(block, block_vars, gallery_conf)]
     for film in films:
         path = Path(next(block_vars["image_path_iterator"])).with_suffix(".gif")
