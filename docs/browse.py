@@ -16,6 +16,7 @@ QUERIES = {
     "arc length": "stability",
     "not converged": "newton-failed",
     "inverted elements": "inversion",
+    "inside out": "inversion",
     "lambda doubled": "read-a-report",
     "friction": "contact",
     "warm-up": "command-line",

@@ -92,6 +92,12 @@ class _Shown:
         return "..." if text.startswith("<") else text
 
 
+def _to_the_gallery(app: Any, name: str, text: list[str]) -> None:
+    """Let links to programs of the gallery lead to their pages; in the repository they open the programs."""
+    text[0] = re.sub(r"\]\([./]*examples/(ex\d\d_\w+)\.py\)", r"](/gallery/\1.rst)", text[0])
+
+
 def setup(app: Any) -> None:
     """Connect to the events of Sphinx."""
+    app.connect("source-read", _to_the_gallery)
     app.connect("autodoc-process-signature", _as_written)

@@ -61,9 +61,9 @@ if __name__ == "__main__":
     panels[1].set(xlabel="time [ms]", ylabel="change of angular momentum [%]")
     panels[2].set(xlabel="processor time [s]", ylabel="error at the end [m]")
     panels[2].tick_params(axis="x", which="minor", labelbottom=False)
-    figure.legend(loc="outside upper center", ncols=4)
+    figure.legend(loc="outside lower center", ncols=4)
     where = f"{machine()['processor']}, one run, {date.today()}"
-    figure.supxlabel(where, size=6, x=0.99, ha="right")
+    panels[2].set_title(where, size=6)
     for name in ("BackwardEuler", "EnergyMomentum"):
         print(f"{name} changes the energy by {abs(energy[name][-1] - 1):.0e}")
     plt.show()
