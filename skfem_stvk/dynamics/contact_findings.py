@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..arguments import shown
 from ..results.monitors import Finding
 from ..system import System
 from ..terms.protocols import CanPenetrate
@@ -15,6 +16,17 @@ from .ledger import Ledger
 DEEP = 0.05
 #: Number of steps below which a contact is too short: energy-momentum has the largest depth to 3 % in 5 steps, to 17 % in 2.
 SHORT = 5
+
+
+def start_within(system: System, ledger: Ledger) -> str:
+    """Return a sentence on rigid shapes that contain points of the body at the start; empty after the first step."""
+    if len(ledger["time"]) != 1:
+        return ""
+    contacts = [term.name for term in system.contacts if isinstance(term, CanPenetrate)]
+    deep = [shown(name) for name in contacts if ledger[f"contact {name} gap"][0] < 0]
+    return (
+        f" The body starts within the shape of {', '.join(deep)}: check the position and the normal of the shape." if deep else ""
+    )
 
 
 def contact_findings(system: System, ledger: Ledger) -> Iterator[Finding]:

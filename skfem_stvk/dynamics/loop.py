@@ -11,7 +11,7 @@ from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_r
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
 from ..units import UnitSystem, remarks
-from .contact_findings import contact_findings
+from .contact_findings import contact_findings, start_within
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
@@ -236,7 +236,10 @@ class Loop:
             penalty = ", or VolumePenalty() among the terms if elements invert" * (not self._inversions.resisted)
             parts = f"the step from {self._time(t)} did not converge, not even in 64 parts: {detail}.{there}"
             impacts = bool(self.setup.motion.system.contacts) and not isinstance(self.setup.integrator, BackwardEuler)
-            return f"{parts} Try a smaller dt or another tangent{', or BackwardEuler, which damps impacts' * impacts}{penalty}."
+            return (
+                f"{parts}{start_within(self.setup.motion.system, self.record.ledger)} Try a smaller dt or another tangent"
+                f"{', or BackwardEuler, which damps impacts' * impacts}{penalty}."
+            )
         if isinstance(cause, WriteError):
             return f"interrupted at {self._time(t)}: {cause}{detail}"
         if isinstance(cause, OSError):

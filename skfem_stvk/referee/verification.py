@@ -265,7 +265,8 @@ def _case(mesh: MeshLike, terms: Sequence[StVK], given: dict[str, Any], candidat
     """
     system = System(ElementMesh.of(mesh), terms, **{name: value for name, value in given.items() if value is not None})
     if candidate is not None and _makes_candidates(candidate):
-        candidate = make_candidate("candidate(mesh)", partial(candidate, system.mesh))
+        more = f" Pass an object with {', '.join(METHODS.values())}, or a class or function that makes it from the mesh alone."
+        candidate = make_candidate("candidate(mesh)", partial(candidate, system.mesh), more)
     hourglass = given.get("hourglass")  # already validated by System
     discretisation = Discretisation(
         system.mesh.element.name, given.get("quadrature"), HOURGLASS if hourglass is None else float(hourglass)

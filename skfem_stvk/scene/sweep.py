@@ -446,7 +446,7 @@ def _figure(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names:
     from ..results.matplotlib_plot import new_figure  # matplotlib is imported only when something is drawn
 
     lines: dict[str, list[SweepRow]] = {}
-    for row in sorted(rows, key=lambda row: row.values[axis.path]):
+    for row in sorted(rows, key=lambda row: [one.values.index(row.values[one.path]) for one in others]):  # legend: order of values
         label = ", ".join(f"{one.loc[-1]} = {value_in_name(row.values[one.path])}" for one in others if len(one.values) > 1)
         lines.setdefault(label, []).append(row)
     output, columns = sections.output, min(len(names), 2)
@@ -457,7 +457,7 @@ def _figure(axis: Axis, others: Sequence[Axis], rows: Sequence[SweepRow], names:
     panels = list(figure.subplots(rows_of_panels, columns, squeeze=False).flat)
     for panel, name in zip(panels, names, strict=False):
         for label, rows_of_line in list(lines.items())[:MOST_LINES]:
-            points = [row for row in rows_of_line if name in row.results]
+            points = sorted((row for row in rows_of_line if name in row.results), key=lambda row: row.values[axis.path])
             panel.plot([row.values[axis.path] for row in points], [row.results[name] for row in points], ".-", lw=1.2, label=label)
         panel.spines[["top", "right"]].set_visible(False)
         panel.set_ylabel(_with_unit(name, dimensions.get(name.partition(".")[0]), sections))

@@ -35,6 +35,8 @@ ADVICE = {
     End.TOO_SHARP: "Try more steps.",
     End.CONTACT: "Try more steps. If a shape or a support moves, let it move less per step.",
 }
+#: Advice if even the smallest first step inverts elements.
+UNITS = "Not even a small part of the load is carried: check the units of material, mesh and load first (system.implausible())."
 #: Advice if no state was found for a body without transverse stiffness at rest.
 SLACK = (
     "Membranes and cables have no transverse stiffness without tension. Take one step (steps=1), or stretch them first, by "
@@ -138,7 +140,8 @@ def _cause_and_advice(ending: Ending) -> str:
     if t == ending.t0 and _may_be_slack(ending.system):
         return f": {failed} {SLACK}"
     if not ending.branch:
-        return f": {failed} {advice_after(last.end, ending.system)}"
+        units = f" {UNITS}" * (t == ending.t0 == 0.0 and last.end is End.INSIDE_OUT)
+        return f": {failed}{units} {advice_after(last.end, ending.system)}"
     beyond = "To follow the unstable path beyond it, use method='arc-length'."
     material = f"If the material gives way in compression, try {AGAINST_INVERSION[penalty]}"
     return f": {ending.branch} Beyond it, {failed} {beyond} {material}"

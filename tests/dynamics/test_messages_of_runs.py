@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from motions import clamped, reached, released, spinning
 
-from skfem_stvk import simulate
+from skfem_stvk import Gravity, NeoHookean, RigidContact, RigidPlane, System, simulate
 from skfem_stvk.dynamics import EnergyMomentum, LinearBackwardEuler
 from skfem_stvk.dynamics.checkpoint import load
 from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
+from skfem_stvk.mesh import box
 from skfem_stvk.nonlinear.stopwatch import Stopwatch
 
 
@@ -80,3 +81,16 @@ def test_a_run_resumes_in_its_original_folder(tmp_path, monkeypatch):
     assert not list(there.iterdir())
     assert '"0.2' in (here / "run.pvd").read_text()
     assert load(here / "run" / "motion.npz").header.now.steps == 20
+
+
+def test_a_body_that_starts_within_a_shape_makes_the_message_name_the_contact():
+    """The normal of the floor points down, so the whole cube is within the half-space of the floor and its first step fails."""
+    rubber = NeoHookean(young=5e4, poisson=0.4, density=1000.0)
+
+    def message(normal):
+        floor = RigidContact(RigidPlane((0, 0, -0.05), normal), name="floor")
+        cube = System(box((0.1, 0.1, 0.1), (4, 4, 4)), [rubber, Gravity((0, 0, -9.81)), floor])
+        return simulate(cube, EnergyMomentum(dt=1e-3), until=2e-3, quiet=True, raise_on_failure=False).message
+
+    assert "The body starts within the shape of 'floor': check the position and the normal of the shape." in message((0, 0, -1))
+    assert "starts within" not in message((0, 0, 1))

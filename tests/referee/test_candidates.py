@@ -118,6 +118,15 @@ def test_a_candidate_without_any_method_is_an_error():
         verify(MESH, TERM, candidate=3)
 
 
+def test_a_class_that_needs_more_than_the_mesh_is_an_error_that_says_what_to_pass():
+    class Loop:
+        def __init__(self, mesh, young):
+            self.mesh, self.young = mesh, young
+
+    with pytest.raises(StvkError, match=r"missing 1 required .* Pass an object with energy, .* from the mesh alone"):
+        verify(MESH, TERM, candidate=Loop)
+
+
 class NeoHookean:
     """Another hyperelastic law: `W = mu/2 (|F|^2 - 3 - 2 log J) + lam/2 (log J)^2` on P1 tetrahedra."""
 

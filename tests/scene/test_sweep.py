@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from skfem_stvk import SceneError, StvkError
 from skfem_stvk.cli.main import main
 from skfem_stvk.scene import Scene, sweep
-from skfem_stvk.scene.sweep import _dimension, planned
+from skfem_stvk.scene.sweep import _dimension, _figure, planned
 
 BEAM = """
 [mesh]
@@ -279,6 +280,19 @@ def test_a_plot_is_drawn_only_for_several_values(tmp_path):
     assert plot.read_bytes().startswith(b"\x89PNG")
     sweep(path, {YOUNG: [1e6]}, jobs=1, quiet=True)
     assert not plot.exists()
+
+
+def test_lines_of_a_plot_are_in_the_order_of_the_values(tmp_path, monkeypatch):
+    """Runs end in any order. The legend has the order of the command, and each line that of its axis."""
+    axes, runs = planned(scene(tmp_path, STATIC), {"analysis.steps": [1, 2], YOUNG: [1e6, 1e7, 1e8]})
+    axis, others = axes[0], axes[1:]
+    values = [(steps, young) for young in (1e7, 1e8, 1e6) for steps in (2, 1)]
+    rows = [
+        SimpleNamespace(values={axis.path: steps, others[0].path: young}, results={"x": steps * young}) for steps, young in values
+    ]
+    panel = _figure(axis, others, rows, ["x"], runs[0].scene.sections).axes[0]
+    assert [line.get_label() for line in panel.lines] == ["young = 1e6", "young = 1e7", "young = 1e8"]
+    assert [list(line.get_xdata()) for line in panel.lines] == [[1, 2]] * 3
 
 
 def wait_for(condition, process):
