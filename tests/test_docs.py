@@ -117,7 +117,10 @@ def test_sentences_are_found_in_prose_alone():
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.parent.name in (*SHELVES, "reference", "measurements")], ids=named)
 def test_pages_end_with_where_to_go_next(page):
-    """The last paragraph begins with 'Next:', or the last section is 'Next'. Front pages of shelves and printed tables need none."""
+    """The last paragraph begins with 'Next:', or the last section is 'Next'.
+
+    Front pages of shelves, the changelog and printed tables of keys need none.
+    """
     end = re.search(r"\n## Next\n(?s:(?!\n#).)*\Z|\n\**Next:(?:.|\n(?!\n))*\Z", page.read_text(encoding="utf-8").rstrip())
     assert end or page.stem in ("index", "changelog") or page.stem.startswith("scene-keys")
 
