@@ -22,6 +22,11 @@ CITING = [
 ] + [*ROOT.glob("*.md"), ROOT / "pyproject.toml"]
 
 
+def named(page):
+    """Path of a page in the checkout."""
+    return str(page.relative_to(ROOT))
+
+
 def prose(page):
     """Text of a page without its blocks of code."""
     text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
@@ -35,7 +40,7 @@ def headings(page):
     return {re.sub(r"[^\w -]", "", title.lower()).strip().replace(" ", "-") for title in plain}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=named)
 def test_links_of_a_page_lead_somewhere(page):
     broken = []
     for target in re.findall(r"\]\(([^()\s]+)\)", prose(page)):
@@ -66,6 +71,58 @@ def test_no_two_pages_have_one_title():
 
 
 SHELVES = {"tutorials": 1200, "topics": 1200, "how-to": 600}
+LONGEST = 30
+#: What is no prose, and its replacement. A formula, code and a picture are one word; a link is its text.
+NO_PROSE = {
+    r"\A---\n.*?\n---$|<!--.*?-->|^(`{3,}|~{3,}|:{3,}).*?^\1$": "",  # front matter, comments, blocks of code, directives
+    r"^(?: {4}| *[|#]|\([\w-]+\)=)[^\n]*$": "",  # indented blocks, tables, headings, labels
+    r"\$\$.*?\$\$|\$[^$]+\$|(`+)[^`]+\1|!\[[^]]*\]\([^)]*\)": "X",
+    r"\[([^][]*)\](?:\([^()]*\)|\[[^]]*\])": r"\1",
+}
+ITEM = r"(?:[-*+]|\d+\.) "
+
+
+def paragraphs(text):
+    """Yield line and text of each paragraph or item of a list."""
+    for pattern, words in NO_PROSE.items():
+        text = re.sub(pattern, lambda one, words=words: one.expand(words) + "\n" * one[0].count("\n"), text, flags=re.M | re.S)
+    for block in re.finditer(rf"\S(?:.|\n(?!\s*\n| *{ITEM}))*", text):
+        yield text.count("\n", 0, block.start()) + 1, re.sub(rf"\A{ITEM}", "", block[0])
+
+
+def long_sentences(text, longest=LONGEST):
+    """Return 'line: sentence' for each sentence that has more words."""
+    sentences = [(line, one) for line, words in paragraphs(text) for one in re.split(r"(?<=[.!?])[)\"*_]*\s+", words)]
+    return [f"{line}: {' '.join(one.split())}" for line, one in sentences if len(one.split()) > longest]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.parent != ROOT or page.stem == "README"], ids=named)
+def test_sentences_are_short(page):
+    assert [f"{named(page)}:{one}" for one in long_sentences(page.read_text(encoding="utf-8"))] == []
+
+
+def test_sentences_are_found_in_prose_alone():
+    words = "one " * 16
+    long = [f"{words}[{words}](a.md)", f"- {words}\n- {words}{words}", f"`a` $x\ny$ {words}\n{words}"]
+    free = [
+        f"```\n{words * 2}\n```",
+        f"    {words * 2}",
+        f"| {words * 2} |",
+        f"{words}`{words}` ${words}$",
+        f"{words}one. One {words}",
+    ]
+    assert [long_sentences(text)[0].split()[0] for text in long] == ["1:", "2:", "1:"]
+    assert [long_sentences(text) for text in free] == [[]] * len(free)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.parent.name in (*SHELVES, "reference", "measurements")], ids=named)
+def test_pages_end_with_where_to_go_next(page):
+    """The last paragraph begins with 'Next:', or the last section is 'Next'.
+
+    Front pages of shelves, the changelog and printed tables of keys need none.
+    """
+    end = re.search(r"\n## Next\n(?s:(?!\n#).)*\Z|\n\**Next:(?:.|\n(?!\n))*\Z", page.read_text(encoding="utf-8").rstrip())
+    assert end or page.stem in ("index", "changelog") or page.stem.startswith("scene-keys")
 
 
 @pytest.mark.parametrize("shelf", SHELVES)

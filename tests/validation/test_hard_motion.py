@@ -98,7 +98,7 @@ def test_another_state_is_wrong_unless_the_method_reports_it(landing, change, wh
     found = judge.judged(system, u, v, True, "reached t = 0.5 s", ending)
     assert found.verdict is Verdict.WRONG and why in found.why
     if admission is not None:
-        assert judge.judged(system, u, v, True, admission, ending).verdict is Verdict.SAID_SO
+        assert judge.judged(system, u, v, True, admission, ending).verdict is Verdict.REPORTED
     else:
         assert judge.judged(system, u, v, True, SAYS_ENERGY + SAYS_INSIDE_OUT, ending).verdict is Verdict.WRONG
 
@@ -108,14 +108,14 @@ def test_inverted_elements_at_the_end_are_wrong_whatever_the_message(landing):
     mirrored = (-2 * system.mesh.p * [[1], [0], [0]]).ravel("F")
     assert judge.judged(system, mirrored, motion.v, True, SAYS_ENERGY, ending).verdict is Verdict.WRONG
     assert judge.judged(system, mirrored, motion.v, True, SAYS_INSIDE_OUT, ending).verdict is Verdict.WRONG
-    assert judge.judged(system, mirrored, motion.v, False, "", ending).verdict is Verdict.SAID_SO
+    assert judge.judged(system, mirrored, motion.v, False, "", ending).verdict is Verdict.REPORTED
 
 
 def test_no_method_reports_success_for_a_block_inverted_by_shaking():
     scene = a_scene("shake")
     row = study.row_of(scene)
     assert not list(study.failures(row))
-    ends = {run.method: run.status for run in row.runs if run.verdict is Verdict.SAID_SO}
+    ends = {run.method: run.status for run in row.runs if run.verdict is Verdict.REPORTED}
     assert set(ends) == set(scene.methods) - {"plain eq. 9"}
     assert ends["forward Euler, dt=None"] == ends["eq. 9"] == "reached the end, but with inverted elements"
 

@@ -44,13 +44,17 @@ the same K. The C loop is a plain element loop of this project (`validation/benc
 parts are computed in advance. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
 products. The peers are timed with the functions that their codes offer for the same law and element (`skfem_stvk/peers`).
 
-The memory limit counts these bytes, each read or written once. F: vertices, coefficients and coordinates of the tetrahedra, u and
-F. K: the tetrahedra with the ids of their edges, the blocks of the edges written and read again, their positions in K, and the
-values of K. K v: the blocks and vertices of the edges, and both vectors. The tables of memory count the same arrays and the scratch
-arrays of the threads.
+The memory limit counts these bytes, each read or written once:
 
-The benchmark does not measure time in a solver, I/O, more than two threads, second-order elements, other laws, or the memory of
-scikit-fem and the peers. scikit-fem has no single precision."""
+- F: vertices, coefficients and coordinates of the tetrahedra, u and F.
+- K: the tetrahedra with the ids of their edges, their positions in K, and the values of K. The blocks of the edges are written and
+  read again.
+- K v: the blocks and vertices of the edges, and both vectors.
+
+The tables of memory count the same arrays and the scratch arrays of the threads.
+
+The benchmark does not measure time in a solver, I/O, more than two threads, second-order elements or other laws. It does not
+measure the memory of scikit-fem and the peers. scikit-fem has no single precision."""
 
 
 def rendered(results: Benchmark) -> RenderableType:

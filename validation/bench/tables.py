@@ -86,8 +86,8 @@ def ours(results: Benchmark) -> FigureTable:
     note = (
         "One thread, double precision. W+F is compared with scikit-fem's W and F, and with the C loop's F. The row K v is the "
         "product with a vector; its preparation for new displacements has its own row. The memory limit is the time to read and "
-        "write the necessary data once, at the speed of a copy between arrays larger than any cache. Smaller meshes fit into a "
-        "large cache and can be faster."
+        "write the necessary data once, as fast as a copy of arrays that exceed any cache. Smaller meshes fit into a large cache "
+        "and can be faster."
     )
     return FigureTable("This package", note, columns, rows, words=2)
 

@@ -30,7 +30,7 @@ class Verdict(Enum):
 
     RIGHT = "right"
     WRONG = "WRONG"
-    SAID_SO = "said so"
+    REPORTED = "reported"
 
     def __str__(self) -> str:
         return self.value
@@ -49,7 +49,7 @@ def judged(system: System, u: Array, claims_success: bool, message: str, truth: 
     `claims_success` means that the method reports them as the answer.
     """
     if not claims_success:
-        return Judgement(Verdict.SAID_SO, message)
+        return Judgement(Verdict.REPORTED, message)
     faults = faults_of(system, u, truth.limit)
     if truth.error is None:
         faults.append("there is no right state")

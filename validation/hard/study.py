@@ -78,7 +78,7 @@ def failures(row: Row) -> Iterator[str]:
         name = f"{row.case.name}, {run.method}"
         if run.verdict is Verdict.WRONG:
             yield f"{name}: reported as success, but {run.judgement.why}"
-        elif run.verdict is Verdict.SAID_SO and truth.error is not None and not truth.refused:
+        elif run.verdict is Verdict.REPORTED and truth.error is not None and not truth.refused:
             yield f"{name}: a right state exists; got: {run.message}"
         if run.unsaid:
             yield f"{name}: not said: {', '.join(run.unsaid)}; message: {run.message}"

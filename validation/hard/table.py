@@ -21,7 +21,7 @@ from .methods import METHODS, Run
 
 COLUMNS = ("method", "steps", "iterations", "time [s]", "status", "right?", "why not")
 SHORT = ("method", "steps", "iter.", "s", "status", "right?", "why not")
-STYLE = {Verdict.RIGHT: "green", Verdict.WRONG: "bold red", Verdict.SAID_SO: "yellow"}
+STYLE = {Verdict.RIGHT: "green", Verdict.WRONG: "bold red", Verdict.REPORTED: "yellow"}
 #: Widths of the first column, of the status, and of the last column [characters].
 NARROW, STATUS, LAST = 34, 24, 18
 

@@ -32,13 +32,13 @@ def judged(system: System, u: Array, v: Array, claims_success: bool, said: str, 
     elements in the final state are an exception: no message makes them a success.
     """
     if not claims_success:
-        return Judgement(Verdict.SAID_SO, said)
+        return Judgement(Verdict.REPORTED, said)
     faults = faults_of(system, u, v, ending)
     if not faults:
         return Judgement(Verdict.RIGHT, "")
     admitted = all(re.search(fault.words, said) for fault in faults)
     why = ", ".join(fault.what for fault in faults)
-    return Judgement(Verdict.SAID_SO if admitted else Verdict.WRONG, why)
+    return Judgement(Verdict.REPORTED if admitted else Verdict.WRONG, why)
 
 
 def faults_of(system: System, u: Array, v: Array, ending: Ending) -> list[Fault]:
