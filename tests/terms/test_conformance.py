@@ -19,7 +19,9 @@ from skfem_stvk import (
     ElementMesh,
     InvertibleStVK,
     LinearElastic,
+    MeshContact,
     NeoHookean,
+    RigidContact,
     SpringNetwork,
     StVK,
     StvkError,
@@ -29,7 +31,7 @@ from skfem_stvk import (
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
-from skfem_stvk.terms import Body, HasDampingForce, HasMeanForce, HasRoundOff, HasVolume, Quartic
+from skfem_stvk.terms import TERMS, Body, HasDampingForce, HasMeanForce, HasRoundOff, HasVolume, Quartic, is_load
 from skfem_stvk.terms.volume_penalty import ENERGIES
 
 RNG = np.random.default_rng(12)
@@ -210,6 +212,13 @@ DEFINITE = [name for name in WITH_ENERGY if CASES[name].definite]
 OURS = [name for name, case in CASES.items() if not case.toy]
 INVERTING = [name for name, case in CASES.items() if case.inverts]
 FREE = [name for name, case in CASES.items() if not case.grounded]
+
+
+def test_every_elastic_term_has_a_case():
+    """Contacts have suites of their own, because they need surfaces that meet."""
+    elastic = {term for term in TERMS.values() if not is_load(term)} - {RigidContact, MeshContact}
+    missing = elastic - {type(case.term) for case in CASES.values()}
+    assert not missing, "add cases to cases() in tests/terms/test_conformance.py"
 
 
 def bound(case, dtype=np.float64, mesh=None):
