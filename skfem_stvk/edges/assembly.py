@@ -171,7 +171,7 @@ class Assembly(PairTerm):
         return sum(energies) if self.has_energy else 0.0, sum(traces)
 
     def check(self, found: list[Any]) -> None:
-        """Refuse results of a kernel whose energy is not finite because elements have no volume left at a point."""
+        """Refuse results of a kernel, energies or tuples that begin with one, that are not finite because elements are flat."""
         energies = [one[0] if isinstance(one, tuple) else one for one in found]
         if not np.isfinite(sum(energies)) and self._volume_ratios(self.elements.at_points).min() <= 0:
             self.refuse_inside_out()

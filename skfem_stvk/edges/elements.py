@@ -84,7 +84,7 @@ class Quadrature(NamedTuple):
     rule
         Points and weights of the rule.
     hourglass
-        Resistance to hourglass modes, for boxes with one point and mean gradients, which these do not detect; else None.
+        Coefficient of the hourglass control (`System`) of boxes with one point and mean gradients; None for other elements.
     """
 
     element: Element

@@ -401,7 +401,7 @@ class System(BoundTerms):
             as `energy`.
         """
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
-        return self._energy_and_force(u, force, refused="F")[1].ravel()
+        return self._energy_and_force(u, force, check_energy=False)[1].ravel()
 
     def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
@@ -452,8 +452,8 @@ class System(BoundTerms):
         look_at(self._with_changing_pairs, x)
         if free is not None:
             return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
-        K, every = self._matrix(out, self.pattern), self._rows()[0]
-        self.space.together(self._fill, x, K.data, every, None)
+        K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
+        self.space.together(self._fill, x, K.data, rows_of_terms, None)
         return K
 
     @locked
@@ -479,10 +479,10 @@ class System(BoundTerms):
         self._refuse_without_energy()
         x = self._state(u)
         look_at(self._with_changing_pairs, x)
-        K, every, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
+        K, rows_of_terms, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
 
         def of_part() -> float:
-            energy = self._fill(x, K.data, every, force)
+            energy = self._fill(x, K.data, rows_of_terms, force)
             refuse_overflow(energy, "W", x)
             refuse_overflow(force, "F", x)
             return energy
@@ -653,8 +653,8 @@ class System(BoundTerms):
         look_at(self._with_changing_pairs, x)
         if free is not None:
             return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
-        K, (every, of_loads) = self._matrix(out, self.pattern), self._rows()
-        self.space.together(self._fill, x, K.data, every, None, factors)
+        K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
+        self.space.together(self._fill, x, K.data, rows_of_terms, None, factors)
         for load, rows in zip(self._follower_loads, of_loads, strict=True):
             load.add_stiffness(x, moment, rows, K.data)
         return K
@@ -936,7 +936,7 @@ class System(BoundTerms):
         return parts
 
     def _moment(self, t: Time) -> Moment:
-        """Return the moment of load factor or time `t`, and let terms that change with time be at `t`."""
+        """Return the moment of load factor or time `t`; set all terms that change with time to `t`."""
         moment = Moment.checked(t)
         set_time(self.bound_terms, moment)
         return moment
@@ -949,16 +949,16 @@ class System(BoundTerms):
                 "Use internal_force(u) and tangent(u)."
             )
 
-    def _energy_and_force(self, u: ArrayLike, force: Array, refused: str = "WF") -> tuple[float, Array]:
-        """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if it is among the `refused`."""
-        return self.space.sum_of(self._energy_of_part, u, force, refused), self.space.share(force)
+    def _energy_and_force(self, u: ArrayLike, force: Array, check_energy: bool = True) -> tuple[float, Array]:
+        """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if `check_energy`."""
+        return self.space.sum_of(self._energy_of_part, u, force, check_energy), self.space.share(force)
 
-    def _energy_of_part(self, u: ArrayLike, force: Array, refused: str) -> float:
+    def _energy_of_part(self, u: ArrayLike, force: Array, check_energy: bool) -> float:
         """Return W of one part of a divided body, and its F in `force`."""
         x = by_vertex(self.mesh, u)
         force[:] = 0
         energy = float(sum(term.energy_and_force(x, force) for term in self.bound_terms))
-        if "W" in refused:
+        if check_energy:
             refuse_overflow(energy, "W", x)
         refuse_overflow(force, "F", x)
         return energy
@@ -977,7 +977,7 @@ class System(BoundTerms):
         self,
         x: Array,
         data: Array,
-        every: Sequence[Any],
+        rows_of_terms: Sequence[Any],
         force: Array | None,
         kept: Tensions = ALL,
         *,
@@ -985,13 +985,13 @@ class System(BoundTerms):
     ) -> float:
         """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
-        `every` has the rows of each term. The internal force is added to `force` if given.
+        `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
         """
-        add = self.mesh.d**2 * every[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
+        add = self.mesh.d**2 * rows_of_terms[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
         energy = 0.0
-        for term, rows in zip(self.pair_terms, every, strict=True):
+        for term, rows in zip(self.pair_terms, rows_of_terms, strict=True):
             linearized = term.fill(x, rows, data, add, force, kept)
             add = True
             refuse_overflow(linearized.total, "K", x)
@@ -1014,8 +1014,8 @@ class System(BoundTerms):
             )
         K, indices = self._matrix(out, free.structure), free.value_indices
         if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
-            every = [rows.part(indices) for rows in self._rows()[0]]
-            self.space.together(lambda: self._fill(x, K.data, every, None, kept, free=free))
+            rows_of_terms = [rows.part(indices) for rows in self._rows()[0]]
+            self.space.together(lambda: self._fill(x, K.data, rows_of_terms, None, kept, free=free))
             return K
         with self._lock:
             whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None

@@ -45,7 +45,7 @@ class VolumeEnergy:
     number
         Number of the energy in the kernels.
     density, slope, curvature
-        Functions `psi`, `psi'` and `psi''` of `e`.
+        Functions `psi`, `psi'` and `psi''` of `e`, as in `kernels.volume_penalty`.
     least
         Smallest stiffness over `lam + 2 mu` for which confined compression has no limit point.
     usual
@@ -61,10 +61,9 @@ class VolumeEnergy:
 
         k/H >= least = max over s of (1 - 3 s^2) / (2 psi''(s))
 
-        quadratic      psi'' = 1             1/2, at s = 0
-        compression    psi'' = 2 (1 - s)     c = (3 - sqrt(6))/2 = 0.27526, at s = 2 c/3, a double root: 4 c^2 - 12 c + 3 = 0
-        barrier        psi'' = -2 ln s + 4 (1 - s)/s + (1 - s)^2/s^2
-                                             0.025802..., at s = 0.40536...: the maximum has no closed form
+        quadratic      1/2, at s = 0
+        compression    c = (3 - sqrt(6))/2 = 0.27526, at s = 2 c/3, a double root: 4 c^2 - 12 c + 3 = 0
+        barrier        0.025802..., at s = 0.40536...: the maximum has no closed form
     """
 
     number: int
