@@ -41,6 +41,13 @@ def test_each_kind_has_a_closed_form():
     assert PSI.keys() == ENERGIES.keys(), "add a row psi(J) to PSI in tests/terms/test_volume_penalty.py"
 
 
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_energies_that_are_not_finite_where_elements_are_inverted_say_so():
+    for kind, energy in ENERGIES.items():
+        finite = np.isfinite(energy.density(np.array([-2.0, -1.5]))).all()
+        assert finite == (not energy.infinite_energy), f"{kind}: expected infinite_energy = a message where psi is infinite"
+
+
 def domain(kind):
     return WIDE[WIDE > 0] if ENERGIES[kind].infinite_energy else WIDE
 
