@@ -147,7 +147,8 @@ def reference():
 
 @pytest.mark.parametrize("page", reference().PAGES)
 def test_printed_pages_are_up_to_date(page):
-    assert (ROOT / "docs" / "reference" / f"{page}.md").read_text(encoding="utf-8") == reference().PAGES[page]()
+    printed = (ROOT / "docs" / "reference" / f"{page}.md").read_text(encoding="utf-8")
+    assert printed == reference().PAGES[page](), "print the page again: python docs/print_reference.py"
 
 
 def test_findings_are_those_of_the_monitors():
@@ -159,4 +160,6 @@ def test_findings_are_those_of_the_monitors():
 
 def test_the_api_page_lists_every_public_name_once():
     blocks = re.findall(r":toctree: ../api\n\n(.*?)```", (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8"), re.S)
-    assert sorted(" ".join(blocks).split()) == skfem_stvk.__all__
+    assert sorted(" ".join(blocks).split()) == skfem_stvk.__all__, (
+        "docs/reference/api.md lists the names of skfem_stvk/__init__.pyi"
+    )

@@ -9,10 +9,9 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array
 from ..edges import NONE, Tensions
-from ..mesh.displacements import by_vertex
+from ..mesh.displacements import array_to_fill, by_vertex
 from ..system import System, TangentOperator
 from ..system.operator import refuse_overflow
-from ..system.system import array_to_fill
 from ..terms import HasDampingForce, HasMeanForce, HasVolume
 from ..terms.load import Time
 from ..terms.protocols import Assumed

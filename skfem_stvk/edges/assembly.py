@@ -81,7 +81,7 @@ class Assembly(PairTerm):
         self._t_of_volumes = self.elements.t
         if self.by_edges:
             self.simplices = p, t
-        if stored.barrier:  # the barrier needs them for its messages
+        if stored.infinite_energy:  # for its messages
             self._ids = np.arange(t.shape[1]) if elements is None else elements
 
     @locked
@@ -133,15 +133,15 @@ class Assembly(PairTerm):
         """Run a kernel that adds forces to nodes, at the displacements gathered last, and return its results by part.
 
         The kernel's arguments are, in this order: nodes and slots of the blocks, its output `to`, points, law, rest coordinates,
-        displacements, `more`, and slots of forces. The slots are added to `force` (nv, d) unless it is None. Nothing is added if a
-        barrier is infinite.
+        displacements, `more`, and slots of forces. The slots are added to `force` (nv, d) unless it is None. Nothing is added if
+        the energy is infinite.
         """
         elements, shares = self.elements, self.elements.force_shares
         f = np.empty(0, dtype=self.dtype) if force is None else elements.own.slots("F", shares)
         law = self.law if law is None else law
         arrays = elements.t.ravel(), shares.slots, *to, self.points, law, elements.X, elements.u
         found = run(kernel, shares.parts, *arrays, *more, f)
-        if self.stored.barrier:
+        if self.stored.infinite_energy:
             self.check(found)
         if force is not None:
             elements.own.add(f, shares, force)
@@ -171,14 +171,14 @@ class Assembly(PairTerm):
         return sum(energies) if self.has_energy else 0.0, sum(traces)
 
     def check(self, found: list[Any]) -> None:
-        """Refuse results of a kernel whose energy is not finite because elements have no volume left at a point."""
+        """Refuse results of a kernel, energies or tuples that begin with one, that are not finite because elements are flat."""
         energies = [one[0] if isinstance(one, tuple) else one for one in found]
         if not np.isfinite(sum(energies)) and self._volume_ratios(self.elements.at_points).min() <= 0:
             self.refuse_inside_out()
 
     def refuse_inside_out(self) -> None:
         """Refuse the displacements gathered last if elements have no volume left at a point."""
-        refuse_inside_out(self._volume_ratios(self.elements.at_points), self._ids, self.stored.barrier)
+        refuse_inside_out(self._volume_ratios(self.elements.at_points), self._ids, self.stored.infinite_energy)
 
     @locked
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
@@ -302,12 +302,12 @@ def offering(module: str, name: str, **abilities: Any) -> type[Assembly]:
     return cast(type[Assembly], type(name, (Assembly,), {"__module__": module, "__doc__": Assembly.__doc__, **abilities}))
 
 
-def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], barrier: str) -> None:
+def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], infinite_energy: str) -> None:
     """Refuse a state of elements with these `ids` and ratios `J` of which at least one is not positive, within rounding.
 
-    `barrier`: the quantity that is infinite there, and the remedy.
+    `infinite_energy` is the end of the message, as in `StoredLaw`.
     """
     least = ratios.min()
     raise StateError(
-        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inverted or flat (J down to {least:.2g}), where {barrier}"
+        f"{name_ids(ids[ratios <= max(least, 0.0)], 'element')} inverted or flat (J down to {least:.2g}), where {infinite_energy}"
     )

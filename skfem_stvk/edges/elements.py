@@ -10,13 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..arguments import Array
-from ..elements import Element, Rule, linear_simplex, rule_of
+from ..arguments import Array, choice, number, shown
+from ..elements import HOURGLASS, Element, Rule, linear_simplex, rule_of
+from ..errors import StvkError
 from ..kernels import blocks as block_kernels
 from ..kernels.geometry import frames, frames_of_base_vectors
 from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.threads import CopyableLock, threads
 from ..kernels.topology import lexicographic_order
+from ..mesh import ElementMesh
 from ..mesh.points import are_straight, base_vectors_at, sizes_of
 from .topology import KernelEdges, KernelOrder, Shares, in_lanes, kernel_edges, out_of_lanes, shares_of
 
@@ -82,7 +84,7 @@ class Quadrature(NamedTuple):
     rule
         Points and weights of the rule.
     hourglass
-        Resistance to hourglass modes, for boxes with one point and mean gradients, which these do not detect; else None.
+        Coefficient of the hourglass control (`System`) of boxes with one point and mean gradients; None for other elements.
     """
 
     element: Element
@@ -98,6 +100,35 @@ class Quadrature(NamedTuple):
 def simplex_quadrature(k: int) -> Quadrature:
     """Return the quadrature of linear simplices of dimension `k`, with their one point."""
     return Quadrature.of(linear_simplex(k))
+
+
+def checked_quadrature(mesh: ElementMesh, quadrature: str | None, hourglass: float | None) -> Quadrature:
+    """Return the quadrature of a mesh from the arguments of `System`; raise StvkError if they do not fit the mesh."""
+    kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
+    if kind != "one-point":
+        if hourglass is not None:
+            raise StvkError(
+                f'hourglass = {shown(hourglass)}; expected None without quadrature="one-point", for hexahedra and quadrilaterals.'
+            )
+        return Quadrature.of(mesh.element, kind)
+    if not mesh.element.shape.one_point or mesh.k < mesh.d:
+        raise StvkError(
+            f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}: '
+            f"{_no_mean(mesh)}"
+        )
+    coefficient = HOURGLASS if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
+    if coefficient < 0:
+        raise StvkError(f"hourglass = {shown(hourglass)}; expected a number, zero or more, such as {HOURGLASS}.")
+    return Quadrature.of(mesh.element, kind, coefficient)
+
+
+def _no_mean(mesh: ElementMesh) -> str:
+    """Return the reason why elements have no mean gradients with hourglass control, and a remedy."""
+    if mesh.element.shape.one_point:
+        return "mean gradients need fixed axes, but those of a surface in space vary. Leave it out, for 2 x 2 points."
+    if mesh.element.is_linear_simplex:
+        return "linear simplices have one point anyway. Leave it out."
+    return "with one point most motions of quadratic elements meet no resistance. Leave it out, or take degree=1."
 
 
 class Frames(NamedTuple):

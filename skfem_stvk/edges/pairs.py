@@ -444,7 +444,7 @@ class AccumulatedBlocks:
             self._known = version, pairs
         return pairs
 
-    def of(self: Own, term: Any) -> Own:
+    def with_term(self: Own, term: Any) -> Own:
         """Return the same pairs, with another term or load that couples them."""
         other = copy(self)
         other.term = term

@@ -43,12 +43,12 @@ class StoredLaw(ABC):
     ----------
     law
         The law of the kernels, made of its numbers `D`; its type selects the formulas of the kernels.
-    barrier
-        Part of messages: the quantity that is infinite where elements are inverted or flat, and the remedy; "" without one.
+    infinite_energy
+        End of messages about inverted or flat elements: the energy that is infinite there, and the remedy; "" without one.
     """
 
     law: Any
-    barrier: str = ""
+    infinite_energy: str = ""
 
     @abstractmethod
     def numbers(self, p: Array, quadrature: Quadrature, order: KernelOrder, dtype: DTypeLike) -> Array:

@@ -149,7 +149,7 @@ class MeanPoints(NamedTuple):
         (blocks + 1,) as in `Points`.
     modes
         (nh, m) hourglass modes `h_ka = +-1` of these nodes: products of the signs of two or three reference coordinates.
-    resistance
+    hourglass_stiffness
         (blocks, LANES) `c = hourglass/16 (lam + 2 mu) V sum_a |g_a|^2`.
     """
 

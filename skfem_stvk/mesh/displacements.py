@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, vector
-from ..errors import StateError, name_ids
+from ..arguments import Array, shown, vector
+from ..errors import StateError, StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from .mesh import ElementMesh
 
@@ -24,6 +24,16 @@ def by_vertex(mesh: ElementMesh, u: ArrayLike, name: str = "u") -> Array:
            [3., 4.]])
     """
     return finite_vector(name, u, mesh.p.size, f"degree of freedom d * {mesh.word} + component").reshape(-1, mesh.d)
+
+
+def array_to_fill(mesh: ElementMesh, out: Array) -> Array:
+    """Return a contiguous array of floats (ndofs,) as (nv, d) to write to; raise StvkError for any other object."""
+    own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
+    if not own or out.shape != (mesh.p.size,) or not (out.flags.carray and out.dtype.isnative):
+        raise StvkError(
+            f"out = {shown(out)}; expected a contiguous, writable array of floats ({mesh.p.size},), such as np.zeros(system.ndofs)."
+        )
+    return out.reshape(-1, mesh.d)
 
 
 def finite_vector(name: str, value: Any, n: int, each: str = "degree of freedom", *, kinds: str = "fiu") -> Array:

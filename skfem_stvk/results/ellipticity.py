@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..edges.stiffness import VOIGT, multiplicity, voigt_indices
 from ..errors import StvkError, name_ids
-from ..terms.volume_energies import ENERGIES
+from ..terms.volume_penalty import ENERGIES
 from .law import adjugate, dilation, strain_and_stress
 from .response import ElasticBody, Masked, Response
 

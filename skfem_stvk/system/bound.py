@@ -169,10 +169,10 @@ class BoundTerms:
         """Replace the bound terms and loads of a copy by others that couple the same pairs."""
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
         self.pair_terms = tuple(
-            pairs.of(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
+            pairs.with_term(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
             for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
         )
-        for name in ("_with_history", "_with_volume", "contacts", "working_contacts"):
+        for name in ("_with_changing_pairs", "_with_history", "_with_volume", "contacts", "working_contacts"):
             self.__dict__.pop(name, None)
 
     @property
@@ -230,6 +230,11 @@ class BoundTerms:
     @cached_property
     def _with_history(self) -> list[HasHistory]:
         return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasHistory)]
+
+    @cached_property
+    def _with_changing_pairs(self) -> list[Any]:
+        """Terms and loads that couple other nodes as the body moves, such as contacts between bodies."""
+        return [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.

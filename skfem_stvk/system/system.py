@@ -16,14 +16,13 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
-from ..edges.elements import Quadrature, nbytes
+from ..edges.elements import checked_quadrature, nbytes
 from ..edges.pairs import AccumulatedBlocks, joined, look_at, version_of
-from ..elements import HOURGLASS
 from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
-from ..mesh.displacements import by_vertex
+from ..mesh.displacements import array_to_fill, by_vertex
 from ..mesh.locations import DofsView
 from ..notebook import html_table
 from ..terms import (
@@ -156,7 +155,7 @@ class System(BoundTerms):
         double = _float_type(dtype) == np.float64
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
         mesh, self._made_from = found.mesh, found.source
-        rule = _checked_rule(mesh, quadrature, hourglass)
+        rule = checked_quadrature(mesh, quadrature, hourglass)
         check_mesh(mesh, found.beside, in_parts=any(isinstance(term, MeshContact) for term in found.terms))
         if not double:
             refuse_divided(mesh.space, "dtype = float32", "float64", "sums over the parts are in double precision.")
@@ -165,10 +164,7 @@ class System(BoundTerms):
         self.supports = Supports(mesh, fixed, prescribed)
         with self.units.of_errors():
             super().__init__(mesh, found.terms, np.float64 if double else np.float32, rule, found)
-        self._follower_loads = [
-            (load, AccumulatedBlocks(load, mesh.nv, mesh.d, np.float64)) for load in self._bound_follower_loads()
-        ]
-        self._with_changing_pairs = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
+        self._follower_loads = [AccumulatedBlocks(load, mesh.nv, mesh.d, np.float64) for load in self._bound_follower_loads()]
         self._pattern: Pattern | None = None
         self._row_cache: tuple[int, list[Any], list[Rows]] | None = None
         self._masses: dict[str, Mass] = {}
@@ -274,10 +270,8 @@ class System(BoundTerms):
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:
         super()._replace_bound(terms, loads)
-        self._follower_loads = [
-            (load, of.of(load)) for load, (_, of) in zip(self._bound_follower_loads(), self._follower_loads, strict=True)
-        ]
-        self._with_changing_pairs = [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
+        followers = zip(self._follower_loads, self._bound_follower_loads(), strict=True)
+        self._follower_loads = [blocks.with_term(load) for blocks, load in followers]
         self._operator = None
 
     def remove(self, elements: str | ArrayLike) -> NoReturn:
@@ -362,7 +356,7 @@ class System(BoundTerms):
         version = self.pattern_version
         if self._pattern is None or self._pattern.version != version:
             pairs = [term.nodes_paired for term in self.bound_terms]
-            pairs += [load.nodes_paired for load, _ in self._follower_loads if load.nodes_paired.size]
+            pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
             self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
         return self._pattern
 
@@ -372,7 +366,7 @@ class System(BoundTerms):
         pattern = self.pattern
         if self._row_cache is None or self._row_cache[0] != pattern.version:
             terms = [term.rows(pattern) for term in self.pair_terms]
-            self._row_cache = pattern.version, terms, [of.pairs.rows(pattern) for _, of in self._follower_loads]
+            self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
         return self._row_cache[1:]
 
     def energy(self, u: ArrayLike) -> float:
@@ -407,7 +401,7 @@ class System(BoundTerms):
             as `energy`.
         """
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
-        return self._energy_and_force(u, force, refused="F")[1].ravel()
+        return self._energy_and_force(u, force, check_energy=False)[1].ravel()
 
     def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
@@ -458,8 +452,8 @@ class System(BoundTerms):
         look_at(self._with_changing_pairs, x)
         if free is not None:
             return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
-        K, every = self._matrix(out, self.pattern), self._rows()[0]
-        self.space.together(self._fill, x, K.data, every, None)
+        K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
+        self.space.together(self._fill, x, K.data, rows_of_terms, None)
         return K
 
     @locked
@@ -485,10 +479,10 @@ class System(BoundTerms):
         self._refuse_without_energy()
         x = self._state(u)
         look_at(self._with_changing_pairs, x)
-        K, every, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
+        K, rows_of_terms, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
 
         def of_part() -> float:
-            energy = self._fill(x, K.data, every, force)
+            energy = self._fill(x, K.data, rows_of_terms, force)
             refuse_overflow(energy, "W", x)
             refuse_overflow(force, "F", x)
             return energy
@@ -548,7 +542,7 @@ class System(BoundTerms):
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self.mesh, self.pair_terms, u, self.dtype, _factors(kept))
+        return TangentOperator(self.mesh, self.pair_terms, u, self.dtype, _checked_tensions(kept))
 
     @locked
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
@@ -655,14 +649,14 @@ class System(BoundTerms):
         StvkError
             if `out` has another pattern.
         """
-        moment, factors, x = self._moment(t), _factors(kept), self._state(u)
+        moment, factors, x = self._moment(t), _checked_tensions(kept), self._state(u)
         look_at(self._with_changing_pairs, x)
         if free is not None:
             return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
-        K, (every, of_loads) = self._matrix(out, self.pattern), self._rows()
-        self.space.together(self._fill, x, K.data, every, None, factors)
-        for (_, of), rows in zip(self._follower_loads, of_loads, strict=True):
-            of.add_stiffness(x, moment, rows, K.data)
+        K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
+        self.space.together(self._fill, x, K.data, rows_of_terms, None, factors)
+        for load, rows in zip(self._follower_loads, of_loads, strict=True):
+            load.add_stiffness(x, moment, rows, K.data)
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
@@ -683,13 +677,13 @@ class System(BoundTerms):
             as `jacobian`.
         """
         x, moment = self._state(u), self._moment(t)
-        conservative = [of for load, of in self._follower_loads if load.symmetric]
+        conservative = [load for load in self._follower_loads if load.term.symmetric]
         if not conservative:
             return None
-        pattern = Pattern(self.mesh.nv, self.mesh.d, [of.term.nodes_paired for of in conservative])
+        pattern = Pattern(self.mesh.nv, self.mesh.d, [load.term.nodes_paired for load in conservative])
         K = pattern.matrix(np.zeros(pattern.nnz))
-        for of in conservative:
-            of.add_stiffness(x, moment, of.pairs.rows(pattern), K.data)
+        for load in conservative:
+            load.add_stiffness(x, moment, load.pairs.rows(pattern), K.data)
         return K
 
     def energies(self, u: ArrayLike, t: Time = 1.0) -> dict[str, float]:
@@ -932,7 +926,7 @@ class System(BoundTerms):
             if isinstance(term, HasMemory):
                 for name, count in term.memory().items():
                     parts[name] = parts.get(name, 0) + count
-        for blocks in (*self.pair_terms, *(of for _, of in self._follower_loads)):
+        for blocks in (*self.pair_terms, *self._follower_loads):
             if isinstance(blocks, AccumulatedBlocks):
                 parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + blocks.own_memory()
         parts["rows of K"] = 0 if self._row_cache is None else nbytes(self._row_cache[1:])
@@ -942,7 +936,7 @@ class System(BoundTerms):
         return parts
 
     def _moment(self, t: Time) -> Moment:
-        """Return the moment of load factor or time `t`, and let terms that change with time be at `t`."""
+        """Return the moment of load factor or time `t`; set all terms that change with time to `t`."""
         moment = Moment.checked(t)
         set_time(self.bound_terms, moment)
         return moment
@@ -955,16 +949,16 @@ class System(BoundTerms):
                 "Use internal_force(u) and tangent(u)."
             )
 
-    def _energy_and_force(self, u: ArrayLike, force: Array, refused: str = "WF") -> tuple[float, Array]:
-        """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if it is among the `refused`."""
-        return self.space.sum_of(self._energy_of_part, u, force, refused), self.space.share(force)
+    def _energy_and_force(self, u: ArrayLike, force: Array, check_energy: bool = True) -> tuple[float, Array]:
+        """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if `check_energy`."""
+        return self.space.sum_of(self._energy_of_part, u, force, check_energy), self.space.share(force)
 
-    def _energy_of_part(self, u: ArrayLike, force: Array, refused: str) -> float:
+    def _energy_of_part(self, u: ArrayLike, force: Array, check_energy: bool) -> float:
         """Return W of one part of a divided body, and its F in `force`."""
         x = by_vertex(self.mesh, u)
         force[:] = 0
         energy = float(sum(term.energy_and_force(x, force) for term in self.bound_terms))
-        if "W" in refused:
+        if check_energy:
             refuse_overflow(energy, "W", x)
         refuse_overflow(force, "F", x)
         return energy
@@ -983,7 +977,7 @@ class System(BoundTerms):
         self,
         x: Array,
         data: Array,
-        every: Sequence[Any],
+        rows_of_terms: Sequence[Any],
         force: Array | None,
         kept: Tensions = ALL,
         *,
@@ -991,13 +985,13 @@ class System(BoundTerms):
     ) -> float:
         """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
-        `every` has the rows of each term. The internal force is added to `force` if given.
+        `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
         """
-        add = self.mesh.d**2 * every[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
+        add = self.mesh.d**2 * rows_of_terms[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
         energy = 0.0
-        for term, rows in zip(self.pair_terms, every, strict=True):
+        for term, rows in zip(self.pair_terms, rows_of_terms, strict=True):
             linearized = term.fill(x, rows, data, add, force, kept)
             add = True
             refuse_overflow(linearized.total, "K", x)
@@ -1020,8 +1014,8 @@ class System(BoundTerms):
             )
         K, indices = self._matrix(out, free.structure), free.value_indices
         if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
-            every = [rows.part(indices) for rows in self._rows()[0]]
-            self.space.together(lambda: self._fill(x, K.data, every, None, kept, free=free))
+            rows_of_terms = [rows.part(indices) for rows in self._rows()[0]]
+            self.space.together(lambda: self._fill(x, K.data, rows_of_terms, None, kept, free=free))
             return K
         with self._lock:
             whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
@@ -1076,35 +1070,6 @@ def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:
         ) from error
 
 
-def _checked_rule(mesh: ElementMesh, quadrature: str | None, hourglass: float | None) -> Quadrature:
-    """Return the quadrature rule that `quadrature` names."""
-    kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
-    if kind != "one-point":
-        if hourglass is not None:
-            raise StvkError(
-                f'hourglass = {shown(hourglass)}; expected None without quadrature="one-point", for hexahedra and quadrilaterals.'
-            )
-        return Quadrature.of(mesh.element, kind)
-    if not mesh.element.shape.one_point or mesh.k < mesh.d:
-        raise StvkError(
-            f'quadrature = "one-point" is for hexahedra, and quadrilaterals in the plane; the mesh has {mesh.kind}: '
-            f"{_no_mean(mesh)}"
-        )
-    coefficient = HOURGLASS if hourglass is None else number("hourglass", hourglass, "a number, zero or more")
-    if coefficient < 0:
-        raise StvkError(f"hourglass = {shown(hourglass)}; expected a number, zero or more, such as {HOURGLASS}.")
-    return Quadrature.of(mesh.element, kind, coefficient)
-
-
-def _no_mean(mesh: ElementMesh) -> str:
-    """Return the reason why elements have no mean gradients with hourglass control, and a remedy."""
-    if mesh.element.shape.one_point:
-        return "mean gradients need fixed axes, but those of a surface in space vary. Leave it out, for 2 x 2 points."
-    if mesh.element.is_linear_simplex:
-        return "linear simplices have one point anyway. Leave it out."
-    return "with one point most motions of quadratic elements meet no resistance. Leave it out, or take degree=1."
-
-
 def _float_type(dtype: Any) -> np.dtype[Any]:
     """Return the type of double or single precision; raise StvkError for any other."""
     try:
@@ -1116,17 +1081,7 @@ def _float_type(dtype: Any) -> np.dtype[Any]:
     return found
 
 
-def array_to_fill(mesh: ElementMesh, out: Array) -> Array:
-    """Return a contiguous array of floats (ndofs,) as (nv, d) to write to; raise StvkError for any other object."""
-    own = isinstance(out, np.ndarray) and not isinstance(out, np.ma.MaskedArray) and out.dtype.char in "df"
-    if not own or out.shape != (mesh.p.size,) or not (out.flags.carray and out.dtype.isnative):
-        raise StvkError(
-            f"out = {shown(out)}; expected a contiguous, writable array of floats ({mesh.p.size},), such as np.zeros(system.ndofs)."
-        )
-    return out.reshape(-1, mesh.d)
-
-
-def _factors(kept: Tensions) -> Tensions:
+def _checked_tensions(kept: Tensions) -> Tensions:
     """Return the factors of tensions; raise StvkError for any other object."""
     if not isinstance(kept, Tensions):
         raise StvkError(

@@ -117,16 +117,15 @@ class ElasticLaw(Specification, ABC):
         body = body if isinstance(body, Body) else Body(body, [])
         mesh, elements, hourglass = body.mesh, body.mesh.elements(self.region), body.quadrature.hourglass
         t = mesh.t if self.region is None else mesh.t[:, elements]
-        n, resistance = t.shape[1], None
+        n, hourglass_stiffness = t.shape[1], None
         if hourglass is not None:
-            resistance = np.broadcast_to(hourglass / 16 * self.confined_modulus(mesh, n) * self.section(mesh, n), n)
-        return self.assembly(
-            mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, resistance, elements=mesh.element_numbers[elements]
-        )
+            hourglass_stiffness = np.broadcast_to(hourglass / 16 * self.confined_modulus(mesh, n) * self.section(mesh, n), n)
+        ids = mesh.element_numbers[elements]
+        return self.assembly(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, hourglass_stiffness, elements=ids)
 
     @property
     def assembly(self) -> type[Assembly]:
-        """Assembly class with the functions that the law registers in addition to W, F and K (`edges.offering`)."""
+        """Assembly class with the functions that the law registers in addition to W, F and K (`edges.assembly.offering`)."""
         return Assembly
 
     @abstractmethod

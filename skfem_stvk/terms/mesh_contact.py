@@ -160,6 +160,24 @@ class Mean(NamedTuple):
     states: list[Collisions]
 
 
+class ContactBlocks(NamedTuple):
+    """Blocks of the stiffness of a contact.
+
+    Attributes
+    ----------
+    keys
+        (n,) numbers `a nv + b` of the pairs of nodes `a < b`, ascending.
+    pairs
+        (n, d, d) blocks `K_ab` of these pairs [N/m].
+    own
+        (m, d, d) blocks `K_aa` of the m nodes of the surface, if the contact is not balanced.
+    """
+
+    keys: NDArray[np.int64]
+    pairs: Array
+    own: Array | None
+
+
 class BoundMeshContact:
     """Contact between surfaces of a body, or with a rigid one, whose vertices follow those of the body in positions (m, d).
 
@@ -190,10 +208,10 @@ class BoundMeshContact:
         self.pattern_version, self._remembers, self._time = 0, False, 0.0
         self._keys = np.empty(0, dtype=np.int64)  # a nv + b of the pairs of nodes a < b in K, ascending
         self._start: Array | None = None  # displacements (nv, d) at the beginning of the step, with friction [m]
-        self._found: Collisions | None = None
+        self._last_collisions: Collisions | None = None
         self._last_mean: Mean | None = None
         self._rubbing: tuple[Array, Array, Any] | None = None  # `_start`, positions (m, d) then, and the collisions that rub
-        self._valued: tuple[tuple[Array, ...], bool, NDArray[np.int64], Array, Array | None] | None = None
+        self._last_blocks: tuple[tuple[Array, ...], bool, ContactBlocks] | None = None  # positions, and whether it is clamped
         self._d, self._rigid = body.mesh.d, contact.second if isinstance(contact.second, RigidMesh) else None
         self.balanced = self._rigid is None
         one = contact.second is None or not self.balanced
@@ -213,7 +231,7 @@ class BoundMeshContact:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles have: all but results of the last calls, which objects of the toolkit hold."""
-        return vars(self) | dict.fromkeys(("_found", "_last_mean", "_valued", "_rubbing"))
+        return vars(self) | dict.fromkeys(("_last_collisions", "_last_mean", "_last_blocks", "_rubbing"))
 
     def _set_surface(self, body: Body) -> None:
         """Use the surface of the elements of a body that are not removed."""
@@ -312,30 +330,28 @@ class BoundMeshContact:
 
     def _collisions(self, x: Array) -> Collisions:
         """Return the collisions at `x` (m, d), those of the last call if nothing has moved."""
-        found = self._found
+        found = self._last_collisions
         if found is None or not np.array_equal(found.x, x):
-            self._found = found = self._barrier.collisions(x)
+            self._last_collisions = found = self._barrier.collisions(x)
         return found
 
     def look(self, u: Array) -> None:
         """Couple the pairs of nodes that the stiffness at `u` (nv, d) contains."""
         if self.assumed is Assumed.APART:
             return
-        keys = self._blocks_at(u, clamped=False)[0]
+        keys = self._blocks_at(u, clamped=False).keys
         if not self._remembers:
             self._use(keys)
         elif not np.isin(keys, self._keys, assume_unique=True).all():
             self._use(np.union1d(self._keys, keys))
 
     def _use(self, keys: NDArray[np.int64]) -> None:
+        """Couple the pairs of nodes with these `keys` (n,) in K."""
         if not np.array_equal(keys, self._keys):
             self._keys, self.pattern_version = keys, self.pattern_version + 1
 
-    def _sorted_blocks(self, K: csr_matrix) -> tuple[NDArray[np.int64], Array, Array | None]:
-        """Return numbers (n,) of the pairs of nodes of a symmetric matrix, ascending, and their blocks (n, d, d).
-
-        The third result has the blocks of `nodes` with themselves, if the contact is not balanced.
-        """
+    def _sorted_blocks(self, K: csr_matrix) -> ContactBlocks:
+        """Return the blocks of a symmetric matrix over the vertices, without those of a rigid surface."""
         n, d = len(self._nodes), self._d
         if not self.balanced:
             K = K[: n * d, : n * d]
@@ -348,16 +364,16 @@ class BoundMeshContact:
             own[row[same]] = blocks.data[same]
         upper = row < column
         keys = self._nodes[row[upper]].astype(np.int64) * self._nv + self._nodes[column[upper]]
-        return keys, blocks.data[upper], own
+        return ContactBlocks(keys, blocks.data[upper], own)
 
-    def _blocks_at(self, u: Array, clamped: bool) -> tuple[NDArray[np.int64], Array, Array | None]:
-        """Return pairs of nodes and blocks at `u`, or of the mean force if that is assumed, computed once."""
+    def _blocks_at(self, u: Array, clamped: bool) -> ContactBlocks:
+        """Return the blocks at `u`, or those of the mean force if that is assumed; computed once."""
         states = self.assumed if isinstance(self.assumed, tuple) else (u,)
         xs = tuple(self._moved(state) for state in states)
-        valued = self._valued
-        if valued is None or valued[1] != clamped or len(valued[0]) != len(xs) or not np.array_equal(valued[0], xs):
-            self._valued = valued = (xs, clamped, *self._sorted_blocks(self._stiffness_at(xs, clamped)))
-        return valued[2:]
+        last = self._last_blocks
+        if last is None or last[1] != clamped or len(last[0]) != len(xs) or not np.array_equal(last[0], xs):
+            self._last_blocks = last = xs, clamped, self._sorted_blocks(self._stiffness_at(xs, clamped))
+        return last[2]
 
     def _stiffness_at(self, xs: tuple[Array, ...], clamped: bool) -> csr_matrix:
         """Return the stiffness (d m, d m) at a state, or twice the derivative of the mean force between two by the second one."""
@@ -378,10 +394,10 @@ class BoundMeshContact:
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         """Add the blocks of K [N/m] at `u` (nv, d), or those that are `assumed`; `look` must have been called for it."""
         if self.assumed is not Assumed.APART:
-            keys, values, own = self._blocks_at(u, clamped=kept.negative < 1 and not isinstance(self.assumed, tuple))
-            blocks.pairs[np.searchsorted(self._keys, keys)] += values
-            if own is not None and blocks.own is not None:
-                blocks.own[:] += own
+            found = self._blocks_at(u, clamped=kept.negative < 1 and not isinstance(self.assumed, tuple))
+            blocks.pairs[np.searchsorted(self._keys, found.keys)] += found.pairs
+            if found.own is not None and blocks.own is not None:
+                blocks.own[:] += found.own
 
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add the absolute values of the force's summands [N] to `out` (nv, d)."""
@@ -469,7 +485,7 @@ class BoundMeshContact:
             raise ValueError(
                 f"the history of {self.contact.label} is {shown(numbers)}; expected a time, pairs of nodes and displacements"
             )
-        self._valued = None
+        self._last_blocks = None
         self._time, self._start = float(numbers[0]), start.reshape(-1, self._d).copy() if len(start) else None
         self._use(keys)
 
@@ -482,7 +498,7 @@ class BoundMeshContact:
 
     def commit(self, u: Array, t: float) -> None:
         """Begin a step at `u` (nv, d); leave out pairs of nodes if too many are not in contact any more."""
-        self._time, keys = t, self._sorted_blocks(self._barrier.stiffness(self._collisions(self._moved(u)), clamped=False))[0]
+        self._time, keys = t, self._sorted_blocks(self._barrier.stiffness(self._collisions(self._moved(u)), clamped=False)).keys
         if len(keys) < (1 - UNUSED) * len(self._keys):
             self._use(keys)
 
@@ -525,11 +541,11 @@ class MeshContactWithFriction(BoundMeshContact):
         """Set the slip up to which friction rises, for a step to load factor or time `t`."""
         width = width_of(self._friction, Moment.of(t).time - self._time, self._in_time)
         if width != self._width:
-            self._width, self._valued = width, None
+            self._width, self._last_blocks = width, None
 
     def commit(self, u: Array, t: float) -> None:
         super().commit(u, t)
-        self._start, self._valued = u.copy(), None
+        self._start, self._last_blocks = u.copy(), None
 
     def _slip(self, x: Array) -> tuple[Any, Array, float] | None:
         """Return the arguments of friction at `x` (m, d); None in the state at the beginning of a step, where it is zero."""

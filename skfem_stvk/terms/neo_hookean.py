@@ -22,7 +22,7 @@ from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
 #: End of messages about elements with `J <= 0`.
-BARRIER = (
+INFINITE_ENERGY = (
     "the energy of NeoHookean is infinite. Start from a state without inverted elements, and keep steps below step_limit(u, v); or "
     "take StVK with a VolumePenalty of another kind than barrier, which pushes such elements back."
 )
@@ -125,7 +125,7 @@ class NeoHookean(ElasticLaw):
         x = M[:, 0, 0] + M[:, 1, 1] + np.linalg.det(M)
         J = np.linalg.det(at.axes + at.gradient) / np.linalg.det(at.axes) if k == d else np.sqrt(np.maximum(1 + x, 0))
         if (J <= 0).any():
-            refuse_inside_out(J, at.elements, BARRIER)
+            refuse_inside_out(J, at.elements, INFINITE_ENERGY)
         condensed = at.hypothesis.condensed
         if condensed:
             strain[:, 2, 2] = thickening(lam, mu, np.sqrt(1 + x), x) / 2
@@ -137,7 +137,7 @@ class NeoHookeanStiffness(LawInFrames):
     """Lame constants times section, (n,) each, and whether stress vanishes across."""
 
     moduli = 2
-    barrier = BARRIER
+    infinite_energy = INFINITE_ENERGY
 
     def __init__(self, lam: Array, mu: Array, condensed: bool) -> None:
         self.lam, self.mu, self.law = lam, mu, NeoHookeanSheet if condensed else NeoHookeanLaw

@@ -6,11 +6,11 @@ from contextlib import contextmanager
 import numba
 from kernels import readable, readable_networks
 
-from skfem_stvk.edges import abilities, assembly, elements, network, pairs, penalty, streaming, topology
+from skfem_stvk.edges import abilities, assembly, elements, network, pairs, streaming, topology
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements
 from skfem_stvk.system import pattern
-from skfem_stvk.terms import at_points
+from skfem_stvk.terms import at_points, volume_penalty
 
 #: Modules, and the kernels that they import by name.
 BY_NAME = {
@@ -35,7 +35,7 @@ def on_twins(monkeypatch):
         monkeypatch.setattr(assembly, name, readable)
     for name in ("element_kernels", "stretch_kernels"):
         monkeypatch.setattr(abilities, name, readable)
-    monkeypatch.setattr(penalty, "penalty_kernels", readable)
+    monkeypatch.setattr(volume_penalty, "penalty_kernels", readable)
     monkeypatch.setattr(at_points, "point_kernels", readable)
     monkeypatch.setattr(network, "network_kernels", readable_networks)
     for module in (assembly, displacements, elements, network, pairs, pattern):

@@ -44,11 +44,11 @@ from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.linear_elastic import LinearGeneralLaw, LinearIsotropicLaw
 from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
-from skfem_stvk.kernels.penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.stvk import TensionLaw
 from skfem_stvk.kernels.svd import LINE, SHEET
 from skfem_stvk.kernels.topology import OWN
+from skfem_stvk.kernels.volume_penalty import BARRIER, COMPRESSION, QUADRATIC
 from skfem_stvk.terms.neo_hookean import thickening
 
 #: Edges of a tetrahedron as pairs of its vertices, in the order of `edge_slots`.

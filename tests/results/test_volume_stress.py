@@ -8,7 +8,7 @@ from skfem_stvk import ElementMesh, StateError, StVK, StvkWarning, System, Volum
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields
 from skfem_stvk.results.law import dilation
-from skfem_stvk.terms.volume_energies import ENERGIES
+from skfem_stvk.terms.volume_penalty import ENERGIES
 
 SOLID = [name for name in BODIES if name.split(",")[0] in ("tetrahedra", "triangles", "segments")]
 KINDS = tuple(ENERGIES)

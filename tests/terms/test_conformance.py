@@ -19,7 +19,9 @@ from skfem_stvk import (
     ElementMesh,
     InvertibleStVK,
     LinearElastic,
+    MeshContact,
     NeoHookean,
+    RigidContact,
     SpringNetwork,
     StVK,
     StvkError,
@@ -29,11 +31,11 @@ from skfem_stvk import (
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
-from skfem_stvk.terms import Body, HasDampingForce, HasMeanForce, HasRoundOff, HasVolume, Quartic
+from skfem_stvk.terms import TERMS, Body, HasDampingForce, HasMeanForce, HasRoundOff, HasVolume, Quartic, is_load
+from skfem_stvk.terms.volume_penalty import ENERGIES
 
 RNG = np.random.default_rng(12)
 SOLID = ("tetrahedra", "triangles", "segments")
-KINDS = ("quadratic", "compression", "barrier")
 
 
 class Case(NamedTuple):
@@ -149,13 +151,15 @@ def cases():
     for name in SOLID:
         mesh = MESHES[name]
         half = RNG.permutation(mesh.nt)[: mesh.nt // 2 + 1]
-        for kind in KINDS:
+        for kind, energy in ENERGIES.items():
             # two continuous derivatives, and a third that jumps where J = 1: small steps
             rest = (1e-11, 0.1) if kind == "quadratic" else (1e-7, 1e-3)
             k = RNG.uniform(1, 9, mesh.nt)
             for suffix, term in (("", VolumePenalty(k, kind)), (", region", VolumePenalty(k[half], kind, half))):
                 again = partial(lambda term, mesh, other, order: reordered_penalty(term, mesh, order), term, mesh)
-                found[f"{kind}, {name}{suffix}"] = Case(mesh, term, *rest, kind != "barrier", can=(HasVolume,), renumbered=again)
+                found[f"{kind}, {name}{suffix}"] = Case(
+                    mesh, term, *rest, not energy.infinite_energy, can=(HasVolume,), renumbered=again
+                )
     found |= of_stretches()
     pairs = np.unique(np.sort(RNG.integers(0, solid.nv, (2, 40)), axis=0), axis=1)
     pairs = RNG.permutation(pairs[:, pairs[0] < pairs[1]], axis=1)
@@ -208,6 +212,13 @@ DEFINITE = [name for name in WITH_ENERGY if CASES[name].definite]
 OURS = [name for name, case in CASES.items() if not case.toy]
 INVERTING = [name for name, case in CASES.items() if case.inverts]
 FREE = [name for name, case in CASES.items() if not case.grounded]
+
+
+def test_every_elastic_term_has_a_case():
+    """Contacts have suites of their own, because they need surfaces that meet."""
+    elastic = {term for term in TERMS.values() if not is_load(term)} - {RigidContact, MeshContact}
+    missing = elastic - {type(case.term) for case in CASES.values()}
+    assert not missing, "add cases to cases() in tests/terms/test_conformance.py"
 
 
 def bound(case, dtype=np.float64, mesh=None):

@@ -11,14 +11,13 @@ from slow import slow
 
 from skfem_stvk import StateError, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
-from skfem_stvk.edges import penalty as edges_penalty
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.edges.pairs import ALL
 from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.points import base_vectors_at, determinants
 from skfem_stvk.system.pattern import Pattern
-from skfem_stvk.terms import Body
-from skfem_stvk.terms.volume_energies import ENERGIES
+from skfem_stvk.terms import Body, volume_penalty
+from skfem_stvk.terms.volume_penalty import ENERGIES
 
 EVERY = {f"{name}, curved": mesh for name, mesh in CURVED.items()} | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}
 SOLID = [name for name, mesh in EVERY.items() if mesh.k == mesh.d]
@@ -98,7 +97,7 @@ def test_the_compiled_kernels_agree_with_the_readable_ones(name, monkeypatch):
         return [np.array([W, term.energy_and_force(u, again)]), force, again, blocks.copy(), sizes]
 
     compiled = {kind: found(kind) for kind in ENERGIES}
-    monkeypatch.setattr(edges_penalty, "penalty_kernels", readable)
+    monkeypatch.setattr(volume_penalty, "penalty_kernels", readable)
     for kind, values in compiled.items():
         for one, other in zip(values, found(kind), strict=True):
             assert np.abs(one - other).max() < 1e-12 * np.abs(other).max() > 0

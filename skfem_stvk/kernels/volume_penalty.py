@@ -15,13 +15,14 @@ K are then spread over the nodes. Per unit of stiffness:
     compression    psi = -e^3/3           for e < 0           psi' = -e^2                        psi'' = -2 e
     barrier        psi = -e^2 ln J        for 0 < J < 1       psi' = -(2 e ln J + e^2/J)         psi'' = -2 ln J - 4 e/J + e^2/J^2
 
-No `psi''` is negative, and no sum has terms of both signs. Without `psi'` K is positive semi-definite.
+No `psi''` may be negative, so that K without `psi'` is positive semi-definite. No sum has terms of both signs.
 
 A triangle in the plane has the third base vector (0, 0, 1). A segment on the line has (0, 1, 0) and (0, 0, 1). Forces and stiffness
 of these vectors are set to zero.
 
 Elements are stored in blocks of lanes, and arrays are those of `elements`. `D` has two numbers: the stiffness times `V0` (without
-the weight of a table of points) and `1/C0`.
+the weight of a table of points) and `1/C0`. Both are zero for removed elements and unused lanes. There `e = J = 0`, and `psi`,
+`psi'` and `psi''` must be finite.
 """
 
 from __future__ import annotations
@@ -83,10 +84,7 @@ def _find_ratios(P, U, D, first, e, J):
 
 @kernel
 def _find_energies(kind, D, first, e, J, psi, slope, curvature):
-    """Write `psi, psi', psi''` of a block at a point, and return the smallest `J` at which psi is not defined.
-
-    If there is no such `J`, 1 is returned.
-    """
+    """Write `psi, psi', psi''` of a block at a point, and return the smallest `J <= 0` at which `psi` is infinite, or else 1."""
     zero, half, third = e.dtype.type(0), e.dtype.type(0.5), e.dtype.type(1 / 3)
     nothing, least = e.dtype.type(np.nan), e.dtype.type(1)
     if kind == QUADRATIC:
