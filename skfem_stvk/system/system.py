@@ -8,7 +8,7 @@ from copy import copy
 from functools import cached_property
 from math import nan
 from types import MappingProxyType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -273,24 +273,6 @@ class System(BoundTerms):
         followers = zip(self._follower_loads, self._bound_follower_loads(), strict=True)
         self._follower_loads = [blocks.with_term(load) for blocks, load in followers]
         self._operator = None
-
-    def remove(self, elements: str | ArrayLike) -> NoReturn:
-        """Raise StvkError that refers to `without`: systems do not change.
-
-        Parameters
-        ----------
-        elements
-            Elements, as in `without`.
-
-        Raises
-        ------
-        StvkError
-            always.
-        """
-        raise StvkError(
-            "System.remove(elements) does not exist any more, because systems do not change; expected torn = "
-            "system.without(elements), which returns a new system."
-        )
 
     @property
     def made_from(self) -> MeshLike:
