@@ -128,7 +128,7 @@ def warnings_of(source):
 
 def test_the_warnings_are_those_of_the_code():
     rows = [words for table in reference().WARNINGS.values() for words, _, _ in table]
-    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "skfem_stvk").rglob("*.py")]
+    sources = [text for path in (ROOT / "skfem_stvk").rglob("*.py") if "warn(" in (text := path.read_text(encoding="utf-8"))]
     warnings = [texts for source in sources for texts in warnings_of(source)]
     assert len(warnings) > 20 and [texts for texts in warnings if not any(words in texts for words in rows)] == []
     code = [texts_of(ast.parse(source)) for source in sources]
