@@ -1,7 +1,7 @@
 """Print the pages of the reference that the code determines: `python docs/print_reference.py` writes them.
 
-They are the command line, the keys of scenes, and the outcomes, errors and warnings with their remedies. A test compares the pages
-with what this program prints.
+They are the command line, the keys of scenes, and the outcomes, errors and warnings with their remedies. Tests compare the pages
+with what this program prints, and its tables with the errors and warnings in the code.
 """
 
 import argparse
@@ -26,15 +26,162 @@ SCENE_KEYS = (
     ("scene-keys-analyses", "Scene keys: analyses and results", "Initial state"),
 )
 FINDINGS = (
-    ("locking", "Poisson's ratio above 0.45, where the element is much too stiff", "[locking](../topics/locking.md)"),
-    ("inside out", "inverted or flat elements", "[prevent inversion](../how-to/inversion.md)"),
-    ("compressed", "smallest principal stretch below 0.577, where StVK softens", "[what StVK is not](../topics/wrong-model.md)"),
-    ("not elliptic", "strong ellipticity lost, with `ellipticity=True`", "[what StVK is not](../topics/wrong-model.md)"),
+    (
+        "locking",
+        "Poisson's ratio above 0.45, where the element is much too stiff",
+        "Take quadratic elements: [locking](../topics/locking.md).",
+    ),
+    ("inside out", "inverted or flat elements", "Add a term that resists inversion: [prevent inversion](../how-to/inversion.md)."),
+    (
+        "compressed",
+        "smallest principal stretch below 0.577, where StVK softens",
+        "Take a law that stiffens, or add a volume term: [what StVK is not](../topics/wrong-model.md).",
+    ),
+    (
+        "not elliptic",
+        "strong ellipticity lost, with `ellipticity=True`",
+        "Compare with a finer mesh: [what StVK is not](../topics/wrong-model.md).",
+    ),
+    (
+        "deep contact",
+        "points deeper in a rigid shape than 0.05 of the facets' edge",
+        "Take a larger stiffness: [contact](../how-to/contact.md).",
+    ),
+    ("short contact", "contacts of fewer than 5 steps", "Take a smaller `dt`, a smaller stiffness, or an onset."),
 )
+#: What a user does after each error.
+ERRORS = {
+    "StvkError": "Read what was given and what was expected, and pass that.",
+    "MeshError": "Repair the elements or vertices that the message names: [meshes](../how-to/meshes.md).",
+    "MaterialError": "Pass the constant in the stated range and shape: [materials](../how-to/materials.md).",
+    "RegionError": "Pass one of the names that the message lists, or name the location in the mesh: [loads and locations](loads.md).",
+    "LoadError": "Pass finite values of the stated shape, at a location with the stated facets or nodes: [loads](../how-to/loads.md).",
+    "ContactError": "Pass the parameter in the stated range, and start without overlap: [contact](../how-to/contact.md).",
+    "SupportError": "Fix more components, or take a component out of one of two locations: [supports](../how-to/supports.md).",
+    "StateError": "Pass `system.ndofs` finite numbers. If they come from a solve, check its units and steps.",
+    "AnalysisError": "Catch it to treat failed solves and motions alike. `SolveError` and `SimulationError` lead to the remedies.",
+    "SceneError": "Correct the keys in the lines that the message names: [scene keys](scene-keys.md).",
+    "SolveError": "Look the message up: [why did Newton fail?](../how-to/newton-failed.md).",
+    "SimulationError": "Look the message up: [my motion blows up](../how-to/motion-blows-up.md).",
+    "Interrupted": "Resume from the checkpoint: [long runs and restart](../how-to/long-runs.md). `error.result` has the states so far.",
+}
+#: Warnings besides the findings: words of their messages, cause and remedy.
+WARNINGS = {
+    "Meshes": (
+        ("at the same point as another", "parts touch without being connected", "Merge the vertices."),
+        (
+            "parts that are not connected",
+            "several bodies, or faces that are not merged",
+            "Merge common faces, or support each part.",
+        ),
+        (
+            "are left out: only",
+            "a file with other elements of the body's dimension",
+            "Split these cells if they belong to the body.",
+        ),
+        ("their corner vertices are used", "elements of higher order among linear ones", "Write the whole mesh in order 2."),
+        (
+            "dropped, because they are on none",
+            "vertices without elements, such as centres of arcs",
+            "For ends of cables: `read_mesh(path, keep=[names])`.",
+        ),
+        ("they have dropped vertices", "facets of a boundary that are on no element", "Correct the group in the mesh generator."),
+        ("because they are on no element", "nodes of a set that are on no element", "Correct the group in the mesh generator."),
+        (
+            "their edges are on no element",
+            "facets or segments of a group that are on no quadratic element",
+            "Correct the group, or `keep` it.",
+        ),
+        (
+            "are reduced to their corners",
+            "quadratic elements read or used with `degree=1`",
+            "Leave `degree` out if curved edges matter.",
+        ),
+        ("flatter than 1:1000", "flat elements in single precision", "Take float64, or remesh."),
+    ),
+    "Bodies": (
+        ("so their rows of K are zero", "a region without an elastic term", "Add a term for this region."),
+        (
+            "fix or remove such parts as well",
+            "`System.without` cuts parts off",
+            "Fix or remove them for statics; in motions they fly.",
+        ),
+        (
+            "are treated as such",
+            '`rule="lloyd"` at another Poisson\'s ratio',
+            "Take this Poisson's ratio, or [another rule](../how-to/choose-springs.md).",
+        ),
+        (
+            "the surface is not closed or not oriented",
+            "a `RigidMesh` with holes or flipped facets",
+            "Close and orient it, if bodies may get behind it.",
+        ),
+    ),
+    "Solves": (("From t =", "the first state of the path with a finding", "See the findings above."),),
+    "Motions": (
+        (
+            "is above the critical one",
+            "an explicit step that is too large",
+            "Leave `dt` out: [step size](../how-to/motion-blows-up.md#a-step-that-is-too-large).",
+        ),
+        (
+            "inverted. ",
+            "elements invert during the motion",
+            "Add a volume term, or take smaller steps: [impact](../how-to/motion-blows-up.md#impact).",
+        ),
+        (
+            "jump by up to",
+            "a support that moves at once",
+            "Move it by a ramp: [jumps](../how-to/motion-blows-up.md#a-support-that-jumps).",
+        ),
+        ("steps in a row had to be cut", "steps that find no state at once", "Take a smaller `dt`, or another tangent."),
+        (
+            "does not exist, so it begins at",
+            "a resumed run with a new `save`",
+            "Pass the `save` of the first run to continue its series.",
+        ),
+        ("is missing and cannot be restored", "a resumed series without one of its states", "Start again if you need this state."),
+        ("is supported until version 1.0", "a checkpoint named by its file", "Pass the folder that the message names."),
+    ),
+    "Results and files": (
+        ("leaves no thickness", "membranes stretched so far that no thickness is left", "Check the units of loads and moduli."),
+        (
+            "shrunk to zero volume",
+            "elements without volume in the state",
+            "Check that the solve converged, and the prescribed displacements.",
+        ),
+        (
+            "The new body has all of them",
+            "a state of a body with removed elements",
+            "Pass `system.without(elements)`, if it is meant.",
+        ),
+        ("missing files, the first of them", "a series without some of its files", "Restore the files, or go on without them."),
+        ("has no locks", "a disk that cannot lock files", "Let one run at a time write there."),
+    ),
+    "Scenes, reduced bodies, start": (
+        (
+            "The scene leaves out parts that it cannot express",
+            "`Scene.of` a system with parts that have no key",
+            "Add them in Python.",
+        ),
+        (
+            "[expect] can limit energy_gained",
+            "a scene's motion that blew up on the way, or gained energy",
+            "Take a smaller `dt` or an implicit integrator.",
+        ),
+        ("No stable equilibrium at", "holes in a `PrecomputedResponse`", "Take a smaller range, or a term that resists inversion."),
+        ("solves warned, the first of them", "solves of a `PrecomputedResponse` with findings", "See the findings above."),
+        ("NUMBA_NUM_THREADS", "an invalid number of threads in the environment", "Set a whole number from 1, or unset it."),
+    ),
+}
 #: Remedy of the failures for which messages name one that depends on the body.
 INVERSION = (
     "Add a term that resists inversion, refine the mesh there, take more steps, or spread the load over more of the boundary."
 )
+FAILURES = ADVICE | {
+    End.OUT_OF_ITERATIONS: f"Take more steps, or look at the last state: `result.plot()`. {INVERSION}",
+    End.INSIDE_OUT: f"At t = 0: check the units of material, mesh and load first. {INVERSION}",
+}
 EXIT_CODES = (
     ("0", "success"),
     ("1", "a check failed, or a solve did not converge"),
@@ -108,21 +255,40 @@ def outcomes() -> str:
         *(f"| `{s.name}` | {s.value} | {'yes' if s.success else 'no'} | {REMEDIES[s]} |" for s in Status),
         "\n## Why a step failed\n\nThese words are in messages after the load factor or the time:\n",
         "| words | remedy |\n|---|---|",
-        *(f"| {end.value} | {cell(ADVICE.get(end, INVERSION))} |" for end in End if not end.converged),
-        "\n## Findings about elements\n\n",
-        "`result.findings`, `run.findings` and warnings name elements outside the range of the model:\n",
-        "| name | meaning | read |\n|---|---|---|",
-        *(f"| {name} | {meaning} | {page} |" for name, meaning, page in FINDINGS),
-        "",
-        "## Errors\n\nAll errors are `StvkError`s, which are `ValueError`s:\n",
-        "| error | |\n|---|---|",
+        *(f"| {end.value} | {cell(FAILURES[end])} |" for end in End if not end.converged),
+        "\n## Findings\n",
+        "`step.findings`, `run.findings` and warnings name elements and contacts outside the range of the model:\n",
+        "| name | meaning | remedy |\n|---|---|---|",
+        *(f"| {name} | {meaning} | {remedy} |" for name, meaning, remedy in FINDINGS),
+        "\n## Errors\n\nAll errors are `StvkError`s, which are `ValueError`s. An interruption is a `KeyboardInterrupt`.\n",
+        "| error | a kind of | meaning | remedy |\n|---|---|---|---|",
+        *(f"| `{name}` | {kinds(error)} | {summary(error)} | {ERRORS[name]} |" for name, error in errors().items()),
+        "\n## Warnings\n\n`StvkWarning` is a `UserWarning`: the input can be used, but is probably not intended. Turn it into an error with\n"
+        '`warnings.simplefilter("error", StvkWarning)`.\n',
+        "| words | cause | remedy |\n|---|---|---|",
     ]
-    for name in skfem_stvk.__all__:
-        thing = getattr(skfem_stvk, name)
-        if inspect.isclass(thing) and issubclass(thing, StvkError | Warning | KeyboardInterrupt):
-            parts.append(f"| `{name}` | {cell(inspect.getdoc(thing).split(chr(10))[0])} |")
+    for occasion, rows in WARNINGS.items():
+        parts.append(f"| **{occasion}** | | |")
+        parts.extend(f"| {words.strip()} | {cell(cause)} | {remedy} |" for words, cause, remedy in rows)
     parts.append("\nNext: [why did Newton fail?](../how-to/newton-failed.md), [read a report](../how-to/read-a-report.md).")
     return "\n".join(parts) + "\n"
+
+
+def errors() -> dict[str, type[BaseException]]:
+    """Return the errors that users catch, by name: those of `skfem_stvk.errors` and the public ones."""
+    found = vars(skfem_stvk.errors) | {name: getattr(skfem_stvk, name) for name in skfem_stvk.__all__}
+    kinds = StvkError | KeyboardInterrupt
+    return {name: thing for name, thing in sorted(found.items()) if inspect.isclass(thing) and issubclass(thing, kinds)}
+
+
+def kinds(error: type[BaseException]) -> str:
+    """Return the names of the base classes of an error."""
+    return ", ".join(f"`{base.__name__}`" for base in error.__bases__)
+
+
+def summary(thing: type) -> str:
+    """Return the first line of a docstring."""
+    return cell((inspect.getdoc(thing) or "").split("\n")[0])
 
 
 def scene_keys(number: int) -> str:

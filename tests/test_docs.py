@@ -1,5 +1,6 @@
 """The documentation: links lead to pages and headings that exist, and pages keep to their limits."""
 
+import ast
 import importlib.util
 import re
 from collections import Counter
@@ -154,8 +155,48 @@ def test_printed_pages_are_up_to_date(page):
 def test_findings_are_those_of_the_monitors():
     from skfem_stvk.results.monitors import Finding
 
-    names = [name for name, _, _ in reference().FINDINGS]
-    assert len(names) == 4 and all(f'"{name}"' in Finding.__doc__ for name in names)
+    listed = re.search(r"Name of the finding, (.*?)\.\n", Finding.__doc__, re.S)
+    assert [name for name, _, _ in reference().FINDINGS] == re.findall(r'"([^"]+)"', listed[1])
+
+
+def test_every_error_has_a_remedy():
+    named = {name for name in skfem_stvk.__all__ if name.endswith("Error")}
+    assert set(reference().ERRORS) == set(reference().errors()) > named
+
+
+def texts_of(node):
+    """Return the texts in a piece of a program, separated by null characters; values in them are left out."""
+    return "\0".join(one.value for one in ast.walk(node) if isinstance(one, ast.Constant) and isinstance(one.value, str))
+
+
+def warnings_of(source):
+    """Return the texts of each warning in a module: those of the call of `warn`, or else of its function and its helpers.
+
+    Findings have a table of their own.
+    """
+    found, functions = [], [one for one in ast.walk(ast.parse(source)) if isinstance(one, ast.FunctionDef)]
+    named = {one.name: one for one in functions}
+    for function in functions:
+        called = [(getattr(one.func, "id", ""), one) for one in ast.walk(function) if isinstance(one, ast.Call)]
+        around = "\0".join(texts_of(one) for one in (function, *(named[name] for name, _ in called if name in named)))
+        calls = [call for name, call in called if name == "warn" and ast.unparse(call.args[0]) != "finding.text"]
+        found += [texts_of(call) or around for call in calls]
+    return found
+
+
+def test_the_warnings_are_those_of_the_code():
+    rows = [words for table in reference().WARNINGS.values() for words, _, _ in table]
+    sources = [text for path in (ROOT / "skfem_stvk").rglob("*.py") if "warn(" in (text := path.read_text(encoding="utf-8"))]
+    warnings = [texts for source in sources for texts in warnings_of(source)]
+    assert len(warnings) > 20 and [texts for texts in warnings if not any(words in texts for words in rows)] == []
+    code = [texts_of(ast.parse(source)) for source in sources]
+    assert [words for words in rows if not any(words in texts for texts in code)] == []
+
+
+def test_a_warning_that_is_in_no_table_is_found():
+    helper = "def told(n):\n    return f'{n} springs broke'\n"
+    source = f"{helper}def step(n):\n    warn(told(n))\n    warn(f'{{n}} nodes left')\n    warn(finding.text)\n"
+    assert warnings_of(source) == [" nodes left\0 springs broke", " nodes left"]
 
 
 def test_the_api_page_lists_every_public_name_once():
