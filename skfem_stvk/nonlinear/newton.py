@@ -226,7 +226,7 @@ def equilibrium_end(problem: Problem, u: Array, t: Time, residual: Residual, bef
 
 def _forcing(last: float, now: Residual, before: Residual) -> float:
     """Return the relative tolerance of the next linear solve of an iterative solver."""
-    new = 0.9 * (now.size / before.size) ** 2
+    new = 0.9 * min(now.size / before.size, 1.0) ** 2  # residuals may grow by 1e200
     safeguard = 0.9 * last**2
     return min(LOOSEST, max(new, safeguard) if safeguard > 0.1 else new)
 

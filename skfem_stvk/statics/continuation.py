@@ -126,7 +126,10 @@ class Continuation(ABC):
             self._reset_reference_force()
 
     def _newton(self, start: Array, t: float, full_first: bool) -> tuple[Array, End, Iterations] | Attempt:
-        """Apply Newton's method at the load factor `t`; fail at once if the start has inverted elements."""
+        """Apply Newton's method at the load factor `t`; fail at once if the start is beyond a contact or has inverted elements."""
+        limit, contact = self.problem.contact_limit(self.u, start - self.u)
+        if limit <= 1:
+            return Attempt(t, End.CONTACT, Iterations(detail=f"{contact!r}"))
         inverted = self.problem.inside_out(start)
         if len(inverted) > self._allowed or not self.problem.way_is_free(self.u, start):
             return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(inverted)))

@@ -54,7 +54,7 @@ def advice_after(end: End, system: System) -> str:
     softens = np.isfinite(system.smallest_stretch(np.zeros(system.ndofs)))  # only laws that soften return finite stretches
     advice = f"{SOFTENS} " * bool(softens) + f"Try {AGAINST_INVERSION[system.resists_inversion]}"
     if end is End.OUT_OF_ITERATIONS:
-        return f"Try more steps, or look at the last state: result.plot(). {advice}"
+        return f"Look at the last state: result.plot(). {advice}"
     return advice if end is End.INSIDE_OUT else ADVICE[end]
 
 
@@ -177,7 +177,7 @@ def _found(history: History) -> str:
 def branch_end(problem: Equilibrium, start: Array, t0: float, u: Array, t: float) -> str:
     """Return a sentence on the end of the branch at the last state `u` of a path that began at `start`.
 
-    It is empty if K has count its stiffness, or is not symmetric.
+    It is empty if K is not symmetric, or if its lowest eigenvalue is still large.
     """
     try:
         before = _lowest(problem, start, t0)

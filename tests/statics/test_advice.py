@@ -3,7 +3,7 @@
 import pytest
 import skfem
 
-from skfem_stvk import StVK, System, Traction, solve_static
+from skfem_stvk import RigidContact, RigidSphere, StVK, System, Traction, solve_static
 from skfem_stvk.mesh import box
 from skfem_stvk.nonlinear.newton import End
 from skfem_stvk.statics.message import advice_after
@@ -25,3 +25,19 @@ def test_a_load_that_is_far_too_large_for_the_modulus_makes_the_message_ask_for_
 
     assert "at t = 0: elements would invert" in message(1.5e6) and "check the units of material, mesh and load" in message(1.5e6)
     assert "Stopped" in message(70.0) and "units" not in message(70.0)
+
+
+def test_a_support_that_is_driven_through_a_contact_names_the_contact():
+    ball = RigidContact(RigidSphere((0.5, 1.15), 0.05), name="ball")
+    terms, moved = [StVK(young=1e5, poisson=0.3), ball], {"top": {"x": 0.0, "y": 0.5}}
+    system = System(box((1, 1), (4, 4)), terms, fixed={"bottom": "xy"}, prescribed=moved)
+    result = solve_static(system, steps=1, quiet=True, raise_on_failure=False)
+    assert "would pass through a contact ('ball')" in result.message and "invert" not in result.message
+    assert 0.2 < result.t < 0.3  # the top meets the ball at t = 0.2
+
+
+def test_a_load_of_1e100_is_reported_as_too_large():
+    terms = [StVK(young=1e5, poisson=0.3), Traction("right", (1e100, 0.0, 0.0))]
+    system = System(box((1, 1, 1), (2, 2, 2)), terms, fixed={"left": "xyz"})
+    message = solve_static(system, quiet=True, raise_on_failure=False).message
+    assert "displacements grew without bound" in message and "Are units mixed up" in message
