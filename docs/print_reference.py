@@ -62,8 +62,8 @@ def command_line() -> str:
     rows = [f"| [`{name}`](#{name}) | {sentence(command.help)} |" for name, command in COMMANDS.items()]
     parts = [
         "# Command line\n",
-        "`skfem-stvk COMMAND ...` solves scenes and checks models without a program. `skfem-stvk COMMAND --help` prints the same\n"
-        "arguments. This page is printed by `python docs/print_reference.py`.\n",
+        "With `skfem-stvk COMMAND ...` you solve scenes and check models without a program. `skfem-stvk COMMAND --help` prints the\n"
+        "same arguments. This page is printed by `python docs/print_reference.py`.\n",
         "    skfem-stvk verify                               # check W, F and K on an embedded mesh\n"
         "    skfem-stvk init --type static > scene.toml      # a commented example of a scene\n"
         "    skfem-stvk solve scene.toml\n",
@@ -79,7 +79,7 @@ def command_line() -> str:
         if actions:
             rows = [f"| {argument(action)} | {cell(action.help or '')} |" for action in actions]
             parts.append("| argument | |\n|---|---|\n" + "\n".join(rows) + "\n")
-    parts.append("Next: [the whole job from one file](../tutorials/scenes.md), [all keys of a scene](scene-keys.md).")
+    parts.append("Next: [the whole job from one file](../tutorials/scenes.md), and [all keys of a scene](scene-keys.md).")
     return "\n".join(parts) + "\n"
 
 
@@ -136,14 +136,23 @@ def scene_keys(number: int) -> str:
         page = page_of[found[1]]
         return f"](#{found[1]})" if page == number else f"]({SCENE_KEYS[page][0]}.md#{found[1]})"
 
-    others = ",\n".join(f"[{title.partition(': ')[2]}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
+    others = ",\n".join(f"[{subject(title)}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
+    title = SCENE_KEYS[number][1]
     head = (
-        f"# {SCENE_KEYS[number][1]}\n\nPrinted from the schema that checks scenes; `skfem-stvk init --keys` prints all keys, and\n"
-        '`skfem-stvk init --schema` prints JSON Schema for editors. Units are those of `units = "SI"`.\n'
-        f"Other keys: {others}.\n[The whole job from one file](../tutorials/scenes.md) is the tutorial.\n"
+        f"# {title}\n\nWith this page you can write the keys of a scene for {subject(title)}, with their types, defaults and units.\n"
+        'Units are those of `units = "SI"`. The tables are printed from the schema that checks scenes.\n\n'
+        "    skfem-stvk init --type static > scene.toml      # a commented example\n"
+        "    skfem-stvk init --keys                          # all keys of a scene\n"
+        "    skfem-stvk init --schema > scene.json           # JSON Schema, for editors\n"
     )
     shown = "\n".join(f"## {table}" for table in tables[ends[number] : ends[number + 1]])
-    return head + "\n" + re.sub(r"\]\(#([\w-]+)\)", link, shown).rstrip() + "\n"
+    tail = f"Next: {others},\nand [the whole job from one file](../tutorials/scenes.md).\n"
+    return head + "\n" + re.sub(r"\]\(#([\w-]+)\)", link, shown).rstrip() + "\n\n" + tail
+
+
+def subject(title: str) -> str:
+    """Return the second half of the title of a page of scene keys."""
+    return title.partition(": ")[2]
 
 
 def anchor(heading: str) -> str:
