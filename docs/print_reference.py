@@ -62,8 +62,8 @@ def command_line() -> str:
     rows = [f"| [`{name}`](#{name}) | {sentence(command.help)} |" for name, command in COMMANDS.items()]
     parts = [
         "# Command line\n",
-        "With `skfem-stvk COMMAND ...` you solve scenes and check models without a program. `skfem-stvk COMMAND --help` prints the\n"
-        "same arguments. This page is printed by `python docs/print_reference.py`.\n",
+        "With `skfem-stvk COMMAND ...` you solve scenes and check models without a program. The option `--help` prints the\n"
+        "arguments of a command. This page is printed by `python docs/print_reference.py`.\n",
         "    skfem-stvk verify                               # check W, F and K on an embedded mesh\n"
         "    skfem-stvk init --type static > scene.toml      # a commented example of a scene\n"
         "    skfem-stvk solve scene.toml\n",
@@ -139,7 +139,7 @@ def scene_keys(number: int) -> str:
     others = ",\n".join(f"[{subject(title)}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
     title = SCENE_KEYS[number][1]
     head = (
-        f"# {title}\n\nWith this page you can write the keys of a scene for {subject(title)}, with their types, defaults and units.\n"
+        f"# {title}\n\nWith this page you can write the keys of a scene for {subject(title)}. Each has a type, a default and a unit.\n"
         'Units are those of `units = "SI"`. The tables are printed from the schema that checks scenes.\n\n'
         "    skfem-stvk init --type static > scene.toml      # a commented example\n"
         "    skfem-stvk init --keys                          # all keys of a scene\n"
