@@ -139,8 +139,9 @@ def scene_keys(number: int) -> str:
     others = ",\n".join(f"[{subject(title)}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
     title = SCENE_KEYS[number][1]
     head = (
-        f"# {title}\n\nWith this page you can write the keys of a scene for {subject(title)}. Each has a type, a default and a unit.\n"
-        'Units are those of `units = "SI"`. The tables are printed from the schema that checks scenes.\n\n'
+        f"# {title}\n\nWith this page you can write the keys of a scene for {subject(title)}.\n"
+        'Each key has a type, a default and a unit. Units are those of `units = "SI"`.\n'
+        "The tables are printed from the schema that checks scenes.\n\n"
         "    skfem-stvk init --type static > scene.toml      # a commented example\n"
         "    skfem-stvk init --keys                          # all keys of a scene\n"
         "    skfem-stvk init --schema > scene.json           # JSON Schema, for editors\n"
