@@ -54,8 +54,8 @@ ERRORS = {
     "StvkError": "Read what was given and what was expected, and pass that.",
     "MeshError": "Repair the elements or vertices that the message names: [meshes](../how-to/meshes.md).",
     "MaterialError": "Pass the constant in the stated range and shape: [materials](../how-to/materials.md).",
-    "RegionError": "Pass one of the names that the message lists, or name the location in the mesh: [loads and locations](loads.md).",
-    "LoadError": "Pass finite values of the stated shape, at a location with the stated facets or nodes: [loads](../how-to/loads.md).",
+    "RegionError": "Pass one of the names that the message lists, or name the location in the mesh: [loads](loads.md).",
+    "LoadError": "Pass finite values of the stated shape, at a location with these facets or nodes: [loads](../how-to/loads.md).",
     "ContactError": "Pass the parameter in the stated range, and start without overlap: [contact](../how-to/contact.md).",
     "SupportError": "Fix more components, or take a component out of one of two locations: [supports](../how-to/supports.md).",
     "StateError": "Pass `system.ndofs` finite numbers. If they come from a solve, check its units and steps.",
@@ -63,7 +63,7 @@ ERRORS = {
     "SceneError": "Correct the keys in the lines that the message names: [scene keys](scene-keys.md).",
     "SolveError": "Look the message up: [why did Newton fail?](../how-to/newton-failed.md).",
     "SimulationError": "Look the message up: [my motion blows up](../how-to/motion-blows-up.md).",
-    "Interrupted": "Resume from the checkpoint: [long runs and restart](../how-to/long-runs.md). `error.result` has the states so far.",
+    "Interrupted": "Resume from the checkpoint: [long runs](../how-to/long-runs.md). `error.result` has the states so far.",
 }
 #: Warnings besides the findings: words of their messages, cause and remedy.
 WARNINGS = {
@@ -209,8 +209,8 @@ def command_line() -> str:
     rows = [f"| [`{name}`](#{name}) | {sentence(command.help)} |" for name, command in COMMANDS.items()]
     parts = [
         "# Command line\n",
-        "`skfem-stvk COMMAND ...` solves scenes and checks models without a program. `skfem-stvk COMMAND --help` prints the same\n"
-        "arguments. This page is printed by `python docs/print_reference.py`.\n",
+        "With `skfem-stvk COMMAND ...` you solve scenes and check models without a program. The option `--help` prints the\n"
+        "arguments of a command. This page is printed by `python docs/print_reference.py`.\n",
         "    skfem-stvk verify                               # check W, F and K on an embedded mesh\n"
         "    skfem-stvk init --type static > scene.toml      # a commented example of a scene\n"
         "    skfem-stvk solve scene.toml\n",
@@ -226,7 +226,7 @@ def command_line() -> str:
         if actions:
             rows = [f"| {argument(action)} | {cell(action.help or '')} |" for action in actions]
             parts.append("| argument | |\n|---|---|\n" + "\n".join(rows) + "\n")
-    parts.append("Next: [the whole job from one file](../tutorials/scenes.md), [all keys of a scene](scene-keys.md).")
+    parts.append("Next: [the whole job from one file](../tutorials/scenes.md), and [all keys of a scene](scene-keys.md).")
     return "\n".join(parts) + "\n"
 
 
@@ -263,7 +263,7 @@ def outcomes() -> str:
         "\n## Errors\n\nAll errors are `StvkError`s, which are `ValueError`s. An interruption is a `KeyboardInterrupt`.\n",
         "| error | a kind of | meaning | remedy |\n|---|---|---|---|",
         *(f"| `{name}` | {kinds(error)} | {summary(error)} | {ERRORS[name]} |" for name, error in errors().items()),
-        "\n## Warnings\n\n`StvkWarning` is a `UserWarning`: the input can be used, but is probably not intended. Turn it into an error with\n"
+        "\n## Warnings\n\n`StvkWarning` is a `UserWarning`: the input can be used, but is probably not meant. Turn it into an error with\n"
         '`warnings.simplefilter("error", StvkWarning)`.\n',
         "| words | cause | remedy |\n|---|---|---|",
     ]
@@ -302,14 +302,24 @@ def scene_keys(number: int) -> str:
         page = page_of[found[1]]
         return f"](#{found[1]})" if page == number else f"]({SCENE_KEYS[page][0]}.md#{found[1]})"
 
-    others = ",\n".join(f"[{title.partition(': ')[2]}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
+    others = ",\n".join(f"[{subject(title)}]({file}.md)" for n, (file, title, _) in enumerate(SCENE_KEYS) if n != number)
+    title = SCENE_KEYS[number][1]
     head = (
-        f"# {SCENE_KEYS[number][1]}\n\nPrinted from the schema that checks scenes; `skfem-stvk init --keys` prints all keys, and\n"
-        '`skfem-stvk init --schema` prints JSON Schema for editors. Units are those of `units = "SI"`.\n'
-        f"Other keys: {others}.\n[The whole job from one file](../tutorials/scenes.md) is the tutorial.\n"
+        f"# {title}\n\nWith this page you can write the keys of a scene for {subject(title)}.\n"
+        'Each key has a type, a default and a unit. Units are those of `units = "SI"`.\n'
+        "The tables are printed from the schema that checks scenes.\n\n"
+        "    skfem-stvk init --type static > scene.toml      # a commented example\n"
+        "    skfem-stvk init --keys                          # all keys of a scene\n"
+        "    skfem-stvk init --schema > scene.json           # JSON Schema, for editors\n"
     )
     shown = "\n".join(f"## {table}" for table in tables[ends[number] : ends[number + 1]])
-    return head + "\n" + re.sub(r"\]\(#([\w-]+)\)", link, shown).rstrip() + "\n"
+    tail = f"Next: {others},\nand [the whole job from one file](../tutorials/scenes.md).\n"
+    return head + "\n" + re.sub(r"\]\(#([\w-]+)\)", link, shown).rstrip() + "\n\n" + tail
+
+
+def subject(title: str) -> str:
+    """Return the second half of the title of a page of scene keys."""
+    return title.partition(": ")[2]
 
 
 def anchor(heading: str) -> str:

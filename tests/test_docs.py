@@ -72,12 +72,13 @@ def test_no_two_pages_have_one_title():
 
 
 SHELVES = {"tutorials": 1200, "topics": 1200, "how-to": 600}
-LONGEST = 30
+LONGEST = 25
 #: What is no prose, and its replacement. A formula, code and a picture are one word; a link is its text.
 NO_PROSE = {
     r"\A---\n.*?\n---$|<!--.*?-->|^(`{3,}|~{3,}|:{3,}).*?^\1$": "",  # front matter, comments, blocks of code, directives
+    r"\$\$.*?\$\$": "X",  # before its lines that are indented
     r"^(?: {4}| *[|#]|\([\w-]+\)=)[^\n]*$": "",  # indented blocks, tables, headings, labels
-    r"\$\$.*?\$\$|\$[^$]+\$|(`+)[^`]+\1|!\[[^]]*\]\([^)]*\)": "X",
+    r"\$[^$]+\$|(`+)[^`]+\1|!\[[^]]*\]\([^)]*\)": "X",
     r"\[([^][]*)\](?:\([^()]*\)|\[[^]]*\])": r"\1",
 }
 ITEM = r"(?:[-*+]|\d+\.) "

@@ -75,7 +75,7 @@ def verify_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--library", metavar="FILE", help="check a shared library in C or C++ as well, by the names of its functions:"
     )
-    parser.add_argument("--body", metavar="NAME", help="its function that takes the mesh; left out if the library knows the mesh")
+    parser.add_argument("--body", metavar="NAME", help="its function that takes the mesh; left out if the library has the mesh")
     for role in ROLES:
         parser.add_argument(f"--{role}", metavar="NAME", help=f"its function of the {HELP[role]}")
     parser.add_argument(

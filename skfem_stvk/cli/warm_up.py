@@ -89,10 +89,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def warm_up(options: argparse.Namespace) -> int:
-    """Compile the kernels of elements and laws on all cores, so that W, F, K, `K v`, statics and motions of a first run need no
-    compilation.
+    """Compile the kernels of elements and laws on all cores.
 
-    Machine code is stored on disk, in the folder that `skfem-stvk info` names.
+    Then W, F, K, `K v`, statics and motions of a first run need no compilation. Machine code is stored on disk, in the folder
+    that `skfem-stvk info` names.
     """
     elements, laws = _chosen("elements", options.elements, ELEMENTS), _chosen("laws", options.laws, LAWS)
     if not first_use.on_disk:

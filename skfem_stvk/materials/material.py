@@ -62,7 +62,7 @@ class FramedMaterial(Material, ABC):
     """
 
     frame: Annotated[
-        ArrayLike | None, Quantity(None, "Rows of the matrix whose columns are the material axes; by default the global axes.")
+        ArrayLike | None, Quantity(None, "Rows of the matrix with the material axes in its columns; by default the global axes.")
     ] = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:

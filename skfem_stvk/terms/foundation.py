@@ -53,7 +53,7 @@ class ElasticFoundation:
 
     per_element: ClassVar[bool] = True
 
-    where: Annotated[Where, Quantity(None, "Place whose boundary facets are bedded.")]
+    where: Annotated[Where, Quantity(None, "Place with the boundary facets that the foundation supports.")]
     stiffness: Annotated[
         float | ArrayLike, Quantity("stiffness per area", "Stiffness per area, of all components or of each.", components=True)
     ]

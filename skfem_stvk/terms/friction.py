@@ -11,7 +11,7 @@ from ..errors import ContactError, StvkError
 
 @dataclass(frozen=True)
 class Friction(Specification):
-    """Coulomb friction, whose force rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
+    """Coulomb friction with a force that rises over a small slip: `coefficient N f1(slip/width)`, `f1(r) = r (2 - r)` up to 1.
 
     The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
     the last accepted state, so that friction lags behind by a step. Its stiffness is symmetric. In motions the width is

@@ -28,7 +28,7 @@ LEAST = 1 / 3**0.5
 
 @dataclass(frozen=True, eq=False)
 class InvertibleStVK(ElasticLaw):
-    """St. Venant-Kirchhoff's law, whose energy goes on as a quadratic below a principal stretch `threshold`.
+    """St. Venant-Kirchhoff's law, continued by a quadratic energy below a principal stretch `threshold`.
 
     With the singular values `s_i` of `F`, of which the smallest has the sign of `det F`, `c_i = max(s_i, threshold)`, `d = s - c`
     and the energy `w` of `StVK` in principal stretches::

@@ -35,7 +35,7 @@ class Initial(Part):
     """The first state of a motion, of a path, or the state that modes are about; by default rest."""
 
     file: Annotated[
-        str | None, key("Result file (.vtu, .pvd) whose displacements and velocities are the first ones, relative to the scene.")
+        str | None, key("Result file (.vtu, .pvd) with the first displacements and velocities, relative to the scene.")
     ] = None
     at: Annotated[float | None, key("Which state of a .pvd file, by its time or load factor; by default the last.", "time")] = None
     velocity: Annotated[Components | None, key("Velocity of all nodes, instead of those of the file.", "velocity")] = None
@@ -52,8 +52,8 @@ class Output(Part):
     fields: Annotated[
         list[Name] | None, key("Fields in these files in addition to displacements; by default stresses and strains.")
     ] = None
-    probes: Annotated[dict[Name, PlaceOrName], key("Places by name whose mean displacements are recorded.")] = {}
-    reactions: Annotated[dict[Name, PlaceOrName], key("Places by name whose support forces are recorded.")] = {}
+    probes: Annotated[dict[Name, PlaceOrName], key("Places by name; their mean displacements are recorded.")] = {}
+    reactions: Annotated[dict[Name, PlaceOrName], key("Places by name; the forces of their supports are recorded.")] = {}
     plots: Annotated[
         list[Name], key("Curves to draw: names of probes and reactions, `ledger` (energies of a motion), `path` (load and size).")
     ] = []
