@@ -54,7 +54,9 @@ def picture(rows: Sequence[Row], folder: Path, name: str = "hard-cases", shown: 
         axes: Any = figure.add_subplot(lines, COLUMNS, index + 1, projection="3d", proj_type="ortho")
         _draw(axes, row, method)
     if found:
-        bar = figure.colorbar(ScalarMappable(RATIOS, COLOURS), ax=figure.axes, location="bottom", shrink=0.7, aspect=40, extend="min")
+        bar = figure.colorbar(
+            ScalarMappable(RATIOS, COLOURS), ax=figure.axes, location="bottom", shrink=0.7, aspect=40, extend="min"
+        )
         bar.set_label("volume ratio; black: inverted", size=9)
         bar.ax.tick_params(labelsize=9)
     path = folder / f"{name}.png"
