@@ -62,9 +62,7 @@ if __name__ == "__main__":
     shape.legend(loc="lower left")
     curve.plot(truth["time"], truth["end z"], "-", color="0.75", lw=3, label="full")
     curve.plot(motion["time"], motion["end z"], "-", label=f"{SIZE} unknowns")
-    curve.set(xlabel="time [s]", ylabel="z of the end [m]", ylim=(-2, 3))
-    shape.set_title("loaded")
-    curve.set_title("released")
+    curve.set(xlabel="time [s]", ylabel="z of the released end [m]", ylim=(-2, 3))
     curve.legend(loc="upper right")
     print(
         "errors:", ", ".join(f"{error:.1%} of {name}" for name, error in errors.items())
