@@ -33,9 +33,9 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
     """Draw each model's deformed bar in front of StVK's; the panel after the last shows the scale."""
     surface = skfem.MeshTet(mesh.p, mesh.t)
     facets = surface.facets[:, surface.boundary_facets()]
-    columns = 5
+    columns = 3
     rows = len(found) // columns + 1
-    figure = Figure(figsize=(2.5 * columns, 1.9 * rows), layout="constrained")
+    figure = Figure(figsize=(2 * columns, 1.5 * rows), layout="constrained")
     panels = np.array(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
     behind = _projected(mesh.p.T + found[TRUE], facets)
     every = np.concatenate([_projected(mesh.p.T + u, facets).reshape(-1, 2) for u in found.values() if np.isfinite(u).all()])
@@ -48,16 +48,16 @@ def side_by_side(mesh: ElementMesh, found: Mapping[Model, Array], folder: Path, 
             axes.add_collection(
                 PolyCollection(list(shown[order]), facecolors="white", edgecolors=COLOURS[model.family], linewidths=0.6)
             )
-        axes.set_title(model.name, fontsize=8, color=COLOURS[model.family])
+        axes.set_title(model.name.replace(" +", "\n+"), fontsize=9)
         axes.set(xlim=(every[:, 0].min() - 0.2, every[:, 0].max() + 0.2), ylim=(every[:, 1].min() - 0.2, every[:, 1].max() + 0.2))
         axes.set_aspect("equal")
     left, middle = every[:, 0].min(), every[:, 1].mean()
     panels[len(found)].plot([left, left + ACROSS[0]], [middle, middle + UP[0]], color="black", lw=1.5)
-    panels[len(found)].text(left, middle - 0.2, "1 m along the bar;\ngrey: StVK", fontsize=8, va="top")
+    panels[len(found)].text(left, middle - 0.2, "1 m along the bar;\ngrey: StVK", fontsize=9, va="top")
     for axes in panels:
         axes.axis("off")
     path = folder / f"models-{name}.png"
-    figure.savefig(path, dpi=80)
+    figure.savefig(path, dpi=110)
     return path
 
 
