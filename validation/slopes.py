@@ -17,9 +17,9 @@ def draw_slope(axes: Any, x: ArrayLike, y: ArrayLike, exponent: Fraction | int, 
     known = np.isfinite(np.asarray(x, dtype=float) * np.asarray(y, dtype=float))
     if known.sum() < 2:
         return
-    x, y = np.asarray(x, dtype=float)[known], np.asarray(y, dtype=float)[known]
-    first, last = x.min(), x.max()
-    start = below * y[x.argmin()]
+    times, errors = np.asarray(x, dtype=float)[known], np.asarray(y, dtype=float)[known]
+    first, last = times.min(), times.max()
+    start = below * errors[times.argmin()]
     end = start * (last / first) ** float(exponent)
     axes.plot([first, last], [start, end], ":", color="#444444", lw=1.2)
     position, va, ha = ((last, end), "top", "center") if below < 1 else ((first, start), "bottom", "left")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from skfem_stvk.about import write_machine
 
@@ -38,7 +40,7 @@ def speed_against_error(results: Benchmark) -> Figure:
                 time = results.best(mesh, e.implementation, quantity, dtype=e.dtype)
                 if time is not None:
                     colour, marker = STYLES.get(e.implementation, OTHER)
-                    style = {"ms": 8, "mec": colour, "mfc": colour if e.dtype == "float64" else "white", "mew": 1.8}
+                    style: dict[str, Any] = {"ms": 8, "mec": colour, "mfc": colour if e.dtype == "float64" else "white", "mew": 1.8}
                     label = e.implementation if e.dtype == "float64" else f"{e.implementation}, float32"
                     axes.plot([time], [max(e.error, FLOOR)], marker, label=label, **style)
         _finish(axes, "ns per tetrahedron", f"{quantity}, strain {strain:.0e}")
@@ -61,13 +63,13 @@ def _finish(axes: Axes, xlabel: str, title: str) -> None:
 
 def _name_and_sign(figure: Figure, panels: list[Axes], results: Benchmark, words: str) -> None:
     """Add one legend with the names of all panels, the machine and the date."""
-    handles: dict[str, Line2D] = {}
+    handles: dict[str, Artist] = {}
     for axes in panels:
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(name, handle)
     if handles:
-        columns = {"loc": "outside upper center", "ncols": 4, "fontsize": 9, "frameon": False}
-        figure.legend(handles.values(), handles.keys(), title=words, title_fontsize=9, **columns)
+        style: dict[str, Any] = {"ncols": 4, "fontsize": 9, "title": words, "title_fontsize": 9, "frameon": False}
+        figure.legend(handles.values(), handles.keys(), loc="outside upper center", **style)
     write_machine(figure, results.header)
 
 
