@@ -213,6 +213,7 @@ def _picture(compared: Compared, folder: Path) -> Path:
     for axes in (left, right):
         axes.title.set_fontsize(9)
         axes.tick_params(labelsize=9)
+    right.margins(0.1)
     right.xaxis.set_minor_formatter(NullFormatter())
     for axes in (left, right):
         axes.grid(True, alpha=0.3)

@@ -210,7 +210,7 @@ def _picture(flights: Sequence[Flight], folder: Path) -> Path:
         right.semilogy(t[every::every], np.maximum.accumulate(np.abs(energy / energy[0] - 1))[every::every], **style)
     left.set(xlabel="t [s]", ylabel="total energy / first", title="Energy of a spinning soft block")
     right.set(xlabel="t [s]", ylabel="largest drift so far", title="Drift of the energy")
-    figure.legend(loc="outside upper center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(loc="outside upper center", ncols=3, fontsize=9, frameon=False)
     for axes in (left, right):
         axes.title.set_fontsize(9)
         axes.tick_params(labelsize=9)
