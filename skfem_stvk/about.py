@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -69,6 +69,15 @@ def launched() -> tuple[int, int]:
     """
     found = ((os.environ.get(rank, ""), os.environ.get(size, "")) for rank, size in LAUNCHERS.items())
     return next(((int(rank), int(size)) for rank, size in found if rank.isdecimal() and size.isdecimal()), (0, 1))
+
+
+def write_machine(figure: Any, run: Mapping[str, Any] | None = None) -> None:
+    """Write the processor and the date of a run in small print at the lower right of a figure that shows times.
+
+    `run` has the entries `machine` and `date` of `circumstances`; without it, the run is of this machine and of today.
+    """
+    run = circumstances(()) if run is None else run
+    figure.supxlabel(f"{run['machine']['processor']}, {run['date'][:10]}", size=6, x=0.99, ha="right")
 
 
 def circumstances(packages: Iterable[str]) -> dict[str, Any]:

@@ -36,7 +36,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (shape, path) = plt.subplots(1, 2, width_ratios=(3, 2), figsize=(6.4, 2.8))
+    figure, (shape, path) = plt.subplots(1, 2, figsize=(6, 2.8))
     shape.triplot(*mesh.p, mesh.t.T, "-", color="0.7", lw=0.5)
     shape.triplot(
         *(mesh.p + u.reshape(-1, 2).T), mesh.t.T, "-", color="#0072B2", lw=0.5

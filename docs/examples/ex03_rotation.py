@@ -44,7 +44,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, panels = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(7, 3.2))
+    figure, panels = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(6, 2.9))
     looks = (("#E69F00", 0.4, "LinearElastic"), ("#0072B2", 0.8, "StVK"))
     for number, axes in enumerate(panels):
         for colour, width, name in looks:

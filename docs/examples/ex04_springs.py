@@ -41,7 +41,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (shape, difference) = plt.subplots(1, 2, figsize=(7, 3))
+    figure, (shape, difference) = plt.subplots(1, 2, figsize=(6, 2.8))
     for u, colour, name in zip(
         states[0.0], ("#0072B2", "#E69F00"), ("StVK", "springs")
     ):

@@ -46,7 +46,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (curve, shape) = plt.subplots(1, 2, figsize=(6.8, 3.2))
+    figure, (curve, shape) = plt.subplots(1, 2, figsize=(6, 3))
     for name, path in paths.items():
         way = [0.0, *0.6 * path.history.t]
         curve.plot(way, [0.0, *forces[name]], label=name)

@@ -37,7 +37,7 @@ if __name__ == "__main__":
     from matplotlib.animation import FuncAnimation
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (path, shape) = plt.subplots(1, 2, figsize=(6.8, 3.2))
+    figure, (path, shape) = plt.subplots(1, 2, figsize=(6, 3))
     sags = -1e3 * result.history.u[:, 2 * apex[0] + 1]
     loads = load * result.history.t
     stable = np.array([step.negative == 0 for step in result.history])

@@ -50,7 +50,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (curve, shape) = plt.subplots(1, 2, figsize=(6.8, 3.2))
+    figure, (curve, shape) = plt.subplots(1, 2, figsize=(6, 3))
     top = np.flatnonzero((angle == 0) & (radius > outer - 1e-9))
     stop = Stop(displacement=(top, "y", 0.3))
     for name, colour in (("dead", "#E69F00"), ("fluid", "#0072B2")):

@@ -47,7 +47,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, panels = plt.subplots(1, 2, sharey=True, figsize=(6.6, 3.6))
+    figure, panels = plt.subplots(1, 2, sharey=True, figsize=(6, 3.4))
     for axes, name, result in zip(panels, ("bag", "no bag"), (bag, bare)):
         u = result.u.reshape(-1, 3)
         x, y, z = points + u.T

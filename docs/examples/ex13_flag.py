@@ -45,7 +45,7 @@ if __name__ == "__main__":
     from matplotlib.animation import FuncAnimation
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (energy, path) = plt.subplots(1, 2, figsize=(6.8, 3.2))
+    figure, (energy, path) = plt.subplots(1, 2, figsize=(6, 3))
     for number, (name, outcome) in enumerate(outcomes.items()):
         shown = {"markevery": (5 * number, 15), "label": name}
         rows, tip = outcome.result.ledger, outcome.curves["A"]

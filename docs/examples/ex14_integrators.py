@@ -50,7 +50,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, panels = plt.subplots(1, 3, figsize=(7.6, 3.8))
+    figure, panels = plt.subplots(1, 3, figsize=(6.8, 3.8))
     for name, ledger in runs.items():
         t = 1e3 * ledger["time"]
         panels[0].plot(t, energy[name], markevery=0.2, lw=1, label=name)

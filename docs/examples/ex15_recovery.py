@@ -57,7 +57,7 @@ if __name__ == "__main__":
 
     plt.style.use("skfem_stvk.gallery")
     solid = {"subplot_kw": {"projection": "3d", "proj_type": "ortho"}}
-    _, panels = plt.subplots(1, 3, figsize=(6.8, 2.9), **solid)
+    _, panels = plt.subplots(1, 3, figsize=(6, 2.6), **solid)
     draw(panels[0], "StVK", motions["StVK"][0])
     screen, moving = plt.subplots(1, 2, figsize=(4.6, 2.6), **solid)
     for axes, (name, found) in zip(panels[1:], motions.items()):

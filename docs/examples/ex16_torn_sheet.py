@@ -51,7 +51,7 @@ if __name__ == "__main__":
     from matplotlib.animation import FuncAnimation
 
     plt.style.use("skfem_stvk.gallery")
-    figure, panels = plt.subplots(1, 3, figsize=(7.6, 2.8))
+    figure, panels = plt.subplots(1, 3, figsize=(6.8, 2.8))
 
     def draw(run, axes):
         tensor = np.ma.filled(run.state["cauchy_stress"], 0.0) / 1e3

@@ -50,7 +50,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (shape, curve) = plt.subplots(1, 2, figsize=(7.4, 3.2))
+    figure, (shape, curve) = plt.subplots(1, 2, figsize=(6, 3.2))
     looks = (("0.75", 2.0), ("#0072B2", 0.8), ("#E69F00", 0.8))
     lines = mesh.edges[:, np.ptp(mesh.p[1:, mesh.edges], axis=1).max(axis=0) < 1e-9]
     side = lines[:, np.isin(mesh.p[1, lines[0]], (0, HEIGHT))]
@@ -58,12 +58,12 @@ if __name__ == "__main__":
         x, _, z = (mesh.p + u.reshape(-1, 3).T)[:, side]
         shape.plot(x, z, "-", color=colour, lw=width)
         shape.plot([], "-", color=colour, lw=width, label=name)
-    shape.set(aspect="equal", xlabel="x [m]", ylabel="z [m]", title="loaded")
+    shape.set(aspect="equal", xlabel="x [m]", ylabel="z [m]", ylim=(-3.6, 0.8))
     shape.legend(loc="lower left")
     curve.plot(truth["time"], truth["end z"], "-", color="0.75", lw=3, label="full")
     curve.plot(motion["time"], motion["end z"], "-", label=f"{SIZE} unknowns")
-    curve.set(xlabel="time [s]", ylabel="z of the end [m]", title="released")
-    curve.legend()
+    curve.set(xlabel="time [s]", ylabel="z of the released end [m]", ylim=(-2, 3))
+    curve.legend(loc="upper right")
     print(
         "errors:", ", ".join(f"{error:.1%} of {name}" for name, error in errors.items())
     )

@@ -56,7 +56,7 @@ if __name__ == "__main__":
     import matplotlib.pyplot as plt
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (curves, shape) = plt.subplots(1, 2, figsize=(7, 3.2))
+    figure, (curves, shape) = plt.subplots(1, 2, figsize=(6, 3.2))
     t = np.linspace(1e-3, 1, 1000)
     curves.plot(t, whole, "-", color="0.7", lw=3)
     curves.plot(t, force, markevery=100, label=list("xyz"))

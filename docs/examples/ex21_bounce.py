@@ -41,7 +41,7 @@ if __name__ == "__main__":
     from matplotlib.animation import FuncAnimation
 
     plt.style.use("skfem_stvk.gallery")
-    figure, (shape, curves) = plt.subplots(2, 1, figsize=(6.4, 5.2))
+    figure, (shape, curves) = plt.subplots(2, 1, figsize=(6, 5))
     faces = mesh.surface[:, (mesh.p[1, mesh.surface] == 0).all(axis=0)].T
     for number, (t, u) in enumerate(states[::8]):
         x, _, z = mesh.p + u.reshape(-1, 3).T

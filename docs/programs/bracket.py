@@ -50,11 +50,11 @@ def picture():
     size = 1e3 * np.linalg.norm(moved, axis=1)[faces].mean(axis=1)
     colours = ScalarMappable(Normalize(0, size.max()), colormaps["cividis"])
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
-    axes = figure.add_subplot(projection="3d")
+    axes = figure.add_subplot(projection="3d", proj_type="ortho")
     axes.view_init(elev=24, azim=-38)
     axes.set_axis_off()
     corners = (mesh.p.T + moved)[faces]
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=colours.to_rgba(size), edgecolor="#0005", linewidth=0.3, shade=True))
+    axes.add_collection3d(Poly3DCollection(corners, facecolors=colours.to_rgba(size), edgecolor="0.5", linewidth=0.3, shade=True))
     axes.auto_scale_xyz(*corners.reshape(-1, 3).T)
     axes.set_box_aspect(np.ptp(corners, axis=(0, 1)), zoom=1.15)
     figure.colorbar(colours, ax=axes, shrink=0.6, label="displacement [mm]")
@@ -63,4 +63,4 @@ def picture():
 
 if __name__ == "__main__":
     print(f"the bore moves by {1e3 * shift:.4f} mm; strain energy {energy:.5f} J")
-    picture().savefig(Path(__file__).with_suffix(".png"), dpi=110)
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=150)

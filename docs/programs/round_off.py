@@ -16,4 +16,4 @@ def picture():
 
 
 if __name__ == "__main__":
-    picture().savefig(Path(__file__).with_suffix(".png"), dpi=90)
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=150)

@@ -34,7 +34,7 @@ def picture():
     import matplotlib.pyplot as plt
     import numpy as np
 
-    figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.6, 4), layout="constrained")
     y = np.arange(len(PLANTED))[::-1]
     before = [named[name].before for name in PLANTED]
     after = [max(1e-16, *(one.residual for one in named[name].explanations)) for name in PLANTED]
@@ -60,4 +60,4 @@ def told():
 
 if __name__ == "__main__":
     print("\n".join(told()))
-    picture().savefig(Path(__file__).with_suffix(".png"), dpi=110)
+    picture().savefig(Path(__file__).with_suffix(".png"), dpi=150)

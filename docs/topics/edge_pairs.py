@@ -21,7 +21,7 @@ panels = {
 
 def picture(file):
     """Draw the edges of a tetrahedron, an adjacent pair and an opposite pair with their coefficients."""
-    figure, axes = plt.subplots(1, 3, figsize=(7.2, 2.7), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(6, 2.5), layout="constrained")
     for axis, (title, pair) in zip(axes, panels.items(), strict=True):
         for i, edge in enumerate(form.edges.T):
             color = (ORANGE, BLUE)[pair.index(i)] if i in pair else "0.45"
@@ -37,7 +37,7 @@ def picture(file):
         axis.set(title=title, xlabel=numbers, aspect="equal", xticks=[], yticks=[], xlim=(-0.12, 1.24), ylim=(-0.1, 1.14))
         axis.title.set_fontsize(9)
         axis.spines[:].set_visible(False)
-    figure.savefig(file, dpi=120)
+    figure.savefig(file, dpi=150)
     plt.close(figure)
 
 

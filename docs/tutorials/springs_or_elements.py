@@ -32,7 +32,7 @@ def contraction(term):
 
 def picture(file):
     """Draw the error of the best springs on one element, and the contraction of a bar."""
-    figure, (one, whole) = plt.subplots(1, 2, figsize=(7.2, 3.0), layout="constrained")
+    figure, (one, whole) = plt.subplots(1, 2, figsize=(6, 3.2), layout="constrained")
     nus = np.linspace(0, 0.45, 46)
     one.plot(nus, [100 * error(tetrahedron, nu) for nu in nus], color=ORANGE, ls="--", label="regular tetrahedron")
     one.plot(nus, [100 * error(triangle, nu, plane="stress") for nu in nus], color=BLUE, label="equilateral triangle")
@@ -45,8 +45,11 @@ def picture(file):
     whole.set(xlabel="Poisson's ratio of the material", ylabel="contraction / extension of a bar", ylim=(0, 0.5))
     for axis in (one, whole):
         axis.legend(fontsize=8, loc="upper left", frameon=False)
+        axis.tick_params(labelsize=9)
+        axis.xaxis.label.set_size(9)
+        axis.yaxis.label.set_size(9)
         axis.grid(color="0.9")
-    figure.savefig(file, dpi=120)
+    figure.savefig(file, dpi=150)
     plt.close(figure)
 
 

@@ -23,7 +23,7 @@ MARKERS = {"W": "s", "F": "o", "K": "^"}
 
 def error_against_strain(report: Findings) -> Figure:
     """Return the plot of the error of F against strain, without and with a large rotation, at the origin and far from it."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
     styles = dict(zip(sorted({row["offset_m"] for row in report.precision}), ("-", "--", ":"), strict=False))
     for axes, degrees in zip(panels, (0, 170), strict=True):
@@ -32,12 +32,16 @@ def error_against_strain(report: Findings) -> Figure:
                 rows = [r for r in report.precision if (r["form"], r["rotation_deg"], r["offset_m"]) == (form, degrees, offset)]
                 label = f"{form}, at {offset:g} m"
                 axes.loglog([r["strain"] for r in rows], [max(r["error"], 1e-17) for r in rows], style, color=colour, label=label)
-        axes.set(xlabel="strain", title="no rotation" if not degrees else f"rotated by {degrees} degrees", ylim=(1e-17, 100))
+        strains = sorted({row["strain"] for row in report.precision})
+        axes.loglog(strains, [1e-17 / strain for strain in strains], lw=0.8, color="#888888", label="strain$^{-1}$")
+        axes.set(xlabel="strain", ylim=(1e-18, 100))
+        axes.set_title("no rotation" if not degrees else f"rotated by {degrees} degrees", fontsize=9)
+        axes.tick_params(labelsize=9)
         axes.invert_xaxis()
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("error of F, relative to 50 digits")
     if report.precision:
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9, frameon=False)
     return figure
 
 

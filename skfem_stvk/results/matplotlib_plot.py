@@ -23,9 +23,9 @@ from ..elements import linear_simplex
 from .picture import SCREEN, Film, Picture, View, subdivided
 from .shapes import surface_of, surroundings
 
-MISSING, REST, EDGE = "#c8c8c8", "#909090", "#202020"
-#: Yellow to red without the palest tenth, which is invisible on white paper.
-COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["YlOrRd"](np.linspace(0.12, 1, 256))).with_extremes(bad=MISSING)
+MISSING, REST, EDGE = "#c8c8c8", "#909090", "#000000"
+#: `cividis` without its darkest part, which hides outlines and the shades of faces.
+COLOURS = LinearSegmentedColormap.from_list("stvk", colormaps["cividis"](np.linspace(0.18, 1, 256))).with_extremes(bad=MISSING)
 PIECES = 5000  # most pieces of faces, which are small enough to be sorted by depth
 SHAPE = (*to_rgba(REST)[:3], 0.35)  # colour of rigid shapes
 LIGHT = np.array([-0.09, 0.43, 0.90])  # direction to the light, as `SCREEN` has its axes

@@ -218,8 +218,10 @@ def _times(systems: dict[str, System], u: Array) -> dict[str, float]:
 def _draw(found: NetworkComparison, path: Path | None) -> Any:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1, 2.2))
+    from ..about import write_machine
+
+    figure = Figure(figsize=(6.8, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     values = [100 * share for share in found.shares.values()]
     left.bar([name.replace(" ", "\n") for name in found.shares], values, color=["#0072B2", "#D55E00", "#009E73"])
     for i, value in enumerate(values):
@@ -232,11 +234,16 @@ def _draw(found: NetworkComparison, path: Path | None) -> Any:
     for i, row in enumerate(rows):
         label = "exact" if row.force < EXACT else f"{row.force:.1%}"
         right.annotate(
-            f"{label}, {row.ratio:.2f} x", (100 * row.force, i), (4, 0), textcoords="offset points", va="center", fontsize=8
+            f"{label}, {row.ratio:.2f} x", (100 * row.force, i), (4, 0), textcoords="offset points", va="center", fontsize=9
         )
-    right.margins(x=0.22)
-    right.set(xlabel="error of F [%]", title="networks: error of F, time for W and F (StVK 1 x)")
-    figure.suptitle(f"A state with edges elongated by up to {found.strain:.1%}", fontsize=11)
+    right.margins(x=0.75)
+    right.set(xlabel="error of F [%]", title="networks; time for W and F, StVK 1 x")
+    for axes in (left, right):
+        axes.title.set_fontsize(9)
+        axes.tick_params(labelsize=9)
+    left.tick_params("x", labelsize=8)
+    figure.suptitle(f"A state with edges elongated by up to {found.strain:.1%}", fontsize=9)
+    write_machine(figure)
     if path is not None:
         figure.savefig(path, dpi=150)
     return figure

@@ -101,7 +101,7 @@ def save(results: Benchmark, folder: str | Path) -> None:
     (folder / f"{NAME}.json").write_text(json.dumps(results.as_dict(), indent=1) + "\n", encoding="utf-8")
     drawn = {"speed-error": speed_against_error(results), "size": time_against_size(results)}
     for picture, figure in drawn.items():
-        figure.savefig(folder / f"{NAME}-{picture}.png", dpi=110)
+        figure.savefig(folder / f"{NAME}-{picture}.png", dpi=140)
     (folder / f"{NAME}.md").write_text(page(results), encoding="utf-8")
 
 

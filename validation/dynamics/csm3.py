@@ -9,21 +9,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from skfem_stvk import Gravity, StVK, System
+from skfem_stvk.about import write_machine
 from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, GeneralizedAlpha, Integrator, simulate
 
+from ..slopes import draw_slope
 from ..statics.meshes import Array, strip
 from ..statics.orders import extrapolated, fitted_order
 from ..statics.study import Study
 from ..statics.turek_hron import CENTRE, DENSITY, END, GRAVITY, POISSON, flag
 from .oscillation import Oscillation
-from .scenes import COLOURS
+from .scenes import COLOURS, MARKERS
 
 YOUNG = 1.4e6
 #: Mean and amplitude [m], and frequency [Hz] of the components of A's displacement.
@@ -195,19 +197,28 @@ def at_cost(points: Sequence[Point], seconds: float) -> float:
 
 def _picture(compared: Compared, folder: Path) -> Path:
     """Plot A's height over time at the largest step, and error against wall time."""
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1))
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.3, 1))
     reference, points = compared.reference, compared.points
     left.plot(reference.t, 1e3 * reference.a[:, 1], color="#AAAAAA", lw=3.5, label="reference")
-    for colour, (one, several) in zip(COLOURS, compared.motions.items(), strict=False):
-        left.plot(several[0].t, 1e3 * several[0].a[:, 1], color=colour, lw=1.2, label=one.__name__)
-        right.loglog([p.seconds for p in points[one]], [p.error for p in points[one]], "o-", ms=4, color=colour, label=one.__name__)
+    for colour, mark, (one, several) in zip(COLOURS, MARKERS, compared.motions.items(), strict=False):
+        style: dict[str, Any] = {"color": colour, "marker": mark, "ms": 4.5}
+        left.plot(several[0].t, 1e3 * several[0].a[:, 1], lw=1.2, markevery=0.1, label=one.__name__, **style)
+        seconds, errors = [p.seconds for p in points[one]], [p.error for p in points[one]]
+        right.loglog(seconds, errors, **style)
+        if one is not GeneralizedAlpha:
+            draw_slope(right, seconds, errors, -declared(one))
     left.set(xlabel="t [s]", ylabel="u_y of A [mm]", title=f"CSM3, dt = {1e3 * points[EnergyMomentum][0].dt:g} ms")
     right.set(xlabel="wall time [s]", ylabel="error of A's motion", title="Cost")
+    for axes in (left, right):
+        axes.title.set_fontsize(9)
+        axes.tick_params(labelsize=9)
+    right.margins(0.1)
     right.xaxis.set_minor_formatter(NullFormatter())
     for axes in (left, right):
         axes.grid(True, alpha=0.3)
-    left.legend(fontsize=7)
+    figure.legend(loc="outside upper center", ncols=4, fontsize=9, frameon=False)
+    write_machine(figure)
     path = folder / "dynamics-csm3.png"
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=140)
     return path

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -33,7 +33,7 @@ from skfem_stvk.dynamics.integrators import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOM
 from skfem_stvk.dynamics.integrators.implicit import Implicit
 
 from ..statics.study import Study
-from .scenes import COLOURS, SOFT, Array, block
+from .scenes import COLOURS, MARKERS, SOFT, Array, block
 
 QUANTITIES = (ENERGY, LINEAR_MOMENTUM, ANGULAR_MOMENTUM)
 DT, UNTIL, QUICK_UNTIL = 1e-3, 2.0, 0.2
@@ -200,18 +200,21 @@ def _failures(one: Flight, limit: float) -> Iterator[str]:
 
 def _picture(flights: Sequence[Flight], folder: Path) -> Path:
     """Plot total energy over time, and its drift."""
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for colour, one in zip(COLOURS, flights, strict=True):
+    for colour, mark, one in zip(COLOURS, MARKERS, flights, strict=True):
         t, energy = one.ledger["time"], one.ledger["total_energy"]
-        left.plot(t, energy / energy[0], color=colour, lw=1.3, label=one.integrator.name)
+        style: dict[str, Any] = {"color": colour, "lw": 1.3, "marker": mark, "ms": 4.5, "markevery": 0.2}
+        left.plot(t, energy / energy[0], label=one.integrator.name, **style)
         every = max(1, len(t) // 200)
-        right.semilogy(t[every::every], np.maximum.accumulate(np.abs(energy / energy[0] - 1))[every::every], color=colour, lw=1.3)
+        right.semilogy(t[every::every], np.maximum.accumulate(np.abs(energy / energy[0] - 1))[every::every], **style)
     left.set(xlabel="t [s]", ylabel="total energy / first", title="Energy of a spinning soft block")
     right.set(xlabel="t [s]", ylabel="largest drift so far", title="Drift of the energy")
-    left.legend(fontsize=7)
+    figure.legend(loc="outside upper center", ncols=3, fontsize=9, frameon=False)
     for axes in (left, right):
+        axes.title.set_fontsize(9)
+        axes.tick_params(labelsize=9)
         axes.grid(True, alpha=0.3)
     path = folder / "dynamics-flight.png"
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=140)
     return path

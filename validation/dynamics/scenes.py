@@ -21,6 +21,8 @@ from ..statics.meshes import moved_box
 
 #: Colours of Okabe and Ito.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+#: Markers of the same number of curves.
+MARKERS = "os^DvPX"
 #: Probe at the end of a cantilever, for the ledger.
 TIP = {"tip": lambda x: x[0] == x[0].max()}
 SOFT = StVK(young=1e5, poisson=0.3, density=1000.0)

@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
 from skfem_stvk import Gravity, System, solve_static
+from skfem_stvk.about import write_machine
 from skfem_stvk.dynamics import (
     BackwardEuler,
     EnergyMomentum,
@@ -33,14 +34,18 @@ from skfem_stvk.dynamics.critical_step import critical_step
 from skfem_stvk.dynamics.modes import modes
 from skfem_stvk.dynamics.step_matrix import StepTangent
 
+from ..slopes import draw_slope
 from ..statics.study import Study
 from .flight import SPIN
-from .scenes import COLOURS, Array, block, cantilever, expected
+from .scenes import COLOURS, MARKERS, Array, block, cantilever, expected
 
 EXPLICIT = (ForwardEuler, VelocityVerlet)
 IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)
 #: Markers of tangents other than the exact one.
-MARKS = {"clamped": "s", "gauss-newton": "^", "diagonal": "x", "rest": "v"}
+MARKS = {"clamped": "<", "gauss-newton": ">", "diagonal": "+", "rest": "x"}
+#: Exponents of the error against time, of first and of second order, next to the curves of two integrators.
+SLOPES = {"BackwardEuler": -1, "EnergyMomentum": -2}
+SLOPES_BELOW = 2.0
 #: Steps of explicit integrators in critical steps.
 PARTS = (0.9, 0.45, 0.225)
 #: Steps of implicit integrators [s].
@@ -216,26 +221,27 @@ def _row(name: str, tangent: str, points: Sequence[Point]) -> tuple[str, ...]:
 
 def _picture(found: dict[str, dict[tuple[str, str], list[Point]]], folder: Path) -> Path:
     """Plot one panel per scene; tangents other than the exact one are dashed."""
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     names = [one.__name__ for one in (*EXPLICIT, *IMPLICIT)]
     for axes, (scene, several) in zip(figure.subplots(1, len(found)), found.items(), strict=True):
         for (name, tangent), points in several.items():
             first = tangent in ("", StepTangent.EXACT.value)
-            style = (
-                {"lw": 1.5, "ls": "-", "marker": "o", "ms": 4}
-                if first
-                else {"lw": 0.9, "ls": "--", "marker": MARKS[tangent], "ms": 4}
-            )
-            label = name if first else None
-            axes.loglog(
-                [p.seconds for p in points], [p.error for p in points], color=COLOURS[names.index(name)], label=label, **style
-            )
-        axes.set(xlabel="wall time [s]", ylabel="error of the displacements at the end", title=scene)
+            number, seconds, errors = names.index(name), [p.seconds for p in points], [p.error for p in points]
+            style = {"marker": MARKERS[number]} if first else {"lw": 0.9, "ls": "--", "mfc": "none", "marker": MARKS[tangent]}
+            axes.loglog(seconds, errors, color=COLOURS[number], label=name if first else None, ms=4.5, **style)
+            if first and name in SLOPES:
+                draw_slope(axes, seconds, errors, SLOPES[name], below=SLOPES_BELOW)
+        axes.set(xlabel="wall time [s]")
+        axes.set_title(scene, fontsize=9)
+        axes.tick_params(labelsize=9)
         axes.grid(True, alpha=0.3)
+        axes.margins(y=0.1)
         axes.xaxis.set_minor_formatter(NullFormatter())
-    figure.axes[0].legend(fontsize=7)
-    dashed = [Line2D([], [], color="#666666", ls="--", lw=0.9, marker=mark, ms=4, label=tangent) for tangent, mark in MARKS.items()]
-    figure.axes[1].legend(handles=dashed, title="other tangents", fontsize=7, title_fontsize=7)
+    figure.axes[0].set_ylabel("error of the displacements at the end")
+    dashed = [Line2D([], [], color="#666666", ls="--", mfc="none", marker=mark, ms=4.5, label=name) for name, mark in MARKS.items()]
+    handles = [*figure.axes[0].get_legend_handles_labels()[0], *dashed]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, fontsize=9, frameon=False)
+    write_machine(figure)
     path = folder / "dynamics-work-precision.png"
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=140)
     return path

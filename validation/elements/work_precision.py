@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from skfem_stvk.about import write_machine
 from skfem_stvk.arguments import Array
 
+from ..slopes import draw_slope
 from ..statics.study import Study
 from .families import P2
 from .programs import OURS, THEIRS, Solved, ours, theirs
@@ -180,7 +183,7 @@ def _failures(found: Found) -> Iterator[str]:
 
 def _picture(every: dict[str, Found], folder: Path) -> Path:
     """Plot error against time of each program, one panel per trial."""
-    figure = Figure(figsize=(4.2 * len(every), 4.6), layout="constrained")
+    figure = Figure(figsize=(max(2.3 * len(every), 4.0), 3.9), layout="constrained")
     panels = np.atleast_1d(np.array(figure.subplots(1, len(every))))
     for axes, (title, found) in zip(panels, every.items(), strict=True):
         for name, several in found.items():
@@ -196,12 +199,18 @@ def _picture(every: dict[str, Found], folder: Path) -> Path:
                 mfc=hollow,
                 label=name,
             )
+        for name, exponent, below in (("P1", Fraction(-2, 3), 2.0), ("P2", Fraction(-4, 3), 0.5)):
+            first = found[name][:3]
+            draw_slope(axes, [one.solved.seconds for one in first], [one.error for one in first], exponent, below=below)
         axes.axhline(GOALS[-1], color="#888888", lw=0.8, ls="--")
-        axes.set(xlabel="wall time of the whole solve [s]", title=title.replace(", ", ",\n", 1))
+        axes.set(xlabel="wall time [s]", title=title.replace(", ", ",\n", 1))
         axes.title.set_fontsize(9)
-        axes.grid(True, which="both", alpha=0.25)
+        axes.tick_params(labelsize=9)
+        axes.grid(True, alpha=0.25)
+        axes.margins(0.1)
     panels[0].set_ylabel("relative error")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9, frameon=False)
+    write_machine(figure)
     path = folder / "elements-work-precision.png"
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=130)
     return path

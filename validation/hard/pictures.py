@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import TwoSlopeNorm
+from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from skfem_stvk.results.picture import visible_faces
@@ -36,9 +36,10 @@ SHOWN = (
     ("start from random positions", START),
     ("start from random positions", "default + volume"),
 )
-COLUMNS, VIEW = 4, (22.0, -58.0)
-INSIDE_OUT, EDGE = "#1f4fd8", "#303030"
-COLOURS = colormaps["RdYlGn"].with_extremes(under=INSIDE_OUT)
+COLUMNS, VIEW = 3, (22.0, -58.0)
+INVERTED, EDGE = "#000000", "#606060"
+#: Orange to violet without the darkest tenths, so that black stays the colour of inverted elements, in grey too.
+COLOURS = LinearSegmentedColormap.from_list("ratios", colormaps["PuOr"](np.linspace(0.15, 0.85, 256))).with_extremes(under=INVERTED)
 RATIOS = TwoSlopeNorm(1.0, 0.0, 1.6)
 LIGHT = np.array([0.35, -0.55, 0.76])
 
@@ -48,20 +49,18 @@ def picture(rows: Sequence[Row], folder: Path, name: str = "hard-cases", shown: 
     by_name = {row.case.name: row for row in rows}
     found = [(by_name[case], method) for case, method in shown if case in by_name]
     lines = max(1, -(-len(found) // COLUMNS))
-    figure = Figure(figsize=(3 * COLUMNS, 2.6 * lines + 0.5), layout="constrained")
+    figure = Figure(figsize=(2 * COLUMNS, 2.1 * lines + 0.8), layout="constrained")
     for index, (row, method) in enumerate(found):
         axes: Any = figure.add_subplot(lines, COLUMNS, index + 1, projection="3d", proj_type="ortho")
         _draw(axes, row, method)
     if found:
-        figure.colorbar(
-            ScalarMappable(RATIOS, COLOURS),
-            ax=figure.axes,
-            label="volume ratio; blue: inverted",
-            shrink=0.5,
-            extend="min",
+        bar = figure.colorbar(
+            ScalarMappable(RATIOS, COLOURS), ax=figure.axes, location="bottom", shrink=0.7, aspect=40, extend="min"
         )
+        bar.set_label("volume ratio; black: inverted", size=9)
+        bar.ax.tick_params(labelsize=9)
     path = folder / f"{name}.png"
-    figure.savefig(path, dpi=75)
+    figure.savefig(path, dpi=125)
     return path
 
 
@@ -81,7 +80,8 @@ def _draw(axes: Any, row: Row, method: str) -> None:
     axes.set_box_aspect(np.maximum(np.ptp(x, axis=0), 1e-3), zoom=1.15)
     axes.view_init(*VIEW)
     axes.set_axis_off()
-    axes.set_title("\n".join([*wrap(row.case.name, 46), caption]), fontsize=8)
+    lines = [line for text in (row.case.name, caption) for line in wrap(text.replace(" %", "\N{NO-BREAK SPACE}%"), 26)]
+    axes.set_title("\n".join(lines), fontsize=9)
 
 
 def _state(row: Row, method: str) -> tuple[Array, str]:
