@@ -263,7 +263,7 @@ def outcomes() -> str:
         "\n## Errors\n\nAll errors are `StvkError`s, which are `ValueError`s. An interruption is a `KeyboardInterrupt`.\n",
         "| error | a kind of | meaning | remedy |\n|---|---|---|---|",
         *(f"| `{name}` | {kinds(error)} | {summary(error)} | {ERRORS[name]} |" for name, error in errors().items()),
-        "\n## Warnings\n\n`StvkWarning` is a `UserWarning`: the input can be used, but is probably a mistake. Turn it into an error with\n"
+        "\n## Warnings\n\n`StvkWarning` is a `UserWarning`: the input can be used, but is probably a mistake. Make it an error by\n"
         '`warnings.simplefilter("error", StvkWarning)`.\n',
         "| words | cause | remedy |\n|---|---|---|",
     ]
