@@ -19,6 +19,8 @@ def pictures_and_films(block: Any, block_vars: dict[str, Any], gallery_conf: dic
     ExtensionError
         if a film is larger than 800 kB.
     """
+    if not plt.get_fignums():
+        return ""
     films = [one for one in block_vars["example_globals"].values() if isinstance(one, FuncAnimation)]
     for film in films:
         plt.close(film._fig)  # no picture of its first moment

@@ -179,7 +179,7 @@ INVERSION = (
     "Add a term that resists inversion, refine the mesh there, take more steps, or spread the load over more of the boundary."
 )
 FAILURES = ADVICE | {
-    End.OUT_OF_ITERATIONS: f"Take more steps, or look at the last state: `result.plot()`. {INVERSION}",
+    End.OUT_OF_ITERATIONS: f"Look at the last state: `result.plot()`. {INVERSION}",
     End.INSIDE_OUT: f"At t = 0: check the units of material, mesh and load first. {INVERSION}",
 }
 EXIT_CODES = (

@@ -1,4 +1,4 @@
-"""The how-to pages on failed solves and motions contain words of every message of `solve_static` and `simulate`."""
+"""The how-to pages on failed solves and motions contain words of every message that statics and dynamics write."""
 
 import ast
 import re

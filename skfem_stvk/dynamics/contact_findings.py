@@ -19,11 +19,11 @@ SHORT = 5
 
 
 def start_within(system: System, ledger: Ledger) -> str:
-    """Return a sentence on rigid shapes that contain points of the body at the start; empty after the first step."""
+    """Return a sentence on rigid shapes in which the body is deep at the start; empty after the first step."""
     if len(ledger["time"]) != 1:
         return ""
-    contacts = [term.name for term in system.contacts if isinstance(term, CanPenetrate)]
-    deep = [shown(name) for name in contacts if ledger[f"contact {name} gap"][0] < 0]
+    contacts = [term for term in system.contacts if isinstance(term, CanPenetrate)]
+    deep = [shown(one.name) for one in contacts if ledger[f"contact {one.name} gap"][0] < -DEEP * one.edge]
     return (
         f" The body starts within the shape of {', '.join(deep)}: check the position and the normal of the shape." if deep else ""
     )

@@ -186,11 +186,7 @@ class ArcLength(Continuation):
         u, t, end, record = correct(self.problem, u, t, plane, self._rtol, self._options.iterating)
         if not end.converged:
             return Attempt(t, end, record)
-        inverted = self.problem.inside_out(u)
-        if len(inverted) > self._allowed or not self.problem.way_is_free(self.u, u):
-            record.detail = self.problem.named(inverted)
-            return Attempt(t, End.INSIDE_OUT, record)
-        return u, t, end, record
+        return self._blocked(u, t, record) or (u, t, end, record)
 
     def _adapt(self, iterations: int, cosine: float) -> None:
         factor = float(np.clip(np.sqrt(ITERATIONS / max(iterations, 1)), 1 / GROWTH, GROWTH))

@@ -127,15 +127,24 @@ class Continuation(ABC):
 
     def _newton(self, start: Array, t: float, full_first: bool) -> tuple[Array, End, Iterations] | Attempt:
         """Apply Newton's method at the load factor `t`; fail at once if the start is beyond a contact or has inverted elements."""
-        limit, contact = self.problem.contact_limit(self.u, start - self.u)
-        if limit <= 1:
-            return Attempt(t, End.CONTACT, Iterations(detail=f"{contact!r}"))
-        inverted = self.problem.inside_out(start)
-        if len(inverted) > self._allowed or not self.problem.way_is_free(self.u, start):
-            return Attempt(t, End.INSIDE_OUT, Iterations(detail=self.problem.named(inverted)))
+        if blocked := self._blocked(start, t, Iterations()):
+            return blocked
         watch = partial(self._options.iterating, t)
         u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))
         return (u, end, record) if end.converged else Attempt(t, end, record)
+
+    def _blocked(self, u: Array, t: float, record: Iterations) -> Attempt | None:
+        """Return a failed attempt if `u` has more inverted elements than allowed, or cannot be reached on a straight line."""
+        inverted = self.problem.inside_out(u)
+        if len(inverted) <= self._allowed:
+            limit, contact = self.problem.contact_limit(self.u, u - self.u)
+            if limit <= 1:
+                record.detail = f"{contact!r}"
+                return Attempt(t, End.CONTACT, record)
+            if self.problem.way_is_free(self.u, u):
+                return None
+        record.detail = self.problem.named(inverted)
+        return Attempt(t, End.INSIDE_OUT, record)
 
     def _accept(
         self,

@@ -140,7 +140,7 @@ def _cause_and_advice(ending: Ending) -> str:
     if t == ending.t0 and _may_be_slack(ending.system):
         return f": {failed} {SLACK}"
     if not ending.branch:
-        units = f" {UNITS}" * (t == ending.t0 == 0.0 and last.end is End.INSIDE_OUT)
+        units = f" {UNITS}" * (t == ending.t0 == 0.0 and last.end is End.INSIDE_OUT and bool(ending.system.loads))
         return f": {failed}{units} {advice_after(last.end, ending.system)}"
     beyond = "To follow the unstable path beyond it, use method='arc-length'."
     material = f"If the material gives way in compression, try {AGAINST_INVERSION[penalty]}"
