@@ -14,16 +14,11 @@ def differences(request, on_ranks, tmp_path_factory):
     return json.loads(out.read_text())
 
 
-def test_displacements_are_those_of_one_machine(differences):
+def test_runs_on_ranks_are_those_of_one_machine(differences):
+    """All is in one test, so that the runs are made once, whatever the number of processes of the tests."""
     assert len(differences) > 10
     assert not {case: of["u"] for case, of in differences.items() if not of["u"] <= 1e-12}
-
-
-def test_all_ranks_have_the_same_bits_and_the_same_steps(differences):
     assert not {case: of for case, of in differences.items() if of["bits"] or of["columns of ranks"]}
-
-
-def test_ledgers_and_steps_are_those_of_one_machine(differences):
     of_runs = {(case, name): value for case, of in differences.items() for name, value in of.items() if name != "u"}
     assert len(of_runs) > 150
     assert not {key: value for key, value in of_runs.items() if not value <= 1e-11}

@@ -454,11 +454,6 @@ def test_degrees_of_freedom_of_the_whole_body_are_those_of_the_remaining_one():
     assert np.abs(K - free.matrix(torn.tangent(u))).max() == 0 and np.abs(K - body.tangent(u, free=free)).max() > 0.01
 
 
-def test_removal_in_place_is_refused_with_the_right_call():
-    with pytest.raises(StvkError, match=r"torn = system\.without\(elements\)"):
-        strip().remove([0])
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
