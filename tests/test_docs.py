@@ -117,6 +117,13 @@ def test_sentences_are_found_in_prose_alone():
     assert [long_sentences(text) for text in free] == [[]] * len(free)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_no_indented_block_follows_a_list(page):
+    """Markdown takes such a block for a paragraph of the list, and its lines flow."""
+    text = re.sub(r"^(```+).*?^\1", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    assert re.findall(rf"^{ITEM}(?:.+\n)+\n {{4,5}}(?![ \-*]).*", text, re.M) == []
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if page.parent.name in (*SHELVES, "reference", "measurements")], ids=named)
 def test_pages_end_with_where_to_go_next(page):
     """The last paragraph begins with 'Next:', or the last section is 'Next'.
