@@ -10,7 +10,7 @@ import skfem
 from bodies import MESHES, state
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from skfem_stvk import ElementMesh, StVK, StvkError, embedded_mesh
+from skfem_stvk import ElementMesh, StVK, StvkError, System, embedded_mesh
 from skfem_stvk.results import Fields, plot, plotting
 from skfem_stvk.results.matplotlib_plot import PictureAxes, new_figure
 from skfem_stvk.results.picture import SCREEN, View, outline, picture_of, visible_faces
@@ -38,6 +38,33 @@ def test_every_kind_of_mesh_has_a_scene_that_can_be_rotated_and_exported(name, t
     scene = plot(at(MESHES[name]), path=tmp_path / "body.png", backend="pyvista")
     scene.export_gltf(tmp_path / "body.gltf")
     assert (tmp_path / "body.gltf").stat().st_size > 1000 and (tmp_path / "body.png").stat().st_size > 1000
+
+
+def test_a_picture_shows_membranes_and_cables_of_a_body():
+    """A membrane on faces of the solid adds no second face there; one within the solid, and a cable, are added."""
+    solid = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 3)] * 3).with_defaults()
+    nodes = {tuple(x): number for number, x in enumerate(solid.p.T)}
+    within = np.array([[nodes[x, y, 0.5] for x, y in ((0, 0), (1, 0), (1, 1))]]).T
+    diagonal = np.array([[nodes[0, 0, 0]], [nodes[1, 1, 1]]])
+
+    def picture(*terms, field="displacement"):
+        system = System(solid, [StVK(young=1e5, poisson=0.3), *terms])
+        u = 0.1 * np.sin(solid.p[[1, 2, 0]]).ravel("F")
+        return picture_of(Fields.of(system).at(u), field, 1.0, None)
+
+    def membrane(where):
+        return StVK(young=1e6, poisson=0.3, thickness=1e-3, simplices=where)
+
+    bare, on, inside = picture(), picture(membrane("top")), picture(membrane(within))
+    tied = picture(StVK(young=1e6, poisson=0.3, area=1e-4, simplices=diagonal))
+    faces = bare.cells.shape[1]
+    assert on.cells.shape[1] == faces and inside.cells.shape[1] == faces + 1 and tied.cells.shape[1] == faces
+    assert tied.lines.shape[1] == bare.lines.shape[1] + 1
+    assert np.ptp(tied.moved[tied.lines[:, -1]], axis=0) == pytest.approx([1 + 0.1 * np.sin(1)] * 3, rel=1e-12)
+    nodal = picture(membrane(within), field=np.arange(solid.p.shape[1], dtype=float))
+    assert set(np.ma.getdata(nodal.values)[:, -1]) == set(within[:, 0]) and not np.ma.getmaskarray(nodal.values)[:, -1].any()
+    by_element = picture(membrane(within), field=np.ones(solid.t.shape[1]))
+    assert np.ma.getmaskarray(by_element.values)[:, -1].all() and not np.ma.getmaskarray(by_element.values)[:, :-1].any()
 
 
 def test_a_face_towards_the_light_has_at_most_full_brightness():
