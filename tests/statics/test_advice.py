@@ -41,3 +41,10 @@ def test_a_load_of_1e100_is_reported_as_too_large():
     system = System(box((1, 1, 1), (2, 2, 2)), terms, fixed={"left": "xyz"})
     message = solve_static(system, quiet=True, raise_on_failure=False).message
     assert "displacements grew without bound" in message and "Are units mixed up" in message
+
+
+def test_a_support_that_moves_too_far_is_no_question_of_the_units_of_a_load():
+    moved = {"top": {"y": -2e5}}
+    system = System(box((1, 1), (4, 4)), StVK(young=1e5, poisson=0.3), fixed={"bottom": "xy"}, prescribed=moved)
+    message = solve_static(system, quiet=True, raise_on_failure=False).message
+    assert "at t = 0: elements would invert" in message and "load is carried" not in message
