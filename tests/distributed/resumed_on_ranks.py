@@ -73,7 +73,6 @@ def on_ranks(folder, what):
             np.savez(folder / f"{name}.npz", u=u, **more)
 
     if what == "full":
-        (folder / "begin").touch()
         on_writing(rank == 1, "_state_00002", fill_disk)
     if what != "killed":
         write("path", path(system, folder, resume=what == "resumed"))

@@ -185,7 +185,7 @@ def killed(name, folder, threads, moment, resume=False):
     environment = os.environ | {"NUMBA_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1"}
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout.readline() == "ready\n"
-        limit = time.monotonic() + 60
+        limit = time.monotonic() + 300
         while not (folder / "run" / "motion.npz").exists() and process.poll() is None and time.monotonic() < limit:
             time.sleep(0.001)
         time.sleep(moment)

@@ -52,7 +52,7 @@ KINDS = "(GeneralLaw, Points)", "(IsotropicLaw, None)", "(IsotropicLaw, MeanPoin
 def messages_of(code, cache, **environment):
     """Return the standard error of a process with this cache, after checks that the process succeeded and printed nothing."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT), **environment}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=200)
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
     return done.stderr

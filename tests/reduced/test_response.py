@@ -379,10 +379,10 @@ def test_a_response_that_was_killed_resumes_to_the_same_table(tmp_path, how, job
         begin = time.monotonic()
         while len(list(points.glob("*.npz")) if points.exists() else []) < 4:
             assert process.poll() is None, process.communicate()
-            assert time.monotonic() - begin < 120
+            assert time.monotonic() - begin < 300
             time.sleep(0.01)
         os.kill(process.pid, how)
-        printed, _ = process.communicate(timeout=60)
+        printed, _ = process.communicate(timeout=300)
     finally:
         process.kill()
         process.wait()

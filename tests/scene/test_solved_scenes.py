@@ -402,7 +402,7 @@ def wait_for(path, process):
     begin = time.monotonic()
     while not path.exists():
         assert process.poll() is None, process.communicate()
-        assert time.monotonic() - begin < 120
+        assert time.monotonic() - begin < 300
         time.sleep(0.02)
 
 
@@ -424,7 +424,7 @@ def test_an_interrupted_or_killed_run_is_resumed_from_the_command_line(tmp_path,
     process = started("solve", path)
     wait_for(tmp_path / "beam" / until, process)
     os.kill(process.pid, how)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=300)
     summary = json.loads((tmp_path / "beam" / "summary.json").read_text())
     if how == signal.SIGINT:
         assert process.returncode == 130, out + err
@@ -434,7 +434,7 @@ def test_an_interrupted_or_killed_run_is_resumed_from_the_command_line(tmp_path,
         assert summary["status"] == "was killed or is running"
     before = {file.name: file.stat().st_mtime_ns for file in (tmp_path / "beam" / "checkpoint").glob("state_*.npz")}
     resumed = started("solve", path, "--resume")
-    out, err = resumed.communicate(timeout=120)
+    out, err = resumed.communicate(timeout=300)
     assert resumed.returncode == 0, out + err
     assert json.loads((tmp_path / "beam" / "summary.json").read_text())["results"] == pytest.approx(
         whole.values, rel=1e-9, abs=1e-9

@@ -299,7 +299,7 @@ def wait_for(condition, process):
     begin = time.monotonic()
     while not condition():
         assert process.poll() is None, process.communicate()
-        assert time.monotonic() - begin < 120
+        assert time.monotonic() - begin < 300
         time.sleep(0.02)
 
 
@@ -312,7 +312,7 @@ def test_an_interrupted_or_killed_sweep_is_continued_by_the_next_call(tmp_path, 
     process = started("sweep", path, "--set", until, "--jobs", "1")
     wait_for(lambda: (out / "until=0.3" / "beam_0004.vtu").exists(), process)
     os.killpg(process.pid, how)
-    printed, err = process.communicate(timeout=60)
+    printed, err = process.communicate(timeout=300)
     rows = table(out)
     assert [float(row["analysis.until"]) for row in rows] == [0.01, 0.3][: 2 if how == signal.SIGINT else 1]
     if how == signal.SIGINT:
@@ -337,10 +337,11 @@ def test_child_processes_end_with_their_parent(tmp_path, started):
     wait_for((states / "beam_0001.vtu").exists, process)
     process.kill()
     process.wait()
-    time.sleep(0.5)
-    before = len(list(states.glob("*.vtu")))
-    time.sleep(1.5)
-    assert len(list(states.glob("*.vtu"))) == before
+    counts = [0, 1]
+    while counts[-1] != counts[-2] and len(counts) < 40:  # on a busy machine a child needs some seconds to notice
+        time.sleep(1.5)
+        counts.append(len(list(states.glob("*.vtu"))))
+    assert counts[-1] == counts[-2]
 
 
 @pytest.mark.slow
@@ -355,7 +356,7 @@ def test_a_crashed_process_does_not_end_other_runs(tmp_path, started):
     assert workers, children
     for worker in workers:
         os.kill(worker, signal.SIGKILL)
-    printed, err = process.communicate(timeout=60)
+    printed, err = process.communicate(timeout=300)
     rows = table(out)
     assert process.returncode == 1 and "Traceback" not in err, printed + err
     assert [row["exit_code"] for row in rows] == ["0", "", "0"]

@@ -267,7 +267,7 @@ def test_a_killed_run_keeps_its_states(tmp_path):
     folder = tmp_path / "path"
     run = subprocess.Popen([sys.executable, "-c", RUN, str(folder), here, os.path.dirname(here)])
     begin = time.time()
-    while len(list(folder.glob("state_*.npz"))) < 3 and time.time() - begin < 120 and run.poll() is None:
+    while len(list(folder.glob("state_*.npz"))) < 3 and time.time() - begin < 300 and run.poll() is None:
         time.sleep(0.002)
     run.send_signal(signal.SIGKILL)
     run.wait()
