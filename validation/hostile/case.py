@@ -81,6 +81,6 @@ class Case:
     attempt: Callable[[Path], Any]
     judge: Callable[[Any], None] = accepted
     refused: Callable[[BaseException], bool] = is_readable
-    seconds: float = 20.0
+    seconds: float = 60.0
     gigabytes: float = 1.0
     quick: bool = False

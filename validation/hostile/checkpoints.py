@@ -91,7 +91,7 @@ def refused(error: BaseException) -> bool:
 
 
 def changed(
-    name: str, what: str, change: Callable[[Path], object], judge: Callable[[Any], None], quick: bool = False, seconds: float = 20
+    name: str, what: str, change: Callable[[Path], object], judge: Callable[[Any], None], quick: bool = False, seconds: float = 60
 ) -> Case:
     """Return the case of a run that is resumed from a changed file."""
 
