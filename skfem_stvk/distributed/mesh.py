@@ -32,8 +32,8 @@ class MeshPart(ElementMesh):
     """Mesh of the elements of one rank, with all of their nodes; `distribute` makes it.
 
     Nodes of which this rank is the lowest come first, among vertices and among edge midpoints; each group is in reverse
-    Cuthill-McKee order. Names refer to what this rank has of a location, which may be nothing. Ids of nodes and elements that users
-    pass in are those of the whole mesh.
+    Cuthill-McKee order. Nodes of a part that shares none have the order of the mesh. Names refer to what this rank has of a
+    location, which may be nothing. Ids of nodes and elements that users pass in are those of the whole mesh.
 
     Attributes
     ----------
@@ -242,15 +242,16 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
 
 def _order(part: PartContent, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ...]]:
     """Return the order of the nodes, and the ranges of own nodes: vertices first, and of each kind the nodes that are not
-    `foreign`.
+    `foreign`. A part that shares no nodes, such as that of the only rank, keeps the order of the mesh.
     """
     element, n, vertices = part.element, part.p.shape[1], part.vertices
-    a, b = edges_of(part.t[: element.corners], element, n)[0]
-    links = coo_matrix((np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
-    position = np.empty(n)
-    position[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
-    for i, corners in enumerate(element.means):
-        position[part.t[element.corners + i]] = position[part.t[list(corners)]].mean(axis=0)
+    position = np.arange(n, dtype=np.float64)
+    if part.shared.size:
+        a, b = edges_of(part.t[: element.corners], element, n)[0]
+        links = coo_matrix((np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
+        position[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
+        for i, corners in enumerate(element.means):
+            position[part.t[element.corners + i]] = position[part.t[list(corners)]].mean(axis=0)
     middle = np.arange(n) >= vertices
     order = np.lexsort((np.arange(n), position, foreign, middle))
     ends = vertices - np.count_nonzero(foreign[:vertices]), n - np.count_nonzero(foreign[vertices:])

@@ -50,12 +50,18 @@ def system(m, laws, loads=(), **supports):
     return S.System(m, [*laws, *loads], **({"fixed": {start: "xyz"[: m.d]}} | supports))
 
 
+def by_node(reaction):
+    """Return the nodes and the forces of a reaction, as columns."""
+    return {"vertices": reaction.vertices.tolist(), "reaction": reaction.by_node.ravel().tolist()}
+
+
 def statics():
     """Return functions of a mesh that solve, and the divisions that each is tried with."""
 
     def solve(m, laws, *loads, steps=2, **supports):
         result = S.solve_static(system(m, laws, loads, **supports), steps=steps, solver=CG, rtol=1e-12, quiet=True)
-        return result.u, {"t": [s.t for s in result.history], "iterations": [len(s.iterations) for s in result.history]}
+        columns = {"t": [s.t for s in result.history], "iterations": [len(s.iterations) for s in result.history]}
+        return result.u, columns | by_node(result.reaction())
 
     def stvk(m):
         return S.StVK(young=materials(m), poisson=0.3)
@@ -111,7 +117,7 @@ def motions():
         v0 = 0.1 * np.sin(3 * m.p).T.ravel()
         v0.reshape(-1, m.d)[start(m.p)] = 0
         run = S.simulate(body, integrator, until=steps * integrator.dt, v0=v0, damping=damping, quiet=True)
-        return run.u, {name: run.ledger[name].tolist() for name in run.ledger.names}
+        return run.u, {name: run.ledger[name].tolist() for name in run.ledger.names} | by_node(run.reaction())
 
     runs = {}
     for name, integrator in integrators.items():
