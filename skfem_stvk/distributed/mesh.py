@@ -16,12 +16,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from ..elements import Element, named
 from ..errors import MeshError, name_ids
 from ..linear.space import Space
-from ..mesh import ElementMesh, MeshLike
+from ..mesh import ElementMesh, MeshLike, read_mesh
 from ..mesh.diagnostics import check_mesh
 from ..mesh.facets import edges_of
 from ..mesh.locations import Box
-from .files import lines_and_facets, read_part
-from .job import on_first, refuse_unguarded, world
+from .files import is_partition, lines_and_facets, read_part
+from .job import on_each, on_first, refuse_unguarded, world
 from .mpi import MPI
 from .partition import Ids, PartContent, divide
 from .ranks import Ranks
@@ -190,8 +190,9 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
     Parameters
     ----------
     mesh
-        Path of a partition file, of which each rank reads its part: see `write_partition`. Or a mesh as for `System`; the mesh of
-        rank 0 counts, and other ranks may pass None.
+        Path of a partition file (.h5), of which each rank reads its part: see `write_partition`. Or path of another mesh file,
+        which rank 0 reads by `read_mesh` and divides. Or a mesh as for `System`. The argument of rank 0 counts, and other ranks
+        may pass None.
     comm
         Communicator, by default all ranks.
     part_of
@@ -200,8 +201,8 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
     Raises
     ------
     MeshError
-        if the mesh cannot carry an elastic body, or has fewer elements than there are ranks; if the file is not a partition file,
-        or has fewer parts; on all ranks.
+        if the mesh cannot carry an elastic body, or has fewer elements than there are ranks; if the file cannot be read, is
+        damaged, or has fewer parts than there are ranks; on all ranks.
     StvkError
         if an error on one of several ranks would not end the others: start the program by `mpiexec -n 4 python -m mpi4py run.py`.
         Or if the launcher and mpi4py belong to different MPI libraries.
@@ -221,13 +222,14 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
     refuse_unguarded(comm)
     if comm.size > 1 and "NUMBA_NUM_THREADS" not in os.environ:
         numba.set_num_threads(1)
-    if (file := comm.bcast(mesh if isinstance(mesh, str | os.PathLike) else None)) is not None:
+    file = comm.bcast(mesh if isinstance(mesh, str | os.PathLike) else None)
+    if file is not None and is_partition(file):
         if part_of is not None:
             raise MeshError(f"part_of is given with the file {file}, which is divided already; expected a mesh. Leave it out.")
-        return MeshPart.from_part(read_part(file, comm.rank, comm.size), comm)
+        return MeshPart.from_part(on_each(comm, lambda: read_part(file, comm.rank, comm.size)), comm)
 
     def divided() -> Iterator[PartContent]:
-        body = ElementMesh.of(mesh)
+        body = ElementMesh.of(mesh if file is None else read_mesh(file))
         check_mesh(body, lines_and_facets(body))
         return divide(body, comm.size, part_of)
 
