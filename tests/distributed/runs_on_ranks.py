@@ -116,7 +116,7 @@ def motions():
         body = system(m, [S.StVK(young=materials(m), poisson=0.3, density=1.0)], loads, **supports)
         v0 = 0.1 * np.sin(3 * m.p).T.ravel()
         v0.reshape(-1, m.d)[start(m.p)] = 0
-        run = S.simulate(body, integrator, until=steps * integrator.dt, v0=v0, damping=damping, quiet=True)
+        run = S.simulate(body, integrator, until=steps * (integrator.dt or 0.01), v0=v0, damping=damping, quiet=True)
         return run.u, {name: run.ledger[name].tolist() for name in run.ledger.names} | by_node(run.reaction())
 
     runs = {}
@@ -127,6 +127,7 @@ def motions():
             return move(m, integrator, S.Gravity(g=[0, 0, -0.05]), steps=steps)
 
         runs[f"motion, {name}"] = "beam", run, ("METIS", "pieces")
+    runs["motion, Verlet with steps that are found"] = "beam", lambda m: move(m, S.VelocityVerlet()), ("METIS", "random")
     runs["motion, pressure"] = (
         "beam",
         lambda m: move(m, S.VelocityVerlet(dt=0.01), S.Pressure(lambda x: x[2] > 0.8, lambda t: 0.2 * np.sin(5 * t))),

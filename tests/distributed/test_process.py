@@ -217,12 +217,20 @@ def test_a_file_that_one_rank_cannot_write_is_an_error_of_all(on_ranks, scene):
 
 @pytest.mark.slow
 def test_a_partition_file_is_the_mesh_of_a_scene(on_ranks, tmp_path, capsys):
+    h5py = pytest.importorskip("h5py")
     assert main(["partition", str(BRACKET.with_name("bracket.msh")), str(tmp_path / "bracket.h5"), "--parts", "4"]) == 0
     divided = ["solve", str(BRACKET), "--set", f"mesh.file={tmp_path / 'bracket.h5'}", "--out", str(tmp_path / "out")]
     done = command(on_ranks, 2, *divided)
     assert "as expected bolts.z" in done.stdout and "Pictures" in (tmp_path / "out" / "report.html").read_text()
     assert summary(tmp_path / "out")["results"]["tip.z"] == pytest.approx(-1.0229937e-3, rel=1e-6)
     assert main(divided) == 2 and "bracket.h5 is a partition file, for several ranks" in capsys.readouterr().err
+    data = bytearray((tmp_path / "bracket.h5").read_bytes())
+    with h5py.File(tmp_path / "bracket.h5") as file:
+        data[file["parts/3/p"].id.get_offset()] ^= 1  # of the last part, which rank 1 reads
+    (tmp_path / "bracket.h5").write_bytes(data)
+    done = command(on_ranks, 2, *divided, "--force", check=False)
+    assert done.returncode == 2 and "MPI_ABORT" not in done.stderr, done.stderr
+    assert done.stderr.count("bracket.h5 is damaged: /parts/3 was changed after it was written") == 1
 
 
 @pytest.mark.parametrize(
