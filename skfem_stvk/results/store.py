@@ -76,11 +76,16 @@ class Store(Generic[OfHeader]):
 
     @classmethod
     def read_file(cls, file: Path, space: Space | None = None) -> tuple[OfHeader, dict[str, Array]]:
-        """Return header and arrays of a file; raise ForeignFile if it is not one of this format. Arrays `by_dof` are those of the
-        `space`, which may be of another division of the body than when the file was written.
+        """Return header and arrays of a file. Arrays `by_dof` are those of the `space`, which may be of another division of the
+        body than when the file was written.
+
+        Raises ForeignFile if it is not one of this format; StvkError in all parts of a divided body if one part cannot read it.
         """
-        header, arrays = read_archive(file, cls.schema, cls.known, cls.remedy)
-        return header, arrays if space is None else of_part(file, header, arrays, cls.by_dof, space, cls.remedy)
+        with in_all_parts(space or Space(0)):
+            header, arrays = read_archive(file, cls.schema, cls.known, cls.remedy)
+            if space is not None:
+                arrays = of_part(file, header, arrays, cls.by_dof, space, cls.remedy)
+        return header, arrays
 
 
 class FolderStore(Store[OfHeader], OneWriter):

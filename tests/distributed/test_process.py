@@ -184,6 +184,12 @@ def test_a_signal_on_one_rank_stops_all_after_the_step_and_the_run_is_resumed(on
     assert "read from" in done.stdout and "4 iterations" not in done.stdout.split("read from")[0]
     assert main(["solve", str(scene), *exact, "--out", str(scene.parent / "whole"), "--quiet"]) == 0
     assert summary(folder)["results"] == pytest.approx(summary(scene.parent / "whole")["results"], rel=1e-9, abs=1e-7)
+    before = {name: (folder / name).read_bytes() for name in ("summary.json", "resolved.toml", "beam.pvd")}
+    lost = max((folder / "checkpoint").glob("rank0001_state_*.npz"), key=lambda path: path.name)
+    lost.unlink()
+    done = command(on_ranks, 3, "solve", scene, *exact, "--resume", check=False)
+    assert done.returncode == 2 and "MPI_ABORT" not in done.stderr and done.stderr.count(lost.name) == 1, done.stderr
+    assert before == {name: (folder / name).read_bytes() for name in before}
 
 
 def test_a_signal_stops_the_command_on_one_machine(scene, capsys, monkeypatch):
