@@ -62,9 +62,6 @@ class PartSpace(Space):
         rows[:] = total[numbers]
         return f
 
-    def random(self, seed=0):
-        return np.random.default_rng(seed).standard_normal(self._whole)[self.numbers]
-
     def counted(self, x):
         each, counts = self.n // x.size, np.zeros(x.size)
         for own in self.owned:

@@ -6,31 +6,45 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PositiveInt
 
 from ..arguments import path as checked_path
 from ..arguments import whole
 from ..elements import named
-from ..errors import MeshError
+from ..errors import MeshError, StvkError
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
 from ..results.files import output_path, replacing
+from ..results.store import Record, digest_of
 from .partition import INSTALL, Ids, PartContent, divide, join
 
 #: Name of the format, and its version, which changes with the content of the files.
-FORMAT, VERSION = "skfem-stvk partition", 1
+FORMAT, VERSION = "skfem-stvk partition", 2
 PARTS = 64
 #: Memory for reading and dividing a mesh [bytes], measured on 0.1 to 4 million elements: of the imports, for each corner of
 #: simplices and of other elements, and for each of their further nodes.
 IMPORTS, CORNER, OTHER_CORNER, FURTHER = 2e8, 110, 155, 30
 #: Fields of a part with arrays by name, and its other arrays.
 NAMED = ("subdomains", "boundaries", "node_sets", "lines")
-ARRAYS = ("p", "t", "node_numbers", "element_numbers", "surface", "shared")
+ARRAYS = ("p", "t", "node_numbers", "element_numbers", "surface", "shared", "vertices")
+SUFFIXES = ".h5", ".hdf5"
+
+
+class PartitionHeader(Record):
+    """Entries that all parts of a file have in common: names by kind, numbers of the whole mesh, and its bounds."""
+
+    element: str
+    parts: PositiveInt
+    nodes: PositiveInt
+    elements: PositiveInt
+    bounds: list[list[float]]
+    names: dict[Literal[NAMED], list[str]]  # type: ignore[valid-type]
 
 
 @dataclass(frozen=True)
@@ -75,19 +89,19 @@ def write_partition(mesh: MeshLike, path: str | os.PathLike[str], parts: int = P
     StvkWarning
         for vertices at the same point, and for parts of the body that are not connected.
     """
-    file = output_path(path, ".h5", ".hdf5")
+    file = output_path(path, *SUFFIXES)
     h5py, body = _h5py(), ElementMesh.of(mesh)
     whole("parts", parts, f"a number of parts from 1 to the {body.nt} elements", 1, body.nt, MeshError)
     check_mesh(body, lines_and_facets(body))
-    sizes = []
+    sizes, names = [], {}
     with replacing(file) as under_way, h5py.File(under_way, "w") as out:
         for number, part in enumerate(divide(body, parts)):
-            if number == 0:
-                out["names"] = json.dumps({kind: list(getattr(part, kind)) for kind in NAMED})
+            names = {kind: list(getattr(part, kind)) for kind in NAMED}
             _write(out.create_group(f"parts/{number}"), part)
             sizes.append((part.t.shape[1], part.p.shape[1], len(np.unique(part.shared[0]))))
-        whole_mesh = {"element": body.element.name, "parts": parts, "nodes": body.nv, "elements": body.nt, "bounds": body.bounds}
-        out.attrs.update(whole_mesh | {"format": FORMAT, "version": VERSION})
+        header = {"element": body.element.name, "parts": parts, "nodes": body.nv, "elements": body.nt, "names": names}
+        out["header"] = text = json.dumps(header | {"bounds": body.bounds.tolist()})
+        out.attrs.update({"format": FORMAT, "version": VERSION, "digest": digest_of(text, {})})
     return PartSizes(*np.array(sizes).T)
 
 
@@ -126,44 +140,62 @@ def read_part(path: str | os.PathLike[str], rank: int, ranks: int) -> PartConten
     """
     file = checked_path("path", path, "the path of a partition file", MeshError)
     with _opened(file) as source:
-        parts = int(source.attrs["parts"])
-        if ranks > parts:
+        text = source["header"].asstr()[()]
+        if source.attrs["digest"] != digest_of(text, {}):
+            raise ValueError("its header was changed after it was written")
+        header = PartitionHeader.model_validate_json(text)
+        if ranks > (parts := header.parts):
             raise MeshError(
                 f"{file} has {parts} part{'s' * (parts > 1)}; expected at least one for each of the {ranks} ranks. Divide the mesh "
                 f"again: skfem-stvk partition MESH {file} --parts {max(PARTS, 4 * ranks)}."
             )
         rank_of = np.arange(parts) * ranks // parts
         own = np.flatnonzero(rank_of == rank)
-        common = {"element": named(str(source.attrs["element"])), "bounds": np.array(source.attrs["bounds"])}
-        names = json.loads(source["names"].asstr()[()])
-        return join([_read(source[f"parts/{number}"], names, common) for number in own], own.tolist(), rank_of)
+        return join([_read(source[f"parts/{number}"], header) for number in own], own.tolist(), rank_of)
 
 
 def is_partition(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a partition file, and not a mesh or another file."""
-    try:
-        with _opened(Path(path)):
-            return True
-    except MeshError:
-        return False
+    """Return whether a path is that of a partition file by its suffix, and not of a mesh.
+
+    >>> is_partition("bracket.h5"), is_partition("bracket.msh")
+    (True, False)
+    """
+    return Path(path).suffix.lower() in SUFFIXES
 
 
 def _write(group: Any, part: PartContent) -> None:
-    """Write the arrays of a part."""
-    for name in ARRAYS:
-        group[name] = getattr(part, name)
-    for kind in NAMED:
-        for number, ids in enumerate(getattr(part, kind).values()):
-            group[f"{kind}/{number}"] = ids
-    group.attrs["vertices"] = part.vertices
+    """Write the arrays of a part, and their digest."""
+    arrays = {name: np.asarray(getattr(part, name)) for name in ARRAYS}
+    arrays |= {f"{kind}/{number}": ids for kind in NAMED for number, ids in enumerate(getattr(part, kind).values())}
+    for name, array in arrays.items():
+        group[name] = array
+    group.attrs["digest"] = digest_of(group.name, arrays)
 
 
-def _read(group: Any, names: dict[str, list[str]], common: dict[str, Any]) -> PartContent:
-    """Return a part, from its arrays, the names of all parts, and what is the same for all."""
-    arrays: dict[str, NDArray[Any]] = {name: group[name][()] for name in ARRAYS}
-    by_name = {kind: {name: group[f"{kind}/{number}"][()] for number, name in enumerate(names[kind])} for kind in NAMED}
-    content = common | arrays | by_name | {"vertices": int(group.attrs["vertices"])}
-    return PartContent(**{field.name: content[field.name] for field in fields(PartContent)})
+def _read(group: Any, header: PartitionHeader) -> PartContent:
+    """Return a part. Raise ValueError if its arrays were changed, or have ids of nodes, elements or parts that do not exist."""
+    named_arrays = {f"{kind}/{number}": (kind, name) for kind in NAMED for number, name in enumerate(header.names[kind])}
+    arrays: dict[str, NDArray[Any]] = {name: group[name][()] for name in (*ARRAYS, *named_arrays)}
+    if group.attrs["digest"] != digest_of(group.name, arrays):
+        raise ValueError(f"{group.name} was changed after it was written")
+    by_name: dict[str, dict[str, NDArray[Any]]] = {kind: {} for kind in NAMED}
+    for key, (kind, name) in named_arrays.items():
+        by_name[kind][name] = arrays.pop(key)
+    vertices, bounds = int(arrays.pop("vertices")), np.array(header.bounds)
+    part = PartContent(element=named(header.element), bounds=bounds, vertices=vertices, **by_name, **arrays)
+    _check_ids(part, header)
+    return part
+
+
+def _check_ids(part: PartContent, header: PartitionHeader) -> None:
+    """Raise ValueError for ids of nodes, elements or parts that do not exist."""
+    (_, nv), (_, nt) = part.p.shape, part.t.shape
+    of_nodes = part.t, part.surface, part.shared[0], *part.boundaries.values(), *part.node_sets.values(), *part.lines.values()
+    counts = [(ids, nv) for ids in of_nodes] + [(ids, nt) for ids in part.subdomains.values()]
+    counts += [(part.node_numbers, header.nodes), (part.element_numbers, header.elements), (part.shared[1], header.parts)]
+    for ids, count in counts:
+        if ids.size and not 0 <= ids.min() <= ids.max() < count:
+            raise ValueError(f"it has the id {ids.max() if ids.max() >= count else ids.min()}; expected ids below {count}")
 
 
 @contextmanager
@@ -179,9 +211,11 @@ def _opened(file: Path) -> Iterator[Any]:
             if (version := source.attrs["version"]) != VERSION:
                 raise MeshError(f"{file} has version {version} of the format; expected {VERSION}. Divide the mesh again.")
             yield source
+    except StvkError:
+        raise
     except PermissionError as error:
         raise MeshError(f"{file} cannot be read: {error.strerror}. Change its permissions, or copy it.") from error
-    except (OSError, KeyError, RuntimeError) as error:
+    except Exception as error:  # h5py raises many kinds of errors for damaged files
         if not h5py.is_hdf5(file):
             hint = " Is it a mesh? distribute(read_mesh(path)) divides it."
             raise MeshError(f"{file} is not an HDF5 file; {other}.{hint}") from error

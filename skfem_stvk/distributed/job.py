@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from ..about import launched
 from ..errors import StvkError
@@ -48,18 +48,25 @@ def refuse_unguarded(comm: MPI.Comm) -> None:
         )
 
 
-def on_first(comm: MPI.Comm, work: Callable[[], Result]) -> Result | None:
-    """Return the result of `work` on the first rank, and None on other ranks. Its errors are raised on all ranks."""
+def on_each(comm: MPI.Comm, work: Callable[[], Result]) -> Result:
+    """Return the result of `work` on each rank. The error of the first rank that has one is raised on all ranks.
+
+    `work` is for one rank: it does not communicate.
+    """
     found, error = None, None
-    if comm.rank == 0:
-        try:
-            found = work()
-        except (StvkError, OSError, ImportError) as caught:
-            error = caught
-    error = comm.bcast(error)
+    try:
+        found = work()
+    except (StvkError, OSError, ImportError) as caught:
+        error = caught
+    error = next(filter(None, comm.allgather(error)), None)
     if error is not None:
         raise error
-    return found
+    return cast(Result, found)
+
+
+def on_first(comm: MPI.Comm, work: Callable[[], Result]) -> Result | None:
+    """Return the result of `work` on the first rank, and None on other ranks. Its errors are raised on all ranks."""
+    return on_each(comm, lambda: work() if comm.rank == 0 else None)
 
 
 def all_arrive(comm: MPI.Comm) -> bool:

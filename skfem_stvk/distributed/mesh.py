@@ -16,12 +16,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from ..elements import Element, named
 from ..errors import MeshError, name_ids
 from ..linear.space import Space
-from ..mesh import ElementMesh, MeshLike
+from ..mesh import ElementMesh, MeshLike, read_mesh
 from ..mesh.diagnostics import check_mesh
 from ..mesh.facets import edges_of
 from ..mesh.locations import Box
-from .files import lines_and_facets, read_part
-from .job import on_first, refuse_unguarded, world
+from .files import is_partition, lines_and_facets, read_part
+from .job import on_each, on_first, refuse_unguarded, world
 from .mpi import MPI
 from .partition import Ids, PartContent, divide
 from .ranks import Ranks
@@ -32,8 +32,8 @@ class MeshPart(ElementMesh):
     """Mesh of the elements of one rank, with all of their nodes; `distribute` makes it.
 
     Nodes of which this rank is the lowest come first, among vertices and among edge midpoints; each group is in reverse
-    Cuthill-McKee order. Names refer to what this rank has of a location, which may be nothing. Ids of nodes and elements that users
-    pass in are those of the whole mesh.
+    Cuthill-McKee order. Nodes of a part that shares none have the order of the mesh. Names refer to what this rank has of a
+    location, which may be nothing. Ids of nodes and elements that users pass in are those of the whole mesh.
 
     Attributes
     ----------
@@ -190,8 +190,9 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
     Parameters
     ----------
     mesh
-        Path of a partition file, of which each rank reads its part: see `write_partition`. Or a mesh as for `System`; the mesh of
-        rank 0 counts, and other ranks may pass None.
+        Path of a partition file (.h5), of which each rank reads its part: see `write_partition`. Or path of another mesh file,
+        which rank 0 reads by `read_mesh` and divides. Or a mesh as for `System`. The argument of rank 0 counts, and other ranks
+        may pass None.
     comm
         Communicator, by default all ranks.
     part_of
@@ -200,8 +201,8 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
     Raises
     ------
     MeshError
-        if the mesh cannot carry an elastic body, or has fewer elements than there are ranks; if the file is not a partition file,
-        or has fewer parts; on all ranks.
+        if the mesh cannot carry an elastic body, or has fewer elements than there are ranks; if the file cannot be read, is
+        damaged, or has fewer parts than there are ranks; on all ranks.
     StvkError
         if an error on one of several ranks would not end the others: start the program by `mpiexec -n 4 python -m mpi4py run.py`.
         Or if the launcher and mpi4py belong to different MPI libraries.
@@ -221,13 +222,14 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
     refuse_unguarded(comm)
     if comm.size > 1 and "NUMBA_NUM_THREADS" not in os.environ:
         numba.set_num_threads(1)
-    if (file := comm.bcast(mesh if isinstance(mesh, str | os.PathLike) else None)) is not None:
+    file = comm.bcast(mesh if isinstance(mesh, str | os.PathLike) else None)
+    if file is not None and is_partition(file):
         if part_of is not None:
             raise MeshError(f"part_of is given with the file {file}, which is divided already; expected a mesh. Leave it out.")
-        return MeshPart.from_part(read_part(file, comm.rank, comm.size), comm)
+        return MeshPart.from_part(on_each(comm, lambda: read_part(file, comm.rank, comm.size)), comm)
 
     def divided() -> Iterator[PartContent]:
-        body = ElementMesh.of(mesh)
+        body = ElementMesh.of(mesh if file is None else read_mesh(file))
         check_mesh(body, lines_and_facets(body))
         return divide(body, comm.size, part_of)
 
@@ -242,15 +244,16 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
 
 def _order(part: PartContent, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ...]]:
     """Return the order of the nodes, and the ranges of own nodes: vertices first, and of each kind the nodes that are not
-    `foreign`.
+    `foreign`. A part that shares no nodes, such as that of the only rank, keeps the order of the mesh.
     """
     element, n, vertices = part.element, part.p.shape[1], part.vertices
-    a, b = edges_of(part.t[: element.corners], element, n)[0]
-    links = coo_matrix((np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
-    position = np.empty(n)
-    position[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
-    for i, corners in enumerate(element.means):
-        position[part.t[element.corners + i]] = position[part.t[list(corners)]].mean(axis=0)
+    position = np.arange(n, dtype=np.float64)
+    if part.shared.size:
+        a, b = edges_of(part.t[: element.corners], element, n)[0]
+        links = coo_matrix((np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
+        position[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
+        for i, corners in enumerate(element.means):
+            position[part.t[element.corners + i]] = position[part.t[list(corners)]].mean(axis=0)
     middle = np.arange(n) >= vertices
     order = np.lexsort((np.arange(n), position, foreign, middle))
     ends = vertices - np.count_nonzero(foreign[:vertices]), n - np.count_nonzero(foreign[vertices:])

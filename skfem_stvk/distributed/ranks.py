@@ -109,9 +109,6 @@ class Ranks(Space):
     def numbers(self) -> Ids:
         return (self.d * self.node_numbers[:, None] + np.arange(self.d)).ravel()
 
-    def random(self, seed: int = 0) -> Array:
-        return normal(self.numbers, seed)
-
     def share(self, f: Array) -> Array:
         if self.neighbours:
             rows = f.reshape(len(self.node_numbers), -1)
@@ -227,24 +224,3 @@ class _Exchange:
             else:
                 self._sum[position] += received
         rows[self._shared] = self._sum
-
-
-def normal(numbers: Ids, seed: int) -> Array:
-    """Return normally distributed numbers (n,) that depend on the `numbers` (n,) and the seed alone.
-
-    Counters are mixed by SplitMix64 (Steele, Lea, Flood 2014, OOPSLA) and transformed as by Box and Muller (1958).
-
-    >>> bool(normal(np.array([7, 3]), 0)[1] == normal(np.array([3]), 0)[0])
-    True
-    """
-    x = 2 * numbers.astype(np.uint64) + np.uint64((seed * 0xD1342543DE82EF95) % 2**64)
-    radius, angle = ((_mixed(x + np.uint64(i)) >> np.uint64(11)) * 2.0**-53 for i in range(2))
-    return np.sqrt(-2 * np.log1p(-radius)) * np.cos(2 * np.pi * angle)
-
-
-def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return the numbers of SplitMix64 for counters `x`."""
-    x = (x + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return x ^ (x >> np.uint64(31))

@@ -103,7 +103,13 @@ def _on_parts(solver: str | LinearSolver, kind: Kind) -> LinearSolver:
     """Return the solver for a body that is divided into parts; refuse those that do not take this kind of K there."""
     able = [one for one in ON_PARTS if kind <= one.takes]
     if is_auto(solver):
-        return next((one for one in able if _is_available(one)), able[0])
+        if not (available := [one for one in able if _is_available(one)]):
+            raise StvkError(
+                f"solver = 'auto'; expected {names(able)}, but petsc4py is missing. K is not symmetric, for example because of a "
+                "follower pressure, and on ranks only PETSc solves with such a K. Install it, see docs/how-to/cluster.md; or solve "
+                "on one machine."
+            )
+        return available[0]
     found = next((one for one in able if one.name == solver), solver)
     if isinstance(found, str) or not (getattr(found, "on_parts", False) and kind <= found.takes):
         raise StvkError(

@@ -421,12 +421,10 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
 
 def partition_of(sections: SceneTables, source: SceneSource) -> Path | None:
     """Return the partition file that a scene has as its mesh; None for another mesh."""
-    file = source.folder / getattr(sections.mesh, "file", "")
-    if file.suffix.lower() not in (".h5", ".hdf5"):
-        return None
     from ..distributed.files import is_partition
 
-    return file if is_partition(file) else None
+    file = source.folder / getattr(sections.mesh, "file", "")
+    return file if file.is_file() and is_partition(file) else None
 
 
 def _whole_mesh(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None) -> ElementMesh:

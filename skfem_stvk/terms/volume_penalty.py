@@ -239,7 +239,7 @@ class VolumePenalty:
             for inverted or flat elements, if `psi` is infinite there ("barrier").
         """
         energy = ENERGIES[self.kind]
-        if energy.infinite_energy and e.min() <= -1:
+        if energy.infinite_energy and e.min(initial=0.0) <= -1:
             refuse_inside_out(1 + e, elements, energy.infinite_energy)
         return energy.density(e), energy.slope(e)
 

@@ -50,12 +50,18 @@ def system(m, laws, loads=(), **supports):
     return S.System(m, [*laws, *loads], **({"fixed": {start: "xyz"[: m.d]}} | supports))
 
 
+def by_node(reaction):
+    """Return the nodes and the forces of a reaction, as columns."""
+    return {"vertices": reaction.vertices.tolist(), "reaction": reaction.by_node.ravel().tolist()}
+
+
 def statics():
     """Return functions of a mesh that solve, and the divisions that each is tried with."""
 
     def solve(m, laws, *loads, steps=2, **supports):
         result = S.solve_static(system(m, laws, loads, **supports), steps=steps, solver=CG, rtol=1e-12, quiet=True)
-        return result.u, {"t": [s.t for s in result.history], "iterations": [len(s.iterations) for s in result.history]}
+        columns = {"t": [s.t for s in result.history], "iterations": [len(s.iterations) for s in result.history]}
+        return result.u, columns | by_node(result.reaction())
 
     def stvk(m):
         return S.StVK(young=materials(m), poisson=0.3)
@@ -110,8 +116,8 @@ def motions():
         body = system(m, [S.StVK(young=materials(m), poisson=0.3, density=1.0)], loads, **supports)
         v0 = 0.1 * np.sin(3 * m.p).T.ravel()
         v0.reshape(-1, m.d)[start(m.p)] = 0
-        run = S.simulate(body, integrator, until=steps * integrator.dt, v0=v0, damping=damping, quiet=True)
-        return run.u, {name: run.ledger[name].tolist() for name in run.ledger.names}
+        run = S.simulate(body, integrator, until=steps * (integrator.dt or 0.01), v0=v0, damping=damping, quiet=True)
+        return run.u, {name: run.ledger[name].tolist() for name in run.ledger.names} | by_node(run.reaction())
 
     runs = {}
     for name, integrator in integrators.items():
@@ -121,6 +127,7 @@ def motions():
             return move(m, integrator, S.Gravity(g=[0, 0, -0.05]), steps=steps)
 
         runs[f"motion, {name}"] = "beam", run, ("METIS", "pieces")
+    runs["motion, Verlet with steps that are found"] = "beam", lambda m: move(m, S.VelocityVerlet()), ("METIS", "random")
     runs["motion, pressure"] = (
         "beam",
         lambda m: move(m, S.VelocityVerlet(dt=0.01), S.Pressure(lambda x: x[2] > 0.8, lambda t: 0.2 * np.sin(5 * t))),

@@ -1,6 +1,7 @@
 """Partition files: what is written is read, each rank reads its own part, and other files are refused."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -14,6 +15,8 @@ from skfem_stvk.cli.main import main
 from skfem_stvk.distributed.files import VERSION, needed_bytes, read_part, write_partition
 from skfem_stvk.distributed.partition import divide
 from skfem_stvk.errors import MeshError, StvkError, StvkWarning
+from skfem_stvk.results import write_mesh
+from skfem_stvk.results.store import digest_of
 
 h5py = pytest.importorskip("h5py")
 ODD = "a/b ü\n"
@@ -109,6 +112,68 @@ def test_truncated_and_damaged_files_are_refused(file, tmp_path):
     with h5py.File(tmp_path / "less.h5", "r+") as written:
         del written["parts/2/p"]
     assert "less.h5 is damaged: " in refused(tmp_path / "less.h5")
+
+
+ARRAYS = ("p", "t", "node_numbers", "element_numbers", "surface", "shared")
+
+
+def test_a_flipped_bit_is_reported_or_changes_nothing(tmp_path):
+    """Bits of arrays, names, counts and HDF5's own tables."""
+    mesh, path = named(EVERY_MESH["triangles"]), tmp_path / "body.h5"
+    write_partition(mesh, path, 3)
+    whole, data, rng = read_part(path, 0, 1), bytearray(path.read_bytes()), np.random.default_rng(4)
+    found, coordinates = [], data.index(whole.p[0, :4].tobytes()[:8])
+    for at in [coordinates + 6, *rng.integers(0, len(data), 250)]:
+        data[at] ^= 1 << (bit := int(rng.integers(8)))
+        path.write_bytes(data)
+        try:
+            read = read_part(path, 0, 1)
+        except MeshError as error:
+            found.append(str(error))
+        else:
+            assert all(np.array_equal(getattr(read, name), getattr(whole, name)) for name in ARRAYS)
+            assert np.array_equal(read.bounds, whole.bounds) and read.vertices == whole.vertices
+            for kind in ("boundaries", "subdomains", "node_sets", "lines"):
+                assert repr(getattr(read, kind)) == repr(getattr(whole, kind))
+        data[at] ^= 1 << bit
+    assert "was changed after it was written" in found[0] and len(found) > 50
+    assert all(re.search(r"body\.h5 (is damaged: |is another HDF5 file|has version |is not an HDF5 file)", text) for text in found)
+
+
+@pytest.mark.parametrize("name", ["shared", "t", "boundaries/0", "surface"])
+def test_an_array_that_was_emptied_is_reported(name, tmp_path):
+    write_partition(named(EVERY_MESH["tetrahedra"]), tmp_path / "body.h5", 3)
+    with h5py.File(tmp_path / "body.h5", "r+") as file:
+        rows = file[f"parts/1/{name}"][()]
+        del file[f"parts/1/{name}"]
+        file[f"parts/1/{name}"] = rows[:, :0]
+    assert "body.h5 is damaged: /parts/1 was changed after it was written" in refused(tmp_path / "body.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "value"),
+    [("t", (0, 0), 10**6), ("t", (1, 2), -1), ("shared", (1, 0), 3), ("node_numbers", -1, 10**6), ("node_sets/0", 0, -7)],
+)
+def test_ids_that_do_not_exist_are_refused_though_the_digest_fits(name, index, value, tmp_path):
+    write_partition(named(EVERY_MESH["tetrahedra"]), tmp_path / "body.h5", 3)
+    with h5py.File(tmp_path / "body.h5", "r+") as file:
+        part, arrays = file["parts/0"], {}
+        ids = part[name][()]
+        ids[index] = value
+        part[name][...] = ids
+        part.visititems(lambda key, one: arrays.update({key: one[()]} if isinstance(one, h5py.Dataset) else {}))
+        part.attrs["digest"] = digest_of(part.name, arrays)
+    assert f"body.h5 is damaged: it has the id {value}; expected ids below " in refused(tmp_path / "body.h5")
+
+
+def test_a_path_of_another_mesh_file_is_read_and_divided(tmp_path):
+    distribute = pytest.importorskip("skfem_stvk.distributed").distribute
+    mesh = ElementMesh.of(skfem.MeshTri().refined(2))
+    write_mesh(tmp_path / "square.vtu", mesh)
+    part = distribute(tmp_path / "square.vtu")
+    assert np.array_equal(part.p, mesh.p) and np.array_equal(part.t, mesh.t)
+    with pytest.raises(MeshError, match=r"no\.msh.*does not exist"):
+        distribute(tmp_path / "no.msh")
 
 
 def test_an_error_leaves_the_file_as_it_was(file, monkeypatch):

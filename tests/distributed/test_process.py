@@ -184,6 +184,12 @@ def test_a_signal_on_one_rank_stops_all_after_the_step_and_the_run_is_resumed(on
     assert "read from" in done.stdout and "4 iterations" not in done.stdout.split("read from")[0]
     assert main(["solve", str(scene), *exact, "--out", str(scene.parent / "whole"), "--quiet"]) == 0
     assert summary(folder)["results"] == pytest.approx(summary(scene.parent / "whole")["results"], rel=1e-9, abs=1e-7)
+    before = {name: (folder / name).read_bytes() for name in ("summary.json", "resolved.toml", "beam.pvd")}
+    lost = max((folder / "checkpoint").glob("rank0001_state_*.npz"), key=lambda path: path.name)
+    lost.unlink()
+    done = command(on_ranks, 3, "solve", scene, *exact, "--resume", check=False)
+    assert done.returncode == 2 and "MPI_ABORT" not in done.stderr and done.stderr.count(lost.name) == 1, done.stderr
+    assert before == {name: (folder / name).read_bytes() for name in before}
 
 
 def test_a_signal_stops_the_command_on_one_machine(scene, capsys, monkeypatch):
@@ -217,12 +223,20 @@ def test_a_file_that_one_rank_cannot_write_is_an_error_of_all(on_ranks, scene):
 
 @pytest.mark.slow
 def test_a_partition_file_is_the_mesh_of_a_scene(on_ranks, tmp_path, capsys):
+    h5py = pytest.importorskip("h5py")
     assert main(["partition", str(BRACKET.with_name("bracket.msh")), str(tmp_path / "bracket.h5"), "--parts", "4"]) == 0
     divided = ["solve", str(BRACKET), "--set", f"mesh.file={tmp_path / 'bracket.h5'}", "--out", str(tmp_path / "out")]
     done = command(on_ranks, 2, *divided)
     assert "as expected bolts.z" in done.stdout and "Pictures" in (tmp_path / "out" / "report.html").read_text()
     assert summary(tmp_path / "out")["results"]["tip.z"] == pytest.approx(-1.0229937e-3, rel=1e-6)
     assert main(divided) == 2 and "bracket.h5 is a partition file, for several ranks" in capsys.readouterr().err
+    data = bytearray((tmp_path / "bracket.h5").read_bytes())
+    with h5py.File(tmp_path / "bracket.h5") as file:
+        data[file["parts/3/p"].id.get_offset()] ^= 1  # of the last part, which rank 1 reads
+    (tmp_path / "bracket.h5").write_bytes(data)
+    done = command(on_ranks, 2, *divided, "--force", check=False)
+    assert done.returncode == 2 and "MPI_ABORT" not in done.stderr, done.stderr
+    assert done.stderr.count("bracket.h5 is damaged: /parts/3 was changed after it was written") == 1
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 import skfem_stvk
 from skfem_stvk import BackwardEuler, Gravity, StVK, System, simulate, solve_static
@@ -45,8 +46,16 @@ def test_norms_do_not_overflow_or_underflow(size):
     assert Space(3).norm(size * np.array([3.0, 0.0, -4.0])) == pytest.approx(5 * size, rel=1e-15)
 
 
-def test_random_vectors_depend_only_on_the_seed():
+def test_random_vectors_depend_only_on_the_seed_and_the_numbers_of_their_entries():
     assert (Space(9).random() == Space(9).random()).all() and (Space(9).random(1) != Space(9).random()).all()
+    some = np.array([7, 2, 5])
+    assert np.array_equal(Space(9).on(some).random(1), Space(9).random(1)[some])
+
+
+def test_random_vectors_are_normally_distributed():
+    x = np.sort(Space(100_000).random(3))
+    assert np.abs(ndtr(x) - (np.arange(len(x)) + 0.5) / len(x)).max() < 1.63 / len(x) ** 0.5  # Kolmogorov, Smirnov: 1 %
+    assert abs(np.corrcoef(Space(100_000).random(3), Space(100_000).random(4))[0, 1]) < 0.01
 
 
 @pytest.fixture

@@ -9,10 +9,13 @@ from divided import Division, beam, caught, combined, grounded, separate_threads
 
 from skfem_stvk import (
     BackwardEuler,
+    EnergyMomentum,
     ForwardEuler,
     LinearBackwardEuler,
     NeoHookean,
+    Newmark,
     NodalLoad,
+    Pressure,
     PrincipalStressLimit,
     ReducedSystem,
     StVK,
@@ -285,6 +288,22 @@ def test_auto_is_conjugate_gradients_on_parts_and_the_header_says_so(separate_th
     assert out.count(whole) == 2 and out.count("solver 'block-jacobi-cg' (for another: ") == 2
 
 
+@pytest.mark.parametrize("integrator", [None, BackwardEuler(dt=0.05), Newmark(dt=0.05), EnergyMomentum(dt=0.05)], ids=repr)
+def test_an_unsymmetric_stiffness_without_petsc_is_refused_in_all_parts_alike(integrator, separate_threads, monkeypatch):
+    monkeypatch.setattr(Petsc, "available", False)
+
+    def solve(system, dofs):
+        pushed = System(system.mesh, [*system.terms, Pressure("skin", lambda t: 0.1 * t)], fixed={lambda x: x[0] < 0.3: "x"})
+        if integrator is None:
+            return caught(lambda: solve_static(pushed, quiet=True))
+        return caught(lambda: simulate(pushed, integrator, until=0.1, quiet=True))
+
+    found = Division("tetrahedra", "strips").only_parts(solve, grounded)
+    assert len({own for _, own in found}) == 1
+    kind, text = found[0][1]
+    assert kind is StvkError and "K is not symmetric, for example because of a follower pressure" in text
+
+
 @pytest.mark.parametrize("kind", [Kind.SYMMETRIC, Kind.GENERAL])
 @pytest.mark.parametrize("installed", [False, True])
 def test_solvers_for_parts_are_chosen_by_the_kind_of_k(kind, installed, monkeypatch):
@@ -292,7 +311,11 @@ def test_solvers_for_parts_are_chosen_by_the_kind_of_k(kind, installed, monkeypa
         return choose(solver, 10, kind, divided=True).name
 
     monkeypatch.setattr(Petsc, "available", installed)
-    assert chosen("auto") == ("petsc" if installed or kind is Kind.GENERAL else "block-jacobi-cg")
+    if kind is Kind.GENERAL and not installed:
+        with pytest.raises(StvkError, match=r"solver = 'auto'; expected 'petsc', but petsc4py is missing\. K is not symmetric"):
+            chosen("auto")
+    else:
+        assert chosen("auto") == ("petsc" if installed else "block-jacobi-cg")
     assert chosen("petsc") == chosen(Petsc("-pc_type jacobi")) == choose("petsc", 10, kind).name == "petsc"
     able, refused = "'petsc', 'block-jacobi-cg'", [BlockJacobiCg(assembled=True), SsorCg(), SuperLU()]
     if kind is Kind.SYMMETRIC:
